@@ -1,0 +1,1 @@
+"""Runs planners over problems, keeps everything, and tabulates and draws it."""

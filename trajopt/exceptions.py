@@ -1,0 +1,67 @@
+"""What can go wrong, each error carrying the data that a script needs to react.
+
+Not solving a problem is not an error: it is a `Status` (see `trajopt.solution`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class TrajoptError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class InvalidInput(TrajoptError, ValueError):
+    """A value that cannot be used: names the file, key, joint, value, and what would be right.
+
+    `joint` counts from 0, as arrays do; the message counts from 1, as people do.
+    """
+
+    def __init__(
+        self,
+        key: str,
+        expected: str,
+        *,
+        value: object = None,
+        joint: int | None = None,
+        file: str | None = None,
+    ) -> None:
+        self.key, self.expected, self.value, self.joint, self.file = key, expected, value, joint, file
+        super().__init__(self.__str__())
+
+    def __str__(self) -> str:
+        where = self.key if self.joint is None else f"{self.key}, joint {self.joint + 1}"
+        got = "" if self.value is None else f" is {self.value!r}"
+        return f"{self.file + ': ' if self.file else ''}{where}{got}: expected {self.expected}"
+
+    def in_file(self, file: str) -> InvalidInput:
+        """The same error, naming the file it came from."""
+        return InvalidInput(self.key, self.expected, value=self.value, joint=self.joint, file=file)
+
+
+class InvalidTrajectory(TrajoptError, ValueError):
+    """Arrays that do not make a piecewise polynomial, or not one of this problem's size."""
+
+
+class UnknownName(TrajoptError, LookupError):
+    """No planner or problem of this name; the message lists those there are."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        self.kind, self.name, self.known = kind, name, sorted(known)
+        close = get_close_matches(name, self.known, n=1)
+        hint = f"did you mean {close[0]!r}?" if close else f"known: {', '.join(self.known)}"
+        super().__init__(f"no {kind} is called {name!r}; {hint}")
+
+
+class MissingBackend(TrajoptError, ImportError):
+    """A solver that is not installed; the message is the command that mends it."""
+
+    def __init__(self, package: str) -> None:
+        self.package = package
+        super().__init__(f"{package} is not installed; mend it with: pip install {package}")
+
+
+class StoreError(TrajoptError, OSError):
+    """A results folder or file that cannot be read or written."""

@@ -1,0 +1,49 @@
+"""What a planner returns: a status, a trajectory if it has one, and what it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.trajectory import Trajectory
+
+
+class Status(StrEnum):
+    """How a trial ended. Anything but `SOLVED` comes with a message that says why."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"  # proved: no trajectory exists
+    FAILED = "failed"  # the solver gave up
+    INVALID = "invalid"  # the verifier found what no dilation can mend
+    UNSUPPORTED = "unsupported"  # not for this problem; the message says why
+    TIMEOUT = "timeout"
+    CRASHED = "crashed"
+    MISSING = "missing"  # a backend is not installed
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A planner's answer, before anyone has checked it.
+
+    - `trajectory`: its duration is the planner's *claim*; the verifier certifies another;
+    - `lower_bound`: seconds that no trajectory through these waypoints can beat, if known;
+    - `evaluations`: how often the planner evaluated its objective, if it counts them;
+    - `history` `(m, 2)`: evaluations spent, and the best duration found by then (NaN before the
+      first), s;
+    - `setup_time`: the part of the wall time spent building what later calls reuse, s;
+    - `stats`: anything else worth keeping; values are numbers, strings or arrays.
+    """
+
+    status: Status
+    trajectory: Trajectory | None = None
+    message: str = ""
+    lower_bound: float | None = None
+    evaluations: int | None = None
+    history: NDArray[np.float64] | None = None
+    setup_time: float = 0.0
+    stats: Mapping[str, Any] = field(default_factory=dict)
