@@ -116,6 +116,13 @@ def options(planner: object) -> dict[str, Any]:
     return table
 
 
+def label(name: str, planner: object) -> str:
+    """A planner's name with the options that differ from the registered ones."""
+    defaults = options(entries()[name].load()) if name in entries() else options(planner)
+    changed = [f"{k}={v}" for k, v in options(planner).items() if defaults.get(k, v) != v]
+    return f"{name}:{','.join(changed)}" if changed else name
+
+
 def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") -> PlannerT:
     """A copy of the planner with some options changed; text is converted to the option's type."""
     known = options(planner)

@@ -1,0 +1,105 @@
+"""Trials as tables: one row per trial, gaps to the reference, one line per planner.
+
+    results = Results.read("results")
+    results.gaps()                 # a pandas frame, one row per trial
+    results.summary()              # a pandas frame, one row per problem and planner
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trajopt.benchmark.trial import Trial
+from trajopt.planner import Relation
+from trajopt.solution import Status
+
+REFERENCE = "exact"  # the planner whose answer gaps are measured against
+TOLERANCE = 1e-6  # a planner below the reference by more than this, relative, is a bug to hunt
+
+
+@dataclass(frozen=True)
+class Results:
+    """The trials of a run, ready for tables and figures."""
+
+    items: Sequence[Trial]
+
+    def trials(self) -> pd.DataFrame:
+        """One row per trial; durations and times in seconds, NaN where there is none."""
+        return pd.DataFrame([_row(t) for t in self.items], columns=list(_COLUMNS)).astype(_COLUMNS)
+
+    def references(self) -> pd.DataFrame:
+        """Per problem, the duration that gaps are measured against (s), and its `kind`.
+
+        `exact`: the shortest certified answer of the exact planner. `lower bound`: what it found
+        without the jerk or position limits it ignores.
+        """
+        exact = self.trials().query("planner == @REFERENCE")
+        table = exact.groupby("digest")[["certified_duration", "lower_bound"]].min()
+        solved = table["certified_duration"].notna()
+        reference = table["certified_duration"].fillna(table["lower_bound"])
+        kind = np.where(solved, "exact", "lower bound")
+        return pd.DataFrame({"reference": reference, "kind": kind}, index=table.index).dropna()
+
+    def gaps(self) -> pd.DataFrame:
+        """`trials()` with `reference` (s), its `kind`, and `gap` = certified / reference − 1."""
+        table = self.trials().merge(self.references(), how="left", left_on="digest", right_index=True)
+        table["gap"] = table["certified_duration"] / table["reference"] - 1
+        return table
+
+    def summary(self) -> pd.DataFrame:
+        """One row per problem and planner with its options, by median certified duration."""
+        groups = self.gaps().groupby(["problem", "digest", "label"], sort=False)
+        table = pd.DataFrame([_summarised(key, group) for key, group in groups])
+        return table.sort_values(["problem", "median"], kind="stable", na_position="last")
+
+    def suspicious(self) -> pd.DataFrame:
+        """Trials that beat the reference by more than `TOLERANCE`: each is a bug to hunt."""
+        table = self.gaps()
+        return table[table["gap"] < -TOLERANCE]
+
+
+_COLUMNS = {
+    "id": "str", "problem": "str", "digest": "str", "planner": "str", "label": "str", "seed": int,
+    "status": "str", "message": "str", "relation": "str", "claimed_duration": float,
+    "certified_duration": float, "lower_bound": float, "feasible": bool, "dilation": float,
+    "evaluations": float, "setup_time": float, "solve_time": float,
+}  # fmt: skip
+
+
+def _row(t: Trial) -> tuple[Any, ...]:
+    c = t.certificate
+    return (
+        t.id, t.problem.name, t.problem.digest(), t.planner, t.label, t.seed,
+        str(t.status), t.message, t.relation.name, t.claimed_duration,
+        t.certified_duration, t.lower_bound, bool(c and c.feasible), c.dilation if c else None,
+        t.solution.evaluations, t.setup_time, t.solve_time,
+    )  # fmt: skip
+
+
+def _summarised(key: tuple[str, str, str], group: pd.DataFrame) -> dict[str, Any]:
+    """Median, quartiles and extremes of the certified durations; shares; costs."""
+    certified = group["certified_duration"]
+    low, first, median, third, high = (
+        certified.quantile([0, 0.25, 0.5, 0.75, 1]) if certified.notna().any() else [np.nan] * 5
+    )
+    broke = group[~group["feasible"] & certified.notna()]
+    return dict(zip(("problem", "digest", "label"), key, strict=True)) | {
+        "median": median, "q1": first, "q3": third, "min": low, "max": high,
+        "gap": group["gap"].median(), "kind": group["kind"].iloc[0], "runs": len(group),
+        "solved": int((group["status"] == str(Status.SOLVED)).sum()),
+        "kept": group["feasible"].mean(), "dilation": broke["dilation"].median(),
+        "lower_bound": group["lower_bound"].min(), "evaluations": group["evaluations"].median(),
+        "solve_time": group["solve_time"].median(), "setup_time": group["setup_time"].max(),
+        "status": group["status"].mode().iloc[0], "message": group["message"].iloc[0],
+        "relaxation": bool((group["relation"] == Relation.RELAXATION.name).all()),
+    }  # fmt: skip
+
+
+def in_run(items: Iterable[Trial], ids: set[str]) -> Results:
+    """Only the trials with these identities."""
+    return Results([t for t in items if t.id in ids])
