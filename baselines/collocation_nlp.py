@@ -90,7 +90,8 @@ class _Grid:
         self.position = (limits.position[self.moving].T - self.origin) / self.scale
         kinds = (limits.velocity, limits.acceleration, limits.jerk)
         self.rates = [
-            x[self.moving].T / self.scale * self.unit**order for order, x in enumerate(kinds, start=1)
+            x[self.moving].T / self.scale * self.unit**order
+            for order, x in enumerate(kinds, start=1)
         ]
         self.stop = stop / self.unit
         self.smooth = tuple(np.isfinite(self.rates[2]).any(axis=0).tolist())
@@ -101,11 +102,18 @@ class _Grid:
         times, h = 2 * self.stop, np.diff(self.waypoints, axis=0)
         s = np.arange(self.intervals)[:, None] / self.intervals
         rows = [
-            (self.waypoints[k] + h[k] * s**2 * (3 - 2 * s), h[k] / t * 6 * s * (1 - s), h[k] / t**2 * (6 - 12 * s))
+            (
+                self.waypoints[k] + h[k] * s**2 * (3 - 2 * s),
+                h[k] / t * 6 * s * (1 - s),
+                h[k] / t**2 * (6 - 12 * s),
+            )
             for k, t in enumerate(times)
         ]
         ends = (self.waypoints[-1:], np.zeros_like(h[:1]), np.zeros_like(h[:1]))
-        return [times, *(np.vstack([*x, end]) for x, end in zip(zip(*rows, strict=True), ends, strict=True))]
+        return [
+            times,
+            *(np.vstack([*x, end]) for x, end in zip(zip(*rows, strict=True), ends, strict=True)),
+        ]
 
     def trajectory(self, times: Array, q: Array, v: Array, a: Array) -> Trajectory:
         """Pieces from the states at the nodes; `a` counts where jerk is limited."""
@@ -127,7 +135,9 @@ class _Grid:
 class _Transcription:
     """One IPOPT problem for all problems of a kind: the numbers are parameters, bounds included."""
 
-    def __init__(self, segments: int, intervals: int, smooth: tuple[bool, ...], boxed: bool) -> None:
+    def __init__(
+        self, segments: int, intervals: int, smooth: tuple[bool, ...], boxed: bool
+    ) -> None:
         ca = backend("casadi")
         self.ca, joints, nodes = ca, len(smooth), segments * intervals + 1
         self.shapes = [(segments, 1), (nodes, joints), (nodes, joints), (nodes, joints)]
@@ -138,14 +148,23 @@ class _Transcription:
         total = ca.MX.sym("total")
         rows = self._rows(*x, bounds, smooth, boxed)
         g = ca.vertcat(*(ca.vec(e) for e, *_ in rows), total - ca.sum1(x[0]))
-        low, high = (ca.vertcat(*(ca.vec(r[i]) for r in rows), [0.0, np.inf][i - 1]) for i in (1, 2))
+        low, high = (
+            ca.vertcat(*(ca.vec(r[i]) for r in rows), [0.0, np.inf][i - 1]) for i in (1, 2)
+        )
         p = ca.vertcat(*map(ca.vec, bounds.values()), total)
         problem = {"x": ca.vertcat(*map(ca.vec, x)), "p": p, "f": ca.sum1(x[0]), "g": g}
         self.solver = ca.nlpsol("collocation", "ipopt", problem, IPOPT)
         self.edges = ca.Function("edges", [p], [low, high])
 
     def _rows(
-        self, t: Any, q: Any, v: Any, a: Any, bounds: dict[str, Any], smooth: tuple[bool, ...], boxed: bool
+        self,
+        t: Any,
+        q: Any,
+        v: Any,
+        a: Any,
+        bounds: dict[str, Any],
+        smooth: tuple[bool, ...],
+        boxed: bool,
     ) -> list[tuple[Any, Any, Any]]:
         """Constraints as `(expression, low, high)`; every matrix is (intervals, joints)."""
         ca, rows = self.ca, []
@@ -158,7 +177,10 @@ class _Transcription:
             }
             zero, free = ca.DM.zeros(self.nodes - 1), ca.DM.inf(self.nodes - 1)
             step, rate = (a1 - a0, "jerk") if is_smooth else (v1 - v0, "acceleration")
-            rows += [(step - limit[rate][0] * lengths, zero, free), (limit[rate][1] * lengths - step, zero, free)]
+            rows += [
+                (step - limit[rate][0] * lengths, zero, free),
+                (limit[rate][1] * lengths - step, zero, free),
+            ]
             if is_smooth:
                 rows += [
                     (v1 - v0 - lengths * (a0 + a1) / 2, zero, zero),
@@ -176,19 +198,25 @@ class _Transcription:
         """IPOPT's status, its success, segment times, and `[q, v, a]` at the nodes."""
         start = grid.start()
         low, high = self._box(grid)
-        p = np.concatenate([*(x.ravel("F") for x in (*grid.rates, grid.position)), [1.5 * grid.stop.sum()]])
+        p = np.concatenate(
+            [*(x.ravel("F") for x in (*grid.rates, grid.position)), [1.5 * grid.stop.sum()]]
+        )
         lbg, ubg = self.edges(p)
         flat = [np.concatenate([x.ravel("F") for x in table]) for table in (start, low, high)]
         result = self.solver(x0=flat[0], lbx=flat[1], ubx=flat[2], p=p, lbg=lbg, ubg=ubg)
         ends = np.cumsum([np.prod(shape) for shape in self.shapes])[:-1]
         parts = np.split(np.asarray(result["x"]).ravel(), ends)
-        t, *states = (x.reshape(shape, order="F") for x, shape in zip(parts, self.shapes, strict=True))
+        t, *states = (
+            x.reshape(shape, order="F") for x, shape in zip(parts, self.shapes, strict=True)
+        )
         stats = self.solver.stats()
         return str(stats["return_status"]), bool(stats["success"]), t[:, 0], states
 
     def _box(self, grid: _Grid) -> tuple[list[Array], list[Array]]:
         """Bounds of all variables; waypoints and rest at both ends are bounds that coincide."""
-        wide = [np.tile(x, (self.nodes, 1)) for x in (*grid.position, *grid.rates[0], *grid.rates[1])]
+        wide = [
+            np.tile(x, (self.nodes, 1)) for x in (*grid.position, *grid.rates[0], *grid.rates[1])
+        ]
         h = np.diff(grid.waypoints, axis=0)
         least = np.maximum(h / grid.rates[0][1], h / grid.rates[0][0]).max(axis=1)
         low = [least, wide[0], wide[2], wide[4]]

@@ -89,7 +89,12 @@ class Exact:
         bound = relaxed if self.relation(problem) is Relation.RELAXATION else None
         message = "" if bound is None else _RELAXED
         return Solution(
-            Status.SOLVED, trajectory, message, lower_bound=bound, setup_time=setup_time, stats=stats
+            Status.SOLVED,
+            trajectory,
+            message,
+            lower_bound=bound,
+            setup_time=setup_time,
+            stats=stats,
         )
 
 
@@ -124,7 +129,9 @@ class _Scaled:
                 continue
             i = next(moving)
             pieces = [
-                _combined(ends[k, i], ends[k + 1, i], times[k], self.h[k, i], self.v[:, i], self.a[:, i])
+                _combined(
+                    ends[k, i], ends[k + 1, i], times[k], self.h[k, i], self.v[:, i], self.a[:, i]
+                )
                 for k in range(len(times))
             ]
             own = [breaks[k] + local[:-1] * self.unit for k, (local, _) in enumerate(pieces)]
@@ -159,7 +166,9 @@ def _combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tup
     """Breaks and position coefficients (3, pieces) of the profile that covers exactly `h`."""
     up, d_up, lo, d_lo = (float(x) for x in extremes(*map(np.asarray, (u, w, t)), v, a))
     width = d_up - d_lo
-    share = np.clip((h - d_lo) / width, 0.0, 1.0) if width > 1e-15 * (abs(d_up) + abs(d_lo)) else 1.0
+    share = (
+        np.clip((h - d_lo) / width, 0.0, 1.0) if width > 1e-15 * (abs(d_up) + abs(d_lo)) else 1.0
+    )
     knots = np.array([(up - u) / a[1], t - (up - w) / -a[0], (lo - u) / a[0], t - (w - lo) / a[1]])
     local = np.unique(np.r_[0.0, np.clip(knots, 0.0, t), t])
     upper = np.interp(local, [0, *np.clip(knots[:2], 0, t), t], [u, up, up, w])
@@ -246,14 +255,18 @@ def _solve_from(
     x0 = np.concatenate([times, *(x.ravel("F") for x in (ends[1:-1], up, lo))])
     low, high = (
         np.concatenate([edge, tall(v, segments - 1), tall(v, segments), tall(v, segments)])
-        for edge, v in zip((scaled.least, np.full(segments, scaled.stop.sum())), scaled.v, strict=True)
+        for edge, v in zip(
+            (scaled.least, np.full(segments, scaled.stop.sum())), scaled.v, strict=True
+        )
     )
     p = np.concatenate([scaled.h.ravel("F"), -scaled.a[0], scaled.a[1], scaled.stop])
     result = solver(x0=x0, p=p, lbx=low, ubx=high, lbg=0.0, ubg=np.inf)
     status = str(solver.stats()["return_status"])
     x = np.asarray(result["x"]).ravel()
     times = x[:segments]
-    velocities = x[segments : segments + (segments - 1) * joints].reshape(segments - 1, joints, order="F")
+    velocities = x[segments : segments + (segments - 1) * joints].reshape(
+        segments - 1, joints, order="F"
+    )
     ok = solver.stats()["success"] and np.isfinite(x).all() and (times > 0).all()
     k = repair(times, velocities, scaled) if ok else np.inf
     return k * float(times.sum()), k * times, velocities / k, status

@@ -69,7 +69,9 @@ class Spline353NLP:
         spline, began = _Spline(problem), time.perf_counter()
         solver = _solver(*spline.size)
         setup_time = time.perf_counter() - began
-        found = [_exchange(solver, spline, start) for start in _starts(spline, problem, self.starts)]
+        found = [
+            _exchange(solver, spline, start) for start in _starts(spline, problem, self.starts)
+        ]
         durations = np.array([times.sum() for times, _ in found])
         stats: dict[str, Any] = {
             "start_status": [status for _, status in found],
@@ -101,7 +103,9 @@ class _Spline:
 
     def rates(self, times: Array) -> list[Array]:
         """Velocity, acceleration (and jerk) over the quintic, on the unit interval of time."""
-        unit = polynomials.stretched(spline353.coefficients(self.displacements, times)[1].T, times[1])
+        unit = polynomials.stretched(
+            spline353.coefficients(self.displacements, times)[1].T, times[1]
+        )
         orders = range(1, len(self.bounds) + 1)
         return [polynomials.derivative(unit, k) / times[1] ** k for k in orders]
 
@@ -118,7 +122,11 @@ def _replace_idlest(rate: Array, bounds: Array, instants: Array) -> Array:
         values = polynomials.evaluate(rate[:, None], points)
         return np.maximum(values / bounds[1], values / bounds[0])
 
-    points, new, joints = polynomials.critical_points(rate), instants.copy(), np.arange(rate.shape[1])
+    points, new, joints = (
+        polynomials.critical_points(rate),
+        instants.copy(),
+        np.arange(rate.shape[1]),
+    )
     new[1 + use(instants)[1:-1].argmin(axis=0), joints] = points[use(points).argmax(axis=0), joints]
     return new
 
@@ -196,11 +204,16 @@ def _solver(joints: int, orders: int) -> Any:
     ]
     jerk = [3 * (b - a) / t[1] for a, b in itertools.pairwise(acceleration)]
     use = []
-    for controls, limit, s in zip((velocity, acceleration, jerk), reciprocals, instants, strict=False):
+    for controls, limit, s in zip(
+        (velocity, acceleration, jerk), reciprocals, instants, strict=False
+    ):
         values = _bernstein([ca.repmat(c.T, _INSTANTS, 1) for c in controls], s)
         use += [values * ca.repmat(limit[:, side].T, _INSTANTS, 1) for side in (0, 1)]
     if orders == 3:  # the cubics' constant jerk
-        use += [6 * x * reciprocals[2] for x in (ca.repmat(d1 / t[0] ** 3, 1, 2), ca.repmat(d3 / t[2] ** 3, 1, 2))]
+        use += [
+            6 * x * reciprocals[2]
+            for x in (ca.repmat(d1 / t[0] ** 3, 1, 2), ca.repmat(d3 / t[2] ** 3, 1, 2))
+        ]
     g = ca.vertcat(*map(ca.vec, use))
     p = ca.vertcat(*map(ca.vec, (d, *reciprocals, *instants)))
     return ca.nlpsol("spline353", "ipopt", {"x": y, "p": p, "f": ca.sum1(t), "g": g}, IPOPT)

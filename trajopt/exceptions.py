@@ -7,10 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Any
 
 
 class TrajoptError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """Base of every error that this package raises on purpose; each survives pickling."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (type(self), self.args, self.__dict__)
+
+
+def _rebuilt(kind: type[TrajoptError], args: tuple[Any, ...], data: dict[str, Any]) -> TrajoptError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(data)
+    return error
 
 
 class InvalidInput(TrajoptError, ValueError):
@@ -28,7 +38,13 @@ class InvalidInput(TrajoptError, ValueError):
         joint: int | None = None,
         file: str | None = None,
     ) -> None:
-        self.key, self.expected, self.value, self.joint, self.file = key, expected, value, joint, file
+        self.key, self.expected, self.value, self.joint, self.file = (
+            key,
+            expected,
+            value,
+            joint,
+            file,
+        )
         super().__init__(self.__str__())
 
     def __str__(self) -> str:

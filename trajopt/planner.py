@@ -15,7 +15,17 @@ from enum import Enum
 from functools import cache, wraps
 from importlib.metadata import EntryPoint, entry_points
 from types import UnionType
-from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints, runtime_checkable
+from typing import (
+    Any,
+    Literal,
+    Protocol,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+    runtime_checkable,
+)
 
 from trajopt.exceptions import InvalidInput, MissingBackend, TrajoptError, UnknownName
 from trajopt.problem import Problem
@@ -79,7 +89,7 @@ class Entry:
 
 @cache
 def entries() -> dict[str, Entry]:
-    """Every registered planner by name, ours first."""
+    """Every registered planner by name."""
     found = [Entry(point.name, point) for point in entry_points(group=GROUP)]
     return {e.name: e for e in found}
 
@@ -101,7 +111,9 @@ def parse(spec: str) -> tuple[str, dict[str, str]]:
     pairs = [pair.partition("=") for pair in rest.split(",") if pair]
     for key, equals, _ in pairs:
         if not equals:
-            raise InvalidInput(f"planner {name}", "options as key=value, separated by commas", value=key)
+            raise InvalidInput(
+                f"planner {name}", "options as key=value, separated by commas", value=key
+            )
     return name.strip(), {key.strip(): value.strip() for key, _, value in pairs}
 
 
@@ -190,4 +202,6 @@ def expanded(solution: Solution, index: Any) -> Solution:
     if solution.trajectory is None:
         return solution
     t = solution.trajectory
-    return replace(solution, trajectory=Trajectory(t.breaks, t.coefficients, t.waypoint_times[index]))
+    return replace(
+        solution, trajectory=Trajectory(t.breaks, t.coefficients, t.waypoint_times[index])
+    )

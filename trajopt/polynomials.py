@@ -54,7 +54,9 @@ def shifted(coefficients: Array, offset: Array) -> Array:
 
 @cache
 def _to_bernstein(degree: int) -> Array:
-    rows = [[comb(i, p) / comb(degree, p) for p in range(degree, -1, -1)] for i in range(degree + 1)]
+    rows = [
+        [comb(i, p) / comb(degree, p) for p in range(degree, -1, -1)] for i in range(degree + 1)
+    ]
     return np.array(rows)
 
 

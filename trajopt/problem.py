@@ -45,10 +45,17 @@ class Limits:
         jerk: ArrayLike | Sequence[Any] | None = None,
         position: ArrayLike | Sequence[Any] | None = None,
     ) -> None:
-        given = {"velocity": velocity, "acceleration": acceleration, "jerk": jerk, "position": position}
+        given = {
+            "velocity": velocity,
+            "acceleration": acceleration,
+            "jerk": jerk,
+            "position": position,
+        }
         joints = len(_pairs("velocity", velocity))
         for name, value in given.items():
-            pairs = np.tile([-np.inf, np.inf], (joints, 1)) if value is None else _pairs(name, value)
+            pairs = (
+                np.tile([-np.inf, np.inf], (joints, 1)) if value is None else _pairs(name, value)
+            )
             if len(pairs) != joints:
                 raise InvalidInput(
                     f"limits.{name}", f"{joints} values, one per joint", value=len(pairs)
@@ -133,7 +140,9 @@ class Problem:
             raise error.in_file(str(path)) from None
         except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or str(error)
-            raise InvalidInput("problem", "a readable TOML file", value=reason, file=str(path)) from None
+            raise InvalidInput(
+                "problem", "a readable TOML file", value=reason, file=str(path)
+            ) from None
 
     def to_toml(self) -> str:
         """The problem file, in radians; reading it back gives the same digest."""
@@ -157,14 +166,19 @@ def _parsed(table: Mapping[str, Any], stem: str) -> Problem:
         if not isinstance(table.get(text, ""), str):
             raise InvalidInput(text, "a string", value=table[text])
     return Problem(
-        _table(table["waypoints"]) * scale, Limits(**scaled), table.get("name", stem), table.get("source", "")
+        _table(table["waypoints"]) * scale,
+        Limits(**scaled),
+        table.get("name", stem),
+        table.get("source", ""),
     )
 
 
 def _check_keys(prefix: str, table: Mapping[str, Any], known: set[str], required: set[str]) -> None:
     for key in table:
         if key not in known:
-            raise InvalidInput(prefix + key, f"one of the keys {', '.join(sorted(known))}", value=table[key])
+            raise InvalidInput(
+                prefix + key, f"one of the keys {', '.join(sorted(known))}", value=table[key]
+            )
     for key in sorted(required):
         if key not in table:
             raise InvalidInput(prefix + key, "this key; it is missing")
@@ -179,7 +193,11 @@ def _pairs(name: str, value: Any) -> Array:
     for joint, item in enumerate(value):
         if _is_number(item):
             pairs.append((-float(item), float(item)))
-        elif isinstance(item, Sequence | np.ndarray) and len(item) == 2 and all(map(_is_number, item)):
+        elif (
+            isinstance(item, Sequence | np.ndarray)
+            and len(item) == 2
+            and all(map(_is_number, item))
+        ):
             pairs.append((float(item[0]), float(item[1])))
         else:
             raise InvalidInput(key, "a number or a [low, high] pair", value=item, joint=joint)
@@ -204,9 +222,13 @@ def _table(rows: Any) -> Array:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint", value=rows)
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, Sequence | np.ndarray) or isinstance(row, str) or len(row) == 0:
-            raise InvalidInput(f"waypoints, waypoint {number}", "a row of numbers, one per joint", value=row)
+            raise InvalidInput(
+                f"waypoints, waypoint {number}", "a row of numbers, one per joint", value=row
+            )
         if len(row) != len(rows[0]):
-            raise InvalidInput(f"waypoints, waypoint {number}", f"{len(rows[0])} numbers", value=list(row))
+            raise InvalidInput(
+                f"waypoints, waypoint {number}", f"{len(rows[0])} numbers", value=list(row)
+            )
         for joint, item in enumerate(row):
             if not _is_number(item) or not np.isfinite(item):
                 raise InvalidInput(

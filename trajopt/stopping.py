@@ -41,7 +41,11 @@ def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> 
     slope = acceleration / jerk  # time to reach full acceleration
     with_plateau = acceleration / 2 * (np.sqrt(slope**2 + 4 * h / acceleration) - slope)
     without = np.cbrt(h**2 * np.where(np.isfinite(jerk), jerk, 0) / 4)
-    peak = np.minimum(np.where(with_plateau >= acceleration * slope, with_plateau, without), velocity)
-    ramp = np.where(peak >= acceleration * slope, peak / acceleration + slope, 2 * np.sqrt(peak / jerk))
+    peak = np.minimum(
+        np.where(with_plateau >= acceleration * slope, with_plateau, without), velocity
+    )
+    ramp = np.where(
+        peak >= acceleration * slope, peak / acceleration + slope, 2 * np.sqrt(peak / jerk)
+    )
     cruise = np.where(peak > 0, h / np.maximum(peak, 1e-300) - ramp, 0)
     return np.asarray(2 * ramp + np.maximum(cruise, 0))

@@ -86,7 +86,11 @@ class Trajectory:
 def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
     if breaks.ndim != 1 or len(breaks) < 2 or breaks[0] != 0 or (np.diff(breaks) <= 0).any():
         raise InvalidTrajectory("breaks must be strictly increasing times from 0")
-    if coefficients.ndim != 3 or coefficients.shape[1] != len(breaks) - 1 or 0 in coefficients.shape:
+    if (
+        coefficients.ndim != 3
+        or coefficients.shape[1] != len(breaks) - 1
+        or 0 in coefficients.shape
+    ):
         expected = f"(degree + 1, {len(breaks) - 1}, joints)"
         raise InvalidTrajectory(f"coefficients are {coefficients.shape}, expected {expected}")
     slack = 1e-12 * breaks[-1]

@@ -95,7 +95,11 @@ class Certificate:
         for kind in ("velocity", "acceleration", "jerk", "position", "waypoint", "continuity"):
             worst: Worst | None = getattr(self, kind)
             word = "ratio" if kind in ("velocity", "acceleration", "jerk") else "error"
-            table[kind] = worst and {word: worst.value, "joint": worst.joint + 1, "time": worst.time}
+            table[kind] = worst and {
+                word: worst.value,
+                "joint": worst.joint + 1,
+                "time": worst.time,
+            }
             if worst and kind == "continuity":
                 table[kind]["order"] = worst.order
         return table
@@ -158,9 +162,11 @@ def _peak(trajectory: Trajectory, order: int, limits: Array, measure: Measure) -
         chunk = chunk[bounds.ravel()[chunk] > best[0]]
         if not len(chunk):
             break
-        best = max(best, _peak_among(unit, np.unravel_index(chunk, bounds.shape), low, high, measure))
+        best = max(
+            best, _peak_among(unit, np.unravel_index(chunk, bounds.shape), low, high, measure)
+        )
     value, piece_, joint_, s = best
-    return Worst(value, joint_, float(trajectory.breaks[piece_] + s * lengths[piece_]))
+    return Worst(value + 0.0, joint_, float(trajectory.breaks[piece_] + s * lengths[piece_]))
 
 
 def _peak_among(
@@ -221,7 +227,11 @@ def _flaws(
         found.append(_say(position, "leaves its position limits by", "rad"))
     if waypoint.value > allowed:
         found.append(_say(waypoint, "misses the waypoint by", "rad"))
-    units = ("position jumps by", "rad"), ("velocity jumps by", "rad/s"), ("acceleration jumps by", "rad/s²")
+    units = (
+        ("position jumps by", "rad"),
+        ("velocity jumps by", "rad/s"),
+        ("acceleration jumps by", "rad/s²"),
+    )
     found += [_say(worst, *units[worst.order]) for worst, excess in jumps if excess > 1]
     return tuple(found)
 

@@ -1,8 +1,8 @@
 """Trials as tables: one row per trial, gaps to the reference, one line per planner.
 
-    results = Results.read("results")
-    results.gaps()                 # a pandas frame, one row per trial
-    results.summary()              # a pandas frame, one row per problem and planner
+results = Results.read("results")
+results.gaps()                 # a pandas frame, one row per trial
+results.summary()              # a pandas frame, one row per problem and planner
 """
 
 from __future__ import annotations
@@ -47,7 +47,9 @@ class Results:
 
     def gaps(self) -> pd.DataFrame:
         """`trials()` with `reference` (s), its `kind`, and `gap` = certified / reference − 1."""
-        table = self.trials().merge(self.references(), how="left", left_on="digest", right_index=True)
+        table = self.trials().merge(
+            self.references(), how="left", left_on="digest", right_index=True
+        )
         table["gap"] = table["certified_duration"] / table["reference"] - 1
         return table
 
@@ -90,7 +92,8 @@ def _summarised(key: tuple[str, str, str], group: pd.DataFrame) -> dict[str, Any
     broke = group[~group["feasible"] & certified.notna()]
     return dict(zip(("problem", "digest", "label"), key, strict=True)) | {
         "median": median, "q1": first, "q3": third, "min": low, "max": high,
-        "gap": group["gap"].median(), "kind": group["kind"].iloc[0], "runs": len(group),
+        "gap": group["gap"].median(), "kind": group["kind"].iloc[0],
+        "reference": group["reference"].iloc[0], "runs": len(group),
         "solved": int((group["status"] == str(Status.SOLVED)).sum()),
         "kept": group["feasible"].mean(), "dilation": broke["dilation"].median(),
         "lower_bound": group["lower_bound"].min(), "evaluations": group["evaluations"].median(),

@@ -23,7 +23,9 @@ def data_folder() -> Path:
 @cache
 def problem_files() -> dict[str, Path]:
     """Every built-in problem file by name, the paper's own first."""
-    files = sorted((data_folder() / "problems").glob("*.toml"), key=lambda f: (f.stem != "six-axis", f))
+    files = sorted(
+        (data_folder() / "problems").glob("*.toml"), key=lambda f: (f.stem != "six-axis", f)
+    )
     return {file.stem: file for file in files}
 
 
@@ -38,7 +40,9 @@ def find(name_or_path: str) -> Path:
     if path.is_file():
         return path
     if path.suffix or len(path.parts) > 1:
-        raise InvalidInput("problem", "a problem file that exists, or a built-in name", file=name_or_path)
+        raise InvalidInput(
+            "problem", "a problem file that exists, or a built-in name", file=name_or_path
+        )
     raise UnknownName("problem", name_or_path, problem_files())
 
 
@@ -64,11 +68,15 @@ def random_problem(
     h *= rng.uniform(size=(k, n)) > 0.1
     h *= np.where(rng.uniform(size=n) > 0.1, 1.0, 0.0)
     h[~h.any(axis=1), 0] = 0.1 * rng.uniform(0.5, 1.0)
-    limits = {name: _limits(rng, n, low) for name, low in (("velocity", 0.1), ("acceleration", 0.2))}
+    limits = {
+        name: _limits(rng, n, low) for name, low in (("velocity", 0.1), ("acceleration", 0.2))
+    }
     if jerk:
         limits["jerk"] = np.abs(limits["acceleration"]).min(axis=1) * 10 ** rng.uniform(0.5, 2.5, n)
     start = rng.uniform(-1, 1, n)
-    return Problem(np.vstack([start, start + np.cumsum(h, axis=0)]), Limits(**limits), f"random-{seed}")
+    return Problem(
+        np.vstack([start, start + np.cumsum(h, axis=0)]), Limits(**limits), f"random-{seed}"
+    )
 
 
 def _signs(rng: np.random.Generator, k: int, n: int) -> np.ndarray:

@@ -77,7 +77,11 @@ class Trial:
     @property
     def certified_trajectory(self) -> Trajectory | None:
         """The trajectory, dilated where it broke a limit; None where dilation cannot mend it."""
-        if self.certificate is None or not self.certificate.valid or self.solution.trajectory is None:
+        if (
+            self.certificate is None
+            or not self.certificate.valid
+            or self.solution.trajectory is None
+        ):
             return None
         return self.solution.trajectory.dilated(max(1.0, self.certificate.dilation))
 
@@ -126,8 +130,21 @@ def judge(planner: Planner, problem: Problem, seeds: Sequence[int], name: str) -
         setup = solution.setup_time / len(seeds)
         trials.append(
             Trial(
-                problem, name, label(name, planner), options(planner), seed, relation, status, message, solution, certificate,
-                setup, max(0.0, wall - setup), len(seeds), started, provenance(),
+                problem,
+                name,
+                label(name, planner),
+                options(planner),
+                seed,
+                relation,
+                status,
+                message,
+                solution,
+                certificate,
+                setup,
+                max(0.0, wall - setup),
+                len(seeds),
+                started,
+                provenance(),
             )  # fmt: skip
         )
     return trials
@@ -200,8 +217,19 @@ def _commit() -> str:
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return ""
-    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    command = [
+        "git",
+        "-C",
+        str(root),
+        "describe",
+        "--always",
+        "--dirty",
+        "--abbrev=40",
+        "--exclude=*",
+    ]
     try:
-        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=10).stdout.strip()
+        return subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=10
+        ).stdout.strip()
     except (OSError, subprocess.TimeoutExpired):
         return ""

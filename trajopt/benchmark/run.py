@@ -1,0 +1,169 @@
+"""The resumable loop over problem × planner × seed, in supervised child processes.
+
+Each worker writes its trials itself, one file per finished trial, so nothing that finished can be
+lost; running again does only what is missing. A planner that raises, hangs or takes its process down
+is a recorded trial, and the run goes on.
+"""
+
+from __future__ import annotations
+
+import itertools
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cloudpickle
+import pebble
+
+from trajopt.benchmark.results import REFERENCE, Results
+from trajopt.benchmark.store import Store
+from trajopt.benchmark.trial import failed, judge, provenance, trial_id
+from trajopt.planner import Planner, entries, options
+from trajopt.problem import Problem
+from trajopt.solution import Status
+
+Progress = Callable[[int], None]  # called with the number of trials that just finished
+
+_BATCH = 15  # seeds solved together at most: large enough to be fast, small enough to lose little
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some seeds of one planner on one problem."""
+
+    problem: Problem
+    name: str
+    planner: Planner
+    seeds: tuple[int, ...]
+
+    def trial_id(self, seed: int) -> str:
+        release = provenance()["trajopt"]
+        return trial_id(self.problem, self.name, options(self.planner), seed, release)
+
+
+def compare(
+    problems: Sequence[Problem],
+    planners: Sequence[tuple[str, Planner]],
+    folder: Path | str,
+    *,
+    seeds: int = 30,
+    jobs: int = 0,
+    fresh: bool = False,
+    timeout: float = 600.0,
+    progress: Progress = lambda _: None,
+) -> Results:
+    """Run every planner on every problem, keep every trial, return those that were asked for.
+
+    `planners` are `(name, planner)` pairs; stochastic ones run with seeds 0 … `seeds − 1`, the others
+    once. The exact reference joins them if it is not among them, since gaps need it. Trials already
+    in `folder` are not run again unless `fresh`. `jobs` child processes run the trials, each trial
+    for at most `timeout` seconds; with 0 they run in this process, unsupervised.
+
+    Raises `StoreError` if the folder cannot be written.
+    """
+    store = Store(Path(folder))
+    tasks = plan(problems, planners, seeds)
+    done = set() if fresh else store.finished()
+    todo = [batch for task in tasks for batch in _missing(task, done)]
+    finished = sum(len(task.seeds) for task in tasks) - sum(len(task.seeds) for task in todo)
+    progress(finished)
+    for count in _run(todo, store, jobs, timeout):
+        progress(count)
+    store.consolidate()
+    return Results(store.read({task.trial_id(s) for task in tasks for s in task.seeds}))
+
+
+def plan(
+    problems: Sequence[Problem], planners: Sequence[tuple[str, Planner]], seeds: int
+) -> list[Task]:
+    """One task per problem and planner, with all its seeds; identical ones once."""
+    if REFERENCE in entries() and all(name != REFERENCE for name, _ in planners):
+        planners = [*planners, (REFERENCE, entries()[REFERENCE].load())]
+    tasks: dict[str, Task] = {}
+    for problem, (name, planner) in itertools.product(problems, planners):
+        stochastic = getattr(planner, "stochastic", False)
+        task = Task(problem, name, planner, tuple(range(seeds if stochastic else 1)))
+        tasks.setdefault(task.trial_id(0), task)
+    return list(tasks.values())
+
+
+def _missing(task: Task, done: set[str]) -> Iterator[Task]:
+    """The task's unfinished seeds, in batches for planners that advance them together."""
+    seeds = [seed for seed in task.seeds if task.trial_id(seed) not in done]
+    size = _BATCH if hasattr(task.planner, "solve_batch") else 1
+    for start in range(0, len(seeds), size):
+        yield replace(task, seeds=tuple(seeds[start : start + size]))
+
+
+def _run(tasks: Sequence[Task], store: Store, jobs: int, timeout: float) -> Iterator[int]:
+    """Run the tasks, longest first, and yield how many trials each one finished."""
+    if jobs == 0:
+        for task in tasks:
+            _work(cloudpickle.dumps(task), store)
+            yield len(task.seeds)
+        return
+    with _single_threaded(), _pool(min(jobs, max(1, len(tasks)))) as pool:
+        futures = {
+            pool.schedule(
+                _work, args=(cloudpickle.dumps(task), store), timeout=timeout * len(task.seeds)
+            ): task
+            for task in sorted(tasks, key=lambda task: -len(task.seeds))
+        }
+        for future in as_completed(futures):
+            _record_failure(future, futures[future], store, timeout)
+            yield len(futures[future].seeds)
+
+
+def _work(pickled: bytes, store: Store) -> None:
+    """In the worker: judge a task and store its trials."""
+    task: Task = cloudpickle.loads(pickled)
+    for trial in judge(task.planner, task.problem, task.seeds, task.name):
+        store.write(trial)
+
+
+def _record_failure(future: Future[None], task: Task, store: Store, timeout: float) -> None:
+    """A worker that hung or died leaves no trials behind; record what happened instead."""
+    error = future.exception()
+    if error is None:
+        return
+    if isinstance(error, TimeoutError):
+        status, message = Status.TIMEOUT, f"stopped after {timeout * len(task.seeds):g} s"
+    elif isinstance(error, pebble.ProcessExpired):
+        status, message = Status.CRASHED, f"its process died with exit code {error.exitcode}"
+    else:
+        raise error
+    written = store.finished()
+    for seed in task.seeds:
+        if task.trial_id(seed) not in written:
+            store.write(failed(task.planner, task.problem, seed, task.name, status, message))
+
+
+@contextmanager
+def _pool(jobs: int) -> Iterator[pebble.ProcessPool]:
+    """Fresh interpreters: forking a process that has loaded solvers is not safe."""
+    pool = pebble.ProcessPool(max_workers=jobs, context=multiprocessing.get_context("spawn"))
+    try:
+        yield pool
+    except BaseException:
+        pool.stop()
+        raise
+    finally:
+        pool.close()
+        pool.join()
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """Children inherit one thread each for linear algebra, so that jobs do not fight for cores."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})

@@ -1,0 +1,371 @@
+"""HDF5: one file per finished trial, and one consolidated file made from them.
+
+A trial file is written under a temporary name, closed, synced and renamed into place, so it exists
+whole or not at all; the folder is the index of what is finished. `results.h5` is rebuilt from the
+trial files the same way, never appended to. Every dataset carries its `units` and a `description`,
+arrays have dimension scales, and plain h5py reads all of it:
+
+    with h5py.File("results/results.h5") as file:
+        for trial in file["trials"].values():
+            print(trial["label"].asstr()[()], trial["certified_duration"][()])
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from trajopt.benchmark.trial import Trial, verdict
+from trajopt.exceptions import StoreError
+from trajopt.planner import Relation
+from trajopt.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.solution import Solution, Status
+from trajopt.trajectory import Trajectory
+
+SCHEMA = 1  # raise it whenever a reader of this version could misread the file
+
+_UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3"}
+
+
+@dataclass(frozen=True)
+class Store:
+    """A results folder: `trials/*.h5` and `results.h5`."""
+
+    folder: Path
+
+    @property
+    def results(self) -> Path:
+        return self.folder / "results.h5"
+
+    def path(self, trial_id: str) -> Path:
+        """The file of one trial."""
+        return self.folder / "trials" / f"{trial_id}.h5"
+
+    def finished(self) -> set[str]:
+        """Identities of the trials that need not run again.
+
+        Not those that lacked a backend: installing it is how a user mends them.
+        """
+        return {f.stem for f in self._whole_files() if _status(f) is not Status.MISSING}
+
+    def _whole_files(self) -> list[Path]:
+        return [f for f in sorted((self.folder / "trials").glob("*.h5")) if _is_whole(f)]
+
+    def write(self, trial: Trial) -> Path:
+        """Store one finished trial; after this returns it survives a power cut."""
+        return save(self.path(trial.id), trial)
+
+    def consolidate(self) -> Path:
+        """Rebuild `results.h5` from every readable trial file."""
+        files = self._whole_files()
+        _write_atomically(self.results, lambda out: _copy_all(out, files))
+        return self.results
+
+    def read(self, ids: set[str] | None = None) -> list[Trial]:
+        """The stored trials, or those with these identities."""
+        return [
+            trial
+            for file in self._whole_files()
+            if ids is None or file.stem in ids
+            for trial, _ in records(file)
+        ]
+
+
+def save(path: Path, trial: Trial) -> Path:
+    """Write one trial to a file of its own, whole or not at all."""
+    _write_atomically(path, lambda file: write_trial(file, trial))
+    return path
+
+
+def read(path: Path | str) -> list[Trial]:
+    """Every trial of a results folder, of its `results.h5`, or of a single trial file.
+
+    Raises `StoreError` naming the file if it is missing, damaged, or from a newer version.
+    """
+    return [trial for trial, _ in records(path)]
+
+
+def records(path: Path | str) -> list[tuple[Trial, Record]]:
+    """Every trial, verified anew from its stored trajectory, beside what was recorded of it.
+
+    A folder is read from its trial files. Raises `StoreError` as `read` does.
+    """
+    path = Path(path)
+    if path.is_dir():
+        files = sorted((path / "trials").glob("*.h5"))
+        if not files:
+            raise StoreError(f"{path}: expected a results folder with trials/*.h5 in it")
+        return [pair for file in files for pair in records(file)]
+    with _opened(path) as file:
+        return [(read_trial(group), _record(group)) for group in _groups(file)]
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a file says of a trial: its identity, and its certified duration (s)."""
+
+    id: str
+    certified_duration: float | None
+
+
+def _record(group: Any) -> Record:
+    return Record(group["id"].asstr()[()], _optional(group["certified_duration"][()], float))
+
+
+def write_trial(group: Any, trial: Trial) -> None:
+    """One trial, whole: problem, planner, verdict, trajectory, history, provenance."""
+    group.attrs["schema"] = SCHEMA
+    group.attrs["description"] = "one planner on one problem with one seed, judged by the verifier"
+    for name, (value, units, description) in _scalars(trial).items():
+        _put(group, name, value, units, description)
+    scales = _Scales(group)
+    _write_problem(group.create_group("problem"), trial.problem, scales)
+    if trial.solution.trajectory is not None:
+        _write_trajectory(group.create_group("trajectory"), trial.solution.trajectory, scales)
+    if trial.solution.history is not None:
+        history = group.create_group("history")
+        columns = np.asarray(trial.solution.history, dtype=float).T
+        names = (
+            ("evaluations", "1", "evaluations spent"),
+            ("duration", "s", "best duration by then"),
+        )
+        for column, (name, units, description) in zip(columns, names, strict=True):
+            _put(history, name, column, units, description)
+        history["evaluations"].make_scale("evaluations")
+        history["duration"].dims[0].attach_scale(history["evaluations"])
+    stats = group.create_group("stats")
+    for name, value in trial.solution.stats.items():
+        _put(stats, name, value, "", "reported by the planner (SI units)")
+    versions = group.create_group("provenance")
+    for name, text in trial.provenance.items():
+        _put(versions, name, text, "", "version, commit or machine that produced this trial")
+
+
+def read_trial(group: Any) -> Trial:
+    """The trial as it was judged, its certificate computed anew from the stored trajectory."""
+    _check_schema(group)
+    problem = _read_problem(group["problem"])
+    trajectory = None
+    if "trajectory" in group:
+        arrays = (group["trajectory"][n][()] for n in ("breaks", "coefficients", "waypoint_times"))
+        trajectory = Trajectory(*arrays)
+    history = None
+    if "history" in group:
+        history = np.stack([group["history"][n][()] for n in ("evaluations", "duration")], axis=1)
+    text = {n: group[n].asstr()[()] for n in _TEXT}
+    number = {n: group[n][()] for n in ("lower_bound", "evaluations", "setup_time", "solve_time")}
+    solution = Solution(
+        Status(text["planner_status"]),
+        trajectory,
+        text["planner_message"],
+        lower_bound=_optional(number["lower_bound"], float),
+        evaluations=_optional(number["evaluations"], int),
+        history=history,
+        stats={name: _value(data) for name, data in group["stats"].items()},
+    )
+    return Trial(
+        problem, text["planner"], text["label"], json.loads(text["options"]), int(group["seed"][()]),
+        Relation[text["relation"]], Status(text["status"]), text["message"], solution,
+        verdict(problem, solution)[2], float(number["setup_time"]), float(number["solve_time"]),
+        int(group["batch"][()]), text["started"],
+        {name: data.asstr()[()] for name, data in group["provenance"].items()},
+    )  # fmt: skip
+
+
+_TEXT = (
+    "planner", "label", "options", "relation", "status", "message", "planner_status",
+    "planner_message", "started",
+)  # fmt: skip
+
+
+def _scalars(t: Trial) -> dict[str, tuple[Any, str, str]]:
+    c = t.certificate
+    return {
+        "id": (t.id, "", "identity: problem digest, planner, options, seed, package version"),
+        "planner": (t.planner, "", "planner name"),
+        "label": (t.label, "", "planner name with the options that differ from its defaults"),
+        "options": (json.dumps(dict(t.options)), "", "all options of the planner, as JSON"),
+        "seed": (t.seed, "1", "seed of the random stream; 0 for deterministic planners"),
+        "relation": (t.relation.name, "", "how the answer relates to the minimum-time problem"),
+        "status": (str(t.status), "", "verdict"),
+        "message": (t.message, "", "why, if not solved"),
+        "planner_status": (str(t.solution.status), "", "what the planner itself reported"),
+        "planner_message": (t.solution.message, "", "what the planner itself said"),
+        "claimed_duration": (t.claimed_duration, "s", "duration of the trajectory as returned"),
+        "certified_duration": (
+            t.certified_duration, "s", "max(1, dilation) x claimed; NaN if dilation cannot mend it"),
+        "lower_bound": (t.lower_bound, "s", "no trajectory beats this, according to the planner"),
+        "dilation": (c and c.dilation, "1", "exact cheapest time dilation that meets the limits"),
+        "feasible": (c and float(c.feasible), "1", "1 if it keeps every limit as claimed"),
+        "certificate": (json.dumps(c.as_dict() if c else None), "", "worst values, joints from 1"),
+        "evaluations": (t.solution.evaluations, "1", "objective evaluations; NaN if not counted"),
+        "setup_time": (t.setup_time, "s", "wall time for building what later calls reuse"),
+        "solve_time": (t.solve_time, "s", "wall time besides; a batch's divided by its runs"),
+        "batch": (t.batch, "1", "runs that were solved together"),
+        "started": (t.started, "", "start time, UTC, ISO 8601"),
+    }  # fmt: skip
+
+
+class _Scales:
+    """The dimension scales of one trial, each made when first needed and shared by its arrays."""
+
+    def __init__(self, group: Any) -> None:
+        self.group = group.create_group("scales")
+
+    def attach(self, data: Any, *names: str) -> None:
+        for axis, name in enumerate(names):
+            if name not in self.group:
+                last = data.shape[axis]
+                values = {"power": np.arange(last)[::-1], "side": np.arange(last)}
+                _put(self.group, name, values.get(name, np.arange(1, last + 1)), "1", _SCALES[name])
+                self.group[name].make_scale(name)
+            data.dims[axis].attach_scale(self.group[name])
+
+
+_SCALES = {
+    "joint": "joint number, from 1",
+    "waypoint": "waypoint number, from 1",
+    "side": "0: low, 1: high",
+    "piece": "piece number, from 1",
+    "break": "break number, from 1",
+    "power": "power of the time since the piece's start",
+}
+
+
+def _write_problem(group: Any, problem: Problem, scales: _Scales) -> None:
+    _put(group, "name", problem.name, "", "problem name")
+    _put(group, "source", problem.source, "", "where its numbers come from")
+    _put(group, "digest", problem.digest(), "", "SHA-256 of its numbers")
+    _put(
+        group,
+        "waypoints",
+        problem.waypoints,
+        "rad",
+        "positions to pass in order, from rest to rest",
+    )
+    scales.attach(group["waypoints"], "waypoint", "joint")
+    for name in LIMIT_NAMES:
+        description = f"{name} limits, low and high; infinite where there is none"
+        _put(group, name, getattr(problem.limits, name), _UNITS[name], description)
+        scales.attach(group[name], "joint", "side")
+
+
+def _write_trajectory(group: Any, trajectory: Trajectory, scales: _Scales) -> None:
+    group.attrs["description"] = (
+        "piecewise polynomial, scipy.interpolate.PPoly(coefficients, breaks)"
+    )
+    _put(group, "breaks", trajectory.breaks, "s", "start of each piece, and the end")
+    _put(group, "coefficients", trajectory.coefficients, "rad/s^power", "highest power first")
+    _put(group, "waypoint_times", trajectory.waypoint_times, "s", "when each waypoint is passed")
+    scales.attach(group["breaks"], "break")
+    scales.attach(group["coefficients"], "power", "piece", "joint")
+    scales.attach(group["waypoint_times"], "waypoint")
+
+
+def _read_problem(group: Any) -> Problem:
+    limits = Limits(**{name: group[name][()] for name in LIMIT_NAMES})
+    return Problem(
+        group["waypoints"][()], limits, group["name"].asstr()[()], group["source"].asstr()[()]
+    )
+
+
+def _put(group: Any, name: str, value: Any, units: str, description: str) -> None:
+    array = np.asarray(np.nan if value is None else value)
+    if array.dtype.kind in "OUS":
+        texts = value if isinstance(value, str) or array.ndim else json.dumps(value, default=str)
+        data = group.create_dataset(name, data=texts, dtype=h5py.string_dtype())
+    else:
+        data = group.create_dataset(name, data=array)
+    data.attrs["units"], data.attrs["description"] = units, description
+
+
+def _value(data: Any) -> Any:
+    if not h5py.check_string_dtype(data.dtype):
+        return data[()]
+    return list(data.asstr()[()]) if data.shape else data.asstr()[()]
+
+
+def _optional(value: float, kind: Callable[[float], Any]) -> Any:
+    return None if np.isnan(value) else kind(value)
+
+
+def _write_atomically(path: Path, write: Callable[[Any], None]) -> None:
+    """Temporary name in the same folder, close, sync, rename, sync the folder."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(
+            dir=path.parent, prefix=f".{path.stem}-", suffix=".tmp"
+        )
+        os.close(handle)
+        try:
+            with h5py.File(temporary, "w") as file:
+                write(file)
+            _sync(temporary)
+            os.replace(temporary, path)
+            _sync(path.parent)
+        finally:
+            Path(temporary).unlink(missing_ok=True)
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _sync(path: str | Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _copy_all(out: Any, files: list[Path]) -> None:
+    """All trials under `trials/`, each a copy of its file."""
+    out.attrs["schema"] = SCHEMA
+    out.attrs["description"] = "trials of minimum-time planners; each group under trials/ is one"
+    trials = out.create_group("trials")
+    for path in files:
+        with h5py.File(path) as file:
+            file.copy(file["/"], trials, name=path.stem)
+
+
+def _groups(file: Any) -> Iterator[Any]:
+    _check_schema(file)
+    yield from file["trials"].values() if "trials" in file else [file]
+
+
+def _check_schema(group: Any) -> None:
+    schema = int(group.attrs.get("schema", 0))
+    if schema > SCHEMA:
+        name = group.file.filename
+        raise StoreError(
+            f"{name}: written with schema {schema}; this version reads up to {SCHEMA}. Upgrade trajopt"
+        )
+
+
+def _opened(path: Path) -> Any:
+    try:
+        return h5py.File(path)
+    except FileNotFoundError:
+        raise StoreError(f"{path}: no such file; expected a results folder or results.h5") from None
+    except OSError as error:
+        raise StoreError(f"{path}: damaged, or not an HDF5 file ({error})") from None
+
+
+def _status(path: Path) -> Status:
+    with h5py.File(path) as file:
+        return Status(file["status"].asstr()[()])
+
+
+def _is_whole(path: Path) -> bool:
+    try:
+        with h5py.File(path) as file:
+            return "certified_duration" in file and "provenance" in file
+    except OSError:
+        return False

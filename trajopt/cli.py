@@ -1,0 +1,175 @@
+"""The command line: `trajopt list | plan | compare | verify`.
+
+Heavy imports wait inside the commands, so that `--help` answers at once. Exit codes: 0 done, 1
+nothing could be solved or something does not hold, 2 bad input (one line on stderr).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import cyclopts
+from cyclopts import Parameter
+
+app = cyclopts.App(
+    name="trajopt",
+    help="How far from optimal is a robot trajectory planner? Exact minimum-time references, "
+    "every answer verified.",
+    version_flags=["--version"],
+    help_format="plaintext",
+)
+
+Problems = Annotated[str, Parameter(help="Problem file, or the name of a built-in problem.")]
+PlannerSpec = Annotated[
+    str, Parameter(help="NAME or NAME:key=value,key=value; see `trajopt list`.")
+]
+Json = Annotated[bool, Parameter(negative=(), help="Print one JSON object and nothing else.")]
+
+
+@app.command(name="list")
+def list_(*, json: Json = False) -> int:
+    """List planners, with their options and defaults, and built-in problems."""
+    from trajopt import render, tables
+
+    planners, problems = tables.planners(), tables.problems()
+    if json:
+        _print_json({"planners": planners, "problems": problems})
+    else:
+        render.listing(planners, problems)
+    return 0
+
+
+@app.command
+def plan(
+    problem: Problems,
+    *,
+    planner: PlannerSpec,
+    seed: Annotated[int, Parameter(help="Seed of the random stream of stochastic planners.")] = 0,
+    out: Annotated[
+        Path | None, Parameter(help="Write the certified trajectory: .csv .json .h5.")
+    ] = None,
+    rate: Annotated[float, Parameter(help="Samples per second in a .csv file.")] = 1000.0,
+    json: Json = False,
+) -> int:
+    """Run one planner on one problem and verify its answer."""
+    from trajopt import render
+    from trajopt.benchmark import export, suite
+    from trajopt.benchmark.trial import judge
+    from trajopt.exceptions import InvalidInput
+    from trajopt.planner import load, parse
+
+    for name, value, low in (("--seed", seed, 0), ("--rate", rate, 1e-9)):
+        if value < low:
+            raise InvalidInput(name, "a positive number" if low else "0 or more", value=value)
+    write, file = out and export.writer(out), suite.find(problem)
+    trial = judge(load(planner), suite.load(problem), [seed], parse(planner)[0])[0]
+    if json:
+        _print_json({"problem": trial.problem.name, "problem_file": str(file)} | trial.as_dict())
+    else:
+        render.plan(trial, file)
+    if out and write:
+        write(out, trial, rate)
+    return 0 if trial.certified_duration or trial.lower_bound else 1
+
+
+@app.command
+def compare(
+    *problems: Problems,
+    planner: Annotated[
+        list[str] | None,
+        Parameter(help="NAME[:key=value,…], repeated for each planner; all by default."),
+    ] = None,
+    seeds: Annotated[int, Parameter(help="Seeds 0 … N−1 of each stochastic planner.")] = 30,
+    jobs: Annotated[int | None, Parameter(help="Worker processes; by default one per CPU.")] = None,
+    output: Annotated[
+        Path, Parameter(help="Results folder; what is there already is kept.")
+    ] = Path("results"),
+    fresh: Annotated[bool, Parameter(negative=(), help="Run everything again.")] = False,
+    timeout: Annotated[float, Parameter(help="Seconds after which a trial is stopped.")] = 600.0,
+) -> int:
+    """Run planners on problems; print the table, store every trial, draw the figures."""
+    from trajopt import render
+    from trajopt.benchmark import figures, run, suite
+    from trajopt.exceptions import InvalidInput
+    from trajopt.planner import entries, load, parse
+
+    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
+    for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--timeout", timeout)):
+        if value < 1:
+            raise InvalidInput(name, "at least 1", value=value)
+    if not problems:
+        raise InvalidInput(
+            "PROBLEM", "at least one problem file or built-in name; see `trajopt list`"
+        )
+    loaded = [suite.load(name) for name in dict.fromkeys(problems)]
+    planners = [(parse(spec)[0], load(spec)) for spec in planner or entries()]
+    total = sum(len(task.seeds) for task in run.plan(loaded, planners, seeds))
+    with render.progress(total) as advance:
+        results = run.compare(
+            loaded,
+            planners,
+            output,
+            seeds=seeds,
+            jobs=jobs,
+            fresh=fresh,
+            timeout=timeout,
+            progress=advance,
+        )
+    with render.waiting("drawing the figures"):
+        drawn = figures.draw(results, output / "figures")
+    render.comparison(results, output, drawn)
+    return 0 if results.summary()["solved"].any() or results.summary()["lower_bound"].any() else 1
+
+
+@app.command
+def verify(
+    path: Annotated[Path, Parameter(help="Results folder, or a results.h5.")],
+    *,
+    json: Json = False,
+) -> int:
+    """Verify every stored trajectory anew, from the file alone."""
+    from trajopt import render, tables
+
+    rows = tables.verification(path)
+    if json:
+        _print_json({"trials": rows})
+    else:
+        render.verification(rows)
+    return 0 if all(row["holds"] for row in rows) else 1
+
+
+def _print_json(table: Any) -> None:
+    print(json.dumps(_finite(table), indent=2, allow_nan=False, default=str))
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity or NaN: what does not exist is null."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: every mistake of the user is one line and exit code 2."""
+    from trajopt.exceptions import TrajoptError
+
+    try:
+        code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except (TrajoptError, cyclopts.CycloptsError) as error:
+        print("trajopt: " + " ".join(str(error).split()), file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print(
+            "\ntrajopt: stopped; finished trials are kept, run the same command to go on",
+            file=sys.stderr,
+        )
+        sys.exit(130)
+    sys.exit(code)

@@ -1,0 +1,208 @@
+"""What people read in the terminal: tables, progress, messages (rich). Joints count from 1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from trajopt.benchmark.results import Results
+    from trajopt.benchmark.trial import Trial
+
+_OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
+
+
+def listing(planners: Sequence[dict[str, Any]], problems: Sequence[dict[str, Any]]) -> None:
+    """Planners with their options, then problems."""
+    table = Table("planner", "what it is, and its options", box=None, pad_edge=False)
+    for p in planners:
+        options = ", ".join(f"{k}={v}" for k, v in p["options"].items())
+        state = "" if p["available"] else f"\n[red]not available: {p['missing']}[/red]"
+        table.add_row(
+            f"[bold]{p['name']}[/bold]", f"{p['description']}\n[dim]{options}[/dim]{state}"
+        )
+    _OUT.print(table)
+    table = Table("problem", "joints", "waypoints", "limits", box=None, pad_edge=False)
+    for p in problems:
+        table.add_row(
+            f"[bold]{p['name']}[/bold]",
+            str(p["joints"]),
+            str(p["waypoints"]),
+            ", ".join(p["limits"]),
+        )
+    _OUT.print()
+    _OUT.print(table)
+
+
+def plan(trial: Trial, file: Path) -> None:
+    """One trial: the verdict, then the worst value of each kind."""
+    _OUT.print(
+        f"[bold]{trial.label}[/bold] on {trial.problem.name} ({file}): [bold]{trial.status}[/bold]"
+    )
+    if trial.message:
+        _OUT.print(trial.message, markup=False)
+    for name, value in (
+        ("claimed", trial.claimed_duration),
+        ("certified", trial.certified_duration),
+        ("lower bound", trial.lower_bound),
+    ):
+        if value is not None:
+            _OUT.print(f"  {name:<12}{value:.6f} s")
+    certified = trial.certified_trajectory
+    if certified is not None:
+        passed = ", ".join(f"{t:.6g}" for t in certified.waypoint_times)
+        _OUT.print(f"  {'waypoints':<12}{passed} s")
+    _OUT.print(
+        f"  {'computing':<12}{trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
+    )
+    if trial.certificate:
+        _OUT.print(_certificate(trial.certificate.as_dict()))
+
+
+def _certificate(found: dict[str, Any]) -> Table:
+    table = Table("worst", "value", "joint", "time [s]", box=None, pad_edge=False)
+    units = {"position": "rad", "waypoint": "rad"}
+    derivatives = ("rad", "rad/s", "rad/s²")
+    for kind in ("velocity", "acceleration", "jerk", "position", "waypoint", "continuity"):
+        worst = found[kind]
+        if worst is None:
+            continue
+        unit = units.get(kind) or derivatives[worst.get("order", 0)]
+        value = (
+            f"{worst['ratio']:.6f} of limit" if "ratio" in worst else f"{worst['error']:.2e} {unit}"
+        )
+        table.add_row(kind, value, str(worst["joint"]), f"{worst['time']:.6f}")
+    return table
+
+
+@contextmanager
+def progress(total: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar over trials on stderr; call what it yields with the number just finished."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=_ERR, disable=not _ERR.is_terminal, transient=True) as bar:
+        task = bar.add_task("trials", total=total)
+        yield lambda count: bar.advance(task, count)
+
+
+@contextmanager
+def waiting(message: str) -> Iterator[None]:
+    """A spinner on stderr, in a terminal."""
+    if not _ERR.is_terminal:
+        yield
+        return
+    with _ERR.status(message):
+        yield
+
+
+def comparison(results: Results, folder: Path, figures: Sequence[Path]) -> None:
+    """One table per problem, the readings used, what failed and why, and where everything is."""
+    for _, rows in results.summary().groupby("digest", sort=False):
+        _OUT.print(_comparison(rows))
+        for row in rows[rows["median"].isna()].itertuples():
+            message = str(row.message).strip().splitlines()
+            _OUT.print(f"{row.label}: {row.status}: {message[-1] if message else ''}", markup=False)
+        _OUT.print(_caption(rows), markup=False)
+        _OUT.print()
+    _warn(results)
+    _OUT.print(
+        f"stored:  {folder / 'results.h5'} ({len(results.items)} trials of this comparison)",
+        soft_wrap=True,
+    )
+    if figures:
+        _OUT.print(f"figures: {folder / 'figures'} ({len(figures)} files)", soft_wrap=True)
+
+
+def _comparison(rows: pd.DataFrame) -> Table:
+    table = Table(title=f"{rows['problem'].iloc[0]}: certified durations", title_justify="left", box=None,
+                  pad_edge=False, padding=(0, 1))  # fmt: skip
+    table.add_column("planner", overflow="fold", ratio=1)
+    for name in ("median s", "quartiles s", "gap %", "kept limits", "evaluations", "time s"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows.itertuples():
+        table.add_row(*_cells(row))
+    return table
+
+
+def _cells(row: Any) -> list[str]:
+    if row.median != row.median:  # no certified duration
+        bound = f"≥ {row.lower_bound:.4f}" if row.lower_bound == row.lower_bound else row.status
+        return [row.label, bound, "", "", "", "", f"{row.solve_time:.3f}"]
+    return [
+        row.label,
+        f"{row.median:.4f}",
+        f"{row.q1:.4f}–{row.q3:.4f}" if row.runs > 1 else "",
+        "" if row.gap != row.gap else f"{100 * row.gap:+.2f}",
+        f"{100 * row.kept:.0f} %" + ("" if row.kept == 1 else f", ×{row.dilation:.4f}"),
+        "" if row.evaluations != row.evaluations else f"{row.evaluations:.0f}",
+        f"{row.solve_time:.3f}",
+    ]
+
+
+def _caption(rows: pd.DataFrame) -> str:
+    runs, first = rows["runs"].max(), rows.iloc[0]
+    reference = rows["reference"].dropna()
+    lines = [f"Up to {runs} seeds. Durations are the verifier's: claimed × max(1, dilation)."]
+    if len(reference) and first["kind"] == "exact":
+        lines.append(
+            f"Gap to the exact optimum, {reference.iloc[0]:.6f} s (best known, not proved)."
+        )
+    elif len(reference):
+        lines.append(
+            f"Gap to a lower bound, {reference.iloc[0]:.6f} s: the exact optimum without the jerk or "
+            "position limits (best known, not proved)."
+        )
+    lines.append(
+        "Reading: timing=shared, fitness=penalty, unless a planner's options say otherwise."
+    )
+    lines.append(
+        "Kept limits: share of runs that kept them as claimed, × median dilation of the others."
+    )
+    return "\n".join(lines)
+
+
+def _warn(results: Results) -> None:
+    for row in results.suspicious().itertuples():
+        _ERR.print(
+            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {row.label} (seed {row.seed}) on {row.problem} is "
+            f"{-100 * row.gap:.6f} % below the reference; trial {row.id}"
+        )
+
+
+def verification(rows: Sequence[dict[str, Any]]) -> None:
+    """Claimed against certified, trial by trial, and what does not hold."""
+    table = Table(box=None, pad_edge=False, padding=(0, 1))
+    table.add_column("problem")
+    table.add_column("planner", overflow="fold", ratio=1)
+    for name in ("seed", "claimed s", "certified s", "dilation", "verdict"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        numbers = [
+            _number(row[name]) for name in ("claimed_duration", "certified_duration", "dilation")
+        ]
+        verdict = row["status"] if row["holds"] else "[bold red]DOES NOT HOLD[/bold red]"
+        table.add_row(row["problem"], row["planner"], str(row["seed"]), *numbers, verdict)
+    _OUT.print(table)
+    wrong = [row for row in rows if not row["holds"]]
+    _OUT.print(f"{len(rows)} trials verified anew; {len(wrong)} do not hold what was recorded.")
+    for row in wrong:
+        recorded = _number(row["recorded_duration"])
+        _OUT.print(
+            f"{row['planner']} seed {row['seed']}: recorded {recorded} s; {'; '.join(row['flaws'])}"
+        )
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.6f}"

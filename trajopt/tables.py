@@ -1,0 +1,79 @@
+"""What the command line lists, as plain dictionaries: planners, problems, re-verified trials."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trajopt.benchmark import suite
+from trajopt.benchmark.store import Record, records
+from trajopt.benchmark.trial import Trial
+from trajopt.exceptions import TrajoptError
+from trajopt.planner import Entry, entries, options
+from trajopt.problem import LIMIT_NAMES
+from trajopt.solution import Status
+
+_SAME = 1e-9  # relative difference within which a certified duration is the recorded one
+
+
+def planners() -> list[dict[str, Any]]:
+    """Every registered planner: name, one line, options with defaults, available or what is missing."""
+    return [_planner(entry) for entry in entries().values()]
+
+
+def _planner(entry: Entry) -> dict[str, Any]:
+    missing, described = entry.missing(), {"description": "", "options": {}}
+    try:
+        planner = entry.load()
+        text = getattr(planner, "description", None) or inspect.getdoc(type(planner)) or ""
+        described = {"description": text.split("\n")[0], "options": options(planner)}
+    except TrajoptError:
+        pass  # `missing` says why
+    return {"name": entry.name, **described, "available": missing is None, "missing": missing}
+
+
+def problems() -> list[dict[str, Any]]:
+    """Every built-in problem: name, file, size, which limits it has, and where it comes from."""
+    table = []
+    for name, file in suite.problem_files().items():
+        problem = suite.load(name)
+        limits = [limit for limit in LIMIT_NAMES if problem.has(limit)]
+        size = {"joints": problem.joints, "waypoints": len(problem.waypoints)}
+        table.append(
+            {"name": name, "file": str(file), **size, "limits": limits, "source": problem.source}
+        )
+    return table
+
+
+def verification(path: Path) -> list[dict[str, Any]]:
+    """Every stored trial, claimed against certified, and whether what was recorded holds."""
+    return [_checked(trial, record) for trial, record in records(path)]
+
+
+def _checked(trial: Trial, record: Record) -> dict[str, Any]:
+    certificate = trial.certificate
+    return {
+        "problem": trial.problem.name,
+        "planner": trial.label,
+        "seed": trial.seed,
+        "status": str(trial.status),
+        "claimed_duration": trial.claimed_duration,
+        "certified_duration": trial.certified_duration,
+        "recorded_duration": record.certified_duration,
+        "dilation": certificate.dilation if certificate else None,
+        "flaws": list(certificate.flaws) if certificate else [],
+        "holds": _holds(trial, record),
+    }
+
+
+def _holds(trial: Trial, record: Record) -> bool:
+    """The file's identity is its content's, and its verdict is what the verifier says now."""
+    now, then = trial.certified_duration, record.certified_duration
+    same = now is then is None or (
+        None not in (now, then) and bool(np.isclose(now, then, rtol=_SAME, atol=0))
+    )  # type: ignore[arg-type]
+    consistent = (trial.status is not Status.SOLVED) or now is not None
+    return same and consistent and trial.id == record.id

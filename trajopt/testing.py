@@ -1,0 +1,128 @@
+"""The planner contract as a function: run it on your own planner, in a test or a notebook.
+
+from trajopt.testing import check_planner
+check_planner(MyPlanner())
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterable
+from dataclasses import fields, is_dataclass
+
+import cloudpickle
+import numpy as np
+
+from trajopt.exceptions import TrajoptError
+from trajopt.planner import Planner, Relation, options
+from trajopt.problem import Limits, Problem
+from trajopt.solution import Solution, Status
+from trajopt.verification import verify
+
+_SEEDS = (0, 7)
+
+
+class ContractError(TrajoptError, AssertionError):
+    """What a planner does that the contract forbids; the message says where."""
+
+
+def check_planner(planner: Planner, problems: Iterable[Problem] | None = None) -> None:
+    """Raise `ContractError` unless the planner keeps the contract on these problems.
+
+    It must be a frozen dataclass that survives pickling; say how it relates to the optimum; answer
+    every supported problem with a `Solution` whose trajectory the verifier can certify (unless it is
+    a relaxation); give the same answer for the same seed, alone or in a batch; and never beat the
+    optimum where that is known in closed form.
+    """
+    _check_object(planner)
+    for problem in problems or examples():
+        _check_on(planner, problem)
+    optimum = 2.0  # rest to rest over 1.5 rad at 1 rad/s and 2 rad/s²: 1.5/1 + 1/2
+    _check_never_beats(planner, examples()[0], optimum)
+
+
+def examples() -> list[Problem]:
+    """Small problems with edges; the first has the known optimum 2 s."""
+    two = Limits([1.0, 1.5], [2.0, 3.0])
+    return [
+        Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint"),
+        Problem([[0, 0], [1, -0.5], [0.3, -1], [0.5, 0]], two, "reversal"),
+        Problem([[0, 0.2], [0.4, 0.2], [1, 0.2], [1.2, 0.2]], two, "a joint that rests"),
+        Problem([[0, 0], [0.5, 0.2], [0.5, 0.2], [0.8, 0.7], [1, 1]], two, "a waypoint twice"),
+        Problem([[0, 0], [1, 1]], two, "two waypoints"),
+        Problem(
+            [[0, 0], [0.5, -0.1], [1, 0.4], [0.2, 0.8]],
+            Limits([[-1, 2], 1.5], [[-2, 1], [-4, 3]]),
+            "asymmetric limits",
+        ),
+    ]
+
+
+def _check_object(planner: Planner) -> None:
+    parameters = getattr(type(planner), "__dataclass_params__", None)
+    _require(is_dataclass(planner) and parameters is not None, "it is not a dataclass")
+    _require(bool(parameters and parameters.frozen), "its dataclass is not frozen")
+    _require(isinstance(planner, Planner), "it lacks relation, unsupported or solve")
+    copy = pickle.loads(cloudpickle.dumps(planner))
+    _require(options(copy) == options(planner), "its options do not survive pickling")
+    for field in fields(planner):  # type: ignore[arg-type]
+        _require(hasattr(planner, field.name), f"option {field.name} has no value")
+
+
+def _check_on(planner: Planner, problem: Problem) -> None:
+    where = f" on {problem.name!r}"
+    reason, relation = planner.unsupported(problem), planner.relation(problem)
+    _require(isinstance(relation, Relation), f"relation{where} is not a Relation")
+    _require(reason is None or bool(reason), f"unsupported{where} is neither None nor a reason")
+    if reason is not None:
+        return
+    first = [planner.solve(problem, seed=seed) for seed in _SEEDS]
+    again = planner.solve(problem, seed=_SEEDS[0])
+    _require(all(isinstance(s, Solution) for s in first), f"solve{where} returns no Solution")
+    _require(_same(first[0], again), f"solve{where} differs for the same seed")
+    for solution in first:
+        _check_solution(solution, problem, relation, where)
+    batch = getattr(planner, "solve_batch", None)
+    if batch:
+        together = batch(problem, list(_SEEDS))
+        _require(
+            len(together) == len(_SEEDS), f"solve_batch{where} returns another number of solutions"
+        )
+        alike = all(_same(a, b) for a, b in zip(first, together, strict=True))
+        _require(alike, f"solve_batch{where} differs from solve")
+
+
+def _check_solution(solution: Solution, problem: Problem, relation: Relation, where: str) -> None:
+    if solution.status is not Status.SOLVED:
+        _require(bool(solution.message), f"{solution.status}{where} without a message")
+        return
+    if solution.trajectory is None:
+        raise ContractError(f"solved{where} without a trajectory")
+    certificate = verify(problem, solution.trajectory)
+    if relation is not Relation.RELAXATION:
+        _require(certificate.valid, f"invalid{where}: {'; '.join(certificate.flaws)}")
+
+
+def _check_never_beats(planner: Planner, problem: Problem, optimum: float) -> None:
+    if planner.unsupported(problem) is not None or planner.relation(problem) is Relation.RELAXATION:
+        return
+    trajectory = planner.solve(problem).trajectory
+    certified = verify(problem, trajectory).certified_duration if trajectory else None
+    beaten = certified is not None and certified < optimum * (1 - 1e-6)
+    _require(
+        not beaten,
+        f"certified {certified} s where the optimum is {optimum} s: a bug in the verifier",
+    )
+
+
+def _same(a: Solution, b: Solution) -> bool:
+    """The same bits, whatever the time they took."""
+    if a.trajectory is None or b.trajectory is None:
+        return a.status is b.status and a.trajectory is b.trajectory
+    arrays = ("breaks", "coefficients", "waypoint_times")
+    return all(np.array_equal(getattr(a.trajectory, n), getattr(b.trajectory, n)) for n in arrays)
+
+
+def _require(condition: bool, what: str) -> None:
+    if not condition:
+        raise ContractError(what)
