@@ -78,7 +78,7 @@ class Collocation:
 
 
 class _Grid:
-    """The moving joints in units of their own: mean stop time, and acceleration limits of order one."""
+    """The moving joints in their own units: mean stop time, acceleration limits of order one."""
 
     def __init__(self, problem: Problem, intervals: int) -> None:
         self.problem, self.intervals, self.moving = problem, intervals, problem.moving
@@ -98,7 +98,7 @@ class _Grid:
         self.boxed = problem.has("position")
 
     def start(self) -> list[Array]:
-        """Segment times, then positions, velocities and accelerations at the nodes: a cubic per segment."""
+        """Segment times; states `q, v, a` at the nodes, of one cubic per segment."""
         times, h = 2 * self.stop, np.diff(self.waypoints, axis=0)
         s = np.arange(self.intervals)[:, None] / self.intervals
         rows = [
@@ -133,7 +133,7 @@ class _Grid:
 
 
 class _Transcription:
-    """One IPOPT problem for all problems of a kind: the numbers are parameters, bounds included."""
+    """One IPOPT problem for all problems of a kind; numbers and bounds are parameters."""
 
     def __init__(
         self, segments: int, intervals: int, smooth: tuple[bool, ...], boxed: bool
@@ -146,7 +146,7 @@ class _Transcription:
         names = ("velocity", "acceleration", "jerk", "position")
         bounds = {name: ca.MX.sym(name, 2, joints) for name in names}
         total = ca.MX.sym("total")
-        rows = self._rows(*x, bounds, smooth, boxed)
+        rows = self._rows(x, bounds, smooth, boxed)
         g = ca.vertcat(*(ca.vec(e) for e, *_ in rows), total - ca.sum1(x[0]))
         low, high = (
             ca.vertcat(*(ca.vec(r[i]) for r in rows), [0.0, np.inf][i - 1]) for i in (1, 2)
@@ -157,17 +157,10 @@ class _Transcription:
         self.edges = ca.Function("edges", [p], [low, high])
 
     def _rows(
-        self,
-        t: Any,
-        q: Any,
-        v: Any,
-        a: Any,
-        bounds: dict[str, Any],
-        smooth: tuple[bool, ...],
-        boxed: bool,
+        self, x: list[Any], bounds: dict[str, Any], smooth: tuple[bool, ...], boxed: bool
     ) -> list[tuple[Any, Any, Any]]:
-        """Constraints as `(expression, low, high)`; every matrix is (intervals, joints)."""
-        ca, rows = self.ca, []
+        """Constraints as `(expression, low, high)`, one row per interval."""
+        ca, (t, q, v, a), rows = self.ca, x, []
         lengths = ca.vec(ca.repmat(t.T / self.intervals, self.intervals, 1))
         for j, is_smooth in enumerate(smooth):
             (q0, q1), (v0, v1), (a0, a1) = ((x[:-1, j], x[1:, j]) for x in (q, v, a))

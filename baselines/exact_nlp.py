@@ -70,77 +70,77 @@ class Exact:
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: each start's IPOPT status and duration (s)."""
         scaled, began = _Scaled(problem), time.perf_counter()
-        solver = _solver(scaled.h.shape[0], scaled.h.shape[1])
+        solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
         found = [_solve_from(solver, scaled, start) for start in _starts(scaled, self.starts)]
-        durations = [d for d, *_ in found]
-        stats = {
-            "start_status": [status for *_, status in found],
-            "start_duration": np.array(durations) * scaled.unit,
-        }
-        best = int(np.argmin(durations))
-        if not np.isfinite(durations[best]):
-            statuses = ", ".join(sorted(set(stats["start_status"])))
-            message = f"no start succeeded: {statuses}"
+        best = min(found, key=lambda optimum: optimum.duration)
+        statuses = [optimum.status for optimum in found]
+        durations = scaled.unit * np.array([optimum.duration for optimum in found])
+        stats = {"start_status": statuses, "start_duration": durations}
+        if not np.isfinite(best.duration):
+            message = f"no start succeeded: {', '.join(sorted(set(statuses)))}"
             return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
-        _, times, velocities, _ = found[best]
-        trajectory = scaled.trajectory(times, velocities)
-        relaxed = verify(problem.without("jerk", "position"), trajectory).certified_duration
-        bound = relaxed if self.relation(problem) is Relation.RELAXATION else None
-        message = "" if bound is None else _RELAXED
-        return Solution(
-            Status.SOLVED,
-            trajectory,
-            message,
-            lower_bound=bound,
-            setup_time=setup_time,
-            stats=stats,
-        )
+        answer = scaled.trajectory(best.times, best.velocities)
+        bound, message = None, ""
+        if self.relation(problem) is Relation.RELAXATION:
+            bound = verify(problem.without("jerk", "position"), answer).certified_duration
+            message = "jerk and position limits are ignored: a lower bound (best known, not proved)"
+        return Solution(Status.SOLVED, answer, message, bound, setup_time=setup_time, stats=stats)
 
 
-_RELAXED = "jerk and position limits are ignored: a lower bound (best known, not proved)"
+@dataclass(frozen=True)
+class _Optimum:
+    """What IPOPT found from one start, exactly reachable; infinite duration if nothing."""
+
+    duration: float
+    times: Array
+    velocities: Array
+    status: str
 
 
 class _Scaled:
-    """The problem without units: time in mean stop times, each joint's tighter acceleration is 1."""
+    """The moving joints without units: time in mean stop times, tighter acceleration limit 1.
+
+    `h` is `(segments, joints)`; the velocity and acceleration limits `v`, `a` are `(2, joints)`.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.moving = problem, problem.moving
-        stop = stop_times(problem.without("jerk", "position"))
+        limits, stop = problem.limits, stop_times(problem.without("jerk", "position"))
         self.unit = float(stop.mean())
-        limits = problem.limits
-        self.a_unit = np.abs(limits.acceleration[self.moving]).min(axis=1)
-        self.v_unit, self.q_unit = self.a_unit * self.unit, self.a_unit * self.unit**2
-        self.h = problem.displacements[:, self.moving] / self.q_unit
-        self.v = limits.velocity[self.moving].T / self.v_unit
-        self.a = limits.acceleration[self.moving].T / self.a_unit
+        tighter = np.abs(limits.acceleration[self.moving]).min(axis=1)
+        # of acceleration, velocity and position
+        self.units = tighter * self.unit ** np.arange(3)[:, None]
+        self.a = limits.acceleration[self.moving].T / self.units[0]
+        self.v = limits.velocity[self.moving].T / self.units[1]
+        self.h = problem.displacements[:, self.moving] / self.units[2]
         self.stop = stop / self.unit
         self.least = np.maximum(self.h / self.v[1], self.h / self.v[0]).max(axis=1)
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: in each segment a convex combination of both extreme profiles."""
-        ends = _with_rest(velocities)
-        breaks, waypoints = np.r_[0.0, np.cumsum(times)] * self.unit, self.problem.waypoints
-        joints: list[tuple[Array, Array]] = []
-        moving = iter(range(self.h.shape[1]))
-        for joint in range(self.problem.joints):
-            if not self.moving[joint]:
-                joints.append((breaks[[0, -1]], waypoints[:1, joint, None].copy()))
-                continue
-            i = next(moving)
-            pieces = [
-                _combined(
-                    ends[k, i], ends[k + 1, i], times[k], self.h[k, i], self.v[:, i], self.a[:, i]
-                )
-                for k in range(len(times))
-            ]
-            own = [breaks[k] + local[:-1] * self.unit for k, (local, _) in enumerate(pieces)]
-            units = np.array([self.a_unit[i], self.v_unit[i], self.q_unit[i]])[:, None]
-            local = [c * units for _, c in pieces]
-            for k, c in enumerate(local):
-                c[2] += waypoints[k, joint]
-            joints.append((np.r_[np.concatenate(own), breaks[-1]], np.hstack(local)))
+        breaks = np.r_[0.0, np.cumsum(times)] * self.unit
+        joints = [(breaks[[0, -1]], np.array([[start]])) for start in self.problem.waypoints[0]]
+        for i, joint in enumerate(np.flatnonzero(self.moving)):
+            joints[joint] = self._joint(
+                i, self.problem.waypoints[:, joint], breaks, times, velocities
+            )
         return Trajectory.joined(joints, breaks)
+
+    def _joint(
+        self, i: int, waypoints: Array, breaks: Array, times: Array, velocities: Array
+    ) -> tuple[Array, Array]:
+        """Breaks (s) and coefficients (rad/s^power) of one moving joint."""
+        ends, starts, parts = _with_rest(velocities)[:, i], [], []
+        for k, t in enumerate(times):
+            local, part = _combined(
+                ends[k], ends[k + 1], t, self.h[k, i], self.v[:, i], self.a[:, i]
+            )
+            part *= self.units[:, i, None]
+            part[2] += waypoints[k]
+            starts.append(breaks[k] + local[:-1] * self.unit)
+            parts.append(part)
+        return np.r_[np.concatenate(starts), breaks[-1]], np.hstack(parts)
 
 
 def _with_rest(velocities: Array) -> Array:
@@ -164,7 +164,7 @@ def extremes(u: Array, w: Array, t: Array, v: Array, a: Array) -> tuple[Array, A
 
 def _combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tuple[Array, Array]:
     """Breaks and position coefficients (3, pieces) of the profile that covers exactly `h`."""
-    up, d_up, lo, d_lo = (float(x) for x in extremes(*map(np.asarray, (u, w, t)), v, a))
+    up, d_up, lo, d_lo = map(float, extremes(np.asarray(u), np.asarray(w), np.asarray(t), v, a))
     width = d_up - d_lo
     share = (
         np.clip((h - d_lo) / width, 0.0, 1.0) if width > 1e-15 * (abs(d_up) + abs(d_lo)) else 1.0
@@ -210,22 +210,20 @@ def repair(times: Array, velocities: Array, scaled: _Scaled) -> float:
 def _solver(segments: int, joints: int) -> Any:
     """IPOPT for all problems of this size, built once; the numbers are parameters."""
     ca = backend("casadi")
-    t, h = ca.MX.sym("t", segments), ca.MX.sym("h", segments, joints)
-    v = ca.MX.sym("v", segments - 1, joints)
+    t, v = ca.MX.sym("t", segments), ca.MX.sym("v", segments - 1, joints)
     up, lo = ca.MX.sym("up", segments, joints), ca.MX.sym("lo", segments, joints)
+    h, stop = ca.MX.sym("h", segments, joints), ca.MX.sym("stop", segments)
     a1, a2 = ca.MX.sym("a1", 1, joints), ca.MX.sym("a2", 1, joints)
-    size = ca.MX.sym("size", segments)  # each segment's stop time: the scale of its constraints
-    ends = ca.vertcat(ca.MX.zeros(1, joints), v, ca.MX.zeros(1, joints))
-    u, w = ends[:-1, :], ends[1:, :]
-    wide = lambda x: ca.repmat(x, 1, joints)  # noqa: E731
-    tall = lambda x: ca.repmat(x, segments, 1)  # noqa: E731
-    tt, aa1, aa2, ss = wide(t), tall(a1), tall(a2), wide(size)
-    d_up = up * tt - (up - u) ** 2 / (2 * aa2) - (up - w) ** 2 / (2 * aa1)
-    d_lo = lo * tt + (lo - u) ** 2 / (2 * aa1) + (lo - w) ** 2 / (2 * aa2)
-    positive = [aa2 * tt - (w - u), (w - u) + aa1 * tt, (d_up - h) / ss**2, (h - d_lo) / ss**2]
-    g = ca.vertcat(*[ca.vec(x) for x in positive], ca.sum1(size) - ca.sum1(t))
-    x = ca.vertcat(*map(ca.vec, (t, v, up, lo)))
-    p = ca.vertcat(*map(ca.vec, (h, a1, a2, size)))
+    rest = ca.MX.zeros(1, joints)
+    u, w = ca.vertcat(rest, v), ca.vertcat(v, rest)
+    # every constraint as a (segments, joints) matrix
+    tt, size = ca.repmat(t, 1, joints), ca.repmat(stop**2, 1, joints)
+    b1, b2 = ca.repmat(a1, segments, 1), ca.repmat(a2, segments, 1)
+    d_up = up * tt - (up - u) ** 2 / (2 * b2) - (up - w) ** 2 / (2 * b1)
+    d_lo = lo * tt + (lo - u) ** 2 / (2 * b1) + (lo - w) ** 2 / (2 * b2)
+    positive = [b2 * tt - (w - u), (w - u) + b1 * tt, (d_up - h) / size, (h - d_lo) / size]
+    g = ca.vertcat(*map(ca.vec, positive), ca.sum1(stop) - ca.sum1(t))
+    x, p = (ca.vertcat(*map(ca.vec, part)) for part in ((t, v, up, lo), (h, a1, a2, stop)))
     return ca.nlpsol("exact", "ipopt", {"x": x, "p": p, "f": ca.sum1(t), "g": g}, IPOPT)
 
 
@@ -243,30 +241,34 @@ def _starts(scaled: _Scaled, count: int) -> list[tuple[Array, Array]]:
     return starts
 
 
-def _solve_from(
-    solver: Any, scaled: _Scaled, start: tuple[Array, Array]
-) -> tuple[float, Array, Array, str]:
-    """Repaired duration, segment times, waypoint velocities, and IPOPT's status from one start."""
-    segments, joints = scaled.h.shape
+def _solve_from(solver: Any, scaled: _Scaled, start: tuple[Array, Array]) -> _Optimum:
+    """One run of IPOPT, its answer dilated until it is exactly reachable."""
     times, velocities = start
-    tall = lambda x, rows: np.tile(x, (rows, 1)).ravel("F")  # noqa: E731
     ends = np.clip(_with_rest(velocities), *scaled.v)
     up, lo = np.maximum(ends[:-1], ends[1:]), np.minimum(ends[:-1], ends[1:])
-    x0 = np.concatenate([times, *(x.ravel("F") for x in (ends[1:-1], up, lo))])
-    low, high = (
-        np.concatenate([edge, tall(v, segments - 1), tall(v, segments), tall(v, segments)])
-        for edge, v in zip(
-            (scaled.least, np.full(segments, scaled.stop.sum())), scaled.v, strict=True
-        )
-    )
-    p = np.concatenate([scaled.h.ravel("F"), -scaled.a[0], scaled.a[1], scaled.stop])
+    low, high = _bounds(scaled)
+    p = _flat(scaled.h, -scaled.a[0], scaled.a[1], scaled.stop)
+    x0 = _flat(times, ends[1:-1], up, lo)
     result = solver(x0=x0, p=p, lbx=low, ubx=high, lbg=0.0, ubg=np.inf)
-    status = str(solver.stats()["return_status"])
-    x = np.asarray(result["x"]).ravel()
-    times = x[:segments]
-    velocities = x[segments : segments + (segments - 1) * joints].reshape(
-        segments - 1, joints, order="F"
+    stats, x = solver.stats(), np.asarray(result["x"]).ravel()
+    times = x[: len(times)]
+    velocities = x[len(times) :][: velocities.size].reshape(velocities.shape, order="F")
+    usable = stats["success"] and np.isfinite(x).all() and (times > 0).all()
+    k = repair(times, velocities, scaled) if usable else np.inf
+    return _Optimum(k * float(times.sum()), k * times, velocities / k, str(stats["return_status"]))
+
+
+def _bounds(scaled: _Scaled) -> tuple[Array, Array]:
+    """Bounds of all variables; no segment takes longer than stopping everywhere does."""
+    segments = len(scaled.stop)
+    longest = np.full(segments, scaled.stop.sum())
+    low, high = (
+        _flat(times, *(np.tile(v, (rows, 1)) for rows in (segments - 1, segments, segments)))
+        for times, v in zip((scaled.least, longest), scaled.v, strict=True)
     )
-    ok = solver.stats()["success"] and np.isfinite(x).all() and (times > 0).all()
-    k = repair(times, velocities, scaled) if ok else np.inf
-    return k * float(times.sum()), k * times, velocities / k, status
+    return low, high
+
+
+def _flat(*tables: Array) -> Array:
+    """CasADi's order: column by column."""
+    return np.concatenate([table.ravel("F") for table in tables])

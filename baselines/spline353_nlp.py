@@ -65,7 +65,7 @@ class Spline353NLP:
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of several local optima. `stats`: segment times; each start's status, duration."""
+        """The best of several local optima. `stats`: segment times; each start's outcome (s)."""
         spline, began = _Spline(problem), time.perf_counter()
         solver = _solver(*spline.size)
         setup_time = time.perf_counter() - began
@@ -120,7 +120,7 @@ class _Spline:
 def _replace_idlest(rate: Array, bounds: Array, instants: Array) -> Array:
     def use(points: Array) -> Array:
         values = polynomials.evaluate(rate[:, None], points)
-        return np.maximum(values / bounds[1], values / bounds[0])
+        return np.asarray(np.maximum(values / bounds[1], values / bounds[0]))
 
     points, new, joints = (
         polynomials.critical_points(rate),
@@ -176,7 +176,7 @@ def _solve_at(
 
 @cache
 def _solver(joints: int, orders: int) -> Any:
-    """IPOPT for this many joints, limited up to this derivative; built once, numbers are parameters.
+    """IPOPT for this many joints, limited up to this derivative; built once for all problems.
 
     Every constraint reads "value over its limit is at most 1", for both sides of every limit; an
     infinite limit has a reciprocal of zero.

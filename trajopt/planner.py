@@ -7,6 +7,7 @@ register under the entry-point group `trajopt.planners`; in a script, pass the o
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib
 import importlib.util
 from collections.abc import Mapping
@@ -142,7 +143,8 @@ def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") ->
         if key not in known:
             listed = ", ".join(known) or "no options"
             raise InvalidInput(f"planner {name}, option {key}", f"one of: {listed}", value=value)
-    return _replaced(planner, changes, name)
+    changed: PlannerT = _replaced(planner, changes, name)
+    return changed
 
 
 def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
@@ -160,11 +162,8 @@ def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
 def _converted(key: str, value: Any, hint: Any) -> Any:
     """A value of the annotated type, from that type or from text."""
     if isinstance(value, str):
-        words = {"true": True, "false": False, "none": None}
-        try:
-            value = words[value.lower()] if value.lower() in words else ast.literal_eval(value)
-        except (ValueError, SyntaxError):
-            pass
+        with contextlib.suppress(ValueError, SyntaxError):
+            value = _WORDS[value.lower()] if value.lower() in _WORDS else ast.literal_eval(value)
     if get_origin(hint) is Literal:
         if value in get_args(hint):
             return value
@@ -178,8 +177,11 @@ def _converted(key: str, value: Any, hint: Any) -> Any:
     raise InvalidInput(key, " or ".join(k.__name__ for k in kinds), value=value)
 
 
+_WORDS = {"true": True, "false": False, "none": None}
+
+
 def backend(name: str) -> Any:
-    """Import a solver when it is needed; raises `MissingBackend` naming the command that mends it."""
+    """Import a solver when it is needed; `MissingBackend` names the command that mends it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:

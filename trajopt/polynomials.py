@@ -78,7 +78,7 @@ def unit_roots(coefficients: Array) -> Array:
     knots = np.sort(np.concatenate([ends, inner, ends + 1.0]), axis=0)
     values = evaluate(coefficients[:, None], knots)
     row, column = np.nonzero((values[:-1] < 0) != (values[1:] < 0))
-    roots = np.full(inner.shape[:0] + (len(coefficients) - 1, *coefficients.shape[1:]), np.nan)
+    roots = np.full((len(coefficients) - 1, *coefficients.shape[1:]), np.nan)
     roots[row, column] = _bisect(
         coefficients[:, column], knots[row, column], knots[row + 1, column], values[row, column] < 0
     )

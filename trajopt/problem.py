@@ -69,7 +69,8 @@ class Limits:
 
     def without(self, *names: LimitName) -> Limits:
         """The same limits with the named ones lifted (only jerk and position can be)."""
-        return Limits(**{n: None if n in names else getattr(self, n) for n in LIMIT_NAMES})
+        kept: dict[str, Any] = {n: getattr(self, n) for n in LIMIT_NAMES if n not in names}
+        return Limits(**kept)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +88,16 @@ class Problem:
     name: str = "unnamed"
     source: str = ""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "waypoints", _frozen(_table(self.waypoints)))
+    def __init__(
+        self,
+        waypoints: ArrayLike | Sequence[Any],
+        limits: Limits,
+        name: str = "unnamed",
+        source: str = "",
+    ) -> None:
+        fields = {"waypoints": _frozen(_table(waypoints)), "limits": limits}
+        for key, value in (fields | {"name": name, "source": source}).items():
+            object.__setattr__(self, key, value)
         _check_waypoints(self.waypoints, self.limits)
 
     @property

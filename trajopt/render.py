@@ -126,8 +126,8 @@ def comparison(results: Results, folder: Path, figures: Sequence[Path]) -> None:
 
 
 def _comparison(rows: pd.DataFrame) -> Table:
-    table = Table(title=f"{rows['problem'].iloc[0]}: certified durations", title_justify="left", box=None,
-                  pad_edge=False, padding=(0, 1))  # fmt: skip
+    title = f"{rows['problem'].iloc[0]}: certified durations"
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 1))
     table.add_column("planner", overflow="fold", ratio=1)
     for name in ("median s", "quartiles s", "gap %", "kept limits", "evaluations", "time s"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -161,8 +161,8 @@ def _caption(rows: pd.DataFrame) -> str:
         )
     elif len(reference):
         lines.append(
-            f"Gap to a lower bound, {reference.iloc[0]:.6f} s: the exact optimum without the jerk or "
-            "position limits (best known, not proved)."
+            f"Gap to a lower bound, {reference.iloc[0]:.6f} s: the exact optimum without the "
+            "jerk or position limits (best known, not proved)."
         )
     lines.append(
         "Reading: timing=shared, fitness=penalty, unless a planner's options say otherwise."
@@ -176,8 +176,8 @@ def _caption(rows: pd.DataFrame) -> str:
 def _warn(results: Results) -> None:
     for row in results.suspicious().itertuples():
         _ERR.print(
-            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {row.label} (seed {row.seed}) on {row.problem} is "
-            f"{-100 * row.gap:.6f} % below the reference; trial {row.id}"
+            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {row.label} (seed {row.seed}) on "
+            f"{row.problem} is {-100 * row.gap:.6f} % below the reference; trial {row.id}"
         )
 
 

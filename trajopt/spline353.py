@@ -8,6 +8,9 @@ shape: `displacements` `(…, 3)` rad and `times` `(…, 3)` s broadcast against
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +20,7 @@ from trajopt.problem import Limits, Problem
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Roots = Callable[[Array], Array]
 
 
 def unsupported(problem: Problem) -> str | None:
@@ -37,7 +41,7 @@ def trajectory(problem: Problem, times: Array) -> Trajectory:
 
 
 def coefficients(displacements: Array, times: Array) -> Array:
-    """Coefficients of the three segments relative to their start, `(3, …, 6)`, highest power first."""
+    """Each segment relative to its start, `(3, …, 6)`, highest power first, rad/s^power."""
     (d1, h, d3), (t1, t2, t3) = _split(displacements, times)
     v0, a0, v1, a1 = _boundary(d1, d3, t1, t3)
     # Quintic Hermite from (0, v0, a0) to (h, v1, a1) over t2, in powers of t/t2.
@@ -116,17 +120,17 @@ def _ratio(values: Array, limits: Array) -> Array:
     return np.maximum(values / limits[..., 1], values / limits[..., 0])
 
 
-def _use(controls: Array, limits: Array, exact_above: float, roots: object, slope: Array) -> Array:
-    """Worst ratio of a Bernstein polynomial: at its ends, and at the roots of its slope where needed."""
+def _use(controls: Array, limits: Array, exact_above: float, roots: Roots, slope: Array) -> Array:
+    """Worst ratio of a Bernstein polynomial: at its ends, and where its slope is zero if needed."""
     use = _ratio(controls[[0, -1]], limits).max(axis=0)
     bound = _ratio(controls[1:-1], limits).max(axis=0)
     needed = bound > np.maximum(use, exact_above)
     if needed.any():
         pairs = np.broadcast_to(limits, (*needed.shape, 2))[needed]
-        inner = roots(slope[:, needed])  # type: ignore[operator]
+        inner = roots(slope[:, needed])
         values = _de_casteljau(controls[:, None, needed], np.clip(np.nan_to_num(inner), 0.0, 1.0))
         use[needed] = np.maximum(use[needed], _ratio(values, pairs).max(axis=0))
-    return use
+    return np.asarray(use)
 
 
 def _jerk_use(displacements: Array, times: Array, jerk: Array, limits: Array) -> Array:
@@ -146,7 +150,7 @@ def _de_casteljau(controls: Array, s: Array) -> Array:
     """Evaluate Bernstein polynomials `(degree + 1, …)` at `s`."""
     points = list(controls)
     while len(points) > 1:
-        points = [a + (b - a) * s for a, b in zip(points, points[1:], strict=False)]
+        points = [a + (b - a) * s for a, b in itertools.pairwise(points)]
     return np.asarray(points[0])
 
 

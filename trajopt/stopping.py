@@ -33,7 +33,7 @@ def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
     top = np.where(h >= 0, velocity[:, 1], -velocity[:, 0])
     ramps = (1 / np.abs(acceleration)).sum(axis=1)  # speeding up and braking, per unit of speed
     peak = np.minimum(np.sqrt(2 * np.abs(h) / ramps), top)
-    return np.where(peak < top, peak * ramps, np.abs(h) / top + top * ramps / 2)
+    return np.asarray(np.where(peak < top, peak * ramps, np.abs(h) / top + top * ramps / 2))
 
 
 def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:

@@ -20,7 +20,7 @@ _SAME = 1e-9  # relative difference within which a certified duration is the rec
 
 
 def planners() -> list[dict[str, Any]]:
-    """Every registered planner: name, one line, options with defaults, available or what is missing."""
+    """Every registered planner: name, one line, options with defaults, what is missing."""
     return [_planner(entry) for entry in entries().values()]
 
 
@@ -72,8 +72,9 @@ def _checked(trial: Trial, record: Record) -> dict[str, Any]:
 def _holds(trial: Trial, record: Record) -> bool:
     """The file's identity is its content's, and its verdict is what the verifier says now."""
     now, then = trial.certified_duration, record.certified_duration
-    same = now is then is None or (
-        None not in (now, then) and bool(np.isclose(now, then, rtol=_SAME, atol=0))
-    )  # type: ignore[arg-type]
+    if now is None or then is None:
+        same = now is then
+    else:
+        same = bool(np.isclose(now, then, rtol=_SAME, atol=0))
     consistent = (trial.status is not Status.SOLVED) or now is not None
     return same and consistent and trial.id == record.id

@@ -30,9 +30,9 @@ def check_planner(planner: Planner, problems: Iterable[Problem] | None = None) -
     """Raise `ContractError` unless the planner keeps the contract on these problems.
 
     It must be a frozen dataclass that survives pickling; say how it relates to the optimum; answer
-    every supported problem with a `Solution` whose trajectory the verifier can certify (unless it is
-    a relaxation); give the same answer for the same seed, alone or in a batch; and never beat the
-    optimum where that is known in closed form.
+    every supported problem with a `Solution` whose trajectory the verifier can certify (unless it
+    is a relaxation); give the same answer for the same seed, alone or in a batch; and never beat
+    the optimum where that is known in closed form.
     """
     _check_object(planner)
     for problem in problems or examples():

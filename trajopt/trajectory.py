@@ -57,15 +57,17 @@ class Trajectory:
         Times outside `[0, duration]` are moved to the nearer end. At a break the later piece
         counts.
         """
-        t = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
-        piece = np.clip(np.searchsorted(self.breaks, t, side="right") - 1, 0, len(self.breaks) - 2)
-        local = (t - self.breaks[piece])[..., None]
+        time = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
+        piece = np.clip(
+            np.searchsorted(self.breaks, time, side="right") - 1, 0, len(self.breaks) - 2
+        )
+        local = (time - self.breaks[piece])[..., None]
         return polynomials.evaluate(
             polynomials.derivative(self.coefficients, order)[:, piece], local
         )
 
     def dilated(self, factor: float) -> Trajectory:
-        """The same path, `factor` times as slow: velocities divide by it, accelerations by its square."""
+        """The same path, `factor` times as slow: the n-th derivative divides by `factor ** n`."""
         coefficients = polynomials.stretched(self.coefficients, 1.0 / factor)
         return Trajectory(self.breaks * factor, coefficients, self.waypoint_times * factor)
 
@@ -102,7 +104,7 @@ def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
 
 
 def _union(all_breaks: Sequence[Array], times: Array) -> Array:
-    """All breaks, those that rounding split counted once; waypoint times win over their neighbours."""
+    """All breaks, those that rounding split counted once; waypoint times win over neighbours."""
     slack = _SAME_BREAK * times[-1]
     others = np.concatenate(all_breaks)
     near = np.searchsorted(times, others).clip(1, len(times) - 1)

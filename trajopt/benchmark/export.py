@@ -32,7 +32,7 @@ def _certified(trial: Trial) -> Trajectory:
 
 
 def _csv(path: Path, trial: Trial, rate: float) -> None:
-    """Samples at `rate` per second and at the end: time, then q, v and a of every joint (SI units)."""
+    """Samples at `rate` per second and at the end: time, then every joint's q, v, a (SI)."""
     trajectory = _certified(trial)
     count = int(np.floor(trajectory.duration * rate)) + 1
     times = np.unique(np.append(np.arange(count) / rate, trajectory.duration))

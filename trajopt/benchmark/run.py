@@ -1,8 +1,8 @@
 """The resumable loop over problem × planner × seed, in supervised child processes.
 
 Each worker writes its trials itself, one file per finished trial, so nothing that finished can be
-lost; running again does only what is missing. A planner that raises, hangs or takes its process down
-is a recorded trial, and the run goes on.
+lost; running again does only what is missing. A planner that raises, hangs or takes its process
+down is a recorded trial, and the run goes on.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -58,10 +58,10 @@ def compare(
 ) -> Results:
     """Run every planner on every problem, keep every trial, return those that were asked for.
 
-    `planners` are `(name, planner)` pairs; stochastic ones run with seeds 0 … `seeds − 1`, the others
-    once. The exact reference joins them if it is not among them, since gaps need it. Trials already
-    in `folder` are not run again unless `fresh`. `jobs` child processes run the trials, each trial
-    for at most `timeout` seconds; with 0 they run in this process, unsupervised.
+    `planners` are `(name, planner)` pairs; stochastic ones run with seeds 0 … `seeds − 1`, the
+    others once. The exact reference joins them if it is not among them, since gaps need it. Trials
+    already in `folder` are not run again unless `fresh`. `jobs` child processes run the trials,
+    each for at most `timeout` seconds; with 0 they run in this process, unsupervised.
 
     Raises `StoreError` if the folder cannot be written.
     """
@@ -107,7 +107,7 @@ def _run(tasks: Sequence[Task], store: Store, jobs: int, timeout: float) -> Iter
             yield len(task.seeds)
         return
     with _single_threaded(), _pool(min(jobs, max(1, len(tasks)))) as pool:
-        futures = {
+        futures: dict[Future[None], Task] = {
             pool.schedule(
                 _work, args=(cloudpickle.dumps(task), store), timeout=timeout * len(task.seeds)
             ): task
@@ -149,10 +149,10 @@ def _pool(jobs: int) -> Iterator[pebble.ProcessPool]:
     try:
         yield pool
     except BaseException:
-        pool.stop()
+        pool.stop()  # type: ignore[no-untyped-call]
         raise
     finally:
-        pool.close()
+        pool.close()  # type: ignore[no-untyped-call]
         pool.join()
 
 

@@ -172,7 +172,8 @@ def read_trial(group: Any) -> Trial:
         stats={name: _value(data) for name, data in group["stats"].items()},
     )
     return Trial(
-        problem, text["planner"], text["label"], json.loads(text["options"]), int(group["seed"][()]),
+        problem, text["planner"], text["label"], json.loads(text["options"]),
+        int(group["seed"][()]),
         Relation[text["relation"]], Status(text["status"]), text["message"], solution,
         verdict(problem, solution)[2], float(number["setup_time"]), float(number["solve_time"]),
         int(group["batch"][()]), text["started"],
@@ -201,7 +202,7 @@ def _scalars(t: Trial) -> dict[str, tuple[Any, str, str]]:
         "planner_message": (t.solution.message, "", "what the planner itself said"),
         "claimed_duration": (t.claimed_duration, "s", "duration of the trajectory as returned"),
         "certified_duration": (
-            t.certified_duration, "s", "max(1, dilation) x claimed; NaN if dilation cannot mend it"),
+            t.certified_duration, "s", "max(1, dilation) x claimed; NaN: beyond mending"),
         "lower_bound": (t.lower_bound, "s", "no trajectory beats this, according to the planner"),
         "dilation": (c and c.dilation, "1", "exact cheapest time dilation that meets the limits"),
         "feasible": (c and float(c.feasible), "1", "1 if it keeps every limit as claimed"),
@@ -345,7 +346,7 @@ def _check_schema(group: Any) -> None:
     if schema > SCHEMA:
         name = group.file.filename
         raise StoreError(
-            f"{name}: written with schema {schema}; this version reads up to {SCHEMA}. Upgrade trajopt"
+            f"{name}: written with schema {schema}, this version reads up to {SCHEMA}: upgrade trajopt"
         )
 
 

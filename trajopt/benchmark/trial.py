@@ -1,4 +1,4 @@
-"""A trial: one planner on one problem with one seed, judged by the verifier, with its provenance."""
+"""A trial: one planner on one problem with one seed, judged by the verifier."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import subprocess
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
@@ -116,36 +116,19 @@ def trial_id(
 
 
 def judge(planner: Planner, problem: Problem, seeds: Sequence[int], name: str) -> list[Trial]:
-    """Run a planner and verify its answers: one trial per seed. Never raises what a planner raises."""
-    started, began = datetime.now(UTC).isoformat(timespec="seconds"), time.perf_counter()
+    """Run a planner and verify its answers, one trial per seed; what it raises is recorded."""
+    blank = failed(planner, problem, seeds[0], name, Status.FAILED, "")
+    began, count = time.perf_counter(), len(seeds)
     solutions = _solutions(planner, problem, seeds)
-    wall = (time.perf_counter() - began) / len(seeds)
-    try:
-        relation = planner.relation(problem)
-    except Exception:
-        relation = Relation.RESTRICTION
-    trials = []
+    wall = (time.perf_counter() - began) / count
+    relation, trials = _relation(planner, problem), []
     for seed, solution in zip(seeds, solutions, strict=True):
         status, message, certificate = verdict(problem, solution)
-        setup = solution.setup_time / len(seeds)
+        setup = solution.setup_time / count
+        costs = {"setup_time": setup, "solve_time": max(0.0, wall - setup), "batch": count}
+        found = {"status": status, "message": message, "certificate": certificate}
         trials.append(
-            Trial(
-                problem,
-                name,
-                label(name, planner),
-                options(planner),
-                seed,
-                relation,
-                status,
-                message,
-                solution,
-                certificate,
-                setup,
-                max(0.0, wall - setup),
-                len(seeds),
-                started,
-                provenance(),
-            )  # fmt: skip
+            replace(blank, seed=seed, solution=solution, relation=relation, **found, **costs)
         )
     return trials
 
@@ -156,8 +139,8 @@ def failed(
     """The trial of a planner that never answered: it hung, or its process died."""
     started = datetime.now(UTC).isoformat(timespec="seconds")
     return Trial(
-        problem, name, label(name, planner), options(planner), seed, Relation.RESTRICTION, status, message,
-        Solution(status, message=message), None, 0.0, 0.0, 1, started, provenance(),
+        problem, name, label(name, planner), options(planner), seed, Relation.RESTRICTION, status,
+        message, Solution(status, message=message), None, 0.0, 0.0, 1, started, provenance(),
     )  # fmt: skip
 
 
@@ -175,6 +158,13 @@ def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certific
         return solution.status, solution.message, certificate
     flaws = "; ".join(certificate.flaws)
     return Status.INVALID, "; ".join(filter(None, [flaws, solution.message])), certificate
+
+
+def _relation(planner: Planner, problem: Problem) -> Relation:
+    try:
+        return planner.relation(problem)
+    except Exception:  # the planner's fault; its trial says so
+        return Relation.RESTRICTION
 
 
 def _solutions(planner: Planner, problem: Problem, seeds: Sequence[int]) -> list[Solution]:

@@ -1,0 +1,156 @@
+"""Ruckig: stopping times in closed form, exact certificates, never worse than stopping."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
+from trajopt.problem import Limits, Problem
+from trajopt.solution import Status
+from trajopt.stopping import stop_times
+from trajopt.verification import verify
+
+FILES = sorted(Path(__file__).parents[1].glob("data/problems/*.toml"))
+SHORT = RuckigVia(evaluations=600)
+
+
+def random_problem(seed: int, *, jerk: bool = False, asymmetric: bool = True) -> Problem:
+    """1–7 joints, 3–8 waypoints: reversals, rests, tiny segments, limits 100:1 apart."""
+    rng = np.random.default_rng(seed)
+    joints, segments = int(rng.integers(1, 8)), int(rng.integers(2, 8))
+    steps = rng.normal(size=(segments, joints)) * 10.0 ** rng.uniform(-1.5, 0.3, joints)
+    steps[rng.random(steps.shape) < 0.15] = 0
+    steps[rng.integers(segments)] *= 1e-5 if rng.random() < 0.3 else 1
+    steps[:, -1] *= joints == 1 or rng.random() > 0.3
+    steps[0, 0] += 0.1
+
+    def limit(low: float, high: float) -> np.ndarray:
+        top = 10.0 ** rng.uniform(low, high, joints)
+        ratio = rng.uniform(0.4, 2.5, joints) if asymmetric else np.ones(joints)
+        return np.stack([-top * ratio, top], axis=1)
+
+    velocity, acceleration = limit(-1, 1), limit(-1, 1)
+    rate = np.abs(acceleration).max(axis=1) * 10.0 ** rng.uniform(0, 1, joints) if jerk else None
+    return Problem(
+        np.cumsum(np.vstack([0 * steps[:1], steps]), axis=0), Limits(velocity, acceleration, rate)
+    )
+
+
+def duration(problem, planner):
+    certificate = verify(problem, planner.solve(problem).trajectory)
+    assert certificate.flaws == ()
+    assert certificate.dilation <= 1 + 1e-9
+    return certificate.duration
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
+def test_the_files_certify_and_the_way_through_is_never_slower(file):
+    problem = Problem.from_toml(file)
+    stopping = duration(problem, RuckigStop())
+    assert stopping == pytest.approx(stop_times(problem.merged()[0]).sum(), rel=1e-12)
+    assert duration(problem, SHORT) <= stopping
+
+
+@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("jerk", [False, True])
+def test_stopping_takes_the_closed_form(seed, jerk):
+    problem = random_problem(seed, jerk=jerk, asymmetric=not jerk)
+    assert duration(problem, RuckigStop()) == pytest.approx(stop_times(problem).sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("jerk", [False, True])
+def test_through_the_waypoints_is_never_slower_than_stopping(seed, jerk):
+    problem = random_problem(100 + seed, jerk=jerk)
+    assert duration(problem, SHORT) <= duration(problem, RuckigStop()) * (1 + 1e-12)
+
+
+def test_one_joint_one_way_finds_the_trapezoid():
+    problem = Problem.from_toml(FILES[0].parent / "one-joint.toml")
+    # 1.5 rad at most 1 rad/s and 2 rad/s²: two ramps of 0.5 s and 0.25 rad, and 1 s between.
+    assert duration(problem, RuckigVia(evaluations=2000)) == pytest.approx(2.0, rel=1e-6)
+
+
+def test_proportional_motion_finds_the_bang_bang_time():
+    shares = np.array([0.0, 0.3, 0.45, 1.0])
+    problem = Problem(np.outer(shares, [1.0, -2.0]), Limits([100.0, 100.0], [2.0, 4.0]))
+    assert duration(problem, RuckigVia(evaluations=4000)) == pytest.approx(
+        2 * np.sqrt(0.5), rel=1e-4
+    )
+
+
+def test_a_reversal_finds_the_optimum_in_closed_form():
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([100.0], [2.0]))
+    assert duration(problem, SHORT) == pytest.approx(2 * 2 * np.sqrt(0.5), rel=1e-9)
+
+
+def test_budget_determinism_and_history():
+    problem = Problem.from_toml(FILES[0].parent / "six-axis.toml")
+    one, two = SHORT.solve(problem, seed=1), SHORT.solve(problem, seed=2)
+    np.testing.assert_array_equal(one.trajectory.coefficients, two.trajectory.coefficients)
+    assert one.history[-1, 1] == pytest.approx(one.trajectory.duration, rel=1e-14)
+    assert (np.diff(one.history, axis=0)[:, 1] < 0).all()
+    assert one.evaluations < 600 + 60
+
+
+def test_position_limits_are_kept_where_ruckig_ignores_them():
+    problem = Problem.from_toml(FILES[0].parent / "position-limits.toml")
+    lifted = RuckigVia(evaluations=3000).solve(problem.without("position"))
+    assert not verify(problem, lifted.trajectory).valid
+    assert duration(problem, RuckigVia(evaluations=3000)) < duration(problem, RuckigStop())
+
+
+def test_asymmetric_jerk_counts_at_its_tighter_side_and_says_so():
+    limits = [1.0], [2.0]
+    problem = Problem([[0.0], [1.0]], Limits(*limits, [[-5.0, 9.0]]))
+    solution = RuckigStop().solve(problem)
+    expected = stop_times(Problem(problem.waypoints, Limits(*limits, [5.0]))).sum()
+    assert solution.trajectory.duration == pytest.approx(expected, rel=1e-12)
+    assert "tighter side" in solution.message
+    assert verify(problem, solution.trajectory).feasible
+
+
+def test_a_jerk_limit_on_one_joint_only():
+    problem = Problem(
+        [[0.0, 0.0], [1.0, 1.0], [1.5, 3.0]], Limits([2.0, 2.0], [3.0, 3.0], [10.0, np.inf])
+    )
+    stop = duration(problem, RuckigStop())
+    assert stop == pytest.approx(stop_times(problem).sum(), rel=1e-12)
+    assert duration(problem, SHORT) < stop
+
+
+def test_resting_joints_and_repeated_waypoints():
+    problem = Problem(
+        [[0.0, 7.0], [1.0, 7.0], [1.0, 7.0], [3.0, 7.0]], Limits([1.0, 1.0], [1.0, 1.0])
+    )
+    trajectory = RuckigVia(evaluations=1500).solve(problem).trajectory
+    assert verify(problem, trajectory).feasible
+    assert trajectory.waypoint_times[1] == trajectory.waypoint_times[2]
+    assert trajectory.duration == pytest.approx(1 + 3, rel=1e-6)  # the trapezoid over 3 rad
+
+
+def test_a_section_between_moving_states():
+    # Over 1 rad from 0.5 to 0.25 rad/s at ±2 rad/s² to a peak p: (2p² − 0.25 − 0.0625)/4 = 1.
+    peak = np.sqrt((4 + 0.3125) / 2)
+    limits = Limits([3.0, 3.0], [2.0, 2.0])
+    start = (np.zeros(2), np.array([0.5, 0.0]), np.zeros(2))
+    end = (np.array([1.0, 0.1]), np.array([0.25, 0.0]), np.zeros(2))
+    together, alone = section(limits, start, end)
+    assert alone == pytest.approx([(2 * peak - 0.75) / 2, 2 * np.sqrt(0.05)], rel=1e-12)
+    assert together == pytest.approx(alone[0], rel=1e-12)
+
+
+def test_a_section_that_starts_too_fast_is_refused():
+    start, end = (
+        (np.array([0.0]), np.array([2.0]), np.zeros(1)),
+        (np.ones(1), np.zeros(1), np.zeros(1)),
+    )
+    assert section(Limits([1.0], [2.0]), start, end)[0] == np.inf
+
+
+def test_a_solver_that_gives_up_is_a_failure_with_a_reason(monkeypatch):
+    monkeypatch.setattr(Sections, "_calculate", lambda *_: False)
+    solution = RuckigStop().solve(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
+    assert solution.status is Status.FAILED
+    assert solution.message == "Ruckig gave up on segment 1"

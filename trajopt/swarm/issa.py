@@ -1,0 +1,124 @@
+"""The improved sparrow search algorithm under test (the paper's section 4.2, eq. 42–50).
+
+Four changes to SSA, each of which can be switched off; with all four off it *is* SSA, bit for bit.
+Where the printed formula differs from what must be meant and still runs, both readings are options.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import gamma, pi, sin
+from typing import Literal
+
+import numpy as np
+
+from trajopt.swarm.optimiser import Array, require
+from trajopt.swarm.ssa import SSA, Flock, Slots
+
+Reading = Literal["intended", "printed"]
+
+
+@dataclass(frozen=True)
+class ISSA(SSA):
+    """SSA with a chaotic start, Lévy flights, a falling weight and opposite points.
+
+    - `chaos` (eq. 43, parameter `chaos_a`): the first flock comes from a chaotic map; `eq43`;
+    - `levy` (eq. 44, 45, 47, exponent `levy_exponent`): discoverers move by `X · Lévy` in calm;
+    - `weight` (eq. 46, 47, from `weight_max` to `weight_min`): their random steps shrink with time;
+    - `opposition` (eq. 48–50): a vigilante also tries a point towards the best sparrow's opposite,
+      and goes there if it is better than eq. 41's; both count as evaluations. `eq49` starts at the
+      opposite point (intended) or at the best sparrow (printed); `eq50` is `((t_max − t)/t_max)^t`
+      (intended) or `(t_max − t/t_max)^t` (printed; it overflows, and then the walls stop it).
+    """
+
+    chaos: bool = True
+    levy: bool = True
+    weight: bool = True
+    opposition: bool = True
+    chaos_a: float = 0.9
+    levy_exponent: float = 1.5
+    weight_max: float = 0.9
+    weight_min: float = 0.4
+    eq43: Reading = "intended"
+    eq49: Reading = "intended"
+    eq50: Reading = "intended"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("chaos_a", self.chaos_a, 0 <= self.chaos_a <= 1, "a number from 0 to 1")
+        exponent = self.levy_exponent
+        require("levy_exponent", exponent, 0 < exponent < 2, "a number between 0 and 2")
+        for name in ("weight_max", "weight_min"):
+            value = getattr(self, name)
+            require(name, value, 0 <= value < np.inf, "a finite number, 0 or more")
+
+    @property
+    def evaluations_per_iteration(self) -> int:
+        return super().evaluations_per_iteration + self.opposition * self._count(self.vigilantes)
+
+    def _start(self, flock: Flock) -> Array:
+        """Every dimension follows its own orbit of the map, from its own random point."""
+        if not self.chaos:
+            return super()._start(flock)
+        dim, orbit = flock.box.low.shape[-1], []
+        x, y = flock.extra.uniform(dim), flock.extra.uniform(dim)
+        for _ in range(self.population):
+            x, y = chaotic_map(x, y, self.chaos_a, self.eq43)
+            orbit.append(x)
+        return flock.box.spread(np.stack(orbit, axis=1))
+
+    def _calm(self, flock: Flock, shrunk: Array, x: Array) -> Array:
+        """Eq. 47, first case."""
+        if not self.levy:
+            return shrunk
+        mu = levy_scale(self.levy_exponent) * flock.extra.normal(*x.shape[1:])
+        nu = np.abs(flock.extra.normal(*x.shape[1:]))
+        return np.asarray(x + x * (mu / nu ** (1 / self.levy_exponent)))
+
+    def _weight(self, flock: Flock) -> float:
+        progress = flock.t / flock.t_max
+        return falling_weight(progress, self.weight_max, self.weight_min) if self.weight else 1.0
+
+    def _watch(self, flock: Flock) -> tuple[Slots, list[Array]]:
+        slots, places = super()._watch(flock)
+        return slots, [*places, self._opposite(flock, slots)] if self.opposition else places
+
+    def _opposite(self, flock: Flock, slots: Slots) -> Array:
+        """Eq. 48 and 49."""
+        best, box = flock.best_x, flock.box
+        r = flock.extra.uniform(slots.shape[-1], best.shape[-1])
+        opposite = box.high + r * (box.low - best)
+        with np.errstate(over="ignore", invalid="ignore"):  # b1 can be infinite
+            step = control(flock.t, flock.t_max, self.eq50) * (best - opposite)
+            return np.asarray((opposite if self.eq49 == "intended" else best) + step)
+
+
+def chaotic_map(x: Array, y: Array, a: float, reading: Reading = "intended") -> tuple[Array, Array]:
+    """One step of the two-dimensional logistic-sine-coupling map (eq. 43), any shape.
+
+    Maps the unit square to itself for `a` in `[0, 1]`: the sine's argument stays within `[0, π]`.
+    """
+    if reading == "intended":
+        x = np.sin(pi * (4 * a * x * (1 - x) + (1 - a) * np.sin(pi * y)))
+        return x, np.sin(pi * (4 * a * y * (1 - y) + (1 - a) * np.sin(pi * x)))
+    x = np.sin(pi * (4 * a * x * (1 - x)) + (1 - a) * np.sin(pi * y))
+    return x, np.sin(pi * (4 * a * y * (1 - y)) + (1 - a) * np.sin(pi * x**2))
+
+
+def falling_weight(progress: float, weight_max: float, weight_min: float) -> float:
+    """Eq. 46: ω, where `progress` is `t / t_max`."""
+    return weight_max - (weight_max - weight_min) * progress**2
+
+
+def control(t: int, t_max: int, reading: Reading = "intended") -> np.float64:
+    """Eq. 50: b1; infinite where the printed form overflows."""
+    base = (t_max - t) / t_max if reading == "intended" else t_max - t / t_max
+    with np.errstate(over="ignore"):
+        return np.float64(np.float64(base) ** t)
+
+
+def levy_scale(exponent: float) -> float:
+    """Eq. 45: σ_μ of Mantegna's algorithm."""
+    top = gamma(1 + exponent) * sin(pi * exponent / 2)
+    bottom = gamma((1 + exponent) / 2) * exponent * 2 ** ((exponent - 1) / 2)
+    return float((top / bottom) ** (1 / exponent))
