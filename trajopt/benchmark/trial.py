@@ -125,11 +125,9 @@ def judge(planner: Planner, problem: Problem, seeds: Sequence[int], name: str) -
     for seed, solution in zip(seeds, solutions, strict=True):
         status, message, certificate = verdict(problem, solution)
         setup = solution.setup_time / count
-        costs = {"setup_time": setup, "solve_time": max(0.0, wall - setup), "batch": count}
-        found = {"status": status, "message": message, "certificate": certificate}
-        trials.append(
-            replace(blank, seed=seed, solution=solution, relation=relation, **found, **costs)
-        )
+        trial = replace(blank, seed=seed, solution=solution, relation=relation, batch=count)
+        trial = replace(trial, status=status, message=message, certificate=certificate)
+        trials.append(replace(trial, setup_time=setup, solve_time=max(0.0, wall - setup)))
     return trials
 
 
