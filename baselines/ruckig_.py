@@ -11,14 +11,14 @@ accelerations, and then its profiles are of constant acceleration.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import cycle
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
+from scipy.optimize import Bounds, LinearConstraint, milp
+from scipy.sparse import csc_array
 
 from trajopt import polynomials
 from trajopt.planner import Relation, backend, passing_once
@@ -28,9 +28,10 @@ from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+_LOPSIDED = "Ruckig's jerk limit is symmetric: the tighter side was used"
 _INSIDE = 1e-9  # relative: how far inside its limits a state at a waypoint is kept
 _PROBE = 0.1  # of the trust region: how far differences reach
-_FACTORS = (1.0, 0.5, 1.5)  # starts: parts of the mean velocity about a waypoint
+_FACTORS = (0.0, 1.0, 0.5, 1.5)  # starts: parts of the mean velocity about a waypoint
 _KICKS = (0.1, 0.5, 0.02)  # of the limits: how far random starts lie from the best
 _PROGRESS = 1e-7  # relative: the least gain worth a step
 _SMALLEST = 1e-5  # of the limits: the search's last step
@@ -55,21 +56,13 @@ class RuckigStop:
 
 
 @dataclass(frozen=True)
-class RuckigVia:
+class RuckigVia(RuckigStop):
     """Ruckig through the waypoints, their velocities (and accelerations) improved from stopping.
 
-    `evaluations` is the budget of Ruckig's sections, of 3 to 20 µs each.
+    `evaluations` is the budget of Ruckig's sections, about 0.1 ms each with the search around them.
     """
 
     evaluations: int = 8000
-
-    requires: ClassVar[tuple[str, ...]] = ("ruckig",)
-
-    def relation(self, problem: Problem) -> Relation:
-        return Relation.RESTRICTION
-
-    def unsupported(self, problem: Problem) -> str | None:
-        return None
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -96,7 +89,6 @@ class Sections:
         self._input = _input(ruckig, self.limits)
         self._success = (ruckig.Result.Working, ruckig.Result.Finished)
         self._error = ruckig.RuckigError
-        self.bounded = bool(np.isfinite(self.limits.position).any())
         self.evaluations = 0
 
     @property
@@ -111,10 +103,10 @@ class Sections:
 
     def duration(self, k: int, start: Array, end: Array) -> float:
         """Time of segment `k` with all joints together; infinite if the states break a limit, s."""
-        if not self._calculate(k, start, end) or not self._valid():
+        if not self._calculate(k, start, end, checked=True):
             return np.inf
         time = float(self._trajectory.duration)
-        return time if not self.bounded or self._inside() else np.inf
+        return time if self._inside() else np.inf
 
     def profiles(self, k: int, start: Array, end: Array) -> tuple[float, list[tuple[Array, Array]]]:
         """The duration of segment `k` and every joint's `(breaks, coefficients)`, cubics."""
@@ -123,27 +115,24 @@ class Sections:
         return self._trajectory.duration, self._rebuilt()
 
     def _rebuilt(self) -> list[tuple[Array, Array]]:
-        time = float(self._trajectory.duration)
-        return [_cubics(profile, time) for profile in self._trajectory.profiles[0]]
+        return [_cubics(p, self._trajectory.duration) for p in self._trajectory.profiles[0]]
 
-    def _calculate(self, k: int, start: Array, end: Array) -> bool:
+    def _calculate(self, k: int, start: Array, end: Array, *, checked: bool = False) -> bool:
+        """Whether Ruckig solves segment `k`; `checked`, from states that keep their limits."""
         given = self._input
         given.current_position, given.target_position = self.waypoints[k : k + 2].tolist()
         given.current_velocity, given.current_acceleration = start.tolist()
         given.target_velocity, given.target_acceleration = end.tolist()
         self.evaluations += 1
         try:
-            return self._solver.calculate(given, self._trajectory) in self._success
-        except self._error:
-            return False
-
-    def _valid(self) -> bool:
-        try:
-            return bool(self._solver.validate_input(self._input, True, True))
+            valid = not checked or self._solver.validate_input(given, True, True)
+            return valid and self._solver.calculate(given, self._trajectory) in self._success
         except self._error:
             return False
 
     def _inside(self) -> bool:
+        if not np.isfinite(self.limits.position).any():
+            return True
         slack = 1e-12 * np.maximum(np.abs(self.waypoints).max(axis=0), 1)
         wide = self.limits.position + slack[:, None] * [-1, 1]
         return all(
@@ -174,9 +163,13 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, list[tuple[in
     best = sections.at_rest
     least = _total(sections, best)
     history = [(sections.evaluations, least)]
-    for start in _starts(sections, lambda: best):
-        if sections.evaluations >= evaluations:
-            break
+    if not np.isfinite(least) or not best[:, 1:-1].size:  # refused, or nothing to choose
+        return best, history
+    generator = np.random.default_rng(0)
+    guesses = _guesses(sections)
+    while sections.evaluations < evaluations:
+        kicked = generator.uniform(*_bounds(sections, best, generator.choice(_KICKS)))
+        start = guesses.pop(0) if guesses else kicked
         states, total = _descended(sections, start, evaluations)
         if total < least:
             best, least = states, total
@@ -184,30 +177,24 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, list[tuple[in
     return best, history
 
 
-def _starts(sections: Sections, best: Callable[[], Array]) -> Iterator[Array]:
+def _guesses(sections: Sections) -> list[Array]:
+    """Rest, and shares of the mean velocity about each waypoint if one stops at its neighbours."""
     rest = sections.at_rest
-    yield rest
-    times = np.array(
-        [np.nanmax(sections.minima(k, *_ends(rest, k))) for k in range(rest.shape[1] - 1)]
-    )
-    means = (sections.waypoints[2:] - sections.waypoints[:-2]) / (times[1:] + times[:-1])[:, None]
+    times = [np.nanmax(sections.minima(k, *_ends(rest, k))) for k in range(rest.shape[1] - 1)]
+    means = sections.at_rest
+    spans = np.add(times[1:], times[:-1])[:, None]
+    means[0, 1:-1] = (sections.waypoints[2:] - sections.waypoints[:-2]) / spans
     lower, upper = _bounds(sections, rest, 1.0)
-    for factor in _FACTORS:
-        guess = sections.at_rest
-        guess[0, 1:-1] = factor * means
-        yield np.clip(guess, lower, upper)
-    generator = np.random.default_rng(0)
-    for radius in cycle(_KICKS if rest.shape[1] > 2 else ()):
-        yield generator.uniform(*_bounds(sections, best(), radius))
+    return [np.clip(factor * means, lower, upper) for factor in _FACTORS]
 
 
 def _descended(sections: Sections, states: Array, evaluations: int) -> tuple[Array, float]:
     """A local optimum and its total, by a sequential linear programme.
 
-    The total is `Σ_k max_j τ_kj`, and a joint's own least time `τ_kj` depends on that joint's states
-    at the segment's ends only, so one section gives the differences of all joints. The linear
-    model's steps count only where the measured total falls; elsewhere the trust region shrinks, and
-    the differences with it.
+    The total is `Σ_k max_j τ_kj`, and a joint's own least time `τ_kj` depends on its own states at
+    the segment's ends only, so one section gives the differences of all joints. The linear model's
+    steps count only where the measured total falls; elsewhere the trust region shrinks, and the
+    differences with it.
     """
     best, radius = _total(sections, states), 0.5
     while radius > _SMALLEST and sections.evaluations < evaluations:
@@ -226,9 +213,9 @@ def _total(sections: Sections, states: Array) -> float:
 
 
 def _bounds(sections: Sections, states: Array, radius: float) -> tuple[Array, Array]:
-    """The trust region around the states, inside their limits; ends and unused accelerations fixed."""
+    """The trust region around the states, inside their limits; ends, and no idle acceleration."""
     boxes = np.stack([sections.limits.velocity, sections.limits.acceleration]) * (1 - _INSIDE)
-    boxes[1, ~np.isfinite(sections.limits.jerk).all(axis=1)] = 0
+    boxes[1, ~np.isfinite(sections.limits.jerk).any(axis=1)] = 0
     low, high = np.moveaxis(boxes, -1, 0)[:, :, None]
     reach = radius * np.minimum(high, -low)
     lower, upper = np.maximum(states - reach, low), np.minimum(states + reach, high)
@@ -252,13 +239,17 @@ def _proposed(sections: Sections, states: Array, radius: float) -> Array:
     )
     cost = np.r_[np.zeros(2 * states.size), np.ones(segments)]
     most = np.r_[(upper - states).ravel(), (states - lower).ravel(), np.full(segments, np.inf)]
-    answer = linprog(
-        cost, matrix, -times.ravel(), bounds=np.stack([np.zeros_like(most), most], axis=1)
+    # milp without integers: linprog spends longer checking its arguments than solving.
+    answer = milp(
+        cost,
+        constraints=LinearConstraint(csc_array(matrix), ub=-times.ravel()),
+        bounds=Bounds(0, most),
+        options={"presolve": False},
     )
     if answer.x is None:
         return states
     rise, fall = answer.x[: 2 * states.size].reshape(2, *states.shape)
-    return np.clip(states + rise - fall, lower, upper)
+    return np.asarray(np.clip(states + rise - fall, lower, upper))
 
 
 def _model(
@@ -332,19 +323,14 @@ def _solution(
         parts = [sections.profiles(k, *_ends(states, k)) for k in range(problem.segments)]
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
+    low, high = problem.limits.jerk.T
     return Solution(
         Status.SOLVED,
         _assembled(problem, sections.moving, parts),
-        _remark(problem),
+        _LOPSIDED if (-low != high).any() else "",
         evaluations=sections.evaluations,
         history=np.array(history) if history else None,
     )
-
-
-def _remark(problem: Problem) -> str:
-    low, high = problem.limits.jerk.T
-    lopsided = (low != -high).any()
-    return "Ruckig's jerk limit is symmetric: the tighter side was used" if lopsided else ""
 
 
 def _assembled(

@@ -72,12 +72,12 @@ def test_one_joint_one_way_finds_the_trapezoid():
     assert duration(problem, RuckigVia(evaluations=2000)) == pytest.approx(2.0, rel=1e-6)
 
 
-def test_proportional_motion_finds_the_bang_bang_time():
+def test_proportional_motion_comes_close_to_the_bang_bang_time():
     shares = np.array([0.0, 0.3, 0.45, 1.0])
     problem = Problem(np.outer(shares, [1.0, -2.0]), Limits([100.0, 100.0], [2.0, 4.0]))
-    assert duration(problem, RuckigVia(evaluations=4000)) == pytest.approx(
-        2 * np.sqrt(0.5), rel=1e-4
-    )
+    optimum = 2 * np.sqrt(0.5)
+    found = duration(problem, RuckigVia(evaluations=4000))
+    assert optimum * (1 - 1e-9) <= found <= optimum * 1.03
 
 
 def test_a_reversal_finds_the_optimum_in_closed_form():
@@ -101,9 +101,10 @@ def test_position_limits_are_kept_where_ruckig_ignores_them():
     assert duration(problem, RuckigVia(evaluations=3000)) < duration(problem, RuckigStop())
 
 
-def test_asymmetric_jerk_counts_at_its_tighter_side_and_says_so():
+@pytest.mark.parametrize("side", [9.0, np.inf])
+def test_asymmetric_jerk_counts_at_its_tighter_side_and_says_so(side):
     limits = [1.0], [2.0]
-    problem = Problem([[0.0], [1.0]], Limits(*limits, [[-5.0, 9.0]]))
+    problem = Problem([[0.0], [1.0]], Limits(*limits, [[-5.0, side]]))
     solution = RuckigStop().solve(problem)
     expected = stop_times(Problem(problem.waypoints, Limits(*limits, [5.0]))).sum()
     assert solution.trajectory.duration == pytest.approx(expected, rel=1e-12)
@@ -149,8 +150,9 @@ def test_a_section_that_starts_too_fast_is_refused():
     assert section(Limits([1.0], [2.0]), start, end)[0] == np.inf
 
 
-def test_a_solver_that_gives_up_is_a_failure_with_a_reason(monkeypatch):
-    monkeypatch.setattr(Sections, "_calculate", lambda *_: False)
-    solution = RuckigStop().solve(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
+@pytest.mark.parametrize("planner", [RuckigStop(), SHORT])
+def test_a_solver_that_gives_up_is_a_failure_with_a_reason(monkeypatch, planner):
+    monkeypatch.setattr(Sections, "_calculate", lambda *_, **__: False)
+    solution = planner.solve(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
     assert solution.status is Status.FAILED
     assert solution.message == "Ruckig gave up on segment 1"

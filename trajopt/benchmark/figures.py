@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from trajopt.benchmark import plots
 from trajopt.benchmark.results import REFERENCE, Results
 from trajopt.benchmark.trial import Trial
+from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -53,8 +54,9 @@ def _draw_problem(
     files = plots.save(plots.durations(summary, name), folder / "durations")
     files += _draw_motions(trials, folder)
     if histories := _histories(trials):
-        best = [t.certified_duration for t in trials if t.planner == BEST_353 and t.certified_duration]
-        figure = plots.convergence(histories, min(best, default=None), name)
+        best = [t.certified_duration or np.inf for t in trials if t.planner == BEST_353]
+        known = min(best, default=np.inf)
+        figure = plots.convergence(histories, known if np.isfinite(known) else None, name)
         files += plots.save(figure, folder / "convergence")
     if (gaps.groupby("label")["gap"].count() > 1).any():
         files += plots.save(plots.gap_distribution(gaps, name), folder / "gaps")
@@ -85,26 +87,28 @@ def _title(trial: Trial, runs: int) -> str:
 
 def _median_run(runs: Sequence[Trial]) -> Trial:
     """The run with the median certified duration; of an even number, the lower of the two."""
-    return sorted(runs, key=lambda t: (t.certified_duration or np.inf, t.seed))[(len(runs) - 1) // 2]
+    ordered = sorted(runs, key=lambda t: (t.certified_duration or np.inf, t.seed))
+    return ordered[(len(runs) - 1) // 2]
 
 
 def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     """The exact planner's shortest trajectory, and what it is an optimum of."""
     exact = [t for t in trials if t.planner == REFERENCE and t.solution.trajectory is not None]
-    certified = [t for t in exact if t.certified_trajectory is not None]
-    if certified:
-        return _median_run(certified[:1]).certified_trajectory, "exact optimum"
     if not exact:
         return None, ""
-    ignored = [n for n in ("jerk", "position") if exact[0].problem.has(n)]
-    return exact[0].solution.trajectory, f"optimum without {' or '.join(ignored)} limits (lower bound)"
+    best = min(exact, key=lambda t: (t.certified_duration or np.inf, t.claimed_duration))
+    if best.certified_trajectory is not None:
+        return best.certified_trajectory, "exact optimum"
+    limits: list[LimitName] = ["jerk", "position"]
+    ignored = " or ".join(name for name in limits if best.problem.has(name))
+    return best.solution.trajectory, f"optimum without {ignored} limits (lower bound)"
 
 
 def _histories(trials: Sequence[Trial]) -> dict[str, list[Array]]:
     """Per planner, the history of every run; a run that nothing could certify found nothing."""
     kept = _by_label([t for t in trials if t.solution.history is not None])
     histories = {label: [_certified_history(t) for t in runs] for label, runs in kept.items()}
-    return {k: runs for k, runs in histories.items() if any(np.isfinite(r[:, 1]).any() for r in runs)}
+    return {k: v for k, v in histories.items() if any(np.isfinite(h[:, 1]).any() for h in v)}
 
 
 def _certified_history(trial: Trial) -> Array:
@@ -122,8 +126,8 @@ def _by_label(trials: Sequence[Trial]) -> dict[str, list[Trial]]:
 
 
 def distinct_names(keys: Sequence[tuple[str, str]]) -> list[str]:
-    """File names for `(name, digest)` pairs: portable, and told apart by digest where names clash."""
-    safe = [re.sub(r"[^\w.=+-]+", "_", name, flags=re.ASCII).strip("._")[:80] or "_" for name, _ in keys]
+    """File names for `(name, digest)` pairs: portable, with a digest where names clash."""
+    safe = [re.sub(r"[^A-Za-z0-9_.=+-]+", "_", name).strip("._")[:80] or "_" for name, _ in keys]
     count = Counter(name.casefold() for name in safe)
     return [
         f"{name}-{digest[:8]}" if count[name.casefold()] > 1 else name
