@@ -46,6 +46,9 @@ IPOPT = {
 }
 
 
+_SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum
+
+
 @dataclass(frozen=True)
 class Exact:
     """Exact minimum time under velocity and acceleration limits (CasADi/IPOPT, several starts)."""
@@ -169,14 +172,26 @@ def _combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tup
     share = (
         np.clip((h - d_lo) / width, 0.0, 1.0) if width > 1e-15 * (abs(d_up) + abs(d_lo)) else 1.0
     )
-    knots = np.array([(up - u) / a[1], t - (up - w) / -a[0], (lo - u) / a[0], t - (w - lo) / a[1]])
-    local = np.unique(np.r_[0.0, np.clip(knots, 0.0, t), t])
-    upper = np.interp(local, [0, *np.clip(knots[:2], 0, t), t], [u, up, up, w])
-    lower = np.interp(local, [0, *np.clip(knots[2:], 0, t), t], [u, lo, lo, w])
-    speed, lengths = share * upper + (1 - share) * lower, np.diff(local)
+    knots = np.clip(
+        [(up - u) / a[1], t + (up - w) / a[0], (lo - u) / a[0], t + (lo - w) / a[1]], 0, t
+    )
+    for apart in (_SLIVER * t, 0.0):
+        local = _apart(np.r_[0.0, knots, t], apart)
+        upper = np.interp(local, [0, *knots[:2], t], [u, up, up, w])
+        lower = np.interp(local, [0, *knots[2:], t], [u, lo, lo, w])
+        speed, lengths = share * upper + (1 - share) * lower, np.diff(local)
+        slope = np.diff(speed) / lengths
+        if (slope / np.where(slope > 0, a[1], a[0]) <= 1 + _SLIVER).all():
+            break  # else what was left out mattered
     travelled = np.cumsum(lengths * (speed[:-1] + speed[1:]) / 2)
-    slope = np.diff(speed) / lengths
     return local, np.stack([slope / 2, speed[:-1], np.r_[0.0, travelled[:-1]]])
+
+
+def _apart(times: Array, least: float) -> Array:
+    """The times in order, both ends among them, without those that follow another too closely."""
+    times = np.unique(times)
+    inner = times[1:-1][(np.diff(times)[:-1] > least) & (times[-1] - times[1:-1] > least)]
+    return np.r_[times[0], inner, times[-1]]
 
 
 def repair(times: Array, velocities: Array, scaled: _Scaled) -> float:

@@ -35,7 +35,8 @@ Ends = Literal["not-a-knot", "natural", "clamped"]
 
 _NODES = (0.0, 0.5, 1.0)  # where in each grid interval the acceleration limits are imposed
 _STILL = 1e-9  # of a velocity limit, at the path's cheapest duration: the path stands still
-_SHORTEST = 0.25  # of the even share of gridpoints: what even the shortest piece gets
+_SHORTEST = 0.25  # of the even share of gridpoints: what a short piece still gets
+_INDIVISIBLE = 1e-6  # of the whole path: shorter pieces are one step, too short to lose time in
 _SHORT = 1e-2  # of the even step: where the solver's rounding of speeds must be mended
 _SAME_BREAK = 1e-10  # of the whole path: a piece shorter than that is none
 _ROUNDING = 1e-6  # by which a start speed may exceed the highest possible one
@@ -163,7 +164,8 @@ def _cut(path: Trajectory) -> tuple[Array, Array, Array]:
     """The grid, its steps, the path on each: polynomials on [0, 1], `(degree + 1, N, joints)`."""
     lengths = np.diff(path.breaks)
     least = path.duration * _SHORTEST / len(lengths)
-    parts = np.ceil(np.maximum(lengths, least)).astype(int)
+    even = np.ceil(np.maximum(lengths, least)).astype(int)
+    parts = np.where(lengths < _INDIVISIBLE * path.duration, 1, even)
     piece = np.repeat(np.arange(len(parts)), parts)
     number = np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)
     offset, step = number * (lengths / parts)[piece], (lengths / parts)[piece]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from baselines.collocation_nlp import Collocation
 from baselines.ruckig_ import section
-
 from trajopt import InvalidInput, Limits, Problem, Status, Trajectory, verify
 from trajopt.benchmark.suite import load, problem_files, random_problem
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import linprog
+
 from baselines.collocation_nlp import Collocation
 from baselines.exact_nlp import Exact, extremes
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
-from scipy.optimize import linprog
-
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, Trajectory, verify
 from trajopt.benchmark.suite import load, problem_files, random_problem
 from trajopt.stopping import stop_times

@@ -9,12 +9,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+
 from baselines.collocation_nlp import Collocation
 from baselines.exact_nlp import Exact
 from baselines.ruckig_ import RuckigStop, RuckigVia
 from baselines.spline353_nlp import Spline353NLP
 from baselines.topp_ra import ToppRa, along
-
 from trajopt import Limits, Problem, spline353, verify
 from trajopt.benchmark.suite import random_problem
 from trajopt.planner import Planner, configured

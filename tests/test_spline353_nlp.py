@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from baselines.spline353_nlp import Spline353NLP
 from scipy.optimize import minimize
 
+from baselines.spline353_nlp import Spline353NLP
 from trajopt import Limits, Problem, Status, spline353, verify
 from trajopt.benchmark.suite import load, problem_files, random_problem
 
