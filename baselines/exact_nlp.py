@@ -191,7 +191,7 @@ def _apart(times: Array, least: float) -> Array:
     """The times in order, both ends among them, without those that follow another too closely."""
     times = np.unique(times)
     inner = times[1:-1][(np.diff(times)[:-1] > least) & (times[-1] - times[1:-1] > least)]
-    return np.r_[times[0], inner, times[-1]]
+    return np.asarray(np.r_[times[0], inner, times[-1]])
 
 
 def repair(times: Array, velocities: Array, scaled: _Scaled) -> float:

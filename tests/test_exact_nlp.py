@@ -1,6 +1,8 @@
-"""The exact minimum time against closed forms, Ruckig, collocation, TOPP-RA and linear programming."""
+"""The exact minimum time against closed forms, Ruckig, collocation, TOPP-RA, linear programs."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
@@ -68,7 +70,7 @@ def test_ruckig_from_its_waypoint_velocities_returns_its_segment_times(seed: int
     states = list(zip(problem.waypoints, velocities, strict=True))
     ruckig = [
         section(problem.limits, (*start, zero), (*end, zero))[0]
-        for start, end in zip(states, states[1:], strict=False)
+        for start, end in itertools.pairwise(states)
     ]
     np.testing.assert_allclose(ruckig, np.diff(times), rtol=1e-5, atol=1e-6 * times[-1])
 
@@ -99,7 +101,7 @@ def test_topp_ra_along_its_own_path_returns_its_duration(name: str) -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_extremes_are_those_of_a_linear_program(seed: int) -> None:
-    """D_lo and D_up against a fine discretisation of the velocity profile (an inner approximation)."""
+    """D_lo and D_up against a fine discretisation of the velocity profile, which lies inside."""
     rng = np.random.default_rng(seed)
     v, a, t = np.array([-1.0, 1.3]), np.array([-2.0, 1.5]), rng.uniform(0.4, 3)
     u, w = rng.uniform(-0.4, 0.4, 2)
