@@ -17,10 +17,10 @@ from pathlib import Path
 import cyclopts
 import numpy as np
 import pandas as pd
+
 from baselines.exact_nlp import Exact
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
-
 from trajopt import Limits, Problem, Trajectory, render, verify
 from trajopt.benchmark import run
 from trajopt.benchmark.results import Results

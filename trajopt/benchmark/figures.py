@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trajopt.benchmark import plots
-from trajopt.benchmark.results import REFERENCE, Results
+from trajopt.benchmark.results import REFERENCE, TOLERANCE, Results
 from trajopt.benchmark.trial import Trial
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
@@ -53,11 +53,10 @@ def _draw_problem(
     name = trials[0].problem.name
     files = plots.save(plots.durations(summary, name), folder / "durations")
     files += _draw_motions(trials, folder)
-    if histories := _histories(trials):
-        best = [t.certified_duration or np.inf for t in trials if t.planner == BEST_353]
-        known = min(best, default=np.inf)
-        figure = plots.convergence(histories, known if np.isfinite(known) else None, name)
-        files += plots.save(figure, folder / "convergence")
+    best = min((t.certified_duration or np.inf for t in trials if t.planner == BEST_353), default=0)
+    if histories := _histories(trials, best):
+        known = best if 0 < best < np.inf else None
+        files += plots.save(plots.convergence(histories, known, name), folder / "convergence")
     if (gaps.groupby("label")["gap"].count() > 1).any():
         files += plots.save(plots.gap_distribution(gaps, name), folder / "gaps")
     return files
@@ -104,15 +103,19 @@ def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     return best.solution.trajectory, f"optimum without {ignored} limits (lower bound)"
 
 
-def _histories(trials: Sequence[Trial]) -> dict[str, list[Array]]:
-    """Per planner, the history of every run; a run that nothing could certify found nothing."""
+def _histories(trials: Sequence[Trial], best: float) -> dict[str, list[Array]]:
+    """Per planner, the history of every run; a run that nothing could certify found nothing.
+
+    Not of planners that beat the best 3-5-3: their evaluations are of something else.
+    """
     kept = _by_label([t for t in trials if t.solution.history is not None])
     histories = {label: [_certified_history(t) for t in runs] for label, runs in kept.items()}
-    return {k: v for k, v in histories.items() if any(np.isfinite(h[:, 1]).any() for h in v)}
+    least = {k: min(np.nanmin(h[:, 1], initial=np.inf) for h in v) for k, v in histories.items()}
+    return {k: v for k, v in histories.items() if best * (1 - TOLERANCE) <= least[k] < np.inf}
 
 
 def _certified_history(trial: Trial) -> Array:
-    history = np.array(trial.solution.history)
+    history = np.vstack([[0.0, np.nan], np.array(trial.solution.history)])
     if trial.certified_duration is None:
         history[:, 1] = np.nan
     return history

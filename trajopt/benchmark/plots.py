@@ -10,12 +10,13 @@ from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from textwrap import wrap
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -36,19 +37,19 @@ QUANTITIES: tuple[tuple[LimitName, str], ...] = (
     ("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s²"), ("jerk", "rad/s³"),
 )  # fmt: skip
 
-_DOT: dict[str, Any] = {"marker": "o", "ms": 3.5, "mfc": "white", "mec": BLACK, "mew": 0.8}
+_DOT: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": BLACK, "mew": 0.8}
 _LIMIT: dict[str, Any] = {"color": VERMILION, "ls": (0, (4, 2)), "lw": 0.8}
 _BOX: dict[str, Any] = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
 _RUN: dict[str, Any] = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
 FLOOR = 1e-4  # %: differences below it are drawn at it, where a log axis ends
-_SAMPLES = 240  # points of a curve, however many pieces share them
 
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif", "font.size": 8, "axes.titlesize": 8, "axes.labelsize": 8,
     "xtick.labelsize": 7, "ytick.labelsize": 7, "legend.fontsize": 7, "legend.frameon": False,
-    "axes.titley": 1.04, "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.6,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.6,
     "xtick.major.width": 0.6, "ytick.major.width": 0.6, "lines.linewidth": 1.2,
-    "svg.fonttype": "none", "svg.hashsalt": "trajopt",
+    "lines.markersize": 3.5, "legend.handlelength": 3.0, "svg.fonttype": "none",
+    "svg.hashsalt": "trajopt",
 }  # fmt: skip
 _styled = matplotlib.rc_context(_STYLE)  # the reader's own settings are left alone
 
@@ -73,39 +74,34 @@ def durations(summary: pd.DataFrame, title: str = "") -> Figure:
     certified, reference = rows[rows["median"].notna()], _reference(rows)
     figure, (axes,) = _row_chart([_row_label(row) for _, row in rows.iterrows()], 1)
     _dots(axes, certified)
-    if reference is not None:
-        name, value = reference
-        axes.vlines(value, -0.5, len(certified) - 0.5, color=VERMILION, ls="--", lw=1.0, label=name)
+    if reference:
+        name, time = reference
+        end = len(certified) - 0.5
+        axes.vlines(time, -0.5, end, VERMILION, "--", label=name, lw=1.0, zorder=1.5)
     _columns(axes, certified, reference is not None)
     for y, row in rows[rows["median"].isna()].iterrows():
-        axes.annotate(_without_duration(row), (0, y), (4, 0), textcoords="offset points",
+        bound = f" (lower bound {row['lower_bound']:#.4g} s)" * bool(row["lower_bound"] > 0)
+        axes.annotate(row["status"] + bound, (0, y), (4, 0), textcoords="offset points",
                       va="center", style="italic", fontsize=7, color="0.3")  # fmt: skip
-    axes.set_xlim(0, (certified["max"].max() if len(certified) else 1.0) * 1.03)
-    axes.set(xlabel="certified duration (s)", title=title)
-    figure.legend(loc="outside lower center", ncols=3)
+    axes.set(xlabel="certified duration (s)", title=title, xlim=(0, None))
+    if len(certified):
+        figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
 def _reference(rows: pd.DataFrame) -> tuple[str, float] | None:
     """What the gaps are measured against, in words, and its duration, s."""
-    known = rows[rows["gap"].notna()]
+    known = rows[rows["reference"].notna()]
     if known.empty:
         return None
-    row = known.iloc[0]
-    value = float(row["median"] / (1 + row["gap"]))
-    name = "exact optimum" if row["kind"] == "exact" else "optimum ≥ lower bound"
+    value, kind = float(known["reference"].iloc[0]), known["kind"].iloc[0]
+    name = "exact optimum" if kind == "exact" else "optimum ≥ lower bound"
     return f"{name} {value:#.4g} s", value
 
 
 def _row_label(row: pd.Series[Any]) -> str:
-    some = 0 < row["solved"] < row["runs"]
-    note = f"\n({row['solved']} of {row['runs']} runs solved)" if some else ""
-    return wrapped(row["label"]) + note
-
-
-def _without_duration(row: pd.Series[Any]) -> str:
-    bound = row["lower_bound"]
-    return str(row["status"]) + ("" if pd.isna(bound) else f" (lower bound {bound:#.4g} s)")
+    note = f"\n({row['solved']} of {row['runs']} runs solved)"
+    return wrapped(row["label"]) + note * bool(0 < row["solved"] < row["runs"])
 
 
 def _dots(axes: Axes, rows: pd.DataFrame) -> None:
@@ -122,14 +118,14 @@ def _dots(axes: Axes, rows: pd.DataFrame) -> None:
 
 def _columns(axes: Axes, rows: pd.DataFrame, gaps: bool) -> None:
     """Median and gap as numbers, beside the chart."""
-    columns = [("median (s)", 46, [f"{m:#.4g}" for m in rows["median"]])]
-    if gaps:
-        columns.append(("gap", 96, [percent(g) for g in rows["gap"]]))
-    place: dict[str, Any] = {"xycoords": axes.get_yaxis_transform(), "annotation_clip": False}
-    place |= {"textcoords": "offset points", "ha": "right", "va": "center", "fontsize": 7}
-    for head, offset, cells in columns:
-        for y, text in enumerate([head, *cells], start=-1):
-            axes.annotate(text, (1, y), (offset, 0), color="0.3" if y < 0 else BLACK, **place)
+    style: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
+    cells = {"median (s)": [f"{m:#.4g}" for m in rows["median"]]}
+    cells |= {"gap": [percent(g) for g in rows["gap"]]} if gaps else {}
+    for (head, texts), right in zip(cells.items(), (46, 96), strict=False):
+        axes.annotate(head, (1, 1), (right, 6), xycoords="axes fraction", color="0.3", **style)
+        for y, text in enumerate(texts):
+            axes.annotate(text, (1, y), (right, 0), xycoords=axes.get_yaxis_transform(),
+                          va="center", **style)  # fmt: skip
 
 
 def percent(gap: float) -> str:
@@ -139,12 +135,9 @@ def percent(gap: float) -> str:
 
 @_styled
 def motion(
-    problem: Problem,
-    trajectory: Trajectory,
-    reference: Trajectory | None = None,
-    title: str = "",
-    reference_name: str = "exact optimum",
-) -> Figure:
+    problem: Problem, trajectory: Trajectory, reference: Trajectory | None = None,
+    title: str = "", reference_name: str = "exact optimum",
+) -> Figure:  # fmt: skip
     """Every joint against time (s), with its limits and waypoints; `reference` behind it in grey.
 
     A row per joint, a column per quantity: position, velocity, acceleration, and jerk if limited.
@@ -174,15 +167,15 @@ def motion(
 def sampled_exactly(trajectory: Trajectory, order: int) -> tuple[Array, Array]:
     """Times `(m,)` and values `(m, joints)` of a derivative, each break twice: before and after.
 
-    Linear pieces need their ends only; others share `_SAMPLES` points.
+    Linear pieces need their ends only; all others share 240 points.
     """
     pieces = polynomials.derivative(trajectory.coefficients, order)
-    straight = not pieces[:-2].any()
-    points = 2 if straight else max(5, -(-_SAMPLES // pieces.shape[1]))
+    points = max(5, 240 // pieces.shape[1] + 1) if pieces[:-2].any() else 2
     local = np.linspace(0.0, 1.0, points)[:, None] * np.diff(trajectory.breaks)
     values = polynomials.evaluate(pieces[:, None], local[..., None])
-    times = trajectory.breaks[:-1] + local
-    return times.T.ravel(), values.swapaxes(0, 1).reshape(-1, trajectory.joints)
+    return (trajectory.breaks[:-1] + local).T.ravel(), values.swapaxes(0, 1).reshape(
+        -1, trajectory.joints
+    )
 
 
 def _limit(axes: Axes, limits: Array) -> None:
@@ -190,8 +183,8 @@ def _limit(axes: Axes, limits: Array) -> None:
     finite = limits[np.isfinite(limits)]
     values = np.concatenate([finite, *(np.asarray(line.get_ydata()) for line in axes.lines)])
     low, high = values.min(), values.max()
-    rests = high - low < 1e-9 * max(1.0, abs(high))  # rounding is no motion worth magnifying
-    margin = 0.05 if rests else 0.08 * (high - low)
+    moves = high - low > 1e-9 * max(1.0, abs(high))  # rounding is not worth magnifying
+    margin = 0.08 * (high - low) if moves else 0.05
     for limit in finite:
         beyond = low - margin if limit == limits[0] else high + margin
         axes.axhspan(limit, beyond, color="0.93", lw=0, zorder=0)
@@ -202,12 +195,13 @@ def _limit(axes: Axes, limits: Array) -> None:
 def _grid(rows: int, columns: int) -> tuple[Figure, NDArray[Any]]:
     """Panels laid out in inches: solving for a layout takes longer than drawing all of them."""
     panel = max(0.95, 1.7 - 0.15 * rows)
-    width, height = 2.35 * columns + 0.25, rows * panel + 1.05
+    width, height = 2.35 * columns + 0.3, rows * panel + 1.05
     figure = Figure(figsize=(width, height))
-    grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    figure.subplots_adjust(left=0.6 / width, right=1 - 0.12 / width, top=1 - 0.65 / height,
-                           bottom=0.4 / height, wspace=0.36, hspace=0.22)  # fmt: skip
-    left = -0.4 * (columns + 0.36 * (columns - 1)) / (width - 0.72)
+    with matplotlib.rc_context({"axes.titley": 1.0}):  # titles need not look for free space
+        grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    figure.subplots_adjust(left=0.65 / width, right=1 - 0.12 / width, top=1 - 0.65 / height,
+                           bottom=0.4 / height, wspace=0.38, hspace=0.22)  # fmt: skip
+    left = -0.44 * (columns + 0.38 * (columns - 1)) / (width - 0.77)
     for axes in grid.flat:
         axes.xaxis.set_label_coords(0.5, -0.26 / panel)
         axes.yaxis.set_label_coords(left, 0.5)
@@ -219,16 +213,13 @@ def _grid(rows: int, columns: int) -> tuple[Figure, NDArray[Any]]:
 def _caption(figure: Figure, title: str, reference: str | None) -> None:
     """The title, and under it what the lines mean."""
     width, height = figure.get_size_inches()
-    figure.text(0.6 / width, 1 - 0.08 / height, title, va="top", fontsize=9)
-    keys = [
-        Line2D([], [], color=BLUE, label="planner"),
-        Line2D([], [], label="limit", **_LIMIT),
-        Line2D([], [], color="0.6", lw=0.4, label="waypoint", **_DOT),
-    ]
-    if reference:
-        keys.insert(1, Line2D([], [], color=GREY, lw=1.8, label=reference))
+    figure.text(0.65 / width, 1 - 0.08 / height, title, va="top", fontsize=9)
+    looks: dict[str, dict[str, Any]] = {"planner": {"color": BLUE}, "limit": _LIMIT}
+    looks |= {"waypoint": {"color": "0.6", "lw": 0.4, **_DOT}}
+    looks |= {reference: {"color": GREY, "lw": 1.8}} if reference else {}
+    keys = [Line2D([], [], label=label, **look) for label, look in looks.items()]
     figure.legend(handles=keys, loc="upper left", ncols=4, borderpad=0, borderaxespad=0,
-                  bbox_to_anchor=(0.6 / width, 1 - 0.26 / height))  # fmt: skip
+                  bbox_to_anchor=(0.65 / width, 1 - 0.26 / height))  # fmt: skip
 
 
 @_styled
@@ -244,13 +235,15 @@ def convergence(
     legend = 0.5 + sum(0.17 + 0.11 * wrapped(label).count("\n") for label in histories)
     figure = Figure(figsize=(7.2, max(4.4 if best else 2.8, legend)), layout="constrained")
     panels = figure.subplots(2 if best else 1, 1, sharex=True, squeeze=False)[:, 0]
+    shade = min(0.18, 0.9 / len(histories))  # many bands would hide the curves
     looks = zip(cycle(CURVES), cycle(DASHES), cycle(MARKERS), strict=False)
     for (label, runs), (colour, dash, marker) in zip(histories.items(), looks, strict=False):
-        look = {"color": colour, "ls": dash, "marker": marker, "label": wrapped(label)}
-        evaluations, quartiles = over_seeds(runs)
-        _curve(panels[0], evaluations, quartiles, look)
-        if best:
-            _curve(panels[1], evaluations, np.maximum(100 * (quartiles / best - 1), FLOOR), look)
+        look = {"marker": marker, "ls": dash, "color": colour, "label": wrapped(label)}
+        spent, quartiles = over_seeds(runs)
+        excess = np.maximum(100 * (quartiles / (best or np.nan) - 1), FLOOR)
+        for axes, (first, median, third) in zip(panels, (quartiles, excess), strict=False):
+            axes.fill_between(spent, first, third, step="post", color=colour, alpha=shade, lw=0)
+            axes.plot(spent, median, drawstyle="steps-post", markevery=0.13, mfc="white", **look)
     panels[0].set(xscale="log", yscale="log", ylabel="best feasible duration (s)", title=title)
     panels[0].set_xlim(1, max(run[-1, 0] for runs in histories.values() for run in runs) * 1.1)
     panels[0].yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 4, 5, 6, 8)))
@@ -259,12 +252,11 @@ def convergence(
     if best:
         name = f"best 3-5-3 {best:#.4g} s"
         panels[0].axhline(best, color=BLACK, lw=0.8, ls=(0, (3, 2)), label=name)
-        _log_percent(panels[1], "y")
+        _log_percent(panels[1].yaxis)
         panels[1].set_ylabel("above the best 3-5-3 (%)")
     panels[-1].set_xlabel("evaluations")
-    keys, _ = panels[0].get_legend_handles_labels()
-    figure.legend(handles=keys, loc="outside right upper", title="median and quartiles",
-                  handlelength=3.5)  # fmt: skip
+    keys = panels[0].get_legend_handles_labels()
+    figure.legend(*keys, loc="outside right upper", title="median and quartiles")
     return figure
 
 
@@ -276,49 +268,41 @@ def over_seeds(runs: Sequence[Array]) -> tuple[Array, Array]:
     """
     end = max(float(run[-1, 0]) for run in runs)
     evaluations = np.unique(np.geomspace(1.0, max(end, 1.0), 120).round())
-    best = np.sort([_by_then(run, evaluations) for run in runs], axis=0)  # NaN sorts last
-    rank = np.array([[0.25], [0.5], [0.75]]) * (len(best) - 1)
-    below, share = np.floor(rank).astype(int)[:, 0], rank % 1
-    above = np.ceil(rank).astype(int)[:, 0]
+    padded = [np.vstack([[0.0, np.nan], run]) for run in runs]
+    entries = [np.searchsorted(run[:, 0], evaluations, side="right") - 1 for run in padded]
+    best = np.sort([run[e, 1] for run, e in zip(padded, entries, strict=True)], axis=0)
+    rank = np.array([0.25, 0.5, 0.75]) * (len(best) - 1)
+    below, above = np.floor(rank).astype(int), np.ceil(rank).astype(int)
+    share = (rank - below)[:, None]  # NaN, as infinity, sorts last and spreads
     return evaluations, (1 - share) * best[below] + share * best[above]
-
-
-def _by_then(run: Array, evaluations: Array) -> Array:
-    """The best duration of one run after so many evaluations, s."""
-    entry = np.searchsorted(run[:, 0], evaluations, side="right") - 1
-    return np.where(entry < 0, np.nan, run[entry, 1])
-
-
-def _curve(axes: Axes, x: Array, quartiles: Array, look: dict[str, Any]) -> None:
-    first, median, third = quartiles
-    axes.fill_between(x, first, third, step="post", color=look["color"], alpha=0.18, lw=0)
-    axes.plot(x, median, drawstyle="steps-post", ms=3.5, mfc="white", markevery=0.13, **look)
 
 
 @_styled
 def gap_distribution(gaps: pd.DataFrame, title: str = "") -> Figure:
     """The gap (%) of every run, a row per planner with several, the smallest median first.
 
-    `gaps` holds `label` and `gap` of one problem (`Results.gaps()`). On the right, percentage
-    points above the best of these runs. Planners that ran once are lines, where they are in view.
+    `gaps` holds `label` and `gap` of one problem (`Results.gaps()`). On the right, what is above
+    the best of these runs. Planners that ran once are lines, where they are in view.
     """
     groups = {label: 100 * g.dropna().to_numpy() for label, g in gaps.groupby("label")["gap"]}
-    several = {label: runs for label, runs in groups.items() if len(runs) > 1}
-    labels = sorted(several, key=lambda label: float(np.median(several[label])))
-    values = [several[label] for label in labels]
+    several = [label for label, runs in groups.items() if len(runs) > 1]
+    labels = sorted(several, key=lambda label: float(np.median(groups[label])))
+    values = [groups[label] for label in labels]
     best = min(runs.min() for runs in values)
     figure, (left, right) = _row_chart([wrapped(label) for label in labels], 2)
     _strips(left, values)
     _strips(right, [np.maximum(runs - best, FLOOR) for runs in values])
-    lines = _lines_in_view(left, {k: float(g[0]) for k, g in groups.items() if len(g) == 1})
-    _log_percent(right, "x")
+    low, high = left.get_xlim()
+    once = [(k, g[0]) for k, g in groups.items() if len(g) == 1 and low <= g[0] <= high]
+    lines = [
+        left.axvline(gap, color=VERMILION, ls=dash, lw=0.9, zorder=0.5, label=wrapped(label))
+        for (label, gap), dash in zip(once, cycle(DASHES[1:]), strict=False)
+    ]
+    _log_percent(right.xaxis)
     left.set(xlabel="gap (%)", title=title)
     right.set_xlabel("above the best run (percentage points)")
-    keys = [
-        Line2D([], [], label="one run", **_RUN),
-        Patch(label="quartiles, median, range", **_BOX),
-    ]
-    figure.legend(handles=[*keys, *lines], loc="outside lower center", ncols=4)
+    run, box = Line2D([], [], label="one run", **_RUN), Patch(label="quartiles and range", **_BOX)
+    figure.legend(handles=[run, box, *lines], loc="outside lower center", ncols=4)
     return figure
 
 
@@ -327,25 +311,12 @@ def _strips(axes: Axes, values: Sequence[Array]) -> None:
     ink = {"color": BLACK, "lw": 0.7}
     axes.boxplot(
         values, positions=range(len(values)), orientation="horizontal", whis=(0, 100), widths=0.62,
-        patch_artist=True, manage_ticks=False, boxprops=_BOX,
+        patch_artist=True, manage_ticks=False, showfliers=False, boxprops=_BOX,
         medianprops=ink | {"lw": 1.4}, whiskerprops=ink, capprops=ink,
     )  # fmt: skip
     for y, runs in enumerate(values):
         height = np.arange(len(runs)) * 0.618034 % 1 - 0.5
         axes.plot(np.sort(runs), y + 0.45 * height, zorder=3, **_RUN)
-
-
-def _lines_in_view(axes: Axes, once: Mapping[str, float]) -> list[Line2D]:
-    """A labelled line per planner that ran once, without stretching the view for it."""
-    low, high = axes.get_xlim()
-    view = {label: gap for label, gap in once.items() if low <= gap <= high}
-    styles = zip(view.items(), cycle(DASHES[1:]), cycle((VERMILION, BLACK)), strict=False)
-    lines = [
-        axes.axvline(gap, color=colour, ls=dash, lw=0.9, zorder=0.5, label=wrapped(label))
-        for (label, gap), dash, colour in styles
-    ]
-    axes.set_xlim(low, high)
-    return lines
 
 
 def _row_chart(labels: Sequence[str], panels: int) -> tuple[Figure, Sequence[Axes]]:
@@ -360,22 +331,19 @@ def _row_chart(labels: Sequence[str], panels: int) -> tuple[Figure, Sequence[Axe
     return figure, axes
 
 
-def _log_percent(axes: Axes, direction: Literal["x", "y"]) -> None:
+def _log_percent(axis: XAxis | YAxis) -> None:
     """A log axis from `FLOOR` up, its end labelled as what is there: that or less."""
-    axes.set(**{f"{direction}scale": "log"})
-    axis = axes.xaxis if direction == "x" else axes.yaxis
-    low, high = axis.get_data_interval()
-    axes.set(**{f"{direction}lim": (min(low, 10 * FLOOR) * 0.8, max(high, 100 * FLOOR) * 1.5)})
+    low, high = np.maximum(axis.get_data_interval(), (0, 100 * FLOOR))
+    limits = (min(low, high / 100) * 0.8, high * 1.5)
+    axis.axes.set(**{f"{axis.axis_name}scale": "log", f"{axis.axis_name}lim": limits})
     axis.set_major_locator(LogLocator(numticks=8))
-    or_less = {True: "≤", False: ""}
-    axis.set_major_formatter(FuncFormatter(lambda v, _: or_less[bool(v < 1.01 * FLOOR)] + f"{v:g}"))
+    axis.set_major_formatter(FuncFormatter(lambda v, _: "≤" * bool(v < 1.1 * FLOOR) + f"{v:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def wrapped(label: str, width: int = 30) -> str:
     """A planner's label on as many lines as it needs, broken between its options."""
-    words = label.replace(",", ", ").replace(":", ": ")
-    lines = wrap(words, width, break_on_hyphens=False)
+    lines = wrap(label.replace(",", ", ").replace(":", ": "), width, break_on_hyphens=False)
     return "\n".join(lines).replace(", ", ",").replace(": ", ":")
 
 
