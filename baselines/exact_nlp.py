@@ -14,6 +14,7 @@ several points of its own, and the answer is the best known, not a proof.
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, ClassVar
@@ -41,11 +42,13 @@ IPOPT = {
         "constr_viol_tol": 1e-10,
         "acceptable_tol": 1e-8,
         "bound_relax_factor": 0.0,
+        "mu_strategy": "adaptive",
         "max_iter": 1000,
     },
 }
 
 
+_PATIENCE = 5  # times as many starts where all have failed so far
 _SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum
 
 
@@ -71,11 +74,14 @@ class Exact:
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of several local optima. `stats`: each start's IPOPT status and duration (s)."""
+        """The best local optimum of `starts`, or of more where all of those failed.
+
+        `stats`: each start's IPOPT status and duration (s, infinite where it failed).
+        """
         scaled, began = _Scaled(problem), time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
-        found = [_solve_from(solver, scaled, start) for start in _starts(scaled, self.starts)]
+        found = _optima(solver, scaled, self.starts)
         best = min(found, key=lambda optimum: optimum.duration)
         statuses = [optimum.status for optimum in found]
         durations = scaled.unit * np.array([optimum.duration for optimum in found])
@@ -242,18 +248,27 @@ def _solver(segments: int, joints: int) -> Any:
     return ca.nlpsol("exact", "ipopt", {"x": x, "p": p, "f": ca.sum1(t), "g": g}, IPOPT)
 
 
-def _starts(scaled: _Scaled, count: int) -> list[tuple[Array, Array]]:
+def _optima(solver: Any, scaled: _Scaled, count: int) -> list[_Optimum]:
+    """One optimum per start; starting goes on, within reason, while none has succeeded."""
+    found: list[_Optimum] = []
+    for start in _starts(scaled, _PATIENCE * count):
+        if len(found) >= count and min(optimum.duration for optimum in found) < np.inf:
+            break
+        found.append(_solve_from(solver, scaled, start))
+    return found
+
+
+def _starts(scaled: _Scaled, count: int) -> Iterator[tuple[Array, Array]]:
     """Times and waypoint velocities to start from: generous stopping first, then random ones."""
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)
-    starts = [(1.5 * scaled.stop, np.zeros((segments - 1, joints)))]
+    yield 1.5 * scaled.stop, np.zeros((segments - 1, joints))
     for _ in range(count - 1):
         times = scaled.stop * rng.uniform(0.5, 1.5, segments)
         slopes = scaled.h / times[:, None]
         mix = rng.uniform(size=(segments - 1, joints))
         between = mix * slopes[:-1] + (1 - mix) * slopes[1:]
-        starts.append((times, between * rng.uniform(0, 1.5, (segments - 1, 1))))
-    return starts
+        yield times, between * rng.uniform(0, 1.5, (segments - 1, 1))
 
 
 def _solve_from(solver: Any, scaled: _Scaled, start: tuple[Array, Array]) -> _Optimum:

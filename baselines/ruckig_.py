@@ -21,6 +21,7 @@ from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csc_array
 
 from trajopt import polynomials
+from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
 from trajopt.problem import Limits, Problem
 from trajopt.solution import Solution, Status
@@ -63,6 +64,10 @@ class RuckigVia(RuckigStop):
     """
 
     evaluations: int = 8000
+
+    def __post_init__(self) -> None:
+        if self.evaluations < 1:
+            raise InvalidInput("evaluations", "at least 1", value=self.evaluations)
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

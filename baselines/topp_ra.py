@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from trajopt import polynomials
+from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
 from trajopt.problem import Limits, Problem
 from trajopt.solution import Solution, Status
@@ -60,6 +61,10 @@ class ToppRa:
     gridpoints: int = 1000
 
     requires: ClassVar[tuple[str, ...]] = ("toppra",)
+
+    def __post_init__(self) -> None:
+        if self.gridpoints < 10:
+            raise InvalidInput("gridpoints", "at least 10", value=self.gridpoints)
 
     def relation(self, problem: Problem) -> Relation:
         return Relation.RESTRICTION

@@ -62,9 +62,10 @@ def plan(
     from trajopt.exceptions import InvalidInput
     from trajopt.planner import load, parse
 
-    for name, value, low in (("--seed", seed, 0), ("--rate", rate, 1e-9)):
-        if value < low:
-            raise InvalidInput(name, "a positive number" if low else "0 or more", value=value)
+    if seed < 0:
+        raise InvalidInput("--seed", "0 or more", value=seed)
+    if not 0 < rate < float("inf"):
+        raise InvalidInput("--rate", "a positive number", value=rate)
     write, file = out and export.writer(out), suite.find(problem)
     trial = judge(load(planner), suite.load(problem), [seed], parse(planner)[0])[0]
     if json:
@@ -72,6 +73,9 @@ def plan(
     else:
         render.plan(trial, file)
     if out and write:
+        if trial.certified_trajectory is None and out.suffix != ".h5":
+            print(f"trajopt: {out} is not written: no certified trajectory", file=sys.stderr)
+            return 1
         write(out, trial, rate)
     return 0 if trial.certified_duration or trial.lower_bound else 1
 
@@ -95,18 +99,18 @@ def compare(
     from trajopt import render
     from trajopt.benchmark import figures, run, suite
     from trajopt.exceptions import InvalidInput
-    from trajopt.planner import entries, load, parse
+    from trajopt.planner import load, parse
 
     jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
     for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--timeout", timeout)):
-        if value < 1:
+        if not 1 <= value < float("inf"):
             raise InvalidInput(name, "at least 1", value=value)
     if not problems:
         raise InvalidInput(
             "PROBLEM", "at least one problem file or built-in name; see `trajopt list`"
         )
     loaded = [suite.load(name) for name in dict.fromkeys(problems)]
-    planners = [(parse(spec)[0], load(spec)) for spec in planner or entries()]
+    planners = [(parse(spec)[0], load(spec)) for spec in planner or _loadable()]
     total = sum(len(task.seeds) for task in run.plan(loaded, planners, seeds))
     with render.progress(total) as advance:
         results = run.compare(
@@ -142,6 +146,21 @@ def verify(
     return 0 if all(row["holds"] for row in rows) else 1
 
 
+def _loadable() -> list[str]:
+    """Every planner that can be imported; of the others (a stranger's, broken) only a warning."""
+    from trajopt.exceptions import TrajoptError
+    from trajopt.planner import entries
+
+    names = []
+    for name, entry in entries().items():
+        try:
+            entry.load()
+            names.append(name)
+        except TrajoptError as error:
+            print(f"trajopt: left out: {error}", file=sys.stderr)
+    return names
+
+
 def _print_json(table: Any) -> None:
     print(json.dumps(_finite(table), indent=2, allow_nan=False, default=str))
 
@@ -157,14 +176,24 @@ def _finite(value: Any) -> Any:
     return value
 
 
+def _words(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: every mistake of the user is one line and exit code 2."""
     from trajopt.exceptions import TrajoptError
 
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-    except (TrajoptError, cyclopts.CycloptsError) as error:
-        print("trajopt: " + " ".join(str(error).split()), file=sys.stderr)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader, `head` perhaps, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except (TrajoptError, cyclopts.CycloptsError, OSError) as error:
+        print("trajopt: " + " ".join(_words(error).split()), file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print(
@@ -173,3 +202,7 @@ def main(arguments: list[str] | None = None) -> None:
         )
         sys.exit(130)
     sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

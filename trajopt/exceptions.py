@@ -14,7 +14,7 @@ class TrajoptError(Exception):
     """Base of every error that this package raises on purpose; each survives pickling."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (type(self), self.args, self.__dict__)
+        return _rebuilt, (type(self), super().__reduce__()[1], self.__dict__)
 
 
 def _rebuilt(kind: type[TrajoptError], args: tuple[Any, ...], data: dict[str, Any]) -> TrajoptError:
@@ -49,7 +49,8 @@ class InvalidInput(TrajoptError, ValueError):
 
     def __str__(self) -> str:
         where = self.key if self.joint is None else f"{self.key}, joint {self.joint + 1}"
-        got = "" if self.value is None else f" is {self.value!r}"
+        value = self.value.item() if hasattr(self.value, "item") else self.value  # NumPy's numbers
+        got = "" if value is None else f" is {value!r}"
         return f"{self.file + ': ' if self.file else ''}{where}{got}: expected {self.expected}"
 
     def in_file(self, file: str) -> InvalidInput:

@@ -73,9 +73,12 @@ class Entry:
         """The planner with its default options; raises `TrajoptError` if it cannot be imported."""
         try:
             target = self.point.load()
+            planner: Planner = target() if isinstance(target, type) else target
         except Exception as error:
+            package = error.name if isinstance(error, ModuleNotFoundError) else None
+            if package and package.split(".")[0] != self.point.module.split(".")[0]:
+                raise MissingBackend(package.split(".")[0]) from error
             raise TrajoptError(f"planner {self.name!r} cannot be loaded: {error}") from error
-        planner: Planner = target() if isinstance(target, type) else target
         return planner
 
     def missing(self) -> str | None:
@@ -130,10 +133,16 @@ def options(planner: object) -> dict[str, Any]:
 
 
 def label(name: str, planner: object) -> str:
-    """A planner's name with the options that differ from the registered ones."""
-    defaults = options(entries()[name].load()) if name in entries() else options(planner)
-    changed = [f"{k}={v}" for k, v in options(planner).items() if defaults.get(k, v) != v]
+    """A planner's name with the options that differ from the registered ones, or its defaults."""
+    defaults = options(entries()[name].load()) if name in entries() else _defaults(planner)
+    changed = [
+        f"{k}={v}" for k, v in options(planner).items() if repr(defaults.get(k, v)) != repr(v)
+    ]
     return f"{name}:{','.join(changed)}" if changed else name
+
+
+def _defaults(planner: Any) -> dict[str, Any]:
+    return {f.name: f.default for f in fields(planner)} if is_dataclass(planner) else {}
 
 
 def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") -> PlannerT:
@@ -156,17 +165,23 @@ def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
         elif field.name in changes:
             key = f"planner {name}, option {field.name}"
             new[field.name] = _converted(key, changes[field.name], hints[field.name])
-    return replace(planner, **new)
+    try:
+        return replace(planner, **new)
+    except InvalidInput as error:
+        key = f"planner {name}, option {error.key}"
+        raise InvalidInput(key, error.expected, value=error.value) from None
 
 
 def _converted(key: str, value: Any, hint: Any) -> Any:
     """A value of the annotated type, from that type or from text."""
+    text = value
     if isinstance(value, str):
         with contextlib.suppress(ValueError, SyntaxError):
             value = _WORDS[value.lower()] if value.lower() in _WORDS else ast.literal_eval(value)
     if get_origin(hint) is Literal:
-        if value in get_args(hint):
-            return value
+        for choice in (text, value):
+            if choice in get_args(hint):
+                return choice
         raise InvalidInput(key, " or ".join(repr(a) for a in get_args(hint)), value=value)
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     for kind in kinds:
@@ -174,6 +189,8 @@ def _converted(key: str, value: Any, hint: Any) -> Any:
             return float(value)
         if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
             return value
+    if isinstance(text, str) and str in kinds:
+        return text
     raise InvalidInput(key, " or ".join(k.__name__ for k in kinds), value=value)
 
 

@@ -108,31 +108,43 @@ def quadratic_roots(a: Array, b: Array, c: Array) -> Array:
 
 
 def cubic_roots(a: Array, b: Array, c: Array, d: Array) -> Array:
-    """Real roots of `a s³ + b s² + c s + d`, `(3, …)`, in closed form; NaN or repeats where fewer.
+    """Real roots of `a s³ + b s² + c s + d`, `(3, …)`; NaN where fewer.
 
-    Cardano's and Viète's formulas, then two Newton steps, which undo their cancellation where `a`
-    is small. Where `a` is nothing beside the others the quadratic's roots are returned. Meant for
-    roots of moderate size, such as those in the unit interval.
+    The root that stands most apart from the others, in closed form and polished; then the quadratic
+    that is left without it (Kahan), however far away that root is. Where `a` is nothing beside the
+    others the quadratic's roots are returned. Meant for roots of moderate size, such as those in
+    the unit interval.
     """
     size = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.maximum(np.abs(c), np.abs(d)))
     flat = np.abs(a) <= 1e-12 * size
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        roots = _depressed_roots(b / a, c / a, d / a)
-        few = np.concatenate([quadratic_roots(b, c, d), np.full((1, *np.shape(a)), np.nan)])
-        roots = np.where(flat, few, roots)
-        for _ in range(2):
-            slope = (3 * a * roots + 2 * b) * roots + c
-            step = (((a * roots + b) * roots + c) * roots + d) / slope
-            roots = np.where(np.isfinite(step), roots - step, roots)
+        lone = _newton(_lone_root(b / a, c / a, d / a), a, b, c, d)
+        # Divide it out from the end of the cubic where nothing cancels.
+        far = np.abs(a * lone**3) > np.abs(d)
+        linear = np.where(far, (-d / lone - c) / lone, a * lone + b)
+        constant = np.where(far, -d / lone, (a * lone + b) * lone + c)
+        pair = quadratic_roots(
+            np.asarray(np.where(flat, b, a)),
+            np.asarray(np.where(flat, c, linear)),
+            np.asarray(np.where(flat, d, constant)),
+        )
+    return np.concatenate([np.where(flat, np.nan, lone)[None], pair])
+
+
+def _newton(roots: Array, a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Two steps, each kept only where it comes nearer: at a multiple root none may."""
+    for _ in range(2):
+        value = ((a * roots + b) * roots + c) * roots + d
+        nearer = roots - value / ((3 * a * roots + 2 * b) * roots + c)
+        left = ((a * nearer + b) * nearer + c) * nearer + d
+        roots = np.where(np.abs(left) < np.abs(value), nearer, roots)
     return roots
 
 
-def _depressed_roots(b: Array, c: Array, d: Array) -> Array:
-    """Roots of the monic cubic `s³ + b s² + c s + d`, `(3, …)`; the single one three times."""
+def _lone_root(b: Array, c: Array, d: Array) -> Array:
+    """The root of `s³ + b s² + c s + d` farthest from the mean of all three (Viète, Cardano)."""
     q, r = (b * b - 3 * c) / 9, (2 * b**3 - 9 * b * c + 27 * d) / 54
-    angle = np.arccos(np.clip(r / np.sqrt(q**3), -1.0, 1.0)) / 3
-    turns = 2 * np.pi / 3 * np.arange(3).reshape((3,) + (1,) * np.ndim(b))
-    three = -2 * np.sqrt(q) * np.cos(angle + turns)
-    big = -np.copysign(np.cbrt(np.abs(r) + np.sqrt(r * r - q**3)), r)
+    three = 2 * np.sqrt(q) * np.cos(np.arccos(np.minimum(np.abs(r) / np.sqrt(q**3), 1.0)) / 3)
+    big = np.cbrt(np.abs(r) + np.sqrt(r * r - q**3))
     one = big + np.where(big != 0, q / big, 0.0)
-    return np.where(r * r < q**3, three, one) - b / 3
+    return np.asarray(-np.copysign(np.where(r * r < q**3, three, one), r) - b / 3)

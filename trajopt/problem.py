@@ -147,7 +147,7 @@ class Problem:
             return _parsed(tomllib.loads(Path(path).read_text(encoding="utf-8")), Path(path).stem)
         except InvalidInput as error:
             raise error.in_file(str(path)) from None
-        except (OSError, tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InvalidInput(
                 "problem", "a readable TOML file", value=reason, file=str(path)
@@ -170,7 +170,10 @@ def _parsed(table: Mapping[str, Any], stem: str) -> Problem:
     if unit not in ("deg", "rad"):
         raise InvalidInput("angle_unit", '"deg" or "rad"', value=unit)
     scale = np.pi / 180 if unit == "deg" else 1.0
-    scaled = {name: _pairs(name, value) * scale for name, value in limits.items()}
+    given = {name: _pairs(name, value) for name, value in limits.items()}
+    for name, pairs in given.items():  # before scaling: errors show what the file says
+        _check_signs(name, pairs)
+    scaled = {name: pairs * scale for name, pairs in given.items()}
     for text in ("name", "source"):
         if not isinstance(table.get(text, ""), str):
             raise InvalidInput(text, "a string", value=table[text])
@@ -196,17 +199,13 @@ def _check_keys(prefix: str, table: Mapping[str, Any], known: set[str], required
 def _pairs(name: str, value: Any) -> Array:
     """One `[low, high]` pair per joint, from numbers (symmetric) or pairs."""
     key = f"limits.{name}"
-    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or len(value) == 0:
+    if not _is_list(value) or len(value) == 0:
         raise InvalidInput(key, "one number or [low, high] pair per joint", value=value)
     pairs = []
     for joint, item in enumerate(value):
         if _is_number(item):
             pairs.append((-float(item), float(item)))
-        elif (
-            isinstance(item, Sequence | np.ndarray)
-            and len(item) == 2
-            and all(map(_is_number, item))
-        ):
+        elif _is_list(item) and len(item) == 2 and all(map(_is_number, item)):
             pairs.append((float(item[0]), float(item[1])))
         else:
             raise InvalidInput(key, "a number or a [low, high] pair", value=item, joint=joint)
@@ -216,7 +215,8 @@ def _pairs(name: str, value: Any) -> Array:
 def _check_signs(name: str, pairs: Array) -> None:
     finite = name in ("velocity", "acceleration")
     for joint, (low, high) in enumerate(pairs):
-        value = high if low == -high else [float(low), float(high)]
+        one = name != "position" and (low == -high or np.isnan([low, high]).all())
+        value = float(high) if one else [float(low), float(high)]
         signs = low < high if name == "position" else low < 0 < high
         if not signs or (finite and not np.isfinite([low, high]).all()):
             kind = "low < high" if name == "position" else "a positive number, or low < 0 < high"
@@ -226,11 +226,10 @@ def _check_signs(name: str, pairs: Array) -> None:
 
 def _table(rows: Any) -> Array:
     """Waypoints as a table; errors name the waypoint and the joint, counted from 1."""
-    listed = isinstance(rows, Sequence | np.ndarray) and not isinstance(rows, str)
-    if not listed or len(rows) < 2:
+    if not _is_list(rows) or len(rows) < 2:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint", value=rows)
     for number, row in enumerate(rows, start=1):
-        if not isinstance(row, Sequence | np.ndarray) or isinstance(row, str) or len(row) == 0:
+        if not _is_list(row) or len(row) == 0:
             raise InvalidInput(
                 f"waypoints, waypoint {number}", "a row of numbers, one per joint", value=row
             )
@@ -239,7 +238,7 @@ def _table(rows: Any) -> Array:
                 f"waypoints, waypoint {number}", f"{len(rows[0])} numbers", value=list(row)
             )
         for joint, item in enumerate(row):
-            if not _is_number(item) or not np.isfinite(item):
+            if not _is_number(item) or not np.isfinite(float(item)):
                 raise InvalidInput(
                     f"waypoints, waypoint {number}", "a finite number", value=item, joint=joint
                 )
@@ -259,8 +258,16 @@ def _check_waypoints(waypoints: Array, limits: Limits) -> None:
         raise InvalidInput(f"waypoints, waypoint {row + 1}", inside, value=value, joint=int(joint))
 
 
+def _is_list(value: Any) -> bool:
+    array = isinstance(value, np.ndarray) and value.ndim > 0
+    return array or (isinstance(value, Sequence) and not isinstance(value, str | bytes))
+
+
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    """Whether `float` takes it: no truth value, no complex number, no integer beyond 1e308."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    return not isinstance(value, int) or abs(value) < 2**1023
 
 
 def _frozen(array: Array) -> Array:

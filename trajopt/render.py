@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -45,10 +46,12 @@ def listing(planners: Sequence[dict[str, Any]], problems: Sequence[dict[str, Any
 def plan(trial: Trial, file: Path) -> None:
     """One trial: the verdict, then the worst value of each kind."""
     _OUT.print(
-        f"[bold]{trial.label}[/bold] on {trial.problem.name} ({file}): [bold]{trial.status}[/bold]"
+        f"[bold]{escape(trial.label)}[/bold] on {escape(f'{trial.problem.name} ({file})')}: "
+        f"[bold]{trial.status}[/bold]",
+        soft_wrap=True,
     )
     if trial.message:
-        _OUT.print(trial.message, markup=False)
+        _OUT.print(trial.message.strip().splitlines()[-1], markup=False)
     for name, value in (
         ("claimed", trial.claimed_duration),
         ("certified", trial.certified_duration),
@@ -111,47 +114,63 @@ def comparison(results: Results, folder: Path, figures: Sequence[Path]) -> None:
     """One table per problem, the readings used, what failed and why, and where everything is."""
     for _, rows in results.summary().groupby("digest", sort=False):
         _OUT.print(_comparison(rows))
-        for row in rows[rows["median"].isna()].itertuples():
+        for row in rows[rows["solved"] < rows["runs"]].itertuples():
             message = str(row.message).strip().splitlines()
-            _OUT.print(f"{row.label}: {row.status}: {message[-1] if message else ''}", markup=False)
-        _OUT.print(_caption(rows), markup=False)
+            count = f"{row.runs - row.solved} of {row.runs} runs " if row.runs > 1 else ""
+            why = f"{count}{row.status}: {message[-1] if message else ''}"
+            _OUT.print(f"{row.label}: {why}", markup=False)
+        _OUT.print(_caption(rows, _readings(results)), markup=False)
         _OUT.print()
     _warn(results)
-    _OUT.print(
-        f"stored:  {folder / 'results.h5'} ({len(results.items)} trials of this comparison)",
-        soft_wrap=True,
-    )
+    stored = f"stored:  {folder / 'results.h5'} ({len(results.items)} trials of this comparison)"
+    _OUT.print(stored, soft_wrap=True, markup=False)
     if figures:
-        _OUT.print(f"figures: {folder / 'figures'} ({len(figures)} files)", soft_wrap=True)
+        drawn = f"figures: {folder / 'figures'} ({len(figures)} files)"
+        _OUT.print(drawn, soft_wrap=True, markup=False)
 
 
 def _comparison(rows: pd.DataFrame) -> Table:
-    title = f"{rows['problem'].iloc[0]}: certified durations"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 1))
+    title = escape(f"{rows['problem'].iloc[0]}: certified durations")
+    table = Table(
+        title=title, title_justify="left", box=None, pad_edge=False, collapse_padding=True
+    )
     table.add_column("planner", overflow="fold", ratio=1)
-    for name in ("median s", "quartiles s", "gap %", "kept limits", "evaluations", "time s"):
+    for name in ("median s", "quartiles s", "gap %", "kept limits", "evals", "time s"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows.itertuples():
         table.add_row(*_cells(row))
     return table
 
 
+def _lines(label: str) -> str:
+    """A planner's label, an option a line: folding one in the middle would be hard to read."""
+    name, _, options = label.partition(":")
+    return escape("\n  ".join([name, *filter(None, options.split(","))]))
+
+
 def _cells(row: Any) -> list[str]:
     if row.median != row.median:  # no certified duration
         bound = f"≥ {row.lower_bound:.4f}" if row.lower_bound == row.lower_bound else row.status
-        return [row.label, bound, "", "", "", "", f"{row.solve_time:.3f}"]
+        return [_lines(row.label), bound, "", "", "", "", f"{row.solve_time:.3f}"]
     return [
-        row.label,
+        _lines(row.label),
         f"{row.median:.4f}",
         f"{row.q1:.4f}–{row.q3:.4f}" if row.runs > 1 else "",
         "" if row.gap != row.gap else f"{100 * row.gap:+.2f}",
-        f"{100 * row.kept:.0f} %" + ("" if row.kept == 1 else f", ×{row.dilation:.4f}"),
+        f"{100 * row.kept:.0f} %" + (f" ×{row.dilation:.4f}" if row.dilation > 1 else ""),
         "" if row.evaluations != row.evaluations else f"{row.evaluations:.0f}",
         f"{row.solve_time:.3f}",
     ]
 
 
-def _caption(rows: pd.DataFrame) -> str:
+def _readings(results: Results) -> str:
+    """The readings of the paper that were run: how joints are combined, and the fitness."""
+    names = ("timing", "fitness")
+    found = {tuple(f"{n}={t.options[n]}" for n in names if n in t.options) for t in results.items}
+    return "; ".join(", ".join(reading) for reading in sorted(found) if reading)
+
+
+def _caption(rows: pd.DataFrame, readings: str) -> str:
     runs, first = rows["runs"].max(), rows.iloc[0]
     reference = rows["reference"].dropna()
     lines = [f"Up to {runs} seeds. Durations are the verifier's: claimed × max(1, dilation)."]
@@ -164,20 +183,17 @@ def _caption(rows: pd.DataFrame) -> str:
             f"Gap to a lower bound, {reference.iloc[0]:.6f} s: the exact optimum without the "
             "jerk or position limits (best known, not proved)."
         )
-    lines.append(
-        "Reading: timing=shared, fitness=penalty, unless a planner's options say otherwise."
-    )
-    lines.append(
-        "Kept limits: share of runs that kept them as claimed, × median dilation of the others."
-    )
+    if readings:
+        lines.append(f"Reading: {readings}.")
+    lines.append("Kept limits: share of runs that did as claimed; × the others' median dilation.")
     return "\n".join(lines)
 
 
 def _warn(results: Results) -> None:
     for row in results.suspicious().itertuples():
         _ERR.print(
-            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {row.label} (seed {row.seed}) on "
-            f"{row.problem} is {-100 * row.gap:.6f} % below the reference; trial {row.id}"
+            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {escape(row.label)} (seed {row.seed}) on "
+            f"{escape(row.problem)} is {-100 * row.gap:.6f} % below the reference; trial {row.id}"
         )
 
 
@@ -193,14 +209,17 @@ def verification(rows: Sequence[dict[str, Any]]) -> None:
             _number(row[name]) for name in ("claimed_duration", "certified_duration", "dilation")
         ]
         verdict = row["status"] if row["holds"] else "[bold red]DOES NOT HOLD[/bold red]"
-        table.add_row(row["problem"], row["planner"], str(row["seed"]), *numbers, verdict)
+        names = escape(row["problem"]), _lines(row["planner"])
+        table.add_row(*names, str(row["seed"]), *numbers, verdict)
     _OUT.print(table)
     wrong = [row for row in rows if not row["holds"]]
     _OUT.print(f"{len(rows)} trials verified anew; {len(wrong)} do not hold what was recorded.")
     for row in wrong:
         recorded = _number(row["recorded_duration"])
         _OUT.print(
-            f"{row['planner']} seed {row['seed']}: recorded {recorded} s; {'; '.join(row['flaws'])}"
+            f"{row['planner']} on {row['problem']}, seed {row['seed']}, trial {row['id']}: "
+            f"recorded {recorded} s; {'; '.join(row['flaws'])}",
+            markup=False,
         )
 
 

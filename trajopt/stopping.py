@@ -40,7 +40,7 @@ def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> 
     """Rest-to-rest minimum time over `h ≥ 0` `(…, joints)` for symmetric limits `(joints,)`."""
     slope = acceleration / jerk  # time to reach full acceleration
     with_plateau = acceleration / 2 * (np.sqrt(slope**2 + 4 * h / acceleration) - slope)
-    without = np.cbrt(h**2 * np.where(np.isfinite(jerk), jerk, 0) / 4)
+    without = np.cbrt(h) ** 2 * np.cbrt(np.where(np.isfinite(jerk), jerk, 0) / 4)
     peak = np.minimum(
         np.where(with_plateau >= acceleration * slope, with_plateau, without), velocity
     )

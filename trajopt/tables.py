@@ -56,25 +56,30 @@ def verification(path: Path) -> list[dict[str, Any]]:
 def _checked(trial: Trial, record: Record) -> dict[str, Any]:
     certificate = trial.certificate
     return {
+        "id": record.id,
         "problem": trial.problem.name,
         "planner": trial.label,
         "seed": trial.seed,
         "status": str(trial.status),
         "claimed_duration": trial.claimed_duration,
         "certified_duration": trial.certified_duration,
+        "recorded_claim": record.claimed_duration,
         "recorded_duration": record.certified_duration,
         "dilation": certificate.dilation if certificate else None,
-        "flaws": list(certificate.flaws) if certificate else [],
+        "flaws": list(certificate.flaws) if certificate else [trial.message],
         "holds": _holds(trial, record),
     }
 
 
 def _holds(trial: Trial, record: Record) -> bool:
     """The file's identity is its content's, and its verdict is what the verifier says now."""
-    now, then = trial.certified_duration, record.certified_duration
+    same = _same(trial.certified_duration, record.certified_duration)
+    claimed = _same(trial.claimed_duration, record.claimed_duration)
+    consistent = (trial.status is not Status.SOLVED) or trial.certified_duration is not None
+    return same and claimed and consistent and trial.id == record.id
+
+
+def _same(now: float | None, then: float | None) -> bool:
     if now is None or then is None:
-        same = now is then
-    else:
-        same = bool(np.isclose(now, then, rtol=_SAME, atol=0))
-    consistent = (trial.status is not Status.SOLVED) or now is not None
-    return same and consistent and trial.id == record.id
+        return now is then
+    return bool(np.isclose(now, then, rtol=_SAME, atol=0))

@@ -13,7 +13,7 @@ from dataclasses import fields, is_dataclass
 import cloudpickle
 import numpy as np
 
-from trajopt.exceptions import TrajoptError
+from trajopt.exceptions import InvalidTrajectory, TrajoptError
 from trajopt.planner import Planner, Relation, options
 from trajopt.problem import Limits, Problem
 from trajopt.solution import Solution, Status
@@ -63,22 +63,28 @@ def _check_object(planner: Planner) -> None:
     _require(is_dataclass(planner) and parameters is not None, "it is not a dataclass")
     _require(bool(parameters and parameters.frozen), "its dataclass is not frozen")
     _require(isinstance(planner, Planner), "it lacks relation, unsupported or solve")
-    copy = pickle.loads(cloudpickle.dumps(planner))
-    _require(options(copy) == options(planner), "its options do not survive pickling")
     for field in fields(planner):  # type: ignore[arg-type]
         _require(hasattr(planner, field.name), f"option {field.name} has no value")
+    try:
+        copy = pickle.loads(cloudpickle.dumps(planner))
+    except Exception as error:
+        raise ContractError(f"it does not survive pickling: {error}") from error
+    _require(options(copy) == options(planner), "its options do not survive pickling")
 
 
 def _check_on(planner: Planner, problem: Problem) -> None:
     where = f" on {problem.name!r}"
     reason, relation = planner.unsupported(problem), planner.relation(problem)
     _require(isinstance(relation, Relation), f"relation{where} is not a Relation")
-    _require(reason is None or bool(reason), f"unsupported{where} is neither None nor a reason")
+    told = reason is None or (isinstance(reason, str) and bool(reason))
+    _require(told, f"unsupported{where} is neither None nor a reason")
     if reason is not None:
         return
     first = [planner.solve(problem, seed=seed) for seed in _SEEDS]
     again = planner.solve(problem, seed=_SEEDS[0])
-    _require(all(isinstance(s, Solution) for s in first), f"solve{where} returns no Solution")
+    _require(
+        all(isinstance(s, Solution) for s in [*first, again]), f"solve{where} returns no Solution"
+    )
     _require(_same(first[0], again), f"solve{where} differs for the same seed")
     for solution in first:
         _check_solution(solution, problem, relation, where)
@@ -98,7 +104,10 @@ def _check_solution(solution: Solution, problem: Problem, relation: Relation, wh
         return
     if solution.trajectory is None:
         raise ContractError(f"solved{where} without a trajectory")
-    certificate = verify(problem, solution.trajectory)
+    try:
+        certificate = verify(problem, solution.trajectory)
+    except InvalidTrajectory as error:
+        raise ContractError(f"invalid{where}: {error}") from error
     if relation is not Relation.RELAXATION:
         _require(certificate.valid, f"invalid{where}: {'; '.join(certificate.flaws)}")
 

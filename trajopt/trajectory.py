@@ -68,6 +68,8 @@ class Trajectory:
 
     def dilated(self, factor: float) -> Trajectory:
         """The same path, `factor` times as slow: the n-th derivative divides by `factor ** n`."""
+        if not 0 < factor < np.inf:
+            raise InvalidTrajectory(f"the factor of a dilation must be positive, got {factor}")
         coefficients = polynomials.stretched(self.coefficients, 1.0 / factor)
         return Trajectory(self.breaks * factor, coefficients, self.waypoint_times * factor)
 
@@ -96,10 +98,12 @@ def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
         expected = f"(degree + 1, {len(breaks) - 1}, joints)"
         raise InvalidTrajectory(f"coefficients are {coefficients.shape}, expected {expected}")
     slack = 1e-12 * breaks[-1]
-    ends_fit = waypoint_times.size >= 2 and np.allclose(
-        waypoint_times[[0, -1]], breaks[[0, -1]], rtol=0, atol=slack
+    ends_fit = (
+        waypoint_times.ndim == 1
+        and waypoint_times.size >= 2
+        and np.allclose(waypoint_times[[0, -1]], breaks[[0, -1]], rtol=0, atol=slack)
     )
-    if waypoint_times.ndim != 1 or not ends_fit or (np.diff(waypoint_times) < 0).any():
+    if not ends_fit or (np.diff(waypoint_times) < 0).any():
         raise InvalidTrajectory("waypoint_times must not decrease, from 0 to the last break")
 
 

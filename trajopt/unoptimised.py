@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trajopt import spline353
+from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, passing_once
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
@@ -16,7 +17,13 @@ from trajopt.solution import Solution, Status
 class Unoptimised:
     """The 3-5-3 spline at the same fixed time for every segment (the paper: 2 s)."""
 
-    segment_time: float = 2.0
+    segment_time: float = 2.0  # s
+
+    def __post_init__(self) -> None:
+        if not 1e-9 < self.segment_time < 1e9:
+            raise InvalidInput(
+                "segment_time", "a positive time in seconds", value=self.segment_time
+            )
 
     def relation(self, problem: Problem) -> Relation:
         return Relation.RESTRICTION

@@ -22,6 +22,7 @@ from trajopt.trajectory import Trajectory
 Array = NDArray[np.float64]
 Measure = Callable[[Array, Array, Array], Array]  # (values, low, high) -> use of the limit
 
+_STAIRCASE = 4.0  # a joint's jumps may add up to this many times what one may be
 _CHUNK = 256  # pieces whose roots are found at once, the most promising first
 
 
@@ -32,7 +33,9 @@ class Tolerance:
     - `limit`: relative, for velocity, acceleration and jerk;
     - `position`: rad, for waypoints, position limits and jumps of position, times the largest
       waypoint coordinate where that exceeds 1;
-    - `jump`: of velocity and acceleration at a break, relative to their limits.
+    - `jump`: of velocity and acceleration at the breaks, relative to their limits.
+
+    A joint's jumps may add up to four times what one of them may be.
     """
 
     limit: float = 1e-6
@@ -45,7 +48,8 @@ class Worst:
     """The worst value of one kind: `joint` counts from 0, `time` in seconds.
 
     `value` is a ratio to the limit (velocity, acceleration, jerk) or an error in SI units
-    (position, waypoint, continuity; of the derivative of that `order`).
+    (position, waypoint, continuity; of the derivative of that `order`, in sum where many jumps
+    small by themselves add up).
     """
 
     value: float
@@ -213,9 +217,13 @@ def _worst_jump(
     before = np.vstack([still[:1], unit.sum(axis=0)])
     after = np.vstack([unit[-1], still[1:]])
     jumps = np.abs(after - before)
-    row, joint = np.unravel_index(np.argmax(jumps / allowed), jumps.shape)
-    worst = Worst(float(jumps[row, joint]), int(joint), float(trajectory.breaks[row]), order)
-    return worst, float(jumps[row, joint] / allowed[joint])
+    # A staircase of tiny jumps is as good as a large one, so their sum counts too.
+    candidates = np.stack([jumps.max(axis=0), jumps.sum(axis=0)])
+    excess = candidates / (allowed * np.array([[1.0], [_STAIRCASE]]))
+    kind, joint = np.unravel_index(np.argmax(excess), excess.shape)
+    time = float(trajectory.breaks[np.argmax(jumps[:, joint])])
+    worst = Worst(float(candidates[kind, joint]), int(joint), time, order)
+    return worst, float(excess[kind, joint])
 
 
 def _flaws(

@@ -34,10 +34,11 @@ def _certified(trial: Trial) -> Trajectory:
 def _csv(path: Path, trial: Trial, rate: float) -> None:
     """Samples at `rate` per second and at the end: time, then every joint's q, v, a (SI)."""
     trajectory = _certified(trial)
-    count = int(np.floor(trajectory.duration * rate)) + 1
-    times = np.unique(np.append(np.arange(count) / rate, trajectory.duration))
+    times = np.arange(int(trajectory.duration * rate) + 1) / rate
+    times = np.append(times[times < trajectory.duration], trajectory.duration)
     header = ["time", *(f"{x}{j + 1}" for x in "qva" for j in range(trajectory.joints))]
     values = np.column_stack([times, *(trajectory(times, order) for order in range(3))])
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(header)
@@ -48,7 +49,9 @@ def _json(path: Path, trial: Trial, rate: float) -> None:
     """The exact piecewise polynomial, and the verdict."""
     trajectory = _certified(trial)
     exact = {name: getattr(trajectory, name).tolist() for name in ("breaks", "coefficients")}
-    path.write_text(json.dumps(trial.as_dict() | exact, indent=1), encoding="utf-8")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(trial.as_dict() | exact, indent=1, default=str)
+    path.write_text(text, encoding="utf-8")
 
 
 def _hdf5(path: Path, trial: Trial, rate: float) -> None:

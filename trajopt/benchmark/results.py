@@ -89,6 +89,7 @@ def _summarised(key: tuple[str, str, str], group: pd.DataFrame) -> dict[str, Any
     low, first, median, third, high = (
         certified.quantile([0, 0.25, 0.5, 0.75, 1]) if certified.notna().any() else [np.nan] * 5
     )
+    worst = group.loc[(group["status"] == str(Status.SOLVED)).idxmin()]  # the first not solved
     broke = group[~group["feasible"] & certified.notna()]
     return dict(zip(("problem", "digest", "label"), key, strict=True)) | {
         "median": median, "q1": first, "q3": third, "min": low, "max": high,
@@ -98,7 +99,7 @@ def _summarised(key: tuple[str, str, str], group: pd.DataFrame) -> dict[str, Any
         "kept": group["feasible"].mean(), "dilation": broke["dilation"].median(),
         "lower_bound": group["lower_bound"].min(), "evaluations": group["evaluations"].median(),
         "solve_time": group["solve_time"].median(), "setup_time": group["setup_time"].max(),
-        "status": group["status"].mode().iloc[0], "message": group["message"].iloc[0],
+        "status": worst["status"], "message": worst["message"],
         "relaxation": bool((group["relation"] == Relation.RELAXATION.name).all()),
     }  # fmt: skip
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import os
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, as_completed
 from contextlib import contextmanager
@@ -22,9 +23,10 @@ import pebble
 from trajopt.benchmark.results import REFERENCE, Results
 from trajopt.benchmark.store import Store
 from trajopt.benchmark.trial import failed, judge, provenance, trial_id
+from trajopt.exceptions import StoreError
 from trajopt.planner import Planner, entries, options
 from trajopt.problem import Problem
-from trajopt.solution import Status
+from trajopt.solution import Solution, Status
 
 Progress = Callable[[int], None]  # called with the number of trials that just finished
 
@@ -103,7 +105,7 @@ def _run(tasks: Sequence[Task], store: Store, jobs: int, timeout: float) -> Iter
     """Run the tasks, longest first, and yield how many trials each one finished."""
     if jobs == 0:
         for task in tasks:
-            _work(cloudpickle.dumps(task), store)
+            _do(task, store)
             yield len(task.seeds)
         return
     with _single_threaded(), _pool(min(jobs, max(1, len(tasks)))) as pool:
@@ -119,10 +121,21 @@ def _run(tasks: Sequence[Task], store: Store, jobs: int, timeout: float) -> Iter
 
 
 def _work(pickled: bytes, store: Store) -> None:
-    """In the worker: judge a task and store its trials."""
-    task: Task = cloudpickle.loads(pickled)
+    """In the worker process."""
+    _do(cloudpickle.loads(pickled), store)
+
+
+def _do(task: Task, store: Store) -> None:
     for trial in judge(task.planner, task.problem, task.seeds, task.name):
-        store.write(trial)
+        try:
+            store.write(trial)
+        except StoreError:
+            raise
+        except Exception:  # an answer that HDF5 cannot hold
+            message = traceback.format_exc()
+            status, lost = Status.CRASHED, Solution(Status.CRASHED, message=message)
+            blank = replace(trial, status=status, message=message, solution=lost, certificate=None)
+            store.write(blank)
 
 
 def _record_failure(future: Future[None], task: Task, store: Store, timeout: float) -> None:
@@ -130,15 +143,16 @@ def _record_failure(future: Future[None], task: Task, store: Store, timeout: flo
     error = future.exception()
     if error is None:
         return
+    if isinstance(error, StoreError):
+        raise error
     if isinstance(error, TimeoutError):
         status, message = Status.TIMEOUT, f"stopped after {timeout * len(task.seeds):g} s"
     elif isinstance(error, pebble.ProcessExpired):
         status, message = Status.CRASHED, f"its process died with exit code {error.exitcode}"
-    else:
-        raise error
-    written = store.finished()
+    else:  # the planner does not load in another process
+        status, message = Status.CRASHED, "".join(traceback.format_exception(error))
     for seed in task.seeds:
-        if task.trial_id(seed) not in written:
+        if not store.has(task.trial_id(seed)):
             store.write(failed(task.planner, task.problem, seed, task.name, status, message))
 
 

@@ -19,12 +19,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote, unquote
 
 import h5py
 import numpy as np
 
 from trajopt.benchmark.trial import Trial, verdict
-from trajopt.exceptions import StoreError
+from trajopt.exceptions import InvalidTrajectory, StoreError
 from trajopt.planner import Relation
 from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.solution import Solution, Status
@@ -54,7 +55,11 @@ class Store:
 
         Not those that lacked a backend: installing it is how a user mends them.
         """
-        return {f.stem for f in self._whole_files() if _status(f) is not Status.MISSING}
+        return {f.stem for f in self._whole_files() if _status(f) != Status.MISSING}
+
+    def has(self, trial_id: str) -> bool:
+        """Whether this trial is there and readable."""
+        return _is_whole(self.path(trial_id))
 
     def _whole_files(self) -> list[Path]:
         return [f for f in sorted((self.folder / "trials").glob("*.h5")) if _is_whole(f)]
@@ -71,12 +76,10 @@ class Store:
 
     def read(self, ids: set[str] | None = None) -> list[Trial]:
         """The stored trials, or those with these identities."""
-        return [
-            trial
-            for file in self._whole_files()
-            if ids is None or file.stem in ids
-            for trial, _ in records(file)
-        ]
+        files = (
+            self._whole_files() if ids is None else filter(_is_whole, map(self.path, sorted(ids)))
+        )
+        return [trial for file in files for trial, _ in records(file)]
 
 
 def save(path: Path, trial: Trial) -> Path:
@@ -105,19 +108,31 @@ def records(path: Path | str) -> list[tuple[Trial, Record]]:
             raise StoreError(f"{path}: expected a results folder with trials/*.h5 in it")
         return [pair for file in files for pair in records(file)]
     with _opened(path) as file:
-        return [(read_trial(group), _record(group)) for group in _groups(file)]
+        return [_pair(group) for group in _groups(file)]
+
+
+def _pair(group: Any) -> tuple[Trial, Record]:
+    try:
+        return read_trial(group), _record(group)
+    except StoreError:
+        raise
+    except Exception as error:  # whatever a damaged file makes h5py or us raise
+        where = f"{group.file.filename}, {group.name}"
+        raise StoreError(f"{where}: damaged, or not a trial of trajopt ({error})") from error
 
 
 @dataclass(frozen=True)
 class Record:
-    """What a file says of a trial: its identity, and its certified duration (s)."""
+    """What a file says of a trial: its identity, and its claimed and certified durations (s)."""
 
     id: str
+    claimed_duration: float | None
     certified_duration: float | None
 
 
 def _record(group: Any) -> Record:
-    return Record(group["id"].asstr()[()], _optional(group["certified_duration"][()], float))
+    durations = (group[name][()] for name in ("claimed_duration", "certified_duration"))
+    return Record(group["id"].asstr()[()], *(_optional(value, float) for value in durations))
 
 
 def write_trial(group: Any, trial: Trial) -> None:
@@ -143,25 +158,28 @@ def write_trial(group: Any, trial: Trial) -> None:
         history["duration"].dims[0].attach_scale(history["evaluations"])
     stats = group.create_group("stats")
     for name, value in trial.solution.stats.items():
-        _put(stats, name, value, "", "reported by the planner (SI units)")
+        _put(stats, quote(name, safe=" "), value, "", "reported by the planner (SI units)")
     versions = group.create_group("provenance")
     for name, text in trial.provenance.items():
         _put(versions, name, text, "", "version, commit or machine that produced this trial")
 
 
 def read_trial(group: Any) -> Trial:
-    """The trial as it was judged, its certificate computed anew from the stored trajectory."""
+    """The trial as it was judged, its certificate computed anew from the stored trajectory.
+
+    A trajectory that is none (any more) leaves an invalid trial without one.
+    """
     _check_schema(group)
     problem = _read_problem(group["problem"])
-    trajectory = None
-    if "trajectory" in group:
-        arrays = (group["trajectory"][n][()] for n in ("breaks", "coefficients", "waypoint_times"))
-        trajectory = Trajectory(*arrays)
+    trajectory, damage = _read_trajectory(group)
     history = None
     if "history" in group:
         history = np.stack([group["history"][n][()] for n in ("evaluations", "duration")], axis=1)
     text = {n: group[n].asstr()[()] for n in _TEXT}
+    if damage:
+        text |= {"status": str(Status.INVALID), "message": f"the stored trajectory: {damage}"}
     number = {n: group[n][()] for n in ("lower_bound", "evaluations", "setup_time", "solve_time")}
+    batch = int(group["batch"][()])
     solution = Solution(
         Status(text["planner_status"]),
         trajectory,
@@ -169,16 +187,27 @@ def read_trial(group: Any) -> Trial:
         lower_bound=_optional(number["lower_bound"], float),
         evaluations=_optional(number["evaluations"], int),
         history=history,
-        stats={name: _value(data) for name, data in group["stats"].items()},
+        setup_time=float(number["setup_time"]) * batch,
+        stats={unquote(name): _value(data) for name, data in group["stats"].items()},
     )
     return Trial(
         problem, text["planner"], text["label"], json.loads(text["options"]),
         int(group["seed"][()]),
         Relation[text["relation"]], Status(text["status"]), text["message"], solution,
         verdict(problem, solution)[2], float(number["setup_time"]), float(number["solve_time"]),
-        int(group["batch"][()]), text["started"],
+        batch, text["started"],
         {name: data.asstr()[()] for name, data in group["provenance"].items()},
     )  # fmt: skip
+
+
+def _read_trajectory(group: Any) -> tuple[Trajectory | None, str]:
+    if "trajectory" not in group:
+        return None, ""
+    arrays = (group["trajectory"][n][()] for n in ("breaks", "coefficients", "waypoint_times"))
+    try:
+        return Trajectory(*arrays), ""
+    except InvalidTrajectory as error:
+        return None, str(error)
 
 
 _TEXT = (
@@ -193,7 +222,7 @@ def _scalars(t: Trial) -> dict[str, tuple[Any, str, str]]:
         "id": (t.id, "", "identity: problem digest, planner, options, seed, package version"),
         "planner": (t.planner, "", "planner name"),
         "label": (t.label, "", "planner name with the options that differ from its defaults"),
-        "options": (json.dumps(dict(t.options)), "", "all options of the planner, as JSON"),
+        "options": (json.dumps(dict(t.options), default=str), "", "all planner options, as JSON"),
         "seed": (t.seed, "1", "seed of the random stream; 0 for deterministic planners"),
         "relation": (t.relation.name, "", "how the answer relates to the minimum-time problem"),
         "status": (str(t.status), "", "verdict"),
@@ -282,10 +311,16 @@ def _put(group: Any, name: str, value: Any, units: str, description: str) -> Non
     array = np.asarray(np.nan if value is None else value)
     if array.dtype.kind in "OUS":
         texts = value if isinstance(value, str) or array.ndim else json.dumps(value, default=str)
+        texts = _storable(texts) if isinstance(texts, str) else texts
         data = group.create_dataset(name, data=texts, dtype=h5py.string_dtype())
     else:
         data = group.create_dataset(name, data=array)
     data.attrs["units"], data.attrs["description"] = units, description
+
+
+def _storable(text: str) -> str:
+    """HDF5 text holds neither NUL nor lone surrogates."""
+    return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode()
 
 
 def _value(data: Any) -> Any:
@@ -334,6 +369,22 @@ def _copy_all(out: Any, files: list[Path]) -> None:
     for path in files:
         with h5py.File(path) as file:
             file.copy(file["/"], trials, name=path.stem)
+            _attach_anew(file, trials[path.stem])
+
+
+def _attach_anew(source: Any, copy: Any) -> None:
+    """Attach a copy's own dimension scales: HDF5 leaves copied references dangling."""
+    names: list[str] = []
+    source.visit(names.append)
+    for name in names:
+        for reference in ("DIMENSION_LIST", "REFERENCE_LIST"):
+            if reference in copy[name].attrs:
+                del copy[name].attrs[reference]
+    for name in names:
+        if "DIMENSION_LIST" in source[name].attrs:
+            for axis, dimension in enumerate(source[name].dims):
+                for scale in dimension.values():
+                    copy[name].dims[axis].attach_scale(copy[scale.name.lstrip("/")])
 
 
 def _groups(file: Any) -> Iterator[Any]:
@@ -346,7 +397,8 @@ def _check_schema(group: Any) -> None:
     if schema > SCHEMA:
         name = group.file.filename
         raise StoreError(
-            f"{name}: written with schema {schema}, this version reads up to {SCHEMA}: upgrade trajopt"
+            f"{name}: written with schema {schema}, this version reads up to {SCHEMA}; "
+            "upgrade trajopt"
         )
 
 
@@ -359,14 +411,21 @@ def _opened(path: Path) -> Any:
         raise StoreError(f"{path}: damaged, or not an HDF5 file ({error})") from None
 
 
-def _status(path: Path) -> Status:
+def _status(path: Path) -> str:
     with h5py.File(path) as file:
-        return Status(file["status"].asstr()[()])
+        return str(file["status"].asstr()[()])
 
 
 def _is_whole(path: Path) -> bool:
+    """Whether everything in the file can be read."""
     try:
         with h5py.File(path) as file:
-            return "certified_duration" in file and "provenance" in file
-    except OSError:
+            file.visititems(_touch)
+            return {"schema"} <= set(file.attrs) and {"status", "provenance"} <= set(file)
+    except Exception:  # whatever a damaged file makes h5py raise
         return False
+
+
+def _touch(_: str, item: Any) -> None:
+    if isinstance(item, h5py.Dataset):
+        item[()]

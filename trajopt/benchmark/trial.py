@@ -14,8 +14,11 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
+from numbers import Real
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from trajopt.exceptions import InvalidTrajectory, MissingBackend
 from trajopt.planner import Planner, Relation, label, options
@@ -155,7 +158,7 @@ def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certific
     if certificate.valid or solution.status is not Status.SOLVED:
         return solution.status, solution.message, certificate
     flaws = "; ".join(certificate.flaws)
-    return Status.INVALID, "; ".join(filter(None, [flaws, solution.message])), certificate
+    return Status.INVALID, "; ".join(filter(None, [solution.message, flaws])), certificate
 
 
 def _relation(planner: Planner, problem: Problem) -> Relation:
@@ -172,15 +175,36 @@ def _solutions(planner: Planner, problem: Problem, seeds: Sequence[int]) -> list
             return [Solution(Status.UNSUPPORTED, message=reason)] * len(seeds)
         batch = getattr(planner, "solve_batch", None)
         found = batch(problem, seeds) if batch else [planner.solve(problem, seed=s) for s in seeds]
-        if len(found) != len(seeds) or not all(isinstance(s, Solution) for s in found):
-            raise TypeError(f"solve must return one Solution per seed, got {found!r:.200}")
-        return list(found)
+        if len(found) != len(seeds):
+            raise TypeError(f"solve_batch must return one Solution per seed, got {found!r:.200}")
+        return [_well_formed(solution) for solution in found]
     except MissingBackend as error:
         return [Solution(Status.MISSING, message=str(error))] * len(seeds)
     except MemoryError:
         return [Solution(Status.CRASHED, message="out of memory")] * len(seeds)
-    except Exception:
+    except (Exception, SystemExit):
         return [Solution(Status.CRASHED, message=traceback.format_exc())] * len(seeds)
+
+
+def _well_formed(answer: Any) -> Solution:
+    """The answer, or a crash that says which part of it is not what a `Solution` holds."""
+    if not isinstance(answer, Solution):
+        message = f"solve must return a Solution, got {answer!r:.200}"
+        return Solution(Status.CRASHED, message=message)
+    for name, kinds in _KINDS.items():
+        if not isinstance(value := getattr(answer, name), kinds):
+            message = f"Solution.{name} cannot be {value!r:.200}"
+            return Solution(Status.CRASHED, message=message)
+    if answer.history is not None and answer.history.shape[1:] != (2,):
+        message = f"Solution.history must be (m, 2), got {answer.history.shape}"
+        return Solution(Status.CRASHED, message=message)
+    return answer
+
+
+_KINDS: dict[str, Any] = {
+    "status": Status, "trajectory": Trajectory | None, "message": str, "lower_bound": Real | None,
+    "evaluations": Real | None, "history": np.ndarray | None, "setup_time": Real, "stats": Mapping,
+}  # fmt: skip
 
 
 @cache

@@ -1,0 +1,123 @@
+"""Tables against plain NumPy on made-up trials, and the alarm for beating the reference."""
+
+import numpy as np
+import pytest
+
+from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
+from trajopt.benchmark.results import Results
+from trajopt.benchmark.trial import judge
+
+PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
+OTHER = Problem([[0.0], [2.0]], Limits([10.0], [100.0]), "two")
+
+
+class Fixed:
+    """A quintic of a given duration per seed; 0 is a crash, a negative one fails."""
+
+    def __init__(self, *durations, bound=None, relation=Relation.RESTRICTION):
+        self.durations, self.bound, self.kind = durations, bound, relation
+
+    def relation(self, problem):
+        return self.kind
+
+    def unsupported(self, problem):
+        return None
+
+    def solve(self, problem, *, seed=0):
+        t = self.durations[seed]
+        if t < 0:
+            return Solution(Status.FAILED, message="gave up", lower_bound=self.bound)
+        h = problem.displacements[0, 0]
+        c = [6 * h / t**5, -15 * h / t**4, 10 * h / t**3, 0, 0, problem.waypoints[0, 0]]
+        trajectory = Trajectory([0, t], np.reshape(c, (6, 1, 1)), [0, t])
+        return Solution(Status.SOLVED, trajectory, lower_bound=self.bound, evaluations=10 * seed)
+
+
+def run(name, *durations, problem=PROBLEM, **more):
+    planner = Fixed(*durations, **more)
+    return [judge(planner, problem, [seed], name)[0] for seed in range(len(durations))]
+
+
+def test_the_reference_is_the_shortest_certified_exact_answer_of_each_problem():
+    items = [*run("exact", 2.5, 2.0), *run("exact", 3.0, problem=OTHER), *run("mine", 1.0)]
+    table = Results(items).references()
+    assert table.loc[PROBLEM.digest()].tolist() == [2.0, "exact"]
+    assert table.loc[OTHER.digest()].tolist() == [3.0, "exact"]
+
+
+def test_gaps_are_certified_over_reference_minus_one():
+    items = [*run("exact", 2.0), *run("mine", 2.5, 3.0, -1.0)]
+    table = Results(items).gaps()
+    np.testing.assert_allclose(table["gap"], [0, 0.25, 0.5, np.nan], rtol=1e-12)
+
+
+def test_what_counts_is_the_certified_duration_not_the_claim():
+    # 15/8 · 1 rad / 0.05 s is 3.75 times 10 rad/s; 10/√3 / 0.05² is 23.09 times 100 rad/s²
+    (trial,) = run("mine", 0.05)
+    k = max(3.75, np.sqrt(10 / np.sqrt(3) / 0.05**2 / 100))
+    row = Results([*run("exact", 2.0), trial]).gaps().iloc[1]
+    assert row["claimed_duration"] == 0.05
+    assert row["certified_duration"] == pytest.approx(0.05 * k, rel=1e-9)
+    assert not row["feasible"]
+    assert row["dilation"] == pytest.approx(k, rel=1e-9)
+
+
+def test_without_a_certified_exact_answer_its_lower_bound_is_the_reference():
+    items = [*run("exact", -1.0, bound=1.5), *run("mine", 3.0)]
+    results = Results(items)
+    assert results.references().iloc[0].tolist() == [1.5, "lower bound"]
+    row = results.summary().set_index("label").loc["mine"]
+    assert row["gap"] == pytest.approx(1.0)
+    assert row["kind"] == "lower bound"
+
+
+def test_without_an_exact_answer_there_are_no_gaps():
+    results = Results(run("mine", 2.0))
+    assert results.references().empty
+    assert results.gaps()["gap"].isna().all()
+    assert results.suspicious().empty
+
+
+def test_the_summary_is_what_numpy_says():
+    durations = np.random.default_rng(1).uniform(2, 5, 30)
+    row = (
+        Results([*run("exact", 2.0), *run("mine", *durations)])
+        .summary()
+        .set_index("label")
+        .loc["mine"]
+    )
+    q1, median, q3 = np.percentile(durations, [25, 50, 75])
+    found = row[["min", "q1", "median", "q3", "max"]].astype(float)
+    np.testing.assert_allclose(
+        found, [durations.min(), q1, median, q3, durations.max()], rtol=1e-12
+    )
+    assert row["gap"] == pytest.approx(np.median(durations / 2 - 1))
+    assert row["evaluations"] == np.median(10 * np.arange(30))
+    assert (row["runs"], row["solved"], row["kept"]) == (30, 30, 1.0)
+
+
+def test_kept_is_a_share_of_all_runs_and_dilation_the_median_of_those_that_broke():
+    items = run("mine", 2.0, 0.05, 0.04, 0.1, -1.0)
+    row = Results(items).summary().iloc[0]
+    assert row["kept"] == pytest.approx(1 / 5)
+    assert (row["runs"], row["solved"]) == (5, 4)
+    broke = [np.sqrt(10 / np.sqrt(3) / t**2 / 100) for t in (0.05, 0.04, 0.1)]
+    assert row["dilation"] == pytest.approx(np.median(broke))
+    assert (row["status"], row["message"]) == ("failed", "gave up")
+
+
+def test_rows_are_sorted_by_certified_duration_with_failures_last():
+    items = [*run("d", -1.0), *run("c", 4.0), *run("a", 2.0), *run("b", 3.0)]
+    assert Results(items).summary()["label"].tolist() == ["a", "b", "c", "d"]
+
+
+@pytest.mark.parametrize(
+    ("excess", "alarm"), [(-2e-6, True), (-1.1e-6, True), (-0.9e-6, False), (0, False)]
+)
+def test_beating_the_reference_beyond_a_millionth_is_suspicious(excess, alarm):
+    results = Results([*run("exact", 2.0), *run("mine", 2.0 * (1 + excess))])
+    assert results.suspicious()["label"].tolist() == ["mine"] * alarm
+
+
+def test_no_trials_give_an_empty_table():
+    assert Results([]).trials().empty
