@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
+from uuid import uuid4
 
 import h5py
 import numpy as np
@@ -337,10 +337,7 @@ def _write_atomically(path: Path, write: Callable[[Any], None]) -> None:
     """Temporary name in the same folder, close, sync, rename, sync the folder."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.stem}-", suffix=".tmp"
-        )
-        os.close(handle)
+        temporary = path.with_name(f".{path.stem}-{uuid4().hex}.tmp")
         try:
             with h5py.File(temporary, "w") as file:
                 write(file)
@@ -348,7 +345,7 @@ def _write_atomically(path: Path, write: Callable[[Any], None]) -> None:
             os.replace(temporary, path)
             _sync(path.parent)
         finally:
-            Path(temporary).unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
     except OSError as error:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from error
 
