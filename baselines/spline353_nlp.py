@@ -66,7 +66,7 @@ class Spline353NLP:
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: segment times; each start's outcome (s)."""
-        spline, began = _Spline(problem), time.perf_counter()
+        spline, began = Spline(problem), time.perf_counter()
         solver = _solver(*spline.size)
         setup_time = time.perf_counter() - began
         found = [
@@ -86,7 +86,7 @@ class Spline353NLP:
         return Solution(Status.SOLVED, answer, setup_time=setup_time, stats=stats)
 
 
-class _Spline:
+class Spline:
     """The moving joints of a problem."""
 
     def __init__(self, problem: Problem) -> None:
@@ -131,7 +131,7 @@ def _replace_idlest(rate: Array, bounds: Array, instants: Array) -> Array:
     return new
 
 
-def _starts(spline: _Spline, problem: Problem, count: int) -> list[Array]:
+def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
     """Feasible segment times to start from: the best local minima of a grid over their ratios."""
     first, last = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
     times = np.exp(np.stack([first, np.zeros_like(first), last], axis=-1))
@@ -143,7 +143,7 @@ def _starts(spline: _Spline, problem: Problem, count: int) -> list[Array]:
     return list(times[lowest][best])
 
 
-def _exchange(solver: Any, spline: _Spline, times: Array) -> tuple[Array, str]:
+def _exchange(solver: Any, spline: Spline, times: Array) -> tuple[Array, str]:
     """Feasible segment times (NaN if none) and IPOPT's last status, from one start."""
     best, status = np.full(3, np.nan), ""
     even = np.linspace(0.0, 1.0, _INSTANTS)[:, None] + np.zeros(spline.size[0])
@@ -161,7 +161,7 @@ def _exchange(solver: Any, spline: _Spline, times: Array) -> tuple[Array, str]:
 
 
 def _solve_at(
-    solver: Any, spline: _Spline, times: Array, instants: list[Array]
+    solver: Any, spline: Spline, times: Array, instants: list[Array]
 ) -> tuple[Array, str, bool]:
     """One NLP from `times`, its limits imposed at these instants."""
     unit = float(times.mean())

@@ -420,3 +420,39 @@ def test_verify_of_a_damaged_file_exits_2(compared, trajopt, tmp_path):
 
 def test_all_planners_are_registered():
     assert set(entries()) >= NAMES
+
+
+# --- certify ---
+
+
+def test_certify_proves_the_known_optimum(trajopt):
+    code, out, err = trajopt("certify", "one-joint", "--json")
+    bound = json.loads(out)
+    assert (code, err) == (0, "")
+    assert bound["status"] == "proved"
+    assert bound["lower_bound"] <= 2.0 <= bound["upper_bound"] * (1 + 1e-9)  # 1.5/1 + 1/2
+    assert bound["relative_gap"] <= 1e-4
+
+
+def test_certify_of_lifted_limits_has_no_upper_bound(trajopt):
+    code, out, _ = trajopt("certify", "jerk-limit", "--json")
+    bound = json.loads(out)
+    assert (code, bound["upper_bound"], bound["relative_gap"]) == (0, None, None)
+    assert "none" in trajopt("certify", "jerk-limit")[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["seven-waypoints", "--family", "spline353"], "4 waypoints"),
+        (["six-axis", "--joint", "7"], "joint from 1 to 6"),
+        (["six-axis", "--joint", "1"], "a joint that moves"),
+        (["six-axis", "--gap", "0"], "positive"),
+        (["six-axis", "--family", "best"], "spline353"),
+    ],
+)
+def test_certify_of_bad_input_exits_2(trajopt, arguments, word):
+    code, out, err = trajopt("certify", *arguments)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"trajopt: [^\n]+\n", err)
+    assert word in err

@@ -1,4 +1,4 @@
-"""The command line: `trajopt list | plan | compare | verify`.
+"""The command line: `trajopt list | plan | compare | certify | verify`.
 
 Heavy imports wait inside the commands, so that `--help` answers at once. Exit codes: 0 done, 1
 nothing could be solved or something does not hold, 2 bad input (one line on stderr).
@@ -10,7 +10,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import cyclopts
 from cyclopts import Parameter
@@ -127,6 +127,41 @@ def compare(
         drawn = figures.draw(results, output / "figures")
     render.comparison(results, output, drawn)
     return 0 if results.summary()["solved"].any() or results.summary()["lower_bound"].any() else 1
+
+
+@app.command
+def certify(
+    problem: Problems,
+    *,
+    family: Annotated[
+        Literal["free", "spline353"],
+        Parameter(help="Any trajectory, or the 3-5-3 spline with shared times."),
+    ] = "free",
+    gap: Annotated[float, Parameter(help="Relative gap at which to stop.")] = 1e-4,
+    time_limit: Annotated[
+        float, Parameter(help="Seconds; the bounds reached are the answer.")
+    ] = 60.0,
+    joint: Annotated[int | None, Parameter(help="One joint alone, counted from 1.")] = None,
+    json: Json = False,
+) -> int:
+    """Prove a lower bound on the minimum time."""
+    from trajopt import bounds, render
+    from trajopt.benchmark import suite
+    from trajopt.exceptions import InvalidInput
+
+    file, loaded = suite.find(problem), suite.load(problem)
+    if joint is not None and not 1 <= joint <= loaded.joints:
+        raise InvalidInput("--joint", f"a joint from 1 to {loaded.joints}", value=joint)
+    index = None if joint is None else joint - 1
+    bound = bounds.certify(loaded, family, gap=gap, time_limit=time_limit, joint=index)
+    names = ("lower_bound", "upper_bound", "relative_gap", "status", "solve_time")
+    table = {"problem": loaded.name, "problem_file": str(file), "family": family, "joint": joint}
+    table |= {name: getattr(bound, name) for name in names}
+    if json:
+        _print_json(table)
+    else:
+        render.bound(table)
+    return 0
 
 
 @app.command

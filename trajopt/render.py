@@ -197,6 +197,20 @@ def _warn(results: Results) -> None:
         )
 
 
+def bound(table: dict[str, Any]) -> None:
+    """What is proved about a problem's minimum time."""
+    alone = f", joint {table['joint']} alone" if table["joint"] else ""
+    what = f"{table['problem']} ({table['problem_file']}), {table['family']}{alone}"
+    _OUT.print(f"{escape(what)}: [bold]{table['status']}[/bold]", soft_wrap=True)
+    _OUT.print(f"  lower bound {table['lower_bound']:.9f} s")
+    if table["relative_gap"] < float("inf"):
+        _OUT.print(f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration")
+        _OUT.print(f"  gap         {100 * table['relative_gap']:.6f} %")
+    else:
+        _OUT.print("  upper bound none: the bound lifts limits that its trajectory then breaks")
+    _OUT.print(f"  computing   {table['solve_time']:.2f} s")
+
+
 def verification(rows: Sequence[dict[str, Any]]) -> None:
     """Claimed against certified, trial by trial, and what does not hold."""
     table = Table(box=None, pad_edge=False, padding=(0, 1))
