@@ -142,7 +142,7 @@ class _Scaled:
         """Breaks (s) and coefficients (rad/s^power) of one moving joint."""
         ends, starts, parts = _with_rest(velocities)[:, i], [], []
         for k, t in enumerate(times):
-            local, part = _combined(
+            local, part = combined(
                 ends[k], ends[k + 1], t, self.h[k, i], self.v[:, i], self.a[:, i]
             )
             part *= self.units[:, i, None]
@@ -171,7 +171,7 @@ def extremes(u: Array, w: Array, t: Array, v: Array, a: Array) -> tuple[Array, A
     return up, d_up, lo, d_lo
 
 
-def _combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tuple[Array, Array]:
+def combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tuple[Array, Array]:
     """Breaks and position coefficients (3, pieces) of the profile that covers exactly `h`."""
     up, d_up, lo, d_lo = map(float, extremes(np.asarray(u), np.asarray(w), np.asarray(t), v, a))
     width = d_up - d_lo
@@ -251,14 +251,14 @@ def _solver(segments: int, joints: int) -> Any:
 def _optima(solver: Any, scaled: _Scaled, count: int) -> list[_Optimum]:
     """One optimum per start; starting goes on, within reason, while none has succeeded."""
     found: list[_Optimum] = []
-    for start in _starts(scaled, _PATIENCE * count):
+    for start in starting_points(scaled, _PATIENCE * count):
         if len(found) >= count and min(optimum.duration for optimum in found) < np.inf:
             break
         found.append(_solve_from(solver, scaled, start))
     return found
 
 
-def _starts(scaled: _Scaled, count: int) -> Iterator[tuple[Array, Array]]:
+def starting_points(scaled: _Scaled, count: int) -> Iterator[tuple[Array, Array]]:
     """Times and waypoint velocities to start from: generous stopping first, then random ones."""
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)
@@ -277,8 +277,8 @@ def _solve_from(solver: Any, scaled: _Scaled, start: tuple[Array, Array]) -> _Op
     ends = np.clip(_with_rest(velocities), *scaled.v)
     up, lo = np.maximum(ends[:-1], ends[1:]), np.minimum(ends[:-1], ends[1:])
     low, high = _bounds(scaled)
-    p = _flat(scaled.h, -scaled.a[0], scaled.a[1], scaled.stop)
-    x0 = _flat(times, ends[1:-1], up, lo)
+    p = flat(scaled.h, -scaled.a[0], scaled.a[1], scaled.stop)
+    x0 = flat(times, ends[1:-1], up, lo)
     result = solver(x0=x0, p=p, lbx=low, ubx=high, lbg=0.0, ubg=np.inf)
     stats, x = solver.stats(), np.asarray(result["x"]).ravel()
     times = x[: len(times)]
@@ -293,12 +293,12 @@ def _bounds(scaled: _Scaled) -> tuple[Array, Array]:
     segments = len(scaled.stop)
     longest = np.full(segments, scaled.stop.sum())
     low, high = (
-        _flat(times, *(np.tile(v, (rows, 1)) for rows in (segments - 1, segments, segments)))
+        flat(times, *(np.tile(v, (rows, 1)) for rows in (segments - 1, segments, segments)))
         for times, v in zip((scaled.least, longest), scaled.v, strict=True)
     )
     return low, high
 
 
-def _flat(*tables: Array) -> Array:
-    """CasADi's order: column by column."""
+def flat(*tables: Array) -> Array:
+    """All tables in one vector, in CasADi's order: one after another, column by column."""
     return np.concatenate([table.ravel("F") for table in tables])

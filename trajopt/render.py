@@ -117,7 +117,8 @@ def comparison(results: Results, folder: Path, figures: Sequence[Path]) -> None:
         for row in rows[rows["solved"] < rows["runs"]].itertuples():
             message = str(row.message).strip().splitlines()
             count = f"{row.runs - row.solved} of {row.runs} runs " if row.runs > 1 else ""
-            why = f"{count}{row.status}: {message[-1] if message else ''}"
+            status = "" if row.lower_bound == row.lower_bound else f"{count}{row.status}: "
+            why = f"{status}{message[-1] if message else ''}"
             _OUT.print(f"{row.label}: {why}", markup=False)
         _OUT.print(_caption(rows, _readings(results)), markup=False)
         _OUT.print()
