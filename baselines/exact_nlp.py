@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
-from trajopt.problem import Problem
+from trajopt.problem import LimitName, Problem
 from trajopt.solution import Solution, Status
 from trajopt.stopping import stop_times
 from trajopt.trajectory import Trajectory
@@ -48,6 +48,7 @@ IPOPT = {
 }
 
 
+_IGNORED: tuple[LimitName, ...] = ("jerk", "position")
 _PATIENCE = 5  # times as many starts where all have failed so far
 _SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum
 
@@ -66,8 +67,7 @@ class Exact:
 
     def relation(self, problem: Problem) -> Relation:
         """Jerk and position limits are ignored, so with them the answer is a lower bound."""
-        ignored = problem.has("jerk") or problem.has("position")
-        return Relation.RELAXATION if ignored else Relation.SAME
+        return Relation.RELAXATION if any(map(problem.has, _IGNORED)) else Relation.SAME
 
     def unsupported(self, problem: Problem) -> str | None:
         return None
@@ -78,7 +78,7 @@ class Exact:
 
         `stats`: each start's IPOPT status and duration (s, infinite where it failed).
         """
-        scaled, began = _Scaled(problem), time.perf_counter()
+        scaled, began = Scaled(problem), time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
         found = _optima(solver, scaled, self.starts)
@@ -92,8 +92,9 @@ class Exact:
         answer = scaled.trajectory(best.times, best.velocities)
         bound, message = None, ""
         if self.relation(problem) is Relation.RELAXATION:
-            bound = verify(problem.without("jerk", "position"), answer).certified_duration
-            message = "jerk and position limits are ignored: a lower bound (best known, not proved)"
+            bound = verify(problem.without(*_IGNORED), answer).certified_duration
+            ignored = " and ".join(name for name in _IGNORED if problem.has(name))
+            message = f"{ignored} limits are ignored: a lower bound (best known, not proved)"
         return Solution(Status.SOLVED, answer, message, bound, setup_time=setup_time, stats=stats)
 
 
@@ -107,7 +108,7 @@ class _Optimum:
     status: str
 
 
-class _Scaled:
+class Scaled:
     """The moving joints without units: time in mean stop times, tighter acceleration limit 1.
 
     `h` is `(segments, joints)`; the velocity and acceleration limits `v`, `a` are `(2, joints)`.
@@ -115,7 +116,7 @@ class _Scaled:
 
     def __init__(self, problem: Problem) -> None:
         self.problem, self.moving = problem, problem.moving
-        limits, stop = problem.limits, stop_times(problem.without("jerk", "position"))
+        limits, stop = problem.limits, stop_times(problem.without(*_IGNORED))
         self.unit = float(stop.mean())
         tighter = np.abs(limits.acceleration[self.moving]).min(axis=1)
         # of acceleration, velocity and position
@@ -200,7 +201,7 @@ def _apart(times: Array, least: float) -> Array:
     return np.asarray(np.r_[times[0], inner, times[-1]])
 
 
-def repair(times: Array, velocities: Array, scaled: _Scaled) -> float:
+def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
     """The smallest dilation that makes times and waypoint velocities exactly reachable.
 
     IPOPT meets its constraints to a tolerance; dilating by `k` multiplies the velocity limits by
@@ -248,7 +249,7 @@ def _solver(segments: int, joints: int) -> Any:
     return ca.nlpsol("exact", "ipopt", {"x": x, "p": p, "f": ca.sum1(t), "g": g}, IPOPT)
 
 
-def _optima(solver: Any, scaled: _Scaled, count: int) -> list[_Optimum]:
+def _optima(solver: Any, scaled: Scaled, count: int) -> list[_Optimum]:
     """One optimum per start; starting goes on, within reason, while none has succeeded."""
     found: list[_Optimum] = []
     for start in starting_points(scaled, _PATIENCE * count):
@@ -258,7 +259,7 @@ def _optima(solver: Any, scaled: _Scaled, count: int) -> list[_Optimum]:
     return found
 
 
-def starting_points(scaled: _Scaled, count: int) -> Iterator[tuple[Array, Array]]:
+def starting_points(scaled: Scaled, count: int) -> Iterator[tuple[Array, Array]]:
     """Times and waypoint velocities to start from: generous stopping first, then random ones."""
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)
@@ -271,7 +272,7 @@ def starting_points(scaled: _Scaled, count: int) -> Iterator[tuple[Array, Array]
         yield times, between * rng.uniform(0, 1.5, (segments - 1, 1))
 
 
-def _solve_from(solver: Any, scaled: _Scaled, start: tuple[Array, Array]) -> _Optimum:
+def _solve_from(solver: Any, scaled: Scaled, start: tuple[Array, Array]) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     times, velocities = start
     ends = np.clip(_with_rest(velocities), *scaled.v)
@@ -288,7 +289,7 @@ def _solve_from(solver: Any, scaled: _Scaled, start: tuple[Array, Array]) -> _Op
     return _Optimum(k * float(times.sum()), k * times, velocities / k, str(stats["return_status"]))
 
 
-def _bounds(scaled: _Scaled) -> tuple[Array, Array]:
+def _bounds(scaled: Scaled) -> tuple[Array, Array]:
     """Bounds of all variables; no segment takes longer than stopping everywhere does."""
     segments = len(scaled.stop)
     longest = np.full(segments, scaled.stop.sum())

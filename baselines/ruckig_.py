@@ -58,12 +58,9 @@ class RuckigStop:
 
 @dataclass(frozen=True)
 class RuckigVia(RuckigStop):
-    """Ruckig through the waypoints, their velocities (and accelerations) improved from stopping.
+    """Ruckig through the waypoints, their velocities (and accelerations) improved from stopping."""
 
-    `evaluations` is the budget of Ruckig's sections, about 0.1 ms each with the search around them.
-    """
-
-    evaluations: int = 8000
+    evaluations: int = 8000  # Ruckig's sections, about 0.1 ms each with the search around them
 
     def __post_init__(self) -> None:
         if self.evaluations < 1:
@@ -346,9 +343,6 @@ def _assembled(
     rest = [(at[[0, -1]], np.array([[q]])) for q in problem.waypoints[0]]
     for column, joint in enumerate(moving):
         own = [section[column] for _, section in parts]
-        breaks = [
-            0.0,
-            *(start + b for start, (breaks, _) in zip(at, own, strict=False) for b in breaks[1:]),
-        ]
-        rest[joint] = np.array(breaks), np.concatenate([c for _, c in own], axis=1)
+        later = (start + breaks[1:] for start, (breaks, _) in zip(at, own, strict=False))
+        rest[joint] = np.r_[0.0, *later], np.concatenate([c for _, c in own], axis=1)
     return Trajectory.joined(rest, at)

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import PPoly
 
 from trajopt import Limits, Problem, Relation, Solution, Status, StoreError, Trajectory
-from trajopt.benchmark import store
+from trajopt.benchmark import schema, store
 from trajopt.benchmark.store import Store, read, records, save
 from trajopt.benchmark.trial import judge, trial_id
 from trajopt.planner import load
@@ -243,7 +243,7 @@ def test_a_crash_while_writing_leaves_no_file_and_an_old_one_intact(
         raise RuntimeError("pulled the plug")
 
     place = {
-        "write": (store, "_write_trajectory"),
+        "write": (schema, "_write_trajectory"),
         "sync": (store, "_sync"),
         "rename": (store.os, "replace"),
     }

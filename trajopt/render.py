@@ -181,8 +181,8 @@ def _caption(rows: pd.DataFrame, readings: str) -> str:
         )
     elif len(reference):
         lines.append(
-            f"Gap to a lower bound, {reference.iloc[0]:.6f} s: the exact optimum without the "
-            "jerk or position limits (best known, not proved)."
+            f"Gap to a lower bound, {reference.iloc[0]:.6f} s: the exact optimum without some of "
+            "the limits (best known, not proved)."
         )
     if readings:
         lines.append(f"Reading: {readings}.")

@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.certificate.program import TOLERANCE, certified
-from baselines.exact_nlp import Exact, repair
-from baselines.exact_nlp import _Scaled as Scaled
+from baselines.exact_nlp import Exact, Scaled, repair
 from trajopt.exceptions import TrajoptError
 from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory

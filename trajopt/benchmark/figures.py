@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trajopt.benchmark import plots
-from trajopt.benchmark.results import REFERENCE, TOLERANCE, Results
+from trajopt.benchmark.results import REFERENCES, TOLERANCE, Results
 from trajopt.benchmark.trial import Trial
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
@@ -72,7 +72,7 @@ def _draw_motions(trials: Sequence[Trial], folder: Path) -> list[Path]:
         trial = _median_run(runs)
         trajectory = trial.certified_trajectory
         assert trajectory is not None
-        behind = None if trial.planner == REFERENCE else reference
+        behind = None if trial.planner in REFERENCES else reference
         title = _title(trial, len(runs))
         figure = plots.motion(trial.problem, trajectory, behind, title, reference_name)
         files += plots.save(figure, folder / f"motion-{name}")
@@ -91,8 +91,8 @@ def _median_run(runs: Sequence[Trial]) -> Trial:
 
 
 def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
-    """The exact planner's shortest trajectory, and what it is an optimum of."""
-    exact = [t for t in trials if t.planner == REFERENCE and t.solution.trajectory is not None]
+    """The exact planners' shortest trajectory, and what it is an optimum of."""
+    exact = [t for t in trials if t.planner in REFERENCES and t.solution.trajectory is not None]
     if not exact:
         return None, ""
     best = min(exact, key=lambda t: (t.certified_duration or np.inf, t.claimed_duration))
