@@ -3,8 +3,10 @@
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 
 import h5py
 import numpy as np
@@ -456,3 +458,19 @@ def test_certify_of_bad_input_exits_2(trajopt, arguments, word):
     assert (code, out) == (2, "")
     assert re.fullmatch(r"trajopt: [^\n]+\n", err)
     assert word in err
+
+
+def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
+    command = [sys.executable, "-m", "trajopt.cli", "compare", "six-axis", "--jobs", "1"]
+    command += ["--planner", "pso:iterations=3000", "--seeds", "600"]  # minutes, in small batches
+    running = subprocess.Popen(
+        [*command, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 120
+    while not list(tmp_path.glob("trials/*.h5")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert err.strip().endswith("finished trials are kept, run the same command to go on")
+    assert list(tmp_path.glob("trials/*.h5"))

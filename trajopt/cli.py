@@ -21,6 +21,7 @@ app = cyclopts.App(
     "every answer verified.",
     version_flags=["--version"],
     help_format="plaintext",
+    suppress_keyboard_interrupt=False,  # main says what to type to go on
 )
 
 Problems = Annotated[str, Parameter(help="Problem file, or the name of a built-in problem.")]
