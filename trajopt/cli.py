@@ -51,7 +51,8 @@ def plan(
     planner: PlannerSpec,
     seed: Annotated[int, Parameter(help="Seed of the random stream of stochastic planners.")] = 0,
     out: Annotated[
-        Path | None, Parameter(help="Write the certified trajectory: .csv .json .h5.")
+        Path | None,
+        Parameter(help="Write the certified trajectory (.csv, .json) or the trial (.h5)."),
     ] = None,
     rate: Annotated[float, Parameter(help="Samples per second in a .csv file.")] = 1000.0,
     json: Json = False,
@@ -102,7 +103,7 @@ def compare(
     from trajopt.exceptions import InvalidInput
     from trajopt.planner import load, parse
 
-    jobs = len(os.sched_getaffinity(0)) if jobs is None else jobs
+    jobs = _cpus() if jobs is None else jobs
     for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--timeout", timeout)):
         if not 1 <= value < float("inf"):
             raise InvalidInput(name, "at least 1", value=value)
@@ -180,6 +181,12 @@ def verify(
     else:
         render.verification(rows)
     return 0 if all(row["holds"] for row in rows) else 1
+
+
+def _cpus() -> int:
+    """The CPUs this process may use; all of them where the system does not say."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _loadable() -> list[str]:
