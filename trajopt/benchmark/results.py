@@ -7,7 +7,7 @@ results.summary()              # a pandas frame, one row per problem and planner
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -103,8 +103,3 @@ def _summarised(key: tuple[str, str, str], group: pd.DataFrame) -> dict[str, Any
         "status": worst["status"], "message": worst["message"],
         "relaxation": bool((group["relation"] == Relation.RELAXATION.name).all()),
     }  # fmt: skip
-
-
-def in_run(items: Iterable[Trial], ids: set[str]) -> Results:
-    """Only the trials with these identities."""
-    return Results([t for t in items if t.id in ids])
