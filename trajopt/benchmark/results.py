@@ -1,8 +1,8 @@
 """Trials as tables: one row per trial, gaps to the reference, one line per planner.
 
-results = Results.read("results")
-results.gaps()                 # a pandas frame, one row per trial
-results.summary()              # a pandas frame, one row per problem and planner
+    results = Results(store.read("results"))
+    results.gaps()                 # a pandas frame, one row per trial
+    results.summary()              # a pandas frame, one row per problem and planner
 """
 
 from __future__ import annotations
