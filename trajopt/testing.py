@@ -1,7 +1,10 @@
 """The planner contract as a function: run it on your own planner, in a test or a notebook.
 
-from trajopt.testing import check_planner
-check_planner(MyPlanner())
+    from trajopt.testing import check_planner
+
+    check_planner(MyPlanner())
+
+It says nothing where the contract is kept, and raises where it is not.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
     results = Results(store.read("results"))
     results.gaps()                 # a pandas frame, one row per trial
     results.summary()              # a pandas frame, one row per problem and planner
+
+Durations and times are in seconds, gaps are ratios minus 1.
 """
 
 from __future__ import annotations
