@@ -1,8 +1,10 @@
 """Proved lower bounds on the minimum time, by SCIP (mathematics, section 5).
 
-from baselines.certificate import certify
-bound = certify(problem)
-print(bound.lower_bound, bound.upper_bound, bound.status)
+    from baselines.certificate import certify
+    bound = certify(problem)
+    print(bound.lower_bound, bound.upper_bound, bound.status)
+
+`bound.py` asks, `free.py` and `spline353.py` say what about, `program.py` what they share.
 """
 
 from baselines.certificate.bound import Bound, certify
