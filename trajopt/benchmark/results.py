@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 
 from trajopt.benchmark.trial import Trial
-from trajopt.planner import Relation
 from trajopt.solution import Status
 
 REFERENCE = "exact"  # the planner whose answer gaps are measured against, run if not asked for
@@ -103,5 +102,4 @@ def _summarised(key: tuple[str, str, str], group: pd.DataFrame) -> dict[str, Any
         "lower_bound": group["lower_bound"].min(), "evaluations": group["evaluations"].median(),
         "solve_time": group["solve_time"].median(), "setup_time": group["setup_time"].max(),
         "status": worst["status"], "message": worst["message"],
-        "relaxation": bool((group["relation"] == Relation.RELAXATION.name).all()),
     }  # fmt: skip
