@@ -39,8 +39,9 @@ _STILL = 1e-9  # of a velocity limit, at the path's cheapest duration: the path 
 _SHORTEST = 0.25  # of the even share of gridpoints: what a short piece still gets
 _INDIVISIBLE = 1e-6  # of the whole path: shorter pieces are one step, too short to lose time in
 _SHORT = 1e-2  # of the even step: where the solver's rounding of speeds must be mended
+_STRAIGHT = 1e-9  # of a piece's largest coefficient: what its others may be on a line
 _SAME_BREAK = 1e-10  # of the whole path: a piece shorter than that is none
-_ROUNDING = 1e-6  # by which a start speed may exceed the highest possible one
+_ROUNDING = 1e-6  # by which a start speed may exceed the highest possible one, or limits be wider
 _FREE = 1e3  # more than any path speed, in units of the cheapest uniform one
 
 
@@ -73,6 +74,10 @@ class ToppRa:
         if problem.has("jerk"):
             return "TOPP-RA does not limit jerk: its accelerations jump"
         return None
+
+    def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
+        """The fastest timing of a given trajectory's path."""
+        return along(problem, trajectory, gridpoints=self.gridpoints)
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -115,12 +120,18 @@ def along(
     `start_speed` and `end_speed` are path speeds `ds/dt` with the trajectory's own time as `s`: 1
     is as timed. `None` means 0, or any where the path stands still (`q'(s) = 0`): the robot rests
     there at whatever path speed. A trajectory from rest to rest is such a path. Held to path speed
-    0, it loses time at first order in the grid; left free, it can keep its own timing.
+    0, it loses time at first order in the grid; left free, it can keep its own timing. Where it
+    leaves or reaches rest along a line `q0 + d s^m`, `m ≥ 3`, as a 3-5-3 spline does, the fastest
+    path speed there is infinite: the line itself is then the path, from path speed 0.
 
     Every break is a gridpoint, and each piece is cut evenly into steps of about `1/gridpoints` of
     the whole. The claim holds at the gridpoints; certify it.
     """
     scale = verify(problem, trajectory).dilation
+    if start_speed is None:
+        trajectory = _straightened(trajectory)
+    if end_speed is None:
+        trajectory = _reversed(_straightened(_reversed(trajectory)))
     path = _unit(trajectory, gridpoints)
     grid, step, local = _cut(path)
     unit = scale * trajectory.duration / gridpoints  # of time, s
@@ -131,6 +142,9 @@ def along(
         for speed, slope in zip((start_speed, end_speed), slopes, strict=True)
     ]
     speeds, reason = _path_speeds(grid, step, local, limits, *ends)
+    if speeds is None:  # the only timing there is may lie on the edge, and rounding beyond it
+        wider = Limits(limits.velocity * (1 + _ROUNDING), limits.acceleration * (1 + _ROUNDING))
+        speeds, reason = _path_speeds(grid, step, local, wider, *ends)
     if speeds is None:
         return Solution(Status.FAILED, message=f"TOPP-RA: {reason}")
     retimed = _timed(grid, step, local, speeds / unit, path.waypoint_times)
@@ -151,6 +165,30 @@ def _best(problem: Problem, tried: dict[str, Solution]) -> Solution:
     winner = min(order, key=lambda rule: order[rule])
     stats = {"spline": winner, **tried[winner].stats, **results}
     return replace(tried[winner], stats=stats)
+
+
+def _straightened(path: Trajectory) -> Trajectory:
+    """The same path, its first piece `q0 + d s^m`, `m ≥ 3`, as a line; the slope after it stays."""
+    length = path.breaks[1]
+    size = np.abs(polynomials.stretched(path.coefficients[:, 0], length))[:-1].max(axis=1)
+    powers = len(size) - np.flatnonzero(size > _STRAIGHT * size.max())
+    if len(powers) != 1 or powers[0] < 3:
+        return path
+    m, coefficients = int(powers[0]), np.array(path.coefficients)
+    coefficients[-2, 0] = coefficients[-1 - m, 0] * m * length ** (m - 1)
+    coefficients[:-2, 0] = 0.0
+    saved = length - length / m
+    inside = length / m * (path.waypoint_times / length) ** m
+    times = np.where(path.waypoint_times < length, inside, path.waypoint_times - saved)
+    return Trajectory(np.r_[0.0, path.breaks[1:] - saved], coefficients, times)
+
+
+def _reversed(path: Trajectory) -> Trajectory:
+    """The same path from its end to its start."""
+    ends = polynomials.shifted(path.coefficients, np.diff(path.breaks)[:, None])
+    ends[-2::-2] *= -1
+    breaks, times = (path.duration - t[::-1] for t in (path.breaks, path.waypoint_times))
+    return Trajectory(breaks, ends[:, ::-1], times)
 
 
 def _unit(trajectory: Trajectory, length: float) -> Trajectory:

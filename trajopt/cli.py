@@ -1,4 +1,4 @@
-"""The command line: `trajopt list | plan | compare | certify | verify`.
+"""The command line: `trajopt list | plan | compare | explain | certify | verify`.
 
 Heavy imports wait inside the commands, so that `--help` answers at once. Exit codes: 0 done, 1
 nothing could be solved or something does not hold, 2 bad input (one line on stderr).
@@ -129,6 +129,41 @@ def compare(
         drawn = figures.draw(results, output / "figures")
     render.comparison(results, output, drawn)
     return 0 if results.summary()["solved"].any() or results.summary()["lower_bound"].any() else 1
+
+
+@app.command
+def explain(
+    problem: Problems,
+    *,
+    planner: PlannerSpec,
+    seed: Annotated[int, Parameter(help="Seed of the random stream of stochastic planners.")] = 0,
+    output: Annotated[Path, Parameter(help="Folder for the figures.")] = Path("results/explain"),
+    json: Json = False,
+) -> int:
+    """Say what a planner's gap is made of, and which limits hold it back."""
+    from trajopt import gap, render
+    from trajopt.benchmark import figures, suite
+    from trajopt.benchmark.trial import judge
+    from trajopt.exceptions import InvalidInput
+    from trajopt.planner import load, parse
+
+    if seed < 0:
+        raise InvalidInput("--seed", "0 or more", value=seed)
+    chosen, file = load(planner), suite.find(problem)
+    trial = judge(chosen, suite.load(problem), [seed], parse(planner)[0])[0]
+    names = {"problem": trial.problem.name, "planner": trial.label, "seed": trial.seed}
+    if trial.certified_trajectory is None:
+        reason = {"status": trial.status, "message": trial.message}
+        _print_json(names | reason) if json else render.plan(trial, file)
+        return 1
+    with render.waiting("asking the references"):
+        found = gap.explain(trial.problem, chosen, trial.certified_trajectory)
+        drawn = figures.explain(trial, found, output)
+    if json:
+        _print_json(names | found.as_dict() | {"figures": [str(f) for f in drawn]})
+    else:
+        render.explanation(trial, found, drawn)
+    return 0
 
 
 @app.command

@@ -49,6 +49,7 @@ class Planner(Protocol):
     """What a planner must offer. Optional besides:
 
     - `solve_batch(problem, seeds) -> list[Solution]`: all seeds together, used where it exists;
+    - `along(problem, trajectory) -> Solution`: the fastest timing of a given trajectory's path;
     - `stochastic: bool` (default False): whether the seed matters; if not, it runs once;
     - `requires: tuple[str, ...]`: packages that `solve` imports, checked before listing;
     - a docstring, whose first line describes the planner in `trajopt list`.

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from trajopt.benchmark.results import Results
     from trajopt.benchmark.trial import Trial
+    from trajopt.binding import Binding
+    from trajopt.gap import Explanation
+    from trajopt.problem import Problem
 
 _OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
 
@@ -196,6 +199,74 @@ def _warn(results: Results) -> None:
             f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {escape(row.label)} (seed {row.seed}) on "
             f"{escape(row.problem)} is {-100 * row.gap:.6f} % below the reference; trial {row.id}"
         )
+
+
+def explanation(trial: Trial, found: Explanation, figures: Sequence[Path]) -> None:
+    """A gap in five lines, as a colleague would put it, and where its figures are."""
+    for line in _explained(trial, found):
+        _OUT.print(f"- {line}", markup=False)
+    _OUT.print(f"figures: {', '.join(f.name for f in figures if f.suffix == '.png')} in "
+               f"{figures[0].parent}", soft_wrap=True, markup=False)  # fmt: skip
+
+
+def _explained(trial: Trial, found: Explanation) -> Iterator[str]:
+    seed = f" (seed {trial.seed})" if trial.solution.history is not None else ""
+    what = f"{trial.label}{seed} takes {found.certified_duration:.4f} s on {trial.problem.name}"
+    if found.exact is None:
+        yield f"{what}; no optimum to compare with: {found.notes['gap']}."
+    else:
+        yield f"{what}, {found.gap:.3f} times the best known optimum, {found.exact:.4f} s."
+    steps = {title: dict(own) for title, own in found.steps().items()}
+    if path := steps.get("path and timing"):
+        yield (
+            f"The best timing of its own path takes {path['route']:.4f} s: its timing costs "
+            f"{_percent(found.timing_gap)}, its path {_percent(found.route_gap)}."
+        )
+    else:
+        why = found.notes.get("timing_gap") or found.notes.get("route_gap")
+        yield f"Its timing and its path cannot be told apart: {why}."
+    if family := steps.get("the 3-5-3 family"):
+        yield (
+            f"The best 3-5-3 takes {family['shape']:.4f} s: its optimiser costs "
+            f"{_percent(found.optimiser_gap)}, the 3-5-3 shape {_percent(found.shape_gap)}, its "
+            f"smoothness {_percent(found.smoothness_gap)}."
+        )
+    else:
+        yield f"No 3-5-3 decomposition: {found.notes.get('shape_gap')}."
+    yield _busy(trial.problem, found)
+    yield _holding(found)
+
+
+def _percent(ratio: float | None) -> str:
+    return "–" if ratio is None else f"{100 * (ratio - 1):.2f} %"
+
+
+def _busy(problem: Problem, found: Explanation) -> str:
+    from trajopt.binding import busy
+
+    own = f"Some joint is at a limit for {100 * busy(problem, found.trajectory):.0f} % of its time"
+    if found.optimum is None:
+        return f"{own}."
+    return f"{own}; in the optimum, for {100 * busy(problem, found.optimum):.0f} %."
+
+
+def _holding(found: Explanation) -> str:
+    """The limits worth most, each with its longest stretch."""
+    if not found.binding:
+        return "No limit holds it back: none is used to 99 %."
+    longest: dict[tuple[int, str], Binding] = {}
+    for b in sorted(found.binding, key=lambda b: b.start - b.end):
+        longest.setdefault((b.joint, b.limit), b)
+    worthy = sorted(longest.values(), key=lambda b: -(b.worth or 0.0))
+    worthy = [b for b in worthy if (b.worth or 0.0) > 1e-5 * found.certified_duration]
+    if not worthy:
+        return "It reaches limits, but no single one of them is worth any time."
+    held = [
+        f"{b.limit} of joint {b.joint + 1} at {b.start:.2f}–{b.end:.2f} s "
+        f"({1000 * (b.worth or 0.0):.1f} ms)"
+        for b in worthy[:3]
+    ]
+    return f"Held back by {', '.join(held)}: saved with 1 % more, by {found.notes['worth']}."
 
 
 def bound(table: dict[str, Any]) -> None:

@@ -135,6 +135,12 @@ def verify(
     )  # fmt: skip
 
 
+def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
+    """The trajectory, dilated where it breaks a limit; None where dilation cannot mend it."""
+    certificate = verify(problem, trajectory)
+    return trajectory.dilated(max(1.0, certificate.dilation)) if certificate.valid else None
+
+
 def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
     if trajectory.joints != problem.joints:
         raise InvalidTrajectory(f"{trajectory.joints} joints; the problem has {problem.joints}")

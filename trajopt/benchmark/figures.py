@@ -12,9 +12,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trajopt.benchmark import plots
+from trajopt.benchmark import gap_plots, plots
 from trajopt.benchmark.results import REFERENCES, TOLERANCE, Results
 from trajopt.benchmark.trial import Trial
+from trajopt.gap import Explanation
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
 
@@ -40,6 +41,21 @@ def draw(results: Results, folder: Path) -> list[Path]:
         own.mkdir(parents=True, exist_ok=True)
         files += _draw_problem(trials[key], _of(summary, key), _of(gaps, key), own)
     return files
+
+
+def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:
+    """Draw `<problem>-<label>-seed<n>-waterfall` and `-limit-use`, as PNG and SVG."""
+    label = f"{trial.problem.name}-{trial.label}-seed{trial.seed}"
+    stem = folder / distinct_names([(label, "")])[0]
+    folder.mkdir(parents=True, exist_ok=True)
+    name = f"{trial.problem.name}: {trial.label}"
+    files = []
+    if steps := found.steps():
+        panels = [(f"{name}, {title}", own) for title, own in steps.items()]
+        files += plots.save(gap_plots.waterfalls(panels), Path(f"{stem}-waterfall"))
+    title = f"{name}, {found.certified_duration:#.4g} s"
+    use = gap_plots.limit_use(trial.problem, found.trajectory, found.optimum, title)
+    return files + plots.save(use, Path(f"{stem}-limit-use"))
 
 
 def _of(table: pd.DataFrame, key: tuple[str, str]) -> pd.DataFrame:

@@ -51,10 +51,10 @@ _STYLE: dict[Any, Any] = {
     "lines.markersize": 3.5, "legend.handlelength": 3.0, "svg.fonttype": "none",
     "svg.hashsalt": "trajopt",
 }  # fmt: skip
-_styled = matplotlib.rc_context(_STYLE)  # the reader's own settings are left alone
+styled = matplotlib.rc_context(_STYLE)  # the reader's own settings are left alone
 
 
-@_styled
+@styled
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write `stem.png` (200 dpi) and `stem.svg`; the same figure gives the same bytes."""
     files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
@@ -63,7 +63,7 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     return files
 
 
-@_styled
+@styled
 def durations(summary: pd.DataFrame, title: str = "") -> Figure:
     """Certified durations (s) of one problem's planners, the shortest first, and their gaps.
 
@@ -131,7 +131,7 @@ def percent(gap: float) -> str:
     return f"{100 * gap:+.{2 if abs(gap) < 0.1 else 1}f} %".replace("-", "−")
 
 
-@_styled
+@styled
 def motion(
     problem: Problem, trajectory: Trajectory, reference: Trajectory | None = None,
     title: str = "", reference_name: str = "exact optimum",
@@ -220,7 +220,7 @@ def _caption(figure: Figure, title: str, reference: str | None) -> None:
                   bbox_to_anchor=(0.65 / width, 1 - 0.26 / height))  # fmt: skip
 
 
-@_styled
+@styled
 def convergence(
     histories: Mapping[str, Sequence[Array]], best: float | None = None, title: str = ""
 ) -> Figure:
@@ -275,7 +275,7 @@ def over_seeds(runs: Sequence[Array]) -> tuple[Array, Array]:
     return evaluations, (1 - share) * best[below] + share * best[above]
 
 
-@_styled
+@styled
 def gap_distribution(gaps: pd.DataFrame, title: str = "") -> Figure:
     """The gap (%) of every run, a row per planner with several, the smallest median first.
 
