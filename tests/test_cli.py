@@ -339,7 +339,7 @@ def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
 def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
     from trajopt.benchmark import figures, run
 
-    monkeypatch.setattr(run, "REFERENCE", "nobody")
+    monkeypatch.setattr(run, "references", lambda problem: [])
     monkeypatch.setattr(figures, "draw", lambda results, folder: [])
     arguments = ("compare", "seven-waypoints", "--planner", "unoptimised", "--output", tmp_path)
     code, out, _ = trajopt(*arguments, "--jobs", 1)

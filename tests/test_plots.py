@@ -91,7 +91,12 @@ def test_gaps_keep_their_sign_and_status_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "words"), [("exact", "exact optimum"), ("lower bound", "optimum ≥ lower bound")]
+    ("kind", "words"),
+    [
+        ("exact", "exact optimum"),
+        ("refined", "refined optimum"),
+        ("lower bound", "optimum ≥ lower bound"),
+    ],
 )
 def test_the_reference_is_a_line_and_named_for_what_it_is(kind: str, words: str) -> None:
     figure = plots.durations(table(kind=[kind] * 3))

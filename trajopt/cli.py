@@ -96,6 +96,9 @@ def compare(
     ] = Path("results"),
     fresh: Annotated[bool, Parameter(negative=(), help="Run everything again.")] = False,
     timeout: Annotated[float, Parameter(help="Seconds after which a trial is stopped.")] = 600.0,
+    certify: Annotated[
+        bool, Parameter(negative=(), help="Prove lower bounds too: same as --planner certify.")
+    ] = False,
 ) -> int:
     """Run planners on problems; print the table, store every trial, draw the figures."""
     from trajopt import render
@@ -112,7 +115,8 @@ def compare(
             "PROBLEM", "at least one problem file or built-in name; see `trajopt list`"
         )
     loaded = [suite.load(name) for name in dict.fromkeys(problems)]
-    planners = [(parse(spec)[0], load(spec)) for spec in planner or _loadable()]
+    specs = [*(planner or _loadable()), *(["certify"] if certify else [])]
+    planners = [(parse(spec)[0], load(spec)) for spec in specs]
     total = sum(len(task.seeds) for task in run.plan(loaded, planners, seeds))
     with render.progress(total) as advance:
         results = run.compare(
@@ -225,15 +229,18 @@ def _cpus() -> int:
 
 
 def _loadable() -> list[str]:
-    """Every planner that can be imported; of the others (a stranger's, broken) only a warning."""
+    """Every planner that can be imported and does not wait to be asked for by name.
+
+    Of those that cannot (a stranger's, broken) only a warning.
+    """
     from trajopt.exceptions import TrajoptError
     from trajopt.planner import entries
 
     names = []
     for name, entry in entries().items():
         try:
-            entry.load()
-            names.append(name)
+            if not getattr(entry.load(), "on_request", False):
+                names.append(name)
         except TrajoptError as error:
             print(f"trajopt: left out: {error}", file=sys.stderr)
     return names

@@ -34,14 +34,13 @@ _SAME = 1e-9  # rad, times the largest waypoint coordinate where that exceeds 1
 _SAMPLES = 50  # per segment: two piecewise quintics that agree there agree everywhere
 
 
+REFERENCES = ("exact", "exact-jerk", "collocation-refined")
+
+
 def references(problem: Problem) -> list[str]:
     """The planners whose shortest certified answer is a problem's best known optimum."""
-    needed = {
-        "exact": True,
-        "exact-jerk": problem.has("jerk"),
-        "collocation-refined": problem.has("position"),
-    }
-    return [name for name, need in needed.items() if need]
+    needed = (True, problem.has("jerk"), problem.has("position"))
+    return [name for name, need in zip(REFERENCES, needed, strict=True) if need]
 
 
 @dataclass(frozen=True, eq=False)

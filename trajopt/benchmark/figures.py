@@ -13,9 +13,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trajopt.benchmark import gap_plots, plots
-from trajopt.benchmark.results import REFERENCES, TOLERANCE, Results
+from trajopt.benchmark.results import TOLERANCE, Results
 from trajopt.benchmark.trial import Trial
-from trajopt.gap import Explanation
+from trajopt.gap import REFERENCES, Explanation
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
 

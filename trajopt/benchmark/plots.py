@@ -92,8 +92,8 @@ def durations(summary: pd.DataFrame, title: str = "") -> Figure:
 def _reference(rows: pd.DataFrame) -> tuple[str, float] | None:
     """What the gaps are measured against, in words, and its duration, s."""
     for kind, value in rows[["kind", "reference"]].dropna().itertuples(index=False):
-        name = "exact optimum" if kind == "exact" else "optimum ≥ lower bound"
-        return f"{name} {value:#.4g} s", float(value)
+        bound = "optimum ≥ lower bound" if kind == "lower bound" else f"{kind} optimum"
+        return f"{bound} {value:#.4g} s", float(value)
     return None
 
 

@@ -17,11 +17,12 @@ import numpy as np
 import pandas as pd
 
 from trajopt.benchmark.trial import Trial
+from trajopt.gap import REFERENCES
 from trajopt.solution import Status
 
-REFERENCE = "exact"  # the planner whose answer gaps are measured against, run if not asked for
-REFERENCES = (REFERENCE, "exact-jerk")  # and the one that knows jerk limits, where it was run
+PROOF = "certify"  # the planner whose lower bound is proved
 TOLERANCE = 1e-6  # a planner below the reference by more than this, relative, is a bug to hunt
+REFINED = 1e-4  # what refined collocation may itself be above the optimum, relative
 
 
 @dataclass(frozen=True)
@@ -35,20 +36,22 @@ class Results:
         return pd.DataFrame([_row(t) for t in self.items], columns=list(_COLUMNS)).astype(_COLUMNS)
 
     def references(self) -> pd.DataFrame:
-        """Per problem, the duration that gaps are measured against (s), and its `kind`.
+        """Per problem the `reference` that gaps are measured against (s), its `kind`, and `proved`.
 
-        `exact`: the shortest certified answer of the exact planners. `lower bound`: where they have
-        none, the largest of what they found without the limits that they ignore.
+        `exact`: the shortest certified answer of the exact planners, or of the proof. `refined`:
+        that of refined collocation, above the optimum by at most `REFINED`. `lower bound`: where
+        none knows all limits, the largest of what they found without the limits that they ignore.
+        No trajectory is faster than `proved` (s); NaN where nothing was proved.
         """
-        exact = self.trials().query("planner in @REFERENCES").groupby("digest")
-        table = exact.agg({"certified_duration": "min", "lower_bound": "max"})
-        solved = table["certified_duration"].notna()
+        exact = self.trials().query("planner in @REFERENCES or planner == @PROOF")
+        table = exact.groupby("digest").agg({"certified_duration": "min", "lower_bound": "max"})
+        bounds = exact.query("planner == @PROOF").groupby("digest")["lower_bound"].max()
         reference = table["certified_duration"].fillna(table["lower_bound"])
-        kind = np.where(solved, "exact", "lower bound")
-        return pd.DataFrame({"reference": reference, "kind": kind}, index=table.index).dropna()
+        columns = {"reference": reference, "kind": _kinds(exact), "proved": bounds}
+        return pd.DataFrame(columns, index=table.index).dropna(subset="reference")
 
     def gaps(self) -> pd.DataFrame:
-        """`trials()` with `reference` (s), its `kind`, and `gap` = certified / reference − 1."""
+        """`trials()` with the columns of `references()` and `gap` = certified / reference − 1."""
         table = self.trials().merge(
             self.references(), how="left", left_on="digest", right_index=True
         )
@@ -62,9 +65,19 @@ class Results:
         return table.sort_values(["problem", "median"], kind="stable", na_position="last")
 
     def suspicious(self) -> pd.DataFrame:
-        """Trials that beat the reference by more than `TOLERANCE`: each is a bug to hunt."""
+        """Trials below the reference by more than its tolerance: each is a bug to hunt."""
         table = self.gaps()
-        return table[table["gap"] < -TOLERANCE]
+        tolerance = np.where(table["kind"] == "refined", REFINED, TOLERANCE)
+        below_proof = table["certified_duration"] < table["proved"] * (1 - TOLERANCE)
+        return table[(table["gap"] < -tolerance) | below_proof]
+
+
+def _kinds(exact: pd.DataFrame) -> pd.Series[str]:
+    """Per problem, what its reference is."""
+    certified = exact.dropna(subset="certified_duration")
+    refined = certified["planner"] == REFERENCES[-1]
+    only_refined = refined.groupby(certified["digest"]).all().map({True: "refined", False: "exact"})
+    return only_refined.reindex(exact["digest"].unique(), fill_value="lower bound")
 
 
 _COLUMNS = {
@@ -96,7 +109,8 @@ def _summarised(key: tuple[str, str, str], group: pd.DataFrame) -> dict[str, Any
     return dict(zip(("problem", "digest", "label"), key, strict=True)) | {
         "median": median, "q1": first, "q3": third, "min": low, "max": high,
         "gap": group["gap"].median(), "kind": group["kind"].iloc[0],
-        "reference": group["reference"].iloc[0], "runs": len(group),
+        "reference": group["reference"].iloc[0], "proved": group["proved"].iloc[0],
+        "runs": len(group),
         "solved": int((group["status"] == str(Status.SOLVED)).sum()),
         "kept": group["feasible"].mean(), "dilation": broke["dilation"].median(),
         "lower_bound": group["lower_bound"].min(), "evaluations": group["evaluations"].median(),

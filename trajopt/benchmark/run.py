@@ -7,7 +7,6 @@ down is a recorded trial, and the run goes on.
 
 from __future__ import annotations
 
-import itertools
 import multiprocessing
 import os
 import traceback
@@ -20,10 +19,11 @@ from pathlib import Path
 import cloudpickle
 import pebble
 
-from trajopt.benchmark.results import REFERENCE, Results
+from trajopt.benchmark.results import Results
 from trajopt.benchmark.store import Store
 from trajopt.benchmark.trial import failed, judge, provenance, trial_id
 from trajopt.exceptions import StoreError
+from trajopt.gap import references
 from trajopt.planner import Planner, entries, options
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
@@ -61,7 +61,7 @@ def compare(
     """Run every planner on every problem, keep every trial, return those that were asked for.
 
     `planners` are `(name, planner)` pairs; stochastic ones run with seeds 0 … `seeds − 1`, the
-    others once. The exact reference joins them if it is not among them, since gaps need it. Trials
+    others once. The references that a problem needs join them, since gaps need those. Trials
     already in `folder` are not run again unless `fresh`. `jobs` child processes run the trials,
     each for at most `timeout` seconds; with 0 they run in this process, unsupervised.
 
@@ -82,15 +82,20 @@ def compare(
 def plan(
     problems: Sequence[Problem], planners: Sequence[tuple[str, Planner]], seeds: int
 ) -> list[Task]:
-    """One task per problem and planner, with all its seeds; identical ones once."""
-    if REFERENCE in entries() and all(name != REFERENCE for name, _ in planners):
-        planners = [*planners, (REFERENCE, entries()[REFERENCE].load())]
+    """One task per problem and planner with all its seeds, references too; identical ones once."""
     tasks: dict[str, Task] = {}
-    for problem, (name, planner) in itertools.product(problems, planners):
-        stochastic = getattr(planner, "stochastic", False)
-        task = Task(problem, name, planner, tuple(range(seeds if stochastic else 1)))
-        tasks.setdefault(task.trial_id(0), task)
+    for problem in problems:
+        for name, planner in [*planners, *_references(problem, {name for name, _ in planners})]:
+            stochastic = getattr(planner, "stochastic", False)
+            task = Task(problem, name, planner, tuple(range(seeds if stochastic else 1)))
+            tasks.setdefault(task.trial_id(0), task)
     return list(tasks.values())
+
+
+def _references(problem: Problem, given: set[str]) -> list[tuple[str, Planner]]:
+    """The planners whose answer gaps are measured against, unless they are given already."""
+    names = [n for n in references(problem) if n in entries() and n not in given]
+    return [(name, entries()[name].load()) for name in names]
 
 
 def _missing(task: Task, done: set[str]) -> Iterator[Task]:

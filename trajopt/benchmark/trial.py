@@ -27,7 +27,7 @@ from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 from trajopt.verification import Certificate, verify
 
-PACKAGES = ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "h5py")
+PACKAGES = ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "pyscipopt", "h5py")
 
 
 @dataclass(frozen=True, eq=False)
