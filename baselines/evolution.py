@@ -1,0 +1,198 @@
+"""The 3-5-3 segment times by two established optimisers: is any swarm needed at all?
+
+CMA-ES (Hansen's own library, `cma`) and differential evolution (SciPy) behind the swarms' own
+interface: the same box, fitness and budget, every evaluation counted. Both search the unit cube,
+mapped linearly to the box, and start anew once they have converged, so that no budget lies idle.
+
+    from baselines.evolution import cmaes, de
+    solution = cmaes.solve(problem, seed=1)
+    print(solution.trajectory.duration, solution.evaluations)
+"""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.random import PCG64
+from numpy.random import Generator as Random
+from numpy.typing import NDArray
+from scipy.optimize import differential_evolution
+
+from trajopt.planner import backend
+from trajopt.problem import Problem
+from trajopt.solution import Solution
+from trajopt.swarm import Box, Optimiser, Streams
+from trajopt.swarm.optimiser import Search, require
+from trajopt.swarm_planner import SwarmPlanner
+
+Array = NDArray[np.float64]
+Run = Generator[Array, Array, None]
+
+_WORST = 1e100  # stands for an infinite or missing fitness: its square is still finite
+
+
+@dataclass(frozen=True)
+class Evolution(Optimiser):
+    """A library's optimiser in the unit cube, one independent search per run."""
+
+    @property
+    def evaluations_per_iteration(self) -> int:
+        return self.population
+
+    @abstractmethod
+    def run(self, random: Random, dim: int) -> Run:
+        """Yield candidates `(population, dim)` and be sent their fitness `(population,)`, ever."""
+
+    def search(self, box: Box, streams: Streams, iterations: int) -> Search:
+        dim = box.low.shape[-1]
+        seeds = np.ldexp(streams.uniform(1)[:, 0], 53).astype(np.int64)
+        runs = [self.run(Random(PCG64(int(seed))), dim) for seed in seeds]
+        unit = np.stack([next(run) for run in runs])
+        for _ in range(iterations):
+            fitness = _finite((yield box.spread(unit)))
+            unit = np.stack([run.send(own) for run, own in zip(runs, fitness, strict=True)])
+        yield box.spread(unit)
+
+
+@dataclass(frozen=True)
+class CMAES(Evolution):
+    """CMA-ES with increasing population (Auger and Hansen, CEC 2005), by the library `cma`.
+
+    - `population`: of the first descent; 30 is the paper's (the library's rule, 4 + ⌊3 ln dim⌋, is
+      7 for three times); `growth`: what multiplies it at every restart (1 keeps it);
+    - `sigma0`: the first standard deviation, as a fraction of the box; the library allows a third.
+
+    Every descent starts at a point drawn uniformly and ends by the library's own tests. The walls
+    are the library's default too, `BoundTransform`: a smooth map that folds the line into the box.
+
+    Raises `InvalidInput` for bad options and, in the search, for a single dimension, which the
+    library does not support; `MissingBackend`, in the search, where `cma` is not installed.
+    """
+
+    sigma0: float = 0.3
+    growth: int = 2
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("sigma0", self.sigma0, 0 < self.sigma0 <= 1 / 3, "a number above 0, at most 1/3")
+        require("growth", self.growth, self.growth >= 1, "at least 1")
+
+    def run(self, random: Random, dim: int) -> Run:
+        require("dimensions", dim, dim >= 2, "at least 2")
+        population = self.population
+        while True:
+            yield from self._descent(random, dim, population)
+            population *= self.growth
+
+    def _descent(self, random: Random, dim: int, population: int) -> Run:
+        """Until it has converged; a large population is asked in several batches."""
+        options = {"popsize": population, "randn": lambda *shape: random.standard_normal(shape)}
+        strategy = backend("cma").CMAEvolutionStrategy(
+            random.random(dim), self.sigma0, options | _QUIET
+        )
+        while not strategy.stop():
+            asked: list[Array] = strategy.ask()
+            told: list[float] = []
+            for batch in np.reshape(asked, (-1, self.population, dim)):
+                told.extend((yield batch))
+            strategy.tell(asked, told)
+
+
+_QUIET: dict[str, Any] = {
+    "bounds": [0, 1],
+    "seed": np.nan,  # leaves NumPy's global stream alone
+    "verbose": -10,  # no messages, and no commands from a file in the working folder
+    "verb_disp": 0,
+    "verb_log": 0,
+}
+
+
+@dataclass(frozen=True)
+class DE(Evolution):
+    """Differential evolution (Storn and Price, 1997), by SciPy's `differential_evolution`.
+
+    - `strategy`, `recombination`: SciPy's, with SciPy's defaults; its mutation factor is dithered
+      from 0.5 to 1;
+    - `tolerance`: where the population's fitness differs by no more than this fraction of its
+      best, it has converged, and a new one is drawn.
+
+    Raises `InvalidInput` for bad options.
+    """
+
+    strategy: Literal[
+        "best1bin", "best1exp", "best2bin", "best2exp", "rand1bin", "rand1exp", "rand2bin",
+        "rand2exp", "randtobest1bin", "randtobest1exp", "currenttobest1bin", "currenttobest1exp",
+    ] = "best1bin"  # fmt: skip
+    recombination: float = 0.7
+    tolerance: float = 1e-10
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("population", self.population, self.population >= 6, "at least 6")
+        probability = 0 <= self.recombination <= 1
+        require("recombination", self.recombination, probability, "a number from 0 to 1")
+        require("tolerance", self.tolerance, 0 <= self.tolerance < 1, "a number from 0 to below 1")
+
+    def run(self, random: Random, dim: int) -> Run:
+        while True:
+            x = random.random((self.population, dim))
+            f = yield x
+            while np.ptp(f) > self.tolerance * abs(f.min()):
+                x, f, trials = self._trials(x, f, random)
+                told = yield trials
+                better = told <= f
+                x, f = np.where(better[:, None], trials, x), np.where(better, told, f)
+
+    def _trials(self, x: Array, f: Array, random: Random) -> tuple[Array, Array, Array]:
+        """The population, its fitness (SciPy moves the best to the front) and their rivals.
+
+        SciPy calls its objective and cannot be asked. So each generation is a call of its own: its
+        first evaluation is known, its second shows the rivals, and none of them is accepted yet.
+        """
+        seen: list[Array] = []
+
+        def objective(columns: Array) -> Array:
+            seen.append(columns.T.copy())
+            return f if len(seen) == 1 else np.full(len(f), np.inf)
+
+        found = differential_evolution(
+            objective, [(0.0, 1.0)] * x.shape[1], init=x, maxiter=1, rng=random,
+            strategy=self.strategy, recombination=self.recombination,
+            vectorized=True, updating="deferred", polish=False, tol=0.0,
+        )  # fmt: skip
+        return found.population, found.population_energies, seen[1]
+
+
+def _finite(fitness: Array) -> Array:
+    """Fitness with NaN as bad as infinity, and both as bad as a large number."""
+    return np.clip(np.where(np.isnan(fitness), np.inf, fitness), -_WORST, _WORST)
+
+
+@dataclass(frozen=True)
+class EvolutionPlanner(SwarmPlanner):
+    """A `SwarmPlanner` that runs on request: a reference for the swarms, none of the paper's."""
+
+    on_request: ClassVar[bool] = True
+
+
+@dataclass(frozen=True)
+class CMAESPlanner(EvolutionPlanner):
+    """A `SwarmPlanner` that is listed as missing where `cma` is; importing it counts as setup."""
+
+    optimiser: Optimiser = field(default_factory=CMAES)
+    requires: ClassVar[tuple[str, ...]] = ("cma",)
+
+    def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
+        """One answer per seed; raises `MissingBackend` where `cma` is not installed."""
+        began = time.perf_counter()
+        backend("cma")
+        setup_time = time.perf_counter() - began
+        return [replace(s, setup_time=setup_time) for s in super().solve_batch(problem, seeds)]
+
+
+cmaes, de = CMAESPlanner(), EvolutionPlanner(DE())
