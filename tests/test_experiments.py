@@ -7,7 +7,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from experiments import certificates, ordering
+from experiments import certificates, explained, ordering
+from experiments.output import save_table
 
 
 def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -29,3 +30,25 @@ def test_certificates_are_proved_and_kept(
     monkeypatch.setattr(certificates, "measured", None)  # again would fail
     certificates.main(**small)
     assert capsys.readouterr().out.count("proved") == 2
+
+
+def test_explained_draws_both_decompositions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    explained.main(planner=("ruckig-stop", "unoptimised"), output=tmp_path)
+    table = pd.read_csv(tmp_path / "explained.csv").set_index("planner")
+    product = table["timing_gap"] * table["route_gap"]
+    assert product.tolist() == pytest.approx(table["gap"].tolist(), rel=1e-9)
+    assert table["shape_gap"].notna().tolist() == [False, True]
+    assert {f.name for f in tmp_path.iterdir()} >= {"waterfalls.png", "waterfalls.svg"}
+    assert "ruckig-stop" in capsys.readouterr().out
+
+
+def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path: Path) -> None:
+    table = pd.DataFrame({"a": [1.25, None], "b": ["x", None]}, index=pd.Index([1, 2], name="n"))
+    save_table(table, tmp_path / "new" / "table")
+    lines = (tmp_path / "new" / "table.md").read_text().splitlines()
+    assert [line.replace(" ", "") for line in (lines[0], *lines[2:])] == [
+        "|n|a|b|", "|1|1.25|x|", "|2|||"
+    ]  # fmt: skip
+    assert pd.read_csv(tmp_path / "new" / "table.csv")["a"].tolist()[0] == 1.25

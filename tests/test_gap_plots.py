@@ -26,7 +26,7 @@ def test_a_waterfall_climbs_from_the_optimum_to_the_planner() -> None:
     bars = [b for b in figure.axes[0].patches if isinstance(b, Rectangle)]
     assert [b.get_y() for b in bars] == pytest.approx([0, 1.5, 1.8, 0])
     assert [b.get_height() for b in bars] == pytest.approx([1.5, 0.3, 2.7, 4.5])
-    assert {"1.5 s", "+0.300 s\n×1.2", "+2.700 s\n×2.5", "4.5 s"} <= set(texts(figure))
+    assert {"1.5 s", "+0.3 s\n×1.2000", "+2.7 s\n×2.5000", "4.5 s"} <= set(texts(figure))
     assert "certified duration (s)" in texts(figure)
     assert overlaps(figure) == []
 

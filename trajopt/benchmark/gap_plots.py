@@ -53,7 +53,7 @@ def _waterfall(axes: Axes, steps: Steps) -> None:
     axes.bar(x[-1], ends[-1], width=0.62, color=BLUE, ec=BLACK, lw=0.6)
     axes.hlines(ends, x[:-1] + 0.31, x[1:] - 0.31, color=BLACK, lw=0.6, ls=(0, (3, 2)))
     labels = [f"{ends[0]:.4g} s"]
-    labels += [f"{b - a:+.3f} s\n×{b / a:.4g}" for a, b in pairwise(ends)]
+    labels += [f"{b - a:+.3g} s\n×{b / a:.4f}" for a, b in pairwise(ends)]
     for at, top, label in zip(x, [*ends, ends[-1]], [*labels, f"{ends[-1]:.4g} s"], strict=True):
         axes.annotate(label, (at, top), (0, 2), **_LABEL)
     axes.set_xticks(x, [names[0], *(f"+ {name}" for name in names[1:]), "planner"])

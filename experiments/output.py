@@ -1,0 +1,20 @@
+"""What every experiment writes: its table as CSV and Markdown, its figures as PNG and SVG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+
+def save_table(table: pd.DataFrame, stem: Path) -> None:
+    """Write `stem.csv` with all digits, and `stem.md` with six; a named index is the first column.
+
+    Raises `OSError` where the folder cannot be written.
+    """
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    shown = table.reset_index() if any(table.index.names) else table
+    shown.to_csv(stem.with_suffix(".csv"), index=False)
+    blank = shown.astype(object).where(shown.notna(), None)
+    text = blank.to_markdown(index=False, floatfmt=".6g", missingval="")
+    stem.with_suffix(".md").write_text(text + "\n")
