@@ -130,3 +130,12 @@ def test_jerk_limits_come_on_request_between_3_and_300_accelerations(problems):
         ratio = p.limits.jerk[:, 1] / np.abs(p.limits.acceleration).min(axis=1)
         assert (ratio >= 10**0.5 * (1 - 1e-12)).all()
         assert (ratio <= 10**2.5 * (1 + 1e-12)).all()
+
+
+def test_a_robot_is_found_by_name_and_by_path() -> None:
+    by_name = suite.robot("six-axis")
+    assert by_name.joints == 6
+    by_path = suite.robot(str(suite.robot_files()["six-axis"]))
+    assert (by_path.a == by_name.a).all()
+    with pytest.raises(UnknownName, match="six-axis"):
+        suite.robot("six-axes")

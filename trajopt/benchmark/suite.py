@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from trajopt.exceptions import InvalidInput, UnknownName
+from trajopt.kinematics import Robot
 from trajopt.problem import Limits, Problem
 
 # Raise it whenever `random_problem` changes what a seed means.
@@ -49,6 +50,19 @@ def find(name_or_path: str) -> Path:
 def load(name_or_path: str) -> Problem:
     """A problem by built-in name or path; errors name the file, key, joint and value."""
     return Problem.from_toml(find(name_or_path))
+
+
+@cache
+def robot_files() -> dict[str, Path]:
+    """Every built-in robot file by name."""
+    return {file.stem: file for file in sorted((data_folder() / "robots").glob("*.toml"))}
+
+
+def robot(name_or_path: str) -> Robot:
+    """A robot by built-in name or path; raises `UnknownName`, or `InvalidInput` naming the key."""
+    if name_or_path not in robot_files() and not Path(name_or_path).is_file():
+        raise UnknownName("robot", name_or_path, robot_files())
+    return Robot.from_toml(robot_files().get(name_or_path, Path(name_or_path)))
 
 
 def random_problem(
