@@ -260,11 +260,13 @@ def _bounds(scaled: _Scaled, apart: Bools) -> tuple[Array, Array]:
 def _profile_bounds(limit: Limit, apart: Bools, jerky: Bools) -> tuple[list[Array], list[Array]]:
     """Profiles `apart` from acceleration 0 have no cruise; the others rise and fall through it.
 
-    Without a jerk limit acceleration is at its own.
+    A rise that stays below 0 ends at least at the limit of the fall, and so the other way. Without
+    a jerk limit acceleration is at its own.
     """
     zero = np.zeros(apart.shape)
     most = [zero + limit.rise, zero + limit.fall]
-    low = [np.where(apart, -x, np.where(jerky, 0.0, x)) for x in most]
+    floor = [np.where(jerky, 0.0, own) for own in most]
+    low = [np.where(apart, -other, x) for x, other in zip(floor, most[::-1], strict=True)]
     free = zero + np.inf
     return [*low, zero, zero, zero], [*most, free, np.where(apart, 0.0, free), free]
 

@@ -42,7 +42,7 @@ _SHORT = 1e-2  # of the even step: where the solver's rounding of speeds must be
 _STRAIGHT = 1e-9  # of a piece's largest coefficient: what its others may be on a line
 _SAME_BREAK = 1e-10  # of the whole path: a piece shorter than that is none
 _ROUNDING = 1e-6  # by which a start speed may exceed the highest possible one, or limits be wider
-_FREE = 1e3  # more than any path speed, in units of the cheapest uniform one
+_FREE = 1e2  # more than any path speed, in units of the cheapest uniform one
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,8 @@ def _constraint(step: Array, local: Array, limits: Limits) -> Any:
     """Both limits on every grid interval, as toppra's `a u + b x + c ≤ 0` and `x ≤ bound`.
 
     With path acceleration `u`, and path speed squared `x` where the interval starts, the joints'
-    acceleration is `q'(s) u + q''(s) (x + 2 (s − s_i) u)`.
+    acceleration is `q'(s) u + q''(s) (x + 2 (s − s_i) u)`. Velocity is held to its limit at the
+    gridpoints and between them: from rest a path may reach it within one interval.
     """
     step = step[:, None]
     first, second = (polynomials.derivative(local, k) / step**k for k in (1, 2))
@@ -286,6 +287,9 @@ def _constraint(step: Array, local: Array, limits: Limits) -> Any:
         slope, bend = (polynomials.evaluate(d, np.array(node)) for d in (first, second))
         u = slope + 2 * node * step * bend
         rows += [_normalised(u, bend, -high), _normalised(-u, -bend, low)]
+    slope = polynomials.evaluate(first, np.array(0.5))
+    bound = np.where(slope > 0, limits.velocity[:, 1], limits.velocity[:, 0]) ** 2
+    rows.append(_normalised(step * slope**2, slope**2, -bound))
     a, b, c = (np.concatenate(parts, axis=1) for parts in zip(*rows, strict=True))
     a, b, c = (np.concatenate([part, part[-1:]]) for part in (a, b, c))  # toppra asks for one more
     constraint = backend("toppra").constraint.LinearConstraint()

@@ -122,6 +122,16 @@ def test_never_above_ruckig_nor_below_exact(seed: int) -> None:
     assert exact.duration * (1 - 1e-8) <= duration <= ruckig.duration * (1 + 1e-8)
 
 
+def test_a_profile_may_stay_below_zero_down_to_the_other_sides_limit() -> None:
+    # Found by the soak: bounded by its own side's limit it stopped 3.4e-5 above Ruckig.
+    limits = Limits([6.416], [[-0.929, 0.528]], [77.9])
+    problem = Problem([[-0.363], [-0.729], [-1.458]], limits)
+    ruckig, exact = RuckigVia().solve(problem).trajectory, ExactJerk(1).solve(problem).trajectory
+    assert ruckig is not None
+    assert exact is not None
+    assert exact.duration <= ruckig.duration
+
+
 def test_scaling_permuting_mirroring_and_reversing() -> None:
     waypoints = np.array([[0.0, 0.2], [0.7, -0.3], [0.5, 0.4], [1.2, 0.9]])
     v, a, j = np.array([[-1, 0.7], [-2, 2]]), np.array([[-2.0, 3], [-4, 3]]), [[-9.0, 6], [-8, 20]]
