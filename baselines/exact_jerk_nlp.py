@@ -21,15 +21,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from baselines import exact_nlp, jerk_profile
+from baselines import exact_nlp
 from baselines.exact_nlp import IPOPT, Exact, flat
-from baselines.jerk_profile import Array, Bools, Extremes, Limit, Pieces, Sides, risen
+from baselines.jerk_profile import Array, Bools, Limit, risen
+from baselines.jerk_reach import Scaled, repaired
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
-from trajopt.stopping import stop_times
-from trajopt.trajectory import Trajectory
 from trajopt.verification import verify
 
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
@@ -74,7 +73,7 @@ class ExactJerk:
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: each start's IPOPT status and duration (s)."""
-        scaled, began = _Scaled(problem), time.perf_counter()
+        scaled, began = Scaled(problem), time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
         found = [_solve_from(solver, scaled, *start) for start in _starts(scaled, self.starts)]
@@ -82,7 +81,7 @@ class ExactJerk:
         stats = {"start_status": [o.status for o in found], "start_duration": durations}
         return replace(self._best(scaled, found), setup_time=setup_time, stats=stats)
 
-    def _best(self, scaled: _Scaled, found: list[_Optimum]) -> Solution:
+    def _best(self, scaled: Scaled, found: list[_Optimum]) -> Solution:
         best = min(found, key=lambda optimum: optimum.duration)
         if not np.isfinite(best.duration):
             statuses = ", ".join(sorted({optimum.status for optimum in found}))
@@ -105,88 +104,6 @@ class _Optimum(NamedTuple):
     times: Array
     states: Array
     status: str
-
-
-class _Scaled:
-    """The moving joints without units: time in mean stop times, accelerations of order one.
-
-    `h` is `(segments, joints)`; limits `v`, `a` and inverse jerks `r` are `(2, joints)`, low first;
-    `v` and `a` signed, `r` not. `jerky` joints have a jerk limit.
-    """
-
-    def __init__(self, problem: Problem) -> None:
-        self.problem, self.moving = problem, problem.moving
-        limits, stop = problem.limits, stop_times(problem.without("position"))
-        self.unit = float(stop.mean())
-        velocity, acceleration, jerk = (
-            x[self.moving].T for x in (limits.velocity, limits.acceleration, limits.jerk)
-        )
-        felt = np.minimum(np.abs(acceleration), np.abs(jerk) * self.unit).min(axis=0)
-        # of jerk, acceleration, velocity and position
-        self.units = felt * self.unit ** np.arange(-1.0, 3.0)[:, None]
-        self.r = self.units[0] / np.abs(jerk)
-        self.a, self.v = acceleration / self.units[1], velocity / self.units[2]
-        self.h = problem.displacements[:, self.moving] / self.units[3]
-        self.stop, self.jerky = stop / self.unit, self.r.any(axis=0)
-        self.least = np.maximum(self.h / self.v[1], self.h / self.v[0]).max(axis=1)
-
-    def sides(self, k: float = 1.0) -> Sides:
-        """Limits of the upper and the mirrored lower profile, for motions `k` times as fast."""
-        v, a, r = np.abs(self.v) * k, np.abs(self.a) * k**2, self.r / k**3
-        return Limit(v[1], a[1], a[0], r[1], r[0]), Limit(v[0], a[0], a[1], r[0], r[1])
-
-    def extremes(self, times: Array, states: Array, k: float = 1.0) -> Extremes:
-        """The extreme profiles of every segment and joint."""
-        (u, w), (a, b) = ((x[:-1], x[1:]) for x in states)
-        return jerk_profile.extremes((u, a), (w, b), times[:, None], self.sides(k))
-
-    def trajectory(self, times: Array, states: Array) -> Trajectory:
-        """The explicit answer: in each segment a convex combination of both extreme profiles."""
-        breaks = np.r_[0.0, np.cumsum(times)] * self.unit
-        joints = [(breaks[[0, -1]], np.array([[start]])) for start in self.problem.waypoints[0]]
-        both = self.extremes(times, states)
-        for i, joint in enumerate(np.flatnonzero(self.moving)):
-            parts = [self._piece(k, i, t, states, both) for k, t in enumerate(times)]
-            starts = [at + own[:-1] for at, (own, _) in zip(breaks, parts, strict=False)]
-            joints[joint] = np.r_[(*starts, breaks[-1])], np.hstack([part for _, part in parts])
-        return Trajectory.joined(joints, breaks)
-
-    def _piece(self, k: int, i: int, t: float, states: Array, both: Extremes) -> Pieces:
-        """Local breaks (s) and coefficients (rad/s^power) of one joint over one segment."""
-        h, ends, v, a = self.h[k, i], states[:, k : k + 2, i], self.v[:, i], self.a[:, i]
-        if self.jerky[i]:
-            upper, lower = (side.at(i) for side in self.sides())
-            local, part = jerk_profile.combined(ends, t, h, both.at(k, i), (upper, lower))
-        else:
-            local, part = exact_nlp.combined(ends[0, 0], ends[0, 1], t, h, v, a)
-        part = part * self.units[4 - len(part) :, i, None]
-        part[-1] += self.problem.waypoints[k, self.moving][i]
-        return local * self.unit, part
-
-
-def repair(times: Array, states: Array, scaled: _Scaled) -> float:
-    """The smallest dilation that makes times and waypoint states exactly reachable.
-
-    IPOPT meets its constraints to a tolerance; dilating by `k` multiplies the velocity limits by
-    `k`, the accelerations by `k²` and the jerks by `k³`, which widens every reachable interval.
-    """
-    low, high = 1.0, 1.0 + 1e-14
-    while not _reachable(times, states, scaled, high):
-        low, high = high, 1 + 10 * (high - 1)
-        if high > 2:
-            return np.inf
-    for _ in range(10):
-        k = 0.5 * (low + high)
-        low, high = (low, k) if _reachable(times, states, scaled, k) else (k, high)
-    return high
-
-
-def _reachable(times: Array, states: Array, scaled: _Scaled, k: float) -> bool:
-    """Whether limits widened by a dilation by `k` admit these times and states."""
-    wide = np.stack([scaled.v * k, scaled.a * k**2])[:, :, None]
-    kept = (wide[:, 0] <= states) & (states <= wide[:, 1])
-    reached = scaled.extremes(times, states, k).reach(scaled.h, scaled.sides(k))
-    return bool(kept.all() and reached.all())
 
 
 class _Variables(NamedTuple):
@@ -245,7 +162,7 @@ def _profile_rows(profile: Any, ends: Any, t: Any, size: Any, limits: Any) -> li
     return [displacement, total - t, p - q, top - p, rise - a, fall - b, rise + fall]
 
 
-def _bounds(scaled: _Scaled, apart: Bools) -> tuple[Array, Array]:
+def _bounds(scaled: Scaled, apart: Bools) -> tuple[Array, Array]:
     """Bounds of all variables; no segment takes longer than stopping everywhere does."""
     zero, stop = np.zeros(scaled.h.shape), scaled.stop
     box = np.stack([scaled.v, np.where(scaled.jerky, scaled.a, 0.0)], axis=1)[:, :, None]
@@ -271,7 +188,7 @@ def _profile_bounds(limit: Limit, apart: Bools, jerky: Bools) -> tuple[list[Arra
     return [*low, zero, zero, zero], [*most, free, np.where(apart, 0.0, free), free]
 
 
-def _point(scaled: _Scaled, times: Array, states: Array) -> Array:
+def _point(scaled: Scaled, times: Array, states: Array) -> Array:
     """IPOPT's variables for times and waypoint states, with their extreme profiles."""
     both, size = scaled.extremes(times, states), scaled.stop[:, None]
     upper, lower = ([p.rise, p.fall, *(x / size for x in p[2:5])] for p in both)
@@ -279,14 +196,14 @@ def _point(scaled: _Scaled, times: Array, states: Array) -> Array:
     return flat(*_Variables(times / scaled.stop, states[:, 1:-1], upper, lower, share).tables)
 
 
-def _read(scaled: _Scaled, x: Array) -> tuple[Array, Array]:
+def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
     """Times and waypoint states from IPOPT's variables."""
     segments, joints = scaled.h.shape
     inner = x[segments:][: 2 * (segments - 1) * joints].reshape(2, joints, segments - 1)
     return x[:segments] * scaled.stop, _with_rest(inner.swapaxes(1, 2))
 
 
-def _starts(scaled: _Scaled, count: int) -> list[tuple[Array, Array]]:
+def _starts(scaled: Scaled, count: int) -> list[tuple[Array, Array]]:
     """Times and waypoint states to start from: stopping, section 3's optimum, then random ones."""
     stopping, *others = exact_nlp.starting_points(scaled, count)  # type: ignore[arg-type]
     starts = [stopping, *_relaxed(scaled), *others][:count]
@@ -299,7 +216,7 @@ def _with_rest(inner: Array) -> Array:
     return np.pad(inner, ((0, 0), (1, 1), (0, 0)))
 
 
-def _relaxed(scaled: _Scaled) -> list[tuple[Array, Array]]:
+def _relaxed(scaled: Scaled) -> list[tuple[Array, Array]]:
     """The optimum without jerk limits, slowed down a little, if it is found."""
     answer = Exact(starts=1).solve(scaled.problem.without("jerk", "position")).trajectory
     if answer is None:
@@ -308,7 +225,7 @@ def _relaxed(scaled: _Scaled) -> list[tuple[Array, Array]]:
     return [(_SLOWER * np.diff(answer.waypoint_times) / scaled.unit, velocities / _SLOWER)]
 
 
-def _solve_from(solver: Any, scaled: _Scaled, times: Array, states: Array) -> _Optimum:
+def _solve_from(solver: Any, scaled: Scaled, times: Array, states: Array) -> _Optimum:
     """The local optimum from one start, exactly reachable.
 
     First every extreme profile passes through acceleration 0. Those that want to avoid it are then
@@ -326,13 +243,13 @@ def _solve_from(solver: Any, scaled: _Scaled, times: Array, states: Array) -> _O
     return best
 
 
-def _avoiding(scaled: _Scaled, found: _Optimum) -> Bools:
+def _avoiding(scaled: Scaled, found: _Optimum) -> Bools:
     """Which extreme profiles hardly pass through acceleration 0, `(2, segments, joints)`."""
     both = scaled.extremes(found.times, found.states)
     return np.stack([scaled.jerky & p.avoids_zero(found.times[:, None]) for p in both])
 
 
-def _run(solver: Any, scaled: _Scaled, times: Array, states: Array, apart: Bools) -> _Optimum:
+def _run(solver: Any, scaled: Scaled, times: Array, states: Array, apart: Bools) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled, apart)
     x0 = np.clip(_point(scaled, times, states), low, high)
@@ -343,6 +260,6 @@ def _run(solver: Any, scaled: _Scaled, times: Array, states: Array, apart: Bools
     stats, x = solver.stats(), np.asarray(result["x"]).ravel()
     times, states = _read(scaled, x)
     usable = stats["success"] and np.isfinite(x).all() and (times > 0).all()
-    k = repair(times, states, scaled) if usable else np.inf
+    k, states = repaired(times, states, scaled) if usable else (np.inf, states)
     slower = states / np.array([k, k**2])[:, None, None]
     return _Optimum(k * float(times.sum()), k * times, slower, str(stats["return_status"]))

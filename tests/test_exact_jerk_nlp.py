@@ -132,6 +132,18 @@ def test_a_profile_may_stay_below_zero_down_to_the_other_sides_limit() -> None:
     assert exact.duration <= ruckig.duration
 
 
+def test_a_tiny_segment_between_long_ones_costs_next_to_nothing() -> None:
+    # Found by the soak: 2.068 s, since what a segment of 3e-6 rad can reach is below IPOPT's grasp.
+    first, second = [0.0, 0.6, 0.600003, 1.2], [0.0, -0.4, -0.400002, -0.8]
+    limits = Limits([2.0, 2.0], [4.0, 4.0], [40.0, 40.0])
+    with_it = ExactJerk(2).solve(Problem(np.transpose([first, second]), limits)).trajectory
+    without = np.delete(np.transpose([first, second]), 2, axis=0)
+    alone = ExactJerk(2).solve(Problem(without, limits)).trajectory
+    assert with_it is not None
+    assert alone is not None
+    assert with_it.duration == pytest.approx(alone.duration, rel=1e-4)
+
+
 def test_scaling_permuting_mirroring_and_reversing() -> None:
     waypoints = np.array([[0.0, 0.2], [0.7, -0.3], [0.5, 0.4], [1.2, 0.9]])
     v, a, j = np.array([[-1, 0.7], [-2, 2]]), np.array([[-2.0, 3], [-4, 3]]), [[-9.0, 6], [-8, 20]]
