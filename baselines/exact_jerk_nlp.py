@@ -21,7 +21,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from baselines import exact_nlp
+from baselines import exact_nlp, jerk_reach
 from baselines.exact_nlp import IPOPT, Exact, flat
 from baselines.jerk_profile import Array, Bools, Limit, risen
 from baselines.jerk_reach import Scaled, repaired
@@ -66,9 +66,7 @@ class ExactJerk:
         return Relation.RELAXATION if problem.has("position") else Relation.SAME
 
     def unsupported(self, problem: Problem) -> str | None:
-        finite = np.isfinite(problem.limits.jerk[problem.moving])
-        lopsided = (finite[:, 0] != finite[:, 1]).any()
-        return "a jerk limit on one side only has no optimum, only an infimum" if lopsided else None
+        return jerk_reach.unsupported(problem)
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

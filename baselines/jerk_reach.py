@@ -18,6 +18,13 @@ _CHEAP = 1e-6  # a dilation below 1 + this is as good as none
 _BRIEF = 1e-3  # of the mean stop time: a segment over which jerk may be taken as constant
 
 
+def unsupported(problem: Problem) -> str | None:
+    """Why jerk limits as these have no optimum, or None."""
+    finite = np.isfinite(problem.limits.jerk[problem.moving])
+    lopsided = (finite[:, 0] != finite[:, 1]).any()
+    return "a jerk limit on one side only has no optimum, only an infimum" if lopsided else None
+
+
 class Scaled:
     """The moving joints without units: time in mean stop times, accelerations of order one.
 

@@ -73,3 +73,8 @@ def test_mixed_jerk_limits() -> None:
 def test_too_few_intervals_are_refused() -> None:
     with pytest.raises(InvalidInput, match="intervals is 1: expected at least 2"):
         Collocation(intervals=1)
+
+
+def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
+    limits = Limits([1.0], [1.0], [[-np.inf, 5.0]])
+    assert "one side" in str(Collocation().unsupported(Problem([[0.0], [1.0]], limits)))
