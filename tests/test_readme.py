@@ -19,7 +19,7 @@ def test_the_python_examples_run_in_order(
     module = ModuleType("readme")  # dataclasses look their module up
     monkeypatch.setitem(sys.modules, "readme", module)
     blocks = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    assert len(blocks) == 3
+    assert len(blocks) == 4
     for block in blocks:
         exec(compile(block, "README.md", "exec"), vars(module))
     printed = capsys.readouterr().out
