@@ -1,0 +1,166 @@
+"""What becomes of the paper's tables, figures and claims at its own settings?
+
+    python -m experiments.paper_study                 # 50 seeds, 1000 iterations, two minutes
+    python -m experiments.paper_study --quick         # a few seconds; says nothing
+
+Defaults of the toolkit where the text says nothing. Every table in `--output` holds ours, the
+paper's and the difference: `table2`, `table4`, `table5`, `running-times`, and `claims` with a
+verdict on each. Searches are kept in `runs/`: running again does only what is missing.
+
+- Accuracy (Table 4): by how much ISSA's final duration of a joint alone is below the other's,
+  `100 (1 − T_ISSA / T_other)`, medians over seeds.
+- Speed (Table 5): the same of the iterations after which a run stays within 1 % of its own end,
+  which is what a convergence plot shows; beside it of the evaluations, which is what it costs.
+- Intervals are 95 % bootstrap intervals over seeds.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import cyclopts
+import numpy as np
+import pandas as pd
+
+from experiments import paper, paper_figures
+from experiments.output import save_table
+from experiments.paper import ALGORITHMS, NAMES, Array, Found, interval, percent_below, reference
+from experiments.paper_claims import claims, estimates, totals
+from trajopt import Problem, Trajectory, render, spline353, verify
+from trajopt.benchmark import plots, statistics, suite
+from trajopt.kinematics import Robot, cartesian_problem
+from trajopt.planner import configured, load
+from trajopt.swarm_planner import SwarmPlanner
+from trajopt.unoptimised import Unoptimised
+
+SETTLED = 1.01  # times a run's own final duration
+TIMINGS = ("per-joint", "shared")
+
+
+def table2(robot: Robot, problem: Problem) -> pd.DataFrame:
+    """Joint angles from the poses of Table 2's points, each the nearest to the one before."""
+    poses = robot.forward(problem.waypoints)
+    ours = np.degrees(cartesian_problem(robot, poses, problem.limits).waypoints)
+    table = reference("table2").drop(columns="source").rename(columns={"degrees": "paper deg"})
+    table["ours deg"] = ours[table["point"] - 1, table["joint"] - 1].round(9) + 0.0
+    return table.assign(difference=table["ours deg"] - table["paper deg"])
+
+
+def points(robot: Robot, problem: Problem) -> pd.DataFrame:
+    """The four Cartesian points, which the paper draws but does not list, mm."""
+    rows = paper.MM * robot.forward(problem.waypoints)[:, :3, 3]
+    table = pd.DataFrame(rows, columns=["x mm", "y mm", "z mm"])
+    return table.assign(point=range(1, len(rows) + 1)).set_index("point").reset_index()
+
+
+def settled(curves: list[Array]) -> Array:
+    """Evaluations until each run is within 1 % of its own end."""
+    ends = [curve[np.argmax(curve[:, 1] <= SETTLED * curve[-1, 1]), 0] for curve in curves]
+    return np.array(ends)
+
+
+def iterations(evaluations: Array, algorithm: str) -> Array:
+    """The iterations that these evaluations belong to; the first population is iteration 0."""
+    planner = load(algorithm)
+    assert isinstance(planner, SwarmPlanner)
+    beyond = np.maximum(evaluations - planner.optimiser.population, 0)
+    return np.asarray(np.ceil(beyond / planner.optimiser.evaluations_per_iteration))
+
+
+def table4(found: Found, joint: int, algorithm: str) -> dict[str, Array]:
+    """Final durations of a joint alone, s."""
+    curves = found[algorithm, "per-joint"].curves(joint - 1)
+    return {"final duration": np.array([curve[-1, 1] for curve in curves])}
+
+
+def table5(found: Found, joint: int, algorithm: str) -> dict[str, Array]:
+    """How long the searches of a joint alone took."""
+    spent = settled(found[algorithm, "per-joint"].curves(joint - 1))
+    return {"iterations": iterations(spent, algorithm), "evaluations": spent}
+
+
+def compared(name: str, found: Found) -> pd.DataFrame:
+    """Table 4 or 5 beside the paper's, percent; its Table 5 counts iterations."""
+    rows, measured = [], {"table4": table4, "table5": table5}[name]
+    for joint, over, percent in reference(name)[["joint", "over", "percent"]].itertuples(False):
+        ours, others = measured(found, joint, "issa"), measured(found, joint, over)
+        for measure in ours:
+            e = statistics.bootstrap(percent_below, ours[measure], others[measure])
+            rows.append({
+                "joint": joint, "ISSA over": NAMES[over], "measure": measure, "ours %": e.value,
+                "low %": e.low, "high %": e.high,
+                "paper %": np.nan if measure == "evaluations" else percent,
+            })  # fmt: skip
+    return pd.DataFrame(rows).assign(difference=lambda t: t["ours %"] - t["paper %"])
+
+
+def synchronised(found: Found, problem: Problem, algorithm: str, timing: str) -> list[Trajectory]:
+    """One trajectory per seed; of joints searched alone, each segment's longest time."""
+    times = np.nanmax(found[algorithm, timing].times, axis=1)
+    return [spline353.trajectory(problem, own) for own in times]
+
+
+def running_times(found: Found, problem: Problem) -> pd.DataFrame:
+    """Claimed and certified durations (medians with intervals, s) beside the paper's."""
+    published, fixed = paper.running_times(), Unoptimised().solve(problem).trajectory
+    assert fixed is not None
+    cases = {("unoptimised", "shared"): [fixed]}
+    cases |= {(a, t): synchronised(found, problem, a, t) for t in TIMINGS for a in ALGORITHMS}
+    rows = []
+    for (algorithm, timing), trajectories in cases.items():
+        certificates = [verify(problem, trajectory) for trajectory in trajectories]
+        certified = interval([c.certified_duration or np.nan for c in certificates])
+        claimed = interval([t.duration for t in trajectories])
+        rows.append({
+            "algorithm": algorithm, "timing": timing, "seeds": len(trajectories),
+            "claimed s": claimed.value, "low s": claimed.low, "high s": claimed.high,
+            "certified s": certified.value,
+            "keeps limits": float(np.mean([c.feasible for c in certificates])),
+            "paper s": published[algorithm], "difference s": claimed.value - published[algorithm],
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def searched(output: Path, problem: Problem, seeds: int, iterations: int) -> Found:
+    """All searches, each kept as soon as it is done."""
+    found, cases = {}, [(a, t) for t in TIMINGS for a in ALGORITHMS]
+    with render.progress(len(cases)) as advance:
+        for algorithm, timing in cases:
+            options = {"timing": timing, "iterations": iterations}
+            planner = configured(load(algorithm), options)
+            file = output / "runs" / f"{algorithm}-{timing}-{seeds}x{iterations}.npz"
+            search = partial(paper.swarm, planner, problem, seeds)
+            found[algorithm, timing] = paper.kept(file, search)
+            advance(1)
+    return found
+
+
+def main(
+    seeds: int = 50, *, quick: bool = False, output: Path = Path("results/paper_study")
+) -> None:
+    """Run the study, write its tables and figures, and print the claims."""
+    problem, robot = suite.load("six-axis"), suite.robot("six-axis")
+    found = searched(output, problem, *((4, 20) if quick else (seeds, 1000)))
+    tables = {name: compared(name, found) for name in ("table4", "table5")}
+    tables |= {"table2": table2(robot, problem), "points": points(robot, problem)}
+    tables["running-times"] = running_times(found, problem)
+    tables["claims"] = claims(estimates(tables) | totals(found, problem))
+    for name, table in tables.items():
+        save_table(table, output / name)
+    shown = {a: middle(synchronised(found, problem, a, "shared")) for a in ALGORITHMS}
+    plots.save(paper_figures.cartesian_path(robot, problem, shown["issa"]), output / "figure5")
+    alone = {a: found[a, "per-joint"] for a in ALGORITHMS}
+    plots.save(paper_figures.joint_convergence(alone, problem), output / "figure6")
+    plots.save(paper_figures.joint_curves(problem, shown), output / "figure7")
+    columns = ["claim", "paper", "ours", "verdict"]
+    print(tables["claims"][columns].to_string(index=False, float_format="{:.5g}".format))
+
+
+def middle(trajectories: list[Trajectory]) -> Trajectory:
+    """The one of median duration."""
+    return sorted(trajectories, key=lambda t: t.duration)[len(trajectories) // 2]
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
