@@ -32,6 +32,7 @@ from trajopt.solution import Solution, Status
 from trajopt.verification import verify
 
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
+_PATIENCE = 3  # times as many starts where all have failed so far
 _ROUNDS = 6
 _PROGRESS = 1e-7  # relative: the least gain worth another round
 _SLOWER = 1.3  # than without jerk limits: a start
@@ -74,7 +75,7 @@ class ExactJerk:
         scaled, began = Scaled(problem), time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
-        found = [_solve_from(solver, scaled, *start) for start in _starts(scaled, self.starts)]
+        found = _optima(solver, scaled, self.starts)
         durations = scaled.unit * np.array([optimum.duration for optimum in found])
         stats = {"start_status": [o.status for o in found], "start_duration": durations}
         return replace(self._best(scaled, found), setup_time=setup_time, stats=stats)
@@ -199,6 +200,16 @@ def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
     segments, joints = scaled.h.shape
     inner = x[segments:][: 2 * (segments - 1) * joints].reshape(2, joints, segments - 1)
     return x[:segments] * scaled.stop, _with_rest(inner.swapaxes(1, 2))
+
+
+def _optima(solver: Any, scaled: Scaled, count: int) -> list[_Optimum]:
+    """One optimum per start; starting goes on, within reason, while none has succeeded."""
+    found: list[_Optimum] = []
+    for start in _starts(scaled, _PATIENCE * count):
+        if len(found) >= count and min(optimum.duration for optimum in found) < np.inf:
+            break
+        found.append(_solve_from(solver, scaled, *start))
+    return found
 
 
 def _starts(scaled: Scaled, count: int) -> list[tuple[Array, Array]]:

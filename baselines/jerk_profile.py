@@ -148,12 +148,13 @@ class _Family:
         self.nearest = np.maximum(-fallen, self.weakest)
         steepest = np.where(self.late, limit.fall, limit.rise)
         self.reach = np.clip(limit.velocity - self.least, 0.0, steepest * t)
+        self.top = np.maximum(limit.velocity, self.least)  # least + reach, but for rounding
 
     def at(self, z: Array) -> Profile:
         """The candidate `z`; its slack is negative where it takes longer than `t`."""
         up, down = self.limit.up, self.limit.down
         below = self.nearest - np.minimum(z, 0.0) * (self.weakest - self.nearest)
-        raised = self.least + np.maximum(z, 0.0) * self.reach
+        raised = np.minimum(self.least + np.maximum(z, 0.0) * self.reach, self.top)
         peak = np.where(z < 0, self.base + self.c * below**2 / 2, raised)
         apart = (self.c > 0) & (z < 0)
         rise, rise_hold = self._ascent(self.start, peak, self.limit.rise, apart & ~self.late, below)

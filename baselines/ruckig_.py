@@ -35,6 +35,7 @@ _PROBE = 0.1  # of the trust region: how far differences reach
 _FACTORS = (0.0, 1.0, 0.5, 1.5)  # starts: parts of the mean velocity about a waypoint
 _KICKS = (0.1, 0.5, 0.02)  # of the limits: how far random starts lie from the best
 _PROGRESS = 1e-7  # relative: the least gain worth a step
+_INWARDS = 1 - 1e-14  # times an end state: exactly opposite states at one place crash Ruckig 0.19
 _SMALLEST = 1e-5  # of the limits: the search's last step
 
 
@@ -124,12 +125,12 @@ class Sections:
         given = self._input
         given.current_position, given.target_position = self.waypoints[k : k + 2].tolist()
         given.current_velocity, given.current_acceleration = start.tolist()
-        given.target_velocity, given.target_acceleration = end.tolist()
+        given.target_velocity, given.target_acceleration = (end * _INWARDS).tolist()
         self.evaluations += 1
         try:
             valid = not checked or self._solver.validate_input(given, True, True)
             return valid and self._solver.calculate(given, self._trajectory) in self._success
-        except self._error:
+        except (self._error, ValueError):  # a result code that its own enumeration lacks
             return False
 
     def _inside(self) -> bool:

@@ -41,7 +41,8 @@ _INDIVISIBLE = 1e-6  # of the whole path: shorter pieces are one step, too short
 _SHORT = 1e-2  # of the even step: where the solver's rounding of speeds must be mended
 _STRAIGHT = 1e-9  # of a piece's largest coefficient: what its others may be on a line
 _SAME_BREAK = 1e-10  # of the whole path: a piece shorter than that is none
-_ROUNDING = 1e-6  # by which a start speed may exceed the highest possible one, or limits be wider
+_ROUNDING = 1e-6  # by which a start speed may exceed the highest possible one
+_WIDER = 1 + 1e-6  # times the limits: a path's only timing may lie on the edge, rounding beyond it
 _FREE = 1e2  # more than any path speed, in units of the cheapest uniform one
 
 
@@ -132,22 +133,33 @@ def along(
         trajectory = _straightened(trajectory)
     if end_speed is None:
         trajectory = _reversed(_straightened(_reversed(trajectory)))
+    attempts = (
+        _along(problem.limits, trajectory, size, (start_speed, end_speed), scale, wider)
+        for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER))
+    )
+    found = next(attempts)
+    while found.trajectory is None and (another := next(attempts, None)):
+        found = another
+    return found
+
+
+def _along(
+    limits: Limits, trajectory: Trajectory, gridpoints: int, speeds: Any, scale: float, wider: float
+) -> Solution:
+    """The same on one grid; `scale` is the dilation that the path's own timing needs."""
     path = _unit(trajectory, gridpoints)
     grid, step, local = _cut(path)
     unit = scale * trajectory.duration / gridpoints  # of time, s
-    limits = Limits(problem.limits.velocity * unit, problem.limits.acceleration * unit**2)
+    limits = Limits(limits.velocity * unit * wider, limits.acceleration * unit**2 * wider)
     slopes = np.abs(path([0.0, path.duration], order=1))
     ends = [
         _speeds(speed, scale, bool((slope <= _STILL * limits.velocity[:, 1]).all()))
-        for speed, slope in zip((start_speed, end_speed), slopes, strict=True)
+        for speed, slope in zip(speeds, slopes, strict=True)
     ]
-    speeds, reason = _path_speeds(grid, step, local, limits, *ends)
-    if speeds is None:  # the only timing there is may lie on the edge, and rounding beyond it
-        wider = Limits(limits.velocity * (1 + _ROUNDING), limits.acceleration * (1 + _ROUNDING))
-        speeds, reason = _path_speeds(grid, step, local, wider, *ends)
-    if speeds is None:
+    found, reason = _path_speeds(grid, step, local, limits, *ends)
+    if found is None:
         return Solution(Status.FAILED, message=f"TOPP-RA: {reason}")
-    retimed = _timed(grid, step, local, speeds / unit, path.waypoint_times)
+    retimed = _timed(grid, step, local, found / unit, path.waypoint_times)
     return Solution(Status.SOLVED, retimed, stats={"gridpoints": len(grid)})
 
 
@@ -246,10 +258,7 @@ def _path_speeds(
     algorithm.compute_controllable_sets = lambda *_: controllable
     fastest = float(np.sqrt(controllable[0, 1]))
     if start[0] > fastest * (1 + _ROUNDING):
-        return (
-            None,
-            f"the path cannot be started at {start[0] / fastest:.6g} times the highest speed",
-        )
+        return None, f"the path cannot be started at {start[0] / fastest:.6g} times its top speed"
     algorithm.compute_parameterization(min(start[1], fastest), 0.0)
     data = algorithm.problem_data
     if data.sd_vec is None or not np.isfinite(data.sd_vec).all():

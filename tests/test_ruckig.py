@@ -156,3 +156,14 @@ def test_a_solver_that_gives_up_is_a_failure_with_a_reason(monkeypatch, planner)
     solution = planner.solve(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
     assert solution.status is Status.FAILED
     assert solution.message == "Ruckig gave up on segment 1"
+
+
+def test_exactly_opposite_states_at_one_place_do_not_crash() -> None:
+    # Found by the soak: Ruckig 0.19.4 itself dies of it. `moving` makes it a section of a problem.
+    velocity = [[-0.06074806613589745, 0.1103667172217071], [-1.0, 1.0]]
+    limits = Limits(velocity, [5.739923928191976, 1.0], [25.17007747222217, 1.0])
+    q, v = np.array([-1.9146983370118453, 0.0]), np.array([0.010124677679191563, 0.0])
+    a, moving = np.array([0.9566539870753419, 0.0]), np.array([0.0, 0.01])
+    sections = Sections(Problem([q - moving, q + moving, q], limits))
+    sections.waypoints = np.array([q, q])
+    assert np.isfinite(sections.minima(0, np.array([-v, a]), np.array([v, a]))).all()
