@@ -1,4 +1,4 @@
-"""The command line: `trajopt list | plan | compare | explain | certify | verify`.
+"""The command line: `trajopt list | suite | plan | compare | explain | certify | verify`.
 
 Heavy imports wait inside the commands, so that `--help` answers at once. Exit codes: 0 done, 1
 nothing could be solved or something does not hold, 2 bad input (one line on stderr).
@@ -9,11 +9,14 @@ from __future__ import annotations
 import json
 import os
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import cyclopts
 from cyclopts import Parameter
+
+from trajopt import suite_cli
 
 app = cyclopts.App(
     name="trajopt",
@@ -29,6 +32,9 @@ PlannerSpec = Annotated[
     str, Parameter(help="NAME or NAME:key=value,key=value; see `trajopt list`.")
 ]
 Json = Annotated[bool, Parameter(negative=(), help="Print one JSON object and nothing else.")]
+
+
+app.command(suite_cli.app)
 
 
 @app.command(name="list")
@@ -89,6 +95,9 @@ def compare(
         list[str] | None,
         Parameter(help="NAME[:key=value,…], repeated for each planner; all by default."),
     ] = None,
+    suite: Annotated[
+        list[str] | None, Parameter(help="All problems of a suite; see `trajopt suite list`.")
+    ] = None,
     seeds: Annotated[int, Parameter(help="Seeds 0 … N−1 of each stochastic planner.")] = 30,
     jobs: Annotated[int | None, Parameter(help="Worker processes; by default one per CPU.")] = None,
     output: Annotated[
@@ -96,13 +105,18 @@ def compare(
     ] = Path("results"),
     fresh: Annotated[bool, Parameter(negative=(), help="Run everything again.")] = False,
     timeout: Annotated[float, Parameter(help="Seconds after which a trial is stopped.")] = 600.0,
+    dask: Annotated[
+        str | None,
+        Parameter(help="Address or file of a Dask scheduler to run the trials on."),
+    ] = None,
     certify: Annotated[
         bool, Parameter(negative=(), help="Prove lower bounds too: same as --planner certify.")
     ] = False,
 ) -> int:
     """Run planners on problems; print the table, store every trial, draw the figures."""
     from trajopt import render
-    from trajopt.benchmark import figures, run, suite
+    from trajopt.benchmark import cluster, figures, run
+    from trajopt.benchmark import suite as suites
     from trajopt.exceptions import InvalidInput
     from trajopt.planner import load, parse
 
@@ -110,25 +124,22 @@ def compare(
     for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--timeout", timeout)):
         if not 1 <= value < float("inf"):
             raise InvalidInput(name, "at least 1", value=value)
-    if not problems:
+    if not problems and not suite:
         raise InvalidInput(
-            "PROBLEM", "at least one problem file or built-in name; see `trajopt list`"
+            "PROBLEM",
+            "at least one problem file or built-in name (see `trajopt list`), or a --suite",
         )
-    loaded = [suite.load(name) for name in dict.fromkeys(problems)]
+    loaded = [suites.load(name) for name in dict.fromkeys(problems)]
+    loaded += [problem for name in dict.fromkeys(suite or ()) for problem in suites.problems(name)]
     specs = [*(planner or _loadable()), *(["certify"] if certify else [])]
     planners = [(parse(spec)[0], load(spec)) for spec in specs]
     total = sum(len(task.seeds) for task in run.plan(loaded, planners, seeds))
-    with render.progress(total) as advance:
+    elsewhere = cluster.executor(dask) if dask else nullcontext()
+    with render.progress(total) as advance, elsewhere as executor:
         results = run.compare(
-            loaded,
-            planners,
-            output,
-            seeds=seeds,
-            jobs=jobs,
-            fresh=fresh,
-            timeout=timeout,
-            progress=advance,
-        )
+            loaded, planners, output.resolve(), seeds=seeds, jobs=jobs, fresh=fresh,
+            timeout=timeout, progress=advance, executor=executor,
+        )  # fmt: skip
     with render.waiting("drawing the figures"):
         drawn = figures.draw(results, output / "figures")
     render.comparison(results, output, drawn)

@@ -82,3 +82,7 @@ class MissingBackend(TrajoptError, ImportError):
 
 class StoreError(TrajoptError, OSError):
     """A results folder or file that cannot be read or written."""
+
+
+class WorkerError(TrajoptError):
+    """An executor's worker that cannot run trials; the message says how to start it."""

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing.util import Finalize
 from pathlib import Path
 
 import cloudpickle
@@ -22,7 +25,7 @@ import pebble
 from trajopt.benchmark.results import Results
 from trajopt.benchmark.store import Store
 from trajopt.benchmark.trial import failed, judge, provenance, trial_id
-from trajopt.exceptions import StoreError
+from trajopt.exceptions import StoreError, WorkerError
 from trajopt.gap import references
 from trajopt.planner import Planner, entries, options
 from trajopt.problem import Problem
@@ -30,6 +33,7 @@ from trajopt.solution import Solution, Status
 
 Progress = Callable[[int], None]  # called with the number of trials that just finished
 
+_thread = threading.local()
 _BATCH = 15  # seeds solved together at most: large enough to be fast, small enough to lose little
 
 
@@ -57,13 +61,16 @@ def compare(
     fresh: bool = False,
     timeout: float = 600.0,
     progress: Progress = lambda _: None,
+    executor: Executor | None = None,
 ) -> Results:
     """Run every planner on every problem, keep every trial, return those that were asked for.
 
     `planners` are `(name, planner)` pairs; stochastic ones run with seeds 0 … `seeds − 1`, the
     others once. The references that a problem needs join them, since gaps need those. Trials
     already in `folder` are not run again unless `fresh`. `jobs` child processes run the trials,
-    each for at most `timeout` seconds; with 0 they run in this process, unsupervised.
+    each for at most `timeout` seconds; with 0 they run in this process, unsupervised. An
+    `executor` (any of `concurrent.futures`, or a Dask client's) runs them instead of `jobs`; its
+    workers must see `folder`, and supervise each trial in a child process of their own.
 
     Raises `StoreError` if the folder cannot be written.
     """
@@ -73,7 +80,8 @@ def compare(
     todo = [batch for task in tasks for batch in _missing(task, done)]
     finished = sum(len(task.seeds) for task in tasks) - sum(len(task.seeds) for task in todo)
     progress(finished)
-    for count in _run(todo, store, jobs, timeout):
+    where = partial(_run_on, executor) if executor else partial(_run, jobs)
+    for count in where(todo, store, timeout):
         progress(count)
     store.consolidate()
     return Results(store.read({task.trial_id(s) for task in tasks for s in task.seeds}))
@@ -106,7 +114,7 @@ def _missing(task: Task, done: set[str]) -> Iterator[Task]:
         yield replace(task, seeds=tuple(seeds[start : start + size]))
 
 
-def _run(tasks: Sequence[Task], store: Store, jobs: int, timeout: float) -> Iterator[int]:
+def _run(jobs: int, tasks: Sequence[Task], store: Store, timeout: float) -> Iterator[int]:
     """Run the tasks, longest first, and yield how many trials each one finished."""
     if jobs == 0:
         for task in tasks:
@@ -123,6 +131,58 @@ def _run(tasks: Sequence[Task], store: Store, jobs: int, timeout: float) -> Iter
         for future in as_completed(futures):
             _record_failure(future, futures[future], store, timeout)
             yield len(futures[future].seeds)
+
+
+def _run_on(
+    executor: Executor, tasks: Sequence[Task], store: Store, timeout: float
+) -> Iterator[int]:
+    """The same on someone else's workers, which write their own trial files."""
+    ordered = sorted(tasks, key=lambda task: -len(task.seeds))
+    futures = {
+        executor.submit(_supervised, cloudpickle.dumps(task), store, timeout): task
+        for task in ordered
+    }
+    try:
+        for future in as_completed(futures):
+            _record_failure(future, futures[future], store, timeout)
+            yield len(futures[future].seeds)
+    except BaseException:
+        for future in futures:
+            if not future.done():
+                future.cancel()
+        raise
+
+
+def _supervised(pickled: bytes, store: Store, timeout: float) -> None:
+    """In an executor's worker: the task in a child process, which may hang or die.
+
+    Raises `WorkerError` where the worker may not have children.
+    """
+    if multiprocessing.current_process().daemon:
+        raise WorkerError(
+            "a worker that is a daemon cannot supervise trials; start Dask's workers with "
+            "DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment"
+        )
+    task = cloudpickle.loads(pickled)
+    with _single_threaded():
+        child = _own_pool().schedule(_work, (pickled, store), timeout=timeout * len(task.seeds))
+        _record_failure(child, task, store, timeout)
+
+
+def _own_pool() -> pebble.ProcessPool:
+    """A child process for each of the worker's threads, kept: starting one takes a second."""
+    if not hasattr(_thread, "pool"):
+        spawn = multiprocessing.get_context("spawn")
+        _thread.pool = pebble.ProcessPool(max_workers=1, context=spawn)
+        Finalize(None, _stopped, (_thread.pool,), exitpriority=100)
+    pool: pebble.ProcessPool = _thread.pool
+    return pool
+
+
+def _stopped(pool: pebble.ProcessPool) -> None:
+    """Before multiprocessing waits for the worker's children, which would wait for work forever."""
+    pool.stop()  # type: ignore[no-untyped-call]
+    pool.join()
 
 
 def _work(pickled: bytes, store: Store) -> None:
@@ -148,7 +208,7 @@ def _record_failure(future: Future[None], task: Task, store: Store, timeout: flo
     error = future.exception()
     if error is None:
         return
-    if isinstance(error, StoreError):
+    if isinstance(error, StoreError | WorkerError):
         raise error
     if isinstance(error, TimeoutError):
         status, message = Status.TIMEOUT, f"stopped after {timeout * len(task.seeds):g} s"

@@ -1,0 +1,40 @@
+"""Trials on Dask's distributed workers, which must see the results folder.
+
+Each worker supervises its trials in a child process, so it must not be a daemon itself:
+
+    export DASK_DISTRIBUTED__WORKER__DAEMON=False
+    dask scheduler --scheduler-file cluster.json &
+    dask worker --scheduler-file cluster.json --nworkers 8 --nthreads 1
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+
+from trajopt.exceptions import InvalidInput
+from trajopt.planner import backend
+
+_PATIENCE = 20.0  # s, for the scheduler to answer
+
+
+@contextmanager
+def executor(address: str) -> Iterator[Executor]:
+    """An executor on the scheduler at `address`, or in that scheduler file.
+
+    A worker that dies has its trials run again elsewhere. Raises `MissingBackend` without Dask,
+    `InvalidInput` if nobody answers.
+    """
+    distributed = backend("distributed")
+    try:
+        file = Path(address)
+        where = json.loads(file.read_text())["address"] if file.is_file() else address
+        client = distributed.Client(where, timeout=_PATIENCE)
+    except (OSError, ValueError, KeyError) as error:
+        right = "the address or scheduler file of a running Dask scheduler"
+        raise InvalidInput("--dask", right, value=address) from error
+    with client:
+        yield client.get_executor(pure=False)
