@@ -317,7 +317,7 @@ def test_compare_shows_failures_as_rows_with_their_reason(compared):
 def test_compare_stores_everything_and_draws(compared):
     folder, _, _ = compared
     with h5py.File(folder / "results.h5") as file:
-        assert len(file["trials"]) == len(list((folder / "trials").iterdir())) == 12
+        assert len(file["trials/id"]) == len(list((folder / "trials").iterdir())) == 12
     suffixes = {p.suffix for p in (folder / "figures").rglob("*") if p.is_file()}
     assert suffixes == {".png", ".svg"}
 
@@ -376,25 +376,31 @@ def test_verify_confirms_folder_and_file(compared, trajopt):
         assert len(rows) == 12
 
 
-def edit(group, name, index, factor):
-    group[name][index] = group[name][index] * factor
+def edit(file, name, row, factor, *, place=-1):
+    """Multiply an entry of the trial's column, or of the array that it has a part of."""
+    if name.startswith("trials/"):
+        file[name][row] = file[name][row] * factor
+    else:
+        start, end = file[name]["offsets"][row : row + 2]
+        entry = range(start, end)[place]
+        file[name]["values"][entry] = file[name]["values"][entry] * factor
+
+
+def edit_problem(file, name, row, factor, place):
+    edit(file, f"problems/{name}", file["trials/problem_row"][row], factor, place=place)
 
 
 TAMPERINGS = {
-    "coefficients": lambda g: edit(g, "trajectory/coefficients", (-1, 1, 0), 1.5),
-    "not finite": lambda g: edit(g, "trajectory/coefficients", (0, 0, 0), np.nan),
-    "duration": lambda g: edit(g, "trajectory/breaks", -1, 0.9),
-    "certified": lambda g: edit(g, "certified_duration", (), 0.99),
-    "certified nothing": lambda g: edit(g, "certified_duration", (), np.nan),
-    "claimed": lambda g: edit(g, "claimed_duration", (), 0.99),
-    "limits": lambda g: edit(g, "problem/velocity", (0, 1), 1.01),
-    "waypoints": lambda g: edit(g, "problem/waypoints", (1, 0), 1.01),
-    "seed": lambda g: g["seed"].write_direct(np.array(99)),
+    "coefficients": lambda f, i: edit(f, "trajectory/coefficients", i, 1.5),
+    "not finite": lambda f, i: edit(f, "trajectory/coefficients", i, np.nan, place=0),
+    "duration": lambda f, i: edit(f, "trajectory/breaks", i, 0.9),
+    "certified": lambda f, i: edit(f, "trials/certified_duration", i, 0.99),
+    "certified nothing": lambda f, i: edit(f, "trials/certified_duration", i, np.nan),
+    "claimed": lambda f, i: edit(f, "trials/claimed_duration", i, 0.99),
+    "limits": lambda f, i: edit_problem(f, "velocity", i, 1.01, 1),
+    "waypoints": lambda f, i: edit_problem(f, "waypoints", i, 1.01, 1),
+    "seed": lambda f, i: f["trials/seed"].__setitem__(i, 99),
 }
-
-
-def told(trial):
-    return trial["planner"].asstr()[()], trial["problem/name"].asstr()[()]
 
 
 @pytest.mark.parametrize("kind", TAMPERINGS)
@@ -402,14 +408,31 @@ def test_verify_finds_what_was_tampered_with_and_names_it(compared, trajopt, tmp
     folder, _, _ = compared
     shutil.copy(folder / "results.h5", tmp_path / "results.h5")
     with h5py.File(tmp_path / "results.h5", "r+") as file:
-        (name,) = [k for k, g in file["trials"].items() if told(g) == ("exact", "one-joint")]
-        TAMPERINGS[kind](file["trials"][name])
+        columns = [file[f"trials/{name}"].asstr()[()] for name in ("id", "planner", "problem")]
+        ids, planners, problems = columns
+        (row,) = np.flatnonzero((planners == "exact") & (problems == "one-joint"))
+        shared = kind in ("limits", "waypoints")  # by all trials of the problem
+        wrong = set(ids[problems == "one-joint"] if shared else ids[[row]])
+        TAMPERINGS[kind](file, row)
     code, out, err = trajopt("verify", tmp_path / "results.h5")
     assert (code, err) == (1, "")
-    assert name in out
-    assert "1 do not hold" in out
+    assert all(name in out for name in wrong)
+    assert f"{len(wrong)} do not hold" in out
     rows = parsed(trajopt("verify", tmp_path / "results.h5", "--json")[1])["trials"]
-    assert [row["id"] for row in rows if not row["holds"]] == [name]
+    assert {row["id"] for row in rows if not row["holds"]} == wrong
+
+
+def test_verify_names_a_damaged_trial_file_and_verifies_the_others(compared, trajopt, tmp_path):
+    shutil.copytree(compared[0] / "trials", tmp_path / "trials")
+    broken = sorted((tmp_path / "trials").iterdir())[3]
+    broken.write_bytes(broken.read_bytes()[:1000])
+    code, out, err = trajopt("verify", tmp_path)
+    assert (code, err) == (1, "")
+    assert "1 do not hold" in out
+    assert "delete it and run again" in " ".join(out.split())
+    rows = parsed(trajopt("verify", tmp_path, "--json")[1])["trials"]
+    assert len(rows) == 12
+    assert [row["id"] for row in rows if not row["holds"]] == [broken.stem]
 
 
 def test_verify_of_a_damaged_file_exits_2(compared, trajopt, tmp_path):

@@ -100,7 +100,8 @@ def test_hdf5_is_a_trial_of_the_store(tmp_path, trial):
     assert back.id == trial.id
     assert back.as_dict() == trial.as_dict()
     with h5py.File(path) as file:
-        assert file["certified_duration"][()] == trial.certified_duration
+        record = json.loads(file["record"][()])
+    assert record["certified_duration"] == trial.certified_duration
 
 
 @pytest.mark.parametrize("suffix", ["csv", "json"])

@@ -19,7 +19,7 @@ def test_the_python_examples_run_in_order(
     module = ModuleType("readme")  # dataclasses look their module up
     monkeypatch.setitem(sys.modules, "readme", module)
     blocks = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    assert len(blocks) == 4
+    assert len(blocks) == 5
     for block in blocks:
         exec(compile(block, "README.md", "exec"), vars(module))
     printed = capsys.readouterr().out
@@ -27,6 +27,7 @@ def test_the_python_examples_run_in_order(
     assert len(gaps) == 5
     assert all(float(gap) >= 0 for gap in gaps.values())
     assert "even-cubic" in printed
+    assert vars(module)["fastest"].x[0] == 0
 
 
 def test_the_commands_that_ci_runs_are_there() -> None:

@@ -1,64 +1,33 @@
-"""The store: whole files or none, everything in plain HDF5, and every field comes back."""
+"""The folder: whole files or none, whatever the disk, a signal or another run does."""
 
+import errno
 import json
+import os
+import platform
 import re
-from dataclasses import dataclass, fields, replace
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from scipy.interpolate import PPoly
+from trials import PROBLEM, assert_same, datasets, solved
 
-from trajopt import Limits, Problem, Relation, Solution, Status, StoreError, Trajectory
-from trajopt.benchmark import schema, store
-from trajopt.benchmark.store import Store, read, records, save
-from trajopt.benchmark.trial import judge, trial_id
-from trajopt.planner import load
-
-PROBLEM = Problem(
-    [[0.0, 0.3], [1.0, -0.2], [1.0, -0.2], [0.4, 0.1]],
-    Limits([1.0, [-2.0, 1.5]], [2.0, [-3.0, 4.0]], position=[[-2.0, 2.5], [-np.inf, np.inf]]),
-    "Gelenk-Prüfung ①",
-    "made up",
-)
-
-
-@dataclass(frozen=True)
-class Stopping:
-    """A quintic from rest to rest in each segment: peaks 15/8 h/T and 10/√3 h/T²."""
-
-    segment_time: float = 3.0
-    note: str = ""
-
-    def relation(self, problem):
-        return Relation.RESTRICTION
-
-    def unsupported(self, problem):
-        return None
-
-    def solve(self, problem, *, seed=0):
-        h, n = problem.displacements, problem.segments
-        c = np.zeros((6, n, problem.joints))
-        for row, factor in ((0, 6), (1, -15), (2, 10)):
-            c[row] = factor * h / self.segment_time ** (5 - row)
-        c[5] = problem.waypoints[:-1]
-        breaks = self.segment_time * np.arange(n + 1)
-        return Solution(
-            Status.SOLVED,
-            Trajectory(breaks, c, breaks),
-            message=self.note,
-            lower_bound=0.25,
-            evaluations=7,
-            history=np.array([[1.0, np.nan], [4.0, 9.5], [7.0, 9.0]]),
-            setup_time=0.0,
-            stats={"kind": "quintic", "a/b": 1.5, "list": ["x", "ü"], "times": np.arange(3.0)},
-        )
+from trajopt import Solution, Status, StoreError
+from trajopt.benchmark import atomic, store
+from trajopt.benchmark.schema import SCHEMA
+from trajopt.benchmark.store import DamagedFile, Store, read, records, save
 
 
 @pytest.fixture(scope="module")
 def trial():
-    return judge(Stopping(0.5), PROBLEM, [3], "stopping")[0]
+    return solved()
 
 
 @pytest.fixture
@@ -67,135 +36,47 @@ def group(tmp_path, trial):
         yield file
 
 
-def datasets(file):
-    found = {}
-    file.visititems(lambda n, d: found.update({n: d}) if isinstance(d, h5py.Dataset) else None)
-    return found
+def files(folder):
+    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
 
 
-def text(file, name):
-    return file[name].asstr()[()]
+# --- a trial file ---
 
 
-def assert_same(a, b):
-    """Equal in every field, and in every field of their fields."""
-    assert type(a) is type(b)
-    for field in fields(a):
-        x, y = getattr(a, field.name), getattr(b, field.name)
-        if field.name in ("problem", "limits", "solution", "trajectory", "certificate") and x:
-            assert_same(x, y)
-        elif field.name == "stats":
-            assert x.keys() == y.keys()
-            assert all(np.array_equal(x[k], y[k]) for k in x)
-        elif isinstance(x, np.ndarray):
-            np.testing.assert_array_equal(x, y, err_msg=field.name)
-        else:
-            assert x == y, field.name
+def test_the_trial_file_holds_what_the_issue_lists(group, trial):
+    def refuse(word):
+        raise AssertionError(word)
 
-
-def test_every_field_comes_back(tmp_path, trial):
-    (back,) = read(save(tmp_path / "t.h5", trial))
-    assert_same(back, trial)
-    assert back.id == trial.id
-    assert back.as_dict() == trial.as_dict()
-
-
-@pytest.mark.parametrize("spec", ["pso:iterations=20", "exact:starts=1", "toppra"])
-def test_every_field_of_a_real_planner_comes_back(tmp_path, spec):
-    problem = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
-    (trial,) = judge(load(spec), problem, [0], spec.split(":")[0])
-    (back,) = read(save(tmp_path / "t.h5", trial))
-    assert back.certified_duration is not None
-    assert back.solution.setup_time == pytest.approx(trial.solution.setup_time)
-    assert_same(back, replace(trial, solution=replace(trial.solution, setup_time=trial.setup_time)))
-
-
-@pytest.mark.parametrize("status", [s for s in Status if s is not Status.SOLVED])
-def test_failures_are_trials_with_a_status(tmp_path, trial, status):
-    solution = Solution(status, message="why not")
-    failure = replace(
-        trial, status=status, message="why not", solution=solution, certificate=None, setup_time=0.0
-    )
-    with h5py.File(save(tmp_path / "t.h5", failure)) as file:
-        assert text(file, "status") == str(status)
-        assert np.isnan(file["certified_duration"][()])
-        assert "trajectory" not in file
-    (back,) = read(tmp_path / "t.h5")
-    assert_same(back, failure)
-
-
-def test_the_certified_duration_in_the_file_is_the_closed_form(group):
-    # joint 1 travels 1.0 in 0.5 s: velocity 15/8·1/0.5 of 1, acceleration 10/√3·1/0.25 of 2
-    dilation = max(15 / 8 / 0.5 / 1.0, np.sqrt(10 / np.sqrt(3) / 0.25 / 2.0))
-    assert group["claimed_duration"][()] == 1.5
-    assert group["dilation"][()] == pytest.approx(dilation, rel=1e-12)
-    assert group["certified_duration"][()] == pytest.approx(1.5 * dilation, rel=1e-12)
-    assert group["feasible"][()] == 0
-
-
-def test_every_dataset_documents_itself(group):
-    found = datasets(group)
-    assert len(found) > 40
-    for name, data in found.items():
-        assert isinstance(data.attrs["units"], str), name
-        assert data.attrs["description"], name
-
-
-def test_units_are_those_of_the_quantities(group):
-    units = {name: group[name].attrs["units"] for name in datasets(group)}
-    assert units["problem/waypoints"] == units["problem/position"] == "rad"
-    assert units["problem/velocity"] == "rad/s"
-    assert units["problem/acceleration"] == "rad/s^2"
-    assert units["problem/jerk"] == "rad/s^3"
-    seconds = ["claimed_duration", "certified_duration", "setup_time", "solve_time", "lower_bound"]
-    seconds += ["trajectory/breaks", "trajectory/waypoint_times", "history/duration"]
-    assert {units[name] for name in seconds} == {"s"}
-
-
-def test_every_array_axis_of_problem_trajectory_and_history_has_its_scale(group):
-    expected = {
-        "problem/waypoints": ("waypoint", "joint"),
-        "problem/velocity": ("joint", "side"),
-        "problem/acceleration": ("joint", "side"),
-        "problem/jerk": ("joint", "side"),
-        "problem/position": ("joint", "side"),
-        "trajectory/breaks": ("break",),
-        "trajectory/coefficients": ("power", "piece", "joint"),
-        "trajectory/waypoint_times": ("waypoint",),
-        "history/duration": ("evaluations",),
-    }
-    for name, scales in expected.items():
-        for axis, scale in enumerate(scales):
-            (attached,) = group[name].dims[axis].values()
-            assert attached.name.endswith("/" + scale), (name, axis)
-            assert len(attached) == group[name].shape[axis]
-    np.testing.assert_array_equal(group["scales/power"][()], [5, 4, 3, 2, 1, 0])
-    np.testing.assert_array_equal(group["scales/joint"][()], [1, 2])
-
-
-def test_the_file_holds_what_the_issue_lists(group, trial):
-    np.testing.assert_array_equal(group["problem/waypoints"][()], PROBLEM.waypoints)
-    for name in ("velocity", "acceleration", "jerk", "position"):
-        np.testing.assert_array_equal(group[f"problem/{name}"][()], getattr(PROBLEM.limits, name))
-    assert text(group, "problem/name") == "Gelenk-Prüfung ①"
-    assert text(group, "problem/source") == "made up"
-    assert text(group, "planner") == "stopping"
-    assert json.loads(text(group, "options")) == {"segment_time": 0.5, "note": ""}
-    assert group["seed"][()] == 3
-    assert text(group, "status") == "solved"
-    assert text(group, "message") == ""
-    assert group["setup_time"][()] == 0
-    assert group["solve_time"][()] > 0
-    assert group["evaluations"][()] == 7
+    record = json.loads(group["record"].asstr()[()], parse_constant=refuse)
+    assert record["problem"] == "Gelenk-Prüfung ①"
+    assert record["source"] == "made up"
+    assert record["planner"] == "stopping"
+    assert record["options"] == {"segment_time": 0.5, "note": ""}
+    assert (record["seed"], record["evaluations"], record["batch"]) == (3, 7, 1)
+    assert (record["status"], record["message"]) == ("solved", "")
+    assert record["setup_time"] == 0
+    assert record["solve_time"] > 0
+    assert record["certificate"]["velocity"]["joint"] == 1  # of two, counted from 1
+    assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$", record["started"])
+    for package in ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "python"):
+        assert re.match(r"\d+\.\d+", record["provenance"][package]), package
+    assert "CPU" in record["provenance"]["machine"]
+    assert record["numbers"]["waypoints"] == PROBLEM.waypoints.tolist()
+    assert record["numbers"]["position"][1] == [{"$float": "-inf"}, {"$float": "inf"}]
     np.testing.assert_array_equal(group["history/evaluations"][()], [1, 4, 7])
     np.testing.assert_array_equal(group["history/duration"][()], [np.nan, 9.5, 9.0])
     np.testing.assert_array_equal(group["trajectory/waypoint_times"][()], [0, 0.5, 1, 1.5])
-    assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00$", text(group, "started"))
-    versions = {name: text(group, f"provenance/{name}") for name in group["provenance"]}
-    for package in ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "python"):
-        assert re.match(r"\d+\.\d+", versions[package]), package
-    assert re.match(r"[0-9a-f]{40}", versions["commit"])
-    assert "CPU" in versions["machine"]
+    np.testing.assert_array_equal(group["stats/times"][()], [0, 1, 2])
+
+
+def test_every_dataset_of_a_trial_file_documents_itself(group):
+    found = datasets(group)
+    assert len(found) == 7
+    for name, data in found.items():
+        assert isinstance(data.attrs["units"], str), name
+        assert data.attrs["description"], name
+    assert group["trajectory/breaks"].attrs["units"] == "s"
+    assert group["trajectory/coefficients"].attrs["units"] == "rad/s^power"
 
 
 def test_plain_h5py_and_scipy_rebuild_the_trajectory(group, trial):
@@ -210,18 +91,14 @@ def test_plain_h5py_and_scipy_rebuild_the_trajectory(group, trial):
         np.testing.assert_allclose(rebuilt(times, nu=order), expected, atol=1e-11)
 
 
-def test_long_and_odd_text_survives(tmp_path, trial):
-    note = "Traceback …\n" + "ß∞𝔘" * 50_000
-    (back,) = read(save(tmp_path / "t.h5", replace(trial, message=note)))
-    assert back.message == note
-    (back,) = read(save(tmp_path / "t.h5", replace(trial, message="nul \0, surrogate \ud800")))
-    assert back.message == "nul \\0, surrogate \\ud800"
+def test_a_trial_file_is_small(tmp_path, trial):
+    arrays = sum(a.nbytes for a in arrays_of(trial))
+    assert save(tmp_path / "t.h5", trial).stat().st_size < arrays + 11_000
 
 
-def test_options_that_json_lacks_are_stored_and_keep_the_identity(tmp_path, trial):
-    odd = replace(trial, options={"path": Path("/tmp"), "n": np.int64(3), "x": np.inf, "t": (1, 2)})
-    (back,) = read(save(tmp_path / "t.h5", odd))
-    assert back.id == odd.id
+def arrays_of(trial):
+    trajectory = trial.solution.trajectory
+    return trajectory.breaks, trajectory.coefficients, trajectory.waypoint_times
 
 
 # --- atomic writing ---
@@ -231,8 +108,7 @@ def test_no_temporary_file_is_left(tmp_path, trial):
     results = Store(tmp_path)
     results.write(trial)
     results.consolidate()
-    files = sorted(p.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("*") if p.is_file())
-    assert files == ["results.h5", f"trials/{trial.id}.h5"]
+    assert files(tmp_path) == ["results.h5", f"trials/{trial.id}.h5"]
 
 
 @pytest.mark.parametrize("moment", ["write", "sync", "rename"])
@@ -243,9 +119,9 @@ def test_a_crash_while_writing_leaves_no_file_and_an_old_one_intact(
         raise RuntimeError("pulled the plug")
 
     place = {
-        "write": (schema, "_write_trajectory"),
-        "sync": (store, "_sync"),
-        "rename": (store.os, "replace"),
+        "write": (Path, "write_bytes"),
+        "sync": (atomic, "_sync"),
+        "rename": (os, "replace"),
     }
     results = Store(tmp_path)
     with monkeypatch.context() as patch:
@@ -266,11 +142,11 @@ def test_a_crash_while_consolidating_keeps_the_old_results(tmp_path, trial, monk
     results.write(trial)
     old = results.consolidate().read_bytes()
 
-    def crash(out, files):
+    def crash(out, trials):
         out.create_group("trials")
         raise RuntimeError("pulled the plug")
 
-    monkeypatch.setattr(store, "_copy_all", crash)
+    monkeypatch.setattr(store.columns, "write", crash)
     with pytest.raises(RuntimeError):
         results.consolidate()
     assert results.results.read_bytes() == old
@@ -279,9 +155,9 @@ def test_a_crash_while_consolidating_keeps_the_old_results(tmp_path, trial, monk
 
 def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, trial, monkeypatch):
     steps = []
-    sync, rename = store._sync, store.os.replace
-    monkeypatch.setattr(store, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
-    monkeypatch.setattr(store.os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
+    sync, rename = atomic._sync, os.replace
+    monkeypatch.setattr(atomic, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
+    monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
     Store(tmp_path).write(trial)
     assert steps == [".tmp", "rename", ""]
 
@@ -292,38 +168,95 @@ def test_a_file_where_a_folder_should_be_is_a_store_error(tmp_path, trial):
         Store(tmp_path / "file").write(trial)
 
 
+def test_a_full_disk_is_said_in_words_and_loses_nothing(tmp_path, trial, monkeypatch):
+    results = Store(tmp_path)
+    old = results.write(trial)
+    before = old.read_bytes()
+
+    def full(path, data):
+        with path.open("wb") as file:
+            file.write(data[:1000])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    other = replace(trial, seed=4)
+    with pytest.raises(StoreError, match=rf"{other.id}\.h5.*No space left on device"):
+        results.write(other)
+    with pytest.raises(StoreError, match="No space left on device"):
+        results.write(trial)
+    assert files(tmp_path) == [f"trials/{trial.id}.h5"]
+    assert old.read_bytes() == before
+
+
+FILL = """
+import resource, sys
+from dataclasses import replace
+sys.path.insert(0, sys.argv[2])
+from trials import solved
+from trajopt import StoreError
+from trajopt.benchmark.store import Store
+store, trial = Store(__import__("pathlib").Path(sys.argv[1])), solved()
+for seed in range(12):
+    store.write(replace(trial, seed=seed))
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)
+try:
+    store.consolidate() if int(sys.argv[3]) > 4096 else store.write(replace(trial, seed=99))
+except StoreError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of this kind are POSIX's")
+@pytest.mark.parametrize("limit", [2000, 8192])
+def test_a_limit_on_the_size_of_files_stops_at_a_whole_file(tmp_path, limit):
+    """A real refusal by the system, of a trial file and of results.h5."""
+    command = [sys.executable, "-c", FILL, str(tmp_path), str(Path(__file__).parent), str(limit)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert re.search(r"\.h5: cannot be written: File too large\n", done.stdout)
+    assert done.stderr == ""
+    assert len(files(tmp_path)) == 12
+    assert len(read(tmp_path)) == 12
+
+
 # --- the folder as index ---
 
 
-def test_results_h5_holds_the_trial_files_unchanged(tmp_path, trial):
+def test_results_h5_holds_what_the_trial_files_hold(tmp_path, trial):
     results = Store(tmp_path)
-    other = replace(trial, seed=4, message="other")
     results.write(trial)
-    results.write(other)
-    with h5py.File(results.consolidate()) as file:
-        assert sorted(file["trials"]) == sorted([trial.id, other.id])
-        for one in (trial, other):
-            copied = datasets(file["trials"][one.id])
-            with h5py.File(results.path(one.id)) as source:
-                original = datasets(source)
-                assert copied.keys() == original.keys()
-                for name, data in original.items():
-                    np.testing.assert_array_equal(copied[name][()], data[()], err_msg=name)
-                    assert copied[name].attrs["units"] == data.attrs["units"]
-            (scale,) = file["trials"][one.id]["trajectory/breaks"].dims[0].values()
-            assert scale.attrs["description"] == "break number, from 1"
-    for a, b in zip(read(results.results), read(tmp_path), strict=True):
+    results.write(replace(trial, seed=4, message="other"))
+    for a, b in zip(read(results.consolidate()), read(tmp_path), strict=True):
         assert_same(a, b)
+
+
+def absent_of(trial):
+    solution = Solution(Status.MISSING, message="pip install it")
+    return replace(trial, status=Status.MISSING, solution=solution, certificate=None)
 
 
 def test_missing_backends_are_not_finished_but_are_read(tmp_path, trial):
     results = Store(tmp_path)
-    absent = replace(trial, status=Status.MISSING, solution=Solution(Status.MISSING))
+    absent = absent_of(trial)
     failed = replace(trial, seed=9, status=Status.CRASHED, solution=Solution(Status.CRASHED))
     results.write(absent)
     results.write(failed)
     assert results.finished() == {failed.id}
-    assert {t.status for t in results.read()} == {Status.MISSING, Status.CRASHED}
+    assert not results.has(absent.id)
+    assert results.has(failed.id)
+    for found in (results.read(), read(results.consolidate()), read(tmp_path)):
+        assert {t.status for t in found} == {Status.MISSING, Status.CRASHED}
+    assert [t.status for t in results.read({absent.id})] == [Status.MISSING]
+
+
+def test_the_backend_s_answer_replaces_its_absence_and_is_never_replaced_by_it(tmp_path, trial):
+    results = Store(tmp_path)
+    results.write(absent_of(trial))
+    results.write(trial)
+    assert files(tmp_path) == [f"trials/{trial.id}.h5"]
+    results.write(absent_of(trial))  # a run elsewhere, without the backend, into this folder
+    for found in (results.read(), results.read({trial.id}), read(results.consolidate())):
+        assert [t.status for t in found] == [Status.SOLVED]
+    assert results.finished() == {trial.id}
 
 
 def damaged(path, how):
@@ -332,10 +265,14 @@ def damaged(path, how):
         data = bytearray()
     elif how == "truncated":
         data = data[: len(data) // 2]
+    elif how == "last byte":
+        data = data[:-1]
     elif how == "text":
-        data = bytearray(b"not HDF5")
+        data = bytearray(b"not HDF5, but longer than sixteen bytes")
     elif how == "zeroed":
         data[2000:] = bytes(len(data) - 2000)
+    elif how == "one bit":
+        data[data.index(b"made up")] ^= 1
     path.write_bytes(data)
 
 
@@ -346,20 +283,61 @@ def test_a_damaged_trial_is_not_finished_and_does_not_spoil_the_others(tmp_path,
     damaged(results.write(trial), how)
     results.write(other)
     assert results.finished() == {other.id}
-    assert [t.id for t in read(results.consolidate())] == [other.id]
-    assert [t.id for t in results.read()] == [other.id]
-    with pytest.raises(StoreError, match=trial.id):
-        read(tmp_path)
+    assert not results.has(trial.id)
+    words = rf"{trial.id}\.h5: damaged.*; delete it and run again"
+    for reading in (lambda: read(results.consolidate()), results.read, lambda: read(tmp_path)):
+        with pytest.warns(DamagedFile, match=words):
+            assert [t.id for t in reading()] == [other.id]
+    with pytest.raises(StoreError, match=words):
+        read(results.path(trial.id))
+    assert [t.id for t in results.read({other.id})] == [other.id]
 
 
-def test_a_newer_schema_is_refused_in_words(tmp_path, trial):
+def test_a_flipped_bit_is_found_when_the_file_is_read(tmp_path, trial):
+    results = Store(tmp_path)
+    path = results.write(trial)
+    rng, data = np.random.default_rng(0), path.read_bytes()
+    for place in rng.integers(len(data), size=60):
+        broken = bytearray(data)
+        broken[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(broken)
+        with pytest.warns(DamagedFile) if place < len(data) - 16 else warnings.catch_warnings():
+            found = results.read()
+        for one in found:  # damage to the checksum alone harms nothing
+            assert_same(one, trial)
+
+
+def test_what_is_damaged_is_listed_beside_what_was_verified(tmp_path, trial):
+    results, found = Store(tmp_path), []
+    damaged(results.write(trial), "one bit")
+    results.write(replace(trial, seed=4))
+    ((back, record),) = records(tmp_path, found.append)
+    assert (back.seed, record.certified_duration) == (4, trial.certified_duration)
+    (error,) = found
+    assert error.path == results.path(trial.id)
+
+
+@pytest.mark.parametrize(("schema", "words"), [(SCHEMA + 1, "upgrade trajopt"), (1, "run again")])
+def test_another_schema_is_refused_in_words_before_anything_runs(tmp_path, trial, schema, words):
     results = Store(tmp_path)
     path = results.write(trial)
     with h5py.File(path, "r+") as file:
-        file.attrs["schema"] = store.SCHEMA + 1
-    for place in (path, tmp_path, results.consolidate()):
-        with pytest.raises(StoreError, match=r"schema 2.*up to 1.*upgrade"):
-            read(place)
+        file.attrs["schema"] = schema
+    ways = [results.finished, results.read, results.consolidate]
+    ways += [lambda: read(path), lambda: read(tmp_path)]
+    for way in ways:
+        with pytest.raises(StoreError, match=rf"schema {schema}, this reads {SCHEMA}; {words}"):
+            way()
+    assert files(tmp_path) == [f"trials/{trial.id}.h5"]
+
+
+def test_results_of_another_schema_are_refused_too(tmp_path, trial):
+    results = Store(tmp_path)
+    results.write(trial)
+    with h5py.File(results.consolidate(), "r+") as file:
+        file.attrs["schema"] = SCHEMA + 1
+    with pytest.raises(StoreError, match=rf"results\.h5: written with schema {SCHEMA + 1}"):
+        read(results.results)
 
 
 @pytest.mark.parametrize("name", ["nothing", "nothing.h5", "."])
@@ -386,39 +364,113 @@ def test_a_stored_trajectory_that_is_none_any_more_reads_as_invalid(tmp_path, tr
     assert record.claimed_duration == 1.5
 
 
-# --- identity ---
+def test_records_are_verified_anew(tmp_path, trial):
+    path = save(tmp_path / "t.h5", trial)
+    with h5py.File(path, "r+") as file:
+        file["trajectory/coefficients"][0] *= 1.01
+    ((back, record),) = records(path)
+    assert back.certified_duration is None
+    assert "waypoint" in " ".join(back.certificate.flaws)
+    assert record.certified_duration == trial.certified_duration
 
 
-def changed_problems():
-    w, limits = PROBLEM.waypoints, PROBLEM.limits
-    kinds = {n: getattr(limits, n) for n in ("velocity", "acceleration", "jerk", "position")}
-    yield Problem(np.nextafter(w, 9), limits)
-    for name, value in kinds.items():
-        value = value.copy()
-        value[1, 1] = 3.25
-        yield Problem(w, Limits(**kinds | {name: value}))
+# --- other runs ---
 
 
-def test_identity_is_numbers_planner_options_seed_and_version_and_not_the_name():
-    base = (PROBLEM, "pso", {"population": 30, "fitness": "penalty"}, 0, "0.1.0")
-    ids = [trial_id(*base)]
-    ids += [trial_id(p, *base[1:]) for p in changed_problems()]
-    ids += [trial_id(*base[:1], "ssa", *base[2:])]
-    ids += [trial_id(*base[:2], {**base[2], k: v}, *base[3:]) for k, v in
-            (("population", 31), ("fitness", "scaled"), ("new", None))]  # fmt: skip
-    ids += [trial_id(*base[:3], 1, "0.1.0"), trial_id(*base[:4], "0.1.1")]
-    assert len(set(ids)) == len(ids) == 12
-    assert trial_id(replace(PROBLEM, name="renamed", source="x"), *base[1:]) == ids[0]
-    assert trial_id(*base[:2], {"fitness": "penalty", "population": 30}, *base[3:]) == ids[0]
+def temporary(folder, host, process, age):
+    path = folder / f".x~{host}~{process}~0123.tmp"
+    path.write_bytes(b"half")
+    os.utime(path, (time.time() - age,) * 2)
+    return path
 
 
-def test_every_option_of_every_registered_planner_is_in_the_identity():
-    for spec, change in (("issa", "levy=False"), ("toppra", "ends=natural"), ("exact", "starts=2")):
-        a, b = (judge_id(load(s)) for s in (spec, f"{spec}:{change}"))
-        assert a != b
+def test_litter_of_killed_runs_is_removed_and_live_ones_keep_theirs(tmp_path, trial):
+    results, here = Store(tmp_path), platform.node()
+    results.write(trial)
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    cases = [
+        (here, gone.pid, 120, False), (here, gone.pid, 5, True), (here, os.getpid(), 3600, True),
+        (here, 1, 3600, True), ("elsewhere", gone.pid, 3600, True),
+        ("elsewhere", os.getpid(), 90_000, False),
+    ]  # fmt: skip
+    for folder in (tmp_path, tmp_path / "trials"):
+        left = [(temporary(folder, *case[:3]), case[3]) for case in cases]
+        (folder / ".strange.tmp").write_text("")
+        os.utime(folder / ".strange.tmp", (time.time() - 3600,) * 2)
+        results.consolidate()
+        assert [path.exists() for path, _ in left] == [
+            any(stays for (h, p, _, stays) in cases if f"~{h}~{p}~" in path.name)
+            for path, _ in left
+        ]
 
 
-def judge_id(planner):
-    from trajopt.planner import options
+def test_results_are_rebuilt_when_another_run_finished_meanwhile(tmp_path, trial, monkeypatch):
+    results, other = Store(tmp_path), replace(trial, seed=4)
+    results.write(trial)
+    write, turns = store.columns.write, []
 
-    return trial_id(PROBLEM, "p", options(planner), 0, "0")
+    def interrupted(file, trials):
+        write(file, trials)
+        if not turns:
+            turns.append(1)
+            results.write(other)
+            Store(tmp_path).consolidate()
+
+    monkeypatch.setattr(store.columns, "write", interrupted)
+    results.consolidate()
+    assert {t.id for t in read(results.results)} == {trial.id, other.id}
+
+
+def test_a_trial_that_another_run_finishes_meanwhile_is_read(tmp_path, trial, monkeypatch):
+    results, listed = Store(tmp_path), store._trial_files
+    results.write(absent_of(trial))
+
+    def then_finished(folder):
+        found = listed(folder)
+        results.write(trial)
+        return found
+
+    monkeypatch.setattr(store, "_trial_files", then_finished)
+    assert [t.status for t in results.read()] == [Status.SOLVED]
+
+
+WRITER = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from trials import solved
+from trajopt.benchmark.store import Store
+store, trial = Store(Path(sys.argv[1])), solved()
+for seed in range(int(sys.argv[3]), 10**6):
+    one = replace(trial, seed=seed)
+    store.write(one)
+    print(one.id, flush=True)
+    if seed % 5 == 0:
+        store.consolidate()
+"""
+
+
+def test_killed_writers_lose_nothing_they_reported(tmp_path):
+    """Two at once into one folder, killed at random moments; each line is a promise."""
+    rng, promised = np.random.default_rng(1), set()
+    for turn in range(3):
+        command = [sys.executable, "-c", WRITER, str(tmp_path), str(Path(__file__).parent)]
+        running = [
+            subprocess.Popen(
+                [*command, str(10**5 * (2 * turn + k))], stdout=subprocess.PIPE, text=True
+            )
+            for k in range(2)
+        ]
+        for process in running:
+            promised.add(process.stdout.readline().strip())
+        time.sleep(float(rng.uniform(0.05, 0.3)))
+        for process in running:
+            process.send_signal(signal.SIGKILL)
+            promised |= {line.strip() for line in process.stdout if line.endswith("\n")}
+            process.stdout.close()
+            process.wait()
+        assert promised <= Store(tmp_path).finished()
+        assert promised <= {t.id for t in read(tmp_path)}
+    assert promised <= {t.id for t in read(Store(tmp_path).consolidate())}

@@ -301,7 +301,8 @@ def verification(rows: Sequence[dict[str, Any]]) -> None:
         ]
         verdict = row["status"] if row["holds"] else "[bold red]DOES NOT HOLD[/bold red]"
         names = escape(row["problem"]), _lines(row["planner"])
-        table.add_row(*names, str(row["seed"]), *numbers, verdict)
+        seed = "–" if row["seed"] is None else str(row["seed"])
+        table.add_row(*names, seed, *numbers, verdict)
     _OUT.print(table)
     wrong = [row for row in rows if not row["holds"]]
     _OUT.print(f"{len(rows)} trials verified anew; {len(wrong)} do not hold what was recorded.")

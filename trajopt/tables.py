@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from trajopt.benchmark import suite
-from trajopt.benchmark.store import Record, records
+from trajopt.benchmark.store import Damaged, Record, records
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
 from trajopt.planner import Entry, entries, options
@@ -50,7 +50,16 @@ def problems() -> list[dict[str, Any]]:
 
 def verification(path: Path) -> list[dict[str, Any]]:
     """Every stored trial, claimed against certified, and whether what was recorded holds."""
-    return [_checked(trial, record) for trial, record in records(path)]
+    damaged: list[Damaged] = []
+    checked = [_checked(trial, record) for trial, record in records(path, damaged.append)]
+    return checked + [_damaged(error) for error in damaged]
+
+
+def _damaged(error: Damaged) -> dict[str, Any]:
+    names = {"id": error.path.stem, "problem": "", "planner": "a damaged file", "seed": None}
+    numbers = ("claimed_duration", "certified_duration", "recorded_claim", "recorded_duration")
+    absent = dict.fromkeys([*numbers, "dilation"])
+    return names | absent | {"status": "damaged", "flaws": [str(error)], "holds": False}
 
 
 def _checked(trial: Trial, record: Record) -> dict[str, Any]:

@@ -1,30 +1,51 @@
-"""HDF5: one file per finished trial, and one consolidated file made from them.
+"""The results folder: one HDF5 file per finished trial, and `results.h5` made from them.
 
-A trial file is written under a temporary name, closed, synced and renamed into place, so it exists
-whole or not at all; the folder is the index of what is finished. `results.h5` is rebuilt from the
-trial files the same way, never appended to. Every dataset carries its `units` and a `description`,
-arrays have dimension scales, and plain h5py reads all of it:
-
-    with h5py.File("results/results.h5") as file:
-        for trial in file["trials"].values():
-            print(trial["label"].asstr()[()], trial["certified_duration"][()])
+A trial file is written under a temporary name, synced and renamed into place, so it exists whole
+or not at all; the folder is the index of what is finished. `results.h5` is rebuilt from the trial
+files and renamed into place, never appended to. `trialfile.py` and `columns.py` show how to read
+them with plain h5py. A trial that lacked a backend is `<id>.missing.h5`, and runs again.
 """
 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
-from uuid import uuid4
+from typing import TypeVar
 
 import h5py
 
-from trajopt.benchmark.schema import SCHEMA, check_schema, optional, read_trial, write_trial
+from trajopt.benchmark import atomic, columns, trialfile
+from trajopt.benchmark.schema import Encoded, check_schema, decode, encode, unpack
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 from trajopt.solution import Status
+
+T = TypeVar("T")
+
+_MISSING = ".missing.h5"
+
+
+class Damaged(StoreError):
+    """A file that is not what was written; `path` is its path."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: {reason}; delete it and run again")
+        self.path = path
+
+
+class DamagedFile(UserWarning):
+    """A damaged file was left out; the others were read."""
+
+
+Damages = Callable[[Damaged], None]
+
+
+def _warn(error: Damaged) -> None:
+    warnings.warn(str(error), DamagedFile, stacklevel=2)
 
 
 @dataclass(frozen=True)
@@ -37,79 +58,75 @@ class Store:
     def results(self) -> Path:
         return self.folder / "results.h5"
 
-    def path(self, trial_id: str) -> Path:
-        """The file of one trial."""
-        return self.folder / "trials" / f"{trial_id}.h5"
+    def path(self, trial_id: str, *, missing: bool = False) -> Path:
+        """The file of one trial; one that lacked a backend has another name."""
+        return self.folder / "trials" / f"{trial_id}{_MISSING if missing else '.h5'}"
 
     def finished(self) -> set[str]:
         """Identities of the trials that need not run again.
 
-        Not those that lacked a backend: installing it is how a user mends them.
+        Not those that lacked a backend (installing it is how a user mends them), nor those that
+        were cut short. Raises `StoreError` if another version filled this folder.
         """
-        return {f.stem for f in self._whole_files() if _status(f) != Status.MISSING}
+        names = (file for file in _trial_files(self.folder) if not file.name.endswith(_MISSING))
+        return {file.stem for file in names if _is_whole(file)}
 
     def has(self, trial_id: str) -> bool:
-        """Whether this trial is there and readable."""
+        """Whether this trial is finished and its file whole."""
         return _is_whole(self.path(trial_id))
 
-    def _whole_files(self) -> list[Path]:
-        return [f for f in sorted((self.folder / "trials").glob("*.h5")) if _is_whole(f)]
-
     def write(self, trial: Trial) -> Path:
-        """Store one finished trial; after this returns it survives a power cut."""
-        return save(self.path(trial.id), trial)
+        """Store one finished trial; after this returns it survives a power cut.
+
+        Raises `StoreError` where the disk refuses; what was stored before stays as it was.
+        """
+        missing = trial.status is Status.MISSING
+        path = save(self.path(trial.id, missing=missing), trial)
+        if not missing:
+            self.path(trial.id, missing=True).unlink(missing_ok=True)
+        return path
 
     def consolidate(self) -> Path:
-        """Rebuild `results.h5` from every readable trial file."""
-        files = self._whole_files()
-        _write_atomically(self.results, lambda out: _copy_all(out, files))
+        """Rebuild `results.h5` from every trial file; warns of damaged ones (`DamagedFile`)."""
+        atomic.sweep(self.folder, self.folder / "trials")
+        atomic.write(self.results, self._rebuild)
         return self.results
 
+    def _rebuild(self, place: Path) -> None:
+        """Again if another run replaced `results.h5` meanwhile: it may know more trials."""
+        while True:
+            seen = _stamp(self.results)
+            trials = _each(_trial_files(self.folder), lambda kept: kept, _warn)
+            with (
+                atomic.Disk(place, "w+b") as disk,
+                h5py.File(disk, "w", libver=trialfile.LIBRARY) as file,
+            ):
+                columns.write(file, disk.while_well(trials))
+            if _stamp(self.results) == seen:
+                return
+
     def read(self, ids: set[str] | None = None) -> list[Trial]:
-        """The stored trials, or those with these identities."""
-        files = (
-            self._whole_files() if ids is None else filter(_is_whole, map(self.path, sorted(ids)))
-        )
-        return [trial for file in files for trial, _ in records(file)]
+        """The stored trials, or those with these identities; warns of damaged ones."""
+        files = _trial_files(self.folder)
+        chosen = [file for file in files if ids is None or _id(file) in ids]
+        return list(_each(chosen, decode, _warn))
 
 
 def save(path: Path, trial: Trial) -> Path:
     """Write one trial to a file of its own, whole or not at all."""
-    _write_atomically(path, lambda file: write_trial(file, trial))
+    data = trialfile.write(encode(trial))
+    atomic.write(path, lambda place: place.write_bytes(data))
     return path
 
 
 def read(path: Path | str) -> list[Trial]:
-    """Every trial of a results folder, of its `results.h5`, or of a single trial file.
+    """Every trial of a results folder, of a `results.h5`, or of a single trial file.
 
-    Raises `StoreError` naming the file if it is missing, damaged, or from a newer version.
+    Certificates are the recorded ones. Raises `StoreError` naming the file if it is missing,
+    damaged, or from another version; a damaged file in a folder is left out with a warning
+    (`DamagedFile`).
     """
-    return [trial for trial, _ in records(path)]
-
-
-def records(path: Path | str) -> list[tuple[Trial, Record]]:
-    """Every trial, verified anew from its stored trajectory, beside what was recorded of it.
-
-    A folder is read from its trial files. Raises `StoreError` as `read` does.
-    """
-    path = Path(path)
-    if path.is_dir():
-        files = sorted((path / "trials").glob("*.h5"))
-        if not files:
-            raise StoreError(f"{path}: expected a results folder with trials/*.h5 in it")
-        return [pair for file in files for pair in records(file)]
-    with _opened(path) as file:
-        return [_pair(group) for group in _groups(file)]
-
-
-def _pair(group: Any) -> tuple[Trial, Record]:
-    try:
-        return read_trial(group), _record(group)
-    except StoreError:
-        raise
-    except Exception as error:  # whatever a damaged file makes h5py or us raise
-        where = f"{group.file.filename}, {group.name}"
-        raise StoreError(f"{where}: damaged, or not a trial of trajopt ({error})") from error
+    return list(_all(Path(path), decode, _warn))
 
 
 @dataclass(frozen=True)
@@ -121,91 +138,96 @@ class Record:
     certified_duration: float | None
 
 
-def _record(group: Any) -> Record:
-    durations = (group[name][()] for name in ("claimed_duration", "certified_duration"))
-    return Record(group["id"].asstr()[()], *(optional(value, float) for value in durations))
+def records(path: Path | str, damaged: Damages = _warn) -> list[tuple[Trial, Record]]:
+    """Every trial, verified anew from its stored trajectory, beside what was recorded of it.
+
+    Raises `StoreError` as `read` does; a damaged file in a folder goes to `damaged`.
+    """
+    return list(_all(Path(path), _verified, damaged))
 
 
-def _write_atomically(path: Path, write: Callable[[Any], None]) -> None:
-    """Temporary name in the same folder, close, sync, rename, sync the folder."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.stem}-{uuid4().hex}.tmp")
-        try:
-            with h5py.File(temporary, "w") as file:
-                write(file)
-            _sync(temporary)
-            os.replace(temporary, path)
-            _sync(path.parent)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from error
+def _verified(kept: Encoded) -> tuple[Trial, Record]:
+    return decode(kept, anew=True), Record(*(unpack(kept.row[f.name]) for f in fields(Record)))
 
 
-def _sync(path: str | Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _all(path: Path, use: Callable[[Encoded], T], damaged: Damages) -> Iterator[T]:
+    if path.is_dir():
+        files = _trial_files(path)
+        if not files:
+            raise StoreError(f"{path}: expected a results folder with trials/*.h5 in it")
+        yield from _each(files, use, damaged)
+        return
+    with _reading(path), h5py.File(path) as file:
+        check_schema(file.attrs.get("schema"), str(path))
+        kept = list(columns.read(file)) if "trials" in file else [_load(path)]
+        found = [use(one) for one in kept]
+    yield from found
 
 
-def _copy_all(out: Any, files: list[Path]) -> None:
-    """All trials under `trials/`, each a copy of its file."""
-    out.attrs["schema"] = SCHEMA
-    out.attrs["description"] = "trials of minimum-time planners; each group under trials/ is one"
-    trials = out.create_group("trials")
+def _each(files: list[Path], use: Callable[[Encoded], T], damaged: Damages) -> Iterator[T]:
+    """One after the other; a damaged file does not take the others down."""
     for path in files:
-        with h5py.File(path) as file:
-            file.copy(file["/"], trials, name=path.stem)
-            _attach_anew(file, trials[path.stem])
+        try:
+            with _reading(path):
+                found = use(_load(path))
+        except Damaged as error:
+            damaged(error)
+        else:
+            yield found
 
 
-def _attach_anew(source: Any, copy: Any) -> None:
-    """Attach a copy's own dimension scales: HDF5 leaves copied references dangling."""
-    names: list[str] = []
-    source.visit(names.append)
-    for name in names:
-        for reference in ("DIMENSION_LIST", "REFERENCE_LIST"):
-            if reference in copy[name].attrs:
-                del copy[name].attrs[reference]
-    for name in names:
-        if "DIMENSION_LIST" in source[name].attrs:
-            for axis, dimension in enumerate(source[name].dims):
-                for scale in dimension.values():
-                    copy[name].dims[axis].attach_scale(copy[scale.name.lstrip("/")])
+def _trial_files(folder: Path) -> list[Path]:
+    """One file per trial: those that lacked a backend only until they are finished."""
+    found = sorted((folder / "trials").glob("*.h5"))
+    done = {file.stem for file in found if not file.name.endswith(_MISSING)}
+    return [f for f in found if not f.name.endswith(_MISSING) or _id(f) not in done]
 
 
-def _groups(file: Any) -> Iterator[Any]:
-    check_schema(file)
-    yield from file["trials"].values() if "trials" in file else [file]
-
-
-def _opened(path: Path) -> Any:
-    try:
-        return h5py.File(path)
-    except FileNotFoundError:
-        raise StoreError(f"{path}: no such file; expected a results folder or results.h5") from None
-    except OSError as error:
-        raise StoreError(f"{path}: damaged, or not an HDF5 file ({error})") from None
-
-
-def _status(path: Path) -> str:
-    with h5py.File(path) as file:
-        return str(file["status"].asstr()[()])
+def _id(path: Path) -> str:
+    return path.name.split(".")[0]
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether everything in the file can be read."""
+    """Whether the file ends as `save` left it, or, where someone edited it, can be read."""
     try:
-        with h5py.File(path) as file:
-            file.visititems(_touch)
-            return {"schema"} <= set(file.attrs) and {"status", "provenance"} <= set(file)
-    except Exception:  # whatever a damaged file makes h5py raise
+        with path.open("rb") as file:
+            file.seek(-trialfile.TAIL, os.SEEK_END)
+            if trialfile.ends_well(file.read()):
+                return True
+    except OSError:  # not there, or shorter than that
         return False
+    try:
+        with _reading(path):
+            decode(_load(path))
+    except Damaged:
+        return False
+    return True
 
 
-def _touch(_: str, item: Any) -> None:
-    if isinstance(item, h5py.Dataset):
-        item[()]
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Whatever a damaged file makes h5py, JSON or us raise is one error that names it."""
+    try:
+        yield
+    except StoreError:
+        raise
+    except FileNotFoundError:
+        raise StoreError(f"{path}: no such file; expected a results folder or results.h5") from None
+    except PermissionError as error:
+        raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except Exception as error:
+        raise Damaged(path, f"damaged, or not an HDF5 file of trajopt ({error})") from error
+
+
+def _load(path: Path) -> Encoded:
+    if path.name.endswith(_MISSING) and not path.exists():  # another run has finished it meanwhile
+        path = path.with_name(f"{_id(path)}.h5")
+    return trialfile.read(path.read_bytes(), str(path))
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns

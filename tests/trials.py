@@ -1,0 +1,77 @@
+"""A problem, a planner and a trial that use all there is to store; shared by the store's tests."""
+
+from dataclasses import dataclass, fields
+
+import h5py
+import numpy as np
+
+from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
+from trajopt.benchmark.trial import judge
+
+PROBLEM = Problem(
+    [[0.0, 0.3], [1.0, -0.2], [1.0, -0.2], [0.4, 0.1]],
+    Limits([1.0, [-2.0, 1.5]], [2.0, [-3.0, 4.0]], position=[[-2.0, 2.5], [-np.inf, np.inf]]),
+    "Gelenk-Prüfung ①",
+    "made up",
+)
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """A quintic from rest to rest in each segment: peaks 15/8 h/T and 10/√3 h/T²."""
+
+    segment_time: float = 3.0
+    note: str = ""
+
+    def relation(self, problem):
+        return Relation.RESTRICTION
+
+    def unsupported(self, problem):
+        return None
+
+    def solve(self, problem, *, seed=0):
+        h, n = problem.displacements, problem.segments
+        c = np.zeros((6, n, problem.joints))
+        for row, factor in ((0, 6), (1, -15), (2, 10)):
+            c[row] = factor * h / self.segment_time ** (5 - row)
+        c[5] = problem.waypoints[:-1]
+        breaks = self.segment_time * np.arange(n + 1)
+        return Solution(
+            Status.SOLVED,
+            Trajectory(breaks, c, breaks),
+            message=self.note,
+            lower_bound=0.25,
+            evaluations=7,
+            history=np.array([[1.0, np.nan], [4.0, 9.5], [7.0, 9.0]]),
+            setup_time=0.0,
+            stats={"kind": "quintic", "a/b": 1.5, "list": ["x", "ü"], "times": np.arange(3.0)},
+        )
+
+
+def solved():
+    """Claimed in 1.5 s, which is too fast: the verifier dilates it."""
+    return judge(Stopping(0.5), PROBLEM, [3], "stopping")[0]
+
+
+def datasets(file):
+    found = {}
+    file.visititems(lambda n, d: found.update({n: d}) if isinstance(d, h5py.Dataset) else None)
+    return found
+
+
+def assert_same(a, b):
+    """Equal in every field, and in every field of their fields."""
+    assert type(a) is type(b)
+    for field in fields(a):
+        x, y = getattr(a, field.name), getattr(b, field.name)
+        if field.name in ("problem", "limits", "solution", "trajectory") and x:
+            assert_same(x, y)
+        elif field.name == "stats":
+            assert x.keys() == y.keys()
+            for key in x:
+                assert type(x[key]) is type(y[key]), key
+                np.testing.assert_array_equal(x[key], y[key], err_msg=key)
+        elif isinstance(x, np.ndarray):
+            np.testing.assert_array_equal(x, y, err_msg=field.name)
+        else:
+            assert x == y, field.name
