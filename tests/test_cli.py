@@ -497,3 +497,19 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     assert running.returncode == 130
     assert err.strip().endswith("finished trials are kept, run the same command to go on")
     assert list(tmp_path.glob("trials/*.h5"))
+
+
+# --- report ---
+
+
+def test_report_writes_one_page_that_stands_alone(compared, trajopt):
+    folder = compared[0] if isinstance(compared, tuple) else compared
+    code, out, _ = trajopt("report", folder)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert (code, "report.html" in out) == (0, True)
+    assert 'src="http' not in page
+
+
+def test_report_of_nothing_exits_2(trajopt, tmp_path):
+    code, _, err = trajopt("report", tmp_path)
+    assert (code, err.count("\n")) == (2, 1)

@@ -1,4 +1,4 @@
-"""The command line: `trajopt list | suite | plan | compare | explain | certify | verify`.
+"""The command line: list, suite, plan, compare, explain, certify, verify, report.
 
 Heavy imports wait inside the commands, so that `--help` answers at once. Exit codes: 0 done, 1
 nothing could be solved or something does not hold, 2 bad input (one line on stderr).
@@ -231,6 +231,27 @@ def verify(
     else:
         render.verification(rows)
     return 0 if all(row["holds"] for row in rows) else 1
+
+
+@app.command
+def report(
+    folder: Annotated[Path, Parameter(help="Results folder of a comparison.")],
+    *,
+    trajectories: Annotated[int, Parameter(help="Problems shown with their trajectories.")] = 60,
+) -> int:
+    """Write one self-contained, interactive page about all trials of a folder: report.html."""
+    from trajopt import render
+    from trajopt.benchmark import report, store
+    from trajopt.benchmark.results import Results
+
+    with render.waiting("writing the report"):
+        results = Results(store.read(folder))
+        command = f"trajopt report {folder}"
+        page = report.write(
+            results, folder / "report.html", command=command, trajectories=trajectories
+        )
+    print(f"report: {page} ({page.stat().st_size / 1e6:.1f} MB, {len(results.items)} trials)")
+    return 0
 
 
 def _cpus() -> int:

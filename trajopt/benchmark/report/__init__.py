@@ -1,0 +1,65 @@
+"""One self-contained HTML page of a run: tables, curves, trajectories, failures, every trial.
+
+    write(Results(store.read("results")), Path("results/report.html"))
+
+The page needs no server and no network. What only some readers open (the trials, each problem's
+curves and trajectories, and Plotly itself, a third of its size that way) is in it compressed.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import jinja2
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from trajopt.benchmark.report import content, curves, lines, motions
+from trajopt.benchmark.report.packing import packed, packed_json
+from trajopt.benchmark.results import Results
+from trajopt.exceptions import InvalidInput
+
+TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB
+
+
+def write(
+    results: Results, path: Path, *, command: str = "", trajectories: int = TRAJECTORIES
+) -> Path:
+    """Write the report of the trials to `path` and return it; its links expect `trials/` beside it.
+
+    `command` is the command that made the results, to be shown. The median run of each planner has
+    its trajectory in the page, for at most so many
+    problems; the page says which are left out.
+    Raises `InvalidInput` where there is no trial, `OSError` where the file cannot be written.
+    """
+    if not results.items:
+        raise InvalidInput("results", "at least one trial")
+    page = content.page(results)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("trajopt.benchmark.report", "."),
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    environment.filters["breaks"] = _breaks
+    html = environment.get_template("template.html").render(
+        page=page, columns=lines.COLUMNS, tied=lines.TIED, command=command, kept=trajectories,
+        blobs=_blobs(page, trajectories),
+    )  # fmt: skip
+    path.write_text(html, encoding="utf-8")
+    return path
+
+
+def _breaks(label: str) -> Markup:
+    """A planner's label that may go on to the next line between its options."""
+    return Markup("<span>") + Markup("<wbr>").join(re.split("(?<=[:,])", label)) + Markup("</span>")
+
+
+def _blobs(page: content.Page, trajectories: int) -> dict[str, str]:
+    """What the page unpacks: Plotly and its trials at once, each problem when it is opened."""
+    data = content.trial_table(page) | {"suites": curves.suites(page)}
+    blobs = {"data": packed_json(data), "plotly": packed(get_plotlyjs())}
+    drawn = page.drawn(trajectories)
+    for number, trials in enumerate(page.trials_by_problem):
+        own = motions.panel(trials, page.labels, with_motions=number in drawn)
+        blobs[f"problem-{number}"] = packed_json(own)
+    return blobs

@@ -1,0 +1,43 @@
+"""JSON and text, compressed to what fits into a page; a browser's DecompressionStream reads it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+
+def packed(text: str) -> str:
+    """Base64 of the gzipped text: no character of it can end a script element."""
+    return base64.b64encode(gzip.compress(text.encode(), compresslevel=9, mtime=0)).decode()
+
+
+def packed_json(value: Any) -> str:
+    """The same of a value as JSON; what is not finite is null."""
+    text = json.dumps(finite(value), separators=(",", ":"), allow_nan=False, default=str)
+    return packed(text)
+
+
+def finite(value: Any) -> Any:
+    """JSON has no infinity or NaN: what does not exist is None."""
+    if isinstance(value, dict):
+        return {str(k): finite(v) for k, v in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return finite(value.tolist())
+    if isinstance(value, list | tuple):
+        return [finite(v) for v in value]
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
+
+
+def rounded(values: ArrayLike, digits: int = 4) -> list[Any]:
+    """Numbers to so many digits of the largest, for curves: they are drawn, never read off."""
+    array = np.asarray(values, dtype=float)
+    largest = float(np.abs(array[np.isfinite(array)]).max(initial=0.0)) or 1.0
+    found: list[Any] = np.round(array, digits - int(np.ceil(np.log10(largest)))).tolist()
+    return found

@@ -1,0 +1,245 @@
+// The page's behaviour. problem.js is included below, by the template engine, into one scope.
+"use strict";
+(async () => {
+  const $ = (id) => document.getElementById(id);
+  const all = (selector, root = document) => [...root.querySelectorAll(selector)];
+  const unpack = async (id) => {
+    const bytes = Uint8Array.from(atob($(`blob-${id}`).textContent), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).text();
+  };
+  const make = (tag, text = "", attributes = {}) => {
+    const element = document.createElement(tag);
+    element.textContent = text;
+    for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+    return element;
+  };
+  const option = (text, value) => make("option", text, { value });
+  const signed = (value, digits) => value.toFixed(digits).replace("-", "−");
+  const broken = (error) => { $("broken").hidden = false; $("broken").textContent = `This page is incomplete: ${error}`; };
+
+  if (typeof DecompressionStream === "undefined") {
+    broken("charts and trials need a browser from 2023 or later; the tables are whole.");
+    return;
+  }
+  const data = JSON.parse(await unpack("data"));
+  const library = make("script", await unpack("plotly"));
+  document.head.append(library);
+  const { planners, rows, trials } = data;
+  const hidden = new Set();
+
+  // ---- tables: sort, filter, hide planners -------------------------------------------------
+  const SHOWN = matchMedia("(max-width: 640px)").matches ? 30 : 100;
+  const body = $("result-table").tBodies[0];
+  let limit = SHOWN;
+
+  const apply = () => {
+    const text = $("search").value.trim().toLowerCase();
+    const planner = $("by-planner").value, status = $("by-status").value;
+    const problems = new Set();
+    let matching = 0;
+    for (const row of body.rows) {
+      const own = row.dataset;
+      const matches = !hidden.has(Number(own.planner))
+        && (planner === "" || own.planner === planner) && (status === "" || own.status === status)
+        && (text === "" || row.cells[0].textContent.toLowerCase().includes(text)
+          || planners[own.planner].label.toLowerCase().includes(text));
+      if (matches) { matching += 1; problems.add(own.problem); }
+      row.classList.toggle("out", !matches);
+      row.classList.toggle("beyond", matches && matching > limit);
+    }
+    $("shown").textContent = `${Math.min(matching, limit)} of ${body.rows.length} rows`;
+    $("more").hidden = matching <= limit;
+    $("more").textContent = `show all ${matching}`;
+    for (const panel of all("details.problem")) panel.classList.toggle("out", text !== "" && !problems.has(panel.dataset.problem));
+  };
+
+  const key = (row, column) => {
+    const cell = row.cells[column];
+    if (!("value" in cell.dataset)) return cell.textContent.trim().toLowerCase();
+    return cell.dataset.value === "" ? null : Number(cell.dataset.value);
+  };
+  const sort = (header, column) => {
+    const sign = header.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+    for (const other of header.parentNode.cells) other.setAttribute("aria-sort", "none");
+    header.setAttribute("aria-sort", sign === 1 ? "ascending" : "descending");
+    const keyed = [...body.rows].map((row) => [key(row, column), row]);
+    keyed.sort(([a], [b]) => {
+      if (a === null || b === null) return (a === null) - (b === null);  // none comes last, either way
+      return sign * (typeof a === "number" ? a - b : a.localeCompare(b, undefined, { numeric: true }));
+    });
+    body.append(...keyed.map(([, row]) => row));
+    apply();
+  };
+  for (const button of all("#result-table thead button")) button.onclick = () => sort(button.parentNode, Number(button.dataset.column));
+  for (const id of ["search", "by-planner", "by-status"]) $(id).oninput = () => { limit = SHOWN; apply(); };
+  $("more").onclick = () => { limit = Infinity; apply(); };
+
+  // ---- charts ------------------------------------------------------------------------------
+  const FONT = { family: "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif", size: 12, color: "#1a1a1a" };
+  const CONFIG = { responsive: true, displaylogo: false, modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] };
+  const axis = (title, more = {}) => ({
+    title: { text: title, standoff: 8 }, showline: true, linecolor: "#1a1a1a", ticks: "outside",
+    ticklen: 4, gridcolor: "#ececec", zeroline: false, automargin: true, ...more,
+  });
+  const look = (k, more = {}) => ({
+    mode: "lines+markers", name: planners[k].label,
+    marker: { symbol: planners[k].symbol, size: 7, maxdisplayed: 6 }, meta: k, visible: !hidden.has(k),
+    line: { color: planners[k].colour, dash: planners[k].dash, width: 1.9, ...more },
+  });
+  const HEIGHT = 350;
+  const drawn = new Set();
+  const draw = (element, traces, layout) => {
+    drawn.add(element);
+    element.style.height = `${layout.height ?? HEIGHT}px`;
+    const whole = { font: FONT, showlegend: false, hovermode: "closest", margin: { l: 55, r: 12, t: 28, b: 45 },
+      height: HEIGHT, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hoverlabel: { namelength: -1 }, ...layout };
+    return Plotly.react(element, traces, whole, CONFIG);
+  };
+  const band = (curve, axes = {}) => {
+    const k = curve.planner, whole = { meta: k, visible: !hidden.has(k), hoverinfo: "skip", ...axes };
+    const from = Math.max(0, curve.high.findIndex((v) => v !== null));  // endless until then
+    const edge = { mode: "lines", line: { width: 0, shape: "hv" }, x: curve.x.slice(from) };
+    return [
+      { ...edge, y: curve.low.slice(from), ...whole },
+      { ...edge, y: curve.high.slice(from), fill: "tonexty", fillcolor: `${planners[k].colour}22`, ...whole },
+      { ...look(k, { shape: "hv" }), x: curve.x, y: curve.middle, ...axes },
+    ];
+  };
+  const steps = (curve) => ({ ...look(curve.planner, { shape: "hv" }), x: curve.x, y: curve.y });
+  const SHARE = axis("share", { range: [-0.02, 1.03], tickformat: ".0%" });
+  const LOG = { type: "log", exponentformat: "none", nticks: 8 };
+
+  const drawSuite = () => {
+    const suite = data.suites[$("suite").value];
+    const partly = Object.entries(suite.partly).map(([name, n]) => `${name} (${n} of ${suite.problems})`);
+    const kinds = Object.entries(suite.kinds).map(([kind, n]) => `${n} to ${kind === "lower bound" ? "a lower bound" : kind === "exact" ? "the exact optimum" : "refined collocation"}`);
+    $("suite-note").textContent = `${suite.problems} problem${suite.problems > 1 ? "s" : ""}; gaps: ${[...kinds, ...(suite.unknown ? [`${suite.unknown} unknown`] : [])].join(", ")}.`
+      + (partly.length ? ` Not run on all of them, so left out of the first two charts: ${partly.join(", ")}.` : "")
+      + (suite.convergence.length ? ` Running times and convergence: of the ${suite.searched} whose best 3-5-3 is known.` : "");
+    draw($("profile"), suite.profile.map(steps), { xaxis: axis("times the best planner’s duration", { ...LOG, nticks: 6 }), yaxis: SHARE });
+    draw($("ecdf"), suite.ecdf.map(steps), { xaxis: axis("gap (%)", { ...LOG, dtick: 1 }), yaxis: SHARE });
+    for (const figure of all(".searches")) figure.hidden = !suite.convergence.length;
+    if (!suite.convergence.length) return;
+    draw($("times"), suite.times.map(steps), { xaxis: axis("evaluations", LOG), yaxis: SHARE });
+    draw($("convergence"), suite.convergence.flatMap((c) => band(c)), { xaxis: axis("evaluations", LOG), yaxis: axis("duration over the best 3-5-3", LOG) });
+  };
+  data.suites.forEach((suite, i) => $("suite").append(option(`${suite.name} (${suite.problems})`, i)));
+  $("suite").onchange = drawSuite;
+
+  const toggle = (k) => {
+    hidden.has(k) ? hidden.delete(k) : hidden.add(k);
+    const shown = !hidden.has(k);
+    all(`.toggle[data-planner="${k}"]`).forEach((b) => b.setAttribute("aria-pressed", shown));
+    apply();
+    for (const element of drawn) {
+      const own = element.data.map((t, i) => (t.meta === k ? i : -1)).filter((i) => i >= 0);
+      if (own.length) Plotly.restyle(element, { visible: shown }, own);
+    }
+  };
+  document.addEventListener("click", (event) => {
+    const button = event.target.closest(".toggle");
+    if (button) toggle(Number(button.dataset.planner));
+  });
+
+  // ---- one problem -------------------------------------------------------------------------
+  {% include "problem.js" %}
+
+  // ---- trials behind a number --------------------------------------------------------------
+  const COLUMNS = [
+    ["seed", "seed", String], ["status", "status", String], ["claimed (s)", "claimed_duration", 6], ["certified (s)", "certified_duration", 6],
+    ["gap (%)", "gap", (v) => (v < 0 ? "" : "+") + signed(100 * v, 4)], ["dilation", "dilation", 6], ["evaluations", "evaluations", 0],
+    ["time (s)", "solve_time", 4], ["setup (s)", "setup_time", 4], ["lower bound (s)", "lower_bound", 6],
+  ];
+  const SOURCE = { median: "certified_duration", quartiles: "certified_duration", gap: "gap", dilation: "dilation", evaluations: "evaluations", solve_time: "solve_time" };
+  const shown = (value, form) => (value === null ? "–" : typeof form === "number" ? signed(value, form) : form(value));
+
+  const sources = (own, column) => {  // the trials in the middle, of those that have the number
+    const name = SOURCE[column];
+    if (!name) return column === "status" ? own.filter((i) => trials.status[i] !== "solved").slice(0, 1) : own;
+    const kept = own.filter((i) => trials[name][i] !== null && !(column === "dilation" && data.kept[i]));
+    if (column === "quartiles") return kept;
+    kept.sort((a, b) => trials[name][a] - trials[name][b]);
+    return kept.slice(Math.ceil(kept.length / 2) - 1, Math.floor(kept.length / 2) + 1);
+  };
+
+  const showTrial = (i, row) => {
+    all("#trial-table tr").forEach((r) => r.classList.toggle("chosen", r.dataset.trial === String(i)));
+    const own = $("trial"), file = `trials/${trials.id[i]}.h5`, problem = data.problems[row.problem];
+    const options = Object.entries(planners[row.planner].options).map(([name, value]) => `${name}=${value}`).join(", ");
+    const stored = make("p"), again = make("p", "Run it again:");
+    stored.append("Trial ", make("code", trials.id[i]), ", stored in ", make("a", file, { href: file }));
+    again.append(make("code", `${row.spec} --seed ${trials.seed[i]}`, { class: "command" }));
+    if (problem.toml) again.append(download(problem.file, problem.toml));
+    own.replaceChildren(make("h3", `Seed ${trials.seed[i]}: ${trials.status[i]}`), stored, again, make("p", `Options: ${options || "none"}`, { class: "note" }));
+    const message = data.messages[data.message[i]];
+    if (message) own.append(make("pre", message));
+  };
+
+  const showTrials = (r, column, chosen) => {
+    const row = rows[r], from = new Set(chosen === undefined ? sources(row.trials, column) : []);
+    $("trials-title").textContent = `${planners[row.planner].label} on ${data.problems[row.problem].name}`;
+    $("trials-note").textContent = `${row.trials.length} trial${row.trials.length > 1 ? "s" : ""}${from.size ? "; what the number comes from is bold" : ""}. Choose one for its file, its command and its message.`;
+    const head = make("tr");
+    head.append(...COLUMNS.map(([title, , form]) => make("th", title, { class: form === String ? "" : "n" })));
+    $("trial-table").tHead.replaceChildren(head);
+    $("trial-table").tBodies[0].replaceChildren(...row.trials.map((i) => {
+      const line = make("tr", "", { "data-trial": i, id: `trial-${trials.id[i]}`, tabindex: 0 });
+      line.append(...COLUMNS.map(([, name, form]) => {
+        const value = trials[name][i];
+        const bold = from.has(i) && (SOURCE[column] === name || !SOURCE[column]);
+        return make("td", shown(value, form), { class: `${form === String ? "" : "n"}${bold ? " from" : ""}`, "data-value": value ?? "" });
+      }));
+      line.onclick = () => showTrial(i, row);
+      line.onkeydown = (event) => { if (event.key === "Enter") showTrial(i, row); };
+      return line;
+    }));
+    showTrial(chosen ?? [...from][0] ?? row.trials[0], row);
+    if (!$("trials").open) $("trials").showModal();
+  };
+  $("trials").addEventListener("close", () => history.replaceState(null, "", location.pathname + location.search));
+  $("trials").addEventListener("click", (event) => { if (event.target === $("trials")) $("trials").close(); });
+
+  const follow = () => {
+    const [, kind, rest = "", column] = location.hash.match(/^#(row|trial|problem|planner)-([^-]+)-?(.*)$/) ?? [];
+    if (kind === "row" && rows[rest]) showTrials(Number(rest), column);
+    if (kind === "trial") {
+      const i = trials.id.indexOf(rest), r = rows.findIndex((row) => row.trials.includes(i));
+      if (r >= 0) showTrials(r, "", i);
+    }
+    if (kind === "problem" && $(`problem-${rest}`)) { $(`problem-${rest}`).open = true; $(`problem-${rest}`).scrollIntoView(); }
+    if (kind === "planner" && planners[rest]) {
+      $("by-planner").value = rest;
+      if (hidden.has(Number(rest))) toggle(Number(rest));
+      apply();
+      $("results").scrollIntoView();
+    }
+  };
+  window.addEventListener("hashchange", follow);
+
+  // ---- paper -------------------------------------------------------------------------------
+  const PAPER = 660;  // px between the margins of A4
+  let before = new Map();
+  window.addEventListener("beforeprint", () => {
+    before = new Map([...drawn].map((element) => [element, element.clientWidth]));
+    for (const element of drawn) {
+      const half = element.closest(".grid") !== null;
+      Plotly.relayout(element, { width: half ? PAPER / 2 - 10 : PAPER, autosize: false });
+    }
+  });
+  window.addEventListener("afterprint", () => {
+    for (const element of before.keys()) Plotly.relayout(element, { width: undefined, autosize: true });
+  });
+
+  apply();
+  drawSuite();
+  const first = $("problem-0");
+  if (first) { first.open = true; await fill(first); }
+  follow();
+  document.documentElement.dataset.ready = "1";
+})().catch((error) => {
+  const box = document.getElementById("broken");
+  box.hidden = false;
+  box.textContent = `This page is incomplete: ${error}`;
+  throw error;
+});
