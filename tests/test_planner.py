@@ -20,6 +20,7 @@ from trajopt.exceptions import (
     StoreError,
     TrajoptError,
     UnknownName,
+    WorkerError,
 )
 from trajopt.planner import (
     GROUP,
@@ -335,6 +336,7 @@ ERRORS = [
     UnknownName("planner", "isa", ["issa", "ssa"]),
     MissingBackend("casadi"),
     StoreError("cannot write"),
+    WorkerError("a daemon"),
     StoreError(2, "No such file", "a.h5"),
     ContractError("differs for the same seed"),
 ]
