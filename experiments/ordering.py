@@ -83,7 +83,7 @@ def table(found: list[tuple[str, str, float]]) -> pd.DataFrame:
 def main(problems: int = 300, jobs: int = 2, output: Path = Path("results/ordering")) -> None:
     """Run the study and print its table; also written to `ordering.csv` in `output`."""
     drawn = [random_problem(seed) for seed in range(problems)]
-    planners = [(name, load(name)) for name in entries()]
+    planners = [(n, p) for n in entries() if not getattr(p := load(n), "on_request", False)]
     total = sum(len(task.seeds) for task in run.plan(drawn, planners, 2))
     with render.progress(total) as advance:
         results = run.compare(drawn, planners, output, seeds=2, jobs=jobs, progress=advance)

@@ -1,10 +1,21 @@
 """Tables against plain NumPy on made-up trials, and the alarm for beating the reference."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
+from trajopt import (
+    InvalidInput,
+    Limits,
+    Problem,
+    Relation,
+    Solution,
+    Status,
+    StoreError,
+    Trajectory,
+)
 from trajopt.benchmark.results import Results
+from trajopt.benchmark.store import Store
 from trajopt.benchmark.trial import judge
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
@@ -143,3 +154,74 @@ def test_beating_the_reference_beyond_a_millionth_is_suspicious(excess, alarm):
 
 def test_no_trials_give_an_empty_table():
     assert Results([]).trials().empty
+
+
+@pytest.mark.parametrize("as_path", [str, lambda path: path])
+@pytest.mark.parametrize("name", ["", "results.h5"])
+def test_a_path_is_read_as_the_trials_it_holds(tmp_path, name, as_path):
+    store = Store(tmp_path)
+    items = [*run("exact", 2.0), *run("mine", 2.5, -1.0)]
+    for trial in items:
+        store.write(trial)
+    store.consolidate()
+    found, made = Results(as_path(tmp_path / name)), Results(items)
+    for table in ("trials", "gaps", "summary"):
+        expected = getattr(made, table)()
+        keys = ["id"] if "id" in expected else ["problem", "label"]
+        pd.testing.assert_frame_equal(
+            getattr(found, table)().sort_values(keys, ignore_index=True),
+            expected.sort_values(keys, ignore_index=True),
+        )
+    assert found.profile().to_dict() == made.profile().to_dict()
+
+
+def test_a_path_without_results_is_named(tmp_path):
+    with pytest.raises(StoreError, match=r"results\.h5: no such file"):
+        Results(tmp_path / "results.h5")
+
+
+def test_profiles_are_shares_of_problems_by_ratio_to_the_best():
+    """Best on one: a, on two: b, three times slower; on the third only a answers."""
+    third = Problem([[0.0], [3.0]], Limits([10.0], [100.0]), "three")
+    items = [
+        *run("a", 1.0), *run("b", 2.0),
+        *run("a", 6.0, problem=OTHER), *run("b", 2.0, problem=OTHER),
+        *run("a", 1.5, problem=third), *run("b", -1.0, problem=third),
+    ]  # fmt: skip
+    frame = Results(items[::-1]).profile()
+    assert (frame.index.name, frame.columns.tolist()) == ("tau", ["a", "b"])
+    np.testing.assert_allclose(frame.index, [1, 2, 3], rtol=1e-12)
+    np.testing.assert_allclose(frame, [[2 / 3, 1 / 3], [2 / 3, 2 / 3], [1, 2 / 3]], rtol=1e-12)
+    assert frame.attrs["left_out"] == {}
+    at = Results(items).profile([1.5, 1e9])
+    np.testing.assert_allclose(at, [[2 / 3, 1 / 3], [1, 2 / 3]], rtol=1e-12)
+
+
+def test_profiles_are_of_medians_and_infinite_where_half_of_the_runs_failed():
+    items = [*run("a", 2.0), *run("b", 1.0, 4.0, 9.0), *run("half", 1.0, -1.0)]
+    frame = Results(items).profile()
+    np.testing.assert_allclose(frame.index, [1, 2], rtol=1e-12)
+    assert frame.to_numpy().tolist() == [[1, 0, 0], [1, 1, 0]]
+
+
+def test_profiles_leave_out_and_name_who_was_not_run_on_every_problem():
+    items = [*run("a", 2.0), *run("a", 2.0, problem=OTHER), *run("b", 1.0)]
+    frame = Results(items).profile()
+    assert frame.columns.tolist() == ["a"]
+    assert frame.loc[1.0].tolist() == [1.0]
+    assert frame.attrs["left_out"] == {"b": 1}
+
+
+def test_profiles_of_nothing_are_empty():
+    assert Results([]).profile().shape == (0, 0)
+    nobody = Results([*run("a", 1.0), *run("b", 2.0, problem=OTHER)]).profile()
+    assert nobody.shape == (0, 0)
+    assert nobody.attrs["left_out"] == {"a": 1, "b": 1}
+    failed = Results(run("a", -1.0))
+    assert failed.profile().shape == (0, 1)
+    assert failed.profile([1, 2])["a"].tolist() == [0, 0]
+
+
+def test_taus_must_be_numbers():
+    with pytest.raises(InvalidInput, match="no NaN"):
+        Results(run("a", 1.0)).profile([1.0, np.nan])

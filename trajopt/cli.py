@@ -1,4 +1,4 @@
-"""The command line: list, suite, plan, compare, explain, certify, verify, report.
+"""The command line: list, suite, plan, compare, explain, certify, verify, report, export.
 
 Heavy imports wait inside the commands, so that `--help` answers at once. Exit codes: 0 done, 1
 nothing could be solved or something does not hold, 2 bad input (one line on stderr).
@@ -234,6 +234,29 @@ def verify(
 
 
 @app.command
+def export(
+    folder: Annotated[Path, Parameter(help="Results folder of a comparison.")],
+    *,
+    to: Annotated[
+        Literal["csv", "parquet", "ioh"],
+        Parameter(help="Trials as CSV or Parquet, or convergence histories for IOHanalyzer."),
+    ],
+    out: Annotated[Path | None, Parameter(help="File, or new folder for ioh.")] = None,
+) -> int:
+    """Write the trials of a folder for other tools."""
+    from trajopt.benchmark import exports
+    from trajopt.benchmark.results import Results
+
+    results = Results(folder)
+    path = out or folder / ("ioh" if to == "ioh" else f"trials.{to}")
+    exports.write(results, to, path)
+    print(f"exported: {path} ({len(results.items)} trials)")
+    if to == "ioh" and (left_out := exports.without_history(results)):
+        print(f"without a history, left out: {', '.join(left_out)}")
+    return 0
+
+
+@app.command
 def report(
     folder: Annotated[Path, Parameter(help="Results folder of a comparison.")],
     *,
@@ -241,11 +264,11 @@ def report(
 ) -> int:
     """Write one self-contained, interactive page about all trials of a folder: report.html."""
     from trajopt import render
-    from trajopt.benchmark import report, store
+    from trajopt.benchmark import report
     from trajopt.benchmark.results import Results
 
     with render.waiting("writing the report"):
-        results = Results(store.read(folder))
+        results = Results(folder)
         command = f"trajopt report {folder}"
         page = report.write(
             results, folder / "report.html", command=command, trajectories=trajectories

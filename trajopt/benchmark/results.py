@@ -1,8 +1,9 @@
 """Trials as tables: one row per trial, gaps to the reference, one line per planner.
 
-    results = Results(store.read("results"))
+    results = Results("results")   # a folder, a results.h5, or trials
     results.gaps()                 # a pandas frame, one row per trial
     results.summary()              # a pandas frame, one row per problem and planner
+    results.profile()              # a pandas frame, one column per planner
 
 Durations and times are in seconds, gaps are ratios minus 1.
 """
@@ -11,11 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
+from trajopt.benchmark import statistics, store
 from trajopt.benchmark.trial import Trial
 from trajopt.gap import REFERENCES
 from trajopt.solution import Status
@@ -25,11 +29,19 @@ TOLERANCE = 1e-6  # a planner below the reference by more than this, relative, i
 REFINED = 1e-4  # what refined collocation may itself be above the optimum, relative
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Results:
-    """The trials of a run, ready for tables and figures."""
+    """The trials of a run, ready for tables and figures.
+
+    `source`: the trials, or the path of a results folder, a `results.h5` or a trial file, which
+    `store.read` reads; it raises `StoreError` naming the file if that cannot be done.
+    """
 
     items: Sequence[Trial]
+
+    def __init__(self, source: Sequence[Trial] | Path | str) -> None:
+        items = store.read(source) if isinstance(source, str | Path) else source
+        object.__setattr__(self, "items", items)
 
     def trials(self) -> pd.DataFrame:
         """One row per trial; durations and times in seconds, NaN where there is none."""
@@ -63,6 +75,23 @@ class Results:
         groups = self.gaps().groupby(["problem", "digest", "label"], sort=False)
         table = pd.DataFrame([_summarised(key, group) for key, group in groups])
         return table.sort_values(["problem", "median"], kind="stable", na_position="last")
+
+    def profile(self, taus: ArrayLike | None = None) -> pd.DataFrame:
+        """Performance profiles: the share of problems solved within `tau` times the best.
+
+        One row per `tau` (by default wherever a profile steps), one column per planner with its
+        options, of the median certified durations, +inf where half of the runs have none (Dolan &
+        Moré 2002). Compared are the planners that were run on every problem; `attrs["left_out"]`
+        says of each other on how many it was. Raises `InvalidInput` if a tau is NaN.
+        """
+        cells = self.trials().groupby(["digest", "label"])["certified_duration"]
+        table = cells.agg(lambda v: float(statistics.median(v))).unstack("label")
+        ran = table.notna().sum()
+        whole = table.loc[:, ran == len(table)]
+        x, shares = statistics.performance_profile(whole, taus) if whole.size else ([], None)
+        frame = pd.DataFrame(shares, pd.Index(x, name="tau", dtype=float), whole.columns, float)
+        frame.attrs["left_out"] = ran[ran < len(table)].to_dict()
+        return frame
 
     def suspicious(self) -> pd.DataFrame:
         """Trials below the reference by more than its tolerance: each is a bug to hunt."""
