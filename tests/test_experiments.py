@@ -12,7 +12,7 @@ from experiments.output import save_table
 
 
 def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ordering.main(problems=2, jobs=2, output=tmp_path)
+    ordering.main(problems=1, jobs=2, output=tmp_path)
     table = pd.read_csv(tmp_path / "ordering.csv").set_index("relation")
     assert (table["above 1e-06"] == 0).all()
     assert {"exact <= toppra", "ruckig <= ruckig-stop"} <= set(table.index)

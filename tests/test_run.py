@@ -1,8 +1,6 @@
 """The runner: whatever a planner does is a recorded trial, and nothing finished runs twice."""
 
 import os
-import signal
-import subprocess
 import sys
 import time
 from dataclasses import dataclass
@@ -255,41 +253,3 @@ def test_a_folder_that_cannot_be_written_is_an_error_not_a_trial(tmp_path):
 def test_a_misspelt_option_is_the_caller_s_mistake():
     with pytest.raises(InvalidInput, match="segment_tme"):
         load("unoptimised:segment_tme=1")
-
-
-SCRIPT = """
-import sys, time
-from pathlib import Path
-from trajopt.benchmark import run, suite
-from trajopt.planner import load
-if __name__ == "__main__":
-    planners = [("pso", load("pso:iterations=400")), ("exact", load("exact:starts=1"))]
-    planners += [("unoptimised", load(f"unoptimised:segment_time={t}")) for t in range(2, 12)]
-    run.compare([suite.load("one-joint")], planners, sys.argv[1], seeds=6, jobs=1)
-"""
-
-
-def test_kill_and_resume_lose_nothing_and_end_like_an_uninterrupted_run(tmp_path):
-    (tmp_path / "script.py").write_text(SCRIPT)
-    command = [sys.executable, str(tmp_path / "script.py")]
-    folder, trials = tmp_path / "killed", tmp_path / "killed" / "trials"
-    for enough in (1, 5):
-        process = subprocess.Popen([*command, str(folder)], start_new_session=True)
-        deadline = time.monotonic() + 20
-        while len(list(trials.glob("*.h5"))) < enough and time.monotonic() < deadline:
-            time.sleep(0.003)
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-        before = {p: p.stat().st_mtime_ns for p in trials.glob("*.h5")}
-        assert len(before) >= enough
-        assert {t.id for t in store.Store(folder).read()} == {p.stem for p in before}
-    subprocess.run([*command, str(folder)], check=True)
-    assert all(p.stat().st_mtime_ns == when for p, when in before.items())
-    subprocess.run([*command, str(tmp_path / "whole")], check=True)
-    a, b = ({t.id: t for t in store.read(tmp_path / f / "results.h5")} for f in ("killed", "whole"))
-    assert a.keys() == b.keys()
-    assert len(a) == 17
-    for key, trial in a.items():
-        assert trial.certified_duration == b[key].certified_duration
-        x, y = (t.solution.trajectory for t in (trial, b[key]))
-        np.testing.assert_array_equal(x.coefficients, y.coefficients)
