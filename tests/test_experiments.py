@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from experiments import certificates, explained, ordering
+from experiments import certificates, explained, ordering, throughput
 from experiments.output import save_table
 
 
@@ -52,3 +52,11 @@ def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path: Path) -> None:
         "|n|a|b|", "|1|1.25|x|", "|2|||"
     ]  # fmt: skip
     assert pd.read_csv(tmp_path / "new" / "table.csv")["a"].tolist()[0] == 1.25
+
+
+def test_throughput_times_the_same_trials_at_one_and_two_jobs(tmp_path: Path) -> None:
+    throughput.main(trials=3, iterations=2, output=tmp_path)
+    table = pd.read_csv(tmp_path / "throughput.csv")
+    assert table["jobs"].tolist() == [1, 2]
+    assert table["trials"].nunique() == 1
+    assert (table["wall (s)"] > 0).all()

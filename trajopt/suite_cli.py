@@ -140,7 +140,8 @@ def _print_show(suite: Suite, rows: list[dict[str, Any]]) -> None:
         table.add_row(row["name"], *sizes, _besides(row), row["digest"][:12])
     console = Console(highlight=False)
     console.print(table)
-    console.print(f"{len(rows)} problems, version {suite.version}: {suite.description}")
+    count = f"{len(rows)} problem{'s' * (len(rows) > 1)}"
+    console.print(f"{count}, version {suite.version}: {suite.description}")
 
 
 def _table(*columns: str, right: Any) -> Any:

@@ -1,0 +1,66 @@
+"""What does the runner cost, and what does a second job gain?
+
+    python -m experiments.throughput             # 500 trials at one and at two jobs, five minutes
+    python -m experiments.throughput --quick     # a few dozen
+
+The same trials run into fresh folders. *Overhead* is the wall time of all jobs that the planners
+did not spend themselves, per trial; starting the workers, a few seconds, is in it. Only an idle
+machine gives meaningful numbers. The table goes to `throughput.csv` and `.md` in `--output`.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+
+import cyclopts
+import pandas as pd
+
+from experiments.output import save_table
+from trajopt.benchmark import run, suite
+from trajopt.planner import load
+
+SPECS = ("pso", "ssa", "issa")
+
+
+def timed(trials: int, iterations: int, jobs: int, folder: Path) -> dict[str, float]:
+    """Wall time of so many trials (or a few more), s; what of it was the planners' own."""
+    shutil.rmtree(folder, ignore_errors=True)
+    problems = [p for n in suite.problem_files() if len((p := suite.load(n)).waypoints) == 4]
+    planners = [(name, load(f"{name}:iterations={iterations}")) for name in SPECS]
+    seeds = -(-trials // (len(problems) * len(planners)))
+    began = time.perf_counter()
+    results = run.compare(problems, planners, folder, seeds=seeds, jobs=jobs)
+    wall = time.perf_counter() - began
+    table = results.trials()
+    own = float((table["solve_time"] + table["setup_time"]).sum())
+    size = (folder / "results.h5").stat().st_size
+    return {
+        "jobs": jobs,
+        "trials": len(table),
+        "wall (s)": wall,
+        "planners' own (s)": own,
+        "overhead (ms per trial)": 1000 * (wall * jobs - own) / len(table),
+        "results.h5 (KB per trial)": size / 1000 / len(table),
+    }
+
+
+def main(
+    trials: int = 500,
+    *,
+    iterations: int = 1000,
+    quick: bool = False,
+    output: Path = Path("results/throughput"),
+) -> None:
+    """Time them at one and at two jobs, and print the table."""
+    trials, iterations = (30, 20) if quick else (trials, iterations)
+    rows = [timed(trials, iterations, jobs, output / f"jobs-{jobs}") for jobs in (1, 2)]
+    table = pd.DataFrame(rows)
+    table["speed-up"] = table["wall (s)"].iloc[0] / table["wall (s)"]
+    save_table(table, output / "throughput")
+    print(table.to_string(index=False, float_format="{:.2f}".format))
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
