@@ -50,6 +50,7 @@ IPOPT = {
 
 _IGNORED: tuple[LimitName, ...] = ("jerk", "position")
 _PATIENCE = 5  # times as many starts where all have failed so far
+_MISSED = 1e-9  # of the way a joint travels: more than rounding
 _SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum
 
 
@@ -188,9 +189,10 @@ def combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tupl
         lower = np.interp(local, [0, *knots[2:], t], [u, lo, lo, w])
         speed, lengths = share * upper + (1 - share) * lower, np.diff(local)
         slope = np.diff(speed) / lengths
-        if (slope / np.where(slope > 0, a[1], a[0]) <= 1 + _SLIVER).all():
+        travelled = np.cumsum(lengths * (speed[:-1] + speed[1:]) / 2)
+        missed = abs(travelled[-1] - h) > _MISSED * (lengths @ np.abs(speed[:-1] + speed[1:]))
+        if not missed and (slope / np.where(slope > 0, a[1], a[0]) <= 1 + _SLIVER).all():
             break  # else what was left out mattered
-    travelled = np.cumsum(lengths * (speed[:-1] + speed[1:]) / 2)
     return local, np.stack([slope / 2, speed[:-1], np.r_[0.0, travelled[:-1]]])
 
 

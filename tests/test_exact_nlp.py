@@ -157,3 +157,12 @@ def test_every_start_failing_is_a_status(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_no_start_is_refused() -> None:
     with pytest.raises(InvalidInput, match="starts is 0: expected at least 1"):
         Exact(starts=0)
+
+
+def test_limits_a_million_to_one_apart_still_reach_the_waypoints() -> None:
+    # The slow joint takes h/V + V/A twice. A knot left out as a sliver once cost the fast one 4 mrad.
+    limits = Limits([1e-3, 1e3], [1e-3, 1e3])
+    problem = Problem([[0.0, 0.0], [1.0, -0.5], [0.4, 0.6]], limits)
+    optimum = Exact().solve(problem).trajectory
+    assert optimum is not None
+    assert verify(problem, optimum).certified_duration == pytest.approx(1001 + 601, rel=1e-7)
