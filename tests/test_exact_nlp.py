@@ -160,7 +160,7 @@ def test_no_start_is_refused() -> None:
 
 
 def test_limits_a_million_to_one_apart_still_reach_the_waypoints() -> None:
-    # The slow joint takes h/V + V/A twice. A knot left out as a sliver once cost the fast one 4 mrad.
+    # The slow joint takes h/V + V/A twice; a knot left out once cost the fast one 4 mrad.
     limits = Limits([1e-3, 1e3], [1e-3, 1e3])
     problem = Problem([[0.0, 0.0], [1.0, -0.5], [0.4, 0.6]], limits)
     optimum = Exact().solve(problem).trajectory
