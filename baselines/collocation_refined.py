@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from baselines import jerk_reach
 from baselines.collocation_nlp import Grid, Nodes, transcription
 from baselines.exact_jerk_nlp import ExactJerk
-from baselines.exact_nlp import Exact, Scaled, starting_points
+from baselines.exact_nlp import Exact, Scaled, optima, starting_points
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, passing_once
 from trajopt.problem import Problem
@@ -83,7 +83,8 @@ class CollocationRefined:
         grid, began = Grid(problem, coarse), time.perf_counter()
         transcription(grid, free=True)
         setup_time = time.perf_counter() - began
-        started = self._started(grid)
+        starts = _starts(grid, _PATIENCE * self.starts)
+        started = optima(lambda nodes: _solved(grid, nodes), starts, self.starts)
         levels = self._refined(min(started, key=lambda level: level.duration))
         best = min(levels, key=lambda level: level.duration)
         estimate = _estimate(levels)
@@ -104,15 +105,6 @@ class CollocationRefined:
             return ""
         reached = f"is {estimate:.1e}" if estimate < np.inf else "is unknown"
         return f"the error {reached} after the last refinement; {self.error:.1e} was wanted"
-
-    def _started(self, grid: Grid) -> list[_Level]:
-        """One local optimum per start; starting goes on, within reason, while none succeeded."""
-        found: list[_Level] = []
-        for nodes in _starts(grid, _PATIENCE * self.starts):
-            if len(found) >= self.starts and min(x.duration for x in found) < np.inf:
-                break
-            found.append(_solved(grid, nodes))
-        return found
 
     def _refined(self, level: _Level) -> list[_Level]:
         """Halved until two agree, or the cap; where a refinement fails, the next one may not."""

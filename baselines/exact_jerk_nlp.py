@@ -22,7 +22,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from baselines import exact_nlp, jerk_reach
-from baselines.exact_nlp import IPOPT, Exact, flat
+from baselines.exact_nlp import IPOPT, Exact, flat, optima
 from baselines.jerk_profile import Array, Bools, Limit, risen
 from baselines.jerk_reach import Scaled, repaired
 from trajopt.exceptions import InvalidInput
@@ -75,7 +75,8 @@ class ExactJerk:
         scaled, began = Scaled(problem), time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
-        found = _optima(solver, scaled, self.starts)
+        starts = _starts(scaled, _PATIENCE * self.starts)
+        found = optima(lambda start: _solve_from(solver, scaled, *start), starts, self.starts)
         durations = scaled.unit * np.array([optimum.duration for optimum in found])
         stats = {"start_status": [o.status for o in found], "start_duration": durations}
         return replace(self._best(scaled, found), setup_time=setup_time, stats=stats)
@@ -200,16 +201,6 @@ def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
     segments, joints = scaled.h.shape
     inner = x[segments:][: 2 * (segments - 1) * joints].reshape(2, joints, segments - 1)
     return x[:segments] * scaled.stop, _with_rest(inner.swapaxes(1, 2))
-
-
-def _optima(solver: Any, scaled: Scaled, count: int) -> list[_Optimum]:
-    """One optimum per start; starting goes on, within reason, while none has succeeded."""
-    found: list[_Optimum] = []
-    for start in _starts(scaled, _PATIENCE * count):
-        if len(found) >= count and min(optimum.duration for optimum in found) < np.inf:
-            break
-        found.append(_solve_from(solver, scaled, *start))
-    return found
 
 
 def _starts(scaled: Scaled, count: int) -> list[tuple[Array, Array]]:

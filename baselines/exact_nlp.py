@@ -14,10 +14,10 @@ several points of its own, and the answer is the best known, not a proof.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +82,8 @@ class Exact:
         scaled, began = Scaled(problem), time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
-        found = _optima(solver, scaled, self.starts)
+        starts = starting_points(scaled, _PATIENCE * self.starts)
+        found = optima(lambda start: _solve_from(solver, scaled, start), starts, self.starts)
         best = min(found, key=lambda optimum: optimum.duration)
         statuses = [optimum.status for optimum in found]
         durations = scaled.unit * np.array([optimum.duration for optimum in found])
@@ -251,13 +252,23 @@ def _solver(segments: int, joints: int) -> Any:
     return ca.nlpsol("exact", "ipopt", {"x": x, "p": p, "f": ca.sum1(t), "g": g}, IPOPT)
 
 
-def _optima(solver: Any, scaled: Scaled, count: int) -> list[_Optimum]:
-    """One optimum per start; starting goes on, within reason, while none has succeeded."""
-    found: list[_Optimum] = []
-    for start in starting_points(scaled, _PATIENCE * count):
-        if len(found) >= count and min(optimum.duration for optimum in found) < np.inf:
+class _Timed(Protocol):
+    @property
+    def duration(self) -> float:
+        """Infinite where there is no answer."""
+
+
+Start = TypeVar("Start")
+Found = TypeVar("Found", bound=_Timed)
+
+
+def optima(solve: Callable[[Start], Found], starts: Iterable[Start], count: int) -> list[Found]:
+    """What `solve` finds from the first `count` starts, and from more while none has succeeded."""
+    found: list[Found] = []
+    for start in starts:
+        if len(found) >= count and min(one.duration for one in found) < np.inf:
             break
-        found.append(_solve_from(solver, scaled, start))
+        found.append(solve(start))
     return found
 
 
