@@ -146,6 +146,10 @@ def test_roots_are_numpys_on_random_polynomials(seed, degree):
         ([1.0, -1.0, 0.25], []),  # a double root changes no sign
         ([1.0, -1.5, 0.75, -0.125], [0.5]),  # a triple one does
         ([1.0, 0.0, 1.0], []),
+        ([1e200, -1e200, 0.24e200], [0.4, 0.6]),  # squares would overflow, or vanish
+        ([1e-200, -1e-200, 0.24e-200], [0.4, 0.6]),
+        ([1e-300, 1.0, -0.25], [0.25]),
+        ([1.0, -1e8, 1.0], [1e-8]),  # no cancellation
         ([1e200, -0.5e200], [0.5]),
         ([1e-200, -0.5e-200], [0.5]),
     ],

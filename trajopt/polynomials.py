@@ -73,6 +73,8 @@ def unit_roots(coefficients: Array) -> Array:
     """
     if len(coefficients) < 2:
         return np.empty((0, *coefficients.shape[1:]))
+    if len(coefficients) == 3:
+        return _unit_quadratic(coefficients)
     inner = np.nan_to_num(unit_roots(derivative(coefficients)), nan=1.0)
     ends = np.zeros_like(coefficients[:1])
     knots = np.sort(np.concatenate([ends, inner, ends + 1.0]), axis=0)
@@ -83,6 +85,15 @@ def unit_roots(coefficients: Array) -> Array:
         coefficients[:, column], knots[row, column], knots[row + 1, column], values[row, column] < 0
     )
     return roots
+
+
+def _unit_quadratic(coefficients: Array) -> Array:
+    """The same in closed form for degree 2, which saves most of the bisections."""
+    size = np.abs(coefficients).max(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        roots = quadratic_roots(*(coefficients / size))
+        crossed = (roots >= 0) & (roots <= 1) & (roots[0] != roots[1])
+        return np.where(crossed, roots, np.nan)
 
 
 def _bisect(coefficients: Array, low: Array, high: Array, negative: NDArray[np.bool_]) -> Array:

@@ -18,18 +18,21 @@ from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing.util import Finalize
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cloudpickle
 import pebble
 
-from trajopt.benchmark.results import Results
-from trajopt.benchmark.store import Store
+from trajopt.benchmark.store import Store, read
 from trajopt.benchmark.trial import failed, judge, provenance, trial_id
 from trajopt.exceptions import StoreError, WorkerError
 from trajopt.gap import references
 from trajopt.planner import Planner, entries, options
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from trajopt.benchmark.results import Results
 
 Progress = Callable[[int], None]  # called with the number of trials that just finished
 
@@ -74,6 +77,8 @@ def compare(
 
     Raises `StoreError` if the folder cannot be written.
     """
+    from trajopt.benchmark.results import Results  # pandas, SciPy's statistics: not for workers
+
     store = Store(Path(folder))
     tasks = plan(problems, planners, seeds)
     done = set() if fresh else store.finished()
@@ -83,8 +88,8 @@ def compare(
     where = partial(_run_on, executor) if executor else partial(_run, jobs)
     for count in where(todo, store, timeout):
         progress(count)
-    store.consolidate()
-    return Results(store.read({task.trial_id(s) for task in tasks for s in task.seeds}))
+    asked = {task.trial_id(seed) for task in tasks for seed in task.seeds}
+    return Results(read(store.consolidate(), asked))
 
 
 def plan(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -105,11 +105,9 @@ class Store:
             if _stamp(self.results) == seen:
                 return
 
-    def read(self, ids: set[str] | None = None) -> list[Trial]:
-        """The stored trials, or those with these identities; warns of damaged ones."""
-        files = _trial_files(self.folder)
-        chosen = [file for file in files if ids is None or _id(file) in ids]
-        return list(_each(chosen, decode, _warn))
+    def read(self) -> list[Trial]:
+        """The stored trials, each from its own file; warns of damaged ones."""
+        return list(_each(_trial_files(self.folder), decode, _warn))
 
 
 def save(path: Path, trial: Trial) -> Path:
@@ -119,14 +117,18 @@ def save(path: Path, trial: Trial) -> Path:
     return path
 
 
-def read(path: Path | str) -> list[Trial]:
-    """Every trial of a results folder, of a `results.h5`, or of a single trial file.
+def read(path: Path | str, ids: Container[str] | None = None) -> list[Trial]:
+    """The trials of a results folder, of a `results.h5`, or of a single trial file.
 
-    Certificates are the recorded ones. Raises `StoreError` naming the file if it is missing,
-    damaged, or from another version; a damaged file in a folder is left out with a warning
-    (`DamagedFile`).
+    All of them, or those with these `ids`. Certificates are the recorded ones. Raises `StoreError`
+    naming the file if it is missing, damaged, or from another version; a damaged file in a folder
+    is left out with a warning (`DamagedFile`).
     """
-    return list(_all(Path(path), decode, _warn))
+
+    def chosen(kept: Encoded) -> Trial | None:
+        return decode(kept) if ids is None or kept.row["id"] in ids else None
+
+    return [trial for trial in _all(Path(path), chosen, _warn) if trial is not None]
 
 
 @dataclass(frozen=True)
