@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from trajopt.benchmark import run, suite, trial
+from trajopt.benchmark import run, suite, trial, workers
 from trajopt.benchmark.store import Store
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
@@ -54,7 +54,7 @@ class Told(Store):
 
 def told(folder: Path) -> Told:
     """Makes this process tell, be it the child or, where the store is unpickled, a worker."""
-    vars(run).update(Store=told, judge=_judge)
+    vars(run)["Store"], vars(workers)["judge"] = told, _judge
     return Told(folder)
 
 

@@ -323,12 +323,12 @@ def test_compare_stores_everything_and_draws(compared):
 
 
 def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
-    from trajopt.benchmark import figures, run
+    from trajopt.benchmark import figures, workers
 
     folder, done, command = compared
     before = {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()}
     ran = []
-    monkeypatch.setattr(run, "_work", lambda *a: ran.append(a))
+    monkeypatch.setattr(workers, "_work", lambda *a: ran.append(a))
     monkeypatch.setattr(figures, "draw", lambda results, folder: [])
     code, out, _ = trajopt(*command[3:])
     assert (code, ran) == (0, [])

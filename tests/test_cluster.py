@@ -14,7 +14,7 @@ import pytest
 from distributed import Client, LocalCluster
 
 from trajopt import InvalidInput, Status, cli
-from trajopt.benchmark import cluster, run, suite
+from trajopt.benchmark import cluster, run, suite, workers
 from trajopt.exceptions import WorkerError
 from trajopt.planner import load
 from trajopt.unoptimised import Unoptimised
@@ -77,7 +77,7 @@ def test_a_worker_that_may_not_have_children_says_how_to_start_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        run.multiprocessing, "current_process", lambda: type("P", (), {"daemon": 1})
+        workers.multiprocessing, "current_process", lambda: type("P", (), {"daemon": 1})
     )
     with ThreadPoolExecutor(1) as executor, pytest.raises(WorkerError, match="DAEMON=False"):
         statuses(tmp_path, executor)

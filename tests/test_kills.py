@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from experiments import kills
-from trajopt.benchmark.store import Store
+from trajopt.benchmark.store import Store, read
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL and process groups")
 
@@ -49,7 +49,7 @@ def cut(path: Path) -> None:
 def exchanged(path: Path) -> None:
     """A trial of the same identity with another answer."""
     store = Store(path.parent.parent)
-    one, other = store.read({path.stem})[0], store.read()
+    one, other = read(path)[0], store.read()
     answer = next(t for t in other if t.problem == one.problem and t.planner != one.planner)
     object.__setattr__(one, "solution", answer.solution)
     store.write(one)

@@ -1,6 +1,7 @@
 """The runner: whatever a planner does is a recorded trial, and nothing finished runs twice."""
 
 import os
+import signal
 import sys
 import time
 from dataclasses import dataclass
@@ -60,6 +61,10 @@ class Mine:
                 sys.exit(3)
             case "die":
                 os._exit(7)
+            case "devour":
+                return Solution(Status.FAILED, stats={"big": np.ones(2**28)})  # 2 GiB
+            case "killed":  # as a machine that runs out of memory does
+                os.kill(os.getpid(), signal.SIGKILL)
             case "hang":
                 time.sleep(600)
             case "number":
@@ -136,14 +141,16 @@ def test_every_misdeed_is_recorded_and_the_others_go_on(tmp_path):
     }
 
 
-def test_dying_and_hanging_in_worker_processes_cost_one_trial_each(tmp_path):
+def test_dying_hanging_and_devouring_in_worker_processes_cost_one_trial_each(tmp_path):
     expected = {
         "die": (Status.CRASHED, "exit code 7"),
         "hang": (Status.TIMEOUT, "stopped after 6 s"),
+        "devour": (Status.CRASHED, "out of memory"),
+        "killed": (Status.CRASHED, "was killed, perhaps because the machine ran out of memory"),
         **{name: EXPECTED[name] for name in ("raise", "exit", "string", "stats", "solve")},
     }
     planners = [(name, Mine(name)) for name in expected]
-    check(compare(planners, tmp_path, jobs=2, timeout=6.0), expected)
+    check(compare(planners, tmp_path, jobs=2, timeout=6.0, memory=1.0), expected)
 
 
 def test_a_planner_of_mine_is_judged_like_ours_here_and_in_other_processes(tmp_path):

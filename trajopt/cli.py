@@ -6,7 +6,6 @@ nothing could be solved or something does not hold, 2 bad input (one line on std
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from contextlib import nullcontext
@@ -105,6 +104,10 @@ def compare(
     ] = Path("results"),
     fresh: Annotated[bool, Parameter(negative=(), help="Run everything again.")] = False,
     timeout: Annotated[float, Parameter(help="Seconds after which a trial is stopped.")] = 600.0,
+    memory: Annotated[
+        float | None,
+        Parameter(help="GiB that a trial's process may use (Linux); no limit by default."),
+    ] = None,
     dask: Annotated[
         str | None,
         Parameter(help="Address or file of a Dask scheduler to run the trials on."),
@@ -124,6 +127,8 @@ def compare(
     for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--timeout", timeout)):
         if not 1 <= value < float("inf"):
             raise InvalidInput(name, "at least 1", value=value)
+    if memory is not None and not 0.25 <= memory < float("inf"):
+        raise InvalidInput("--memory", "at least 0.25 GiB", value=memory)
     if not problems and not suite:
         raise InvalidInput(
             "PROBLEM",
@@ -138,7 +143,7 @@ def compare(
     with render.progress(total) as advance, elsewhere as executor:
         results = run.compare(
             loaded, planners, output.resolve(), seeds=seeds, jobs=jobs, fresh=fresh,
-            timeout=timeout, progress=advance, executor=executor,
+            timeout=timeout, memory=memory, progress=advance, executor=executor,
         )  # fmt: skip
     with render.waiting("drawing the figures"):
         drawn = figures.draw(results, output / "figures")
@@ -302,18 +307,9 @@ def _loadable() -> list[str]:
 
 
 def _print_json(table: Any) -> None:
-    print(json.dumps(_finite(table), indent=2, allow_nan=False, default=str))
+    from trajopt import tables
 
-
-def _finite(value: Any) -> Any:
-    """JSON has no infinity or NaN: what does not exist is null."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if isinstance(value, float) and not abs(value) < float("inf"):
-        return None
-    return value
+    print(tables.as_json(table))
 
 
 def _words(error: Exception) -> str:

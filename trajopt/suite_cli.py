@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -158,4 +157,6 @@ def _besides(row: dict[str, Any]) -> str:
 
 
 def _print_json(table: dict[str, Any]) -> None:
-    print(json.dumps(table, indent=2, allow_nan=False))
+    from trajopt import tables
+
+    print(tables.as_json(table))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 from pathlib import Path
 from typing import Any
 
@@ -92,3 +93,18 @@ def _same(now: float | None, then: float | None) -> bool:
     if now is None or then is None:
         return now is then
     return bool(np.isclose(now, then, rtol=_SAME, atol=0))
+
+
+def as_json(table: Any) -> str:
+    """JSON has no infinity or NaN: what does not exist is null."""
+    return json.dumps(_finite(table), indent=2, allow_nan=False, default=str)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float) and not abs(value) < float("inf"):
+        return None
+    return value
