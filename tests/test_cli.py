@@ -336,6 +336,22 @@ def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
     assert out.splitlines()[:8] == done.stdout.splitlines()[:8]
 
 
+def test_compare_of_many_problems_has_a_line_per_planner_and_a_report(
+    compared, trajopt, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(cli, "_MANY", 1)
+    shutil.copytree(compared[0] / "trials", tmp_path / "trials")
+    code, out, _ = trajopt(*compared[2][3:-1], tmp_path)
+    lines = out.splitlines()
+    assert code == 0
+    assert max(len(line) for line in lines if str(tmp_path) not in line) <= 80
+    row = next(line.split() for line in lines if line.startswith("pso"))
+    assert row[1:6] == ["1", "3", "of", "3", "0"]  # it supports one problem of the two
+    assert str(tmp_path / "report.html") in lines[-1]
+    assert "</html>" in (tmp_path / "report.html").read_text()
+    assert not (tmp_path / "figures").exists()
+
+
 def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
     from trajopt.benchmark import figures, run
 

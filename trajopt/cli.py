@@ -33,6 +33,8 @@ PlannerSpec = Annotated[
 Json = Annotated[bool, Parameter(negative=(), help="Print one JSON object and nothing else.")]
 
 
+_MANY = 12  # problems, beyond which compare writes one page instead of a table and figures each
+
 app.command(suite_cli.app)
 
 
@@ -116,14 +118,18 @@ def compare(
         bool, Parameter(negative=(), help="Prove lower bounds too: same as --planner certify.")
     ] = False,
 ) -> int:
-    """Run planners on problems; print the table, store every trial, draw the figures."""
-    from trajopt import render
-    from trajopt.benchmark import cluster, figures, run
+    """Run planners on problems; print the table, store every trial, draw the figures.
+
+    Of more than 12 problems the table has one line per planner, and a report takes the place of the
+    figures.
+    """
+    from trajopt import render, render_results
+    from trajopt.benchmark import cluster, figures, report, run
     from trajopt.benchmark import suite as suites
     from trajopt.exceptions import InvalidInput
     from trajopt.planner import load, parse
 
-    jobs = _cpus() if jobs is None else jobs
+    jobs = run.cpus() if jobs is None else jobs
     for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--timeout", timeout)):
         if not 1 <= value < float("inf"):
             raise InvalidInput(name, "at least 1", value=value)
@@ -145,9 +151,14 @@ def compare(
             loaded, planners, output.resolve(), seeds=seeds, jobs=jobs, fresh=fresh,
             timeout=timeout, memory=memory, progress=advance, executor=executor,
         )  # fmt: skip
-    with render.waiting("drawing the figures"):
-        drawn = figures.draw(results, output / "figures")
-    render.comparison(results, output, drawn)
+    if len(loaded) > _MANY:
+        with render.waiting("writing the report"):
+            page = report.write(results, output / "report.html", command=f"trajopt report {output}")
+        render_results.sweep(results, output, page)
+    else:
+        with render.waiting("drawing the figures"):
+            drawn = figures.draw(results, output / "figures")
+        render_results.comparison(results, output, drawn)
     return 0 if results.summary()["solved"].any() or results.summary()["lower_bound"].any() else 1
 
 
@@ -280,12 +291,6 @@ def report(
         )
     print(f"report: {page} ({page.stat().st_size / 1e6:.1f} MB, {len(results.items)} trials)")
     return 0
-
-
-def _cpus() -> int:
-    """The CPUs this process may use; all of them where the system does not say."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def _loadable() -> list[str]:

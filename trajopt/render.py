@@ -13,15 +13,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from trajopt.benchmark.results import Results
     from trajopt.benchmark.trial import Trial
     from trajopt.binding import Binding
     from trajopt.gap import Explanation
     from trajopt.problem import Problem
 
-_OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
+OUT, ERR = Console(highlight=False), Console(stderr=True, highlight=False)
 
 
 def listing(planners: Sequence[dict[str, Any]], problems: Sequence[dict[str, Any]]) -> None:
@@ -33,7 +30,7 @@ def listing(planners: Sequence[dict[str, Any]], problems: Sequence[dict[str, Any
         table.add_row(
             f"[bold]{p['name']}[/bold]", f"{p['description']}\n[dim]{options}[/dim]{state}"
         )
-    _OUT.print(table)
+    OUT.print(table)
     table = Table("problem", "joints", "waypoints", "limits", box=None, pad_edge=False)
     for p in problems:
         table.add_row(
@@ -42,35 +39,35 @@ def listing(planners: Sequence[dict[str, Any]], problems: Sequence[dict[str, Any
             str(p["waypoints"]),
             ", ".join(p["limits"]),
         )
-    _OUT.print()
-    _OUT.print(table)
+    OUT.print()
+    OUT.print(table)
 
 
 def plan(trial: Trial, file: Path) -> None:
     """One trial: the verdict, then the worst value of each kind."""
-    _OUT.print(
+    OUT.print(
         f"[bold]{escape(trial.label)}[/bold] on {escape(f'{trial.problem.name} ({file})')}: "
         f"[bold]{trial.status}[/bold]",
         soft_wrap=True,
     )
     if trial.message:
-        _OUT.print(trial.message.strip().splitlines()[-1], markup=False)
+        OUT.print(trial.message.strip().splitlines()[-1], markup=False)
     for name, value in (
         ("claimed", trial.claimed_duration),
         ("certified", trial.certified_duration),
         ("lower bound", trial.lower_bound),
     ):
         if value is not None:
-            _OUT.print(f"  {name:<12}{value:.6f} s")
+            OUT.print(f"  {name:<12}{value:.6f} s")
     certified = trial.certified_trajectory
     if certified is not None:
         passed = ", ".join(f"{t:.6g}" for t in certified.waypoint_times)
-        _OUT.print(f"  {'waypoints':<12}{passed} s")
-    _OUT.print(
+        OUT.print(f"  {'waypoints':<12}{passed} s")
+    OUT.print(
         f"  {'computing':<12}{trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
     )
     if trial.certificate:
-        _OUT.print(_certificate(trial.certificate.as_dict()))
+        OUT.print(_certificate(trial.certificate.as_dict()))
 
 
 def _certificate(found: dict[str, Any]) -> Table:
@@ -98,7 +95,7 @@ def progress(total: int) -> Iterator[Callable[[int], None]]:
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=_ERR, disable=not _ERR.is_terminal, transient=True) as bar:
+    with Progress(*columns, console=ERR, disable=not ERR.is_terminal, transient=True) as bar:
         task = bar.add_task("trials", total=total)
         yield lambda count: bar.advance(task, count)
 
@@ -106,111 +103,24 @@ def progress(total: int) -> Iterator[Callable[[int], None]]:
 @contextmanager
 def waiting(message: str) -> Iterator[None]:
     """A spinner on stderr, in a terminal."""
-    if not _ERR.is_terminal:
+    if not ERR.is_terminal:
         yield
         return
-    with _ERR.status(message):
+    with ERR.status(message):
         yield
 
 
-def comparison(results: Results, folder: Path, figures: Sequence[Path]) -> None:
-    """One table per problem, the readings used, what failed and why, and where everything is."""
-    for _, rows in results.summary().groupby("digest", sort=False):
-        _OUT.print(_comparison(rows))
-        for row in rows[rows["solved"] < rows["runs"]].itertuples():
-            message = str(row.message).strip().splitlines()
-            count = f"{row.runs - row.solved} of {row.runs} runs " if row.runs > 1 else ""
-            status = "" if row.lower_bound == row.lower_bound else f"{count}{row.status}: "
-            why = f"{status}{message[-1] if message else ''}"
-            _OUT.print(f"{row.label}: {why}", markup=False)
-        _OUT.print(_caption(rows, _readings(results)), markup=False)
-        _OUT.print()
-    _warn(results)
-    stored = f"stored:  {folder / 'results.h5'} ({len(results.items)} trials of this comparison)"
-    _OUT.print(stored, soft_wrap=True, markup=False)
-    if figures:
-        drawn = f"figures: {folder / 'figures'} ({len(figures)} files)"
-        _OUT.print(drawn, soft_wrap=True, markup=False)
-
-
-def _comparison(rows: pd.DataFrame) -> Table:
-    title = escape(f"{rows['problem'].iloc[0]}: certified durations")
-    table = Table(
-        title=title, title_justify="left", box=None, pad_edge=False, collapse_padding=True
-    )
-    table.add_column("planner", overflow="fold", ratio=1)
-    for name in ("median s", "quartiles s", "gap %", "kept limits", "evals", "time s"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for row in rows.itertuples():
-        table.add_row(*_cells(row))
-    return table
-
-
-def _lines(label: str) -> str:
+def option_lines(label: str) -> str:
     """A planner's label, an option a line: folding one in the middle would be hard to read."""
     name, _, options = label.partition(":")
     return escape("\n  ".join([name, *filter(None, options.split(","))]))
 
 
-def _cells(row: Any) -> list[str]:
-    if row.median != row.median:  # no certified duration
-        bound = f"≥ {row.lower_bound:.4f}" if row.lower_bound == row.lower_bound else row.status
-        return [_lines(row.label), bound, "", "", "", "", f"{row.solve_time:.3f}"]
-    return [
-        _lines(row.label),
-        f"{row.median:.4f}",
-        f"{row.q1:.4f}–{row.q3:.4f}" if row.runs > 1 else "",
-        "" if row.gap != row.gap else f"{100 * row.gap:+.2f}",
-        f"{100 * row.kept:.0f} %" + (f" ×{row.dilation:.4f}" if row.dilation > 1 else ""),
-        "" if row.evaluations != row.evaluations else f"{row.evaluations:.0f}",
-        f"{row.solve_time:.3f}",
-    ]
-
-
-def _readings(results: Results) -> str:
-    """The readings of the paper that were run: how joints are combined, and the fitness."""
-    names = ("timing", "fitness")
-    found = {tuple(f"{n}={t.options[n]}" for n in names if n in t.options) for t in results.items}
-    return "; ".join(", ".join(reading) for reading in sorted(found) if reading)
-
-
-def _caption(rows: pd.DataFrame, readings: str) -> str:
-    runs, first = rows["runs"].max(), rows.iloc[0]
-    lines = [f"Up to {runs} seeds. Durations are the verifier's: claimed × max(1, dilation)."]
-    if first["reference"] == first["reference"]:
-        lines.append(_reference(first))
-    if readings:
-        lines.append(f"Reading: {readings}.")
-    lines.append("Kept limits: share of runs that did as claimed; × the others' median dilation.")
-    return "\n".join(lines)
-
-
-def _reference(row: pd.Series[Any]) -> str:
-    """What the gaps are measured against, and how much of it is proved."""
-    reference, proved = row["reference"], row["proved"]
-    within = f"proved within {100 * (reference / proved - 1):.3f} % (lower bound {proved:.6f} s)"
-    known = within if proved > 0 else "the best known, not proved (see --certify)"
-    what = {
-        "exact": "Gap to the exact optimum, {:.6f} s: {}.",
-        "refined": "Gap to refined collocation, {:.6f} s, its own error below 0.01 %: {}.",
-        "lower bound": "Gap to a lower bound, {:.6f} s, the optimum without some limits: {}.",
-    }
-    return what[row["kind"]].format(reference, known)
-
-
-def _warn(results: Results) -> None:
-    for row in results.suspicious().itertuples():
-        _ERR.print(
-            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {escape(row.label)} (seed {row.seed}) on "
-            f"{escape(row.problem)} is {-100 * row.gap:.6f} % below the reference; trial {row.id}"
-        )
-
-
 def explanation(trial: Trial, found: Explanation, figures: Sequence[Path]) -> None:
     """A gap in five lines, as a colleague would put it, and where its figures are."""
     for line in _explained(trial, found):
-        _OUT.print(f"- {line}", markup=False)
-    _OUT.print(f"figures: {', '.join(f.name for f in figures if f.suffix == '.png')} in "
+        OUT.print(f"- {line}", markup=False)
+    OUT.print(f"figures: {', '.join(f.name for f in figures if f.suffix == '.png')} in "
                f"{figures[0].parent}", soft_wrap=True, markup=False)  # fmt: skip
 
 
@@ -278,14 +188,14 @@ def bound(table: dict[str, Any]) -> None:
     """What is proved about a problem's minimum time."""
     alone = f", joint {table['joint']} alone" if table["joint"] else ""
     what = f"{table['problem']} ({table['problem_file']}), {table['family']}{alone}"
-    _OUT.print(f"{escape(what)}: [bold]{table['status']}[/bold]", soft_wrap=True)
-    _OUT.print(f"  lower bound {table['lower_bound']:.9f} s")
+    OUT.print(f"{escape(what)}: [bold]{table['status']}[/bold]", soft_wrap=True)
+    OUT.print(f"  lower bound {table['lower_bound']:.9f} s")
     if table["relative_gap"] < float("inf"):
-        _OUT.print(f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration")
-        _OUT.print(f"  gap         {100 * table['relative_gap']:.6f} %")
+        OUT.print(f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration")
+        OUT.print(f"  gap         {100 * table['relative_gap']:.6f} %")
     else:
-        _OUT.print("  upper bound none: the bound lifts limits that its trajectory then breaks")
-    _OUT.print(f"  computing   {table['solve_time']:.2f} s")
+        OUT.print("  upper bound none: the bound lifts limits that its trajectory then breaks")
+    OUT.print(f"  computing   {table['solve_time']:.2f} s")
 
 
 def verification(rows: Sequence[dict[str, Any]]) -> None:
@@ -300,15 +210,15 @@ def verification(rows: Sequence[dict[str, Any]]) -> None:
             _number(row[name]) for name in ("claimed_duration", "certified_duration", "dilation")
         ]
         verdict = row["status"] if row["holds"] else "[bold red]DOES NOT HOLD[/bold red]"
-        names = escape(row["problem"]), _lines(row["planner"])
+        names = escape(row["problem"]), option_lines(row["planner"])
         seed = "–" if row["seed"] is None else str(row["seed"])
         table.add_row(*names, seed, *numbers, verdict)
-    _OUT.print(table)
+    OUT.print(table)
     wrong = [row for row in rows if not row["holds"]]
-    _OUT.print(f"{len(rows)} trials verified anew; {len(wrong)} do not hold what was recorded.")
+    OUT.print(f"{len(rows)} trials verified anew; {len(wrong)} do not hold what was recorded.")
     for row in wrong:
         recorded = _number(row["recorded_duration"])
-        _OUT.print(
+        OUT.print(
             f"{row['planner']} on {row['problem']}, seed {row['seed']}, trial {row['id']}: "
             f"recorded {recorded} s; {'; '.join(row['flaws'])}",
             markup=False,

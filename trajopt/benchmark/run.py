@@ -7,6 +7,7 @@ down is a recorded trial, and the run goes on.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import replace
@@ -133,3 +134,9 @@ def _run_on(
             if not future.done():
                 future.cancel()
         raise
+
+
+def cpus() -> int:
+    """The CPUs this process may use; all of them where the system does not say."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1

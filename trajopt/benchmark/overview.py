@@ -1,0 +1,61 @@
+"""Many problems at a glance: one line per planner, for a terminal or a paper.
+
+overview(Results("results"))                          # of all problems
+overview(Results("results"), by=suite_of)             # one line per suite and planner
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trajopt.benchmark import statistics
+from trajopt.benchmark.results import Results
+from trajopt.solution import Status
+
+
+def overview(results: Results, by: Callable[[str], str] | None = None) -> pd.DataFrame:
+    """Per planner with its options, by median gap:
+
+    - `problems` that it supports, `trials` on them: `solved`, `bounds` (it ignores a limit on
+      purpose: its answer is a lower bound) and `failed`; trials that it refused are `unsupported`;
+    - `kept`: share of the solved ones that kept every limit as claimed;
+    - `gap`, the median over problems of median gaps to a known optimum (an answer that is missing
+      is worse than any), and `worst`, of any solved trial, as ratios minus 1;
+    - `time`: median wall time of a trial, s.
+
+    With `by`, a function of a problem's name, one line per group and planner.
+    """
+    table = results.gaps()
+    keys = ["label"]
+    if by:
+        table["group"], keys = table["problem"].map(by), ["group", "label"]
+    rows = {key: _line(own) for key, own in table.groupby(keys if by else "label", sort=False)}
+    frame = pd.DataFrame.from_dict(rows, orient="index")
+    if by:
+        frame.index = pd.MultiIndex.from_tuples(frame.index, names=keys)
+        return frame.sort_values(["group", "gap"], kind="stable")
+    return frame.rename_axis("label").sort_values("gap", kind="stable")
+
+
+def _line(runs: pd.DataFrame) -> dict[str, Any]:
+    tried = runs[runs["status"] != str(Status.UNSUPPORTED)]
+    solved = tried[tried["status"] == str(Status.SOLVED)]
+    bounds = (tried["status"] != str(Status.SOLVED)) & tried["lower_bound"].notna()
+    return {
+        "problems": tried["digest"].nunique(), "trials": len(tried), "solved": len(solved),
+        "bounds": int(bounds.sum()), "failed": len(tried) - len(solved) - int(bounds.sum()),
+        "unsupported": len(runs) - len(tried), "kept": solved["feasible"].mean(),
+        "gap": _typical(tried[~bounds]), "worst": solved["gap"].max(),
+        "time": tried["solve_time"].median(),
+    }  # fmt: skip
+
+
+def _typical(runs: pd.DataFrame) -> float:
+    """Over problems with a known optimum, the median of median gaps; +inf: none, NaN: no such."""
+    known = runs[runs["kind"].isin(["exact", "refined"])]
+    gaps = [statistics.median(own.fillna(np.inf)) for _, own in known.groupby("digest")["gap"]]
+    return float(statistics.median(gaps)) if gaps else np.nan
