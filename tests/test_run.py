@@ -199,6 +199,19 @@ def test_only_new_seeds_options_and_planners_run(tmp_path):
     assert len(store.read(tmp_path)) == 5
 
 
+def test_a_refusal_is_recorded_once_however_many_seeds(tmp_path):
+    @dataclass(frozen=True)
+    class Broken(Mine):
+        def unsupported(self, problem):
+            raise RuntimeError("cannot say")
+
+    planners = [("no", Mine("refuse", stochastic=True)), ("?", Broken(stochastic=True))]
+    items = compare(planners, tmp_path, seeds=3).items
+    found = [(t.planner, t.seed, t.status) for t in items if t.planner != "exact"]
+    crashes = [("?", seed, Status.CRASHED) for seed in range(3)]
+    assert sorted(found) == [*crashes, ("no", 0, Status.UNSUPPORTED)]
+
+
 def test_recorded_failures_are_not_run_again_but_missing_backends_are(tmp_path):
     log = str(tmp_path / "log")
     planners = [("bad", Mine("raise", log)), ("absent", Mine("missing", log, 5.0))]

@@ -268,7 +268,7 @@ def export(
     exports.write(results, to, path)
     print(f"exported: {path} ({len(results.items)} trials)")
     if to == "ioh" and (left_out := exports.without_history(results)):
-        print(f"without a history, left out: {', '.join(left_out)}")
+        print(f"without a history to plot, left out: {', '.join(left_out)}")
     return 0
 
 

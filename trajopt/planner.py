@@ -50,7 +50,8 @@ class Planner(Protocol):
 
     - `solve_batch(problem, seeds) -> list[Solution]`: all seeds together, used where it exists;
     - `along(problem, trajectory) -> Solution`: the fastest timing of a given trajectory's path;
-    - `stochastic: bool` (default False): whether the seed matters; if not, it runs once;
+    - `stochastic: bool` (default False): whether the seed matters; if not, or where `unsupported`
+      (a quick look at the problem) refuses, it runs once;
     - `on_request: bool` (default False): left out where all planners run unless asked for by name;
     - `requires: tuple[str, ...]`: packages that `solve` imports, checked before listing;
     - a docstring, whose first line describes the planner in `trajopt list`.

@@ -47,13 +47,13 @@ def compare(
 ) -> Results:
     """Run every planner on every problem, keep every trial, return those that were asked for.
 
-    `planners` are `(name, planner)` pairs; stochastic ones run with seeds 0 … `seeds − 1`, the
-    others once. The references that a problem needs join them, since gaps need those. Trials
-    already in `folder` are not run again unless `fresh`. `jobs` child processes run the trials,
-    each for at most `timeout` seconds, and with at most `memory` GiB where the system can hold
-    it to that (Linux); with 0 they run in this process, unsupervised. An `executor` (any of
-    `concurrent.futures`, or a Dask client's) runs them instead of `jobs`; its workers must see
-    `folder`, and supervise each trial in a child process of their own.
+    `planners` are `(name, planner)` pairs; stochastic ones run with seeds 0 … `seeds − 1` on the
+    problems that they support, everything else once. The references that a problem needs join
+    them, since gaps need those. Trials already in `folder` are not run again unless `fresh`. `jobs`
+    child processes run the trials, each for at most `timeout` seconds, and with at most `memory`
+    GiB where the system can hold it to that (Linux); with 0 they run in this process, unsupervised.
+    An `executor` (any of `concurrent.futures`, or a Dask client's) runs them instead of `jobs`; its
+    workers must see `folder`, and supervise each trial in a child process of their own.
 
     Raises `StoreError` if the folder cannot be written.
     """
@@ -79,10 +79,18 @@ def plan(
     tasks: dict[str, Task] = {}
     for problem in problems:
         for name, planner in [*planners, *_references(problem, {name for name, _ in planners})]:
-            stochastic = getattr(planner, "stochastic", False)
-            task = Task(problem, name, planner, tuple(range(seeds if stochastic else 1)))
+            runs = seeds if _varies(planner, problem) else 1
+            task = Task(problem, name, planner, tuple(range(runs)))
             tasks.setdefault(task.trial_id(0), task)
     return list(tasks.values())
+
+
+def _varies(planner: Planner, problem: Problem) -> bool:
+    """Whether another seed may give another answer; a refusal needs no second trial."""
+    try:
+        return getattr(planner, "stochastic", False) and planner.unsupported(problem) is None
+    except Exception:  # its trials will say so
+        return True
 
 
 def _references(problem: Problem, given: set[str]) -> list[tuple[str, Planner]]:
