@@ -1,6 +1,7 @@
 """Round trips of CSV and Parquet; IOHprofiler data by a reader written from its description."""
 
 import json
+import re
 import sys
 from dataclasses import dataclass, replace
 
@@ -147,8 +148,14 @@ def test_an_unknown_format_is_refused(tmp_path, results):
 
 
 def read_ioh(folder):
-    """Runs by algorithm and function, from the published format alone."""
+    """Runs by algorithm and function, from the published format alone.
+
+    Asserts what IOHanalyzer 0.1.8.2 takes for granted (R/readFiles.R; upload.R for the paths).
+    """
     found = {}
+    for path in folder.rglob("*.*"):
+        inside = path.relative_to(folder).as_posix()
+        assert not re.search("zip|bz|gz|tar|xz|csv|txt", inside)
     for path in folder.rglob("*.json"):
         meta = json.loads(path.read_text("utf-8"), parse_constant=pytest.fail)
         for scenario in meta["scenarios"]:
@@ -160,6 +167,10 @@ def read_ioh(folder):
                     blocks.append([])
                 else:
                     blocks[-1].append([float(x) for x in line.split(" ")])
+            spent = [[row[0] for row in b] for b in blocks]
+            assert all(s == sorted(set(s)) and s[0] == 1 for s in spent)
+            assert len({e for s in spent for e in s}) > 1
+            assert [s[-1] for s in spent] == [r["evals"] for r in scenario["runs"]]
             key = meta["algorithm"]["name"], meta["function_name"]
             assert key not in found
             found[key] = meta, scenario, [np.array(b) for b in blocks]
@@ -172,9 +183,11 @@ def written(path, trials):
 
 
 def curve(path, **options):
-    ((_, scenario, (block,)),) = written(path, run(**options)).values()
-    assert len(scenario["runs"]) == 1
-    return block.tolist(), scenario["runs"][0]
+    """Of the first of two runs: a file with a single evaluation is not written."""
+    runs = [replace(t, label="mine") for t in (*run(**options), *run(seeds=(1,)))]
+    ((_, scenario, blocks),) = written(path, runs).values()
+    assert len(scenario["runs"]) == len(blocks) == 2
+    return blocks[0].tolist(), scenario["runs"][0]
 
 
 # What IOHexperimenter 0.3.22 writes: ioh.logger.Analyzer on BBOB's sphere.
@@ -184,14 +197,15 @@ LOGGED = {
 }  # fmt: skip
 
 
-def test_files_are_those_that_iohexperimenter_writes(tmp_path):
-    written(tmp_path, [*run(), *run("pso:a=1", problem=OTHER)])
+def test_files_are_those_that_iohexperimenter_writes_but_for_names(tmp_path):
+    named = replace(OTHER, name="start.csv to target.zip")
+    written(tmp_path, [*run(), *run("pso:restart=1", problem=named)])
     files = {p.relative_to(tmp_path / "ioh").as_posix() for p in tmp_path.rglob("*.*")}
     assert {f for f in files if f.endswith(("json", "dat"))} == {
-        "1_mine/IOHprofiler_f2_two_joints.json",
-        "1_mine/data_f2_two_joints/IOHprofiler_f2_DIM3.dat",
-        "2_pso_a_1/IOHprofiler_f1_A_b_Pr_fung_.json",
-        "2_pso_a_1/data_f1_A_b_Pr_fung_/IOHprofiler_f1_DIM3.dat",
+        "algorithm_1/IOHprofiler_f2.json",
+        "algorithm_1/data_f2/IOHprofiler_f2_DIM3.dat",
+        "algorithm_2/IOHprofiler_f1.json",
+        "algorithm_2/data_f1/IOHprofiler_f1_DIM3.dat",
     }
 
 
@@ -269,6 +283,15 @@ def test_without_rows_a_history_is_a_run_that_found_nothing(tmp_path):
     trial = replace(trial, solution=replace(trial.solution, history=np.empty((0, 2))))
     ((_, _, (block,)),) = written(tmp_path, [trial]).values()
     assert block.tolist() == [[1, INF], [10, INF]]
+
+
+def test_searches_of_one_evaluation_are_left_out_and_named(tmp_path):
+    short = run("short", history=((1, 9.0),), evaluations=1, seeds=(0, 1))
+    found = written(tmp_path, [*short, *run()])
+    assert {name for name, _ in found} == {"mine"}
+    assert exports.without_history(Results([*short, *run()])) == [short[0].label]
+    with pytest.raises(StoreError, match="no trial has a history of two evaluations"):
+        exports.write(Results(short), "ioh", tmp_path / "none")
 
 
 def test_planners_without_histories_are_left_out_and_named(tmp_path):

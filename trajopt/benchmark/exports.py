@@ -7,7 +7,6 @@ write(Results("results"), "ioh", Path("ioh"))        # a folder; zip it for IOHa
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -62,11 +61,11 @@ def table(results: Results) -> pd.DataFrame:
 
 
 def without_history(results: Results) -> list[str]:
-    """Planners that `ioh` leaves out: none of their trials has a history.
+    """Planners that `ioh` leaves out: none of their trials has a history of two evaluations.
 
     The joints of per-joint swarms are searched on their own: there is no curve of the whole.
     """
-    kept = {t.label for t in results.items if _has_history(t)}
+    kept = {t.label for t in results.items if _has_curve(t)}
     return [n for n in dict.fromkeys(t.label for t in results.items) if n not in kept]
 
 
@@ -89,16 +88,17 @@ def _ioh(results: Results, path: Path) -> None:
     the swarms search. An algorithm, a folder, is a planner with its options; each trial is a run.
     `raw_y` is the best duration (s) times the dilation that the run's answer needed. It is `inf`
     until there is one, and to the end if nothing was certified. A planner's trials on a problem are
-    left out if none of them has a history.
+    left out if none of them has a history of two evaluations: IOHanalyzer 0.1.8 stumbles over one.
+    Files are numbered, not named: it unpacks what has "tar" in its path, and takes "csv" for CSV.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=".", dir=path.parent) as scratch:
             place = Path(scratch) / "ioh"
-            for number, label, trials in _experiments(results.items):
-                _experiment(place / label, number, trials)
+            for number, folder, trials in _experiments(results.items):
+                _experiment(place / folder, number, trials)
             if not place.exists():
-                raise StoreError("nothing to write: no trial has a history")
+                raise StoreError("nothing to write: no trial has a history of two evaluations")
             place.rename(path)
     except OSError as error:
         if isinstance(error, StoreError):
@@ -116,23 +116,23 @@ def _experiments(items: Sequence[Trial]) -> list[tuple[int, str, list[Trial]]]:
     problems = sorted({(t.problem.name, t.problem.digest()) for t in items})
     functions = {digest: number for number, (_, digest) in enumerate(problems, 1)}
     labels = enumerate(sorted({t.label for t in items}), 1)
-    folders = {label: f"{number}_{_file_name(label)}" for number, label in labels}
+    folders = {label: f"algorithm_{number}" for number, label in labels}
     groups: dict[tuple[int, str], list[Trial]] = {}
     for t in sorted(items, key=lambda t: (t.seed, t.id)):
         groups.setdefault((functions[t.problem.digest()], folders[t.label]), []).append(t)
-    searched = [k for k, runs in groups.items() if any(map(_has_history, runs))]
+    searched = [k for k, runs in groups.items() if any(map(_has_curve, runs))]
     return [(*key, groups[key]) for key in sorted(searched)]
 
 
-def _has_history(trial: Trial) -> bool:
-    return trial.solution.history is not None
+def _has_curve(trial: Trial) -> bool:
+    return trial.solution.history is not None and len(_curve(trial)) > 1
 
 
 def _experiment(folder: Path, number: int, trials: list[Trial]) -> None:
     """Write one algorithm's runs on one function."""
     problem = trials[0].problem
-    name = f"f{number}_{_file_name(problem.name)}"
-    data = Path(f"data_{name}", f"IOHprofiler_f{number}_DIM{problem.segments}.dat")
+    name = f"IOHprofiler_f{number}"
+    data = Path(f"data_f{number}", f"{name}_DIM{problem.segments}.dat")
     curves = [_curve(t) for t in trials]
     (folder / data).parent.mkdir(parents=True)
     (folder / data).write_text("".join(map(_block, curves)), encoding="utf-8", newline="\n")
@@ -140,7 +140,7 @@ def _experiment(folder: Path, number: int, trials: list[Trial]) -> None:
     scenario = {"dimension": problem.segments, "path": data.as_posix(), "runs": runs}
     meta = _described(number, problem, trials) | {"scenarios": [scenario]}
     text = json.dumps(meta, indent=1, allow_nan=False)
-    (folder / f"IOHprofiler_{name}.json").write_text(text, encoding="utf-8")
+    (folder / f"{name}.json").write_text(text, encoding="utf-8")
 
 
 def _described(number: int, problem: Problem, trials: list[Trial]) -> dict[str, Any]:
@@ -199,7 +199,3 @@ def _block(curve: Array) -> str:
 def _options(trial: Trial) -> str:
     plain = json.loads(json.dumps(dict(trial.options), default=str))
     return json.dumps(pack(plain), sort_keys=True, ensure_ascii=False)
-
-
-def _file_name(name: str) -> str:
-    return re.sub(r"\W+", "_", name, flags=re.ASCII)[:60]
