@@ -18,8 +18,8 @@ import pytest
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark import report, suite
-from trajopt.benchmark.report import content, curves, lines, motions, packing
-from trajopt.benchmark.results import Results
+from trajopt.benchmark.report import content, curves, lines, motions, packing, rivals
+from trajopt.benchmark.results import Results, histories
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.binding import busy
 from trajopt.exceptions import InvalidInput
@@ -245,7 +245,7 @@ def test_a_planner_with_half_of_its_answers_missing_has_no_median_gap() -> None:
     items = [*run("exact", 2.0), *run("exact", 2.0, on=problem("two", 0.5)), *run("mine", 3.0),
              *run("mine", None, on=problem("two", 0.5))]  # fmt: skip
     mine = next(p for p in content.page(Results(items)).planners if p["label"] == "mine")
-    assert mine["gap"].text == mine["worst"].text == "no answer"
+    assert (mine["gap"].text, mine["worst"].text) == ("no answer", "+50.0 %")
     assert mine["solved"]["text"] == "50 %"
     # Wilson (1927), one success of two: (1 + z²/4 ± z √(1/8 + z²/16) …), 9.45 % to 90.55 %
     assert mine["solved"]["interval"] == "9–91"
@@ -253,7 +253,7 @@ def test_a_planner_with_half_of_its_answers_missing_has_no_median_gap() -> None:
 
 def test_convergence_is_as_certified_and_endless_without_an_answer() -> None:
     slow, fast, lost = run("mine", 0.05, 3.0, None)  # 0.05 s needs a dilation
-    best, runs = curves.histories([slow, fast, lost])
+    best, runs = histories([slow, fast, lost])
     assert slow.certificate is not None
     assert np.isnan(best)
     (band,) = curves.bands(runs, ["mine"])
@@ -276,6 +276,47 @@ def test_searches_are_compared_with_the_best_353_and_every_lost_run_counts() -> 
     assert curve["y"][-1] == 0.25  # one of four runs came within 1 %
     assert 99 <= curve["x"][-1] <= 101
     assert "quick" not in {page.labels[c["planner"]] for c in suite["convergence"]}
+
+
+def test_what_a_search_costs_is_in_the_page_as_counted_by_hand() -> None:
+    # Each run has 2t after 10 evaluations and t after 100, the best 3-5-3 is 2 and 3 s.
+    other = problem("two", 0.5)
+    items = [*run("spline353-nlp", 2.0), *run("spline353-nlp", 3.0, on=other),
+             *run("mine", 2.01, 2.1, None), *run("mine", 3.0, 4.0, on=other)]  # fmt: skip
+    page = content.page(Results(items))
+    cells = curves.suites(page)[0]["ert"][str(page.labels.index("mine"))]
+    # The run without an answer left no count: charged 100, as the longest.
+    assert cells == [("167", "3 of 5"), ("250", "2 of 5"), ("500", "1 of 5"), ("500", "1 of 5")]
+    assert rivals.count(1234567.4) == "1\u202f234\u202f567"
+    assert rivals.count(np.inf) == "∞"
+
+
+def test_planners_are_compared_on_every_suite_both_ways() -> None:
+    three = [problem(f"random-{n}", 0.5 + n) for n in range(3)]
+    items = [t for p in three for t in (*run("mine", 2.0, 2.2, on=p), *run("other", 2.1, on=p))]
+    items += [*run("mine", 3.0, on=problem("edge")), *run("other", None, on=problem("edge"))]
+    page = content.page(Results(items))
+    whole, part = curves.suites(page)
+    mine, other = page.labels.index("mine"), page.labels.index("other")
+    # 2.1 and 2.1 are tied; 2.0 and 2.2 against 2.1 even; on the edge only one has an answer.
+    assert [text for text, _ in whole["paired"][other][str(mine)]["cells"]] == [
+        "4", "1", "3", "0", "1.00000", "0.62", "1",
+    ]  # fmt: skip
+    assert [text for text, _ in whole["paired"][mine][str(other)]["cells"][:4]] == list("4031")
+    assert [text for text, _ in part["paired"][other][str(mine)]["cells"][:4]] == list("3030")
+    assert part["name"] == "random"
+    assert str(mine) not in whole["paired"][mine]
+
+
+def test_ratios_and_probabilities_read_as_what_they_are() -> None:
+    assert [rivals.ratio(v) for v in (1.000021, 0.0, np.inf, np.nan)] == ["1.00002", "0", "∞", "–"]
+    assert [rivals.probability(v) for v in (1.0, 0.04996, 0.00099)] == ["1", "0.05", "< 0.001"]
+
+
+def test_the_first_to_compare_with_is_the_search_with_the_most_runs() -> None:
+    items = [*run("exact", 1.0), *run("some", 2.0, 2.0), *run("most", 3.0, 3.0, 3.0)]
+    assert rivals.first(items, ["exact", "some", "most"]) == 2
+    assert rivals.first(items[:1], ["exact"]) == 0
 
 
 def test_groups_are_families_of_names_and_kinds_of_limits() -> None:

@@ -8,6 +8,7 @@ without one in test_report.py. With `TRAJOPT_BROWSER=required` in the environmen
 from __future__ import annotations
 
 import base64
+import itertools
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -17,6 +18,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
+from statsmodels.stats.multitest import multipletests
 from test_report import NASTY, made
 from test_report import run as made_on
 
@@ -261,6 +264,162 @@ def test_a_suite_of_its_own_can_be_chosen(script: Script) -> None:
     assert script(note) != before
 
 
+RIVALS = ("mine", "other", "slow")
+
+
+@pytest.fixture(scope="module")
+def rivals() -> Results:
+    """Eight problems of two suites; "other" has no answer to two of them, "slow" runs once."""
+    rng, items = np.random.default_rng(3), []
+    for n in range(8):
+        name, best = f"{'random' if n < 5 else 'robots'}-{n}", 2.0 + n
+        on = Problem([[0.0], [1.0 + n]], Limits([50.0], [500.0]), name)
+        items += made_on("spline353-nlp", best, on=on)
+        for planner, runs, above in (("mine", 4, 0.02), ("other", 4, 0.04), ("slow", 1, 0.4)):
+            lost = planner == "other" and n in (1, 6)
+            found = np.round(best * (1 + rng.exponential(above, runs)), 3)
+            items += made_on(planner, *([None] * 4 if lost else found.tolist()), on=on)
+    return Results(items)
+
+
+@pytest.fixture(scope="module")
+def rival_page(rivals: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return report.write(rivals, tmp_path_factory.mktemp("rivals") / "report.html")
+
+
+@pytest.fixture
+def open_rivals(browser: Any, rival_page: Path) -> Script:
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    browser.set_script_timeout(20)
+    browser.get("about:blank")
+    browser.get(rival_page.as_uri())
+    _run(browser, """while (!document.documentElement.dataset.ready)
+        await new Promise((go) => setTimeout(go, 20));""")  # fmt: skip
+    return lambda text, *arguments: _run(browser, text, *arguments)
+
+
+LINES = """return [...document.querySelectorAll(`#${args[0]} tbody tr`)]
+    .filter((r) => r.checkVisibility()).map((r) => [...r.cells].map((c) => c.innerText.trim()))"""
+CHOOSE = """const box = document.getElementById(args[0]);
+    box.value = [...box.options].find((o) => o.text.startsWith(args[1])).value;
+    box.dispatchEvent(new Event('change'));""" + PAUSE  # fmt: skip
+
+
+def durations(results: Results, suite: str = "") -> dict[tuple[str, str], np.ndarray]:
+    """Per problem and planner the certified durations of its runs, straight from the trials."""
+    found: dict[tuple[str, str], list[float]] = {}
+    for t in results.items:
+        if t.problem.name.startswith(suite):
+            d = np.inf if t.certified_duration is None else t.certified_duration
+            found.setdefault((t.problem.name, t.label), []).append(d)
+    return {key: np.array(own) for key, own in found.items()}
+
+
+def _logs(own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+    """Log ratios; ±99 where one of the two has no answer."""
+    return np.clip(np.log(own) - np.log(theirs), -99, 99)
+
+
+def expected_pairs(results: Results, suite: str, against: str) -> dict[str, list[float]]:
+    """Better, tied, worse, median ratio, A12 and Holm's p by SciPy, statsmodels and counting."""
+    own = durations(results, suite)
+    names, labels = sorted({k[0] for k in own}), sorted({k[1] for k in own})
+    middle = {b: np.array([np.median(own[n, b]) for n in names]) for b in labels}
+    pairs = list(itertools.combinations(labels, 2))
+    pvalues = []
+    for a, b in pairs:
+        apart = _logs(middle[a], middle[b])
+        pvalues.append(stats.wilcoxon(apart, method=stats.PermutationMethod()).pvalue)
+    holm = dict(zip(pairs, multipletests(pvalues, method="holm")[1], strict=True))
+    return {
+        a: [(middle[a] < middle[against]).sum(), (middle[a] == middle[against]).sum(),
+            (middle[a] > middle[against]).sum(),
+            np.exp(np.median(_logs(middle[a], middle[against]))),
+            np.mean([np.mean(own[n, a][:, None] < own[n, against]) +
+                     np.mean(own[n, a][:, None] == own[n, against]) / 2 for n in names]),
+            holm[tuple(sorted((a, against)))]]
+        for a in labels if a != against
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("suite", ["", "random"])
+@pytest.mark.parametrize("against", RIVALS)
+def test_the_differences_that_are_read_are_those_of_other_programs(
+    open_rivals: Script, rivals: Results, against: str, suite: str
+) -> None:
+    open_rivals(CHOOSE, "against", against)
+    open_rivals(CHOOSE, "suite", suite or "all problems")
+    lines = open_rivals(LINES, "paired-table")
+    expected = expected_pairs(rivals, suite, against)
+    assert {line[0] for line in lines} == set(expected)
+    for name, count, *numbers, chance, p, real in lines:
+        own = expected[name]
+        assert int(count) == (5 if suite else 8)
+        assert [int(v) for v in numbers[:3]] == own[:3]
+        assert float(numbers[3]) == pytest.approx(own[3], abs=6e-6)
+        assert float(chance.split()[0]) == pytest.approx(own[4], abs=0.0051)
+        assert float(p) == pytest.approx(own[5], rel=0.006)
+        assert real == ("yes" if own[5] < 0.05 else "not shown")
+    text = open_rivals("return document.getElementById('rival').parentNode.innerText")
+    assert f"against {against}" in text
+    assert (suite or "all problems") in text
+
+
+def test_some_differences_are_real_and_some_are_not(open_rivals: Script) -> None:
+    seen = set()
+    for against in RIVALS:
+        open_rivals(CHOOSE, "against", against)
+        seen |= {line[-1] for line in open_rivals(LINES, "paired-table")}
+    assert seen == {"yes", "not shown"}
+
+
+def test_what_a_search_costs_is_what_its_runs_spent(open_rivals: Script, rivals: Results) -> None:
+    # Each run has twice its duration after 10 evaluations, its duration after 100.
+    lines = {line[0]: line[1:] for line in open_rivals(LINES, "ert-table")}
+    own = durations(rivals)
+    best = {n: d for (n, label), d in own.items() if label == "spline353-nlp"}
+    assert set(lines) == {"mine", "other", "slow", "spline353-nlp"}
+    for name, cells in lines.items():
+        ratios = np.concatenate([d / best[n] for (n, b), d in own.items() if b == name])
+        for cell, target in zip(cells, (1.1, 1.01, 1.001, 1.0001), strict=True):
+            met = (ratios <= target).sum()
+            ert, count = cell.replace("\u202f", "").split(maxsplit=1)
+            assert count == f"{met} of {len(ratios)}"
+            assert ert == (str(round(100 * len(ratios) / met)) if met else "∞")
+
+
+def test_a_hidden_planner_is_not_compared(open_rivals: Script) -> None:
+    before = open_rivals(LINES, "paired-table"), open_rivals(LINES, "ert-table")
+    click = "document.querySelector(`.toggle[data-planner='${args[0]}']`).click()"
+    k = open_rivals("""return [...document.querySelectorAll('#paired-table tbody tr')]
+        .find((r) => r.cells[0].innerText.trim() === 'slow').dataset.planner""")  # fmt: skip
+    open_rivals(click, k)
+    for table in ("paired-table", "ert-table"):
+        assert "slow" not in {line[0] for line in open_rivals(LINES, table)}
+    open_rivals(click, k)
+    assert (open_rivals(LINES, "paired-table"), open_rivals(LINES, "ert-table")) == before
+
+
+def test_the_page_without_scripts_has_what_they_show_first(
+    open_rivals: Script, rival_page: Path
+) -> None:
+    html = rival_page.read_text("utf-8")
+    for name in ("paired-table", "ert-table"):
+        written = open_rivals("""
+            const page = new DOMParser().parseFromString(args[1], 'text/html');
+            return [...page.querySelectorAll(`#${args[0]} tbody tr:not(.out)`)]
+                .map((r) => [...r.cells].map((c) => c.textContent.trim()))""",
+            name, html)  # fmt: skip
+        assert written == open_rivals(LINES, name) != []
+
+
+def test_the_two_choices_of_a_suite_are_one(open_rivals: Script) -> None:
+    open_rivals("""const box = document.querySelectorAll('.suite')[1];
+        box.value = 1; box.dispatchEvent(new Event('change'));""" + PAUSE)  # fmt: skip
+    assert open_rivals("return document.getElementById('suite').value") == "1"
+    assert open_rivals("return document.getElementById('suite-note').textContent")[0] == "5"
+
+
 @pytest.mark.parametrize("width", [320, 390])
 def test_a_phone_does_not_scroll_sideways(browser: Any, script: Script, width: int) -> None:
     size = {"width": width, "height": 800, "deviceScaleFactor": 2, "mobile": True}
@@ -271,12 +430,27 @@ def test_a_phone_does_not_scroll_sideways(browser: Any, script: Script, width: i
     assert script(labels) != "none"
 
 
+@pytest.mark.parametrize("width", [320, 390])
+def test_a_phone_shows_all_of_the_differences(
+    browser: Any, open_rivals: Script, width: int
+) -> None:
+    size = {"width": width, "height": 800, "deviceScaleFactor": 2, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    open_rivals(PAUSE)
+    assert open_rivals("return document.documentElement.scrollWidth") <= width
+    for table in ("paired-table", "ert-table"):
+        edges = """return [...document.querySelectorAll(`#${args[0]} td, #${args[0]} td *`)]
+            .map((e) => e.getBoundingClientRect().right)"""
+        assert max(open_rivals(edges, table)) <= width
+
+
 def test_paper_has_the_charts_and_no_controls(browser: Any, script: Script) -> None:
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     script("window.dispatchEvent(new Event('beforeprint'));" + PAUSE)
     visible = """return [...document.querySelectorAll(args[0])].filter((e) => e.checkVisibility())
         .map((e) => e.getBoundingClientRect().width)"""
-    assert script(visible, "nav, #search, .modebar, dialog") == []
+    assert script(visible, "nav, #search, #against, .suite, .modebar, dialog") == []
+    assert script(visible, "#paired-table, #rival") != []
     widths = script(visible, ".chart .main-svg")
     assert len(widths) > 4
     assert max(widths) <= 690  # px: A4 less two margins of 14 mm

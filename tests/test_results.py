@@ -1,5 +1,7 @@
 """Tables against plain NumPy on made-up trials, and the alarm for beating the reference."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -19,6 +21,7 @@ from trajopt.benchmark.store import Store
 from trajopt.benchmark.trial import judge
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
+THIRD = Problem([[0.0], [3.0]], Limits([10.0], [100.0]), "three")
 OTHER = Problem([[0.0], [2.0]], Limits([10.0], [100.0]), "two")
 
 
@@ -225,3 +228,67 @@ def test_profiles_of_nothing_are_empty():
 def test_taus_must_be_numbers():
     with pytest.raises(InvalidInput, match="no NaN"):
         Results(run("a", 1.0)).profile([1.0, np.nan])
+
+
+def searching(name, histories, *, problem=PROBLEM, spent=None):
+    """One run per history `(m, 2)`, as long as its last best; an empty one is a run without any."""
+    items = run(name, *(h[-1][1] if h else -1.0 for h in histories), problem=problem)
+    return [
+        replace(
+            t, solution=replace(t.solution, history=np.array(h) if h else None, evaluations=spent)
+        )
+        for t, h in zip(items, histories, strict=True)
+    ]
+
+
+def best_353(duration, problem=PROBLEM):
+    return run("spline353-nlp", duration, problem=problem)
+
+
+def test_expected_running_times_count_what_every_run_spent():
+    good = [[10, np.nan], [20, 2.1], [100, 2.01]]
+    items = [*best_353(2.0), *searching("mine", [good, [[10, 2.5], [50, 2.3]]]),
+             *searching("mine", [[[40, 3.0]]], problem=OTHER, spent=70), *best_353(2.9, OTHER),
+             *searching("mine", [[[1, 9.0]]], problem=THIRD)]  # fmt: skip
+    table = Results(items).running_times([0.1, 0.01, 0.001]).loc["mine"]
+    # Within 10 %: at 20, never in 50, at 40. Within 1 %: at 100, never in 50, never in 70.
+    assert table["ert"].tolist() == [(20 + 50 + 40) / 2, 100 + 50 + 70, np.inf]
+    assert table["successes"].tolist() == [2, 1, 0]
+    assert table["runs"].tolist() == [3, 3, 3]  # nothing is known of the third problem
+
+
+def test_a_run_without_an_answer_or_a_count_is_charged_too():
+    (lost,) = searching("mine", [[[30, 1.0]]])
+    lost = replace(lost, certificate=None, status=Status.INVALID)
+    items = [*best_353(2.0), *searching("mine", [[[20, 2.0]]]), lost, *searching("mine", [[]])]
+    row = Results(items).running_times(0.1).loc[("mine", 0.1)]
+    assert row.tolist() == [20 + 30 + 30, 1, 3]
+
+
+def test_what_beats_the_best_353_or_keeps_no_history_is_no_search_of_it():
+    items = [*best_353(2.0), *searching("fast", [[[20, 1.5]]]), *run("mine", 2.5)]
+    assert Results(items).running_times().empty
+    assert Results(items).data_profile().empty
+
+
+def test_data_profile_counts_problems_against_simplex_gradients():
+    items = [
+        *best_353(2.0), *best_353(3.0, OTHER),
+        *searching("mine", [[[8, 2.0]], [[16, 2.0]], [[24, 2.0]]]),
+        *searching("mine", [[[40, 4.0]]], problem=OTHER),
+        *searching("other", [[[2, 2.0]]]), *searching("other", [[[4, 3.01]]], problem=OTHER),
+        *searching("partly", [[[2, 2.0]]]),
+    ]  # fmt: skip
+    table = Results(items).data_profile(0.01)
+    assert table.columns.tolist() == ["mine", "other"]
+    assert table.index.tolist() == [0.5, 1.0, 4.0]  # 2, 4 and 16 evaluations in units of 3 + 1
+    assert table["mine"].tolist() == [0, 0, 0.5]
+    assert table["other"].tolist() == [0.5, 1, 1]
+
+
+def test_paired_knows_who_is_better_on_each_problem():
+    items = [*run("a", 2.0, 3.0), *run("b", 2.5), *run("a", 3.0, problem=OTHER),
+             *run("b", -1.0, problem=OTHER)]  # fmt: skip
+    row = Results(items).paired().loc[("a", "b")]
+    assert row[["problems", "better", "tied", "worse"]].tolist() == [2, 1, 1, 0]
+    assert row["a12"] == (0.5 + 1) / 2

@@ -249,7 +249,9 @@ def by_enumeration(differences):
     d = np.array([x for x in differences if x])
     size = np.abs(d)
     ranks = np.array([(size < x).sum() + ((size == x).sum() + 1) / 2 for x in size])
-    sums = np.array([np.dot(ranks, signs) for signs in product([0, 1], repeat=len(d))])
+    sums = np.zeros(1)
+    for rank in ranks:
+        sums = np.concatenate([sums, sums + rank])
     seen = ranks[d > 0].sum()
     return min(1, 2 * min((sums <= seen).mean(), (sums >= seen).mean()))
 
@@ -261,6 +263,30 @@ def test_wilcoxon_is_exact_on_few_pairs_with_ties_and_zeros(differences):
     assert test.pvalue == pytest.approx(by_enumeration(differences))
     counts = [np.less, np.equal, np.greater]
     assert (test.wins, test.ties, test.losses) == tuple(c(differences, 0).sum() for c in counts)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wilcoxon_is_exact_on_twenty_pairs_with_ties_and_failures(seed):
+    d = np.round(np.random.default_rng(seed).normal(0.6, 2, 20))
+    d[0] = inf
+    test = wilcoxon(np.maximum(d, 0), np.maximum(-d, 0))
+    assert test.pvalue == pytest.approx(by_enumeration(d), rel=1e-12)
+
+
+@pytest.mark.parametrize("n", [14, 50])
+def test_wilcoxon_without_ties_is_scipys_exact_one(n):
+    d = np.random.default_rng(n).normal(0.3, 1, n)
+    expected = stats.wilcoxon(d, method="exact")
+    test = wilcoxon(d, np.zeros(n))
+    assert test.pvalue == pytest.approx(expected.pvalue, rel=1e-9)
+    assert test.statistic == expected.statistic
+
+
+def test_wilcoxon_of_many_pairs_is_scipys_normal_one():
+    d = np.round(np.random.default_rng(1).normal(0.3, 1, 51), 1)
+    d[d == 0] = 9
+    expected = stats.wilcoxon(d, method="asymptotic").pvalue
+    assert wilcoxon(d, np.zeros(51)).pvalue == pytest.approx(expected)
 
 
 def test_wilcoxon_stays_exact_when_most_of_many_pairs_are_equal():

@@ -13,15 +13,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trajopt.benchmark import gap_plots, plots
-from trajopt.benchmark.results import TOLERANCE, Results
+from trajopt.benchmark.results import BEST_353, TOLERANCE, Results
 from trajopt.benchmark.trial import Trial
 from trajopt.gap import REFERENCES, Explanation
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-
-BEST_353 = "spline353-nlp"  # the planner whose answer is the best 3-5-3
 
 
 def draw(results: Results, folder: Path) -> list[Path]:

@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from trajopt.benchmark import statistics
-from trajopt.benchmark.results import Results
+from trajopt.benchmark.results import Results, competing, typical
 from trajopt.solution import Status
 
 
@@ -42,20 +40,13 @@ def overview(results: Results, by: Callable[[str], str] | None = None) -> pd.Dat
 
 
 def _line(runs: pd.DataFrame) -> dict[str, Any]:
-    tried = runs[runs["status"] != str(Status.UNSUPPORTED)]
-    solved = tried[tried["status"] == str(Status.SOLVED)]
-    bounds = (tried["status"] != str(Status.SOLVED)) & tried["lower_bound"].notna()
+    refused = runs["status"] == str(Status.UNSUPPORTED)
+    tried, answers = runs[~refused], competing(runs)
+    solved = answers[answers["status"] == str(Status.SOLVED)]
     return {
         "problems": tried["digest"].nunique(), "trials": len(tried), "solved": len(solved),
-        "bounds": int(bounds.sum()), "failed": len(tried) - len(solved) - int(bounds.sum()),
-        "unsupported": len(runs) - len(tried), "kept": solved["feasible"].mean(),
-        "gap": _typical(tried[~bounds]), "worst": solved["gap"].max(),
+        "bounds": len(tried) - len(answers), "failed": len(answers) - len(solved),
+        "unsupported": int(refused.sum()), "kept": solved["feasible"].mean(),
+        "gap": typical(answers), "worst": solved["gap"].max(),
         "time": tried["solve_time"].median(),
     }  # fmt: skip
-
-
-def _typical(runs: pd.DataFrame) -> float:
-    """Over problems with a known optimum, the median of median gaps; +inf: none, NaN: no such."""
-    known = runs[runs["kind"].isin(["exact", "refined"])]
-    gaps = [statistics.median(own.fillna(np.inf)) for _, own in known.groupby("digest")["gap"]]
-    return float(statistics.median(gaps)) if gaps else np.nan

@@ -26,6 +26,8 @@ from trajopt.exceptions import InvalidInput
 Array = NDArray[np.float64]
 Values = Array | np.float64  # a number where the runs were the only axis
 
+EXACT = 50  # differences up to which Wilcoxon's p is exact
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -170,18 +172,18 @@ def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
     """Wilcoxon's signed-rank test on pairs `(pairs,)`, two-sided (Wilcoxon 1945).
 
     Equal pairs, two failures too, are dropped (p = 1 if none is left); a failure differs most from
-    an answer. p is exact up to 50 differences, 13 if some are tied, then normal, tie-corrected.
+    an answer. p is exact, ties or not, up to `EXACT` differences, then normal and tie-corrected.
     """
     x, y = _costs("a", a, 1), _costs("b", b, 1)
     _require(x.size == y.size, "b", f"as many values as in a, {x.size}", y.size)
     differ = x != y
     with np.errstate(over="ignore"):
         change = x[differ] - y[differ]
+    ranks = stats.rankdata(np.abs(change))
+    least = float(min(ranks[change < 0].sum(), ranks[change > 0].sum()))
     counts = int((change < 0).sum()), int((~differ).sum()), int((change > 0).sum())
-    if not change.size:
-        return Paired(0.0, 1.0, *counts)
-    test = stats.wilcoxon(change)
-    return Paired(float(test.statistic), float(test.pvalue), *counts)
+    few = change.size <= EXACT
+    return Paired(least, _by_signs(ranks, least) if few else _by_normal(change), *counts)
 
 
 def holm(pvalues: ArrayLike) -> Array:
@@ -253,6 +255,19 @@ def bootstrap(
         ).bootstrap_distribution  # fmt: skip
     low, high = np.asarray(quantile(values, [(1 - confidence) / 2, (1 + confidence) / 2]))
     return Estimate(value, float(low), float(high))
+
+
+def _by_signs(ranks: Array, least: float) -> float:
+    """Twice the share of all signs of the ranks whose sum is at most `least`, in halves too."""
+    doubled = np.rint(2 * ranks).astype(int)  # ranks shared by an even number of ties end in ½
+    chance = np.eye(1, doubled.sum() + 1)[0]
+    for rank in doubled:
+        chance = (chance + np.roll(chance, rank)) / 2  # what it rolls over the end is 0
+    return min(1.0, 2 * float(chance[: round(2 * least) + 1].sum()))
+
+
+def _by_normal(change: Array) -> float:
+    return float(stats.wilcoxon(change, method="asymptotic").pvalue)
 
 
 def _profile(ratios: Array, at: ArrayLike | None) -> tuple[Array, Array]:

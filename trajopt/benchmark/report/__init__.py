@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import jinja2
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from trajopt.benchmark.report import content, curves, lines, motions
+from trajopt.benchmark.paired import TIED
+from trajopt.benchmark.report import content, curves, lines, motions, rivals
 from trajopt.benchmark.report.packing import packed, packed_json
-from trajopt.benchmark.results import Results
+from trajopt.benchmark.results import TARGETS, Results
 from trajopt.exceptions import InvalidInput
 
 TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB
@@ -36,14 +38,16 @@ def write(
     if not results.items:
         raise InvalidInput("results", "at least one trial")
     page = content.page(results)
+    suites = curves.suites(page)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("trajopt.benchmark.report", "."),
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
     )  # fmt: skip
     environment.filters["breaks"] = _breaks
     html = environment.get_template("template.html").render(
-        page=page, columns=lines.COLUMNS, tied=lines.TIED, command=command, kept=trajectories,
-        blobs=_blobs(page, trajectories),
+        page=page, columns=lines.COLUMNS, tied=TIED, command=command, kept=trajectories,
+        targets=[f"{100 * t:g} %" for t in TARGETS], whole=suites[0],
+        against=rivals.first(results.items, page.labels), blobs=_blobs(page, suites, trajectories),
     )  # fmt: skip
     path.write_text(html, encoding="utf-8")
     return path
@@ -54,9 +58,9 @@ def _breaks(label: str) -> Markup:
     return Markup("<span>") + Markup("<wbr>").join(re.split("(?<=[:,])", label)) + Markup("</span>")
 
 
-def _blobs(page: content.Page, trajectories: int) -> dict[str, str]:
+def _blobs(page: content.Page, suites: list[dict[str, Any]], trajectories: int) -> dict[str, str]:
     """What the page unpacks: Plotly and its trials at once, each problem when it is opened."""
-    data = content.trial_table(page) | {"suites": curves.suites(page)}
+    data = content.trial_table(page) | {"suites": suites}
     blobs = {"data": packed_json(data), "plotly": packed(get_plotlyjs())}
     drawn = page.drawn(trajectories)
     for number, trials in enumerate(page.trials_by_problem):

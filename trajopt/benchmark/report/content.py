@@ -16,7 +16,7 @@ from trajopt.benchmark import statistics, suite
 from trajopt.benchmark.figures import distinct_names
 from trajopt.benchmark.plots import CURVES
 from trajopt.benchmark.report import lines
-from trajopt.benchmark.results import Results
+from trajopt.benchmark.results import Results, competing, typical
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
 from trajopt.problem import LIMIT_NAMES, Problem
@@ -42,7 +42,8 @@ class Page:
     @cached_property
     def labels(self) -> list[str]:
         """Planners by median gap, then name: a planner's look, everywhere, is its place here."""
-        gaps = {label: lines.typical(runs) for label, runs in self.gaps.groupby("label")}
+        groups = self.gaps.groupby("label")
+        gaps = {label: typical(competing(runs)) for label, runs in groups}
         return sorted(gaps, key=lambda label: (np.nan_to_num(gaps[label], nan=np.inf), label))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""Curves of a suite: profiles, ECDFs, running times, convergence. No answer is worse than any."""
+"""Curves and tables of a suite: profiles, ECDFs, searches, pairs. No answer is worse than any."""
 
 from __future__ import annotations
 
@@ -10,17 +10,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trajopt.benchmark import statistics
-from trajopt.benchmark.figures import BEST_353
+from trajopt.benchmark.paired import duels, medians, paired
 from trajopt.benchmark.plots import FLOOR
-from trajopt.benchmark.report import lines
+from trajopt.benchmark.report import rivals
 from trajopt.benchmark.report.content import Page, limit_kinds, suites_of
 from trajopt.benchmark.report.packing import rounded
-from trajopt.benchmark.results import TOLERANCE
-from trajopt.benchmark.trial import Trial
+from trajopt.benchmark.results import Found, competing, over_best, running_times
 from trajopt.problem import Problem
 
 Array = NDArray[np.float64]
-Found = tuple[float, dict[str, list[Array]]]  # the best known (s), and histories by label
 Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
 
 POINTS = 160
@@ -28,13 +26,14 @@ TARGET = 1.01  # times the best known of its family: what counts as found
 
 
 def suites(page: Page) -> list[dict[str, Any]]:
-    """The curves of all problems, of each suite, and of each kind of limits."""
+    """The curves and pairs of all problems, of each suite, and of each kind of limits."""
     problems = dict(zip(page.digests, page.problems, strict=True))
-    found = dict(zip(page.digests, map(histories, page.trials_by_problem), strict=True))
+    found, met = page.results.histories(), duels(competing(page.gaps))
     return [
         {"name": name, "problems": len(members)}
         | _suite(page.gaps[page.gaps["digest"].isin(members)], [found[d] for d in members],
                  page.labels)
+        | {"paired": rivals.pairs(paired(met[met["digest"].isin(members)]), page.labels)}
         for name, members in groups(problems).items()
     ]  # fmt: skip
 
@@ -51,35 +50,6 @@ def groups(problems: Mapping[str, Problem]) -> dict[str, list[str]]:
     }
 
 
-def histories(trials: Sequence[Trial]) -> Found:
-    """One problem's best 3-5-3 (s; NaN if unknown), and per planner the history of every run."""
-    best = min((t.certified_duration or np.inf for t in trials if t.planner == BEST_353),
-               default=np.inf)  # fmt: skip
-    runs: dict[str, list[Array]] = {}
-    for trial in trials:
-        runs.setdefault(trial.label, []).append(_certified(trial))
-    return (best if best < np.inf else np.nan), runs
-
-
-def searches(found: Sequence[Found]) -> set[str]:
-    """Planners that kept a history on any of the problems and beat the best 3-5-3 on none.
-
-    The evaluations of those that beat it are of something else.
-    """
-    least = [(label, min(np.nanmin(h[:, 1], initial=np.inf) for h in own), best)
-             for best, runs in found for label, own in runs.items()]  # fmt: skip
-    beaten = {label for label, duration, best in least if duration < best * (1 - TOLERANCE)}
-    return {label for label, duration, _ in least if duration < np.inf} - beaten
-
-
-def _certified(trial: Trial) -> Array:
-    """A run's history times its own dilation; without a certified answer it found nothing."""
-    history = trial.solution.history
-    if history is None or trial.certified_duration is None or trial.certificate is None:
-        return np.array([[0.0, np.nan]])
-    return np.array(history) * [1.0, max(1.0, trial.certificate.dilation)]
-
-
 def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Curve]:
     """Per planner, quartiles over its runs of the best by so many evaluations."""
     curves = []
@@ -93,30 +63,27 @@ def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Cu
 
 
 def _suite(gaps: pd.DataFrame, found: Sequence[Found], labels: Sequence[str]) -> dict[str, Any]:
-    medians = lines.medians(gaps, "certified_duration")
-    ran = medians.notna().sum()
-    whole = [label for label in labels if ran.get(label) == len(medians)]
-    partly = {label: int(n) for label, n in ran.items() if n < len(medians)}
-    known = [(best, runs) for best, runs in found if np.isfinite(best)]
-    stacked = {
-        label: [h / [1.0, best] for best, runs in known for h in runs.get(label, [])]
-        for label in sorted(searches(known))
-    }
+    durations = medians(gaps, "certified_duration")
+    ran = durations.notna().sum()
+    whole = [label for label in labels if ran.get(label) == len(durations)]
+    partly = {label: int(n) for label, n in ran.items() if n < len(durations)}
+    stacked = over_best(found)
     kinds = gaps.drop_duplicates("digest")["kind"].value_counts()
     return {
         "partly": partly, "kinds": {str(k): int(n) for k, n in kinds.items()},
         "unknown": int(gaps.drop_duplicates("digest")["reference"].isna().sum()),
-        "profile": _profile(medians, whole, labels), "ecdf": _ecdf(gaps, whole, labels),
-        "searched": len(known), "times": _times(stacked, labels),
-        "convergence": bands(stacked, labels),
+        "profile": _profile(durations, whole, labels), "ecdf": _ecdf(gaps, whole, labels),
+        "searched": sum(bool(np.isfinite(best)) for best, _ in found),
+        "times": _times(stacked, labels), "convergence": bands(stacked, labels),
+        "ert": rivals.times(running_times(stacked), labels),
     }  # fmt: skip
 
 
-def _profile(medians: pd.DataFrame, whole: Sequence[str], labels: Sequence[str]) -> list[Curve]:
+def _profile(durations: pd.DataFrame, whole: Sequence[str], labels: Sequence[str]) -> list[Curve]:
     """Performance profiles of the median certified durations."""
     if not whole:
         return []
-    table = medians[whole].to_numpy()
+    table = durations[whole].to_numpy()
     with np.errstate(invalid="ignore"):
         ratios = table / table.min(axis=1, keepdims=True)
     top = ratios[np.isfinite(ratios)].max(initial=1.0)

@@ -11,11 +11,12 @@ import numpy as np
 import pandas as pd
 
 from trajopt.benchmark import statistics
+from trajopt.benchmark.paired import distinct, medians
 from trajopt.benchmark.plots import percent
+from trajopt.benchmark.results import competing, typical
 from trajopt.benchmark.trial import Trial
 from trajopt.solution import Status
 
-TIED = 6  # significant digits of durations that mean something to a rank
 COLUMNS = {  # of the table of problems and planners: what its heading says, and its unit
     "solved": "solved", "kept": "kept limits", "median": "certified (s)", "quartiles": "quartiles",
     "gap": "gap (%)", "dilation": "dilation", "evaluations": "evaluations",
@@ -82,48 +83,30 @@ def failure(label: str, status: str, message: str, trials: Sequence[Trial]) -> d
     }  # fmt: skip
 
 
-def medians(runs: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Per problem (rows) and planner (columns) the median over runs; +inf if half have no answer.
-
-    NaN where a planner was not run on a problem.
-    """
-    cells = runs.groupby(["digest", "label"])[column].agg(lambda v: float(statistics.median(v)))
-    return cells.unstack("label")
-
-
 def _clipped(text: str, most: int) -> str:
     """The end of a text: a traceback says last what happened. Each trial has all of it."""
     return text if len(text) <= most else f"…{text[-most:]}"
 
 
-def typical(runs: pd.DataFrame) -> float:
-    """A planner's median gap over problems with a reference; +inf: no answer, NaN: no reference."""
-    known = runs[runs["reference"].notna()]
-    return float(statistics.median(medians(known, "gap").iloc[:, 0])) if len(known) else np.nan
-
-
 def over_all(runs: pd.DataFrame, rank: float | None) -> dict[str, Any]:
-    middle = typical(runs)
+    """One planner's line, over the problems that it supports."""
+    tried = competing(runs)
+    middle, worst = typical(tried), tried["gap"].max()
     return {
-        "problems": runs["digest"].nunique(), "runs": len(runs),
-        "solved": _share(runs["status"] == str(Status.SOLVED)), "kept": _share(runs["feasible"]),
+        "problems": tried["digest"].nunique(), "runs": len(tried),
+        "solved": _share(tried["status"] == str(Status.SOLVED)), "kept": _share(tried["feasible"]),
         "gap": Cell(percent(middle), middle) if np.isfinite(middle)
         else Cell("–" if np.isnan(middle) else "no answer"),
-        "worst": _worst(runs), "rank": Cell("–") if rank is None else Cell(f"{rank:.2f}", rank),
-        "time": _cell(runs["solve_time"].median(), "{:.3f}"),
+        "worst": Cell(percent(worst), float(worst)) if worst == worst else Cell("–"),
+        "rank": Cell("–") if rank is None else Cell(f"{rank:.2f}", rank),
+        "time": _cell(tried["solve_time"].median(), "{:.3f}"),
     }  # fmt: skip
-
-
-def _worst(runs: pd.DataFrame) -> Cell:
-    """The largest gap of any run; one without an answer is worse than any."""
-    lost = runs["certified_duration"].isna()
-    if lost.any() or runs["gap"].isna().any():
-        return Cell("no answer" if lost.any() else "–")
-    return Cell(percent(runs["gap"].max()), float(runs["gap"].max()))
 
 
 def _share(outcomes: pd.Series[bool]) -> dict[str, Any]:
     """A share with Wilson's 95 % interval."""
+    if not len(outcomes):
+        return {"text": "–", "interval": "–", "value": np.nan}
     found = statistics.success_rate(outcomes.to_numpy())
     interval = f"{100 * found.low:.0f}–{100 * found.high:.0f}"
     return {"text": f"{100 * found.value:.0f} %", "interval": interval, "value": found.value}
@@ -135,7 +118,7 @@ def ranks(runs: pd.DataFrame, labels: Sequence[str]) -> dict[str, float]:
     whole = [label for label in labels if table[label].notna().all()]
     if len(whole) < 3:
         return {}
-    costs = table[whole].map(lambda v: float(f"{v:.{TIED}g}"))
+    costs = table[whole].map(distinct)
     return dict(zip(whole, statistics.friedman(costs).mean_ranks.tolist(), strict=True))
 
 

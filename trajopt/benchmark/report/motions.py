@@ -12,6 +12,7 @@ from trajopt import polynomials
 from trajopt.benchmark.plots import QUANTITIES
 from trajopt.benchmark.report import curves
 from trajopt.benchmark.report.packing import rounded
+from trajopt.benchmark.results import histories, searches
 from trajopt.benchmark.trial import Trial
 from trajopt.binding import stretches
 from trajopt.problem import LimitName, Problem
@@ -28,9 +29,9 @@ POINTS = 200
 def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool) -> dict[str, Any]:
     """One problem's panel, ready for JSON. Joints count from 0 here; the page counts from 1."""
     problem = trials[0].problem
-    found = curves.histories(trials)
-    searches = curves.searches([found])
-    runs = {label: own for label, own in found[1].items() if label in searches}
+    found = histories(trials)
+    searching = searches([found])
+    runs = {label: own for label, own in found[1].items() if label in searching}
     groups: dict[str, list[Trial]] = {}
     for trial in trials:
         groups.setdefault(trial.label, []).append(trial)

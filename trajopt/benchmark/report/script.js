@@ -110,8 +110,9 @@
   const SHARE = axis("share", { range: [-0.02, 1.03], tickformat: ".0%" });
   const LOG = { type: "log", exponentformat: "none", nticks: 8 };
 
+  const whole = () => data.suites[$("suite").value];
   const drawSuite = () => {
-    const suite = data.suites[$("suite").value];
+    const suite = whole();
     const partly = Object.entries(suite.partly).map(([name, n]) => `${name} (${n} of ${suite.problems})`);
     const kinds = Object.entries(suite.kinds).map(([kind, n]) => `${n} to ${kind === "lower bound" ? "a lower bound" : kind === "exact" ? "the exact optimum" : "refined collocation"}`);
     $("suite-note").textContent = `${suite.problems} problem${suite.problems > 1 ? "s" : ""}; gaps: ${[...kinds, ...(suite.unknown ? [`${suite.unknown} unknown`] : [])].join(", ")}.`
@@ -124,14 +125,45 @@
     draw($("times"), suite.times.map(steps), { xaxis: axis("evaluations", LOG), yaxis: SHARE });
     draw($("convergence"), suite.convergence.flatMap((c) => band(c)), { xaxis: axis("evaluations", LOG), yaxis: axis("duration over the best 3-5-3", LOG) });
   };
-  data.suites.forEach((suite, i) => $("suite").append(option(`${suite.name} (${suite.problems})`, i)));
-  $("suite").onchange = drawSuite;
+
+  // ---- tables of a suite: what a search costs, and planners against one of them --------------
+  const write = (cell, [text, small]) => cell.querySelector("a").replaceChildren(text, ...(small ? [" ", make("small", small)] : []));
+  const writeRows = (table, lines, more = () => {}) => {
+    for (const row of $(table).tBodies[0].rows) {
+      const k = Number(row.dataset.planner), line = lines[k];
+      row.classList.toggle("out", hidden.has(k) || !line);
+      if (!line) continue;
+      (line.cells ?? line).forEach((found, i) => write(row.cells[i + 1], found));
+      more(row, line);
+    }
+  };
+  const compare = () => {
+    const suite = whole(), against = $("against").value;
+    $("rival").textContent = planners[against].label;
+    $("rival-suite").textContent = `${suite.name} (${suite.problems})`;
+    writeRows("ert-table", suite.ert);
+    writeRows("paired-table", suite.paired[against], (row, line) => {
+      ["--at", "--low", "--high"].forEach((name, i) => row.querySelector(".whisker").style.setProperty(name, line.whisker[i]));
+      row.classList.toggle("sure", line.real);
+      row.querySelector(".real").textContent = line.real ? "yes" : "not shown";
+    });
+  };
+  $("against").onchange = compare;
+  for (const box of all(".suite")) {
+    data.suites.forEach((suite, i) => box.append(option(`${suite.name} (${suite.problems})`, i)));
+    box.onchange = () => {
+      for (const other of all(".suite")) other.value = box.value;
+      drawSuite();
+      compare();
+    };
+  }
 
   const toggle = (k) => {
     hidden.has(k) ? hidden.delete(k) : hidden.add(k);
     const shown = !hidden.has(k);
     all(`.toggle[data-planner="${k}"]`).forEach((b) => b.setAttribute("aria-pressed", shown));
     apply();
+    compare();
     for (const element of drawn) {
       const own = element.data.map((t, i) => (t.meta === k ? i : -1)).filter((i) => i >= 0);
       if (own.length) Plotly.restyle(element, { visible: shown }, own);
@@ -233,6 +265,7 @@
 
   apply();
   drawSuite();
+  compare();
   const first = $("problem-0");
   if (first) { first.open = true; await fill(first); }
   follow();
