@@ -19,10 +19,11 @@ from experiments.output import save_table
 from trajopt import Problem, render
 from trajopt.benchmark import report, run, suite
 from trajopt.benchmark.overview import overview
-from trajopt.planner import Planner, entries, load
+from trajopt.planner import Planner, entries, load, parse
 
 SUITES = ("six-axis", "edges", "robots", "random")
 PROOF = "certify:time_limit=15"  # s; a proof on a large problem is endless
+MENDED = [f"{name}:fitness=scaled" for name in ("pso", "ssa", "issa")]  # the paper's, mended
 
 
 def drawn(size: int | None = None) -> dict[str, list[Problem]]:
@@ -32,8 +33,9 @@ def drawn(size: int | None = None) -> dict[str, list[Problem]]:
 
 
 def planners() -> list[tuple[str, Planner]]:
-    """Every registered planner, those that wait to be asked for too."""
-    return [(name, load(PROOF if name == "certify" else name)) for name in entries()]
+    """Every registered planner, those that wait to be asked for too, and the mended swarms."""
+    specs = [PROOF if name == "certify" else name for name in entries()] + MENDED
+    return [(parse(spec)[0], load(spec)) for spec in specs]
 
 
 def sizes(folder: Path, trials: int) -> pd.DataFrame:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from test_results import OTHER, PROBLEM, run
+from test_results import OTHER, run
 
 from trajopt import Problem
 from trajopt.benchmark.overview import overview
@@ -20,7 +20,7 @@ def refused(problem: Problem) -> Trial:
     return failed(Unoptimised(), problem, 0, "picky", Status.UNSUPPORTED, "not for me")
 
 
-@pytest.fixture()
+@pytest.fixture
 def items() -> Sequence[Trial]:
     return [
         *run("exact", 2.0), *run("exact", 4.0, problem=OTHER),
