@@ -22,7 +22,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from baselines import exact_nlp, jerk_reach
-from baselines.exact_nlp import IPOPT, Exact, flat, optima
+from baselines.exact_nlp import Exact, flat, optima
 from baselines.jerk_profile import Array, Bools, Limit, risen
 from baselines.jerk_reach import Scaled, repaired
 from trajopt.exceptions import InvalidInput
@@ -31,9 +31,12 @@ from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.verification import verify
 
+IPOPT = exact_nlp.IPOPT | {"ipopt": exact_nlp.IPOPT["ipopt"] | {"tol": 1e-10}}
+
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
 _PATIENCE = 3  # times as many starts where all have failed so far
-_ROUNDS = 6
+_ROUNDS = 5
+_ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _PROGRESS = 1e-7  # relative: the least gain worth another round
 _SLOWER = 1.3  # than without jerk limits: a start
 
@@ -71,12 +74,17 @@ class ExactJerk:
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of several local optima. `stats`: each start's IPOPT status and duration (s)."""
+        """The best of several local optima. `stats`: each start's last status and duration (s).
+
+        A start that IPOPT leads where an earlier one led ends where that one ended.
+        """
         scaled, began = Scaled(problem), time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
         starts = _starts(scaled, _PATIENCE * self.starts)
-        found = optima(lambda start: _solve_from(solver, scaled, *start), starts, self.starts)
+        free = np.zeros((2, *scaled.h.shape), dtype=bool)
+        first = optima(lambda start: _run(solver, scaled, *start, free), starts, self.starts)
+        found = _refined(solver, scaled, first)
         durations = scaled.unit * np.array([optimum.duration for optimum in found])
         stats = {"start_status": [o.status for o in found], "start_duration": durations}
         return replace(self._best(scaled, found), setup_time=setup_time, stats=stats)
@@ -225,21 +233,34 @@ def _relaxed(scaled: Scaled) -> list[tuple[Array, Array]]:
     return [(_SLOWER * np.diff(answer.waypoint_times) / scaled.unit, velocities / _SLOWER)]
 
 
-def _solve_from(solver: Any, scaled: Scaled, times: Array, states: Array) -> _Optimum:
-    """The local optimum from one start, exactly reachable.
+def _refined(solver: Any, scaled: Scaled, found: list[_Optimum]) -> list[_Optimum]:
+    """What each optimum leads to; of equal ones the first alone is followed, unless IPOPT fails."""
+    pairs: list[tuple[_Optimum, _Optimum]] = []
+    for one in found:
+        known = (
+            last
+            for first, last in pairs
+            if last.status in _ENDED and abs(first.duration / one.duration - 1) < _PROGRESS
+        )
+        pairs.append((one, next(known, None) or _followed(solver, scaled, one)))
+    return [last for _, last in pairs]
 
-    First every extreme profile passes through acceleration 0. Those that want to avoid it are then
-    allowed to, without a cruise; and again from there, while that helps.
+
+def _followed(solver: Any, scaled: Scaled, best: _Optimum) -> _Optimum:
+    """The local optimum near one where every extreme profile passes through acceleration 0.
+
+    Those that want to avoid it are now allowed to, without a cruise; and again from there, while
+    that helps.
     """
-    apart = np.zeros((2, *scaled.h.shape), dtype=bool)
-    best = _Optimum(np.inf, times, states, "")
-    for _ in range(_ROUNDS):
-        found = _run(solver, scaled, best.times, best.states, apart)
-        if not found.duration < best.duration * (1 - _PROGRESS):
-            return best if best.status else found
-        best, before, apart = found, apart, _avoiding(scaled, found)
+    before = np.zeros((2, *scaled.h.shape), dtype=bool)
+    for _ in range(_ROUNDS if best.duration < np.inf else 0):
+        apart = _avoiding(scaled, best)
         if (apart == before).all():
             break
+        found, before = _run(solver, scaled, best.times, best.states, apart), apart
+        if not found.duration < best.duration * (1 - _PROGRESS):
+            return best._replace(status=found.status)
+        best = found
     return best
 
 

@@ -32,13 +32,13 @@ from trajopt.verification import verify
 
 Array = NDArray[np.float64]
 
-IPOPT = {
+IPOPT: dict[str, Any] = {
     "print_time": False,
     "error_on_fail": False,
     "ipopt": {
         "print_level": 0,
         "sb": "yes",
-        "tol": 1e-10,
+        "tol": 1e-11,
         "constr_viol_tol": 1e-10,
         "acceptable_tol": 1e-8,
         "bound_relax_factor": 0.0,
@@ -47,10 +47,10 @@ IPOPT = {
     },
 }
 
-
 _IGNORED: tuple[LimitName, ...] = ("jerk", "position")
 _PATIENCE = 5  # times as many starts where all have failed so far
 _MISSED = 1e-9  # of the way a joint travels: more than rounding
+_ROUNDING = 1e-15  # of a velocity
 _SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum
 
 
@@ -134,9 +134,8 @@ class Scaled:
         breaks = np.r_[0.0, np.cumsum(times)] * self.unit
         joints = [(breaks[[0, -1]], np.array([[start]])) for start in self.problem.waypoints[0]]
         for i, joint in enumerate(np.flatnonzero(self.moving)):
-            joints[joint] = self._joint(
-                i, self.problem.waypoints[:, joint], breaks, times, velocities
-            )
+            waypoints = self.problem.waypoints[:, joint]
+            joints[joint] = self._joint(i, waypoints, breaks, times, velocities)
         return Trajectory.joined(joints, breaks)
 
     def _joint(
@@ -145,9 +144,8 @@ class Scaled:
         """Breaks (s) and coefficients (rad/s^power) of one moving joint."""
         ends, starts, parts = _with_rest(velocities)[:, i], [], []
         for k, t in enumerate(times):
-            local, part = combined(
-                ends[k], ends[k + 1], t, self.h[k, i], self.v[:, i], self.a[:, i]
-            )
+            limits = self.v[:, i], self.a[:, i]
+            local, part = combined(ends[k], ends[k + 1], t, self.h[k, i], *limits)
             part *= self.units[:, i, None]
             part[2] += waypoints[k]
             starts.append(breaks[k] + local[:-1] * self.unit)
@@ -177,10 +175,8 @@ def extremes(u: Array, w: Array, t: Array, v: Array, a: Array) -> tuple[Array, A
 def combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tuple[Array, Array]:
     """Breaks and position coefficients (3, pieces) of the profile that covers exactly `h`."""
     up, d_up, lo, d_lo = map(float, extremes(np.asarray(u), np.asarray(w), np.asarray(t), v, a))
-    width = d_up - d_lo
-    share = (
-        np.clip((h - d_lo) / width, 0.0, 1.0) if width > 1e-15 * (abs(d_up) + abs(d_lo)) else 1.0
-    )
+    wide = d_up - d_lo > 1e-15 * (abs(d_up) + abs(d_lo))
+    share = float(np.clip((h - d_lo) / (d_up - d_lo), 0.0, 1.0)) if wide else 1.0
     knots = np.clip(
         [(up - u) / a[1], t + (up - w) / a[0], (lo - u) / a[0], t + (lo - w) / a[1]], 0, t
     )
@@ -194,6 +190,7 @@ def combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tupl
         missed = abs(travelled[-1] - h) > _MISSED * (lengths @ np.abs(speed[:-1] + speed[1:]))
         if not missed and (slope / np.where(slope > 0, a[1], a[0]) <= 1 + _SLIVER).all():
             break  # else what was left out mattered
+    slope = np.clip(slope, *a)  # over a brief piece, rounding of the speeds shows
     return local, np.stack([slope / 2, speed[:-1], np.r_[0.0, travelled[:-1]]])
 
 
@@ -208,17 +205,20 @@ def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
     """The smallest dilation that makes times and waypoint velocities exactly reachable.
 
     IPOPT meets its constraints to a tolerance; dilating by `k` multiplies the velocity limits by
-    `k` and the accelerations by `k²`, which widens every reachable interval.
+    `k` and the accelerations by `k²`, which widens every reachable interval. In the briefest
+    segments velocities differ by less than their rounding, which no dilation mends: let it be.
     """
     ends = _with_rest(velocities)
-    u, w, t = ends[:-1], ends[1:], times[:, None]
+    u, w, t, h = ends[:-1], ends[1:], times[:, None], scaled.h
+    spare = _ROUNDING * (np.abs(u) + np.abs(w))
 
     def reachable(k: float) -> bool:
         v, a = scaled.v * k, scaled.a * k**2
         _, d_up, _, d_lo = extremes(u, w, t, v[:, None], a[:, None])
         kept = (v[0] <= ends) & (ends <= v[1])
-        steps = (a[0] * t <= w - u) & (w - u <= a[1] * t)
-        return bool(kept.all() and (steps & (d_lo <= scaled.h) & (scaled.h <= d_up)).all())
+        steps = (a[0] * t - spare <= w - u) & (w - u <= a[1] * t + spare)
+        reached = (d_lo - h <= spare * t) & (h - d_up <= spare * t)
+        return bool(kept.all() and (steps & reached).all())
 
     low, high = 1.0, 1.0 + 1e-15
     while not reachable(high):
@@ -233,23 +233,34 @@ def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
 
 @cache
 def _solver(segments: int, joints: int) -> Any:
-    """IPOPT for all problems of this size, built once; the numbers are parameters."""
+    """IPOPT for all problems of this size, built once; the numbers are parameters.
+
+    Some segments are a billion times as long as others. So `u`, `w` and the peaks count from the
+    segment's mean velocity, in units of `T` (the acceleration limit is 1), and `T` logarithmically:
+    then what they can reach is of order one, whatever its length.
+    """
     ca = backend("casadi")
-    t, v = ca.MX.sym("t", segments), ca.MX.sym("v", segments - 1, joints)
-    up, lo = ca.MX.sym("up", segments, joints), ca.MX.sym("lo", segments, joints)
+    log, v = ca.MX.sym("log", segments), ca.MX.sym("v", segments - 1, joints)
+    u, w, up, lo = (ca.MX.sym(name, segments, joints) for name in ("u", "w", "up", "lo"))
     h, stop = ca.MX.sym("h", segments, joints), ca.MX.sym("stop", segments)
-    a1, a2 = ca.MX.sym("a1", 1, joints), ca.MX.sym("a2", 1, joints)
-    rest = ca.MX.zeros(1, joints)
-    u, w = ca.vertcat(rest, v), ca.vertcat(v, rest)
+    limits = [ca.MX.sym(name, 1, joints) for name in ("v1", "v2", "a1", "a2", "top")]
     # every constraint as a (segments, joints) matrix
-    tt, size = ca.repmat(t, 1, joints), ca.repmat(stop**2, 1, joints)
-    b1, b2 = ca.repmat(a1, segments, 1), ca.repmat(a2, segments, 1)
-    d_up = up * tt - (up - u) ** 2 / (2 * b2) - (up - w) ** 2 / (2 * b1)
-    d_lo = lo * tt + (lo - u) ** 2 / (2 * b1) + (lo - w) ** 2 / (2 * b2)
-    positive = [b2 * tt - (w - u), (w - u) + b1 * tt, (d_up - h) / size, (h - d_lo) / size]
-    g = ca.vertcat(*map(ca.vec, positive), ca.sum1(stop) - ca.sum1(t))
-    x, p = (ca.vertcat(*map(ca.vec, part)) for part in ((t, v, up, lo), (h, a1, a2, stop)))
-    return ca.nlpsol("exact", "ipopt", {"x": x, "p": p, "f": ca.sum1(t), "g": g}, IPOPT)
+    v1, v2, a1, a2, top = (ca.repmat(limit, segments, 1) for limit in limits)
+    rest, times = ca.MX.zeros(1, joints), stop * ca.exp(log)
+    t = ca.repmat(times, 1, joints)
+    mean = h / t
+    joined = [mean + t * u - ca.vertcat(rest, v), mean + t * w - ca.vertcat(v, rest)]
+    free = [v2 - mean - t * up, mean + t * lo - v1]
+    reached = [
+        a2 - (w - u),
+        a1 + (w - u),
+        up - (up - u) ** 2 / (2 * a2) - (up - w) ** 2 / (2 * a1),
+        -lo - (lo - u) ** 2 / (2 * a1) - (lo - w) ** 2 / (2 * a2),
+    ]
+    rows = [*(row / top for row in joined + free), *reached, ca.sum1(stop - times)]
+    parts = {"x": (log, v, u, w, up, lo), "p": (h, stop, *limits), "g": rows, "f": [ca.sum1(times)]}
+    nlp = {name: ca.vertcat(*map(ca.vec, part)) for name, part in parts.items()}
+    return ca.nlpsol("exact", "ipopt", nlp, IPOPT)
 
 
 class _Timed(Protocol):
@@ -287,29 +298,47 @@ def starting_points(scaled: Scaled, count: int) -> Iterator[tuple[Array, Array]]
 
 def _solve_from(solver: Any, scaled: Scaled, start: tuple[Array, Array]) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
-    times, velocities = start
-    ends = np.clip(_with_rest(velocities), *scaled.v)
-    up, lo = np.maximum(ends[:-1], ends[1:]), np.minimum(ends[:-1], ends[1:])
     low, high = _bounds(scaled)
-    p = flat(scaled.h, -scaled.a[0], scaled.a[1], scaled.stop)
-    x0 = flat(times, ends[1:-1], up, lo)
-    result = solver(x0=x0, p=p, lbx=low, ubx=high, lbg=0.0, ubg=np.inf)
+    x0 = np.clip(_point(scaled, *start), low, high)
+    top = np.minimum(np.abs(scaled.v).max(axis=0), scaled.stop.sum())  # velocities are below it
+    p = flat(scaled.h, scaled.stop, *scaled.v, *np.abs(scaled.a), top)
+    most = np.r_[np.zeros(2 * scaled.h.size), np.full(6 * scaled.h.size + 1, np.inf)]
+    result = solver(x0=x0, p=p, lbx=low, ubx=high, lbg=0.0, ubg=most)
     stats, x = solver.stats(), np.asarray(result["x"]).ravel()
-    times = x[: len(times)]
-    velocities = x[len(times) :][: velocities.size].reshape(velocities.shape, order="F")
-    usable = stats["success"] and np.isfinite(x).all() and (times > 0).all()
+    times, velocities = _read(scaled, x)
+    usable = stats["success"] and np.isfinite(x).all()
     k = repair(times, velocities, scaled) if usable else np.inf
     return _Optimum(k * float(times.sum()), k * times, velocities / k, str(stats["return_status"]))
 
 
+def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
+    """IPOPT's variables for times and waypoint velocities, which need not be reachable."""
+    ends, t = _with_rest(velocities), times[:, None]
+    u, w = ((part - scaled.h / t) / t for part in (ends[:-1], ends[1:]))
+    up, lo = np.maximum(np.maximum(u, w), 0.0), np.minimum(np.minimum(u, w), 0.0)
+    return flat(np.log(times / scaled.stop), velocities, u, w, up, lo)
+
+
+def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
+    """Times and waypoint velocities from IPOPT's variables; the briefer segment knows better."""
+    segments, joints = scaled.h.shape
+    times = scaled.stop * np.exp(x[:segments])
+    ends = x[segments + (segments - 1) * joints :].reshape(-1, joints, segments)[:2]
+    u, w = scaled.h / times[:, None] + times[:, None] * ends.swapaxes(1, 2)
+    return times, np.where((times[:-1] < times[1:])[:, None], w[:-1], u[1:])
+
+
 def _bounds(scaled: Scaled) -> tuple[Array, Array]:
-    """Bounds of all variables; no segment takes longer than stopping everywhere does."""
-    segments = len(scaled.stop)
-    longest = np.full(segments, scaled.stop.sum())
-    low, high = (
-        flat(times, *(np.tile(v, (rows, 1)) for rows in (segments - 1, segments, segments)))
-        for times, v in zip((scaled.least, longest), scaled.v, strict=True)
-    )
+    """Bounds of all variables; no segment takes longer than stopping everywhere does.
+
+    From the mean velocity, none strays further than half a limit does in the segment's time.
+    """
+    least, longest = (np.log(t / scaled.stop) for t in (scaled.least, scaled.stop.sum()))
+    (a1, a2), wide = scaled.a / 2, np.diff(scaled.a, axis=0)[0] / 2
+    both = [-a2, a1, 0 * wide, -wide], [-a1, a2, wide, 0 * wide]  # u, w, up, lo
+    every = np.ones((len(least), 1))
+    sides = zip((least, longest), scaled.v, both, strict=True)
+    low, high = (flat(t, every[1:] * v, *(every * x for x in bounds)) for t, v, bounds in sides)
     return low, high
 
 

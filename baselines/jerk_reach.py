@@ -119,7 +119,7 @@ def repair(times: Array, states: Array, scaled: Scaled) -> float:
         low, high = high, 1 + 10 * (high - 1)
         if high > 2:
             return np.inf
-    for _ in range(10):
+    for _ in range(5):
         k = 0.5 * (low + high)
         low, high = (low, k) if _reachable(times, states, scaled, k) else (k, high)
     return high
