@@ -41,7 +41,7 @@
     for (const row of body.rows) {
       const own = row.dataset;
       const matches = !hidden.has(Number(own.planner))
-        && (planner === "" || own.planner === planner) && (status === "" || own.status === status)
+        && (planner === "" || own.planner === planner) && (status === "" || (status[0] === "!" ? own.status !== status.slice(1) : own.status === status))
         && (text === "" || row.cells[0].textContent.toLowerCase().includes(text)
           || planners[own.planner].label.toLowerCase().includes(text));
       if (matches) { matching += 1; problems.add(own.problem); }
