@@ -4,9 +4,9 @@ Offline it takes no intermediate waypoints, so every segment is a section of its
 (position, velocity, acceleration) to the next with all joints arriving together. `RuckigStop` rests
 at every waypoint; `RuckigVia` starts there and improves the states at the waypoints between.
 
-Ruckig knows one jerk limit a side for both: an asymmetric one counts at its tighter side. It
-ignores position limits; here every section is checked against them. With jerk unlimited it ignores
-accelerations, and then its profiles are of constant acceleration.
+Ruckig knows one jerk limit for both sides: an asymmetric one counts at its tighter side. It ignores
+position limits; here every section is checked against them. With jerk unlimited it ignores
+accelerations. Its tolerances are absolute, so it is given moderate numbers.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csc_array
 
+from baselines.rescaled import in_own_units
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
@@ -52,6 +53,7 @@ class RuckigStop:
         return None
 
     @passing_once
+    @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
         return _solution(problem, sections, sections.at_rest, [])
@@ -68,10 +70,10 @@ class RuckigVia(RuckigStop):
             raise InvalidInput("evaluations", "at least 1", value=self.evaluations)
 
     @passing_once
+    @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
-        states, history = improved(sections, self.evaluations)
-        return _solution(problem, sections, states, history)
+        return _solution(problem, sections, *improved(sections, self.evaluations))
 
 
 class Sections:
@@ -313,10 +315,9 @@ def _within(breaks: Array, coefficients: Array, low: float, high: float) -> bool
     """Whether one joint's positions lie in `[low, high]`: by their bounds, or by their extremes."""
     unit = polynomials.stretched(coefficients, np.diff(breaks))
     bounds = polynomials.bernstein(unit)
-    if low <= bounds.min() and bounds.max() <= high:
-        return True
-    values = polynomials.evaluate(unit[:, None], polynomials.critical_points(unit))
-    return bool(low <= values.min() and values.max() <= high)
+    if not (low <= bounds.min() and bounds.max() <= high):  # else certainly inside
+        bounds = polynomials.evaluate(unit[:, None], polynomials.critical_points(unit))
+    return bool(low <= bounds.min() and bounds.max() <= high)
 
 
 def _solution(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
+from trajopt.benchmark import suite
 from trajopt.problem import Limits, Problem
 from trajopt.solution import Status
 from trajopt.stopping import stop_times
@@ -167,3 +168,34 @@ def test_exactly_opposite_states_at_one_place_do_not_crash() -> None:
     sections = Sections(Problem([q - moving, q + moving, q], limits))
     sections.waypoints = np.array([q, q])
     assert np.isfinite(sections.minima(0, np.array([-v, a]), np.array([v, a]))).all()
+
+
+@pytest.mark.parametrize("name", ["edges-huge", "edges-slow", "edges-tiny-beside-huge"])
+@pytest.mark.parametrize("planner", [RuckigStop(), SHORT])
+def test_huge_and_slow_problems_are_solved_in_moderate_units(name: str, planner) -> None:
+    problem = next(p for p in suite.problems("edges") if p.name == name)
+    certificate = verify(problem, planner.solve(problem).trajectory)
+    assert certificate.valid
+    assert certificate.dilation <= 1 + 1e-9
+    longest = stop_times(problem).sum()
+    assert duration(problem, planner) <= longest * (1 + 1e-9)
+    if planner == RuckigStop():
+        assert duration(problem, planner) == pytest.approx(longest, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("length", "time"), [(2.0**20, 1.0), (2.0**-30, 2.0**-20), (3e5, 7e4)])
+def test_other_units_change_nothing(seed: int, length: float, time: float) -> None:
+    problem = random_problem(seed, jerk=True, asymmetric=False)
+    speed = length / time
+    own = problem.limits
+    limits = Limits(own.velocity * speed, own.acceleration * speed / time,
+                    own.jerk * speed / time**2)  # fmt: skip
+    moved = RuckigStop().solve(Problem(problem.waypoints * length, limits)).trajectory
+    original = RuckigStop().solve(problem).trajectory
+    assert moved.duration == pytest.approx(original.duration * time, rel=1e-9)
+    for fraction in (0.1, 0.5, 0.9):
+        np.testing.assert_allclose(
+            moved(moved.duration * fraction) / length, original(original.duration * fraction),
+            atol=1e-7 * np.ptp(problem.waypoints),
+        )  # fmt: skip
