@@ -1,6 +1,6 @@
 """Moderate numbers for a solver with absolute tolerances: time and each joint in their own units.
 
-Units are powers of two, so nothing is rounded, and 1 wherever numbers are moderate already.
+Units are powers of two, so that nothing is rounded, and 1 where numbers are moderate already.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trajopt.problem import Limits, Problem
-from trajopt.solution import Solution
+from trajopt.solution import Solution, Status
 from trajopt.stopping import stop_times
 from trajopt.trajectory import Trajectory
 
@@ -23,14 +23,16 @@ _MODERATE = 10.0  # powers of two, up or down
 
 
 def in_own_units(solve: Any) -> Any:
-    """Let a `solve` method see moderate numbers; its answer comes back in the problem's own."""
+    """Let a `solve` method see moderate numbers first, and the problem's own where that fails."""
 
     @wraps(solve)
     def rescaled_solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
         time, joints = units(problem)
-        if time == 1 and (joints == 1).all():
-            return solve(self, problem, seed=seed)  # type: ignore[no-any-return]
-        return _restored(solve(self, _rescaled(problem, time, joints), seed=seed), time, joints)
+        if time != 1 or (joints != 1).any():
+            found = solve(self, _rescaled(problem, time, joints), seed=seed)
+            if found.status is not Status.FAILED:
+                return _restored(found, time, joints)
+        return solve(self, problem, seed=seed)  # type: ignore[no-any-return]
 
     return rescaled_solve
 
