@@ -7,8 +7,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from experiments import certificates, explained, ordering, throughput
+from experiments import certificates, explained, ordering, sweep, throughput
 from experiments.output import save_table
+from trajopt.planner import entries, load
 
 
 def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -60,3 +61,26 @@ def test_throughput_times_the_same_trials_at_one_and_two_jobs(tmp_path: Path) ->
     assert table["jobs"].tolist() == [1, 2]
     assert table["trials"].nunique() == 1
     assert (table["wall (s)"] > 0).all()
+
+
+def test_the_sweep_writes_its_report_and_counts_every_trial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert {spec for spec, _ in sweep.planners()} == set(entries())
+    every = sweep.drawn()
+    assert sum(map(len, every.values())) == len({p.digest() for own in every.values() for p in own})
+    few = {name: sweep.drawn(1)[name] for name in ("six-axis", "robots")}
+    monkeypatch.setattr(sweep, "drawn", lambda size: few)
+    names = ("unoptimised", "ruckig-stop")
+    monkeypatch.setattr(sweep, "planners", lambda: [(name, load(name)) for name in names])
+    sweep.main(quick=True, jobs=1, output=tmp_path)
+    table = pd.read_csv(tmp_path / "sweep.csv").set_index("label")
+    assert table.loc["ruckig-stop", "solved"] == 2
+    suites = pd.read_csv(tmp_path / "suites.csv").set_index(["group", "label"])
+    assert suites.loc[("six-axis", "unoptimised"), "gap"] == pytest.approx(6 / 1.483853 - 1, 1e-6)
+    trials = len(list((tmp_path / "trials").iterdir()))
+    assert table[["trials", "unsupported"]].to_numpy().sum() == trials
+    files = pd.read_csv(tmp_path / "files.csv").set_index("what")
+    assert files.loc["trials/", "files"] == trials
+    assert files.loc["report.html", "MB"] > 0.5
+    assert "ruckig-stop" in capsys.readouterr().out
