@@ -1,7 +1,7 @@
 """Every planner on every suite: who solves what, how far from optimal, and at what cost?
 
     python -m experiments.sweep            # 7500 trials, about two hours on two cores
-    python -m experiments.sweep --quick    # two problems of each suite, two seeds: a minute or two
+    python -m experiments.sweep --quick    # two problems of each suite, two seeds: three minutes
 
 It can be stopped and started again. Into `--output` go the results, `report.html`, `sweep.csv`
 and `.md` (one line per planner), `suites.csv` and `.md` (one per suite and planner), `files.csv`

@@ -67,7 +67,7 @@ def _overview(row: Any) -> list[str]:
 
 
 _MEANING = """\
-Problems: those a planner supports. Bounds: answers that ignore a limit on purpose.
+Problems: as supported. Bounds: answers that ignore a limit on purpose.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
 
