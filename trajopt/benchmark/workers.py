@@ -104,8 +104,9 @@ def _hold_to(memory: float) -> None:
     with suppress(ImportError):  # not a Unix
         import resource
 
-        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-        resource.setrlimit(resource.RLIMIT_DATA, (int(memory * 2**30), hard))
+        hard, own = resource.getrlimit(resource.RLIMIT_DATA)[1], int(memory * 2**30)
+        soft = own if hard == resource.RLIM_INFINITY else min(own, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def do(task: Task, store: Store) -> None:
