@@ -1,6 +1,6 @@
 """Do the relations of mathematics.md, section 8, hold on thousands of random problems?
 
-    python -m experiments.relations                   # 2000 problems, about an hour on a core
+    python -m experiments.relations                   # 2000 problems, half an hour on a core
     python -m experiments.relations --problems 20     # a quick look
 
 A problem's rows go to `relations.csv` in `--output` as soon as they are known; running again does
