@@ -503,8 +503,9 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     command = [sys.executable, "-m", "trajopt.cli", "compare", "six-axis", "--jobs", "1"]
     command += ["--planner", "pso:iterations=3000", "--seeds", "600"]  # minutes, in small batches
     running = subprocess.Popen(
-        [*command, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True
-    )
+        [*command, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # pytest may run behind &
+    )  # fmt: skip
     deadline = time.monotonic() + 120
     while not list(tmp_path.glob("trials/*.h5")) and time.monotonic() < deadline:
         time.sleep(0.1)

@@ -419,3 +419,14 @@ def test_facts_that_differ_between_trials_are_all_told() -> None:
     facts = dict(lines.provenance([one, other]))
     assert facts["casadi"] == f"{one.provenance['casadi']} (1 trials); 9.9 (1 trials)"
     assert facts["python"] == one.provenance["python"]
+
+
+def test_the_head_names_the_commit_or_says_that_there_are_several() -> None:
+    def by(commit: str) -> Trial:
+        (trial,) = run("mine", 2.0)
+        return replace(trial, provenance=trial.provenance | {"commit": commit})
+
+    one, other = by("0123456789abcdef-dirty"), by("fedcba9876543210")
+    assert ", commit 0123456789-dirty;" in content.page(Results([one, one])).brief
+    assert ", 2 commits (see below);" in content.page(Results([one, other])).brief
+    assert "commit" not in content.page(Results([by("")])).brief

@@ -21,7 +21,7 @@ from trajopt import (
     StoreError,
     Trajectory,
 )
-from trajopt.benchmark import run, store
+from trajopt.benchmark import run, store, workers
 from trajopt.planner import load
 
 PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
@@ -151,6 +151,18 @@ def test_dying_hanging_and_devouring_in_worker_processes_cost_one_trial_each(tmp
     }
     planners = [(name, Mine(name)) for name in expected]
     check(compare(planners, tmp_path, jobs=2, timeout=6.0, memory=1.0), expected)
+
+
+def test_a_kept_child_forgets_the_memory_limit_of_an_earlier_run(monkeypatch):
+    resource, held = pytest.importorskip("resource"), []
+    free = resource.RLIM_INFINITY
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (7, free))
+    monkeypatch.setattr(resource, "setrlimit", lambda kind, limits: held.append(limits))
+    workers._hold_to(1.5)
+    workers._hold_to(None)
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (7, 2**20))
+    workers._hold_to(1.5)  # never above what the system allows
+    assert held == [(3 * 2**29, free), (free, free), (2**20, 2**20)]
 
 
 def test_a_planner_of_mine_is_judged_like_ours_here_and_in_other_processes(tmp_path):

@@ -1,7 +1,9 @@
 """Many problems at a glance: one line per planner, for a terminal or a paper.
 
-overview(Results("results"))                          # of all problems
-overview(Results("results"), by=suite_of)             # one line per suite and planner
+    overview(Results("results"))                          # of all problems
+    overview(Results("results"), by=suite_of)             # one line per suite and planner
+
+What a planner does not support does not count against it.
 """
 
 from __future__ import annotations

@@ -94,17 +94,20 @@ def schedule(
 
 def _work(pickled: bytes, store: Store, memory: float | None) -> None:
     """In the worker process."""
-    if memory is not None:
-        _hold_to(memory)
+    _hold_to(memory)
     do(cloudpickle.loads(pickled), store)
 
 
-def _hold_to(memory: float) -> None:
-    """Beyond so many GiB this process gets no more, which Python calls a `MemoryError`."""
+def _hold_to(memory: float | None) -> None:
+    """Beyond so many GiB this process gets no more, which Python calls a `MemoryError`.
+
+    `None` takes back what an earlier task set: an executor's children are kept.
+    """
     with suppress(ImportError):  # not a Unix
         import resource
 
-        hard, own = resource.getrlimit(resource.RLIMIT_DATA)[1], int(memory * 2**30)
+        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        own = hard if memory is None else int(memory * 2**30)
         soft = own if hard == resource.RLIM_INFINITY else min(own, hard)
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 

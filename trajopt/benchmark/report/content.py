@@ -155,8 +155,9 @@ class Page:
     def brief(self) -> str:
         """Seeds, versions, machine and day in a line."""
         facts = dict(self.facts)
-        commit = facts.get("commit", "")
-        named = f", commit {commit[:10]}{'-dirty' * commit.endswith('-dirty')}" * bool(commit)
+        commits = {t.provenance.get("commit", "") for t in self.results.items} - {""}
+        several = [f"{len(commits)} commits (see below)"] if len(commits) > 1 else []
+        named = "".join(f", {words}" for words in several or map(lines.commit, commits))
         day = min(t.started for t in self.results.items)[:10]
         return (
             f"Seeds {lines.ranges(sorted({t.seed for t in self.results.items}))}; trajopt "

@@ -131,6 +131,10 @@ def provenance(items: Sequence[Trial]) -> list[tuple[str, str]]:
     return [(key, _counted(values)) for key, values in found.items()]
 
 
+def commit(name: str) -> str:
+    return f"commit {name[:10]}{'-dirty' * name.endswith('-dirty')}"
+
+
 def _counted(values: Counter[str]) -> str:
     several = "; ".join(f"{value} ({count} trials)" for value, count in values.items())
     return several if len(values) > 1 else next(iter(values))
