@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csc_array
 
-from baselines.rescaled import in_own_units
+from baselines.own_units import in_own_units
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once

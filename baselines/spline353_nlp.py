@@ -29,8 +29,8 @@ from trajopt import polynomials, spline353
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
 from trajopt.problem import Limits, Problem
+from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
-from trajopt.stopping import stop_times
 
 Array = NDArray[np.float64]
 

@@ -25,8 +25,8 @@ from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
 from trajopt.problem import Limits, Problem
+from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
-from trajopt.stopping import stop_times
 from trajopt.trajectory import Trajectory
 from trajopt.verification import verify
 

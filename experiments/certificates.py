@@ -16,9 +16,9 @@ from pathlib import Path
 import cyclopts
 import pandas as pd
 
-from baselines.certificate import certify
-from trajopt import render
-from trajopt.benchmark.suite import random_problem
+from baselines.lower_bound import certify
+from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.cli import render
 
 KEYS = ["waypoints", "joints", "seed"]
 

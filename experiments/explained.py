@@ -14,12 +14,14 @@ from pathlib import Path
 import cyclopts
 import pandas as pd
 
-from experiments.output import save_table
-from trajopt import render
-from trajopt.benchmark import gap_plots, plots, suite
-from trajopt.binding import busy
+from experiments.common.output import save_table
+from trajopt.benchmark.figures import explanation as gap_plots
+from trajopt.benchmark.figures import plots
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.cli import render
 from trajopt.exceptions import TrajoptError
-from trajopt.gap import Explanation, explain
+from trajopt.explain.active_limits import busy
+from trajopt.explain.decomposition import Explanation, explain
 from trajopt.planner import load
 from trajopt.problem import Problem
 

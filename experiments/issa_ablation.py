@@ -24,10 +24,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from baselines.evolution import CMAES
-from experiments import races
-from experiments.output import save_table
-from trajopt import render
-from trajopt.benchmark import plots, statistics
+from experiments.common import races
+from experiments.common.output import save_table
+from trajopt.benchmark.analysis import statistics
+from trajopt.benchmark.figures import plots
+from trajopt.cli import render
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser, minimise
 from trajopt.swarm_planner import SwarmPlanner
 

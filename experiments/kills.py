@@ -24,11 +24,11 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
-from experiments.killed import PHASES, Child, sweep
-from experiments.output import save_table
-from trajopt import render
-from trajopt.benchmark.store import read
+from experiments.common.killed import PHASES, Child, sweep
+from experiments.common.output import save_table
+from trajopt.benchmark.store.folder import read
 from trajopt.benchmark.trial import Trial
+from trajopt.cli import render
 from trajopt.exceptions import StoreError
 
 FAULTS = ["lost", "torn", "different", "run again", "unequal"]

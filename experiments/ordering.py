@@ -18,13 +18,14 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
-from baselines.exact_nlp import Exact
+from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
-from trajopt import Limits, Problem, Trajectory, render, verify
-from trajopt.benchmark import run
-from trajopt.benchmark.results import Results
-from trajopt.benchmark.suite import random_problem
+from trajopt import Limits, Problem, Trajectory, verify
+from trajopt.benchmark import compare as run
+from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.cli import render
 from trajopt.planner import entries, load
 
 SPLINES = ("unoptimised", "pso", "ssa", "issa")

@@ -22,12 +22,22 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
-from experiments import paper_figures
-from experiments.output import save_table
-from experiments.paper import ALGORITHMS, NAMES, Array, interval, kept, running_times, tool_miss
-from experiments.paper_choices import READINGS, Reading
-from trajopt import Limits, Problem, render, spline353, verify
-from trajopt.benchmark import plots, suite
+from experiments.common.output import save_table
+from experiments.paper import figures as paper_figures
+from experiments.paper.choices import READINGS, Reading
+from experiments.paper.searches import (
+    ALGORITHMS,
+    NAMES,
+    Array,
+    interval,
+    kept,
+    running_times,
+    tool_miss,
+)
+from trajopt import Limits, Problem, spline353, verify
+from trajopt.benchmark.figures import plots
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.cli import render
 
 TIMINGS = ("per-joint", "shared")
 NEAR = 0.01  # relative

@@ -23,12 +23,24 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
-from experiments import paper, paper_figures
-from experiments.output import save_table
-from experiments.paper import ALGORITHMS, NAMES, Array, Found, interval, percent_below, reference
-from experiments.paper_claims import claims, estimates, totals
-from trajopt import Problem, Trajectory, render, spline353, verify
-from trajopt.benchmark import plots, statistics, suite
+from experiments.common.output import save_table
+from experiments.paper import figures as paper_figures
+from experiments.paper import searches as paper
+from experiments.paper.claims import claims, estimates, totals
+from experiments.paper.searches import (
+    ALGORITHMS,
+    NAMES,
+    Array,
+    Found,
+    interval,
+    percent_below,
+    reference,
+)
+from trajopt import Problem, Trajectory, spline353, verify
+from trajopt.benchmark.analysis import statistics
+from trajopt.benchmark.figures import plots
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.cli import render
 from trajopt.kinematics import Robot, cartesian_problem
 from trajopt.planner import configured, load
 from trajopt.swarm_planner import SwarmPlanner

@@ -26,8 +26,9 @@ import pebble
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from experiments.ordering import RELAXED, identities
-from trajopt import Limits, Problem, Trajectory, bounds, render, verify
-from trajopt.benchmark.suite import random_problem
+from trajopt import Limits, Problem, Trajectory, bounds, verify
+from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.cli import render
 from trajopt.planner import load
 
 Checks = Iterator[tuple[str, float, float]]  # kind, relative excess, tolerance

@@ -26,10 +26,12 @@ from matplotlib.figure import Figure
 
 from baselines.evolution import CMAES, DE
 from baselines.spline353_nlp import Spline353NLP
-from experiments import races
-from experiments.output import save_table
-from trajopt import Problem, render, verify
-from trajopt.benchmark import plots, statistics
+from experiments.common import races
+from experiments.common.output import save_table
+from trajopt import Problem, verify
+from trajopt.benchmark.analysis import statistics
+from trajopt.benchmark.figures import plots
+from trajopt.cli import render
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser
 from trajopt.swarm_planner import SwarmPlanner
 

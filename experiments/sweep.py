@@ -15,10 +15,13 @@ from pathlib import Path
 import cyclopts
 import pandas as pd
 
-from experiments.output import save_table
-from trajopt import Problem, render
-from trajopt.benchmark import report, run, suite
-from trajopt.benchmark.overview import overview
+from experiments.common.output import save_table
+from trajopt import Problem
+from trajopt.benchmark import compare as run
+from trajopt.benchmark import report
+from trajopt.benchmark.analysis.overview import overview
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.cli import render
 from trajopt.planner import Planner, entries, load, parse
 
 SUITES = ("six-axis", "edges", "robots", "random")

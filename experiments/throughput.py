@@ -17,8 +17,9 @@ from pathlib import Path
 import cyclopts
 import pandas as pd
 
-from experiments.output import save_table
-from trajopt.benchmark import run, suite
+from experiments.common.output import save_table
+from trajopt.benchmark import compare as run
+from trajopt.benchmark.suites import catalogue as suite
 from trajopt.planner import load
 
 SPECS = ("pso", "ssa", "issa")

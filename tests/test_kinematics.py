@@ -16,7 +16,7 @@ from trajopt.kinematics import BRANCHES, Robot, cartesian_problem
 from trajopt.problem import Limits, Problem
 
 DATA = Path(__file__).parents[1] / "data"
-SIX = Robot.from_toml(DATA / "robots/six-axis.toml")
+SIX = Robot.from_toml(DATA / "kinematics/six-axis.toml")
 TABLE2 = Problem.from_toml(DATA / "problems/six-axis.toml")
 FREE = np.tile([-np.inf, np.inf], (6, 1))
 INF, PI, H = np.inf, np.pi, np.pi / 2

@@ -412,7 +412,7 @@ def test_six_axis_is_the_papers_tables_2_and_3():
 
 
 def test_the_six_axis_robot_is_the_papers_table_1():
-    robot = tomllib.loads((DATA / "robots" / "six-axis.toml").read_text(encoding="utf-8"))
+    robot = tomllib.loads((DATA / "kinematics" / "six-axis.toml").read_text(encoding="utf-8"))
     assert (robot["angle_unit"], robot["convention"]) == ("deg", "modified-dh")
     millimetres = {"a": [0, 200, 715.6, 256, 0, 0], "d": [0, 0, -94.4, 845.5, 0, 83.8]}
     for key, values in millimetres.items():

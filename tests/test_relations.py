@@ -10,15 +10,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from baselines.collocation_nlp import Collocation
-from baselines.exact_nlp import Exact
+from baselines.collocation.uniform import Collocation
+from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import RuckigStop, RuckigVia
 from baselines.spline353_nlp import Spline353NLP
 from baselines.topp_ra import ToppRa, along
 from trajopt import Limits, Problem, spline353, verify
-from trajopt.benchmark.suite import random_problem
+from trajopt.benchmark.suites.catalogue import random_problem
 from trajopt.planner import Planner, configured
-from trajopt.stopping import stop_times
+from trajopt.rest_to_rest import stop_times
 from trajopt.swarm_planner import issa, pso, ssa
 
 SEEDS = range(100, 112)

@@ -95,7 +95,7 @@ class Probe(Optimiser):
 
 def probed(problem, points, **changes):
     """Fitness of segment times `(m, 3)`, s, each within the planner's box."""
-    from trajopt.stopping import stop_times
+    from trajopt.rest_to_rest import stop_times
 
     high = 4.0 * stop_times(problem.merged()[0]).max()
     unit = (np.asarray(points) / high - 1e-3) / (1 - 1e-3)

@@ -11,8 +11,8 @@ import pytest
 
 from trajopt.planner import Relation
 from trajopt.problem import Limits, Problem
+from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
-from trajopt.stopping import stop_times
 from trajopt.testing import ContractError, check_planner, examples
 from trajopt.trajectory import Trajectory
 from trajopt.unoptimised import Unoptimised

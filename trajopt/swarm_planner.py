@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from trajopt import spline353
 from trajopt.planner import Relation, expanded
 from trajopt.problem import Limits, Problem
+from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
-from trajopt.stopping import stop_times
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser, Result, minimise
 from trajopt.swarm.optimiser import added, check_choices, require
 

@@ -16,10 +16,14 @@ import jinja2
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from trajopt.benchmark.paired import TIED
-from trajopt.benchmark.report import content, curves, lines, motions, rivals
+from trajopt.benchmark.analysis.pairwise import TIED
+from trajopt.benchmark.analysis.results import TARGETS, Results
+from trajopt.benchmark.report import cells as lines
+from trajopt.benchmark.report import curves
+from trajopt.benchmark.report import page as content
+from trajopt.benchmark.report import pairwise as rivals
+from trajopt.benchmark.report import panels as motions
 from trajopt.benchmark.report.packing import packed, packed_json
-from trajopt.benchmark.results import TARGETS, Results
 from trajopt.exceptions import InvalidInput
 
 TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB

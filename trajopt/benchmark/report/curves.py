@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trajopt.benchmark import statistics
-from trajopt.benchmark.paired import duels, medians, paired
-from trajopt.benchmark.plots import FLOOR
-from trajopt.benchmark.report import rivals
-from trajopt.benchmark.report.content import Page, limit_kinds, suites_of
+from trajopt.benchmark.analysis import statistics
+from trajopt.benchmark.analysis.pairwise import duels, medians, paired
+from trajopt.benchmark.analysis.results import Found, competing, over_best, running_times
+from trajopt.benchmark.figures.plots import FLOOR
+from trajopt.benchmark.report import pairwise as rivals
 from trajopt.benchmark.report.packing import rounded
-from trajopt.benchmark.results import Found, competing, over_best, running_times
+from trajopt.benchmark.report.page import Page, limit_kinds, suites_of
 from trajopt.problem import Problem
 
 Array = NDArray[np.float64]

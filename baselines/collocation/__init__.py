@@ -1,0 +1,1 @@
+"""Transcriptions on a grid."""

@@ -1,0 +1,1 @@
+"""Exact minimum times: no discretisation."""

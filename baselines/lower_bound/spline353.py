@@ -1,0 +1,157 @@
+"""The best 3-5-3 spline with shared times, by cutting planes (mathematics, section 5).
+
+Every limit is linear in `x1², x1x2, x2², x2x3, x3²` beside `x2`, 1 and `t2` (`x = 1/t`); it is
+imposed at finitely many normalised times, and those of the worst violations are added until bound
+and certified duration meet.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from baselines.lower_bound.program import TOLERANCE, certified
+from baselines.spline353_nlp import Spline, Spline353NLP
+from trajopt import polynomials, spline353
+from trajopt.exceptions import InvalidInput
+from trajopt.problem import Problem
+from trajopt.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+_INSTANTS = 33  # normalised times to begin with
+_NO_TIME = 1e-9  # for a segment without displacement, as a fraction of the others
+
+# Quintic Hermite polynomials of `h, v0, a0, v1, a1` on the unit interval, highest power first.
+_HERMITE = np.array(
+    [
+        [6, -15, 10, 0, 0, 0],
+        [-3, 8, -6, 0, 1, 0],
+        [-0.5, 1.5, -1.5, 0.5, 0, 0],
+        [-3, 7, -4, 0, 0, 0],
+        [0.5, -1, 0.5, 0, 0, 0],
+    ]
+).T
+_MONOMIALS = ((1, 1), (0, 1), (0, 0), (1, 2), (2, 2))  # that these carry: h, v0, a0, v1, a1
+
+
+class Spline353:
+    """The best 3-5-3 spline with shared times; `x = 1/t`, times in thirds of the incumbent."""
+
+    exchanges = True
+
+    def __init__(self, problem: Problem, scip: Any) -> None:
+        if problem.segments != 3:
+            raise InvalidInput("problem", "exactly 4 waypoints", value=problem.segments + 1)
+        self.problem, self.scip = problem.without("position"), scip
+        self.spline = Spline(self.problem)
+        self.instants = set(np.linspace(0, 1, _INSTANTS))
+        self.times = self._best_times()
+        self.unit = float(self.times.sum()) / 3
+        self.instants.update(self._critical(self.times))
+        self.low, self.high = self._between(self.times.sum()) / self.unit
+        self.least = float(self.low.sum()) * self.unit
+
+    @property
+    def worth(self) -> float:
+        """With SCIP's `x` taken as exact, each `t` is off by a share ε, each monomial by ε.
+
+        So a row (monomials over a limit) is off by ε times its coefficients' sum. Dilated by
+        `1 + ρ`, rows gain slack of at least `ρ/t2` (velocity), `ρ` (acceleration), `ρ t2` (jerk).
+        """
+        slack = {1: self.high[1], 2: 1.0, 3: 1 / self.low[1]}
+        rows = [slack[order] * (1 + np.abs(c).sum(axis=1)).max() for c, order in self._rows()]
+        return float(TOLERANCE * (2 + max(rows)))
+
+    def _best_times(self) -> Array:
+        """IPOPT's; with a segment of no displacement, whose time may tend to 0, a search's."""
+        moves = self.problem.displacements.any(axis=1)
+        answer = Spline353NLP().solve(self.problem).trajectory if moves.all() else None
+        if answer is not None:
+            return np.diff(answer.waypoint_times)
+        free = moves | np.array([False, True, False])
+
+        def times(y: Array) -> Array:
+            t = np.full(3, _NO_TIME * np.exp(y).sum())
+            t[free] = np.exp(y)
+            return np.asarray(t * self.spline.dilation(t))
+
+        def duration(y: Array) -> float:
+            return float(times(y).sum())
+
+        options = {"xatol": 1e-12, "fatol": 1e-14, "maxiter": 4000}
+        starts = np.random.default_rng(0).uniform(-3, 3, (12, free.sum()))
+        found = [minimize(duration, y, method="Nelder-Mead", options=options) for y in starts]
+        return times(min(found, key=lambda result: float(result.fun)).x)
+
+    def _between(self, total: float) -> Array:
+        """Least and longest times, `(2, 3)`, s; without displacement an outer time may be 0."""
+        d, limits = np.abs(self.spline.displacements), self.spline.limits
+        kinds = (limits.velocity, limits.acceleration, limits.jerk)
+        v, a, j = (np.abs(x).max(axis=1)[:, None] for x in kinds)
+        outer = np.maximum(np.maximum(3 * d / v, np.sqrt(6 * d / a)), np.cbrt(6 * d / j))
+        # a joint back where it was stops at some instant, from ends of 3 d1/t1 and 3 d3/t3
+        stop = np.where(d[:, 1:2] == 0, 3 * d[:, ::2] / (total * a), 0)
+        middle = max(float((d[:, 1:2] / v).max()), float(stop.max()))
+        low = np.array([outer[:, 0].max(), middle, outer[:, 2].max()])
+        return np.stack([low, np.maximum(total - (low.sum() - low), low)])
+
+    def _critical(self, times: Array) -> Array:
+        """The normalised times where a limit can be worst."""
+        rates = self.spline.rates(times)
+        return np.concatenate([polynomials.critical_points(rate).ravel() for rate in rates])
+
+    def _rows(self) -> list[tuple[Array, int]]:
+        """Coefficients of the monomials over each limit, `(rows, 5)`, and the limit's order."""
+        d1, h, d3 = self.spline.displacements.T
+        weights = np.stack([h, 3 * d1, 6 * d1, 3 * d3, -6 * d3], axis=-1)
+        s, rows = np.array(sorted(self.instants)), []
+        for order, bounds in enumerate(self.spline.bounds, start=1):
+            rates = polynomials.derivative(_HERMITE, order)[:, None]
+            basis = polynomials.evaluate(rates, s[:, None])
+            values = basis[:, None] * weights / self.unit**order
+            for side in bounds.T[:, None, :, None]:
+                finite = np.isfinite(side[0, :, 0])
+                if finite.any():
+                    rows.append(((values / side)[:, finite].reshape(-1, 5), order))
+        return rows
+
+    def incumbent(self) -> Trajectory:
+        return certified(self.problem, spline353.trajectory(self.problem, self.times))
+
+    def model(self, cutoff: float | None) -> Any:
+        """Variables: `t`, `x` (0 where it is multiplied by no displacement), the monomials."""
+        m, pairs = self.scip.Model(), list(zip(self.low, self.high, strict=True))
+        self.t = t = [m.addVar(lb=low, ub=high) for low, high in pairs]
+        x = [m.addVar(lb=1 / high, ub=1 / low) if low > 0 else 0.0 for low, high in pairs]
+        for i in np.flatnonzero(self.low):
+            m.addCons(t[i] * x[i] == 1)
+        terms = [self._product(m, x[i], x[k]) for i, k in _MONOMIALS]
+        beside = {1: x[1], 2: 1.0, 3: t[1]}
+        for rows, order in self._rows():
+            for row in rows[rows.any(axis=1)]:
+                use = self.scip.quicksum(float(c) * z for c, z in zip(row, terms, strict=True))
+                m.addCons(use <= beside[order])
+        m.setObjective(duration := self.scip.quicksum(t))
+        m.addCons(duration <= float(self.high.sum() if cutoff is None else cutoff))
+        return m
+
+    @staticmethod
+    def _product(m: Any, a: Any, b: Any) -> Any:
+        if isinstance(a, float) or isinstance(b, float):
+            return 0.0
+        z = m.addVar(lb=0.0)
+        m.addCons(z == a * b)
+        return z
+
+    def learn(self, model: Any) -> Trajectory | None:
+        """Impose the limits where SCIP's best times break them; those times, dilated."""
+        if not model.getNSols():
+            return None
+        times = np.maximum([model.getVal(t) for t in self.t], _NO_TIME) * self.unit
+        self.instants.update(self._critical(times))
+        k = self.spline.dilation(times)
+        return certified(self.problem, spline353.trajectory(self.problem, k * times))

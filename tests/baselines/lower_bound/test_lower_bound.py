@@ -1,0 +1,161 @@
+"""Proved bounds against closed forms, other solvers, and themselves without the cut-off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.exact.acceleration import Exact
+from baselines.lower_bound import Bound, certify
+from baselines.lower_bound import bound as bound_module
+from baselines.lower_bound.free import Free
+from baselines.lower_bound.spline353 import Spline353
+from baselines.spline353_nlp import Spline353NLP
+from trajopt import InvalidInput, Limits, Problem, spline353, verify
+from trajopt.benchmark.suites.catalogue import load, random_problem
+from trajopt.exceptions import MissingBackend
+from trajopt.planner import backend
+
+
+def one_joint(*waypoints: float, v: float = 1.0, a: float = 2.0) -> Problem:
+    return Problem([[q] for q in waypoints], Limits([v], [a]))
+
+
+def sane(bound: Bound, problem: Problem) -> None:
+    assert 0 < bound.lower_bound <= bound.upper_bound
+    assert bound.relative_gap == pytest.approx(bound.upper_bound / bound.lower_bound - 1)
+    assert bound.trajectory is not None
+    judged = verify(problem, bound.trajectory)
+    assert judged.certified_duration == pytest.approx(bound.upper_bound, rel=1e-9)
+
+
+@pytest.mark.parametrize("gap", [1e-3, 1e-5])
+@pytest.mark.parametrize(
+    ("problem", "optimum"),
+    [
+        (load("one-joint"), 2.0),
+        (one_joint(0, 1.5), 1.5 / 1 + 1 / 2),  # trapezoid: h/V + V/A
+        (one_joint(0, 0.08), 2 * np.sqrt(0.08 / 2)),  # triangle: 2 √(h/A)
+        (one_joint(0, 0.4, 1.0, 1.5), 2.0),  # waypoints on the way cost nothing
+        (one_joint(0, 1.5, 0), 4.0),  # a reversal is two stops
+        (one_joint(0, 1.5, 1.5, 0), 4.0),  # a repeated waypoint is passed once
+        (one_joint(0, 1e5), 1e5 + 0.5),
+        (Problem([[0, 5], [1.5, 5]], Limits([1, 1], [2, 2])), 2.0),  # a joint that rests
+        (Problem([[0, 0], [1.5, 1.5]], Limits([1, 3], [2, 9])), 2.0),  # the slower one decides
+        (Problem([[0.0], [1.0]], Limits([[-1, 0.5]], [[-1.0, 4.0]])), 2 + 0.25 * 1.25),
+        (Problem([[0.0], [-1.0]], Limits([[-0.5, 1]], [[-4.0, 1.0]])), 2 + 0.25 * 1.25),
+    ],
+)
+def test_closed_forms(problem: Problem, optimum: float, gap: float) -> None:
+    bound = certify(problem, gap=gap)
+    sane(bound, problem)
+    assert bound.status == "proved"
+    assert bound.relative_gap <= gap * (1 + 1e-6)
+    assert bound.lower_bound <= optimum * (1 + 1e-12)
+    assert bound.upper_bound == pytest.approx(optimum, rel=1e-8)
+
+
+def test_six_axis_is_proved_in_time() -> None:
+    problem = load("six-axis")
+    free, spline = certify(problem), certify(problem, "spline353", gap=1e-6)
+    for bound, seconds in ((free, 10), (spline, 30)):
+        sane(bound, problem)
+        assert bound.status == "proved"
+        assert bound.solve_time < seconds
+    assert free.upper_bound < spline.lower_bound
+    assert free.relative_gap <= 1e-4 * (1 + 1e-6)
+    assert spline.relative_gap <= 1e-6 * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("name", ["six-axis", "asymmetric", "reversal"])
+@pytest.mark.parametrize("family", [Free, Spline353])
+def test_the_bound_is_the_same_without_the_cut_off(name: str, family: type) -> None:
+    program = family(load(name), backend("pyscipopt"))
+    best = program.incumbent().duration
+    for _ in range(6):
+        _, dual, found = bound_module._solved(program, None, 10.0)
+        assert dual <= best * (1 + 1e-7)
+        assert found is not None
+        if dual >= best * (1 - 1e-5) or not program.exchanges:
+            break
+    assert dual == pytest.approx(best, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) -> None:
+    problem = random_problem(seed)
+    answer = Exact().solve(problem).trajectory
+    bound = certify(problem, gap=1e-3, time_limit=4)
+    sane(bound, problem)
+    limits = np.abs(problem.limits.velocity).max(axis=1)
+    assert answer is not None
+    assert bound.lower_bound <= answer.duration * (1 + 1e-9)
+    assert bound.lower_bound >= (np.abs(problem.displacements) / limits).max(axis=1).sum()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_splines_with_and_without_jerk(seed: int) -> None:
+    problem = random_problem(seed, waypoints=4, jerk=seed % 2 == 0)
+    answer = Spline353NLP().solve(problem).trajectory
+    bound = certify(problem, "spline353", gap=1e-3, time_limit=4)
+    sane(bound, problem)
+    assert answer is not None
+    assert bound.lower_bound <= answer.duration * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3, 4, 5])
+def test_each_joint_alone_against_a_search_over_its_ratios(joint: int) -> None:
+    """Random times, dilated exactly: none may beat the bound, the best must come near."""
+    problem = load("six-axis")
+    bound = certify(problem, "spline353", gap=1e-5, joint=joint, time_limit=10)
+    assert bound.status == "proved"
+    ratios = np.exp(np.random.default_rng(0).uniform(-4, 4, (20000, 3)))
+    limits = Limits(problem.limits.velocity[[joint]], problem.limits.acceleration[[joint]])
+    h = problem.displacements.T[[joint]]
+    moves = h[0] != 0
+    ratios[:, ~moves & np.array([True, False, True])] = 1e-9
+    durations = spline353.dilation(h, ratios[:, None, :], limits) * ratios.sum(axis=1)
+    assert bound.lower_bound <= durations.min()
+    assert durations.min() <= bound.upper_bound * 1.05
+
+
+def test_free_alone_is_the_problem_of_that_joint() -> None:
+    whole, alone = load("six-axis"), certify(load("six-axis"), joint=4)
+    assert alone.trajectory is not None
+    assert alone.trajectory.joints == 1
+    assert len(alone.trajectory.waypoint_times) == len(whole.waypoints)
+    assert alone.upper_bound < certify(whole).lower_bound
+
+
+def test_ignored_limits_leave_a_bound_without_a_trajectory() -> None:
+    for name in ("jerk-limit", "position-limits"):
+        bound = certify(load(name))
+        free = certify(load(name).without("jerk", "position"))
+        assert bound.lower_bound == pytest.approx(free.lower_bound, rel=1e-9)
+        assert bound.trajectory is None
+        assert bound.upper_bound == np.inf
+
+
+@pytest.mark.parametrize("family", ["free", "spline353"])
+def test_a_time_limit_returns_the_bounds_reached(family: str) -> None:
+    problem = load("six-axis")
+    for seconds in (1e-6, 0.5):
+        bound = certify(problem, family, gap=1e-9, time_limit=seconds)  # type: ignore[arg-type]
+        sane(bound, problem)
+        assert bound.status in ("time limit", "tolerance")
+
+
+def test_without_scip_the_message_is_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyscipopt", None)
+    with pytest.raises(MissingBackend, match="pip install pyscipopt"):
+        certify(load("one-joint"))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"family": "5-3-5"}, {"gap": 0}, {"time_limit": -1}, {"joint": 0}, {"joint": 9}]
+)
+def test_wrong_arguments(wrong: dict[str, object]) -> None:
+    with pytest.raises(InvalidInput):
+        certify(load("six-axis"), **wrong)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput):
+        certify(load("seven-waypoints"), "spline353")

@@ -1,0 +1,201 @@
+"""Ruckig: stopping times in closed form, exact certificates, never worse than stopping."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.problem import Limits, Problem
+from trajopt.rest_to_rest import stop_times
+from trajopt.solution import Status
+from trajopt.verification import verify
+
+FILES = sorted(Path(__file__).parents[2].glob("data/problems/*.toml"))
+SHORT = RuckigVia(evaluations=600)
+
+
+def random_problem(seed: int, *, jerk: bool = False, asymmetric: bool = True) -> Problem:
+    """1–7 joints, 3–8 waypoints: reversals, rests, tiny segments, limits 100:1 apart."""
+    rng = np.random.default_rng(seed)
+    joints, segments = int(rng.integers(1, 8)), int(rng.integers(2, 8))
+    steps = rng.normal(size=(segments, joints)) * 10.0 ** rng.uniform(-1.5, 0.3, joints)
+    steps[rng.random(steps.shape) < 0.15] = 0
+    steps[rng.integers(segments)] *= 1e-5 if rng.random() < 0.3 else 1
+    steps[:, -1] *= joints == 1 or rng.random() > 0.3
+    steps[0, 0] += 0.1
+
+    def limit(low: float, high: float) -> np.ndarray:
+        top = 10.0 ** rng.uniform(low, high, joints)
+        ratio = rng.uniform(0.4, 2.5, joints) if asymmetric else np.ones(joints)
+        return np.stack([-top * ratio, top], axis=1)
+
+    velocity, acceleration = limit(-1, 1), limit(-1, 1)
+    rate = np.abs(acceleration).max(axis=1) * 10.0 ** rng.uniform(0, 1, joints) if jerk else None
+    return Problem(
+        np.cumsum(np.vstack([0 * steps[:1], steps]), axis=0), Limits(velocity, acceleration, rate)
+    )
+
+
+def duration(problem, planner):
+    certificate = verify(problem, planner.solve(problem).trajectory)
+    assert certificate.flaws == ()
+    assert certificate.dilation <= 1 + 1e-9
+    return certificate.duration
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: f.stem)
+def test_the_files_certify_and_the_way_through_is_never_slower(file):
+    problem = Problem.from_toml(file)
+    stopping = duration(problem, RuckigStop())
+    assert stopping == pytest.approx(stop_times(problem.merged()[0]).sum(), rel=1e-12)
+    assert duration(problem, SHORT) <= stopping
+
+
+@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("jerk", [False, True])
+def test_stopping_takes_the_closed_form(seed, jerk):
+    problem = random_problem(seed, jerk=jerk, asymmetric=not jerk)
+    assert duration(problem, RuckigStop()) == pytest.approx(stop_times(problem).sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("jerk", [False, True])
+def test_through_the_waypoints_is_never_slower_than_stopping(seed, jerk):
+    problem = random_problem(100 + seed, jerk=jerk)
+    assert duration(problem, SHORT) <= duration(problem, RuckigStop()) * (1 + 1e-12)
+
+
+def test_one_joint_one_way_finds_the_trapezoid():
+    problem = Problem.from_toml(FILES[0].parent / "one-joint.toml")
+    # 1.5 rad at most 1 rad/s and 2 rad/s²: two ramps of 0.5 s and 0.25 rad, and 1 s between.
+    assert duration(problem, RuckigVia(evaluations=2000)) == pytest.approx(2.0, rel=1e-6)
+
+
+def test_proportional_motion_comes_close_to_the_bang_bang_time():
+    shares = np.array([0.0, 0.3, 0.45, 1.0])
+    problem = Problem(np.outer(shares, [1.0, -2.0]), Limits([100.0, 100.0], [2.0, 4.0]))
+    optimum = 2 * np.sqrt(0.5)
+    found = duration(problem, RuckigVia(evaluations=4000))
+    assert optimum * (1 - 1e-9) <= found <= optimum * 1.03
+
+
+def test_a_reversal_finds_the_optimum_in_closed_form():
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([100.0], [2.0]))
+    assert duration(problem, SHORT) == pytest.approx(2 * 2 * np.sqrt(0.5), rel=1e-9)
+
+
+def test_budget_determinism_and_history():
+    problem = Problem.from_toml(FILES[0].parent / "six-axis.toml")
+    one, two = SHORT.solve(problem, seed=1), SHORT.solve(problem, seed=2)
+    np.testing.assert_array_equal(one.trajectory.coefficients, two.trajectory.coefficients)
+    assert one.history[-1, 1] == pytest.approx(one.trajectory.duration, rel=1e-14)
+    assert (np.diff(one.history, axis=0)[:, 1] < 0).all()
+    assert one.evaluations < 600 + 60
+
+
+def test_position_limits_are_kept_where_ruckig_ignores_them():
+    problem = Problem.from_toml(FILES[0].parent / "position-limits.toml")
+    lifted = RuckigVia(evaluations=3000).solve(problem.without("position"))
+    assert not verify(problem, lifted.trajectory).valid
+    assert duration(problem, RuckigVia(evaluations=3000)) < duration(problem, RuckigStop())
+
+
+@pytest.mark.parametrize("side", [9.0, np.inf])
+def test_asymmetric_jerk_counts_at_its_tighter_side_and_says_so(side):
+    limits = [1.0], [2.0]
+    problem = Problem([[0.0], [1.0]], Limits(*limits, [[-5.0, side]]))
+    solution = RuckigStop().solve(problem)
+    expected = stop_times(Problem(problem.waypoints, Limits(*limits, [5.0]))).sum()
+    assert solution.trajectory.duration == pytest.approx(expected, rel=1e-12)
+    assert "tighter side" in solution.message
+    assert verify(problem, solution.trajectory).feasible
+
+
+def test_a_jerk_limit_on_one_joint_only():
+    problem = Problem(
+        [[0.0, 0.0], [1.0, 1.0], [1.5, 3.0]], Limits([2.0, 2.0], [3.0, 3.0], [10.0, np.inf])
+    )
+    stop = duration(problem, RuckigStop())
+    assert stop == pytest.approx(stop_times(problem).sum(), rel=1e-12)
+    assert duration(problem, SHORT) < stop
+
+
+def test_resting_joints_and_repeated_waypoints():
+    problem = Problem(
+        [[0.0, 7.0], [1.0, 7.0], [1.0, 7.0], [3.0, 7.0]], Limits([1.0, 1.0], [1.0, 1.0])
+    )
+    trajectory = RuckigVia(evaluations=1500).solve(problem).trajectory
+    assert verify(problem, trajectory).feasible
+    assert trajectory.waypoint_times[1] == trajectory.waypoint_times[2]
+    assert trajectory.duration == pytest.approx(1 + 3, rel=1e-6)  # the trapezoid over 3 rad
+
+
+def test_a_section_between_moving_states():
+    # Over 1 rad from 0.5 to 0.25 rad/s at ±2 rad/s² to a peak p: (2p² − 0.25 − 0.0625)/4 = 1.
+    peak = np.sqrt((4 + 0.3125) / 2)
+    limits = Limits([3.0, 3.0], [2.0, 2.0])
+    start = (np.zeros(2), np.array([0.5, 0.0]), np.zeros(2))
+    end = (np.array([1.0, 0.1]), np.array([0.25, 0.0]), np.zeros(2))
+    together, alone = section(limits, start, end)
+    assert alone == pytest.approx([(2 * peak - 0.75) / 2, 2 * np.sqrt(0.05)], rel=1e-12)
+    assert together == pytest.approx(alone[0], rel=1e-12)
+
+
+def test_a_section_that_starts_too_fast_is_refused():
+    start, end = (
+        (np.array([0.0]), np.array([2.0]), np.zeros(1)),
+        (np.ones(1), np.zeros(1), np.zeros(1)),
+    )
+    assert section(Limits([1.0], [2.0]), start, end)[0] == np.inf
+
+
+@pytest.mark.parametrize("planner", [RuckigStop(), SHORT])
+def test_a_solver_that_gives_up_is_a_failure_with_a_reason(monkeypatch, planner):
+    monkeypatch.setattr(Sections, "_calculate", lambda *_, **__: False)
+    solution = planner.solve(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
+    assert solution.status is Status.FAILED
+    assert solution.message == "Ruckig gave up on segment 1"
+
+
+def test_exactly_opposite_states_at_one_place_do_not_crash() -> None:
+    # Found by the soak: Ruckig 0.19.4 itself dies of it. `moving` makes it a section of a problem.
+    velocity = [[-0.06074806613589745, 0.1103667172217071], [-1.0, 1.0]]
+    limits = Limits(velocity, [5.739923928191976, 1.0], [25.17007747222217, 1.0])
+    q, v = np.array([-1.9146983370118453, 0.0]), np.array([0.010124677679191563, 0.0])
+    a, moving = np.array([0.9566539870753419, 0.0]), np.array([0.0, 0.01])
+    sections = Sections(Problem([q - moving, q + moving, q], limits))
+    sections.waypoints = np.array([q, q])
+    assert np.isfinite(sections.minima(0, np.array([-v, a]), np.array([v, a]))).all()
+
+
+@pytest.mark.parametrize("name", ["edges-huge", "edges-slow", "edges-tiny-beside-huge"])
+@pytest.mark.parametrize("planner", [RuckigStop(), SHORT])
+def test_huge_and_slow_problems_are_solved_in_moderate_units(name: str, planner) -> None:
+    problem = next(p for p in suite.problems("edges") if p.name == name)
+    certificate = verify(problem, planner.solve(problem).trajectory)
+    assert certificate.valid
+    assert certificate.dilation <= 1 + 1e-9
+    longest = stop_times(problem).sum()
+    assert duration(problem, planner) <= longest * (1 + 1e-9)
+    if planner == RuckigStop():
+        assert duration(problem, planner) == pytest.approx(longest, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("length", "time"), [(2.0**20, 1.0), (2.0**-30, 2.0**-20), (3e5, 7e4)])
+def test_other_units_change_nothing(seed: int, length: float, time: float) -> None:
+    problem = random_problem(seed, jerk=True, asymmetric=False)
+    speed = length / time
+    own = problem.limits
+    limits = Limits(own.velocity * speed, own.acceleration * speed / time,
+                    own.jerk * speed / time**2)  # fmt: skip
+    moved = RuckigStop().solve(Problem(problem.waypoints * length, limits)).trajectory
+    original = RuckigStop().solve(problem).trajectory
+    assert moved.duration == pytest.approx(original.duration * time, rel=1e-9)
+    for fraction in (0.1, 0.5, 0.9):
+        np.testing.assert_allclose(
+            moved(moved.duration * fraction) / length, original(original.duration * fraction),
+            atol=1e-7 * np.ptp(problem.waypoints),
+        )  # fmt: skip

@@ -1,0 +1,127 @@
+"""A trajectory for other programs: CSV samples, exact JSON, HDF5 as the store keeps it."""
+
+import csv
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from trajopt import InvalidInput, Limits, Problem, StoreError
+from trajopt.benchmark.export import motion as export
+from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.trial import judge
+from trajopt.planner import load
+
+PROBLEM = Problem([[0, 0.1], [0.4, 0], [1, 0.3], [1.5, 1]], Limits([1, 2], [2, 3]), "two joints")
+
+
+@pytest.fixture(scope="module")
+def trial():
+    """Claimed in 0.6 s, ten times too fast: what is exported must be the certified one."""
+    trial = judge(load("unoptimised:segment_time=0.2"), PROBLEM, [0], "unoptimised")[0]
+    assert trial.certificate.dilation > 2
+    return trial
+
+
+def written(path, trial, rate=100.0):
+    export.writer(path)(path, trial, rate)
+    return path
+
+
+def table(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    return header, np.array(rows, dtype=float)
+
+
+def test_csv_has_one_row_per_sample_and_the_end_last(tmp_path, trial):
+    header, rows = table(written(tmp_path / "t.csv", trial))
+    assert header == ["time", "q1", "q2", "v1", "v2", "a1", "a2"]
+    n = int(np.floor(trial.certified_duration * 100))
+    np.testing.assert_allclose(rows[:-1, 0], np.arange(n + 1) / 100, atol=1e-15)
+    assert rows[-1, 0] == trial.certified_duration
+    assert (np.diff(rows[:, 0]) > 0).all()
+
+
+def test_csv_holds_the_claimed_path_slowed_down_to_the_limits(tmp_path, trial):
+    _, rows = table(written(tmp_path / "t.csv", trial))
+    k, claimed = trial.certificate.dilation, trial.solution.trajectory
+    for order in range(3):
+        expected = claimed(rows[:, 0] / k, order) / k**order
+        np.testing.assert_allclose(
+            rows[1:-1, 1 + 2 * order : 3 + 2 * order], expected[1:-1], atol=1e-9
+        )
+    np.testing.assert_allclose(rows[[0, -1], 1:3], PROBLEM.waypoints[[0, -1]], atol=1e-12)
+    use = np.abs(rows[:, 3:] / [1, 2, 2, 3]).max()
+    assert use == pytest.approx(1, abs=0.01)
+    assert use <= 1 + 1e-9
+
+
+def test_csv_is_sampled_at_the_rate_asked_for(tmp_path, trial):
+    _, rows = table(written(tmp_path / "t.csv", trial, rate=7.0))
+    np.testing.assert_allclose(np.diff(rows[:-1, 0]), 1 / 7, rtol=1e-12)
+    _, rows = table(written(tmp_path / "u.csv", trial, rate=1e-3))
+    assert rows[:, 0].tolist() == [0, trial.certified_duration]
+
+
+@pytest.mark.parametrize("rate", [333.3, 997.0, 1000.0])
+def test_rounding_never_adds_a_sample_beyond_the_end(tmp_path, trial, rate):
+    """Durations one rounding below a multiple of the period."""
+    for n in range(400, 2400, 50):
+        duration = np.nextafter(n / rate, 0)
+        one = judge(load(f"unoptimised:segment_time={duration / 3}"), PROBLEM, [0], "x")[0]
+        if one.certificate.dilation > 1:
+            continue
+        _, rows = table(written(tmp_path / "t.csv", one, rate))
+        assert rows[-1, 0] == one.certified_duration
+        assert (np.diff(rows[:, 0]) > 0).all()
+
+
+def test_json_is_the_exact_certified_polynomial_and_the_verdict(tmp_path, trial):
+    def refuse(word):
+        raise AssertionError(word)
+
+    found = json.loads(
+        written(tmp_path / "t.json", trial).read_text("utf-8"), parse_constant=refuse
+    )
+    k, claimed = trial.certificate.dilation, trial.solution.trajectory
+    np.testing.assert_allclose(found["breaks"], claimed.breaks * k, rtol=1e-12)
+    powers = np.arange(len(claimed.coefficients))[::-1, None, None]
+    np.testing.assert_allclose(
+        found["coefficients"], claimed.coefficients / k**powers, rtol=1e-9, atol=1e-12
+    )
+    assert found["certified_duration"] == found["waypoint_times"][-1] == found["breaks"][-1]
+    assert found["options"] == {"segment_time": 0.2}
+
+
+def test_hdf5_is_a_trial_of_the_store(tmp_path, trial):
+    path = written(tmp_path / "t.h5", trial)
+    (back,) = store.read(path)
+    assert back.id == trial.id
+    assert back.as_dict() == trial.as_dict()
+    with h5py.File(path) as file:
+        record = json.loads(file["record"][()])
+    assert record["certified_duration"] == trial.certified_duration
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json"])
+def test_nothing_certified_is_nothing_to_write(tmp_path, suffix):
+    stuck = judge(load("unoptimised"), Problem([[0], [1]], Limits([1], [1])), [0], "unoptimised")[0]
+    with pytest.raises(StoreError, match="unsupported"):
+        written(tmp_path / f"t.{suffix}", stuck)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["t", "t.txt", "t.csv.gz", ".csv"])
+def test_an_unknown_ending_is_refused(tmp_path, name):
+    with pytest.raises(InvalidInput, match=r"--out.*\.csv, \.json or \.h5"):
+        export.writer(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json", "h5"])
+def test_folders_are_made_and_a_file_in_their_place_is_an_os_error(tmp_path, trial, suffix):
+    assert written(tmp_path / "a" / "b" / f"t.{suffix}", trial).stat().st_size > 100
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="file"):
+        written(tmp_path / "file" / f"t.{suffix}", trial)

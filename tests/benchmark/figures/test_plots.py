@@ -1,0 +1,322 @@
+"""Figures show the numbers they were given: data, limits and signs, never pixels."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.figures import draw as figures
+from trajopt.benchmark.figures import plots
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.benchmark.trial import Trial, judge
+from trajopt.planner import Relation, load
+from trajopt.problem import Limits, Problem
+from trajopt.solution import Solution, Status
+from trajopt.trajectory import Trajectory
+
+LONG = "issa:fitness=scaled,timing=per-joint"
+
+
+def table(**changes: object) -> pd.DataFrame:
+    """A made-up summary: exact, a stochastic planner, and one without a certified duration."""
+    rows = {
+        "label": ["unsupporting", LONG, "exact"],
+        "median": [np.nan, 4.5, 1.5], "q1": [np.nan, 4.25, 1.5], "q3": [np.nan, 5.0, 1.5],
+        "min": [np.nan, 4.0, 1.5], "max": [np.nan, 6.0, 1.5], "gap": [np.nan, 2.0, 0.0],
+        "kind": ["exact"] * 3, "reference": [1.5] * 3, "runs": [1, 30, 1], "solved": [0, 30, 1],
+        "lower_bound": [np.nan] * 3, "status": ["unsupported", "solved", "solved"],
+    }  # fmt: skip
+    return pd.DataFrame(rows | changes)
+
+
+def motion_of(joints: int, jerk: bool = False) -> tuple[Problem, Trajectory]:
+    """Every joint from 0 to 1 rad in 2 s: acceleration +1, then −1 rad/s²; asymmetric limits."""
+    velocity = [[-1.5, 2.0 + j] for j in range(joints)]
+    limits = Limits(velocity, [3.0] * joints, [50.0] * joints if jerk else None)
+    problem = Problem(np.repeat([[0.0], [0.5], [1.0]], joints, axis=1), limits, "made-up")
+    pieces = np.array([[0.5, -0.5], [0.0, 1.0], [0.0, 0.5]])
+    coefficients = np.repeat(pieces[:, :, None], joints, axis=2)
+    return problem, Trajectory([0.0, 1.0, 2.0], coefficients, [0.0, 1.0, 2.0])
+
+
+def texts(figure: Figure) -> list[str]:
+    found = [t.get_text() for t in figure.findobj(Text) if isinstance(t, Text)]
+    return [t for t in found if t]
+
+
+def overlaps(figure: Figure) -> list[tuple[str, str]]:
+    """Pairs of drawn texts whose boxes overlap by more than a point."""
+    FigureCanvasAgg(figure).draw()
+    every = {id(t): t for t in figure.findobj(Text) if isinstance(t, Text)}
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        drawn = axis._update_ticks()  # type: ignore[attr-defined]
+        for tick in {*axis.majorTicks, *axis.minorTicks} - set(drawn):  # type: ignore[attr-defined]
+            every.pop(id(tick.label1), None)
+    shown = [t for t in every.values() if t.get_visible() and t.get_text().strip()]
+    boxes = [(t.get_text(), t.get_window_extent().padded(-1.0)) for t in shown]
+    return [(a, b) for i, (a, one) in enumerate(boxes) for b, two in boxes[:i] if one.overlaps(two)]
+
+
+def test_an_overlap_would_be_seen() -> None:
+    figure = plots.durations(table())
+    figure.text(0.1, 0.02, "over the legend " * 9)
+    assert overlaps(figure) != []
+
+
+def test_dots_are_the_medians_the_shortest_first() -> None:
+    axes = plots.durations(table(), "t").axes[0]
+    assert sorted(line.get_xydata().tolist() for line in axes.lines) == [[[1.5, 0]], [[4.5, 1]]]
+    labels = [t.get_text() for t in axes.get_yticklabels()]
+    assert [label.replace("\n", "") for label in labels] == ["exact", LONG, "unsupporting"]
+
+
+def test_whiskers_are_quartiles_and_range() -> None:
+    axes = plots.durations(table()).axes[0]
+    drawn = [s.tolist() for c in axes.collections for s in c.get_segments()]  # type: ignore[attr-defined]
+    assert [[4.0, 1.0], [6.0, 1.0]] in drawn
+    assert [[4.25, 1.0], [5.0, 1.0]] in drawn
+
+
+def test_gaps_keep_their_sign_and_status_is_said() -> None:
+    shown = texts(plots.durations(table(gap=[np.nan, 2.0, -0.0123])))
+    assert {"+200.0 %", "−1.23 %", "unsupported"} <= set(shown)
+    assert plots.percent(1.9048) == "+190.5 %"
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("exact", "exact optimum"),
+        ("refined", "refined optimum"),
+        ("lower bound", "optimum ≥ lower bound"),
+    ],
+)
+def test_the_reference_is_a_line_and_named_for_what_it_is(kind: str, words: str) -> None:
+    figure = plots.durations(table(kind=[kind] * 3))
+    assert f"{words} 1.500 s" in texts(figure)
+    (line,) = [c for c in figure.axes[0].collections if str(c.get_label()).startswith(words)]
+    assert line.get_segments()[0][:, 0].tolist() == [1.5, 1.5]  # type: ignore[attr-defined]
+
+
+def test_without_reference_or_durations() -> None:
+    assert "gap" not in texts(
+        plots.durations(table(gap=[np.nan] * 3, kind=[np.nan] * 3, reference=[np.nan] * 3))
+    )
+    bounded = table(lower_bound=[1.25] * 3).iloc[:1]
+    assert "unsupported (lower bound 1.250 s)" in texts(plots.durations(bounded))
+
+
+@pytest.mark.parametrize("planners", [1, 4, 15])
+def test_no_text_overlaps(planners: int) -> None:
+    labels = [f"{LONG},evaluations={10**k}" for k in range(planners)]
+    summary = pd.concat([table().iloc[1:2].assign(label=label, solved=20) for label in labels])
+    assert overlaps(plots.durations(summary, "problem")) == []
+    gaps = pd.concat([pd.DataFrame({"label": x, "gap": [0.5, 0.7, 1.9]}) for x in labels])
+    assert overlaps(plots.gap_distribution(gaps, "problem")) == []
+    runs = [np.array([[1, np.nan], [10, 6.0], [3000, 4.4]])]
+    assert overlaps(plots.convergence(dict.fromkeys(labels, runs), 4.3, "problem")) == []
+
+
+@pytest.mark.parametrize("joints", [1, 6, 12])
+def test_motion_has_a_row_per_joint_counted_from_one(joints: int) -> None:
+    problem, trajectory = motion_of(joints)
+    figure = plots.motion(problem, trajectory, trajectory.dilated(1.5), "title")
+    assert len(figure.axes) == 3 * joints
+    assert [a.get_ylabel() for a in figure.axes[::3]] == [
+        f"joint {j + 1} (rad)" for j in range(joints)
+    ]
+    assert [a.get_ylabel() for a in figure.axes[1:3]] == ["rad/s", "rad/s²"]
+    assert overlaps(figure) == []
+
+
+def test_motion_draws_limits_waypoints_and_both_curves() -> None:
+    problem, trajectory = motion_of(2)
+    figure = plots.motion(problem, trajectory, trajectory.dilated(2.0), "title")
+    lines = [line for line in figure.axes[4].lines if line.get_color() == plots.VERMILION]
+    assert sorted(line.get_ydata()[0] for line in lines) == [-1.5, 3.0]
+    assert figure.axes[4].get_ylim()[0] < -1.5
+    assert figure.axes[4].get_ylim()[1] > 3.0
+    marks = figure.axes[0].lines[-1]
+    np.testing.assert_array_equal(marks.get_xydata(), [[0, 0], [1, 0.5], [2, 1]])
+    (verticals,) = [c for c in figure.axes[5].collections if hasattr(c, "get_segments")]
+    assert [s[0][0] for s in verticals.get_segments()] == [0, 1, 2]
+    grey, blue = figure.axes[1].lines[:2]
+    assert grey.get_color() == plots.GREY
+    assert grey.get_xdata()[-1] == 4.0
+    assert max(blue.get_ydata()) == 1.0
+    assert {"exact optimum", "limit", "waypoint", "planner"} <= set(texts(figure))
+
+
+def test_jerk_has_a_column_only_where_it_is_limited() -> None:
+    assert len(plots.motion(*motion_of(1, jerk=True)).axes) == 4
+    assert len(plots.motion(*motion_of(1)).axes) == 3
+
+
+def test_jumps_are_vertical() -> None:
+    time, acceleration = plots.sampled_exactly(motion_of(1)[1], 2)
+    assert time.tolist() == [0, 1, 1, 2]
+    assert acceleration[:, 0].tolist() == [1, 1, -1, -1]
+
+
+def test_curves_are_the_trajectory_itself() -> None:
+    trajectory = load("unoptimised").solve(suite.load("six-axis")).trajectory
+    assert trajectory is not None
+    time, values = plots.sampled_exactly(trajectory, 1)
+    inside = ~np.isin(time, trajectory.breaks)
+    np.testing.assert_allclose(values[inside], trajectory(time[inside], 1), atol=1e-12)
+
+
+def test_quartiles_over_seeds_count_runs_without_a_candidate_as_infinite() -> None:
+    rng = np.random.default_rng(0)
+    runs = []
+    for first in (1, 3, 40, 700, 5):
+        spent = np.unique(np.r_[first, rng.integers(first, 1000, 20), 1000])
+        best = np.sort(rng.uniform(4, 9, len(spent)))[::-1]
+        best[0] = np.nan
+        runs.append(np.column_stack([spent, best]))
+    evaluations, quartiles = plots.over_seeds(runs)
+    for n, drawn in zip(evaluations, quartiles.T, strict=True):
+        now = [next((b for e, b in run[::-1] if e <= n), np.nan) for run in runs]
+        ranked = sorted(np.nan_to_num(now, nan=np.inf))  # of five: the 2nd, 3rd and 4th
+        np.testing.assert_array_equal(np.nan_to_num(drawn, nan=np.inf), ranked[1:4])
+    assert np.isnan(quartiles[1, 0])
+    assert np.isfinite(quartiles[:, -1]).all()
+
+
+def test_the_median_of_an_even_number_needs_one_more_than_half() -> None:
+    runs = [np.array([[k, 5.0 + k], [8, 5.0 + k]]) for k in (1, 2, 4, 8)]
+    evaluations, quartiles = plots.over_seeds(runs)
+    assert np.isnan(quartiles[1, evaluations < 4]).all()
+    assert quartiles[1, -1] == np.median([6, 7, 9, 13])
+
+
+def test_convergence_draws_the_median_and_the_best_353() -> None:
+    runs = [
+        np.array([[1, np.nan], [2, 6.0], [100, 5.0]]),
+        np.array([[1, 8.0], [50, 4.0], [100, 4.0]]),
+    ]
+    figure = plots.convergence({"pso": runs}, 4.0)
+    curve, line = figure.axes[0].lines
+    evaluations, quartiles = plots.over_seeds(runs)
+    np.testing.assert_array_equal(curve.get_xydata(), np.column_stack([evaluations, quartiles[1]]))
+    assert list(line.get_ydata()) == [4.0, 4.0]
+    assert curve.get_drawstyle() == "steps-post"
+    assert figure.axes[1].lines[0].get_ydata()[-1] == pytest.approx(12.5)
+    assert len(plots.convergence({"pso": runs}).axes) == 1
+
+
+def test_gap_distribution_shows_every_run_and_those_that_ran_once() -> None:
+    runs = pd.DataFrame({"label": "pso", "gap": [0.3, 0.1, 0.2, np.nan]})
+    once = pd.DataFrame({"label": ["near", "far"], "gap": [0.15, 5.0]})
+    figure = plots.gap_distribution(pd.concat([runs, once]))
+    left, right = figure.axes
+    (dots,) = [line for line in left.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(dots.get_xdata(), [10, 20, 30])
+    (above,) = [line for line in right.lines if line.get_marker() == "o"]
+    np.testing.assert_allclose(above.get_xdata(), [plots.FLOOR, 10, 20])
+    assert "near" in texts(figure)
+    assert "far" not in texts(figure)
+
+
+def test_saved_files_are_whole_and_always_the_same(tmp_path: Path) -> None:
+    before = dict(matplotlib.rcParams)
+    for name in ("one", "two"):
+        png, svg = plots.save(plots.durations(table()), tmp_path / f"{name}.v1")
+        assert png.read_bytes().startswith(b"\x89PNG\r\n")
+        root = ElementTree.fromstring(svg.read_text(encoding="utf-8"))
+        assert "+200.0 %" in "".join(root.itertext())
+    for suffix in ("png", "svg"):
+        one, two = (tmp_path / f"{n}.v1.{suffix}" for n in ("one", "two"))
+        assert one.read_bytes() == two.read_bytes()
+    assert before == dict(matplotlib.rcParams)
+
+
+def test_file_names_are_portable_and_never_clash() -> None:
+    digests = ["a" * 64, "b" * 64, "c" * 64, "d" * 64, "e" * 64]
+    names = ["../x y", "x_y", LONG, "..", "X:Y"]
+    found = figures.distinct_names(list(zip(names, digests, strict=True)))
+    assert found == [
+        "x_y-aaaaaaaa", "x_y-bbbbbbbb", "issa_fitness=scaled_timing=per-joint", "_", "X_Y-eeeeeeee",
+    ]  # fmt: skip
+    assert len(figures.distinct_names([("n" * 500, "0" * 64)])[0]) < 100
+
+
+class Sleepy:
+    """A stochastic planner: the unoptimised answer, later with every seed; seed 3 fails."""
+
+    stochastic = True
+
+    def relation(self, problem: Problem) -> Relation:
+        return Relation.RESTRICTION
+
+    def unsupported(self, problem: Problem) -> str | None:
+        return None
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        found = load("unoptimised").solve(problem).trajectory
+        assert found is not None
+        history = np.array([[1.0, np.nan], [10.0, 8.0 + seed], [99.0, 6.0 + seed]])
+        late = None if seed == 3 else found.dilated(1 + seed / 10)
+        return Solution(Status.FAILED if seed == 3 else Status.SOLVED, late, history=history)
+
+
+@pytest.fixture(scope="module")
+def trials() -> list[Trial]:
+    problem = suite.load("one-joint")
+    return [
+        *judge(load("exact"), problem, [0], "exact"),
+        *judge(load("unoptimised"), problem, [0], "unoptimised"),
+        *judge(Sleepy(), problem, range(4), "sleepy:deeply"),
+    ]
+
+
+def test_draw_writes_every_figure_of_a_problem(trials: list[Trial], tmp_path: Path) -> None:
+    files = figures.draw(Results(trials), tmp_path)
+    stems = {
+        "durations",
+        "motion-exact",
+        "motion-unoptimised",
+        "motion-sleepy_deeply",
+        "convergence",
+        "gaps",
+    }
+    expected = {tmp_path / "one-joint" / f"{s}.{x}" for s in stems for x in ("png", "svg")}
+    assert set(files) == expected == set((tmp_path / "one-joint").iterdir())
+    motion = (tmp_path / "one-joint" / "motion-sleepy_deeply.svg").read_text(encoding="utf-8")
+    assert "median of 3 runs, seed 1" in motion
+    assert "exact optimum" in motion
+
+
+def test_problems_of_one_name_do_not_overwrite_each_other(tmp_path: Path) -> None:
+    problems = [Problem([[0.0], [x]], Limits([1.0], [1.0]), "same") for x in (1.0, 2.0)]
+    items = [t for p in problems for t in judge(load("exact"), p, [0], "exact")]
+    folders = {file.parent.name for file in figures.draw(Results(items), tmp_path)}
+    assert folders == {f"same-{p.digest()[:8]}" for p in problems}
+
+
+def test_a_relaxed_optimum_is_called_a_lower_bound(tmp_path: Path) -> None:
+    problem = suite.load("jerk-limit")
+    items = [t for n in ("exact", "unoptimised") for t in judge(load(n), problem, [0], n)]
+    figures.draw(Results(items), tmp_path)
+    motion = (tmp_path / "jerk-limit" / "motion-unoptimised.svg").read_text(encoding="utf-8")
+    assert "optimum without jerk limits (lower bound)" in motion
+    assert not (tmp_path / "jerk-limit" / "motion-exact.svg").exists()
+    chart = (tmp_path / "jerk-limit" / "durations.svg").read_text(encoding="utf-8")
+    assert "optimum ≥ lower bound" in chart
+
+
+def test_runs_that_nothing_certified_found_nothing(trials: list[Trial]) -> None:
+    histories = figures._histories(trials, best=5.0)
+    assert list(histories) == [trials[-1].label]
+    assert figures._histories(trials, best=6.1) == {}  # beats every 3-5-3: not one of them
+    last = [h[-1, 1] for h in histories[trials[-1].label]]
+    np.testing.assert_array_equal(last, [6, 7, 8, np.nan])

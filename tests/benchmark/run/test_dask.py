@@ -1,0 +1,99 @@
+"""Trials on someone else's workers: any executor, and Dask's, one of whose workers is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import dask
+import pytest
+from distributed import Client, LocalCluster
+
+from trajopt import InvalidInput, Status
+from trajopt.benchmark import compare as run
+from trajopt.benchmark.run import dask as cluster
+from trajopt.benchmark.run import workers
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.cli import app as cli
+from trajopt.exceptions import WorkerError
+from trajopt.planner import load
+from trajopt.unoptimised import Unoptimised
+
+PROBLEM = suite.load("one-joint")
+
+
+@dataclass(frozen=True)
+class Killing(Unoptimised):
+    """Takes its process down."""
+
+    def solve(self, problem, *, seed=0):  # type: ignore[no-untyped-def]
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def statuses(folder, executor, **more):  # type: ignore[no-untyped-def]
+    planners = [("ruckig-stop", load("ruckig-stop")), ("killing", Killing())]
+    results = run.compare([PROBLEM], planners, folder, executor=executor, **more)
+    return {t.planner: t.status for t in results.items}
+
+
+EXPECTED = {"exact": Status.SOLVED, "ruckig-stop": Status.SOLVED, "killing": Status.CRASHED}
+
+
+def test_any_executor_will_do_and_a_planner_that_dies_costs_its_trial(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(2) as executor:
+        assert statuses(tmp_path / "threads", executor) == EXPECTED
+
+
+def test_a_process_pool_is_not_broken_by_a_planner_that_dies(tmp_path: Path) -> None:
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        assert statuses(tmp_path / "processes", executor) == EXPECTED
+
+
+def test_a_worker_killed_during_the_run_has_its_trials_run_elsewhere(tmp_path: Path) -> None:
+    killed: list[int] = []
+
+    def kill(_: int) -> None:
+        if pids and len(list((tmp_path / "trials").glob("*.h5"))) >= 2:
+            killed.append(pids.pop())
+            os.kill(killed[-1], signal.SIGKILL)
+
+    planners = [("pso", load("pso:iterations=30")), ("ruckig-stop", load("ruckig-stop"))]
+    problems = [suite.load(name) for name in ("six-axis", "resting-joint", "reversal")]
+    with (
+        dask.config.set({"distributed.worker.daemon": False}),
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local,
+        Client(local) as client,
+        cluster.executor(local.scheduler_address) as executor,
+    ):
+        pids = sorted(client.run(os.getpid).values())[:1]
+        results = run.compare(
+            problems, planners, tmp_path, seeds=20, executor=executor, progress=kill
+        )
+    assert len(killed) == 1
+    assert [t.status for t in results.items] == [Status.SOLVED] * (3 * (20 + 1 + 1))
+
+
+def test_a_worker_that_may_not_have_children_says_how_to_start_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        workers.multiprocessing, "current_process", lambda: type("P", (), {"daemon": 1})
+    )
+    with ThreadPoolExecutor(1) as executor, pytest.raises(WorkerError, match="DAEMON=False"):
+        statuses(tmp_path, executor)
+
+
+def test_nobody_at_the_address_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    with pytest.raises(InvalidInput, match="scheduler"), cluster.executor("tcp://127.0.0.1:9"):
+        pass
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["compare", "one-joint", "--dask", "nonsense", "--output", str(tmp_path)])
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.startswith("trajopt: --dask is 'nonsense'")

@@ -1,0 +1,70 @@
+"""A disk that is really full: a small tmpfs, where the tests may mount one (as root, on Linux)."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from trajopt import StoreError
+from trajopt.benchmark import compare as run
+from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.planner import load
+
+PROBLEMS = [suite.load("one-joint"), suite.load("reversal")]
+PLANNERS = [(name, load(name)) for name in ("unoptimised", "ruckig-stop")]
+PLANNERS.append(("pso", load("pso:iterations=20")))
+TRIALS = 2 * (1 + 1 + 8 + 1)  # with exact, the reference
+
+
+def mount(place: Path, options: str) -> bool:
+    command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)]
+    try:
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+    except OSError:
+        return False
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """An empty disk of 100 KB."""
+    if not mount(tmp_path, "size=100k"):
+        pytest.skip("may not mount a tmpfs")
+    yield tmp_path
+    subprocess.run(["umount", "--lazy", str(tmp_path)], check=True)
+
+
+def compared(folder: Path) -> list[str]:
+    results = run.compare(PROBLEMS, PLANNERS, folder, seeds=8, jobs=1)
+    return sorted(t.id for t in results.items)
+
+
+def test_a_full_disk_is_said_keeps_what_is_finished_and_the_run_goes_on(disk: Path) -> None:
+    folder = disk / "results"
+    with pytest.raises(StoreError, match=r"cannot be written: No space left on device"):
+        compared(folder)
+    kept = {t.id for t in store.read(folder)}  # a torn file would be a warning, an error here
+    assert 0 < len(kept) < TRIALS
+    assert not list(folder.rglob(".*.tmp"))
+    before = {file: file.stat().st_mtime_ns for file in folder.glob("trials/*.h5")}
+    assert mount(disk, "remount,size=20m")
+    found = compared(folder)
+    assert len(found) == TRIALS
+    assert kept < set(found)
+    assert {file: file.stat().st_mtime_ns for file in before} == before
+
+
+def test_no_room_for_the_results_loses_no_trial_and_no_older_results(disk: Path) -> None:
+    assert mount(disk, "remount,size=20m")
+    found = compared(disk / "results")
+    results = store.Store(disk / "results")
+    old = results.results.read_bytes()
+    (disk / "filler").write_bytes(bytes(shutil.disk_usage(disk).free))
+    with pytest.raises(StoreError, match=r"results\.h5: cannot be written: No space left"):
+        results.consolidate()
+    assert results.results.read_bytes() == old
+    assert sorted(t.id for t in store.read(disk / "results")) == found

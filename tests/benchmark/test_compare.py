@@ -1,0 +1,289 @@
+"""The runner: whatever a planner does is a recorded trial, and nothing finished runs twice."""
+
+import os
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trajopt import (
+    InvalidInput,
+    Limits,
+    MissingBackend,
+    Problem,
+    Relation,
+    Solution,
+    Status,
+    StoreError,
+    Trajectory,
+)
+from trajopt.benchmark import compare as run
+from trajopt.benchmark.run import workers
+from trajopt.benchmark.store import folder as store
+from trajopt.planner import load
+
+PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
+FAST = [("exact", load("exact:starts=1"))]
+
+
+def quintic(problem, t):
+    h, n = problem.displacements, problem.segments
+    c = np.zeros((6, n, problem.joints))
+    c[0], c[1], c[2], c[5] = 6 * h / t**5, -15 * h / t**4, 10 * h / t**3, problem.waypoints[:-1]
+    return Trajectory(t * np.arange(n + 1), c, t * np.arange(n + 1))
+
+
+@dataclass(frozen=True)
+class Mine:
+    """Behaves as told; leaves a mark in `log` whenever it runs."""
+
+    does: str = "solve"
+    log: str = ""
+    segment_time: float = 2.0
+    stochastic: bool = False
+
+    def relation(self, problem):
+        return Relation.RESTRICTION
+
+    def unsupported(self, problem):
+        return "not for me" if self.does == "refuse" else None
+
+    def solve(self, problem, *, seed=0):
+        if self.log:
+            with Path(self.log).open("a") as file:
+                file.write(f"{self.segment_time}:{seed}\n")
+        match self.does:
+            case "raise":
+                raise RuntimeError("I will not")
+            case "exit":
+                sys.exit(3)
+            case "die":
+                os._exit(7)
+            case "devour":
+                return Solution(Status.FAILED, stats={"big": np.ones(2**28)})  # 2 GiB
+            case "killed":  # as a machine that runs out of memory does
+                os.kill(os.getpid(), signal.SIGKILL)
+            case "hang":
+                time.sleep(600)
+            case "number":
+                return 42
+            case "string":
+                return Solution(Status.SOLVED, "a trajectory")
+            case "status":
+                return Solution("splendid", quintic(problem, 2.0))
+            case "history":
+                return Solution(Status.SOLVED, quintic(problem, 2.0), history=np.zeros(3))
+            case "stats":
+                return Solution(Status.SOLVED, quintic(problem, 2.0), stats={"x": object()})
+            case "nothing":
+                return Solution(Status.SOLVED)
+            case "joints":
+                return Solution(Status.SOLVED, Trajectory([0, 1], np.ones((1, 1, 2)), [0, 1]))
+            case "astray":
+                return Solution(
+                    Status.SOLVED, quintic(Problem([[0], [1], [2], [9]], problem.limits), 9)
+                )
+            case "missing":
+                raise MissingBackend("nosuchsolver")
+        return Solution(Status.SOLVED, quintic(problem, self.segment_time + seed / 8))
+
+
+@dataclass(frozen=True)
+class Together(Mine):
+    def solve_batch(self, problem, seeds):
+        with Path(self.log).open("a") as file:
+            file.write(f"batch {list(seeds)}\n")
+        return [super(Together, self).solve(problem, seed=s) for s in seeds]
+
+
+def compare(planners, folder, **options):
+    return run.compare([PROBLEM], [*planners, *FAST], folder, **options)
+
+
+def lines(path):
+    return Path(path).read_text().splitlines() if Path(path).exists() else []
+
+
+EXPECTED = {
+    "raise": (Status.CRASHED, "I will not"),
+    "exit": (Status.CRASHED, "SystemExit: 3"),
+    "number": (Status.CRASHED, "42"),
+    "string": (Status.CRASHED, "'a trajectory'"),
+    "status": (Status.CRASHED, "'splendid'"),
+    "history": (Status.CRASHED, "history"),
+    "stats": (Status.CRASHED, "Error"),
+    "nothing": (Status.FAILED, "without a trajectory"),
+    "joints": (Status.INVALID, "2 joints; the problem has 1"),
+    "astray": (Status.INVALID, "misses the waypoint"),
+    "missing": (Status.MISSING, "pip install nosuchsolver"),
+    "refuse": (Status.UNSUPPORTED, "not for me"),
+    "solve": (Status.SOLVED, ""),
+}
+
+
+def check(results, expected):
+    found = {t.planner: t for t in results.items}
+    assert found.keys() == {*expected, "exact"}
+    for name, (status, words) in expected.items():
+        assert found[name].status is status, (name, found[name].message)
+        assert words in found[name].message, name
+        assert (found[name].certified_duration is not None) == (name == "solve")
+    assert found["exact"].certified_duration == pytest.approx(2.0, abs=1e-6)
+
+
+def test_every_misdeed_is_recorded_and_the_others_go_on(tmp_path):
+    results = compare([(name, Mine(name)) for name in EXPECTED], tmp_path)
+    check(results, EXPECTED)
+    assert {t.id: t.status for t in store.read(tmp_path / "results.h5")} == {
+        t.id: t.status for t in results.items
+    }
+
+
+def test_dying_hanging_and_devouring_in_worker_processes_cost_one_trial_each(tmp_path):
+    expected = {
+        "die": (Status.CRASHED, "exit code 7"),
+        "hang": (Status.TIMEOUT, "stopped after 6 s"),
+        "devour": (Status.CRASHED, "out of memory"),
+        "killed": (Status.CRASHED, "was killed, perhaps because the machine ran out of memory"),
+        **{name: EXPECTED[name] for name in ("raise", "exit", "string", "stats", "solve")},
+    }
+    planners = [(name, Mine(name)) for name in expected]
+    check(compare(planners, tmp_path, jobs=2, timeout=6.0, memory=1.0), expected)
+
+
+def test_a_kept_child_forgets_the_memory_limit_of_an_earlier_run(monkeypatch):
+    resource, held = pytest.importorskip("resource"), []
+    free = resource.RLIM_INFINITY
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (7, free))
+    monkeypatch.setattr(resource, "setrlimit", lambda kind, limits: held.append(limits))
+    workers._hold_to(1.5)
+    workers._hold_to(None)
+    monkeypatch.setattr(resource, "getrlimit", lambda kind: (7, 2**20))
+    workers._hold_to(1.5)  # never above what the system allows
+    assert held == [(3 * 2**29, free), (free, free), (2**20, 2**20)]
+
+
+def test_a_planner_of_mine_is_judged_like_ours_here_and_in_other_processes(tmp_path):
+    @dataclass(frozen=True)
+    class Local(Mine):  # not importable: only its pickled self reaches the worker
+        pass
+
+    planners = [("local", Local(segment_time=0.1)), ("pso", load("pso:iterations=20"))]
+    here = compare(planners, tmp_path / "a", seeds=2)
+    there = compare(planners, tmp_path / "b", seeds=2, jobs=2)
+    # 15/8 · 0.6 rad / 0.1 s against 1 rad/s; 10/√3 · 0.6 / 0.1² against 2 rad/s²
+    k = max(15 / 8 * 6, np.sqrt(10 / np.sqrt(3) * 60 / 2))
+    (mine,) = [t for t in here.items if t.planner == "local"]
+    assert mine.certified_duration == pytest.approx(0.3 * k, rel=1e-9)
+    assert {t.id for t in here.items} == {t.id for t in there.items}
+    other = {t.id: t for t in there.items}
+    for trial in here.items:
+        for name in ("breaks", "coefficients", "waypoint_times"):
+            a, b = (getattr(t.solution.trajectory, name) for t in (trial, other[trial.id]))
+            np.testing.assert_array_equal(a, b, err_msg=trial.label)
+
+
+def test_the_second_time_nothing_runs_and_fresh_runs_everything(tmp_path):
+    planner = ("mine", Mine(log=str(tmp_path / "log")))
+    first = compare([planner], tmp_path)
+    again = compare([planner], tmp_path)
+    assert lines(tmp_path / "log") == ["2.0:0"]
+    assert [t.as_dict() for t in again.items] == [t.as_dict() for t in first.items]
+    compare([planner], tmp_path, fresh=True)
+    assert lines(tmp_path / "log") == ["2.0:0", "2.0:0"]
+
+
+def test_only_new_seeds_options_and_planners_run(tmp_path):
+    log = str(tmp_path / "log")
+    mine = Mine(log=log, stochastic=True)
+    assert len(compare([("mine", mine)], tmp_path, seeds=2).items) == 3
+    assert len(compare([("mine", mine)], tmp_path, seeds=3).items) == 4
+    assert lines(log) == ["2.0:0", "2.0:1", "2.0:2"]
+    changed = Mine(log=log, stochastic=True, segment_time=3.0)
+    results = compare([("mine", mine), ("mine", changed)], tmp_path, seeds=1)
+    assert lines(log)[3:] == ["3.0:0"]
+    durations = [t.claimed_duration for t in results.items if t.planner == "mine"]
+    assert sorted(durations) == [6.0, 9.0]
+    fewer = compare([("mine", mine)], tmp_path, seeds=1)
+    assert len(fewer.items) == 2
+    assert len(store.read(tmp_path)) == 5
+
+
+def test_a_refusal_is_recorded_once_however_many_seeds(tmp_path):
+    @dataclass(frozen=True)
+    class Broken(Mine):
+        def unsupported(self, problem):
+            raise RuntimeError("cannot say")
+
+    planners = [("no", Mine("refuse", stochastic=True)), ("?", Broken(stochastic=True))]
+    items = compare(planners, tmp_path, seeds=3).items
+    found = [(t.planner, t.seed, t.status) for t in items if t.planner != "exact"]
+    crashes = [("?", seed, Status.CRASHED) for seed in range(3)]
+    assert sorted(found) == [*crashes, ("no", 0, Status.UNSUPPORTED)]
+
+
+def test_recorded_failures_are_not_run_again_but_missing_backends_are(tmp_path):
+    log = str(tmp_path / "log")
+    planners = [("bad", Mine("raise", log)), ("absent", Mine("missing", log, 5.0))]
+    for _ in range(2):
+        compare(planners, tmp_path)
+    assert sorted(lines(log)) == ["2.0:0", "5.0:0", "5.0:0"]
+
+
+def test_a_damaged_trial_runs_again(tmp_path):
+    planner = ("mine", Mine(log=str(tmp_path / "log")))
+    results = compare([planner], tmp_path)
+    (mine,) = [t for t in results.items if t.planner == "mine"]
+    path = tmp_path / "trials" / f"{mine.id}.h5"
+    path.write_bytes(path.read_bytes()[:3000])
+    again = compare([planner], tmp_path)
+    assert len(lines(tmp_path / "log")) == 2
+    assert {t.id for t in again.items} == {t.id for t in results.items}
+
+
+def test_stochastic_planners_run_every_seed_and_the_others_once(tmp_path):
+    planners = [("a", Mine(stochastic=True)), ("b", Mine(segment_time=3.0))]
+    results = compare(planners, tmp_path, seeds=3)
+    assert sorted((t.planner, t.seed) for t in results.items) == [
+        ("a", 0), ("a", 1), ("a", 2), ("b", 0), ("exact", 0),
+    ]  # fmt: skip
+
+
+def test_solve_batch_gets_the_seeds_together_where_it_exists(tmp_path):
+    results = compare(
+        [("t", Together(log=str(tmp_path / "log"), stochastic=True))], tmp_path, seeds=4
+    )
+    assert lines(tmp_path / "log")[0] == "batch [0, 1, 2, 3]"
+    mine = {t.seed: t for t in results.items if t.planner == "t"}
+    assert {s: t.claimed_duration for s, t in mine.items()} == {0: 6, 1: 6.375, 2: 6.75, 3: 7.125}
+    assert {t.batch for t in mine.values()} == {4}
+
+
+def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
+    results = run.compare([PROBLEM], [("mine", Mine())], tmp_path)
+    assert sorted(t.planner for t in results.items) == ["exact", "mine"]
+    assert results.references()["kind"].tolist() == ["exact"]
+    assert [t.name for t in run.plan([PROBLEM], FAST * 2, 5)] == ["exact"]
+
+
+def test_progress_counts_every_trial_once(tmp_path):
+    for _ in range(2):
+        seen = []
+        compare([("a", Mine(stochastic=True))], tmp_path, seeds=3, progress=seen.append)
+        assert sum(seen) == 4
+
+
+def test_a_folder_that_cannot_be_written_is_an_error_not_a_trial(tmp_path):
+    (tmp_path / "file").write_text("")
+    for jobs in (0, 1):
+        with pytest.raises(StoreError, match="file"):
+            compare([("mine", Mine())], tmp_path / "file", jobs=jobs)
+
+
+def test_a_misspelt_option_is_the_caller_s_mistake():
+    with pytest.raises(InvalidInput, match="segment_tme"):
+        load("unoptimised:segment_tme=1")

@@ -1,0 +1,536 @@
+"""The command line as scripts and people meet it: words, keys, exit codes, one-line errors."""
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+from trajopt import Limits, Problem
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.cli import app as cli
+from trajopt.planner import entries, load, options
+
+NAMES = {
+    "unoptimised", "pso", "ssa", "issa", "spline353-nlp", "exact", "collocation", "toppra",
+    "ruckig", "ruckig-stop",
+}  # fmt: skip
+KEYS = [
+    "problem", "problem_file", "planner", "options", "seed", "status", "message",
+    "claimed_duration", "certified_duration", "lower_bound", "waypoint_times", "evaluations",
+    "setup_time", "solve_time", "certificate",
+]  # fmt: skip
+KINDS = ["velocity", "acceleration", "jerk", "position", "waypoint", "continuity"]
+
+
+@pytest.fixture
+def trajopt(capsys):
+    """Run a command here: exit code, stdout, stderr."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as stop:
+            cli.main([str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        return stop.value.code, out, err
+
+    return run
+
+
+def refuse(word):
+    raise AssertionError(f"{word} is not JSON")
+
+
+def parsed(text):
+    return json.loads(text, parse_constant=refuse)
+
+
+# --- list ---
+
+
+def test_list_json_has_every_planner_with_all_options_and_every_problem(trajopt):
+    code, out, err = trajopt("list", "--json")
+    found = parsed(out)
+    assert (code, err, list(found)) == (0, "", ["planners", "problems"])
+    planners = {p["name"]: p for p in found["planners"]}
+    assert planners.keys() >= NAMES
+    for name in NAMES:
+        assert planners[name]["available"] is True
+        assert planners[name]["missing"] is None
+        assert planners[name]["options"] == options(load(name))
+        assert "\n" not in planners[name]["description"]
+        assert planners[name]["description"]
+    assert planners["issa"]["options"]["iterations"] == 1000
+    assert {p["name"] for p in found["problems"]} == set(suite.problem_files())
+
+
+def test_list_for_people_names_everything_within_80_columns(trajopt):
+    code, out, _ = trajopt("list")
+    assert code == 0
+    assert all(name in out for name in NAMES | set(suite.problem_files()))
+    assert max(map(len, out.splitlines())) <= 80
+
+
+# --- plan ---
+
+
+def test_plan_json_has_exactly_the_promised_keys(trajopt):
+    code, out, err = trajopt(
+        "plan", "six-axis", "--planner", "pso:iterations=20", "--seed", 5, "--json"
+    )
+    found = parsed(out)
+    assert (code, err) == (0, "")
+    assert list(found) == KEYS
+    assert list(found["certificate"]) == ["feasible", "dilation", *KINDS]
+    assert (found["problem"], found["planner"], found["seed"]) == ("six-axis", "pso", 5)
+    assert found["problem_file"] == str(suite.find("six-axis"))
+    assert found["options"] == options(load("pso")) | {"iterations": 20}
+    for kind in KINDS:
+        worst = found["certificate"][kind]
+        word = "ratio" if kind in KINDS[:3] else "error"
+        assert worst is None or worst.keys() - {"order"} == {word, "joint", "time"}
+    assert found["certificate"]["jerk"] is found["certificate"]["position"] is None
+
+
+def test_one_json_object_and_nothing_else_through_a_real_process():
+    command = [
+        shutil.which("trajopt") or "trajopt",
+        "plan",
+        "one-joint",
+        "--planner",
+        "unoptimised",
+    ]
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert parsed(done.stdout)["certified_duration"] == 6.0
+
+
+def test_python_m_is_the_same_door():
+    command = [sys.executable, "-m", "trajopt.cli", "plan", "nosuch", "--planner", "exact"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert re.fullmatch(r"trajopt: .*'nosuch'.*\n", done.stderr)
+
+
+def test_joints_count_from_one(trajopt, tmp_path):
+    """Joint 2 goes ten times as far."""
+    problem = Problem([[0, 0], [0.1, 1], [0.2, 2], [0.3, 3]], Limits([1, 1], [1, 1]))
+    (tmp_path / "p.toml").write_text(problem.to_toml(), encoding="utf-8")
+    arguments = ("plan", tmp_path / "p.toml", "--planner", "unoptimised:segment_time=0.5")
+    worst = parsed(trajopt(*arguments, "--json")[1])["certificate"]
+    assert worst["velocity"]["joint"] == worst["acceleration"]["joint"] == 2
+    shown = trajopt(*arguments)[1]
+    assert re.search(r"velocity +\S+ of limit +2 ", shown)
+
+
+def test_waypoint_times_are_of_the_certified_trajectory(trajopt):
+    _, out, _ = trajopt("plan", "six-axis", "--planner", "unoptimised:segment_time=0.1", "--json")
+    found = parsed(out)
+    k = found["certificate"]["dilation"]
+    assert k > 2
+    assert found["certified_duration"] == pytest.approx(0.3 * k)
+    np.testing.assert_allclose(found["waypoint_times"], np.arange(4) * 0.1 * k, rtol=1e-12)
+
+
+@pytest.mark.parametrize("planner", ["exact", "unoptimised", "ruckig-stop", "toppra"])
+def test_waypoint_times_are_one_per_waypoint_of_the_file(trajopt, planner):
+    problem = suite.load("repeated")
+    same = ~problem.displacements.any(axis=1)
+    assert same.any()
+    code, out, _ = trajopt("plan", "repeated", "--planner", planner, "--json")
+    found = parsed(out)
+    assert code == 0
+    times = np.array(found["waypoint_times"])
+    assert times.shape == (len(problem.waypoints),)
+    np.testing.assert_array_equal(np.diff(times) == 0, same)
+
+
+def test_a_problem_that_a_planner_does_not_support_exits_1_and_says_why(trajopt):
+    code, out, err = trajopt("plan", "seven-waypoints", "--planner", "pso", "--json")
+    found = parsed(out)
+    assert (code, err, found["status"]) == (1, "", "unsupported")
+    assert "4" in found["message"] or "four" in found["message"]
+    absent = (
+        "claimed_duration",
+        "certified_duration",
+        "lower_bound",
+        "waypoint_times",
+        "certificate",
+    )
+    assert [found[key] for key in absent] == [None] * 5
+
+
+@pytest.mark.parametrize("suffix", ["csv", "json", "h5"])
+def test_out_writes_the_certified_trajectory(trajopt, tmp_path, suffix):
+    file = tmp_path / f"t.{suffix}"
+    code, out, err = trajopt(
+        "plan", "one-joint", "--planner", "unoptimised", "--out", file, "--json"
+    )
+    assert (code, err, parsed(out)["status"]) == (0, "", "solved")
+    if suffix == "csv":
+        table = np.loadtxt(file, delimiter=",", skiprows=1)
+        assert table[-1, 0] == 6.0
+        assert len(table) == 6001
+        assert table[-1, 1] == pytest.approx(suite.load("one-joint").waypoints[-1, 0])
+    elif suffix == "json":
+        assert parsed(file.read_text("utf-8"))["breaks"] == [0, 2, 4, 6]
+    else:
+        with h5py.File(file) as stored:
+            assert stored["trajectory/breaks"][()].tolist() == [0, 2, 4, 6]
+
+
+def test_nothing_to_write_exits_1_in_one_line(trajopt, tmp_path):
+    arguments = ("plan", "seven-waypoints", "--planner", "unoptimised", "--out", tmp_path / "t.csv")
+    code, _, err = trajopt(*arguments)
+    assert code == 1
+    assert re.fullmatch(r"trajopt: .*t\.csv.*\n", err)
+
+
+# --- bad input ---
+
+TOML = """angle_unit = "rad"
+waypoints = [[0, 0], [1, 1]]
+{}[limits]
+velocity = {}
+acceleration = [1, 1]
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["plan", "nosuch", "--planner", "exact"], ["nosuch", "six-axis"]),
+        (["plan", "no.toml", "--planner", "exact"], ["no.toml"]),
+        (["plan", "bad.toml", "--planner", "exact"], ["bad.toml", "TOML"]),
+        (["plan", "key.toml", "--planner", "exact"], ["key.toml", "colour", "waypoints"]),
+        (["plan", "limit.toml", "--planner", "exact"], ["limit.toml", "velocity", "joint 2", "-3"]),
+        (["plan", "six-axis", "--planner", "nosuch"], ["nosuch", "exact"]),
+        (["plan", "six-axis", "--planner", "pso:colour=1"], ["pso", "colour", "population"]),
+        (["plan", "six-axis", "--planner", "pso:iterations"], ["iterations", "key=value"]),
+        (["plan", "six-axis", "--planner", "pso:iterations=many"], ["iterations", "many", "int"]),
+        (["plan", "six-axis", "--planner", "pso:timing=never"], ["timing", "never", "shared"]),
+        (["plan", "six-axis", "--planner", "exact:starts=0"], ["starts", "0"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--seed", "-1"], ["--seed", "-1"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--seed", "x"], ["--seed", "x"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--rate", "nan"], ["--rate", "nan"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--rate", "inf"], ["--rate", "inf"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--out", "t.txt"], ["t.txt", ".csv"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--out", "bad.toml/t.csv"], ["bad.toml"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--out", "bad.toml/t.h5"], ["bad.toml"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--colour"], ["--colour"]),
+        (["plan", "six-axis"], ["--planner"]),
+        (["plan", "--planner", "exact"], ["problem"]),
+        (["list", "more"], ["more"]),
+        (["nonsense"], ["nonsense", "compare"]),
+        (["compare"], ["PROBLEM"]),
+        (["compare", "nosuch"], ["nosuch"]),
+        (["compare", "six-axis", "--planner", "pso:x=1"], ["pso", "x"]),
+        (["compare", "six-axis", "--seeds", "0"], ["--seeds", "0"]),
+        (["compare", "six-axis", "--jobs", "0"], ["--jobs", "0"]),
+        (["compare", "six-axis", "--timeout", "nan"], ["--timeout", "nan"]),
+        (
+            ["compare", "one-joint", "--planner", "unoptimised", "--output", "bad.toml"],
+            ["bad.toml"],
+        ),
+        (["verify"], ["path"]),
+        (["verify", "nowhere"], ["nowhere"]),
+        (["verify", "empty"], ["empty", "results folder"]),
+        (["verify", "bad.toml"], ["bad.toml", "HDF5"]),
+        (["verify", "other.h5"], ["other.h5"]),
+    ],
+    ids=lambda x: " ".join(x) if isinstance(x, list) and len(x) > 1 and "-" in str(x) else None,
+)
+def test_bad_input_exits_2_with_one_line_that_says_what(
+    trajopt, tmp_path, monkeypatch, arguments, words
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.toml").write_text("waypoints = [[")
+    (tmp_path / "key.toml").write_text(TOML.format("colour = 1\n", "[1, 1]"))
+    (tmp_path / "limit.toml").write_text(TOML.format("", "[1, -3]"))
+    (tmp_path / "empty").mkdir()
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = 1
+    code, out, err = trajopt(*arguments)
+    assert code == 2
+    assert re.fullmatch(r"trajopt: [^\n]+\n", err)
+    assert "Traceback" not in out
+    for word in words:
+        assert word.lower() in err.lower(), word
+
+
+def test_help_names_every_command_and_imports_nothing_heavy():
+    heavy = {"numpy", "scipy", "casadi", "h5py", "pandas", "matplotlib"}
+    code = "import atexit, sys; from trajopt.cli import main; "
+    code += f"atexit.register(lambda: print(sorted({heavy} & set(sys.modules)))); main(['--help'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert all(command in done.stdout for command in ("list", "plan", "compare", "verify"))
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+# --- compare and verify ---
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    """One comparison through real processes, whose folder the tests below read or copy."""
+    folder = tmp_path_factory.mktemp("compared") / "results"
+    specs = ["unoptimised", "unoptimised:segment_time=0.1", "pso:iterations=20", "exact:starts=1"]
+    command = [sys.executable, "-m", "trajopt.cli", "compare", "one-joint", "seven-waypoints"]
+    for spec in specs:
+        command += ["--planner", spec]
+    command += ["--seeds", "3", "--jobs", "2", "--output", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return folder, done, command
+
+
+def test_compare_prints_a_sorted_table_that_fits(compared):
+    folder, done, _ = compared
+    lines = done.stdout.splitlines()
+    assert max(len(line) for line in lines if str(folder) not in line) <= 80
+    starts = [line.split()[0] for line in lines[2:] if line and not line.startswith(" ")]
+    assert starts[:4] == ["exact", "pso", "unoptimised", "unoptimised"]
+    assert lines[1].split()[0] == "planner"
+    assert "timing=shared" in done.stdout
+    assert "fitness=penalty" in done.stdout
+    assert "segment_time=0.1" in done.stdout
+    assert str(folder / "results.h5") in done.stdout
+    exact = next(line for line in lines if line.startswith("exact"))
+    assert "2.0000" in exact
+    assert "+0.00" in exact
+    slow = next(line for line in lines if line.startswith("unoptimised") and "6.0000" in line)
+    assert "+200.00" in slow
+
+
+def test_compare_shows_failures_as_rows_with_their_reason(compared):
+    _, done, _ = compared
+    reason = "the 3-5-3 spline takes exactly 4 waypoints; this has 7"
+    words = " ".join(done.stdout.split())
+    assert f"pso:iterations=20: unsupported: {reason}" in words
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+def test_compare_stores_everything_and_draws(compared):
+    folder, _, _ = compared
+    with h5py.File(folder / "results.h5") as file:
+        assert len(file["trials/id"]) == len(list((folder / "trials").iterdir())) == 10
+    suffixes = {p.suffix for p in (folder / "figures").rglob("*") if p.is_file()}
+    assert suffixes == {".png", ".svg"}
+
+
+def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
+    from trajopt.benchmark.figures import draw as figures
+    from trajopt.benchmark.run import workers
+
+    folder, done, command = compared
+    before = {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()}
+    ran = []
+    monkeypatch.setattr(workers, "_work", lambda *a: ran.append(a))
+    monkeypatch.setattr(figures, "draw", lambda results, folder: [])
+    code, out, _ = trajopt(*command[3:])
+    assert (code, ran) == (0, [])
+    assert {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()} == before
+    assert out.splitlines()[:8] == done.stdout.splitlines()[:8]
+
+
+def test_compare_of_many_problems_has_a_line_per_planner_and_a_report(
+    compared, trajopt, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(cli, "_MANY", 1)
+    shutil.copytree(compared[0] / "trials", tmp_path / "trials")
+    code, out, _ = trajopt(*compared[2][3:-1], tmp_path)
+    lines = out.splitlines()
+    assert code == 0
+    assert max(len(line) for line in lines if str(tmp_path) not in line) <= 80
+    row = next(line.split() for line in lines if line.startswith("pso"))
+    assert row[1:6] == ["1", "3", "of", "3", "0"]  # it supports one problem of the two
+    assert str(tmp_path / "report.html") in lines[-1]
+    assert "</html>" in (tmp_path / "report.html").read_text()
+    assert not (tmp_path / "figures").exists()
+
+
+def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
+    from trajopt.benchmark import compare as run
+    from trajopt.benchmark.figures import draw as figures
+
+    monkeypatch.setattr(run, "references", lambda problem: [])
+    monkeypatch.setattr(figures, "draw", lambda results, folder: [])
+    arguments = ("compare", "seven-waypoints", "--planner", "unoptimised", "--output", tmp_path)
+    code, out, _ = trajopt(*arguments, "--jobs", 1)
+    assert code == 1
+    assert "unsupported" in out
+
+
+def test_beating_the_reference_is_said_loudly(trajopt, tmp_path, monkeypatch):
+    """A stand-in called exact that is slower than what it should bound."""
+    from trajopt.benchmark import compare as run
+    from trajopt.benchmark.figures import draw as figures
+
+    monkeypatch.setattr(figures, "draw", lambda results, folder: [])
+    problem = suite.load("one-joint")
+    slow = load("unoptimised:segment_time=5")
+    planners = [("exact", slow), ("unoptimised", load("unoptimised"))]
+    results = run.compare([problem], planners, tmp_path)
+    monkeypatch.setattr(run, "compare", lambda *a, **k: results)
+    code, _, err = trajopt("compare", "one-joint", "--output", tmp_path)
+    assert code == 0
+    assert "BUG" in err
+    assert "unoptimised" in err
+    assert "60.0" in err
+
+
+def test_verify_confirms_folder_and_file(compared, trajopt):
+    folder, _, _ = compared
+    for path in (folder, folder / "results.h5"):
+        code, out, err = trajopt("verify", path)
+        assert (code, err) == (0, "")
+        assert "10 trials" in out
+        assert max(map(len, out.splitlines())) <= 80
+        rows = parsed(trajopt("verify", path, "--json")[1])["trials"]
+        assert all(row["holds"] for row in rows)
+        assert len(rows) == 10
+
+
+def edit(file, name, row, factor, *, place=-1):
+    """Multiply an entry of the trial's column, or of the array that it has a part of."""
+    if name.startswith("trials/"):
+        file[name][row] = file[name][row] * factor
+    else:
+        start, end = file[name]["offsets"][row : row + 2]
+        entry = range(start, end)[place]
+        file[name]["values"][entry] = file[name]["values"][entry] * factor
+
+
+def edit_problem(file, name, row, factor, place):
+    edit(file, f"problems/{name}", file["trials/problem_row"][row], factor, place=place)
+
+
+TAMPERINGS = {
+    "coefficients": lambda f, i: edit(f, "trajectory/coefficients", i, 1.5),
+    "not finite": lambda f, i: edit(f, "trajectory/coefficients", i, np.nan, place=0),
+    "duration": lambda f, i: edit(f, "trajectory/breaks", i, 0.9),
+    "certified": lambda f, i: edit(f, "trials/certified_duration", i, 0.99),
+    "certified nothing": lambda f, i: edit(f, "trials/certified_duration", i, np.nan),
+    "claimed": lambda f, i: edit(f, "trials/claimed_duration", i, 0.99),
+    "limits": lambda f, i: edit_problem(f, "velocity", i, 1.01, 1),
+    "waypoints": lambda f, i: edit_problem(f, "waypoints", i, 1.01, 1),
+    "seed": lambda f, i: f["trials/seed"].__setitem__(i, 99),
+}
+
+
+@pytest.mark.parametrize("kind", TAMPERINGS)
+def test_verify_finds_what_was_tampered_with_and_names_it(compared, trajopt, tmp_path, kind):
+    folder, _, _ = compared
+    shutil.copy(folder / "results.h5", tmp_path / "results.h5")
+    with h5py.File(tmp_path / "results.h5", "r+") as file:
+        columns = [file[f"trials/{name}"].asstr()[()] for name in ("id", "planner", "problem")]
+        ids, planners, problems = columns
+        (row,) = np.flatnonzero((planners == "exact") & (problems == "one-joint"))
+        shared = kind in ("limits", "waypoints")  # by all trials of the problem
+        wrong = set(ids[problems == "one-joint"] if shared else ids[[row]])
+        TAMPERINGS[kind](file, row)
+    code, out, err = trajopt("verify", tmp_path / "results.h5")
+    assert (code, err) == (1, "")
+    assert all(name in out for name in wrong)
+    assert f"{len(wrong)} do not hold" in out
+    rows = parsed(trajopt("verify", tmp_path / "results.h5", "--json")[1])["trials"]
+    assert {row["id"] for row in rows if not row["holds"]} == wrong
+
+
+def test_verify_names_a_damaged_trial_file_and_verifies_the_others(compared, trajopt, tmp_path):
+    shutil.copytree(compared[0] / "trials", tmp_path / "trials")
+    broken = sorted((tmp_path / "trials").iterdir())[3]
+    broken.write_bytes(broken.read_bytes()[:1000])
+    code, out, err = trajopt("verify", tmp_path)
+    assert (code, err) == (1, "")
+    assert "1 do not hold" in out
+    assert "delete it and run again" in " ".join(out.split())
+    rows = parsed(trajopt("verify", tmp_path, "--json")[1])["trials"]
+    assert len(rows) == 10
+    assert [row["id"] for row in rows if not row["holds"]] == [broken.stem]
+
+
+def test_verify_of_a_damaged_file_exits_2(compared, trajopt, tmp_path):
+    data = (compared[0] / "results.h5").read_bytes()
+    (tmp_path / "cut.h5").write_bytes(data[: len(data) // 2])
+    code, _, err = trajopt("verify", tmp_path / "cut.h5")
+    assert code == 2
+    assert re.fullmatch(r"trajopt: .*cut\.h5: damaged.*\n", err)
+
+
+def test_all_planners_are_registered():
+    assert set(entries()) >= NAMES
+
+
+# --- certify ---
+
+
+def test_certify_proves_the_known_optimum(trajopt):
+    code, out, err = trajopt("certify", "one-joint", "--json")
+    bound = json.loads(out)
+    assert (code, err) == (0, "")
+    assert bound["status"] == "proved"
+    assert bound["lower_bound"] <= 2.0 <= bound["upper_bound"] * (1 + 1e-9)  # 1.5/1 + 1/2
+    assert bound["relative_gap"] <= 1e-4
+
+
+def test_certify_of_lifted_limits_has_no_upper_bound(trajopt):
+    code, out, _ = trajopt("certify", "jerk-limit", "--json")
+    bound = json.loads(out)
+    assert (code, bound["upper_bound"], bound["relative_gap"]) == (0, None, None)
+    assert "none" in trajopt("certify", "jerk-limit")[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["seven-waypoints", "--family", "spline353"], "4 waypoints"),
+        (["six-axis", "--joint", "7"], "joint from 1 to 6"),
+        (["six-axis", "--joint", "1"], "a joint that moves"),
+        (["six-axis", "--gap", "0"], "positive"),
+        (["six-axis", "--family", "best"], "spline353"),
+    ],
+)
+def test_certify_of_bad_input_exits_2(trajopt, arguments, word):
+    code, out, err = trajopt("certify", *arguments)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"trajopt: [^\n]+\n", err)
+    assert word in err
+
+
+def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
+    command = [sys.executable, "-m", "trajopt.cli", "compare", "six-axis", "--jobs", "1"]
+    command += ["--planner", "pso:iterations=3000", "--seeds", "600"]  # minutes, in small batches
+    running = subprocess.Popen(
+        [*command, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # pytest may run behind &
+    )  # fmt: skip
+    deadline = time.monotonic() + 120
+    while not list(tmp_path.glob("trials/*.h5")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == 130
+    assert err.strip().endswith("finished trials are kept, run the same command to go on")
+    assert list(tmp_path.glob("trials/*.h5"))
+
+
+# --- report ---
+
+
+def test_report_writes_one_page_that_stands_alone(compared, trajopt):
+    folder = compared[0] if isinstance(compared, tuple) else compared
+    code, out, _ = trajopt("report", folder)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert (code, "report.html" in out) == (0, True)
+    assert 'src="http' not in page
+
+
+def test_report_of_nothing_exits_2(trajopt, tmp_path):
+    code, _, err = trajopt("report", tmp_path)
+    assert (code, err.count("\n")) == (2, 1)

@@ -1,0 +1,86 @@
+"""Each experiment runs in small, finds what it should, and does nothing twice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from experiments import certificates, explained, ordering, sweep, throughput
+from experiments.common.output import save_table
+from trajopt.planner import entries, load
+
+
+def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ordering.main(problems=1, jobs=2, output=tmp_path)
+    table = pd.read_csv(tmp_path / "ordering.csv").set_index("relation")
+    assert (table["above 1e-06"] == 0).all()
+    assert {"exact <= toppra", "ruckig <= ruckig-stop"} <= set(table.index)
+    assert "Ruckig by segments = exact" in capsys.readouterr().out
+
+
+def test_certificates_are_proved_and_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = {"waypoints": 3, "joints": 2, "seeds": 1, "output": tmp_path}
+    certificates.main(**small)
+    rows = pd.read_csv(tmp_path / "certificates.csv")
+    assert list(rows["status"]) == ["proved", "proved"]
+    assert (rows["gap"] <= 1.001e-4).all()
+    monkeypatch.setattr(certificates, "measured", None)  # again would fail
+    certificates.main(**small)
+    assert capsys.readouterr().out.count("proved") == 2
+
+
+def test_explained_draws_both_decompositions(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    explained.main(planner=("ruckig-stop", "unoptimised"), output=tmp_path)
+    table = pd.read_csv(tmp_path / "explained.csv").set_index("planner")
+    product = table["timing_gap"] * table["route_gap"]
+    assert product.tolist() == pytest.approx(table["gap"].tolist(), rel=1e-9)
+    assert table["shape_gap"].notna().tolist() == [False, True]
+    assert {f.name for f in tmp_path.iterdir()} >= {"waterfalls.png", "waterfalls.svg"}
+    assert "ruckig-stop" in capsys.readouterr().out
+
+
+def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path: Path) -> None:
+    table = pd.DataFrame({"a": [1.25, None], "b": ["x", None]}, index=pd.Index([1, 2], name="n"))
+    save_table(table, tmp_path / "new" / "table")
+    lines = (tmp_path / "new" / "table.md").read_text().splitlines()
+    assert [line.replace(" ", "") for line in (lines[0], *lines[2:])] == [
+        "|n|a|b|", "|1|1.25|x|", "|2|||"
+    ]  # fmt: skip
+    assert pd.read_csv(tmp_path / "new" / "table.csv")["a"].tolist()[0] == 1.25
+
+
+def test_throughput_times_the_same_trials_at_one_and_two_jobs(tmp_path: Path) -> None:
+    throughput.main(trials=3, iterations=2, output=tmp_path)
+    table = pd.read_csv(tmp_path / "throughput.csv")
+    assert table["jobs"].tolist() == [1, 2]
+    assert table["trials"].nunique() == 1
+    assert (table["wall (s)"] > 0).all()
+
+
+def test_the_sweep_writes_its_report_and_counts_every_trial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert {spec for spec, _ in sweep.planners()} == set(entries())
+    every = sweep.drawn()
+    assert sum(map(len, every.values())) == len({p.digest() for own in every.values() for p in own})
+    few = {name: sweep.drawn(1)[name] for name in ("six-axis", "robots")}
+    monkeypatch.setattr(sweep, "drawn", lambda size: few)
+    names = ("unoptimised", "ruckig-stop")
+    monkeypatch.setattr(sweep, "planners", lambda: [(name, load(name)) for name in names])
+    sweep.main(quick=True, jobs=1, output=tmp_path)
+    table = pd.read_csv(tmp_path / "sweep.csv").set_index("label")
+    assert table.loc["ruckig-stop", "solved"] == 2
+    suites = pd.read_csv(tmp_path / "suites.csv").set_index(["group", "label"])
+    assert suites.loc[("six-axis", "unoptimised"), "gap"] == pytest.approx(6 / 1.483853 - 1, 1e-6)
+    trials = len(list((tmp_path / "trials").iterdir()))
+    assert table[["trials", "unsupported"]].to_numpy().sum() == trials
+    files = pd.read_csv(tmp_path / "files.csv").set_index("what")
+    assert files.loc["trials/", "files"] == trials
+    assert files.loc["report.html", "MB"] > 0.5
+    assert "ruckig-stop" in capsys.readouterr().out

@@ -1,0 +1,1 @@
+"""Trials and motions for other tools."""

@@ -1,0 +1,1 @@
+"""Trials in supervised processes, here or on a cluster."""

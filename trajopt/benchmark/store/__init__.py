@@ -1,0 +1,1 @@
+"""What is kept: one file per trial, one consolidated `results.h5`."""

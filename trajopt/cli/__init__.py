@@ -1,0 +1,3 @@
+"""The command line."""
+
+from trajopt.cli.app import main as main

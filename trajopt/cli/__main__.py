@@ -1,0 +1,3 @@
+from trajopt.cli import main
+
+main()
