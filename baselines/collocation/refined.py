@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from baselines.collocation.uniform import Grid, Nodes, transcription
 from baselines.exact import jerk_reach
-from baselines.exact.acceleration import Exact, Scaled, optima, starting_points
+from baselines.exact.acceleration import Exact, Scaled, starting_points
 from baselines.exact.jerk import ExactJerk
+from baselines.ipopt import optima
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, passing_once
 from trajopt.problem import Problem

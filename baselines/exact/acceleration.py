@@ -14,14 +14,15 @@ several points of its own, and the answer is the best known, not a proof.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines.ipopt import Program, flat, no_start_succeeded, optima, program
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
 from trajopt.problem import LimitName, Problem
@@ -32,19 +33,13 @@ from trajopt.verification import verify
 
 Array = NDArray[np.float64]
 
-IPOPT: dict[str, Any] = {
-    "print_time": False,
-    "error_on_fail": False,
-    "ipopt": {
-        "print_level": 0,
-        "sb": "yes",
-        "tol": 1e-11,
-        "constr_viol_tol": 1e-10,
-        "acceptable_tol": 1e-8,
-        "bound_relax_factor": 0.0,
-        "mu_strategy": "adaptive",
-        "max_iter": 1000,
-    },
+IPOPT: dict[str, float | str] = {
+    "tol": 1e-11,
+    "constr_viol_tol": 1e-10,
+    "acceptable_tol": 1e-8,
+    "bound_relax_factor": 0.0,
+    "mu_strategy": "adaptive",
+    "max_iter": 1000,
 }
 
 _IGNORED: tuple[LimitName, ...] = ("jerk", "position")
@@ -89,7 +84,7 @@ class Exact:
         durations = scaled.unit * np.array([optimum.duration for optimum in found])
         stats = {"start_status": statuses, "start_duration": durations}
         if not np.isfinite(best.duration):
-            message = f"no start succeeded: {', '.join(sorted(set(statuses)))}"
+            message = no_start_succeeded(statuses)
             return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
         answer = scaled.trajectory(best.times, best.velocities)
         bound, message = None, ""
@@ -232,7 +227,7 @@ def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
 
 
 @cache
-def _solver(segments: int, joints: int) -> Any:
+def _solver(segments: int, joints: int) -> Program:
     """IPOPT for all problems of this size, built once; the numbers are parameters.
 
     Some segments are a billion times as long as others. So `u`, `w` and the peaks count from the
@@ -258,29 +253,14 @@ def _solver(segments: int, joints: int) -> Any:
         -lo - (lo - u) ** 2 / (2 * a1) - (lo - w) ** 2 / (2 * a2),
     ]
     rows = [*(row / top for row in joined + free), *reached, ca.sum1(stop - times)]
-    parts = {"x": (log, v, u, w, up, lo), "p": (h, stop, *limits), "g": rows, "f": [ca.sum1(times)]}
-    nlp = {name: ca.vertcat(*map(ca.vec, part)) for name, part in parts.items()}
-    return ca.nlpsol("exact", "ipopt", nlp, IPOPT)
-
-
-class _Timed(Protocol):
-    @property
-    def duration(self) -> float:
-        """Infinite where there is no answer."""
-
-
-Start = TypeVar("Start")
-Found = TypeVar("Found", bound=_Timed)
-
-
-def optima(solve: Callable[[Start], Found], starts: Iterable[Start], count: int) -> list[Found]:
-    """What `solve` finds from the first `count` starts, and from more while none has succeeded."""
-    found: list[Found] = []
-    for start in starts:
-        if len(found) >= count and min(one.duration for one in found) < np.inf:
-            break
-        found.append(solve(start))
-    return found
+    return program(
+        "exact",
+        variables=(log, v, u, w, up, lo),
+        parameters=(h, stop, *limits),
+        objective=ca.sum1(times),
+        constraints=rows,
+        options=IPOPT,
+    )
 
 
 def starting_points(scaled: Scaled, count: int) -> Iterator[tuple[Array, Array]]:
@@ -296,19 +276,17 @@ def starting_points(scaled: Scaled, count: int) -> Iterator[tuple[Array, Array]]
         yield times, between * rng.uniform(0, 1.5, (segments - 1, 1))
 
 
-def _solve_from(solver: Any, scaled: Scaled, start: tuple[Array, Array]) -> _Optimum:
+def _solve_from(solver: Program, scaled: Scaled, start: tuple[Array, Array]) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled)
     x0 = np.clip(_point(scaled, *start), low, high)
     top = np.minimum(np.abs(scaled.v).max(axis=0), scaled.stop.sum())  # velocities are below it
     p = flat(scaled.h, scaled.stop, *scaled.v, *np.abs(scaled.a), top)
     most = np.r_[np.zeros(2 * scaled.h.size), np.full(6 * scaled.h.size + 1, np.inf)]
-    result = solver(x0=x0, p=p, lbx=low, ubx=high, lbg=0.0, ubg=most)
-    stats, x = solver.stats(), np.asarray(result["x"]).ravel()
-    times, velocities = _read(scaled, x)
-    usable = stats["success"] and np.isfinite(x).all()
-    k = repair(times, velocities, scaled) if usable else np.inf
-    return _Optimum(k * float(times.sum()), k * times, velocities / k, str(stats["return_status"]))
+    run = solver(x0, p, (low, high), (0.0, most))
+    times, velocities = _read(scaled, run.x)
+    k = repair(times, velocities, scaled) if run.success else np.inf
+    return _Optimum(k * float(times.sum()), k * times, velocities / k, run.status)
 
 
 def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
@@ -340,8 +318,3 @@ def _bounds(scaled: Scaled) -> tuple[Array, Array]:
     sides = zip((least, longest), scaled.v, both, strict=True)
     low, high = (flat(t, every[1:] * v, *(every * x for x in bounds)) for t, v, bounds in sides)
     return low, high
-
-
-def flat(*tables: Array) -> Array:
-    """All tables in one vector, in CasADi's order: one after another, column by column."""
-    return np.concatenate([table.ravel("F") for table in tables])

@@ -23,16 +23,17 @@ import numpy as np
 
 from baselines.exact import acceleration as exact_nlp
 from baselines.exact import jerk_reach
-from baselines.exact.acceleration import Exact, flat, optima
+from baselines.exact.acceleration import Exact
 from baselines.exact.jerk_profiles import Array, Bools, Limit, risen
 from baselines.exact.jerk_reach import Scaled, repaired
+from baselines.ipopt import Program, flat, no_start_succeeded, optima, program
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Relation, backend, passing_once
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.verification import verify
 
-IPOPT = exact_nlp.IPOPT | {"ipopt": exact_nlp.IPOPT["ipopt"] | {"tol": 1e-10}}
+IPOPT = exact_nlp.IPOPT | {"tol": 1e-10}
 
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
 _PATIENCE = 3  # times as many starts where all have failed so far
@@ -93,8 +94,8 @@ class ExactJerk:
     def _best(self, scaled: Scaled, found: list[_Optimum]) -> Solution:
         best = min(found, key=lambda optimum: optimum.duration)
         if not np.isfinite(best.duration):
-            statuses = ", ".join(sorted({optimum.status for optimum in found}))
-            return Solution(Status.FAILED, message=f"no start succeeded: {statuses}")
+            message = no_start_succeeded(optimum.status for optimum in found)
+            return Solution(Status.FAILED, message=message)
         answer = scaled.trajectory(best.times, best.states)
         if self.relation(scaled.problem) is Relation.SAME:
             return Solution(Status.SOLVED, answer)
@@ -133,7 +134,7 @@ class _Variables(NamedTuple):
 
 
 @cache
-def _solver(segments: int, joints: int) -> Any:
+def _solver(segments: int, joints: int) -> Program:
     """IPOPT for all problems of this size, built once; the numbers are parameters."""
     ca = backend("casadi")
 
@@ -147,9 +148,14 @@ def _solver(segments: int, joints: int) -> Any:
     times, size = (ca.repmat(y, 1, joints) for y in (t, stop))
     rows, total = _rows(ca, x._replace(times=times), h, size, wide), ca.dot(stop, t)
     g = [*rows, _LONGEST * ca.sum1(stop) - total]
-    tables = {"x": x.tables, "p": [h, stop, *limits], "g": g, "f": [total]}
-    nlp = {name: ca.vertcat(*map(ca.vec, parts)) for name, parts in tables.items()}
-    return ca.nlpsol("exact_jerk", "ipopt", nlp, IPOPT)
+    return program(
+        "exact_jerk",
+        variables=x.tables,
+        parameters=[h, stop, *limits],
+        objective=total,
+        constraints=g,
+        options=IPOPT,
+    )
 
 
 def _rows(ca: Any, x: _Variables, h: Any, size: Any, limits: Any) -> list[Any]:
@@ -234,7 +240,7 @@ def _relaxed(scaled: Scaled) -> list[tuple[Array, Array]]:
     return [(_SLOWER * np.diff(answer.waypoint_times) / scaled.unit, velocities / _SLOWER)]
 
 
-def _refined(solver: Any, scaled: Scaled, found: list[_Optimum]) -> list[_Optimum]:
+def _refined(solver: Program, scaled: Scaled, found: list[_Optimum]) -> list[_Optimum]:
     """What each optimum leads to; of equal ones the first alone is followed, unless IPOPT fails."""
     pairs: list[tuple[_Optimum, _Optimum]] = []
     for one in found:
@@ -247,7 +253,7 @@ def _refined(solver: Any, scaled: Scaled, found: list[_Optimum]) -> list[_Optimu
     return [last for _, last in pairs]
 
 
-def _followed(solver: Any, scaled: Scaled, best: _Optimum) -> _Optimum:
+def _followed(solver: Program, scaled: Scaled, best: _Optimum) -> _Optimum:
     """The local optimum near one where every extreme profile passes through acceleration 0.
 
     Those that want to avoid it are now allowed to, without a cruise; and again from there, while
@@ -271,17 +277,16 @@ def _avoiding(scaled: Scaled, found: _Optimum) -> Bools:
     return np.stack([scaled.jerky & p.avoids_zero(found.times[:, None]) for p in both])
 
 
-def _run(solver: Any, scaled: Scaled, times: Array, states: Array, apart: Bools) -> _Optimum:
+def _run(solver: Program, scaled: Scaled, times: Array, states: Array, apart: Bools) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled, apart)
     x0 = np.clip(_point(scaled, times, states), low, high)
     p = flat(scaled.h, scaled.stop, *np.abs(scaled.v), *scaled.r)
     equal, least = np.zeros(2 * scaled.h.size), np.full(4 * scaled.h.size, np.inf)
     most = np.r_[equal, least, equal, least, equal[::2], np.inf]  # as `_rows` has them
-    result = solver(x0=x0, p=p, lbx=low, ubx=high, lbg=0.0, ubg=most)
-    stats, x = solver.stats(), np.asarray(result["x"]).ravel()
-    times, states = _read(scaled, x)
-    usable = stats["success"] and np.isfinite(x).all() and (times > 0).all()
+    run = solver(x0, p, (low, high), (0.0, most))
+    times, states = _read(scaled, run.x)
+    usable = run.success and (times > 0).all()
     k, states = repaired(times, states, scaled) if usable else (np.inf, states)
     slower = states / np.array([k, k**2])[:, None, None]
-    return _Optimum(k * float(times.sum()), k * times, slower, str(stats["return_status"]))
+    return _Optimum(k * float(times.sum()), k * times, slower, run.status)

@@ -146,7 +146,7 @@ def test_a_jerk_or_position_limit_makes_it_a_lower_bound() -> None:
 def test_every_start_failing_is_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
     from baselines.exact import acceleration as exact_nlp
 
-    monkeypatch.setitem(exact_nlp.IPOPT["ipopt"], "max_iter", 0)
+    monkeypatch.setitem(exact_nlp.IPOPT, "max_iter", 0)
     exact_nlp._solver.cache_clear()
     solution: Solution = Exact(starts=2).solve(load("six-axis"))
     exact_nlp._solver.cache_clear()

@@ -187,7 +187,7 @@ def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
 
 
 def test_every_start_failing_is_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(exact_jerk_nlp.IPOPT["ipopt"], "max_iter", 0)
+    monkeypatch.setitem(exact_jerk_nlp.IPOPT, "max_iter", 0)
     exact_jerk_nlp._solver.cache_clear()
     solution = ExactJerk(starts=1).solve(load("jerk-limit"))
     exact_jerk_nlp._solver.cache_clear()

@@ -1,0 +1,70 @@
+"""IPOPT through CasADi: against closed forms, and the order of tables in a vector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from baselines.ipopt import flat, no_start_succeeded, optima, program, unflat
+
+
+def nearest_point_of_a_circle(**options: float) -> tuple[object, np.ndarray]:
+    """The point with |x| = r nearest to c: r c / |c|; IPOPT's word and answer."""
+    x, c, r = ca.MX.sym("x", 2), ca.MX.sym("c", 2), ca.MX.sym("r")
+    solver = program(
+        "circle",
+        variables=[x],
+        parameters=[c, r],
+        objective=ca.sumsqr(x - c),
+        constraints=[ca.sumsqr(x) - r**2],
+        options=options,
+    )
+    everywhere = (np.full(2, -np.inf), np.full(2, np.inf))
+    run = solver(np.ones(2), np.array([3.0, 4.0, 2.0]), everywhere, (0.0, 0.0))
+    return run.success, run.x
+
+
+def test_a_program_with_a_closed_form() -> None:
+    success, x = nearest_point_of_a_circle(tol=1e-10)
+    assert success
+    np.testing.assert_allclose(x, [2 * 3 / 5, 2 * 4 / 5], rtol=1e-9)
+
+
+def test_a_run_without_success_says_so() -> None:
+    success, _ = nearest_point_of_a_circle(max_iter=0)
+    assert not success
+
+
+def test_flat_is_the_order_of_casadi_and_unflat_leads_back() -> None:
+    tables = [np.arange(6.0).reshape(2, 3), np.array([7.0, 8.0])]
+    vector = flat(*tables)
+    casadi = ca.vertcat(*(ca.vec(ca.DM(table)) for table in tables))
+    np.testing.assert_array_equal(vector, np.asarray(casadi).ravel())
+    for table, back in zip(tables, unflat(vector, [(2, 3), (2,)]), strict=True):
+        np.testing.assert_array_equal(back, table)
+
+
+@dataclass(frozen=True)
+class Ended:
+    duration: float
+
+
+@pytest.mark.parametrize(
+    ("durations", "solved"),
+    [
+        ([1.0, 2.0, 3.0, 4.0], 2),  # as many as asked for
+        ([np.inf, 2.0, 3.0, 4.0], 2),
+        ([np.inf, np.inf, 3.0, 4.0], 3),  # more while none has succeeded
+        ([np.inf, np.inf, np.inf, np.inf], 4),
+    ],
+)
+def test_several_starts_and_more_while_all_fail(durations: list[float], solved: int) -> None:
+    assert len(optima(Ended, durations, count=2)) == solved
+
+
+def test_the_message_names_every_status_once() -> None:
+    message = no_start_succeeded(["Infeasible", "Diverged", "Infeasible"])
+    assert message == "no start succeeded: Diverged, Infeasible"
