@@ -20,32 +20,61 @@ def stop_times(problem: Problem) -> Array:
     for symmetric limits with jerk (seven phases). Asymmetric limits with jerk count as symmetric
     ones at their tighter side, which is an upper bound.
     """
-    h, limits = problem.displacements, problem.limits
-    times = trapezoidal(h, limits.velocity, limits.acceleration)
+    h = problem.displacements
+    limits = problem.limits
+    without_jerk = trapezoidal(h, limits.velocity, limits.acceleration)
+    with_jerk = seven_phase(
+        np.abs(h),
+        velocity=_tighter(limits.velocity),
+        acceleration=_tighter(limits.acceleration),
+        jerk=_tighter(limits.jerk),
+    )
     jerk_limited = np.isfinite(limits.jerk).any(axis=1)
-    tighter = (np.abs(x).min(axis=1) for x in (limits.velocity, limits.acceleration, limits.jerk))
-    with_jerk = seven_phase(np.abs(h), *tighter)
-    return np.asarray(np.where(jerk_limited, with_jerk, times).max(axis=1))
+    times = np.where(jerk_limited, with_jerk, without_jerk)
+    return np.asarray(times.max(axis=1))
 
 
 def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
     """Rest-to-rest minimum time over displacements `h` `(…, joints)` for `(joints, 2)` limits."""
-    top = np.where(h >= 0, velocity[:, 1], -velocity[:, 0])
-    ramps = (1 / np.abs(acceleration)).sum(axis=1)  # speeding up and braking, per unit of speed
-    peak = np.minimum(np.sqrt(2 * np.abs(h) / ramps), top)
-    return np.asarray(np.where(peak < top, peak * ramps, np.abs(h) / top + top * ramps / 2))
+    backward, forward = velocity.T
+    top = np.where(h >= 0, forward, -backward)
+    # Speeding up to v and braking take v (1/A1 + 1/A2).
+    ramps = (1 / np.abs(acceleration)).sum(axis=1)
+    # A triangle of height v and that base covers h = v² (1/A1 + 1/A2) / 2.
+    distance = np.abs(h)
+    triangle = np.sqrt(2 * distance / ramps)
+    peak = np.minimum(triangle, top)
+    # With a cruise at the top: h/V, and half of the ramps' time on top.
+    cruising = distance / top + top * ramps / 2
+    return np.asarray(np.where(peak < top, peak * ramps, cruising))
 
 
 def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
     """Rest-to-rest minimum time over `h ≥ 0` `(…, joints)` for symmetric limits `(joints,)`."""
-    slope = acceleration / jerk  # time to reach full acceleration
-    with_plateau = acceleration / 2 * (np.sqrt(slope**2 + 4 * h / acceleration) - slope)
-    without = np.cbrt(h) ** 2 * np.cbrt(np.where(np.isfinite(jerk), jerk, 0) / 4)
-    peak = np.minimum(
-        np.where(with_plateau >= acceleration * slope, with_plateau, without), velocity
-    )
-    ramp = np.where(
-        peak >= acceleration * slope, peak / acceleration + slope, 2 * np.sqrt(peak / jerk)
-    )
-    cruise = np.where(peak > 0, h / np.maximum(peak, 1e-300) - ramp, 0)
+    A = acceleration
+    # Time to reach full acceleration, and the speed reached when easing off at once.
+    slope = A / jerk
+    easing = A * slope
+    # Without a cruise each half covers h/2 = v/2 · (v/A + A/J), so v = A/2 (√(A²/J² + 4 h/A) − A/J);
+    root = np.sqrt(slope**2 + 4 * h / A)
+    with_plateau = A / 2 * (root - slope)
+    # where full acceleration is not reached, h/2 = v √(v/J), so v = ∛(J h²/4).
+    finite_jerk = np.where(np.isfinite(jerk), jerk, 0)
+    quarter = np.cbrt(finite_jerk / 4)
+    without_plateau = np.cbrt(h) ** 2 * quarter
+    unlimited = np.where(with_plateau >= easing, with_plateau, without_plateau)
+    peak = np.minimum(unlimited, velocity)
+    # Time from rest to the peak: v/A + A/J, or 2 √(v/J).
+    long_ramp = peak / A + slope
+    short_ramp = 2 * np.sqrt(peak / jerk)
+    ramp = np.where(peak >= easing, long_ramp, short_ramp)
+    # Two ramps cover v · ramp; the rest is cruised. (A joint at rest has no peak.)
+    positive = np.maximum(peak, 1e-300)
+    cruise = h / positive - ramp
+    cruise = np.where(peak > 0, cruise, 0)
     return np.asarray(2 * ramp + np.maximum(cruise, 0))
+
+
+def _tighter(pairs: Array) -> Array:
+    """The smaller of both sides' sizes, `(joints,)`."""
+    return np.asarray(np.abs(pairs).min(axis=1))
