@@ -55,7 +55,7 @@ def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> 
     # Time to reach full acceleration, and the speed reached when easing off at once.
     slope = A / jerk
     easing = A * slope
-    # Without a cruise each half covers h/2 = v/2 · (v/A + A/J), so v = A/2 (√(A²/J² + 4 h/A) − A/J);
+    # No cruise: each half covers h/2 = v/2 (v/A + A/J), so v = A/2 (√(A²/J² + 4 h/A) − A/J);
     root = np.sqrt(slope**2 + 4 * h / A)
     with_plateau = A / 2 * (root - slope)
     # where full acceleration is not reached, h/2 = v √(v/J), so v = ∛(J h²/4).

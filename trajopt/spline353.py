@@ -175,9 +175,13 @@ def _quintic(displacements: Array, times: Array) -> _Quintic:
     return _Quintic(h, T, v0, a0, v1, a1)
 
 
-def _columns(values: Array) -> Array:
-    """The three segments' values first: `(3, …)`."""
-    return np.moveaxis(np.asarray(values, dtype=float), -1, 0)
+def _columns(values: Array) -> tuple[Array, Array, Array]:
+    """The values of the three segments, arrays also where they are one number each.
+
+    NumPy's powers of numbers and of arrays differ in the last digit.
+    """
+    values = np.asarray(values, dtype=float)
+    return values[..., 0], values[..., 1], values[..., 2]
 
 
 def _velocity_controls(quintic: _Quintic) -> Array:
