@@ -245,14 +245,16 @@ def verify(
     json: Json = False,
 ) -> int:
     """Verify every stored trajectory anew, from the file alone."""
-    from trajopt.cli import render, tables
+    from trajopt.benchmark.store.verification import verification
+    from trajopt.cli import render
 
-    rows = tables.verification(path)
+    found = verification(path)
     if json:
-        _print_json({"trials": rows})
+        rows = [trial.as_dict() for trial in found.trials]
+        _print_json({"holds": found.holds, "summary": found.summary(), "trials": rows})
     else:
-        render.verification(rows)
-    return 0 if all(row["holds"] for row in rows) else 1
+        render.verification(found)
+    return 0 if found.holds else 1
 
 
 @app.command

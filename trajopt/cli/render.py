@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 if TYPE_CHECKING:
+    from trajopt.benchmark.store.verification import Verification
     from trajopt.benchmark.trial import Trial
     from trajopt.explain.active_limits import Binding
     from trajopt.explain.decomposition import Explanation
@@ -198,31 +199,31 @@ def bound(table: dict[str, Any]) -> None:
     OUT.print(f"  computing   {table['solve_time']:.2f} s")
 
 
-def verification(rows: Sequence[dict[str, Any]]) -> None:
+def verification(found: Verification) -> None:
     """Claimed against certified, trial by trial, and what does not hold."""
     table = Table(box=None, pad_edge=False, padding=(0, 1))
     table.add_column("problem")
     table.add_column("planner", overflow="fold", ratio=1)
     for name in ("seed", "claimed s", "certified s", "dilation", "verdict"):
         table.add_column(name, justify="right", no_wrap=True)
-    for row in rows:
-        numbers = [
-            _number(row[name]) for name in ("claimed_duration", "certified_duration", "dilation")
-        ]
-        verdict = row["status"] if row["holds"] else "[bold red]DOES NOT HOLD[/bold red]"
-        names = escape(row["problem"]), option_lines(row["planner"])
-        seed = "–" if row["seed"] is None else str(row["seed"])
-        table.add_row(*names, seed, *numbers, verdict)
-    OUT.print(table)
-    wrong = [row for row in rows if not row["holds"]]
-    OUT.print(f"{len(rows)} trials verified anew; {len(wrong)} do not hold what was recorded.")
-    for row in wrong:
-        recorded = _number(row["recorded_duration"])
-        OUT.print(
-            f"{row['planner']} on {row['problem']}, seed {row['seed']}, trial {row['id']}: "
-            f"recorded {recorded} s; {'; '.join(row['flaws'])}",
-            markup=False,
+    for trial in found.trials:
+        table.add_row(
+            escape(trial.problem),
+            option_lines(trial.planner),
+            "–" if trial.seed is None else str(trial.seed),
+            _number(trial.claimed_duration),
+            _number(trial.certified_duration),
+            _number(trial.dilation),
+            trial.status if trial.holds else "[bold red]DOES NOT HOLD[/bold red]",
         )
+    OUT.print(table)
+    for line in found.summary():
+        OUT.print(line, markup=False)
+    for trial in found.trials:
+        if not trial.holds:
+            name = f"{trial.planner} on {trial.problem}, seed {trial.seed}, trial {trial.id}"
+            why = "; ".join([*trial.differences, *filter(None, trial.flaws)])
+            OUT.print(f"{name}: {why}", markup=False)
 
 
 def _number(value: float | None) -> str:

@@ -1,23 +1,15 @@
-"""What the command line lists, as plain dictionaries: planners, problems, re-verified trials."""
+"""What the command line lists, as plain dictionaries: planners and problems."""
 
 from __future__ import annotations
 
 import inspect
 import json
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from trajopt.benchmark.store.folder import Damaged, Record, records
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
 from trajopt.planner import Entry, entries, options
 from trajopt.problem import LIMIT_NAMES
-from trajopt.solution import Status
-
-_SAME = 1e-9  # relative difference within which a certified duration is the recorded one
 
 
 def planners() -> list[dict[str, Any]]:
@@ -47,52 +39,6 @@ def problems() -> list[dict[str, Any]]:
             {"name": name, "file": str(file), **size, "limits": limits, "source": problem.source}
         )
     return table
-
-
-def verification(path: Path) -> list[dict[str, Any]]:
-    """Every stored trial, claimed against certified, and whether what was recorded holds."""
-    damaged: list[Damaged] = []
-    checked = [_checked(trial, record) for trial, record in records(path, damaged.append)]
-    return checked + [_damaged(error) for error in damaged]
-
-
-def _damaged(error: Damaged) -> dict[str, Any]:
-    names = {"id": error.path.stem, "problem": "", "planner": "a damaged file", "seed": None}
-    numbers = ("claimed_duration", "certified_duration", "recorded_claim", "recorded_duration")
-    absent = dict.fromkeys([*numbers, "dilation"])
-    return names | absent | {"status": "damaged", "flaws": [str(error)], "holds": False}
-
-
-def _checked(trial: Trial, record: Record) -> dict[str, Any]:
-    certificate = trial.certificate
-    return {
-        "id": record.id,
-        "problem": trial.problem.name,
-        "planner": trial.label,
-        "seed": trial.seed,
-        "status": str(trial.status),
-        "claimed_duration": trial.claimed_duration,
-        "certified_duration": trial.certified_duration,
-        "recorded_claim": record.claimed_duration,
-        "recorded_duration": record.certified_duration,
-        "dilation": certificate.dilation if certificate else None,
-        "flaws": list(certificate.flaws) if certificate else [trial.message],
-        "holds": _holds(trial, record),
-    }
-
-
-def _holds(trial: Trial, record: Record) -> bool:
-    """The file's identity is its content's, and its verdict is what the verifier says now."""
-    same = _same(trial.certified_duration, record.certified_duration)
-    claimed = _same(trial.claimed_duration, record.claimed_duration)
-    consistent = (trial.status is not Status.SOLVED) or trial.certified_duration is not None
-    return same and claimed and consistent and trial.id == record.id
-
-
-def _same(now: float | None, then: float | None) -> bool:
-    if now is None or then is None:
-        return now is then
-    return bool(np.isclose(now, then, rtol=_SAME, atol=0))
 
 
 def as_json(table: Any) -> str:

@@ -318,7 +318,7 @@ def test_what_is_damaged_is_listed_beside_what_was_verified(tmp_path, trial):
     damaged(results.write(trial), "one bit")
     results.write(replace(trial, seed=4))
     ((back, record),) = records(tmp_path, found.append)
-    assert (back.seed, record.certified_duration) == (4, trial.certified_duration)
+    assert (back.seed, record["certified_duration"]) == (4, trial.certified_duration)
     (error,) = found
     assert error.path == results.path(trial.id)
 
@@ -367,7 +367,7 @@ def test_a_stored_trajectory_that_is_none_any_more_reads_as_invalid(tmp_path, tr
     assert back.status is Status.INVALID
     assert "waypoint_times" in back.message
     assert back.certified_duration is None
-    assert record.claimed_duration == 1.5
+    assert record["claimed_duration"] == 1.5
 
 
 def test_records_are_verified_anew(tmp_path, trial):
@@ -377,7 +377,7 @@ def test_records_are_verified_anew(tmp_path, trial):
     ((back, record),) = records(path)
     assert back.certified_duration is None
     assert "waypoint" in " ".join(back.certificate.flaws)
-    assert record.certified_duration == trial.certified_duration
+    assert record["certified_duration"] == trial.certified_duration
 
 
 # --- other runs ---

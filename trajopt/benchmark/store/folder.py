@@ -12,9 +12,9 @@ import os
 import warnings
 from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import h5py
 
@@ -133,25 +133,17 @@ def read(path: Path | str, ids: Container[str] | None = None) -> list[Trial]:
     return [trial for trial in _all(Path(path), chosen, _warn) if trial is not None]
 
 
-@dataclass(frozen=True)
-class Record:
-    """What a file says of a trial: its identity, and its claimed and certified durations (s)."""
-
-    id: str
-    claimed_duration: float | None
-    certified_duration: float | None
-
-
-def records(path: Path | str, damaged: Damages = _warn) -> list[tuple[Trial, Record]]:
-    """Every trial, verified anew from its stored trajectory, beside what was recorded of it.
+def records(path: Path | str, damaged: Damages = _warn) -> list[tuple[Trial, dict[str, Any]]]:
+    """Every trial, verified anew from its stored trajectory, beside the row recorded of it.
 
     Raises `StoreError` as `read` does; a damaged file in a folder goes to `damaged`.
     """
     return list(_all(Path(path), _verified, damaged))
 
 
-def _verified(kept: Encoded) -> tuple[Trial, Record]:
-    return decode(kept, anew=True), Record(*(unpack(kept.row[f.name]) for f in fields(Record)))
+def _verified(kept: Encoded) -> tuple[Trial, dict[str, Any]]:
+    recorded: dict[str, Any] = unpack(kept.row)
+    return decode(kept, anew=True), recorded
 
 
 def _all(path: Path, use: Callable[[Encoded], T], damaged: Damages) -> Iterator[T]:

@@ -148,8 +148,11 @@ def decode(kept: Encoded, *, anew: bool = False) -> Trial:
     )  # fmt: skip
     problem = _problem(row["problem"], row["source"], *(_raw(kept.problem[n]) for n in PROBLEM))
     certificate = None
-    if trajectory is not None:
-        certificate = verdict(problem, solution)[2] if anew else _certificate(row["certificate"])
+    if anew and not damage:
+        status, _, certificate = verdict(problem, solution)
+        row = row | {"status": str(status)}
+    elif trajectory is not None:
+        certificate = _certificate(row["certificate"])
     return Trial(
         problem, row["planner"], row["label"], row["options"], int(row["seed"]),
         Relation[row["relation"]], Status(row["status"]), row["message"], solution, certificate,
