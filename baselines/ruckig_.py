@@ -87,8 +87,7 @@ class Sections:
         ruckig = backend("ruckig")
         self.moving = np.flatnonzero(problem.moving)
         self.waypoints = problem.waypoints[:, self.moving]
-        names = ("velocity", "acceleration", "jerk", "position")
-        self.limits = Limits(**{n: getattr(problem.limits, n)[self.moving] for n in names})
+        self.limits = problem.limits.only(self.moving)
         joints = len(self.moving)
         self._solver, self._trajectory = ruckig.Ruckig(joints), ruckig.Trajectory(joints)
         self._input = _input(ruckig, self.limits)

@@ -34,7 +34,7 @@ from experiments.paper.searches import (
     running_times,
     tool_miss,
 )
-from trajopt import Limits, Problem, spline353, verify
+from trajopt import Problem, spline353, verify
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import render
@@ -71,7 +71,7 @@ def apart(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
     That run is the one whose slowest joint takes the median time.
     """
     moving = np.flatnonzero(np.isfinite(times[0]).all(axis=1))
-    limits = Limits(problem.limits.velocity[moving], problem.limits.acceleration[moving])
+    limits = problem.limits.only(moving)
     v, a, _ = spline353.limit_use(read.displacements.T[moving], times[:, moving], limits)
     longest = combined(times)["longest"]
     median = times[np.argsort(longest)[len(longest) // 2]]

@@ -13,8 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trajopt.exceptions import InvalidInput
+from trajopt.benchmark.suites import catalogue as suites
+from trajopt.exceptions import InvalidInput, UnitWarning
 from trajopt.problem import Limits, Problem
+from trajopt.problem_file import mixed_units
 
 reproducible = settings(deadline=None, derandomize=True, max_examples=60)
 seeds = st.integers(0, 2**32 - 1)
@@ -193,6 +195,112 @@ def test_degrees_become_radians(tmp_path):
     np.testing.assert_allclose(limits.position, [[0, pi], [-pi / 2, pi / 2]], **exact)
 
 
+# --- units ---
+
+DEGREES = {  # the six-axis numbers of joints 2 to 4, as a file in degrees has them
+    "waypoints": "[[0, -45, 0], [-30, -30, 30], [-45, -20, 45], [-50, -20, 60]]",
+    "velocity": "[180, 210, 360]",
+    "acceleration": "[120, 160, 170]",
+}
+RADIANS = {
+    "waypoints": "[[0.0, -0.79, 0.0], [-0.52, -0.52, 0.52], [-0.79, -0.35, 0.79], "
+    "[-0.87, -0.35, 1.05]]",
+    "velocity": "[3.14, 3.67, 6.28]",
+    "acceleration": "[2.09, 2.79, 2.97]",
+}
+
+
+def units(waypoints: str, limits: str) -> str:
+    return f'{{waypoints = "{waypoints}", limits = "{limits}"}}'
+
+
+def numbers(waypoints_in: dict[str, str], limits_in: dict[str, str]) -> dict[str, str]:
+    limits = {key: limits_in[key] for key in ("velocity", "acceleration")}
+    return {"waypoints": waypoints_in["waypoints"], **limits}
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+@pytest.mark.parametrize("limit_unit", ["deg", "rad"])
+def test_waypoints_and_limits_each_have_their_unit(tmp_path, unit, limit_unit):
+    changes = {"angle_unit": None, "units": units(unit, limit_unit), "jerk": "[5, 6]"}
+    problem = read(tmp_path, text(**changes, position="[90, [-60, 2]]"))
+    size = {"deg": np.pi / 180, "rad": 1.0}
+    assert problem.waypoints.tolist() == (np.array([[0, 0], [1, -1]]) * size[unit]).tolist()
+    for name, high in {"velocity": [1, 2], "acceleration": [3, 4], "jerk": [5, 6]}.items():
+        expected = np.array(high) * size[limit_unit]
+        assert getattr(problem.limits, name)[:, 1].tolist() == expected.tolist()
+    assert problem.limits.position[0, 1] == 90 * size[limit_unit]
+
+
+def test_degrees_beside_a_urdfs_radians_are_the_same_problem(tmp_path):
+    """The two ways to write it differ by the rounding of three digits."""
+    mixed = text(**numbers(DEGREES, RADIANS), angle_unit=None, units=units("deg", "rad"))
+    plain = text(**DEGREES, angle_unit='"deg"')
+    one, other = read(tmp_path, mixed), read(tmp_path, plain)
+    assert one.waypoints.tolist() == other.waypoints.tolist()
+    np.testing.assert_allclose(one.limits.velocity, other.limits.velocity, rtol=2e-3)
+    np.testing.assert_allclose(one.limits.acceleration, other.limits.acceleration, rtol=4e-3)
+
+
+@pytest.mark.parametrize("unit", ['"deg"', '"rad"'])
+@pytest.mark.parametrize(
+    ("waypoints", "limits", "words"),
+    [
+        (DEGREES, RADIANS, "look like degrees beside radians"),
+        (RADIANS, DEGREES, "look like radians beside degrees"),
+    ],
+)
+def test_numbers_that_look_mixed_are_warned_of(tmp_path, unit, waypoints, limits, words):
+    content = text(**numbers(waypoints, limits), angle_unit=unit)
+    with pytest.warns(UnitWarning, match=rf"given\.toml.*{words}.*units\.waypoints") as caught:
+        read(tmp_path, content)
+    assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("given", [DEGREES, RADIANS])
+def test_numbers_of_one_unit_are_not(tmp_path, given):
+    read(tmp_path, text(**given, angle_unit='"deg"'))
+    read(tmp_path, text(**given, angle_unit='"rad"'))
+
+
+def test_who_says_both_units_is_not_warned(tmp_path):
+    content = text(**numbers(DEGREES, RADIANS), angle_unit=None, units=units("deg", "deg"))
+    assert read(tmp_path, content).limits.velocity[0, 1] == 3.14 * np.pi / 180
+
+
+def test_no_built_in_problem_looks_mixed():
+    """Neither in radians, as they are here, nor in degrees, as an arm's file may have them."""
+    built_in = [problem for name in ("six-axis", "edges", "robots", "random")
+                for problem in suites.problems(name)]  # fmt: skip
+    assert len(built_in) >= 197
+    for problem in built_in:
+        limits = problem.limits
+        found = mixed_units(problem.waypoints, limits.velocity, limits.acceleration)
+        assert found is None, problem.name
+    for problem in suites.problems("robots"):
+        rates = [np.rad2deg(x) for x in (problem.limits.velocity, problem.limits.acceleration)]
+        assert mixed_units(np.rad2deg(problem.waypoints), *rates) is None, problem.name
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "right"),
+    [
+        ({"units": '"deg"', "angle_unit": None}, "units", "a table"),
+        ({"units": '{waypoints = "deg"}', "angle_unit": None}, "units.limits", "missing"),
+        ({"units": '{limits = "deg"}', "angle_unit": None}, "units.waypoints", "missing"),
+        ({"units": units("deg", "m"), "angle_unit": None}, "units.limits", '"deg" or "rad"'),
+        ({"units": '{waypoints = "rad", limits = 1}', "angle_unit": None}, "units.limits", "rad"),
+        ({"units": '{time = "s"}', "angle_unit": None}, "units.time", "limits, waypoints"),
+        ({"units": units("deg", "rad")}, "angle_unit", "left out beside units"),
+    ],
+)
+def test_units_that_say_nothing_are_refused(tmp_path, changes, key, right):
+    with pytest.raises(InvalidInput) as caught:
+        read(tmp_path, text(**changes))
+    assert caught.value.key == key
+    assert right in str(caught.value)
+
+
 def test_a_file_without_a_name_is_called_after_itself(tmp_path):
     assert read(tmp_path, text(name=None, source=None)).name == "given"
     assert read(tmp_path, text(name=None, source=None)).source == ""
@@ -271,6 +379,25 @@ def test_without_lifts_a_limit_and_nothing_else():
     assert np.array_equal(free.limits.velocity, limits.velocity)
     assert problem.has("jerk")
     assert problem.without().digest() == problem.digest()
+
+
+@pytest.mark.parametrize("joints", [[0, 2], np.array([True, False, True]), np.array([0, 2])])
+def test_only_some_joints(joints):
+    limits = Limits([1, 2, 3], [4, 5, 6], [7, 8, 9], [[-1, 1], [-2, 2], [-3, 3]])
+    problem = Problem([[0, 0, 0], [0.1, 0.2, 0.3]], limits, "a", "b")
+    some = problem.only(joints)
+    assert some.waypoints.tolist() == [[0, 0], [0.1, 0.3]]
+    assert some.limits.velocity.tolist() == [[-1, 1], [-3, 3]]
+    assert some.limits.acceleration[:, 1].tolist() == [4, 6]
+    assert some.limits.jerk[:, 1].tolist() == [7, 9]
+    assert some.limits.position[:, 0].tolist() == [-1, -3]
+    assert (some.name, some.source) == ("a", "b")
+
+
+def test_only_joints_that_rest_are_no_problem():
+    problem = Problem([[0, 0], [1, 0]], Limits([1, 1], [1, 1]))
+    with pytest.raises(InvalidInput, match="never move"):
+        problem.only([1])
 
 
 @pytest.mark.parametrize(

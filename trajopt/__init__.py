@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from trajopt.exceptions import MissingBackend as MissingBackend
     from trajopt.exceptions import StoreError as StoreError
     from trajopt.exceptions import TrajoptError as TrajoptError
+    from trajopt.exceptions import UnitWarning as UnitWarning
     from trajopt.exceptions import UnknownName as UnknownName
     from trajopt.planner import Planner as Planner
     from trajopt.planner import Relation as Relation
@@ -23,18 +24,25 @@ if TYPE_CHECKING:
     from trajopt.verification import Tolerance as Tolerance
     from trajopt.verification import verify as verify
 
-_PUBLIC = {
-    "exceptions": (
-        "InvalidInput", "InvalidTrajectory", "MissingBackend", "StoreError", "TrajoptError",
-        "UnknownName",
-    ),
-    "planner": ("Planner", "Relation"),
-    "problem": ("Limits", "Problem"),
-    "solution": ("Solution", "Status"),
-    "trajectory": ("Trajectory",),
-    "verification": ("Certificate", "Tolerance", "verify"),
-}  # fmt: skip
-_MODULE = {name: module for module, names in _PUBLIC.items() for name in names}
+_MODULE = {
+    "Certificate": "verification",
+    "InvalidInput": "exceptions",
+    "InvalidTrajectory": "exceptions",
+    "Limits": "problem",
+    "MissingBackend": "exceptions",
+    "Planner": "planner",
+    "Problem": "problem",
+    "Relation": "planner",
+    "Solution": "solution",
+    "Status": "solution",
+    "StoreError": "exceptions",
+    "Tolerance": "verification",
+    "Trajectory": "trajectory",
+    "TrajoptError": "exceptions",
+    "UnitWarning": "exceptions",
+    "UnknownName": "exceptions",
+    "verify": "verification",
+}
 __all__ = sorted(_MODULE)
 
 
@@ -42,7 +50,8 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that `trajopt --help` need not wait."""
     if name not in _MODULE:
         raise AttributeError(f"module 'trajopt' has no attribute {name!r}")
-    return getattr(import_module(f"trajopt.{_MODULE[name]}"), name)
+    module = import_module(f"trajopt.{_MODULE[name]}")
+    return getattr(module, name)
 
 
 def __dir__() -> list[str]:

@@ -38,24 +38,35 @@ class InvalidInput(TrajoptError, ValueError):
         joint: int | None = None,
         file: str | None = None,
     ) -> None:
-        self.key, self.expected, self.value, self.joint, self.file = (
-            key,
-            expected,
-            value,
-            joint,
-            file,
-        )
+        self.key = key
+        self.expected = expected
+        self.value = value
+        self.joint = joint
+        self.file = file
         super().__init__(self.__str__())
 
     def __str__(self) -> str:
-        where = self.key if self.joint is None else f"{self.key}, joint {self.joint + 1}"
-        value = self.value.item() if hasattr(self.value, "item") else self.value  # NumPy's numbers
-        got = "" if value is None else f" is {value!r}"
-        return f"{self.file + ': ' if self.file else ''}{where}{got}: expected {self.expected}"
+        text = self.key
+        if self.file:
+            text = f"{self.file}: {text}"
+        if self.joint is not None:
+            text += f", joint {self.joint + 1}"
+        value = self.value
+        if hasattr(value, "item"):  # one of NumPy's numbers
+            value = value.item()
+        if value is not None:
+            text += f" is {value!r}"
+        return f"{text}: expected {self.expected}"
 
     def in_file(self, file: str) -> InvalidInput:
         """The same error, naming the file it came from."""
-        return InvalidInput(self.key, self.expected, value=self.value, joint=self.joint, file=file)
+        return InvalidInput(
+            self.key,
+            self.expected,
+            value=self.value,
+            joint=self.joint,
+            file=file,
+        )
 
 
 class InvalidTrajectory(TrajoptError, ValueError):
@@ -66,9 +77,13 @@ class UnknownName(TrajoptError, LookupError):
     """No planner or problem of this name; the message lists those there are."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
-        self.kind, self.name, self.known = kind, name, sorted(known)
+        self.kind = kind
+        self.name = name
+        self.known = sorted(known)
+        hint = f"known: {', '.join(self.known)}"
         close = get_close_matches(name, self.known, n=1)
-        hint = f"did you mean {close[0]!r}?" if close else f"known: {', '.join(self.known)}"
+        if close:
+            hint = f"did you mean {close[0]!r}?"
         super().__init__(f"no {kind} is called {name!r}; {hint}")
 
 
@@ -86,3 +101,7 @@ class StoreError(TrajoptError, OSError):
 
 class WorkerError(TrajoptError):
     """An executor's worker that cannot run trials; the message says how to start it."""
+
+
+class UnitWarning(UserWarning):
+    """Numbers that look as if they were written in different units."""

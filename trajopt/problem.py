@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-import tomllib
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tomli_w
 from numpy.typing import ArrayLike, NDArray
 
-from trajopt.exceptions import InvalidInput
+from trajopt import problem_file
+from trajopt.exceptions import InvalidInput, UnitWarning
 
 Array = NDArray[np.float64]
 LimitName = Literal["velocity", "acceleration", "jerk", "position"]
 LIMIT_NAMES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk", "position")
-_FILE_KEYS = {"name", "source", "angle_unit", "waypoints", "limits"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +51,12 @@ class Limits:
             "position": position,
         }
         joints = len(_pairs("velocity", velocity))
+        unlimited = np.tile([-np.inf, np.inf], (joints, 1))
         for name, value in given.items():
-            pairs = (
-                np.tile([-np.inf, np.inf], (joints, 1)) if value is None else _pairs(name, value)
-            )
+            pairs = unlimited if value is None else _pairs(name, value)
             if len(pairs) != joints:
-                raise InvalidInput(
-                    f"limits.{name}", f"{joints} values, one per joint", value=len(pairs)
-                )
+                expected = f"{joints} values, one per joint"
+                raise InvalidInput(f"limits.{name}", expected, value=len(pairs))
             _check_signs(name, pairs)
             object.__setattr__(self, name, _frozen(pairs))
 
@@ -69,8 +66,26 @@ class Limits:
 
     def without(self, *names: LimitName) -> Limits:
         """The same limits with the named ones lifted (only jerk and position can be)."""
-        kept: dict[str, Any] = {n: getattr(self, n) for n in LIMIT_NAMES if n not in names}
-        return Limits(**kept)
+        remaining = {name: pairs for name, pairs in self.by_name().items() if name not in names}
+        return Limits(**remaining)
+
+    def only(self, joints: ArrayLike) -> Limits:
+        """The limits of some joints, by index (from 0) or mask."""
+        chosen = np.asarray(joints)
+        return Limits(**{name: pairs[chosen] for name, pairs in self.by_name().items()})
+
+    def scaled(self, factor: float) -> Limits:
+        """Every limit times a positive factor, as another unit of angle needs it."""
+        return Limits(**{name: pairs * factor for name, pairs in self.by_name().items()})
+
+    def by_name(self) -> dict[str, Array]:
+        """Every limit, `(joints, 2)`, by its name."""
+        return {
+            "velocity": self.velocity,
+            "acceleration": self.acceleration,
+            "jerk": self.jerk,
+            "position": self.position,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +110,10 @@ class Problem:
         name: str = "unnamed",
         source: str = "",
     ) -> None:
-        fields = {"waypoints": _frozen(_table(waypoints)), "limits": limits}
-        for key, value in (fields | {"name": name, "source": source}).items():
-            object.__setattr__(self, key, value)
+        object.__setattr__(self, "waypoints", _frozen(_table(waypoints)))
+        object.__setattr__(self, "limits", limits)
+        object.__setattr__(self, "name", name)
+        object.__setattr__(self, "source", source)
         _check_waypoints(self.waypoints, self.limits)
 
     @property
@@ -124,11 +140,25 @@ class Problem:
         `times[index]` expands the merged problem's waypoint times to this one's.
         """
         moves = np.r_[True, self.displacements.any(axis=1)]
-        return replace(self, waypoints=self.waypoints[moves]), np.cumsum(moves) - 1
+        index = np.cumsum(moves) - 1
+        return replace(self, waypoints=self.waypoints[moves]), index
 
     def without(self, *names: LimitName) -> Problem:
         """This problem with the named limits lifted: a relaxation of it."""
         return replace(self, limits=self.limits.without(*names))
+
+    def only(self, joints: ArrayLike) -> Problem:
+        """The problem of some joints, by index (from 0) or mask: a relaxation of it.
+
+        Raises:
+            InvalidInput: None of these joints moves.
+        """
+        chosen = np.asarray(joints)
+        return replace(
+            self,
+            waypoints=self.waypoints[:, chosen],
+            limits=self.limits.only(chosen),
+        )
 
     def has(self, name: LimitName) -> bool:
         """Whether any joint has a finite limit of this name."""
@@ -136,64 +166,53 @@ class Problem:
 
     def digest(self) -> str:
         """SHA-256 of the numbers (not of the name): a changed problem has another digest."""
-        arrays = [self.waypoints, *(getattr(self.limits, n) for n in LIMIT_NAMES)]
-        text = b"".join(repr(a.shape).encode() + (a + 0.0).astype("<f8").tobytes() for a in arrays)
-        return hashlib.sha256(text).hexdigest()
+        digest = hashlib.sha256()
+        for array in (self.waypoints, *self.limits.by_name().values()):
+            numbers = (array + 0.0).astype("<f8")  # −0.0 is 0.0
+            digest.update(repr(array.shape).encode())
+            digest.update(numbers.tobytes())
+        return digest.hexdigest()
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Problem:
-        """Read a problem file; every error names the file, key, joint and value."""
+        """Read a problem file (`trajopt.problem_file`).
+
+        Warns with `UnitWarning` where one unit is given for everything, but waypoints and limits
+        look as if they were written in different ones.
+
+        Raises:
+            InvalidInput: Names the file, the key, the joint, the value, and what would be right.
+        """
         try:
-            return _parsed(tomllib.loads(Path(path).read_text(encoding="utf-8")), Path(path).stem)
+            return _from_file(Path(path))
         except InvalidInput as error:
             raise error.in_file(str(path)) from None
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise InvalidInput(
-                "problem", "a readable TOML file", value=reason, file=str(path)
-            ) from None
 
     def to_toml(self) -> str:
         """The problem file, in radians; reading it back gives the same digest."""
-        limits = {n: getattr(self.limits, n).tolist() for n in LIMIT_NAMES if self.has(n)}
-        head = {"name": self.name, "source": self.source, "angle_unit": "rad"}
-        return tomli_w.dumps(head | {"waypoints": self.waypoints.tolist(), "limits": limits})
+        limits: dict[str, Array] = {}
+        for name in LIMIT_NAMES:
+            if self.has(name):
+                limits[name] = getattr(self.limits, name)
+        return problem_file.text(self.name, self.source, self.waypoints, limits)
 
 
-def _parsed(table: Mapping[str, Any], stem: str) -> Problem:
-    _check_keys("", table, _FILE_KEYS, required={"waypoints", "limits"})
-    limits = table["limits"]
-    if not isinstance(limits, Mapping):
-        raise InvalidInput("limits", "a table of limits", value=limits)
-    _check_keys("limits.", limits, set(LIMIT_NAMES), required={"velocity", "acceleration"})
-    unit = table.get("angle_unit")
-    if unit not in ("deg", "rad"):
-        raise InvalidInput("angle_unit", '"deg" or "rad"', value=unit)
-    scale = np.pi / 180 if unit == "deg" else 1.0
-    given = {name: _pairs(name, value) for name, value in limits.items()}
-    for name, pairs in given.items():  # before scaling: errors show what the file says
-        _check_signs(name, pairs)
-    scaled = {name: pairs * scale for name, pairs in given.items()}
-    for text in ("name", "source"):
-        if not isinstance(table.get(text, ""), str):
-            raise InvalidInput(text, "a string", value=table[text])
-    return Problem(
-        _table(table["waypoints"]) * scale,
-        Limits(**scaled),
-        table.get("name", stem),
-        table.get("source", ""),
+def _from_file(path: Path) -> Problem:
+    written = problem_file.read(path, LIMIT_NAMES)
+    limits = Limits(**written.limits)  # before scaling: errors show what the file says
+    waypoints = _table(written.waypoints)
+    problem = Problem(
+        waypoints * written.waypoint_unit,
+        limits.scaled(written.limit_unit),
+        written.name,
+        written.source,
     )
-
-
-def _check_keys(prefix: str, table: Mapping[str, Any], known: set[str], required: set[str]) -> None:
-    for key in table:
-        if key not in known:
-            raise InvalidInput(
-                prefix + key, f"one of the keys {', '.join(sorted(known))}", value=table[key]
-            )
-    for key in sorted(required):
-        if key not in table:
-            raise InvalidInput(prefix + key, "this key; it is missing")
+    if not written.units_said:
+        mixed = problem_file.mixed_units(waypoints, limits.velocity, limits.acceleration)
+        if mixed:
+            message = f"{path}: {mixed}; say units.waypoints and units.limits"
+            warnings.warn(UnitWarning(message), stacklevel=3)
+    return problem
 
 
 def _pairs(name: str, value: Any) -> Array:
@@ -213,15 +232,26 @@ def _pairs(name: str, value: Any) -> Array:
 
 
 def _check_signs(name: str, pairs: Array) -> None:
+    """Velocity and acceleration are finite, rates allow rest, positions are in order."""
     finite = name in ("velocity", "acceleration")
+    expected = "a positive number, or low < 0 < high"
+    if name == "position":
+        expected = "low < high"
+    if finite:
+        expected += ", finite"
     for joint, (low, high) in enumerate(pairs):
-        one = name != "position" and (low == -high or np.isnan([low, high]).all())
-        value = float(high) if one else [float(low), float(high)]
-        signs = low < high if name == "position" else low < 0 < high
-        if not signs or (finite and not np.isfinite([low, high]).all()):
-            kind = "low < high" if name == "position" else "a positive number, or low < 0 < high"
-            expected = f"{kind}{', finite' if finite else ''}"
+        ordered = low < high if name == "position" else low < 0 < high
+        if not ordered or (finite and not np.isfinite([low, high]).all()):
+            value = _as_written(name, low, high)
             raise InvalidInput(f"limits.{name}", expected, value=value, joint=joint)
+
+
+def _as_written(name: str, low: float, high: float) -> float | list[float]:
+    """A pair, or the one number that it was made of."""
+    symmetric = low == -high or np.isnan([low, high]).all()
+    if symmetric and name != "position":
+        return float(high)
+    return [float(low), float(high)]
 
 
 def _table(rows: Any) -> Array:
@@ -229,19 +259,14 @@ def _table(rows: Any) -> Array:
     if not _is_list(rows) or len(rows) < 2:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint", value=rows)
     for number, row in enumerate(rows, start=1):
+        key = f"waypoints, waypoint {number}"
         if not _is_list(row) or len(row) == 0:
-            raise InvalidInput(
-                f"waypoints, waypoint {number}", "a row of numbers, one per joint", value=row
-            )
+            raise InvalidInput(key, "a row of numbers, one per joint", value=row)
         if len(row) != len(rows[0]):
-            raise InvalidInput(
-                f"waypoints, waypoint {number}", f"{len(rows[0])} numbers", value=list(row)
-            )
+            raise InvalidInput(key, f"{len(rows[0])} numbers", value=list(row))
         for joint, item in enumerate(row):
             if not _is_number(item) or not np.isfinite(float(item)):
-                raise InvalidInput(
-                    f"waypoints, waypoint {number}", "a finite number", value=item, joint=joint
-                )
+                raise InvalidInput(key, "a finite number", value=item, joint=joint)
     return np.array(rows, dtype=float)
 
 
@@ -252,22 +277,27 @@ def _check_waypoints(waypoints: Array, limits: Limits) -> None:
     if not np.diff(waypoints, axis=0).any():
         raise InvalidInput("waypoints", "at least two different ones; these never move")
     low, high = limits.position.T
-    for row, joint in np.argwhere((waypoints < low) | (waypoints > high))[:1]:
+    outside = np.argwhere((waypoints < low) | (waypoints > high))
+    if len(outside) > 0:
+        row, joint = outside[0]
         inside = f"a value inside limits.position [{low[joint]:.9g}, {high[joint]:.9g}] rad"
-        value = float(waypoints[row, joint])
-        raise InvalidInput(f"waypoints, waypoint {row + 1}", inside, value=value, joint=int(joint))
+        key = f"waypoints, waypoint {row + 1}"
+        raise InvalidInput(key, inside, value=float(waypoints[row, joint]), joint=int(joint))
 
 
 def _is_list(value: Any) -> bool:
-    array = isinstance(value, np.ndarray) and value.ndim > 0
-    return array or (isinstance(value, Sequence) and not isinstance(value, str | bytes))
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def _is_number(value: Any) -> bool:
     """Whether `float` takes it: no truth value, no complex number, no integer beyond 1e308."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+    if isinstance(value, bool):
         return False
-    return not isinstance(value, int) or abs(value) < 2**1023
+    if isinstance(value, int):
+        return abs(value) < 2**1023
+    return isinstance(value, float | np.integer | np.floating)
 
 
 def _frozen(array: Array) -> Array:

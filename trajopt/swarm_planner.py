@@ -217,9 +217,7 @@ class _Task:
 
 def _only(problem: Problem, joints: NDArray[np.intp]) -> Problem:
     """The problem of some joints, without position limits."""
-    limits = problem.limits
-    kept = (limits.velocity[joints], limits.acceleration[joints], limits.jerk[joints])
-    return Problem(problem.waypoints[:, joints], Limits(*kept))
+    return problem.only(joints).without("position")
 
 
 pso, ssa, issa = SwarmPlanner(PSO()), SwarmPlanner(SSA()), SwarmPlanner(ISSA())

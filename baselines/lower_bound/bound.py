@@ -18,7 +18,7 @@ from baselines.lower_bound.program import TOLERANCE, Program
 from baselines.lower_bound.spline353 import Spline353
 from trajopt.exceptions import InvalidInput, TrajoptError
 from trajopt.planner import backend
-from trajopt.problem import Limits, Problem
+from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 from trajopt.verification import verify
 
@@ -78,9 +78,7 @@ def certify(
 def _alone(problem: Problem, joint: int) -> Problem:
     if not 0 <= joint < problem.joints or not problem.moving[joint]:
         raise InvalidInput("joint", "the index of a joint that moves", value=joint)
-    kinds = ("velocity", "acceleration", "jerk", "position")
-    limits = Limits(*(getattr(problem.limits, kind)[[joint]] for kind in kinds))
-    return Problem(problem.waypoints[:, [joint]], limits, problem.name, problem.source)
+    return problem.only([joint])
 
 
 def _prove(problem: Problem, program: Program, gap: float, deadline: float) -> Bound:

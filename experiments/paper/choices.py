@@ -47,7 +47,7 @@ def searched(
 ) -> Runs:  # fmt: skip
     """Runs with another fitness, all joints together or each alone; `history` is the fitness's."""
     joints, limits = np.flatnonzero(problem.moving), problem.limits
-    own = Limits(limits.velocity[joints], limits.acceleration[joints])
+    own = limits.only(joints)
     groups, displacements = [-1] if shared else list(joints), problem.displacements.T[joints]
 
     def objective(x: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trajopt import Limits, Problem, spline353
+from trajopt import Problem, spline353
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.kinematics import Robot
@@ -84,8 +84,7 @@ def alone(problem: Problem, times: Array, t: Array) -> Array:
     """
     q = np.tile(problem.waypoints[0], (len(t), 1))
     for joint in np.flatnonzero(problem.moving):
-        limits = Limits(problem.limits.velocity[[joint]], problem.limits.acceleration[[joint]])
-        own = Problem(problem.waypoints[:, [joint]], limits)
+        own = problem.only([joint])
         q[:, joint] = spline353.trajectory(own, times[joint])(t)[:, 0]
     return q
 
