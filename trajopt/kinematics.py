@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import itertools
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,6 @@ from trajopt.problem import Limits, Problem
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Part = tuple[Array, Array, Array, Mask]
 
 BRANCHES = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
 BRANCHES.setflags(write=False)
@@ -33,11 +32,12 @@ its back), elbow, and wrist (`s5 ≥ 0` or `s5 ≤ 0` in Table 1's convention)."
 
 _COLUMNS = ("a", "alpha", "d", "theta", "joint_range")
 _KEYS = {*_COLUMNS, "angle_unit", "convention", "name", "source"}
-_NUMBERS = {int, float, np.int64, np.float64}
+_NUMBER_TYPES = {int, float, np.int64, np.float64}
 _TWISTS = np.array([0, -1, 0, -1, 1, -1]) * np.pi / 2  # Table 1's alpha
-_TOUCHING = 1e-12  # of the arm's size: a wrist centre this near a boundary of its reach is on it
-_ALIGNED = 1e-10  # rad: below, axes 4 and 6 are one
-_ROUNDING = 1e-10  # rad: an angle this far outside its range is at its end
+_TOUCHING_SHARE = 1e-12  # of the arm's size: a wrist centre this near its reach's boundary is on it
+_ALIGNED_RAD = 1e-10  # below, axes 4 and 6 are one
+_ROUNDING_RAD = 1e-10  # an angle this far outside its range is at its end
+_ORTHONORMAL = 1e-6  # largest entry of R Rᵀ − 1 that a rotation may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,10 @@ class Robot:
 
     Row i holds `a` = a_{i-1} (m), `alpha` = α_{i-1} (rad), `d` = d_i (m), and `theta` (rad), which
     is added to the joint's angle; `joint_range` is `(joints, 2)`, `[low, high]` rad, perhaps
-    infinite. Raises `InvalidInput` naming the key, joint and value.
+    infinite.
+
+    Raises:
+        InvalidInput: naming the key, joint and value.
     """
 
     a: Array
@@ -79,12 +82,12 @@ class Robot:
     source: str = ""
 
     def __post_init__(self) -> None:
-        for key, array in _columns({key: getattr(self, key) for key in _COLUMNS}).items():
+        given = {key: getattr(self, key) for key in _COLUMNS}
+        for key, array in _columns(given).items():
             array.setflags(write=False)
             object.__setattr__(self, key, array)
-        for key in ("name", "source"):
-            if not isinstance(getattr(self, key), str):
-                raise InvalidInput(key, "a string", value=getattr(self, key))
+        _check_text("name", self.name)
+        _check_text("source", self.source)
 
     @property
     def joints(self) -> int:
@@ -93,18 +96,27 @@ class Robot:
     @classmethod
     def from_toml(cls, path: str | Path) -> Robot:
         """Read a robot file; every error names the file, key, joint and value."""
+        file = Path(path)
         try:
-            return _parsed(tomllib.loads(Path(path).read_text(encoding="utf-8")), Path(path).stem)
+            table = tomllib.loads(file.read_text(encoding="utf-8"))
+            return _parsed(table, file.stem)
         except InvalidInput as error:
             raise error.in_file(str(path)) from None
         except (OSError, ValueError) as error:
-            reason, right = getattr(error, "strerror", None) or str(error), "a readable TOML file"
-            raise InvalidInput("robot", right, value=reason, file=str(path)) from None
+            reason = getattr(error, "strerror", None) or str(error)
+            raise InvalidInput(
+                "robot",
+                "a readable TOML file",
+                value=reason,
+                file=str(path),
+            ) from None
 
     def frames(self, q: ArrayLike) -> Array:
         """Poses `(…, joints + 1, 4, 4)` of the base and every link at `q` `(…, joints)` rad; m."""
-        links = _link(self.a, self.alpha, self.d, self._angles("q", q) + self.theta)
-        frames = [np.broadcast_to(np.eye(4), (*links.shape[:-3], 4, 4))]
+        theta = self._angles("q", q) + self.theta
+        links = _link(self.a, self.alpha, self.d, theta)
+        base = np.broadcast_to(np.eye(4), (*links.shape[:-3], 4, 4))
+        frames = [base]
         for link in np.moveaxis(links, -3, 0):
             frames.append(frames[-1] @ link)
         return np.stack(frames, axis=-3)
@@ -115,10 +127,14 @@ class Robot:
 
     def jacobian(self, q: ArrayLike) -> Array:
         """The hand's velocity (m) over its turning (rad), base frame, per rad: `(…, 6, joints)`."""
-        frames = self.frames(q)
-        axes, origins = frames[..., 1:, :3, 2], frames[..., 1:, :3, 3]
-        linear = np.cross(axes, origins[..., -1:, :] - origins)
-        return np.swapaxes(np.concatenate([linear, axes], axis=-1), -1, -2)
+        links = self.frames(q)[..., 1:, :, :]
+        axes = links[..., :3, 2]
+        origins = links[..., :3, 3]
+        # Turning about an axis moves the hand by axis × lever.
+        levers = origins[..., -1:, :] - origins
+        linear = np.cross(axes, levers)
+        columns = np.concatenate([linear, axes], axis=-1)
+        return np.swapaxes(columns, -1, -2)
 
     def inverse(self, pose: Any, previous: ArrayLike | None = None) -> Inverse:
         """All eight branches of each pose `(…, 4, 4)`.
@@ -126,26 +142,45 @@ class Robot:
         Of the angles that differ by 2π, each joint takes the one in its range nearest to `previous`
         `(…, 6)` rad (by default zero, or the end of the range nearest to it), or if there is none
         the one nearest to its range. What a singularity leaves free stays as in `previous`.
-        Raises `InvalidInput` if the arm is not of this family, or a pose is not a pose: its
-        rotation must be orthonormal to 1e-6, and is taken as it is.
+
+        Raises:
+            InvalidInput: the arm is not of this family, or a pose is not a pose: its rotation must
+                be orthonormal to 1e-6, and is taken as it is.
         """
         self.check_spherical_wrist()
-        before, (signs, base, hand) = self._posture("previous", previous), _flips(self)
-        near = _TOUCHING * float(np.abs([self.a, self.d]).sum())
+        before = self._posture("previous", previous)
+        signs, base, hand = _flips(self)
+        size = float(np.abs([self.a, self.d]).sum())
+        near = _TOUCHING_SHARE * size
         target = np.linalg.inv(base) @ _checked(pose) @ hand
-        free = (signs * (before + self.theta))[..., None, :]
-        joints, gap, singular = _solve(self.a, signs * self.d, target, free, near)
+        free = signs * (before + self.theta)
+        joints, gap, singular = _solve(
+            self.a,
+            signs * self.d,
+            target,
+            free=free[..., None, :],
+            near=near,
+        )
         exists = gap <= near
-        q, inside = _representative(signs * joints - self.theta, self.joint_range, before)
-        distance = np.where(exists.any(axis=-1), 0.0, gap.min(axis=-1))
-        return Inverse(q, exists, exists & inside, singular & exists[..., None], distance)
+        angles = signs * joints - self.theta
+        q, inside = _representative(angles, self.joint_range, before)
+        nearest = gap.min(axis=-1)
+        return Inverse(
+            joints=q,
+            exists=exists,
+            in_range=exists & inside,
+            singular=singular & exists[..., None],
+            distance=np.where(exists.any(axis=-1), 0.0, nearest),
+        )
 
     def nearest(self, pose: Any, posture: ArrayLike | None = None) -> Array:
         """The branch in joint range nearest to a posture, `(…, 6)` rad, for each pose `(…, 4, 4)`.
 
         By the Euclidean norm of the angles' differences; `posture` is also `inverse`'s `previous`.
-        Raises `InvalidInput` naming the pose (counted from 1) that is out of reach and by how far,
-        or the joint that leaves its range in its best branch.
+
+        Raises:
+            InvalidInput: naming the pose (counted from 1) that is out of reach and by how far, or
+                the joint that leaves its range in its best branch.
         """
         return _nearest(self, pose, self._posture("posture", posture), "pose")
 
@@ -155,14 +190,27 @@ class Robot:
             raise InvalidInput("a", "six joints, for the analytic inverse", value=self.joints)
         turns = (self.alpha - _TWISTS) / np.pi
         square = np.abs(turns - np.round(turns)) < 1e-12
-        meet, move = "0, as the last three axes meet", "not 0, as the elbow moves the wrist"
-        needs = [("alpha", i, square[i], "0 or ±pi" if i == 2 else "±pi/2") for i in range(1, 6)]
-        needs += [(k, i, getattr(self, k)[i] == 0, meet) for k, i in (("a", 4), ("d", 4), ("a", 5))]
-        needs += [("a", 2, self.a[2] != 0, move), ("d", 3, self.a[3] or self.d[3], move)]
-        for key, joint, right, expected in needs:
-            if not right:
-                value, expected = getattr(self, key)[joint], f"{expected}, for the analytic inverse"
-                raise InvalidInput(key, expected, value=value, joint=joint)
+        for joint in range(1, 6):
+            angle = "0 or ±pi" if joint == 2 else "±pi/2"
+            self._check_entry("alpha", joint, square[joint], angle)
+        # The last three axes meet in one point.
+        meet = "0, as the last three axes meet"
+        self._check_entry("a", 4, self.a[4] == 0, meet)
+        self._check_entry("d", 4, self.d[4] == 0, meet)
+        self._check_entry("a", 5, self.a[5] == 0, meet)
+        # Both links of the elbow have a length.
+        move = "not 0, as the elbow moves the wrist"
+        self._check_entry("a", 2, self.a[2] != 0, move)
+        self._check_entry("d", 3, bool(self.a[3] or self.d[3]), move)
+
+    def _check_entry(self, key: str, joint: int, holds: bool, expected: str) -> None:
+        if not holds:
+            raise InvalidInput(
+                key,
+                f"{expected}, for the analytic inverse",
+                value=getattr(self, key)[joint],
+                joint=joint,
+            )
 
     def _angles(self, key: str, q: ArrayLike) -> Array:
         expected = f"{self.joints} finite angles in rad, one per joint"
@@ -172,53 +220,98 @@ class Robot:
         return array
 
     def _posture(self, key: str, q: ArrayLike | None) -> Array:
-        return np.clip(0 * self.a, *self.joint_range.T) if q is None else self._angles(key, q)
+        if q is not None:
+            return self._angles(key, q)
+        low, high = self.joint_range.T
+        return np.clip(0 * self.a, low, high)
 
 
 def cartesian_problem(
-    robot: Robot, poses: Any, limits: Limits, start: ArrayLike | None = None, name: str = ""
+    robot: Robot,
+    poses: Any,
+    limits: Limits,
+    start: ArrayLike | None = None,
+    name: str = "",
 ) -> Problem:
     """Step 1 of the paper's procedure: the problem of passing poses `(waypoints, 4, 4)` in order.
 
     Each waypoint is `Robot.nearest` to the one before, without looking ahead; the first to the
     posture `start` `(6,)` rad, itself no waypoint. Without a `name` the problem takes the robot's.
-    Raises `InvalidInput` as `Robot.nearest` and `Problem` do.
+
+    Raises:
+        InvalidInput: as `Robot.nearest` and `Problem` do.
     """
-    path, waypoints = _checked(poses), [robot._posture("start", start)]
-    for number, target in enumerate(path, start=1):
-        waypoints.append(_nearest(robot, target, waypoints[-1], f"pose {number}"))
-    return Problem(waypoints[1:], limits, name or robot.name)
+    path = _checked(poses)
+    posture = robot._posture("start", start)
+    waypoints = []
+    for number, pose in enumerate(path, start=1):
+        posture = _nearest(robot, pose, posture, f"pose {number}")
+        waypoints.append(posture)
+    return Problem(waypoints, limits, name or robot.name)
 
 
 def _nearest(robot: Robot, poses: ArrayLike, posture: Array, key: str) -> Array:
     inverse = robot.inverse(poses, posture)
-    for index in np.argwhere(~inverse.in_range.any(axis=-1)).tolist():
-        key += "".join(f" {i + 1}" for i in index)
+    reached = inverse.in_range.any(axis=-1)
+    for index in np.argwhere(~reached).tolist():
+        key += _numbered(index)
         raise _unreached(robot, inverse, tuple(index), key)
-    length = np.linalg.norm(inverse.joints - posture[..., None, :], axis=-1)
-    best = np.where(inverse.in_range, length, np.inf).argmin(axis=-1)
-    return np.asarray(np.take_along_axis(inverse.joints, best[..., None, None], -2)[..., 0, :])
+    difference = inverse.joints - posture[..., None, :]
+    length = np.linalg.norm(difference, axis=-1)
+    branch = np.where(inverse.in_range, length, np.inf).argmin(axis=-1)
+    best = np.take_along_axis(inverse.joints, branch[..., None, None], axis=-2)
+    return np.asarray(best[..., 0, :])
+
+
+def _numbered(index: list[int]) -> str:
+    """Positions in a batch, counted from 1."""
+    return "".join(f" {i + 1}" for i in index)
 
 
 def _unreached(robot: Robot, inverse: Inverse, index: tuple[int, ...], key: str) -> InvalidInput:
-    exists, q, (low, high) = inverse.exists[index], inverse.joints[index], robot.joint_range.T
+    exists = inverse.exists[index]
     if not exists.any():
-        where, right = f"{key}, metres outside of the robot's reach", "a pose that it reaches"
-        return InvalidInput(where, right, value=inverse.distance[index])
-    excess = np.where(exists[:, None], np.maximum(low - q, q - high), np.inf)
+        return InvalidInput(
+            f"{key}, metres outside of the robot's reach",
+            "a pose that it reaches",
+            value=inverse.distance[index],
+        )
+    q = inverse.joints[index]
+    low, high = robot.joint_range.T
+    # The branch whose worst joint is least outside of its range, and that joint.
+    outside = np.maximum(low - q, q - high)
+    excess = np.where(exists[:, None], outside, np.inf)
     branch = int(excess.max(axis=-1).argmin())
     joint = int(excess[branch].argmax())
-    right = f"an angle in joint_range [{low[joint]:.9g}, {high[joint]:.9g}] rad"
-    return InvalidInput(f"{key}, best branch", right, value=q[branch, joint], joint=joint)
+    return InvalidInput(
+        f"{key}, best branch",
+        f"an angle in joint_range [{low[joint]:.9g}, {high[joint]:.9g}] rad",
+        value=q[branch, joint],
+        joint=joint,
+    )
 
 
 def _link(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) -> Array:
     """Eq. 1, batched: `(…, 4, 4)`."""
     a, alpha, d, theta = np.broadcast_arrays(a, alpha, d, theta)
-    c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    o, i = np.zeros_like(c), np.ones_like(c)
-    rows = [c, -s, o, a, s * ca, c * ca, -sa, -d * sa, s * sa, c * sa, ca, d * ca, o, o, o, i]
-    return np.stack(rows, axis=-1).reshape(*c.shape, 4, 4)
+    c = np.cos(theta)
+    s = np.sin(theta)
+    ca = np.cos(alpha)
+    sa = np.sin(alpha)
+    zero = np.zeros_like(c)
+    one = np.ones_like(c)
+    rows = [
+        [c, -s, zero, a],
+        [s * ca, c * ca, -sa, -d * sa],
+        [s * sa, c * sa, ca, d * ca],
+        [zero, zero, zero, one],
+    ]
+    return _matrix(rows)
+
+
+def _matrix(rows: list[list[Array]]) -> Array:
+    """Matrices `(…, rows, columns)` from their entries `(…)`."""
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def _flips(robot: Robot) -> tuple[Array, Array, Array]:
@@ -229,79 +322,209 @@ def _flips(robot: Robot) -> tuple[Array, Array, Array]:
     halves = np.round((robot.alpha - _TWISTS) / np.pi) % 2
     halves[0] = 0.0  # the base frame takes the first twist, whatever it is
     signs = (-1.0) ** np.cumsum(halves)
-    return signs, _link(robot.a[0], robot.alpha[0], 0, 0), np.diag([1, signs[-1], signs[-1], 1])
+    last = signs[-1]
+    base = _link(robot.a[0], robot.alpha[0], 0, 0)
+    hand = np.diag([1, last, last, 1])
+    return signs, base, hand
+
+
+class _Shoulder(NamedTuple):
+    """θ1, the wrist centre's distance forwards, how much too near axis 1 it is, singular or not."""
+
+    angle: Array
+    reach: Array
+    short: Array
+    singular: Mask
+
+
+class _Elbow(NamedTuple):
+    """θ2, θ3, how far the wrist centre is outside of the links' annulus, singular or not."""
+
+    upper_angle: Array
+    lower_angle: Array
+    short: Array
+    singular: Mask
+
+
+class _Wrist(NamedTuple):
+    """θ4, θ5, θ6, singular or not."""
+
+    first: Array
+    second: Array
+    third: Array
+    singular: Mask
 
 
 def _solve(a: Array, d: Array, pose: Array, free: Array, near: float) -> tuple[Array, Array, Mask]:
     """Angles `(…, 8, 6)`, each branch's distance from its pose `(…, 8)` m, and singularities."""
-    (shoulder, elbow, wrist), links = BRANCHES.T, np.array([a[2], a[3], d[3]])
-    x, y, z = np.moveaxis(pose[..., :3, 3] - d[5] * pose[..., :3, 2], -1, 0)[..., None]
-    t1, reach, aside, over = _shoulder(x, y, d[1] + d[2], shoulder, free[..., 0], near)
-    t2, t3, short, straight = _elbow(reach - a[1], d[0] - z, links, elbow, free[..., 1], near)
-    t4, t5, t6, aligned = _wrist(pose[..., None, :3, :3], t1, t2 + t3, wrist, free[..., 3])
-    joints = np.stack(np.broadcast_arrays(t1, t2, t3, t4, t5, t6), axis=-1)
-    singular = np.stack(np.broadcast_arrays(over, straight, aligned), axis=-1)
-    return joints, np.broadcast_to(np.hypot(aside, short), joints.shape[:-1]), singular
+    # The wrist's centre lies d6 behind the hand.
+    hand = pose[..., :3, 3]
+    approach = pose[..., :3, 2]
+    centre = hand - d[5] * approach
+    x = centre[..., 0, None]
+    y = centre[..., 1, None]
+    z = centre[..., 2, None]
+    shoulder_sign, elbow_sign, wrist_sign = BRANCHES.T
+    shoulder = _shoulder(
+        x,
+        y,
+        offset=d[1] + d[2],
+        sign=shoulder_sign,
+        free=free[..., 0],
+        near=near,
+    )
+    elbow = _elbow(
+        shoulder.reach - a[1],
+        d[0] - z,
+        upper=a[2],
+        lower=(a[3], d[3]),
+        sign=elbow_sign,
+        free=free[..., 1],
+        near=near,
+    )
+    wrist = _wrist(
+        pose[..., None, :3, :3],
+        shoulder.angle,
+        elbow.upper_angle + elbow.lower_angle,
+        sign=wrist_sign,
+        free=free[..., 3],
+    )
+    angles = np.broadcast_arrays(
+        shoulder.angle,
+        elbow.upper_angle,
+        elbow.lower_angle,
+        wrist.first,
+        wrist.second,
+        wrist.third,
+    )
+    joints = np.stack(angles, axis=-1)
+    singular = np.broadcast_arrays(shoulder.singular, elbow.singular, wrist.singular)
+    gap = np.hypot(shoulder.short, elbow.short)
+    return joints, np.broadcast_to(gap, joints.shape[:-1]), np.stack(singular, axis=-1)
 
 
-def _shoulder(x: Array, y: Array, offset: float, sign: Array, free: Array, near: float) -> Part:
-    """θ1 (eq. 6), the wrist centre's distance forwards, and how much too near it is to axis 1."""
-    r, inner = np.hypot(x, y), abs(offset)
-    over = np.abs(r - inner) <= near
-    reach = sign * np.sqrt(np.where(over, 0.0, np.maximum(r - inner, 0.0))) * np.sqrt(r + inner)
+def _shoulder(
+    x: Array,
+    y: Array,
+    offset: float,
+    sign: Array,
+    free: Array,
+    near: float,
+) -> _Shoulder:
+    """The wrist centre `(x, y)` stands `offset` beside the arm's plane, which turns by θ1."""
+    r = np.hypot(x, y)
+    inner = abs(offset)
+    singular = np.abs(r - inner) <= near
+    # reach = ±√(r² − offset²), as a product: precise where the difference is small.
+    beyond = np.where(singular, 0.0, np.maximum(r - inner, 0.0))
+    reach = sign * np.sqrt(beyond) * np.sqrt(r + inner)
+    # θ1 = atan2(y, x) − atan2(offset, reach)   (eq. 6)
     heading = np.where(r > near, np.arctan2(y, x), free)
-    return heading - np.arctan2(offset, reach), reach, np.maximum(inner - r, 0.0), over
+    angle = heading - np.arctan2(offset, reach)
+    short = np.maximum(inner - r, 0.0)
+    return _Shoulder(angle, reach, short, singular)
 
 
-def _elbow(u: Array, w: Array, links: Array, sign: Array, free: Array, near: float) -> Part:
-    """θ2, θ3 of links that reach `(u, w)` (eq. 7), and how far outside their annulus that is."""
-    upper, lower = links[0], np.hypot(links[1], links[2])
-    inner, outer, rho = abs(abs(upper) - lower), abs(upper) + lower, np.hypot(u, w)
-    rim = np.where(np.abs(rho - outer) <= near, outer, np.clip(rho, inner, outer))
+def _elbow(
+    u: Array,
+    w: Array,
+    upper: Any,
+    lower: tuple[Any, Any],
+    sign: Array,
+    free: Array,
+    near: float,
+) -> _Elbow:
+    """Links of lengths `upper` and `|lower|` that reach `(u, w)` in the arm's plane (eq. 7)."""
+    lower_length = np.hypot(*lower)
+    inner = abs(abs(upper) - lower_length)
+    outer = abs(upper) + lower_length
+    rho = np.hypot(u, w)
+    # Within the annulus, and on its rims where rounding would leave them.
+    rim = np.clip(rho, inner, outer)
+    rim = np.where(np.abs(rho - outer) <= near, outer, rim)
     rim = np.where(np.abs(rho - inner) <= near, inner, rim)
-    # The bend's half angle from factored differences: precise up to the stretched arm.
-    beyond, within = (outer - rim) * (outer + rim), (rim - inner) * (rim + inner)
-    bend = (0.0 if upper > 0 else np.pi) + 2 * sign * np.arctan2(np.sqrt(beyond), np.sqrt(within))
-    lift = np.arctan2(w, u) - np.arctan2(lower * np.sin(bend), upper + lower * np.cos(bend))
-    short = np.maximum(np.maximum(rho - outer, inner - rho), 0.0)
-    t3 = bend - np.arctan2(links[2], links[1])
-    return np.where(rho > near, lift, free), t3, short, (rim == inner) | (rim == outer)
+    # tan²(bend/2) = (outer² − ρ²)/(ρ² − inner²), factored: precise up to the stretched arm.
+    beyond = (outer - rim) * (outer + rim)
+    within = (rim - inner) * (rim + inner)
+    half = np.arctan2(np.sqrt(beyond), np.sqrt(within))
+    straight = 0.0 if upper > 0 else np.pi
+    bend = straight + 2 * sign * half
+    # θ2 = atan2(w, u) − the angle at the shoulder between upper link and wrist centre
+    opposite = lower_length * np.sin(bend)
+    adjacent = upper + lower_length * np.cos(bend)
+    lift = np.arctan2(w, u) - np.arctan2(opposite, adjacent)
+    # θ3 counts from the lower link's x axis.
+    along, across = lower
+    return _Elbow(
+        upper_angle=np.where(rho > near, lift, free),
+        lower_angle=bend - np.arctan2(across, along),
+        short=np.maximum(np.maximum(rho - outer, inner - rho), 0.0),
+        singular=(rim == inner) | (rim == outer),
+    )
 
 
-def _wrist(rotation: Array, t1: Array, t23: Array, sign: Array, free: Array) -> Part:
+def _wrist(rotation: Array, t1: Array, t23: Array, sign: Array, free: Array) -> _Wrist:
     """θ4, θ5, θ6 from `N = Rx(π/2) R36 = Rz(θ4) Ry(−θ5) Rz(θ6)`."""
-    c1, s1, c, s = np.cos(t1), np.sin(t1), np.cos(t23), np.sin(t23)
-    rows = np.stack([c1 * c, s1 * c, -s, s1, -c1, 0 * c, -c1 * s, -s1 * s, -c], axis=-1)
-    n = np.moveaxis(rows.reshape(*c.shape, 3, 3) @ rotation, (-2, -1), (0, 1))
-    aligned = np.hypot(n[0, 2], n[1, 2]) <= _ALIGNED
+    c1 = np.cos(t1)
+    s1 = np.sin(t1)
+    c = np.cos(t23)
+    s = np.sin(t23)
+    # N = Rx(π/2) R03ᵀ R
+    rows = [
+        [c1 * c, s1 * c, -s],
+        [s1, -c1, 0 * c],
+        [-c1 * s, -s1 * s, -c],
+    ]
+    product = _matrix(rows) @ rotation
+    n = np.moveaxis(product, (-2, -1), (0, 1))
+    # Its last column is (−c4 s5, −s4 s5, c5): θ4 from the first two, unless they vanish.
+    singular = np.hypot(n[0, 2], n[1, 2]) <= _ALIGNED_RAD
     flip = np.where(sign > 0, 0.0, np.pi)
-    t4 = np.where(aligned, free + flip, np.arctan2(-sign * n[1, 2], -sign * n[0, 2]))
-    c4, s4 = np.cos(t4), np.sin(t4)
-    t5 = np.arctan2(-c4 * n[0, 2] - s4 * n[1, 2], n[2, 2])
-    t6 = np.arctan2(c4 * n[1, 0] - s4 * n[0, 0], c4 * n[1, 1] - s4 * n[0, 1])
-    return t4, t5, t6, aligned
+    turned = np.arctan2(-sign * n[1, 2], -sign * n[0, 2])
+    t4 = np.where(singular, free + flip, turned)
+    # Rz(−θ4) N = Ry(−θ5) Rz(θ6)
+    c4 = np.cos(t4)
+    s4 = np.sin(t4)
+    s5 = -c4 * n[0, 2] - s4 * n[1, 2]
+    t5 = np.arctan2(s5, n[2, 2])
+    s6 = c4 * n[1, 0] - s4 * n[0, 0]
+    c6 = c4 * n[1, 1] - s4 * n[0, 1]
+    t6 = np.arctan2(s6, c6)
+    return _Wrist(t4, t5, t6, singular)
 
 
 def _representative(q: Array, joint_range: Array, previous: Array) -> tuple[Array, Mask]:
     """Angles `(…, 8, 6)` plus multiples of 2π as `Robot.inverse` promises; if all are in range."""
-    (low, high), turn = joint_range.T, 2 * np.pi
-    first = np.ceil((low - _ROUNDING - q) / turn)
-    last = np.floor((high + _ROUNDING - q) / turn)
+    low, high = joint_range.T
+    turn = 2 * np.pi
+    # q + m · 2π is in range for every whole m from `first` to `last`.
+    first = np.ceil((low - _ROUNDING_RAD - q) / turn)
+    last = np.floor((high + _ROUNDING_RAD - q) / turn)
     inside = first <= last
-    outside = np.where(q + first * turn - high < low - q - last * turn, first, last)
-    wanted = np.clip(np.round((previous[..., None, :] - q) / turn), first, last)
+    above = q + first * turn - high
+    below = low - q - last * turn
+    outside = np.where(above < below, first, last)
+    nearest = np.round((previous[..., None, :] - q) / turn)
+    wanted = np.clip(nearest, first, last)
     q = q + turn * np.where(inside, wanted, outside)
     return np.where(inside, np.clip(q, low, high), q), inside.all(axis=-1)
 
 
 def _checked(poses: Any) -> Array:
+    """Poses `(…, 4, 4)` as a new array, or the error that names the first that is none."""
     expected = "a finite 4 x 4 matrix: a rotation and a position over a row 0, 0, 0, 1"
-    array = _array("pose", getattr(poses, "as_matrix", lambda: poses)(), (4, 4), expected)
-    r = np.nan_to_num(np.clip(array[..., :3, :3], -2, 2))
-    off = np.abs(r @ np.swapaxes(r, -1, -2) - np.eye(3)).max(axis=(-1, -2))
-    right = (off < 1e-6) & (np.linalg.det(r) > 0) & (array[..., 3, :] == [0, 0, 0, 1]).all(axis=-1)
-    for index in np.argwhere(~right | ~np.isfinite(array).all(axis=(-1, -2))).tolist():
-        key = "pose" + "".join(f" {i + 1}" for i in index)
+    given = poses.as_matrix() if hasattr(poses, "as_matrix") else poses
+    array = _array("pose", given, (4, 4), expected)
+    finite = np.isfinite(array).all(axis=(-1, -2))
+    rotation = np.nan_to_num(np.clip(array[..., :3, :3], -2, 2))
+    # R Rᵀ = 1, det R > 0
+    gram = rotation @ np.swapaxes(rotation, -1, -2)
+    deviation = np.abs(gram - np.eye(3)).max(axis=(-1, -2))
+    right_handed = np.linalg.det(rotation) > 0
+    last_row = (array[..., 3, :] == [0, 0, 0, 1]).all(axis=-1)
+    right = finite & last_row & right_handed & (deviation < _ORTHONORMAL)
+    for index in np.argwhere(~right).tolist():
+        key = "pose" + _numbered(index)
         raise InvalidInput(key, expected, value=array[tuple(index)].tolist())
     return array
 
@@ -312,39 +535,78 @@ def _array(key: str, value: Any, shape: tuple[int, ...], expected: str) -> Array
         array = np.asarray(value)
     except ValueError:  # ragged
         array = np.asarray(None)
-    if array.dtype.kind not in "iuf" or array.shape[array.ndim - len(shape) :] != shape:
-        value = value.tolist() if isinstance(value, np.ndarray) else value
-        raise InvalidInput(key, expected, value=value)
+    trailing = array.shape[array.ndim - len(shape) :]
+    if array.dtype.kind not in "iuf" or trailing != shape:
+        shown = value.tolist() if isinstance(value, np.ndarray) else value
+        raise InvalidInput(key, expected, value=shown)
     return array.astype(float)
 
 
 def _parsed(table: Mapping[str, Any], stem: str) -> Robot:
     table = {"name": stem, "source": "", **table}
-    for key in sorted(set(table) ^ _KEYS):
-        right = f"{'one of' if key in table else 'this key, as all of'} {', '.join(sorted(_KEYS))}"
-        raise InvalidInput(key, right, value=table.get(key))
-    for key, choice in (("convention", ["modified-dh"]), ("angle_unit", ["deg", "rad"])):
-        if table[key] not in choice:
-            raise InvalidInput(key, " or ".join(f'"{c}"' for c in choice), value=table[key])
+    _check_keys(table)
+    _check_choice(table, "convention", ("modified-dh",))
+    _check_choice(table, "angle_unit", ("deg", "rad"))
     columns = _columns({key: table[key] for key in _COLUMNS})
-    for key in ("alpha", "theta", "joint_range"):  # after checking: errors show what the file says
-        columns[key] *= np.pi / 180 if table["angle_unit"] == "deg" else 1.0
+    # Only after checking, so that errors show what the file says.
+    radians = np.pi / 180 if table["angle_unit"] == "deg" else 1.0
+    for key in ("alpha", "theta", "joint_range"):
+        columns[key] *= radians
     return Robot(**columns, name=table["name"], source=table["source"])
+
+
+def _check_keys(table: Mapping[str, Any]) -> None:
+    known = ", ".join(sorted(_KEYS))
+    for key in sorted(set(table) ^ _KEYS):
+        if key in table:
+            raise InvalidInput(key, f"one of {known}", value=table[key])
+        raise InvalidInput(key, f"this key, as all of {known}")
+
+
+def _check_choice(table: Mapping[str, Any], key: str, choices: tuple[str, ...]) -> None:
+    if table[key] not in choices:
+        expected = " or ".join(f'"{choice}"' for choice in choices)
+        raise InvalidInput(key, expected, value=table[key])
+
+
+def _check_text(key: str, value: object) -> None:
+    if not isinstance(value, str):
+        raise InvalidInput(key, "a string", value=value)
 
 
 def _columns(given: Mapping[str, Any]) -> dict[str, Array]:
     """The columns as new arrays, one row per joint, or the error that names the wrong entry."""
     columns: dict[str, Array] = {}
     for key, value in given.items():
-        pairs = key == "joint_range"
-        right = f"one {'[low, high] with low < high' if pairs else 'finite number'} per joint"
-        for joint, item in enumerate(value if isinstance(value, list | tuple) else ()):
-            if {type(x) for x in np.array(item, dtype=object).flat} - _NUMBERS:
-                raise InvalidInput(key, right, value=item, joint=joint)
-        array = columns[key] = _array(key, value, (2,) if pairs else (), right)
-        if array.ndim != 1 + pairs or not 0 < len(array) == len(columns["a"]):
-            raise InvalidInput(key, f"{right} of a", value=array.tolist())
-        wrong = ~(array[:, 0] < array[:, 1]) if pairs else ~np.isfinite(array)
-        for joint in np.flatnonzero(wrong).tolist():
-            raise InvalidInput(key, right, value=array[joint].tolist(), joint=joint)
+        entry = _RANGE if key == "joint_range" else _NUMBER
+        expected = f"one {entry.description} per joint"
+        _check_types(key, value, expected)
+        array = _array(key, value, entry.shape, expected)
+        columns[key] = array
+        fits = array.ndim == 1 + len(entry.shape) and 0 < len(array) == len(columns["a"])
+        if not fits:
+            raise InvalidInput(key, f"{expected} of a", value=array.tolist())
+        for joint in np.flatnonzero(~entry.right(array)).tolist():
+            raise InvalidInput(key, expected, value=array[joint].tolist(), joint=joint)
     return columns
+
+
+def _check_types(key: str, value: Any, expected: str) -> None:
+    """Numbers only: NumPy would take truth values and texts of digits too."""
+    rows = value if isinstance(value, list | tuple) else ()
+    for joint, item in enumerate(rows):
+        types = {type(x) for x in np.array(item, dtype=object).flat}
+        if types - _NUMBER_TYPES:
+            raise InvalidInput(key, expected, value=item, joint=joint)
+
+
+class _Entry(NamedTuple):
+    """What one joint has in a column."""
+
+    description: str
+    shape: tuple[int, ...]
+    right: Callable[[Array], Mask]
+
+
+_NUMBER = _Entry("finite number", (), np.isfinite)
+_RANGE = _Entry("[low, high] with low < high", (2,), lambda rows: rows[:, 0] < rows[:, 1])

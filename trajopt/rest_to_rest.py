@@ -39,7 +39,8 @@ def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
     backward, forward = velocity.T
     top = np.where(h >= 0, forward, -backward)
     # Speeding up to v and braking take v (1/A1 + 1/A2).
-    ramps = (1 / np.abs(acceleration)).sum(axis=1)
+    slowness = 1 / np.abs(acceleration)
+    ramps = slowness.sum(axis=1)
     # A triangle of height v and that base covers h = v² (1/A1 + 1/A2) / 2.
     distance = np.abs(h)
     triangle = np.sqrt(2 * distance / ramps)
@@ -62,7 +63,8 @@ def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> 
     finite_jerk = np.where(np.isfinite(jerk), jerk, 0)
     quarter = np.cbrt(finite_jerk / 4)
     without_plateau = np.cbrt(h) ** 2 * quarter
-    unlimited = np.where(with_plateau >= easing, with_plateau, without_plateau)
+    plateau = with_plateau >= easing
+    unlimited = np.where(plateau, with_plateau, without_plateau)
     peak = np.minimum(unlimited, velocity)
     # Time from rest to the peak: v/A + A/J, or 2 √(v/J).
     long_ramp = peak / A + slope
