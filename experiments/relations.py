@@ -23,10 +23,11 @@ import numpy as np
 import pandas as pd
 import pebble
 
+from baselines.lower_bound import certify
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from experiments.ordering import RELAXED, identities
-from trajopt import Limits, Problem, Trajectory, bounds, verify
+from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import random_problem
 from trajopt.cli import render
 from trajopt.planner import load
@@ -106,7 +107,7 @@ def free(problem: Problem, able: list[str], seed: int) -> Checks:
             again = along(problem, trajectory, gridpoints=300).trajectory
             yield f"TOPP-RA along {name} <= {name}", certified(problem, again)[1] / own - 1, GRID
     if seed % 10 == 0:
-        bound = bounds.certify(problem, time_limit=5.0).lower_bound
+        bound = certify(problem, time_limit=5.0).lower_bound
         yield "proved bound <= exact", bound / answer("exact", problem)[1] - 1, THEOREM
 
 

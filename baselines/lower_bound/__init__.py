@@ -4,9 +4,10 @@
     bound = certify(problem)
     print(bound.lower_bound, bound.upper_bound, bound.status)
 
-`bound.py` asks, `free.py` and `spline353.py` say what about, `program.py` what they share.
+`planner.py` is the registered planner, `bound.py` asks, `free.py` and `spline353.py` say what
+about, `program.py` what they share.
 """
 
-from baselines.lower_bound.bound import Bound, certify
+from baselines.lower_bound.bound import Bound, certify, recheck
 
-__all__ = ["Bound", "certify"]
+__all__ = ["Bound", "certify", "recheck"]

@@ -12,29 +12,44 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from baselines.lower_bound.free import Free
+from baselines.lower_bound.free import Free, trivial_bound
 from baselines.lower_bound.program import TOLERANCE, Program
 from baselines.lower_bound.spline353 import Spline353
 from trajopt.exceptions import InvalidInput, TrajoptError
 from trajopt.planner import backend
 from trajopt.problem import Problem
+from trajopt.rest_to_rest import stop_times
 from trajopt.trajectory import Trajectory
 from trajopt.verification import verify
 
-_WORDS = {"timelimit": "time limit", "infeasible": "tolerance", "optimal": "tolerance"}
+Family = Literal["free", "spline353"]
+
+# SCIP's words for how it ended, in ours.
+_STATUSES = {"timelimit": "time limit", "infeasible": "tolerance", "optimal": "tolerance"}
+# A bound that comes out again lower by this (relative) has come out again.
+_RECHECK_RTOL = 1e-9
+# A time limit below this (s) still lets a proof begin.
+_GRACE_SECONDS = 1.0
+# SCIP takes a time limit of zero (s) for none.
+_SHORTEST_SCIP_SECONDS = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class Bound:
     """What is proved about the minimum time. All times in seconds.
 
-    - `lower_bound`: no trajectory is faster, SCIP's tolerance allowed for;
-    - `upper_bound`: the certified duration of `trajectory`; infinite if none keeps the limits that
-      the bound ignores (free: jerk and position, 3-5-3: position), which lower bounds may ignore;
-    - `relative_gap`: upper over lower bound, minus 1;
-    - `status`: "proved" (to the gap), "time limit", "tolerance" (SCIP is done, but its tolerance is
-      worth more than the gap), or "stopped" with SCIP's own word.
+    Attributes:
+        lower_bound: No trajectory is faster, SCIP's tolerance allowed for.
+        upper_bound: The certified duration of `trajectory`; infinite if none keeps the limits that
+            the bound ignores (free: jerk and position, 3-5-3: position), or none was looked for.
+        relative_gap: Upper over lower bound, minus 1.
+        status: "proved" (to the gap), "time limit", "tolerance" (SCIP is done, but its tolerance is
+            worth more than the gap), or "stopped" with SCIP's own word.
+        solve_time: Wall time spent.
+        trajectory: The fastest one known.
+        message: Why there was no time to begin, if there was none.
     """
 
     lower_bound: float
@@ -43,36 +58,121 @@ class Bound:
     status: str
     solve_time: float
     trajectory: Trajectory | None
+    message: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """The problem that is asked about, consecutive identical waypoints merged.
+
+    `index` says which of its waypoints each original one is.
+    """
+
+    problem: Problem
+    family: Family
+    index: NDArray[np.intp]
+
+    @property
+    def kind(self) -> type[Free] | type[Spline353]:
+        return Free if self.family == "free" else Spline353
 
 
 def certify(
     problem: Problem,
-    family: Literal["free", "spline353"] = "free",
+    family: Family = "free",
     *,
     gap: float = 1e-4,
     time_limit: float = 60.0,
     joint: int | None = None,
 ) -> Bound:
-    """Bounds on the minimum time, or on the best 3-5-3 with shared times; `joint`: of it alone.
+    """Bounds on the minimum time, or on the best 3-5-3 spline with shared times.
 
-    Raises `InvalidInput`, `MissingBackend` without SCIP, `TrajoptError` if SCIP breaks down.
+    Args:
+        problem: Its jerk and position limits are ignored (`spline353`: its position limits).
+        family: Any trajectory, or the 3-5-3 spline only.
+        gap: Relative, at which to stop.
+        time_limit: Seconds, building the model included; then the bounds reached are the answer. A
+            problem whose model alone would take longer gets its trivial bound and a message. Below
+            one second it counts as one for that.
+        joint: That joint alone, counted from 0.
+
+    Raises:
+        InvalidInput: An argument cannot be used.
+        MissingBackend: SCIP is not installed.
+        TrajoptError: SCIP breaks down.
     """
-    if family not in ("free", "spline353"):
-        raise InvalidInput("family", "'free' or 'spline353'", value=family)
     for name, value in (("gap", gap), ("time_limit", time_limit)):
         if not value > 0:
             raise InvalidInput(name, "a positive number", value=value)
-    began, scip = time.perf_counter(), backend("pyscipopt")
+    began = time.perf_counter()
+    question = _asked(problem, family, joint)
+    scip = backend("pyscipopt")
+    needed = question.kind.expected_seconds(question.problem)
+    if needed > max(time_limit, _GRACE_SECONDS):
+        bound = _not_begun(question.problem, needed, time_limit)
+    else:
+        program = question.kind(question.problem, scip, seconds=time_limit)
+        bound = _prove(question.problem, program, gap, began + time_limit)
+    trajectory = bound.trajectory
+    if trajectory is not None:
+        trajectory = Trajectory(
+            trajectory.breaks,
+            trajectory.coefficients,
+            trajectory.waypoint_times[question.index],
+        )
+    return replace(bound, trajectory=trajectory, solve_time=time.perf_counter() - began)
+
+
+def recheck(
+    problem: Problem,
+    lower_bound: float,
+    family: Family = "free",
+    *,
+    time_limit: float = 60.0,
+    joint: int | None = None,
+) -> bool | None:
+    """Prove again that no trajectory is faster than a bound that someone states.
+
+    SCIP gets the bound as its cut-off: that it finds nothing is the proof. A bound that comes out
+    again to 1e-9 counts as proved.
+
+    Args:
+        problem, family, time_limit, joint: As for `certify`.
+        lower_bound: What is stated, s.
+
+    Returns:
+        True if proved, False if refuted (a trajectory that keeps every limit is faster), None if
+        neither within the time limit.
+
+    Raises:
+        InvalidInput: The bound is not a number, or an argument cannot be used.
+    """
+    if np.isnan(lower_bound):
+        raise InvalidInput("lower_bound", "a number", value=lower_bound)
+    deadline = time.perf_counter() + time_limit
+    question = _asked(problem, family, joint)
+    if lower_bound <= trivial_bound(question.problem) * (1 + _RECHECK_RTOL):
+        return True
+    if family == "free" and _stopping_is_faster(question.problem, lower_bound):
+        return False
+    if question.kind.expected_seconds(question.problem) > max(time_limit, _GRACE_SECONDS):
+        return None
+    scip = backend("pyscipopt")
+    program = question.kind(question.problem, scip, seconds=time_limit)
+    return _proved_again(question.problem, program, lower_bound, deadline)
+
+
+def _asked(problem: Problem, family: Family, joint: int | None) -> _Question:
+    if family not in ("free", "spline353"):
+        raise InvalidInput("family", "'free' or 'spline353'", value=family)
     problem, index = problem.merged()
-    problem = problem if joint is None else _alone(problem, joint)
-    if family == "free" and joint is not None:
-        problem, own = problem.merged()
-        index = own[index]
-    program: Program = Free(problem, scip) if family == "free" else Spline353(problem, scip)
-    bound = _prove(problem, program, gap, began + time_limit)
-    t = bound.trajectory
-    t = t and Trajectory(t.breaks, t.coefficients, t.waypoint_times[index])
-    return replace(bound, trajectory=t, solve_time=time.perf_counter() - began)
+    if joint is not None:
+        problem = _alone(problem, joint)
+    if joint is not None and family == "free":
+        # alone, the joint may rest over a segment
+        problem, own_index = problem.merged()
+        index = own_index[index]
+    return _Question(problem, family, index)
 
 
 def _alone(problem: Problem, joint: int) -> Problem:
@@ -81,32 +181,91 @@ def _alone(problem: Problem, joint: int) -> Problem:
     return problem.only([joint])
 
 
+def _not_begun(problem: Problem, needed: float, time_limit: float) -> Bound:
+    """The trivial bound, where a time limit (s) leaves no room for anything else."""
+    size = f"{problem.segments + 1} waypoints and {int(problem.moving.sum())} moving joints"
+    message = (
+        f"{size} need about {needed:.0f} s before a proof can begin, more than the limit of "
+        f"{time_limit:g} s: this is the trivial bound"
+    )
+    return Bound(
+        lower_bound=trivial_bound(problem),
+        upper_bound=np.inf,
+        relative_gap=np.inf,
+        status="time limit",
+        solve_time=0.0,
+        trajectory=None,
+        message=message,
+    )
+
+
 def _prove(problem: Problem, program: Program, gap: float, deadline: float) -> Bound:
     """Ask for anything shorter than the incumbent by the gap until there is none, or no time."""
-    best, lower, word = program.incumbent(), program.least, "timelimit"
+    best = program.incumbent()
+    lower = program.trivial_bound
+    word = "timelimit"
     while (left := deadline - time.perf_counter()) > 0:
-        cutoff = best.duration * (1 + min(program.worth, gap / 2)) / (1 + gap)
-        word, dual, found = _solved(program, cutoff, left)
-        lower = max(lower, dual / (1 + program.worth))
-        if found and found.duration < best.duration:
-            best = found
-        if not (found and program.exchanges) or best.duration <= lower * (1 + gap):
+        # SCIP's tolerance is allowed for in advance, as far as the gap leaves room for it
+        allowance = min(program.margin, gap / 2)
+        cutoff = best.duration * (1 + allowance) / (1 + gap)
+        word, dual, answer = _solved(program, cutoff, left)
+        lower = max(lower, dual / (1 + program.margin))
+        if answer is not None and answer.duration < best.duration:
+            best = answer
+        asked_anew = answer is not None and program.exchanges
+        if not asked_anew or best.duration <= lower * (1 + gap):
             break
     if lower > best.duration * (1 + 1e-9):
         raise TrajoptError(f"the bound {lower} s is above a trajectory of {best.duration} s")
-    proved = best.duration <= lower * (1 + gap) * (1 + 1e-12)
-    status = "proved" if proved else _WORDS.get(word, f"stopped: {word}")
+    status = _STATUSES.get(word, f"stopped: {word}")
+    if best.duration <= lower * (1 + gap) * (1 + 1e-12):
+        status = "proved"
     return _bound(problem, best, min(lower, best.duration), status)
+
+
+def _proved_again(
+    problem: Problem, program: Program, lower_bound: float, deadline: float
+) -> bool | None:
+    incumbent = program.incumbent()
+    if _is_faster(problem, incumbent, lower_bound):
+        return False
+    while (left := deadline - time.perf_counter()) > 0:
+        cutoff = lower_bound * (1 + program.margin)
+        _, dual, answer = _solved(program, cutoff, left)
+        if dual / (1 + program.margin) >= lower_bound * (1 - _RECHECK_RTOL):
+            return True
+        if answer is None:
+            return None
+        if _is_faster(problem, answer, lower_bound):
+            return False
+        if not program.exchanges:
+            return None
+    return None
+
+
+def _stopping_is_faster(problem: Problem, lower_bound: float) -> bool:
+    """Stopping at every waypoint keeps position limits too: it never leaves the waypoints' box."""
+    return float(stop_times(problem).sum()) < lower_bound * (1 - _RECHECK_RTOL)
+
+
+def _is_faster(problem: Problem, trajectory: Trajectory, lower_bound: float) -> bool:
+    """Whether a trajectory, verified under all limits, refutes a lower bound."""
+    duration = verify(problem, trajectory).certified_duration
+    return duration is not None and duration < lower_bound * (1 - _RECHECK_RTOL)
 
 
 def _solved(
     program: Program, cutoff: float | None, seconds: float
 ) -> tuple[str, float, Trajectory | None]:
-    """SCIP's status, its dual bound (s, at most the cut-off), and what its solution teaches."""
-    model = program.model(None if cutoff is None else cutoff / program.unit)
+    """SCIP's status, its dual bound (s, at most the cut-off), and what its solution leads to."""
+    if cutoff is None:
+        model = program.model(None)
+        highest = np.inf
+    else:
+        model = program.model(cutoff / program.unit)
+        highest = cutoff
     word, dual = _optimised(model, seconds)
-    bound = min(dual * program.unit, np.inf if cutoff is None else cutoff)
-    return word, bound, program.learn(model)
+    return word, min(dual * program.unit, highest), program.improved(model)
 
 
 def _optimised(model: Any, seconds: float) -> tuple[str, float]:
@@ -114,7 +273,7 @@ def _optimised(model: Any, seconds: float) -> tuple[str, float]:
     model.hideOutput()
     for name in ("numerics/feastol", "numerics/epsilon", "numerics/dualfeastol"):
         model.setRealParam(name, TOLERANCE)
-    model.setRealParam("limits/time", max(seconds, 0.01))
+    model.setRealParam("limits/time", max(seconds, _SHORTEST_SCIP_SECONDS))
     try:
         model.optimize()
     except Exception as error:
@@ -124,6 +283,6 @@ def _optimised(model: Any, seconds: float) -> tuple[str, float]:
 
 def _bound(problem: Problem, best: Trajectory, lower: float, status: str) -> Bound:
     duration = verify(problem, best).certified_duration
-    upper = np.inf if duration is None else duration
-    trajectory = None if duration is None else best
-    return Bound(lower, upper, upper / lower - 1, status, 0.0, trajectory)
+    if duration is None:
+        return Bound(lower, np.inf, np.inf, status, 0.0, None)
+    return Bound(lower, duration, duration / lower - 1, status, 0.0, best)

@@ -15,7 +15,7 @@ A dilation by `1 + ρ` gives every constraint that much slack, so the bound is d
 velocity limit, a step of velocity and a displacement may each be off by ε (in units of the limits,
 of `A S`, and of `A S²`, with `S` the segment's time of stopping and `T` its least time). A bump of
 velocity over the segment makes up the displacement; it takes `4ε S²/T²` of `A` and `2ε A S²/(T V)`
-of `V`; see `_worth`.
+of `V`; see `_margin`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,14 @@ from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_HELPERS = 8  # variables and rows that make up one constraint for SCIP, each with that tolerance
+# Variables and rows that make up one constraint for SCIP, each with that tolerance.
+_HELPERS = 8
+# SCIP branches on variables of higher priority first: only the segment times need it.
+_TIME_PRIORITY = 1000
+# Measured, per segment and moving joint: building the model, and a start of `exact`.
+_MODEL_SECONDS = 1.5e-3
+_START_SECONDS = 3e-3
+_STARTS = 8
 
 
 class Free:
@@ -44,107 +51,177 @@ class Free:
 
     exchanges = False
 
-    def __init__(self, problem: Problem, scip: Any) -> None:
-        self.problem, self.scip = problem.without("jerk", "position"), scip
+    def __init__(self, problem: Problem, scip: Any, *, seconds: float = np.inf) -> None:
+        self.problem = problem.without("jerk", "position")
+        self.scip = scip
+        self.starts = _affordable_starts(problem, seconds)
         self.scaled = Scaled(self.problem)
-        self.unit, stop = self.scaled.unit, self.scaled.stop
-        self.shortest = np.maximum(self.scaled.least, _from_rest(self.scaled))
-        self.least = float(self.shortest.sum()) * self.unit
-        self.worth = _worth(stop, self.shortest, float(np.abs(self.scaled.v).min()))
+        self.unit = self.scaled.unit
+        self.shortest = _shortest_times(self.scaled)
+        self.trivial_bound = float(self.shortest.sum()) * self.unit
+        slowest = float(np.abs(self.scaled.v).min())
+        self.margin = _margin(self.scaled.stop, self.shortest, slowest)
+
+    @staticmethod
+    def expected_seconds(problem: Problem) -> float:
+        """What the model and one start of `exact` take about, s."""
+        return (_MODEL_SECONDS + _START_SECONDS) * _cells(problem)
 
     def incumbent(self) -> Trajectory:
-        answer = Exact().solve(self.problem).trajectory
+        answer = Exact(starts=self.starts).solve(self.problem).trajectory
         if answer is None:
             raise TrajoptError("no trajectory to start from: IPOPT failed from every start")
         return certified(self.problem, answer)
 
     def model(self, cutoff: float | None) -> Any:
         """Variables: `T/S` and `S/T` of each segment, waypoint velocities, peaks."""
-        m, stop, (segments, joints) = self.scip.Model(), self.scaled.stop, self.scaled.h.shape
-        total = stop.sum() if cutoff is None else min(cutoff, stop.sum())
+        m = self.scip.Model()
+        stop = self.scaled.stop
+        segments, joints = self.scaled.h.shape
+        total = float(stop.sum())
+        if cutoff is not None:
+            total = min(cutoff, total)
+
+        # the longest a segment may take: the total, less the others' shortest times
         shortest = self.shortest
         longest = np.maximum(total - (shortest.sum() - shortest), shortest)
-        pairs = list(zip(shortest / stop, longest / stop, strict=True))
-        self.t = [m.addVar(lb=low, ub=high) for low, high in pairs]
-        self.r = [m.addVar(lb=1 / high, ub=1 / low) for low, high in pairs]
-        v = [[m.addVar(lb=a, ub=b) for a, b in self.scaled.v.T] for _ in range(segments - 1)]
-        self.ends = [[0.0] * joints, *v, [0.0] * joints]
+
+        # t = T/S and r ≤ 1/t
+        spans = list(zip(shortest / stop, longest / stop, strict=True))
+        self.t = [m.addVar(lb=low, ub=high) for low, high in spans]
+        self.r = [m.addVar(lb=1 / high, ub=1 / low) for low, high in spans]
+
+        # waypoint velocities, at rest at both ends
+        self.ends: list[list[Any]] = [[0.0] * joints]
+        for _ in range(segments - 1):
+            inner = [m.addVar(lb=low, ub=high) for low, high in self.scaled.v.T]
+            self.ends.append(inner)
+        self.ends.append([0.0] * joints)
+
         for t, r in zip(self.t, self.r, strict=True):
-            m.chgVarBranchPriority(t, 1000)
+            m.chgVarBranchPriority(t, _TIME_PRIORITY)
             m.addCons(r <= t**-1)
         for k, j in np.ndindex(segments, joints):
-            self._reach(m, k, j, (shortest[k], longest[k]))
-        m.setObjective(
-            duration := self.scip.quicksum(s * t for s, t in zip(stop, self.t, strict=True))
-        )
-        m.addCons(duration <= float(total))
+            self._reach(m, k, j, float(shortest[k]), float(longest[k]))
+
+        duration = self.scip.quicksum(s * t for s, t in zip(stop, self.t, strict=True))
+        m.setObjective(duration)
+        m.addCons(duration <= total)
         return m
 
-    def _reach(self, m: Any, k: int, j: int, between: tuple[float, float]) -> None:
+    def _reach(self, m: Any, k: int, j: int, shortest: float, longest: float) -> None:
         """Joint `j` can cover segment `k`, seen in the direction it moves."""
-        sign, h, s = (1 if self.scaled.h[k, j] >= 0 else -1), abs(self.scaled.h[k, j]), self.scaled
-        (v1, v2), (a1, a2) = (np.abs(x[::sign, j]) for x in (s.v, s.a))
-        u, w, t, r, stop = sign * self.ends[k][j], sign * self.ends[k + 1][j], *self._times(k)
-        up = m.addVar(lb=h / between[1], ub=v2)
-        lo = m.addVar(lb=-v1, ub=min(v2, h / between[0]))
+        sign = 1 if self.scaled.h[k, j] >= 0 else -1
+        h = abs(self.scaled.h[k, j])
+        v1, v2 = np.abs(self.scaled.v[::sign, j])
+        a1, a2 = np.abs(self.scaled.a[::sign, j])
+        stop = float(self.scaled.stop[k])
+        t = self.t[k]
+        r = self.r[k]
+        u = sign * self.ends[k][j]
+        w = sign * self.ends[k + 1][j]
+
+        # the mean velocity h/T lies between both peaks
+        up = m.addVar(lb=h / longest, ub=v2)
+        lo = m.addVar(lb=-v1, ub=min(v2, h / shortest))
+
+        # max(u, w) ≤ p_up and p_lo ≤ min(u, w)
         for row in (up - u, up - w, u - lo, w - lo):
             m.addCons(row >= 0)
+
+        # (A1 + A2) p_up ≤ A1 A2 T + A1 u + A2 w, and its mirror image
         m.addCons((a1 + a2) * up <= a1 * a2 * stop * t + a1 * u + a2 * w)
         m.addCons((a1 + a2) * lo >= a2 * u + a1 * w - a1 * a2 * stop * t)
-        b1, b2 = np.sqrt([2 * a1, 2 * a2]) * stop
-        _cone(m, up / stop, t, [(up - u) / b2, (up - w) / b1], h / stop**2)
-        _cone(m, h / stop**2 * r - lo / stop, t, [(lo - u) / b1, (lo - w) / b2], 0.0)
 
-    def _times(self, k: int) -> tuple[Any, Any, float]:
-        return self.t[k], self.r[k], float(self.scaled.stop[k])
+        # both cones of the module's docstring, over S²
+        root2 = np.sqrt(2 * a2) * stop
+        root1 = np.sqrt(2 * a1) * stop
+        _cone(m, up / stop, t, [(up - u) / root2, (up - w) / root1], h / stop**2)
+        mean = h / stop**2 * r
+        _cone(m, mean - lo / stop, t, [(lo - u) / root1, (lo - w) / root2], 0.0)
 
-    def learn(self, model: Any) -> Trajectory | None:
+    def improved(self, model: Any) -> Trajectory | None:
         """SCIP's best solution, dilated until it is exactly reachable."""
         if not model.getNSols():
             return None
         times = self.scaled.stop * [model.getVal(t) for t in self.t]
-        velocities = np.array([[model.getVal(v) for v in row] for row in self.ends[1:-1]])
-        velocities = velocities.reshape(len(times) - 1, self.scaled.h.shape[1])
+        rows = [[model.getVal(v) for v in row] for row in self.ends[1:-1]]
+        segments, joints = self.scaled.h.shape
+        velocities = np.array(rows).reshape(segments - 1, joints)
         k = repair(times, velocities, self.scaled)
         if not np.isfinite(k):
             return None
         return certified(self.problem, self.scaled.trajectory(k * times, velocities / k))
 
 
-def _worth(stop: Array, least: Array, slowest: float) -> float:
-    """What SCIP's tolerance can be worth, relative, from the segments' stop and least times.
+def trivial_bound(problem: Problem) -> float:
+    """The sum of each segment's shortest time, whatever its ends: needs no solver, s."""
+    scaled = Scaled(problem.without("jerk", "position"))
+    return float(_shortest_times(scaled).sum()) * scaled.unit
+
+
+def _cells(problem: Problem) -> int:
+    return problem.segments * int(problem.moving.sum())
+
+
+def _affordable_starts(problem: Problem, seconds: float) -> int:
+    """Starts of `exact` in half the time at most, but one at least."""
+    fitting = 0.5 * seconds / (_START_SECONDS * _cells(problem))
+    return int(np.clip(fitting, 1, _STARTS))
+
+
+def _shortest_times(scaled: Scaled) -> Array:
+    """Least times of all segments with free ends, but rest at the motion's own ends."""
+    return np.asarray(np.maximum(scaled.least, _from_rest(scaled)))
+
+
+def _from_rest(scaled: Scaled) -> Array:
+    """Least times of the first and the last segment, rest at one end and free at the other."""
+    least = np.zeros(len(scaled.stop))
+    # the first segment speeds up with its own side's limit, the last brakes with the other's
+    for k, side in ((0, 1), (-1, 0)):
+        h = scaled.h[k]
+        towards = np.where(h >= 0, side, 1 - side)
+        a = np.abs(scaled.a)[towards, np.arange(len(h))]
+        v = np.where(h >= 0, scaled.v[1], -scaled.v[0])
+        # |h| = a T²/2 while a T ≤ v, else |h| = v T − v²/(2a)
+        parabola = np.sqrt(2 * np.abs(h) / a)
+        ramp = np.abs(h) / v + v / (2 * a)
+        times = np.where(2 * a * np.abs(h) <= v**2, parabola, ramp)
+        least[k] = max(least[k], times.max())
+    return least
+
+
+def _margin(stop: Array, shortest: Array, slowest: float) -> float:
+    """What SCIP's tolerance can be worth, relative, from the segments' stop and shortest times.
 
     The bump of velocity stays in its segment (module docstring), or a constant one fills the
     segment and fades in the neighbours as `c (3τ² − 2τ)`, without displacement there and with
     acceleration `4c/T`. Every segment meets at most its own and its neighbours'.
     """
-    slack, ratio = _HELPERS * TOLERANCE, stop / least
+    slack = _HELPERS * TOLERANCE
+    ratio = stop / shortest
+
+    # acceleration of a bump that stays in its segment: ε S/T for the step, 4ε S²/T² for the way
     own = slack * (ratio + 4 * ratio**2)
+
+    # of one that fades in the neighbours: 4c/T, where nothing fades if the motion rests
     bump = 2 * slack * stop * (1 + ratio)
-    padded = np.r_[0.0, least, 0.0]  # nothing fades where the motion rests
+    padded = np.r_[0.0, shortest, 0.0]
     with np.errstate(divide="ignore"):
         faded = 4 * bump / np.minimum(padded[:-2], padded[2:])
+
+    # a dilation by 1 + ρ gives acceleration 2ρ and velocity ρ
     acceleration = 3 * np.minimum(own, faded).max()
-    return float(max(acceleration / 2, (slack + 3 * bump.max()) / slowest))
-
-
-def _from_rest(scaled: Scaled) -> Array:
-    """Least times of the first and the last segment, rest at one end and free at the other."""
-    least, ends = np.zeros(len(scaled.stop)), ((0, 1), (-1, 0))
-    for k, side in ends:
-        h = scaled.h[k]
-        towards = np.where(h >= 0, side, 1 - side)
-        a = np.abs(scaled.a)[towards, np.arange(len(h))]
-        v = np.where(h >= 0, scaled.v[1], -scaled.v[0])
-        ramp = np.abs(h) / v + v / (2 * a)
-        times = np.where(2 * a * np.abs(h) <= v**2, np.sqrt(2 * np.abs(h) / a), ramp)
-        least[k] = max(least[k], times.max())
-    return least
+    velocity = (slack + 3 * bump.max()) / slowest
+    return float(max(acceleration / 2, velocity))
 
 
 def _cone(m: Any, x: Any, t: Any, parts: list[Any], constant: float) -> None:
     """`x t ≥ Σ parts² + constant` with `x, t ≥ 0`, with variables of its own: SCIP sees a cone."""
-    total, difference = m.addVar(lb=0.0), m.addVar(lb=None)
+    # ((x + t)/2)² − ((x − t)/2)² = x t
+    total = m.addVar(lb=0.0)
+    difference = m.addVar(lb=None)
     m.addCons(2 * total == x + t)
     m.addCons(2 * difference == x - t)
     own = [m.addVar(lb=None) for _ in parts]

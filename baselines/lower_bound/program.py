@@ -1,4 +1,4 @@
-"""What SCIP is asked to prove something about, and how far it is trusted."""
+"""What both programs for SCIP share."""
 
 from __future__ import annotations
 
@@ -8,21 +8,35 @@ from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 from trajopt.verification import verify
 
-TOLERANCE = 1e-9  # SCIP's own, for each constraint
+# SCIP's own, for each constraint.
+TOLERANCE = 1e-9
 
 
 class Program(Protocol):
-    """A polynomial program for SCIP, and the way back from its solutions."""
+    """A polynomial program for SCIP, and the way back from its solutions.
 
-    least: float  # trivial lower bound, s
-    unit: float  # of its times, s
-    exchanges: bool  # whether a solution of SCIP's adds constraints
+    Attributes:
+        trivial_bound: A lower bound that needs no solver, s.
+        unit: Of the program's times, s.
+        exchanges: Whether a solution of SCIP's adds constraints.
+    """
+
+    trivial_bound: float
+    unit: float
+    exchanges: bool
 
     @property
-    def worth(self) -> float: ...  # what SCIP's tolerance can be worth, relative
-    def incumbent(self) -> Trajectory: ...
-    def model(self, cutoff: float | None) -> Any: ...
-    def learn(self, model: Any) -> Trajectory | None: ...
+    def margin(self) -> float:
+        """By what share SCIP's tolerance can lift its dual bound above the true one."""
+
+    def incumbent(self) -> Trajectory:
+        """The best trajectory that a local search gives."""
+
+    def model(self, cutoff: float | None) -> Any:
+        """SCIP's model of everything up to a total time, in `unit`s."""
+
+    def improved(self, model: Any) -> Trajectory | None:
+        """SCIP's best solution as a trajectory that keeps its limits; None without one."""
 
 
 def certified(problem: Problem, trajectory: Trajectory) -> Trajectory:

@@ -22,8 +22,12 @@ from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_INSTANTS = 33  # normalised times to begin with
-_NO_TIME = 1e-9  # for a segment without displacement, as a fraction of the others
+# Normalised times to begin with.
+_START_INSTANTS = 33
+# For a segment without displacement, as a fraction of the others.
+_NO_TIME = 1e-9
+# Measured, per moving joint: the incumbent, and one model.
+_SECONDS_PER_JOINT = 0.1
 
 # Quintic Hermite polynomials of `h, v0, a0, v1, a1` on the unit interval, highest power first.
 _HERMITE = np.array(
@@ -35,7 +39,8 @@ _HERMITE = np.array(
         [0.5, -1, 0.5, 0, 0, 0],
     ]
 ).T
-_MONOMIALS = ((1, 1), (0, 1), (0, 0), (1, 2), (2, 2))  # that these carry: h, v0, a0, v1, a1
+# The monomials `x_i x_k` that these carry: h, v0, a0, v1, a1.
+_MONOMIALS = ((1, 1), (0, 1), (0, 0), (1, 2), (2, 2))
 
 
 class Spline353:
@@ -43,36 +48,49 @@ class Spline353:
 
     exchanges = True
 
-    def __init__(self, problem: Problem, scip: Any) -> None:
+    def __init__(self, problem: Problem, scip: Any, *, seconds: float = np.inf) -> None:
         if problem.segments != 3:
             raise InvalidInput("problem", "exactly 4 waypoints", value=problem.segments + 1)
-        self.problem, self.scip = problem.without("position"), scip
+        self.problem = problem.without("position")
+        self.scip = scip
         self.spline = Spline(self.problem)
-        self.instants = set(np.linspace(0, 1, _INSTANTS))
+        self.instants = set(np.linspace(0, 1, _START_INSTANTS))
         self.times = self._best_times()
         self.unit = float(self.times.sum()) / 3
         self.instants.update(self._critical(self.times))
         self.low, self.high = self._between(self.times.sum()) / self.unit
-        self.least = float(self.low.sum()) * self.unit
+        self.trivial_bound = float(self.low.sum()) * self.unit
+
+    @staticmethod
+    def expected_seconds(problem: Problem) -> float:
+        """What the incumbent and one model take about, s."""
+        return _SECONDS_PER_JOINT * int(problem.moving.sum())
 
     @property
-    def worth(self) -> float:
+    def margin(self) -> float:
         """With SCIP's `x` taken as exact, each `t` is off by a share ε, each monomial by ε.
 
         So a row (monomials over a limit) is off by ε times its coefficients' sum. Dilated by
         `1 + ρ`, rows gain slack of at least `ρ/t2` (velocity), `ρ` (acceleration), `ρ t2` (jerk).
         """
         slack = {1: self.high[1], 2: 1.0, 3: 1 / self.low[1]}
-        rows = [slack[order] * (1 + np.abs(c).sum(axis=1)).max() for c, order in self._rows()]
-        return float(TOLERANCE * (2 + max(rows)))
+        shares = []
+        for coefficients, order in self._rows():
+            largest_sum = (1 + np.abs(coefficients).sum(axis=1)).max()
+            shares.append(slack[order] * largest_sum)
+        return float(TOLERANCE * (2 + max(shares)))
 
     def _best_times(self) -> Array:
         """IPOPT's; with a segment of no displacement, whose time may tend to 0, a search's."""
         moves = self.problem.displacements.any(axis=1)
-        answer = Spline353NLP().solve(self.problem).trajectory if moves.all() else None
-        if answer is not None:
-            return np.diff(answer.waypoint_times)
-        free = moves | np.array([False, True, False])
+        if moves.all():
+            answer = Spline353NLP().solve(self.problem).trajectory
+            if answer is not None:
+                return np.diff(answer.waypoint_times)
+        return self._searched_times(moves | np.array([False, True, False]))
+
+    def _searched_times(self, free: NDArray[np.bool_]) -> Array:
+        """The best segment times by Nelder and Mead; those that are not `free` tend to 0."""
 
         def times(y: Array) -> Array:
             t = np.full(3, _NO_TIME * np.exp(y).sum())
@@ -84,20 +102,29 @@ class Spline353:
 
         options = {"xatol": 1e-12, "fatol": 1e-14, "maxiter": 4000}
         starts = np.random.default_rng(0).uniform(-3, 3, (12, free.sum()))
-        found = [minimize(duration, y, method="Nelder-Mead", options=options) for y in starts]
-        return times(min(found, key=lambda result: float(result.fun)).x)
+        optima = [minimize(duration, y, method="Nelder-Mead", options=options) for y in starts]
+        best = min(optima, key=lambda optimum: float(optimum.fun))
+        return times(best.x)
 
     def _between(self, total: float) -> Array:
         """Least and longest times, `(2, 3)`, s; without displacement an outer time may be 0."""
-        d, limits = np.abs(self.spline.displacements), self.spline.limits
-        kinds = (limits.velocity, limits.acceleration, limits.jerk)
-        v, a, j = (np.abs(x).max(axis=1)[:, None] for x in kinds)
-        outer = np.maximum(np.maximum(3 * d / v, np.sqrt(6 * d / a)), np.cbrt(6 * d / j))
+        d = np.abs(self.spline.displacements)
+        limits = self.spline.limits
+        v = np.abs(limits.velocity).max(axis=1)[:, None]
+        a = np.abs(limits.acceleration).max(axis=1)[:, None]
+        j = np.abs(limits.jerk).max(axis=1)[:, None]
+
+        # 3 |d|/t ≤ V, 6 |d|/t² ≤ A, 6 |d|/t³ ≤ J
+        outer = np.maximum(3 * d / v, np.sqrt(6 * d / a))
+        outer = np.maximum(outer, np.cbrt(6 * d / j))
+
         # a joint back where it was stops at some instant, from ends of 3 d1/t1 and 3 d3/t3
         stop = np.where(d[:, 1:2] == 0, 3 * d[:, ::2] / (total * a), 0)
         middle = max(float((d[:, 1:2] / v).max()), float(stop.max()))
+
         low = np.array([outer[:, 0].max(), middle, outer[:, 2].max()])
-        return np.stack([low, np.maximum(total - (low.sum() - low), low)])
+        high = np.maximum(total - (low.sum() - low), low)
+        return np.stack([low, high])
 
     def _critical(self, times: Array) -> Array:
         """The normalised times where a limit can be worst."""
@@ -106,17 +133,20 @@ class Spline353:
 
     def _rows(self) -> list[tuple[Array, int]]:
         """Coefficients of the monomials over each limit, `(rows, 5)`, and the limit's order."""
+        # h x2², v0 x2 = 3 d1 x1x2, a0 = 6 d1 x1², v1 x2 = 3 d3 x2x3, a1 = −6 d3 x3²
         d1, h, d3 = self.spline.displacements.T
         weights = np.stack([h, 3 * d1, 6 * d1, 3 * d3, -6 * d3], axis=-1)
-        s, rows = np.array(sorted(self.instants)), []
+        instants = np.array(sorted(self.instants))
+        rows = []
         for order, bounds in enumerate(self.spline.bounds, start=1):
             rates = polynomials.derivative(_HERMITE, order)[:, None]
-            basis = polynomials.evaluate(rates, s[:, None])
+            basis = polynomials.evaluate(rates, instants[:, None])
             values = basis[:, None] * weights / self.unit**order
             for side in bounds.T[:, None, :, None]:
                 finite = np.isfinite(side[0, :, 0])
                 if finite.any():
-                    rows.append(((values / side)[:, finite].reshape(-1, 5), order))
+                    use = (values / side)[:, finite].reshape(-1, 5)
+                    rows.append((use, order))
         return rows
 
     def incumbent(self) -> Trajectory:
@@ -124,19 +154,27 @@ class Spline353:
 
     def model(self, cutoff: float | None) -> Any:
         """Variables: `t`, `x` (0 where it is multiplied by no displacement), the monomials."""
-        m, pairs = self.scip.Model(), list(zip(self.low, self.high, strict=True))
-        self.t = t = [m.addVar(lb=low, ub=high) for low, high in pairs]
-        x = [m.addVar(lb=1 / high, ub=1 / low) if low > 0 else 0.0 for low, high in pairs]
+        m = self.scip.Model()
+        pairs = list(zip(self.low, self.high, strict=True))
+        self.t = [m.addVar(lb=low, ub=high) for low, high in pairs]
+        x: list[Any] = [0.0, 0.0, 0.0]
         for i in np.flatnonzero(self.low):
-            m.addCons(t[i] * x[i] == 1)
+            x[i] = m.addVar(lb=1 / self.high[i], ub=1 / self.low[i])
+        for i in np.flatnonzero(self.low):
+            m.addCons(self.t[i] * x[i] == 1)
+
+        # a velocity row is multiplied by x2, a jerk row by t2
         terms = [self._product(m, x[i], x[k]) for i, k in _MONOMIALS]
-        beside = {1: x[1], 2: 1.0, 3: t[1]}
+        beside = {1: x[1], 2: 1.0, 3: self.t[1]}
         for rows, order in self._rows():
             for row in rows[rows.any(axis=1)]:
                 use = self.scip.quicksum(float(c) * z for c, z in zip(row, terms, strict=True))
                 m.addCons(use <= beside[order])
-        m.setObjective(duration := self.scip.quicksum(t))
-        m.addCons(duration <= float(self.high.sum() if cutoff is None else cutoff))
+
+        highest = self.high.sum() if cutoff is None else cutoff
+        duration = self.scip.quicksum(self.t)
+        m.setObjective(duration)
+        m.addCons(duration <= float(highest))
         return m
 
     @staticmethod
@@ -147,7 +185,7 @@ class Spline353:
         m.addCons(z == a * b)
         return z
 
-    def learn(self, model: Any) -> Trajectory | None:
+    def improved(self, model: Any) -> Trajectory | None:
         """Impose the limits where SCIP's best times break them; those times, dilated."""
         if not model.getNSols():
             return None

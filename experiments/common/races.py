@@ -18,11 +18,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from baselines.lower_bound import certify
 from trajopt import Problem, verify
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.bounds import certify
 from trajopt.cli import render
 from trajopt.exceptions import TrajoptError
 from trajopt.swarm_planner import SwarmPlanner

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -218,23 +219,35 @@ def certify(
     json: Json = False,
 ) -> int:
     """Prove a lower bound on the minimum time."""
-    from trajopt import bounds
     from trajopt.benchmark.suites import catalogue as suite
     from trajopt.cli import render
-    from trajopt.exceptions import InvalidInput
+    from trajopt.exceptions import TrajoptError
+    from trajopt.planner import configured, entries
+    from trajopt.solution import Status
 
-    file, loaded = suite.find(problem), suite.load(problem)
-    if joint is not None and not 1 <= joint <= loaded.joints:
-        raise InvalidInput("--joint", f"a joint from 1 to {loaded.joints}", value=joint)
-    index = None if joint is None else joint - 1
-    bound = bounds.certify(loaded, family, gap=gap, time_limit=time_limit, joint=index)
-    names = ("lower_bound", "upper_bound", "relative_gap", "status", "solve_time")
-    table = {"problem": loaded.name, "problem_file": str(file), "family": family, "joint": joint}
-    table |= {name: getattr(bound, name) for name in names}
+    file = suite.find(problem)
+    loaded = suite.load(problem)
+    options = {"family": family, "gap": gap, "time_limit": time_limit, "joint": joint}
+    planner = configured(entries()["certify"].load(), options, "certify")
+    began = time.perf_counter()
+    proof = planner.solve(loaded)
+    if proof.status is Status.UNSUPPORTED:
+        raise TrajoptError(proof.message)
+    table = {
+        "problem": loaded.name,
+        "problem_file": str(file),
+        "family": family,
+        "joint": joint,
+        "lower_bound": proof.stats["lower_bound"],
+        "upper_bound": proof.stats["upper_bound"],
+        "relative_gap": proof.stats["relative_gap"],
+        "status": proof.stats["proof"],
+        "solve_time": time.perf_counter() - began,
+    }
     if json:
         _print_json(table)
     else:
-        render.bound(table)
+        render.bound(table, proof.message)
     return 0
 
 

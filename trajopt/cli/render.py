@@ -185,8 +185,8 @@ def _holding(found: Explanation) -> str:
     return f"Held back by {', '.join(held)}: saved with 1 % more, by {found.notes['worth']}."
 
 
-def bound(table: dict[str, Any]) -> None:
-    """What is proved about a problem's minimum time."""
+def bound(table: dict[str, Any], message: str) -> None:
+    """What is proved about a problem's minimum time; the planner's message says what is missing."""
     alone = f", joint {table['joint']} alone" if table["joint"] else ""
     what = f"{table['problem']} ({table['problem_file']}), {table['family']}{alone}"
     OUT.print(f"{escape(what)}: [bold]{table['status']}[/bold]", soft_wrap=True)
@@ -195,7 +195,8 @@ def bound(table: dict[str, Any]) -> None:
         OUT.print(f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration")
         OUT.print(f"  gap         {100 * table['relative_gap']:.6f} %")
     else:
-        OUT.print("  upper bound none: the bound lifts limits that its trajectory then breaks")
+        OUT.print("  upper bound none")
+        OUT.print(f"  {escape(message)}", soft_wrap=True)
     OUT.print(f"  computing   {table['solve_time']:.2f} s")
 
 

@@ -1,0 +1,123 @@
+"""The registered planner of proved lower bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from baselines.lower_bound.bound import Bound, certify, recheck
+from trajopt import spline353
+from trajopt.exceptions import InvalidInput
+from trajopt.planner import Relation
+from trajopt.problem import Problem
+from trajopt.solution import Solution, Status
+
+
+@dataclass(frozen=True)
+class Certify:
+    """A proved lower bound on the minimum time, with the fastest trajectory known (SCIP).
+
+    Jerk and position limits are lifted for the bound (`spline353`: position limits).
+
+    Args:
+        gap: Relative, at which to stop.
+        time_limit: Seconds, after which the bounds reached are the answer; building the model
+            counts.
+        family: `free` bounds every trajectory, `spline353` only the 3-5-3 splines with shared
+            times: then the bound stands in `stats` and is not the solution's `lower_bound`.
+        joint: That joint alone, counted from 1; a bound without a trajectory.
+    """
+
+    gap: float = 1e-4
+    time_limit: float = 60.0
+    family: Literal["free", "spline353"] = "free"
+    joint: int | None = None
+
+    on_request: ClassVar[bool] = True
+    requires: ClassVar[tuple[str, ...]] = ("pyscipopt", "casadi")
+
+    def __post_init__(self) -> None:
+        for name in ("gap", "time_limit"):
+            if not getattr(self, name) > 0:
+                raise InvalidInput(name, "a positive number", value=getattr(self, name))
+        if self.joint is not None and self.joint < 1:
+            raise InvalidInput("joint", "a joint counted from 1", value=self.joint)
+
+    def relation(self, problem: Problem) -> Relation:
+        """What is lifted (limits, the other joints) makes the answer a lower bound."""
+        if self.family == "spline353":
+            return Relation.RESTRICTION
+        lifted = problem.has("jerk") or problem.has("position") or self.joint is not None
+        return Relation.RELAXATION if lifted else Relation.SAME
+
+    def unsupported(self, problem: Problem) -> str | None:
+        if self.joint is not None and self.joint > problem.joints:
+            return f"joint is {self.joint}: expected a joint from 1 to {problem.joints}"
+        if self.joint is not None and not problem.moving[self.joint - 1]:
+            return f"joint is {self.joint}: expected a joint that moves"
+        if self.family == "spline353":
+            return spline353.unsupported(problem)
+        return None
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """The proof's two ends; without the upper one if it breaks a lifted limit.
+
+        `stats`, about what was asked: `proof` (its status), `lower_bound` and `upper_bound`, s, and
+        `relative_gap`; the last two are NaN where no trajectory is known.
+        """
+        refusal = self.unsupported(problem)
+        if refusal is not None:
+            return Solution(Status.UNSUPPORTED, message=refusal)
+        bound = self.bound(problem)
+        known = np.isfinite(bound.upper_bound)
+        stats: dict[str, Any] = {
+            "proof": bound.status,
+            "lower_bound": bound.lower_bound,
+            "upper_bound": bound.upper_bound if known else np.nan,
+            "relative_gap": bound.relative_gap if known else np.nan,
+        }
+        lower_bound = bound.lower_bound if self.family == "free" else None
+        message = self._message(bound)
+        if bound.trajectory is None or self.joint is not None:
+            return Solution(Status.INVALID, None, message, lower_bound, stats=stats)
+        return Solution(Status.SOLVED, bound.trajectory, message, lower_bound, stats=stats)
+
+    def bound(self, problem: Problem) -> Bound:
+        """Both bounds, as `baselines.lower_bound.certify` gives them."""
+        index = None if self.joint is None else self.joint - 1
+        return certify(
+            problem,
+            self.family,
+            gap=self.gap,
+            time_limit=self.time_limit,
+            joint=index,
+        )
+
+    def recheck_bound(self, problem: Problem, lower_bound: float) -> bool | None:
+        """Prove again that nothing asked about is faster than a stated bound, s.
+
+        Returns:
+            True if proved, False if a verified trajectory is faster, None if neither is shown
+            within the time limit (a bound that rests on jerk or position limits never is).
+        """
+        index = None if self.joint is None else self.joint - 1
+        return recheck(
+            problem,
+            lower_bound,
+            self.family,
+            time_limit=self.time_limit,
+            joint=index,
+        )
+
+    def _message(self, bound: Bound) -> str:
+        about = "trajectory" if self.family == "free" else "3-5-3 spline"
+        if self.joint is not None:
+            about += f" of joint {self.joint} alone"
+        text = f"no {about} is faster than {bound.lower_bound:.9g} s ({bound.status})"
+        if bound.message:
+            return f"{text}; {bound.message}"
+        if bound.trajectory is None:
+            return f"{text}; the fastest breaks a limit that the bound lifts"
+        return text
