@@ -54,55 +54,80 @@ class ISSA(SSA):
 
     @property
     def evaluations_per_iteration(self) -> int:
-        return super().evaluations_per_iteration + self.opposition * self._count(self.vigilantes)
+        own = super().evaluations_per_iteration
+        if self.opposition:
+            return own + self._count(self.vigilantes)
+        return own
 
     def _start(self, flock: Flock) -> Array:
         """Every dimension follows its own orbit of the map, from its own random point."""
         if not self.chaos:
             return super()._start(flock)
-        dim, orbit = flock.box.low.shape[-1], []
-        x, y = flock.extra.uniform(dim), flock.extra.uniform(dim)
+        x = flock.extra.uniform(flock.box.dim)
+        y = flock.extra.uniform(flock.box.dim)
+        orbit = []
         for _ in range(self.population):
             x, y = chaotic_map(x, y, self.chaos_a, self.eq43)
             orbit.append(x)
         return flock.box.spread(np.stack(orbit, axis=1))
 
     def _calm(self, flock: Flock, shrunk: Array, x: Array) -> Array:
-        """Eq. 47, first case."""
+        """Eq. 47, first case: X + X · Lévy, with Mantegna's steps μ / |ν|^(1/λ)."""
         if not self.levy:
             return shrunk
-        mu = levy_scale(self.levy_exponent) * flock.extra.normal(*x.shape[1:])
-        nu = np.abs(flock.extra.normal(*x.shape[1:]))
-        return np.asarray(x + x * (mu / nu ** (1 / self.levy_exponent)))
+        shape = x.shape[1:]
+        mu = levy_scale(self.levy_exponent) * flock.extra.normal(*shape)
+        nu = np.abs(flock.extra.normal(*shape))
+        levy = mu / nu ** (1 / self.levy_exponent)
+        return np.asarray(x + x * levy)
 
     def _weight(self, flock: Flock) -> float:
-        progress = flock.t / flock.t_max
-        return falling_weight(progress, self.weight_max, self.weight_min) if self.weight else 1.0
+        if not self.weight:
+            return 1.0
+        return falling_weight(flock.t / flock.t_max, self.weight_max, self.weight_min)
 
     def _watch(self, flock: Flock) -> tuple[Slots, list[Array]]:
         slots, places = super()._watch(flock)
-        return slots, [*places, self._opposite(flock, slots)] if self.opposition else places
+        if not self.opposition:
+            return slots, places
+        return slots, [*places, self._opposite(flock, slots)]
 
     def _opposite(self, flock: Flock, slots: Slots) -> Array:
         """Eq. 48 and 49."""
-        best, box = flock.best_x, flock.box
-        r = flock.extra.uniform(slots.shape[-1], best.shape[-1])
+        best = flock.best_x
+        box = flock.box
+        # X* = u + r (l − X_b)
+        r = flock.extra.uniform(slots.shape[-1], box.dim)
         opposite = box.high + r * (box.low - best)
-        with np.errstate(over="ignore", invalid="ignore"):  # b1 can be infinite
-            step = control(flock.t, flock.t_max, self.eq50) * (best - opposite)
-            return np.asarray((opposite if self.eq49 == "intended" else best) + step)
+        # X* + b1 (X_b − X*), or X_b + b1 (X_b − X*) as printed; b1 can be infinite
+        b1 = control(flock.t, flock.t_max, self.eq50)
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = b1 * (best - opposite)
+            start = opposite if self.eq49 == "intended" else best
+            return np.asarray(start + step)
 
 
-def chaotic_map(x: Array, y: Array, a: float, reading: Reading = "intended") -> tuple[Array, Array]:
+def chaotic_map(
+    x: Array,
+    y: Array,
+    a: float,
+    reading: Reading = "intended",
+) -> tuple[Array, Array]:
     """One step of the two-dimensional logistic-sine-coupling map (eq. 43), any shape.
 
     Maps the unit square to itself for `a` in `[0, 1]`: the sine's argument stays within `[0, π]`.
     """
+    logistic_x = 4 * a * x * (1 - x)
+    logistic_y = 4 * a * y * (1 - y)
     if reading == "intended":
-        x = np.sin(pi * (4 * a * x * (1 - x) + (1 - a) * np.sin(pi * y)))
-        return x, np.sin(pi * (4 * a * y * (1 - y) + (1 - a) * np.sin(pi * x)))
-    x = np.sin(pi * (4 * a * x * (1 - x)) + (1 - a) * np.sin(pi * y))
-    return x, np.sin(pi * (4 * a * y * (1 - y)) + (1 - a) * np.sin(pi * x**2))
+        # x' = sin(π (4 a x (1 − x) + (1 − a) sin πy)), and y' likewise with x'
+        x = np.sin(pi * (logistic_x + (1 - a) * np.sin(pi * y)))
+        y = np.sin(pi * (logistic_y + (1 - a) * np.sin(pi * x)))
+        return x, y
+    # x' = sin(π · 4 a x (1 − x) + (1 − a) sin πy), and y' with x'²
+    x = np.sin(pi * logistic_x + (1 - a) * np.sin(pi * y))
+    y = np.sin(pi * logistic_y + (1 - a) * np.sin(pi * x**2))
+    return x, y
 
 
 def falling_weight(progress: float, weight_max: float, weight_min: float) -> float:
@@ -112,13 +137,17 @@ def falling_weight(progress: float, weight_max: float, weight_min: float) -> flo
 
 def control(t: int, t_max: int, reading: Reading = "intended") -> np.float64:
     """Eq. 50: b1; infinite where the printed form overflows."""
-    base = (t_max - t) / t_max if reading == "intended" else t_max - t / t_max
+    if reading == "intended":
+        base = np.float64((t_max - t) / t_max)
+    else:
+        base = np.float64(t_max - t / t_max)
     with np.errstate(over="ignore"):
-        return np.float64(np.float64(base) ** t)
+        return np.float64(base**t)
 
 
 def levy_scale(exponent: float) -> float:
     """Eq. 45: σ_μ of Mantegna's algorithm."""
     top = gamma(1 + exponent) * sin(pi * exponent / 2)
-    bottom = gamma((1 + exponent) / 2) * exponent * 2 ** ((exponent - 1) / 2)
+    power = 2 ** ((exponent - 1) / 2)
+    bottom = gamma((1 + exponent) / 2) * exponent * power
     return float((top / bottom) ** (1 / exponent))

@@ -58,11 +58,17 @@ class Box:
     @classmethod
     def of(cls, low: ArrayLike, high: ArrayLike, runs: int) -> Box:
         """From bounds `(dim,)`, or `(runs, dim)` where each run has its own."""
-        bottom, top = (np.atleast_1d(np.asarray(side, dtype=float)) for side in (low, high))
+        bottom = np.atleast_1d(np.asarray(low, dtype=float))
+        top = np.atleast_1d(np.asarray(high, dtype=float))
         dim = np.broadcast_shapes(bottom.shape, top.shape)[-1]
-        bottom, top = (np.broadcast_to(side, (runs, dim)) for side in (bottom, top))
+        bottom = np.broadcast_to(bottom, (runs, dim))
+        top = np.broadcast_to(top, (runs, dim))
         require("bounds", [low, high], bool((bottom < top).all()), "low < high")
         return cls(bottom[:, None], top[:, None])
+
+    @property
+    def dim(self) -> int:
+        return int(self.low.shape[-1])
 
     @property
     def size(self) -> Array:
@@ -87,15 +93,19 @@ class Streams:
     """One random stream per run; every draw has the runs as its first axis."""
 
     def __init__(self, seeds: Sequence[int | SeedSequence]) -> None:
-        self._seeds = [s if isinstance(s, SeedSequence) else SeedSequence(s) for s in seeds]
-        self._generators = [np.random.Generator(PCG64(s)) for s in self._seeds]
+        self._seeds = [_sequence(seed) for seed in seeds]
+        self._generators = [np.random.Generator(PCG64(seed)) for seed in self._seeds]
 
     def __len__(self) -> int:
         return len(self._seeds)
 
     def beside(self) -> Streams:
         """Streams of their own for the same runs: drawing from them leaves these as they are."""
-        return Streams([SeedSequence(s.entropy, spawn_key=(*s.spawn_key, 0)) for s in self._seeds])
+        children = []
+        for seed in self._seeds:
+            key = (*seed.spawn_key, 0)
+            children.append(SeedSequence(seed.entropy, spawn_key=key))
+        return Streams(children)
 
     def uniform(self, *shape: int) -> Array:
         """Uniform on `[0, 1)`, `(runs, *shape)`."""
@@ -106,9 +116,13 @@ class Streams:
         return np.stack([g.standard_normal(shape) for g in self._generators])
 
 
+def _sequence(seed: int | SeedSequence) -> SeedSequence:
+    return seed if isinstance(seed, SeedSequence) else SeedSequence(seed)
+
+
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a search found.
+    """The best of each run of a search.
 
     - `position` `(runs, dim)` and `fitness` `(runs,)`: the best candidate of each run;
     - `evaluations`: candidates evaluated in each run (the same number in all);
@@ -136,27 +150,42 @@ def minimise(
 ) -> Result:
     """Minimise over a box, one independent run per seed.
 
-    `objective` takes `(runs, m, dim)` and returns `(runs, m)`, finite. `low` and `high` are
-    `(dim,)`, or `(runs, dim)` where each run has its own box. The budget is a number of iterations,
-    or, if given, of evaluations per run, which is spent exactly: the last batch is cut to its first
-    candidates, and formulas that depend on the number of iterations use the number begun.
+    Args:
+        optimiser: the swarm algorithm with its options.
+        objective: takes candidates `(runs, m, dim)` and returns their fitness `(runs, m)`, finite.
+        low, high: the box, `(dim,)`, or `(runs, dim)` where each run has its own.
+        seeds: one per run.
+        iterations: the budget, where `evaluations` is not given.
+        evaluations: the budget of each run, spent exactly: the last batch is cut to its first
+            candidates, and formulas that depend on the number of iterations use the number begun.
 
-    Raises `InvalidInput` for an empty box or budget.
+    Raises:
+        InvalidInput: an empty box or budget.
     """
     require("seeds", list(seeds), len(seeds) > 0, "at least one")
     require("iterations", iterations, iterations >= 0, "0 or more")
-    first, each = optimiser.population, optimiser.evaluations_per_iteration
+    first = optimiser.population
+    each = optimiser.evaluations_per_iteration
     budget = first + iterations * each if evaluations is None else evaluations
     require("evaluations", budget, budget >= 1, "at least 1")
+    # Rounded up.
     begun = max(0, -(-(budget - first) // each))
-    search = optimiser.search(Box.of(low, high, len(seeds)), Streams(seeds), begun)
-    tally, candidates = _Tally(len(seeds)), next(search)
+    box = Box.of(low, high, len(seeds))
+    search = optimiser.search(box, Streams(seeds), begun)
+    tally = _Tally(len(seeds))
+    candidates = next(search)
     while True:
         candidates = candidates[:, : budget - tally.spent]
         fitness = objective(candidates)
         tally.add(candidates, fitness)
         if tally.spent == budget:
-            return Result(tally.position, tally.fitness, budget, begun, tally.histories())
+            return Result(
+                tally.position,
+                tally.fitness,
+                evaluations=budget,
+                iterations=begun,
+                histories=tally.histories(),
+            )
         candidates = search.send(fitness)
 
 
@@ -174,26 +203,39 @@ class _Tally:
         if self.spent == 0:
             self.position = candidates[:, 0].copy()
         winner = fitness.argmin(axis=1)
-        better = fitness[self._rows, winner] < self.fitness
+        lowest = fitness[self._rows, winner]
+        better = lowest < self.fitness
         if better.any():
             self._remember(fitness)
-            self.position[better] = candidates[self._rows, winner][better]
-            self.fitness[better] = fitness[self._rows, winner][better]
+            best = candidates[self._rows, winner]
+            self.position[better] = best[better]
+            self.fitness[better] = lowest[better]
         self.spent += fitness.shape[1]
 
     def _remember(self, fitness: Array) -> None:
-        lowest = np.minimum.accumulate(np.column_stack([self.fitness, fitness]), axis=1)
-        run, column = np.nonzero(lowest[:, 1:] < lowest[:, :-1])
-        self._log.append((run, self.spent + column + 1, fitness[run, column]))
+        """Log every candidate that improved on all before it."""
+        so_far = np.column_stack([self.fitness, fitness])
+        lowest = np.minimum.accumulate(so_far, axis=1)
+        improved = lowest[:, 1:] < lowest[:, :-1]
+        run, column = np.nonzero(improved)
+        spent = self.spent + column + 1
+        self._log.append((run, spent, fitness[run, column]))
 
     def histories(self) -> tuple[Array, ...]:
-        run, spent, best = (np.concatenate(column) for column in zip(*self._log, strict=True))
+        run, spent, best = map(np.concatenate, zip(*self._log, strict=True))
         points = np.column_stack([spent, best])
-        return tuple(self._ended(points[run == row], int(row)) for row in self._rows)
+        histories = []
+        for row in self._rows:
+            own = points[run == row]
+            histories.append(self._ended(own, int(row)))
+        return tuple(histories)
 
     def _ended(self, points: Array, row: int) -> Array:
+        """A run's improvements, and its end unless it ended with one."""
+        if points[-1, 0] == self.spent:
+            return points
         end = np.array([[self.spent, self.fitness[row]]])
-        return points if points[-1, 0] == self.spent else np.concatenate([points, end])
+        return np.concatenate([points, end])
 
 
 def added(values: Array) -> Array:
@@ -210,6 +252,9 @@ def require(option: str, value: object, holds: bool, expected: str) -> None:
 def check_choices(options: object) -> None:
     """Raise `InvalidInput` where a `Literal` field of a dataclass holds something else."""
     for name, hint in get_type_hints(type(options)).items():
-        if get_origin(hint) is Literal:
-            known = " or ".join(repr(a) for a in get_args(hint))
-            require(name, getattr(options, name), getattr(options, name) in get_args(hint), known)
+        if get_origin(hint) is not Literal:
+            continue
+        value = getattr(options, name)
+        choices = get_args(hint)
+        known = " or ".join(map(repr, choices))
+        require(name, value, value in choices, known)

@@ -41,19 +41,30 @@ class PSO(Optimiser):
         return self.population
 
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
-        shape, rows = (self.population, box.low.shape[-1]), np.arange(len(streams))
+        shape = (self.population, box.dim)
+        rows = np.arange(len(streams))
         x = box.spread(streams.uniform(*shape))
         f = yield x
-        own_x, own_f, v = x, f, np.zeros_like(x)  # p_i, its fitness, and the velocity
-        top = self.clamp * box.size
+        # p_i, its fitness, and the velocities
+        own_x = x
+        own_f = f
+        v = np.zeros_like(x)
+        v_max = self.clamp * box.size
         for _ in range(iterations):
-            swarm_x = own_x[rows, own_f.argmin(axis=1), None]  # p_g
-            to_own, to_swarm = streams.uniform(*shape), streams.uniform(*shape)
-            v = self.inertia * v + self.cognitive * to_own * (own_x - x)
-            v = np.clip(v + self.social * to_swarm * (swarm_x - x), -top, top)
+            # p_g
+            best = own_f.argmin(axis=1)
+            swarm_x = own_x[rows, best, None]
+            # v = χ v + χφ₁ u₁ (p_i − x) + χφ₂ u₂ (p_g − x), within ±v_max
+            u1 = streams.uniform(*shape)
+            u2 = streams.uniform(*shape)
+            v = self.inertia * v + self.cognitive * u1 * (own_x - x)
+            v = v + self.social * u2 * (swarm_x - x)
+            v = np.clip(v, -v_max, v_max)
+            # x = x + v, on the wall where that is outside, where v is turned back
             flown = x + v
             x = box.clip(flown)
             v = np.where(x == flown, v, -self.rebound * v)
             f = yield x
             better = f < own_f
-            own_x, own_f = np.where(better[..., None], x, own_x), np.where(better, f, own_f)
+            own_x = np.where(better[..., None], x, own_x)
+            own_f = np.where(better, f, own_f)

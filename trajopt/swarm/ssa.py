@@ -30,37 +30,49 @@ class Flock:
     """
 
     def __init__(self, box: Box, streams: Streams, t_max: int) -> None:
-        self.box, self.streams, self.extra = box, streams, streams.beside()
-        self.t, self.t_max = 0, t_max
+        self.box = box
+        self.streams = streams
+        self.extra = streams.beside()
+        self.t = 0
+        self.t_max = t_max
         self.rows = np.arange(len(streams))[:, None]
 
     def settle(self, x: Array, f: Array) -> None:
-        self.x, self.f = x, f
+        """Take the first positions."""
+        self.x = x
+        self.f = f
         self.sort()
-        self.best_x, self.best_f = self.x[:, :1].copy(), self.f[:, :1].copy()
+        self.best_x = self.x[:, :1].copy()
+        self.best_f = self.f[:, :1].copy()
 
     def sort(self) -> None:
         """Best first."""
         order = np.argsort(self.f, axis=1, kind="stable")
-        self.x, self.f = self.x[self.rows, order], self.f[self.rows, order]
+        self.x, self.f = self.place(order)
 
     def place(self, slots: Slots) -> tuple[Array, Array]:
         """Positions `(runs, m, dim)` and fitness `(runs, m)` of some sparrows."""
         return self.x[self.rows, slots], self.f[self.rows, slots]
 
     def worst(self) -> tuple[Array, Array]:
-        return self.place(self.f.argmax(axis=1)[:, None])
+        """`X_w` `(runs, 1, dim)` and `f_w` `(runs, 1)`."""
+        last = self.f.argmax(axis=1)
+        return self.place(last[:, None])
 
     def move(self, slots: Slots, x: Array, f: Array, greedy: bool) -> None:
         """Put sparrows in new places; the greedy ones only if they are better off there."""
+        rows = self.rows
         old_x, old_f = self.place(slots)
         moved = f < old_f if greedy else np.full(f.shape, True)
-        self.x[self.rows, slots] = np.where(moved[..., None], x, old_x)
-        self.f[self.rows, slots] = np.where(moved, f, old_f)
+        self.x[rows, slots] = np.where(moved[..., None], x, old_x)
+        self.f[rows, slots] = np.where(moved, f, old_f)
+        # Whatever they do, the best place seen is remembered.
         first = f.argmin(axis=1)[:, None]
-        better = f[self.rows, first] < self.best_f
-        self.best_x = np.where(better[..., None], x[self.rows, first], self.best_x)
-        self.best_f = np.where(better, f[self.rows, first], self.best_f)
+        first_x = x[rows, first]
+        first_f = f[rows, first]
+        better = first_f < self.best_f
+        self.best_x = np.where(better[..., None], first_x, self.best_x)
+        self.best_f = np.where(better, first_f, self.best_f)
 
 
 @dataclass(frozen=True)
@@ -89,10 +101,11 @@ class SSA(Optimiser):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        some = f"a share of 1 to {self.population - 1} sparrows"
         for name in ("discoverers", "vigilantes"):
             share = getattr(self, name)
-            some = 0 < share < 1 and 0 < self._count(share) < self.population
-            require(name, share, some, f"a share of 1 to {self.population - 1} sparrows")
+            holds = 0 < share < 1 and 0 < self._count(share) < self.population
+            require(name, share, holds, some)
         require("safety", self.safety, 0 <= self.safety <= 1, "a number from 0 to 1")
 
     @property
@@ -102,25 +115,40 @@ class SSA(Optimiser):
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
         flock = Flock(box, streams, iterations)
         x = self._start(flock)
-        flock.settle(x, (yield x))
+        f = yield x
+        flock.settle(x, f)
         for flock.t in range(1, iterations + 1):
-            for phase in (self._discover, self._follow, self._watch):
-                if phase == self._discover or self.sorting == "phase":
-                    flock.sort()
-                slots, places = phase(flock)
-                yield from self._moved(flock, slots, places)
+            flock.sort()
+            yield from self._moved(flock, *self._discover(flock))
+            if self.sorting == "phase":
+                flock.sort()
+            yield from self._moved(flock, *self._follow(flock))
+            if self.sorting == "phase":
+                flock.sort()
+            yield from self._moved(flock, *self._watch(flock))
 
     def _start(self, flock: Flock) -> Array:
-        return flock.box.spread(flock.streams.uniform(self.population, flock.box.low.shape[-1]))
+        unit = flock.streams.uniform(self.population, flock.box.dim)
+        return flock.box.spread(unit)
 
     def _discover(self, flock: Flock) -> tuple[Slots, list[Array]]:
         """Eq. 39."""
-        slots = np.arange(self._count(self.discoverers))
-        calm = flock.streams.uniform(1, 1) < self.safety  # R2 < ST, one R2 per run
-        alpha = 1.0 - flock.streams.uniform(len(slots), 1)
-        q, x = flock.streams.normal(len(slots), 1), flock.x[:, slots]
-        shrunk = x * np.exp(-(slots[:, None] + 1) / (alpha * flock.t_max))
-        return slots, [np.where(calm, self._calm(flock, shrunk, x), x + q * self._weight(flock))]
+        draw = flock.streams
+        m = self._count(self.discoverers)
+        slots = np.arange(m)
+        i = slots[:, None] + 1
+        x = flock.x[:, slots]
+        r2 = draw.uniform(1, 1)  # one per run
+        alpha = 1.0 - draw.uniform(m, 1)
+        Q = draw.normal(m, 1)
+        safe = r2 < self.safety
+        # X exp(−i/(α t_max)) where R2 < ST, else X + Q L
+        decay = -i / (alpha * flock.t_max)
+        shrunk = x * np.exp(decay)
+        calm = self._calm(flock, shrunk, x)
+        alarmed = x + Q * self._weight(flock)
+        places = np.where(safe, calm, alarmed)
+        return slots, [places]
 
     def _calm(self, flock: Flock, shrunk: Array, x: Array) -> Array:
         """Where discoverers at `x` go while `R2 < ST`."""
@@ -132,43 +160,73 @@ class SSA(Optimiser):
 
     def _follow(self, flock: Flock) -> tuple[Slots, list[Array]]:
         """Eq. 40."""
+        draw = flock.streams
         first = self._count(self.discoverers)
         slots = np.arange(first, self.population)
-        x, (worst, _) = flock.x[:, slots], flock.worst()
-        leader = flock.place(flock.f[:, :first].argmin(axis=1)[:, None])[0]  # X_p
-        q, i = flock.streams.normal(len(slots), 1), slots[:, None] + 1
-        signs = np.where(flock.streams.uniform(*x.shape[1:]) < 0.5, -1.0, 1.0)  # A
-        step = np.abs(x - leader) * signs
+        i = slots[:, None] + 1
+        x = flock.x[:, slots]
+        x_w, _ = flock.worst()
+        leader = flock.f[:, :first].argmin(axis=1)
+        x_p, _ = flock.place(leader[:, None])
+        _, m, dim = x.shape
+        Q = draw.normal(m, 1)
+        coin = draw.uniform(m, dim)
+        A = np.where(coin < 0.5, -1.0, 1.0)
+        # The better half: X_p + |X − X_p| A⁺ L
+        step = np.abs(x - x_p) * A
         if self.step == "matrix":  # A⁺ = Aᵀ(AAᵀ)⁻¹ = Aᵀ/d; L spreads the sum over all dimensions
-            step = added(step)[..., None] / x.shape[-1]
-        with np.errstate(over="ignore"):  # in a box hundreds wide: the walls stop it
-            away = q * np.exp((worst - x) / i**2)
-        return slots, [np.where(i > self.population / 2, away, leader + step)]
+            step = added(step)[..., None] / dim
+        gathered = x_p + step
+        # The others: Q exp((X_w − X)/i²); in a box hundreds wide the walls stop what overflows
+        with np.errstate(over="ignore"):
+            growth = np.exp((x_w - x) / i**2)
+            away = Q * growth
+        hungry = i > self.population / 2
+        return slots, [np.where(hungry, away, gathered)]
 
     def _watch(self, flock: Flock) -> tuple[Slots, list[Array]]:
         """Eq. 41."""
-        slots: Slots = np.arange(self._count(self.vigilantes))
-        if self.watch == "random":
-            slots = flock.streams.uniform(self.population).argsort(axis=1)[:, : len(slots)]
-        (x, f), (worst_x, worst_f) = flock.place(slots), flock.worst()
-        beta, k = flock.streams.normal(*x.shape[1:]), 2 * flock.streams.uniform(x.shape[1], 1) - 1
-        fall = f - worst_f if self.eq41 == "intended" else (f > worst_f).astype(float)
-        flee = x + k * (np.abs(x - worst_x) / (fall + _EPSILON)[..., None])
-        home = flock.best_x + beta * np.abs(x - flock.best_x)
-        return slots, [np.where((f > flock.best_f)[..., None], home, flee)]
+        draw = flock.streams
+        slots = self._vigilantes(flock)
+        x, f = flock.place(slots)
+        x_b = flock.best_x
+        x_w, f_w = flock.worst()
+        _, m, dim = x.shape
+        beta = draw.normal(m, dim)
+        K = 2 * draw.uniform(m, 1) - 1
+        # Behind the best, f > f_g: X_b + β |X − X_b|
+        home = x_b + beta * np.abs(x - x_b)
+        # The best itself: X + K |X − X_w| / ((f − f_w) + ε)
+        fall = f - f_w if self.eq41 == "intended" else (f > f_w).astype(float)
+        denominator = fall + _EPSILON
+        distance = np.abs(x - x_w) / denominator[..., None]
+        flee = x + K * distance
+        behind = f > flock.best_f
+        return slots, [np.where(behind[..., None], home, flee)]
+
+    def _vigilantes(self, flock: Flock) -> Slots:
+        count = self._count(self.vigilantes)
+        if self.watch == "first":
+            return np.arange(count)
+        lots = flock.streams.uniform(self.population)
+        return lots.argsort(axis=1)[:, :count]
 
     def _moved(self, flock: Flock, slots: Slots, places: list[Array]) -> Search:
         """Evaluate the places that some sparrows consider; each takes its best, if acceptable."""
-        x, f = [self._inside(flock, slots, place) for place in places], []
+        x = [self._inside(flock, slots, place) for place in places]
+        f = []
         for place in x:
             f.append((yield place))
-        winner = np.argmin(f, axis=0)[None, ..., None]
-        best_x = np.take_along_axis(np.stack(x), winner, axis=0)[0]
-        flock.move(slots, best_x, np.min(f, axis=0), self.acceptance == "greedy")
+        winner = np.argmin(f, axis=0)
+        index = winner[None, ..., None]
+        best_x = np.take_along_axis(np.stack(x), index, axis=0)[0]
+        best_f = np.min(f, axis=0)
+        flock.move(slots, best_x, best_f, greedy=self.acceptance == "greedy")
 
     def _inside(self, flock: Flock, slots: Slots, x: Array) -> Array:
         x = flock.box.clip(x) if self.boundary == "clip" else flock.box.reflect(x)
-        return np.where(np.isnan(x), flock.place(slots)[0], x)
+        own, _ = flock.place(slots)
+        return np.where(np.isnan(x), own, x)
 
     def _count(self, share: float) -> int:
         return round(share * self.population)
