@@ -1,4 +1,4 @@
-"""Do the relations of mathematics.md, section 8, hold on thousands of random problems?
+"""Do the relations of docs/mathematics.md, section 8, hold on thousands of random problems?
 
     python -m experiments.relations                   # 2000 problems, half an hour on a core
     python -m experiments.relations --problems 20     # a quick look

@@ -1,6 +1,6 @@
 """The one exact judge: true peaks from polynomial roots, every miss, and the certified duration.
 
-Nothing is sampled (mathematics: uniform time scaling, exact verification). Dividing a piece's
+Nothing is sampled (docs/mathematics.md, sections 2 and 7). Dividing a piece's
 polynomial by its limit gives its use of the limit; Bernstein coefficients bound that use, and only
 the pieces whose bound exceeds the worst use found so far need their roots.
 """

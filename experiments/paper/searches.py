@@ -25,7 +25,7 @@ MM = 1000.0  # per metre
 
 
 def reference(name: str) -> pd.DataFrame:
-    """A published table, `data/reference/NAME.csv`."""
+    """A published table, `data/reference/*.csv`."""
     return pd.read_csv(suite.data_folder() / "reference" / f"{name}.csv")
 
 

@@ -1,0 +1,53 @@
+"""What the code cites, the repository holds: sections of docs/mathematics.md, and its files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+MATHEMATICS = ROOT / "docs" / "mathematics.md"
+SOURCES = sorted(
+    path
+    for folder in ("trajopt", "baselines", "experiments", "tests")
+    for path in (ROOT / folder).rglob("*.py")
+    if path != Path(__file__)
+)
+
+# "docs/mathematics.md, section 3", "mathematics.md, sections 3 and 4", "mathematics, section 9",
+# also where a line of a docstring or comment ends in between.
+GAP = r"[\s#]*"
+CITED = re.compile(
+    rf"mathematics(?:\.md)?`?,?{GAP}sections?{GAP}(\d+b?)(?:(?:,| and){GAP}(\d+b?))?", re.I
+)
+NAMED = re.compile(rf"mathematics(?:\.md\b|,{GAP}section|{GAP}\d|:)", re.I)
+# "section 3", where it is neither the paper's nor a part like 4.2.
+BARE = re.compile(rf"(?<!paper's )\bsection{GAP}(\d+b?)\b(?!\.\d)")
+PATHS = re.compile(r"\b(?:docs|data)/[\w./-]*\w\.(?:md|toml|csv|png)\b")
+
+
+def headings() -> set[str]:
+    return set(re.findall(r"^#+ (\d+b?)\. ", MATHEMATICS.read_text(encoding="utf-8"), re.M))
+
+
+def test_sections_are_numbered_without_a_gap():
+    assert headings() == {*map(str, range(1, 12)), "5b"}
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_every_citation_of_the_mathematics_names_a_section_that_exists(path):
+    text = path.read_text(encoding="utf-8")
+    cited = {number for match in CITED.findall(text) for number in match if number}
+    cited |= set(BARE.findall(text))
+    assert cited <= headings()
+    # Not "see the mathematics" without a number.
+    assert len(NAMED.findall(text)) <= len(CITED.findall(text))
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_every_file_that_a_docstring_names_exists(path):
+    named = PATHS.findall(path.read_text(encoding="utf-8"))
+    missing = [name for name in named if not (ROOT / name).is_file()]
+    assert missing == []
