@@ -15,7 +15,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.random import PCG64
@@ -177,7 +177,7 @@ def _finite(fitness: Array) -> Array:
 class EvolutionPlanner(SwarmPlanner):
     """A `SwarmPlanner` that runs on request: a reference for the swarms, none of the paper's."""
 
-    on_request: ClassVar[bool] = True
+    on_request = True
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ class CMAESPlanner(EvolutionPlanner):
     """A `SwarmPlanner` that is listed as missing where `cma` is; importing it counts as setup."""
 
     optimiser: Optimiser = field(default_factory=CMAES)
-    requires: ClassVar[tuple[str, ...]] = ("cma",)
+    requires = ("cma",)
 
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
         """One answer per seed; raises `MissingBackend` where `cma` is not installed."""

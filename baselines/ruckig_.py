@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from scipy.sparse import csc_array
 from baselines.own_units import in_own_units
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
-from trajopt.planner import Relation, backend, passing_once
+from trajopt.planner import Planner, backend, passing_once
 from trajopt.problem import Limits, Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
@@ -41,16 +41,10 @@ _SMALLEST = 1e-5  # of the limits: the search's last step
 
 
 @dataclass(frozen=True)
-class RuckigStop:
+class RuckigStop(Planner):
     """Ruckig from waypoint to waypoint, stopping at each."""
 
-    requires: ClassVar[tuple[str, ...]] = ("ruckig",)
-
-    def relation(self, problem: Problem) -> Relation:
-        return Relation.RESTRICTION
-
-    def unsupported(self, problem: Problem) -> str | None:
-        return None
+    requires = ("ruckig",)
 
     @passing_once
     @in_own_units

@@ -19,7 +19,7 @@ import time
 from dataclasses import dataclass
 from functools import cache
 from math import comb
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from scipy.ndimage import minimum_filter
 
 from trajopt import polynomials, spline353
 from trajopt.exceptions import InvalidInput
-from trajopt.planner import Relation, backend, passing_once
+from trajopt.planner import Planner, backend, passing_once
 from trajopt.problem import Limits, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
@@ -46,19 +46,16 @@ _LOG_RATIOS = np.linspace(-10.0, 10.0, 61)  # of the outer segment times to the 
 
 
 @dataclass(frozen=True)
-class Spline353NLP:
+class Spline353NLP(Planner):
     """The best 3-5-3 spline with shared times (CasADi/IPOPT, limits at every instant)."""
 
     starts: int = 4
 
-    requires: ClassVar[tuple[str, ...]] = ("casadi",)
+    requires = ("casadi",)
 
     def __post_init__(self) -> None:
         if self.starts < 1:
             raise InvalidInput("starts", "at least 1", value=self.starts)
-
-    def relation(self, problem: Problem) -> Relation:
-        return Relation.RESTRICTION
 
     def unsupported(self, problem: Problem) -> str | None:
         return spline353.unsupported(problem)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import product
 from types import SimpleNamespace
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from scipy.interpolate import CubicSpline
 
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
-from trajopt.planner import Relation, backend, passing_once
+from trajopt.planner import Planner, backend, passing_once
 from trajopt.problem import Limits, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
@@ -47,7 +47,7 @@ _FREE = 1e2  # more than any path speed, in units of the cheapest uniform one
 
 
 @dataclass(frozen=True)
-class ToppRa:
+class ToppRa(Planner):
     """TOPP-RA along a cubic spline through the waypoints; by default the best of twelve splines.
 
     - `knots`: the spline's parameter from waypoint to waypoint grows by 1, by the chord's length,
@@ -62,14 +62,11 @@ class ToppRa:
     ends: Literal["not-a-knot", "natural", "clamped", "best"] = "best"
     gridpoints: int = 1000
 
-    requires: ClassVar[tuple[str, ...]] = ("toppra",)
+    requires = ("toppra",)
 
     def __post_init__(self) -> None:
         if self.gridpoints < 10:
             raise InvalidInput("gridpoints", "at least 10", value=self.gridpoints)
-
-    def relation(self, problem: Problem) -> Relation:
-        return Relation.RESTRICTION
 
     def unsupported(self, problem: Problem) -> str | None:
         if problem.has("jerk"):

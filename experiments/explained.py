@@ -22,8 +22,8 @@ from trajopt.cli import render
 from trajopt.exceptions import TrajoptError
 from trajopt.explain.active_limits import busy
 from trajopt.explain.decomposition import Explanation, explain
-from trajopt.planner import load
 from trajopt.problem import Problem
+from trajopt.registry import load
 
 PLANNERS = ("issa", "ssa", "pso", "toppra", "ruckig")
 

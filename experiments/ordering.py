@@ -26,7 +26,7 @@ from trajopt.benchmark import compare as run
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.suites.catalogue import random_problem
 from trajopt.cli import render
-from trajopt.planner import entries, load
+from trajopt.registry import entries, load
 
 SPLINES = ("unoptimised", "pso", "ssa", "issa")
 RELAXED = 1e-6  # of the limits, or of the waypoint velocities: keeps rounding off a longer branch
@@ -84,7 +84,8 @@ def table(found: list[tuple[str, str, float]]) -> pd.DataFrame:
 def main(problems: int = 300, jobs: int = 2, output: Path = Path("results/ordering")) -> None:
     """Run the study and print its table; also written to `ordering.csv` in `output`."""
     drawn = [random_problem(seed) for seed in range(problems)]
-    planners = [(n, p) for n in entries() if not getattr(p := load(n), "on_request", False)]
+    registered = [(name, load(name)) for name in entries()]
+    planners = [(name, planner) for name, planner in registered if not planner.on_request]
     total = sum(len(task.seeds) for task in run.plan(drawn, planners, 2))
     with render.progress(total) as advance:
         results = run.compare(drawn, planners, output, seeds=2, jobs=jobs, progress=advance)

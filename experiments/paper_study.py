@@ -42,9 +42,8 @@ from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import render
 from trajopt.kinematics import Robot, cartesian_problem
-from trajopt.planner import configured, load
-from trajopt.swarm_planner import SwarmPlanner
-from trajopt.unoptimised import Unoptimised
+from trajopt.registry import configured, load
+from trajopt.swarm_planner import SwarmPlanner, Unoptimised
 
 SETTLED = 1.01  # times a run's own final duration
 TIMINGS = ("per-joint", "shared")

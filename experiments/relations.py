@@ -30,7 +30,7 @@ from experiments.ordering import RELAXED, identities
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import random_problem
 from trajopt.cli import render
-from trajopt.planner import load
+from trajopt.registry import load
 
 Checks = Iterator[tuple[str, float, float]]  # kind, relative excess, tolerance
 Found = tuple[Trajectory | None, float]  # with its certified duration, NaN where there is none

@@ -22,7 +22,8 @@ from trajopt.benchmark import report
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import render
-from trajopt.planner import Planner, entries, load, parse
+from trajopt.planner import Planner
+from trajopt.registry import entries, load, parse
 
 SUITES = ("six-axis", "edges", "robots", "random")
 PROOF = "certify:time_limit=15"  # s; a proof on a large problem is endless

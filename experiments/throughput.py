@@ -20,7 +20,7 @@ import pandas as pd
 from experiments.common.output import save_table
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.planner import load
+from trajopt.registry import load
 
 SPECS = ("pso", "ssa", "issa")
 

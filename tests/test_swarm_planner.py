@@ -13,7 +13,8 @@ import pytest
 from scipy.optimize import minimize
 
 from trajopt import InvalidInput, Limits, Problem, Status, verify
-from trajopt.planner import Planner, Relation, configured, options
+from trajopt.planner import Planner, Relation
+from trajopt.registry import configured, options
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser
 from trajopt.swarm_planner import SwarmPlanner, issa, pso, ssa
 

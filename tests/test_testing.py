@@ -9,13 +9,13 @@ from itertools import count
 import numpy as np
 import pytest
 
-from trajopt.planner import Relation
+from trajopt.planner import Planner, Relation
 from trajopt.problem import Limits, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
+from trajopt.swarm_planner import Unoptimised
 from trajopt.testing import ContractError, check_planner, examples
 from trajopt.trajectory import Trajectory
-from trajopt.unoptimised import Unoptimised
 from trajopt.verification import verify
 
 
@@ -73,11 +73,6 @@ class OneJointStops:
         return Solution(Status.SOLVED, Trajectory(breaks, np.array(pieces).T[..., None], times))
 
 
-@pytest.mark.parametrize("planner", [Unoptimised(), Quintic(), Quintic(0.3), OneJointStops()])
-def test_good_planners_are_accepted(planner):
-    check_planner(planner)
-
-
 def test_the_little_planner_takes_the_closed_forms_time():
     problem = examples()[0]  # 0.4, 0.6 and 0.5 rad at 1 rad/s and 2 rad/s²
     trajectory = OneJointStops().solve(problem).trajectory
@@ -122,15 +117,28 @@ class WithoutSolve:
 
 
 @dataclass(frozen=True)
-class WithoutRelation:
-    unsupported, solve = Quintic.unsupported, Quintic.solve
+class SolveAlone:
+    """All else has a default: a restriction, for every problem."""
+
     spare: float = 1.0
+    solve = Quintic.solve
 
 
 @dataclass(frozen=True)
-class WithoutUnsupported:
-    relation, solve = Quintic.relation, Quintic.solve
+class Derived(Planner):
+    """The same with the base class."""
+
     spare: float = 1.0
+
+    def solve(self, problem, *, seed=0):
+        return Quintic(self.spare).solve(problem)
+
+
+@pytest.mark.parametrize(
+    "planner", [Unoptimised(), Quintic(), Quintic(0.3), OneJointStops(), SolveAlone(), Derived()]
+)
+def test_good_planners_are_accepted(planner):
+    check_planner(planner)
 
 
 @dataclass(frozen=True)
@@ -275,9 +283,7 @@ BROKEN = [
     (Quintic, "it is not a dataclass"),  # the class, not an object
     (object(), "it is not a dataclass"),
     (Thawed(), "its dataclass is not frozen"),
-    (WithoutSolve(), "it lacks relation, unsupported or solve"),
-    (WithoutRelation(), "it lacks relation, unsupported or solve"),
-    (WithoutUnsupported(), "it lacks relation, unsupported or solve"),
+    (WithoutSolve(), "it lacks solve"),
     (Locked(), "does not survive pickling"),
     (Forgetful(), "its options do not survive pickling"),
     (Hollow(), "option nothing has no value"),

@@ -1,39 +1,33 @@
-"""The planner contract, and the one door by which every planner enters.
+"""The planner contract: what a planner must offer, and what it has unless it says otherwise.
 
-A planner is a frozen dataclass whose fields are its options. Ours, the baselines and a stranger's
-register under the entry-point group `trajopt.planners`; in a script, pass the object itself.
+A planner is a frozen dataclass whose fields are its options:
+
+    @dataclass(frozen=True)
+    class MyPlanner(Planner):
+        samples: int = 100
+
+        def solve(self, problem: Problem, *, seed: int = 0) -> Solution: ...
+
+`trajopt.registry` finds planners by their names; in a script, pass the object itself.
 """
 
 from __future__ import annotations
 
-import ast
-import contextlib
 import importlib
-import importlib.util
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum
-from functools import cache, wraps
-from importlib.metadata import EntryPoint, entry_points
-from types import UnionType
-from typing import (
-    Any,
-    Literal,
-    Protocol,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-    runtime_checkable,
-)
+from functools import wraps
+from typing import Any, TypeVar, cast
 
-from trajopt.exceptions import InvalidInput, MissingBackend, TrajoptError, UnknownName
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.exceptions import InvalidInput, MissingBackend
 from trajopt.problem import Problem
-from trajopt.solution import Solution
+from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
-
-GROUP = "trajopt.planners"
 
 
 class Relation(Enum):
@@ -44,160 +38,237 @@ class Relation(Enum):
     RELAXATION = "ignores a limit: its answer is a lower bound"
 
 
-@runtime_checkable
-class Planner(Protocol):
-    """What a planner must offer. Optional besides:
+def _refusing(solve: Callable[..., Solution]) -> Callable[..., Solution]:
+    """A `solve` that answers `unsupported` where the planner refuses the problem."""
 
-    - `solve_batch(problem, seeds) -> list[Solution]`: all seeds together, used where it exists;
-    - `along(problem, trajectory) -> Solution`: the fastest timing of a given trajectory's path;
-    - `stochastic: bool` (default False): whether the seed matters; if not, or where `unsupported`
-      (a quick look at the problem) refuses, it runs once;
-    - `on_request: bool` (default False): left out where all planners run unless asked for by name;
-    - `requires: tuple[str, ...]`: packages that `solve` imports, checked before listing;
-    - a docstring, whose first line describes the planner in `trajopt list`.
+    @wraps(solve)
+    def checked_solve(self: Planner, problem: Problem, *, seed: int = 0) -> Solution:
+        reason = self.unsupported(problem)
+        if reason is not None:
+            return Solution(Status.UNSUPPORTED, message=reason)
+        return solve(self, problem, seed=seed)
+
+    return checked_solve
+
+
+def _refusing_batch(solve_batch: Callable[..., list[Solution]]) -> Callable[..., list[Solution]]:
+    """The same for `solve_batch`."""
+
+    @wraps(solve_batch)
+    def checked_batch(self: Planner, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
+        reason = self.unsupported(problem)
+        if reason is not None:
+            return [Solution(Status.UNSUPPORTED, message=reason) for _ in seeds]
+        return solve_batch(self, problem, seeds)
+
+    return checked_batch
+
+
+class Planner(ABC):
+    """Turns a `Problem` into a `Solution`. Only `solve` must be written; all else has a default.
+
+    Its docstring's first line describes it in `trajopt list`.
+
+    Attributes:
+        stochastic: Whether the seed matters. If not, a comparison runs it once.
+        on_request: Whether it is left out where all planners run, unless asked for by name.
+        requires: Packages that `solve` imports, looked for before the planner is listed.
     """
 
-    def relation(self, problem: Problem) -> Relation: ...
-    def unsupported(self, problem: Problem) -> str | None: ...
-    def solve(self, problem: Problem, *, seed: int = 0) -> Solution: ...
+    stochastic: bool = False
+    on_request: bool = False
+    requires: tuple[str, ...] = ()
+
+    def __init_subclass__(cls, **arguments: Any) -> None:
+        """A class's own `solve` and `solve_batch` answer `unsupported` what it cannot solve.
+
+        So nobody who calls them directly has to remember to ask `unsupported` first. It is done
+        here and not in a wrapper around `solve`, so that a planner still writes a plain `solve`.
+        """
+        super().__init_subclass__(**arguments)
+        if "solve" in vars(cls):
+            cls.solve = _refusing(cls.solve)  # type: ignore[method-assign]
+        if "solve_batch" in vars(cls):
+            cls.solve_batch = _refusing_batch(cls.solve_batch)  # type: ignore[method-assign]
+
+    @abstractmethod
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """The answer; the same for the same seed. Nothing it returns is believed unverified."""
+
+    def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
+        """One answer per seed, each what `solve` gives; by default one after the other."""
+        return [self.solve(problem, seed=seed) for seed in seeds]
+
+    @property
+    def batched(self) -> bool:
+        """Whether it advances several seeds together."""
+        return type(self).solve_batch is not Planner.solve_batch
+
+    def relation(self, problem: Problem) -> Relation:
+        """How its answers relate to the optimum of this problem; by default a restriction."""
+        return Relation.RESTRICTION
+
+    def unsupported(self, problem: Problem) -> str | None:
+        """Why it cannot solve this problem, from a quick look; None (the default) if it can."""
+        return None
+
+    def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
+        """The fastest timing of a given trajectory's path; by default unsupported."""
+        return Solution(Status.UNSUPPORTED, message="it does not time given paths")
+
+    def options(self) -> dict[str, Any]:
+        """Every option with its value; those of nested dataclasses beside the outer ones."""
+        return field_values(self)
+
+    def defaults(self) -> dict[str, Any]:
+        """The values of those options that have one by default."""
+        return field_defaults(self)
+
+    @property
+    def description(self) -> str:
+        """What `trajopt list` says of it."""
+        return first_line(self)
 
 
-PlannerT = TypeVar("PlannerT")
+def first_line(planner: object) -> str:
+    """The first line of a planner's own docstring."""
+    text = type(planner).__doc__ or ""
+    return text.strip().partition("\n")[0]
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A registered planner, not yet imported."""
-
-    name: str
-    point: EntryPoint
-
-    def load(self) -> Planner:
-        """The planner with its default options; raises `TrajoptError` if it cannot be imported."""
-        try:
-            target = self.point.load()
-            planner: Planner = target() if isinstance(target, type) else target
-        except Exception as error:
-            package = error.name if isinstance(error, ModuleNotFoundError) else None
-            if package and package.split(".")[0] != self.point.module.split(".")[0]:
-                raise MissingBackend(package.split(".")[0]) from error
-            raise TrajoptError(f"planner {self.name!r} cannot be loaded: {error}") from error
-        return planner
-
-    def missing(self) -> str | None:
-        """What keeps this planner from running, with the command that mends it; or None."""
-        try:
-            planner = self.load()
-        except TrajoptError as error:
-            return str(error)
-        absent = [p for p in getattr(planner, "requires", ()) if not importlib.util.find_spec(p)]
-        return str(MissingBackend(" ".join(absent))) if absent else None
-
-
-@cache
-def entries() -> dict[str, Entry]:
-    """Every registered planner by name."""
-    found = [Entry(point.name, point) for point in entry_points(group=GROUP)]
-    return {e.name: e for e in found}
-
-
-def load(spec: str) -> Planner:
-    """A planner from `"name"` or `"name:key=value,key=value"`.
-
-    Raises `UnknownName`, or `InvalidInput` naming the option, its value and what would be right.
-    """
-    name, options = parse(spec)
-    if name not in entries():
-        raise UnknownName("planner", name, entries())
-    return configured(entries()[name].load(), options, name)
-
-
-def parse(spec: str) -> tuple[str, dict[str, str]]:
-    """`"issa:fitness=scaled,population=50"` to its name and its options as text."""
-    name, _, rest = spec.partition(":")
-    pairs = [pair.partition("=") for pair in rest.split(",") if pair]
-    for key, equals, _ in pairs:
-        if not equals:
-            raise InvalidInput(
-                f"planner {name}", "options as key=value, separated by commas", value=key
-            )
-    return name.strip(), {key.strip(): value.strip() for key, _, value in pairs}
-
-
-def options(planner: object) -> dict[str, Any]:
-    """Every option with its value; those of a nested dataclass are listed beside the outer ones."""
-    if not is_dataclass(planner):
+def field_values(value: object) -> dict[str, Any]:
+    """The fields of a dataclass, with those of nested dataclasses beside the outer ones."""
+    if not is_dataclass(value):
         return {}
     table: dict[str, Any] = {}
-    for field in fields(planner):
-        value = getattr(planner, field.name)
-        table |= options(value) if is_dataclass(value) else {field.name: value}
+    for field in fields(value):
+        own = getattr(value, field.name)
+        if is_dataclass(own):
+            table |= field_values(own)
+        else:
+            table[field.name] = own
     return table
 
 
-def label(name: str, planner: object) -> str:
-    """A planner's name with the options that differ from the registered ones, or its defaults."""
-    defaults = options(entries()[name].load()) if name in entries() else _defaults(planner)
-    changed = [
-        f"{k}={v}" for k, v in options(planner).items() if repr(defaults.get(k, v)) != repr(v)
-    ]
-    return f"{name}:{','.join(changed)}" if changed else name
+def field_defaults(value: object) -> dict[str, Any]:
+    """The defaults of a dataclass's fields, with those of nested dataclasses beside them."""
+    if not is_dataclass(value):
+        return {}
+    table: dict[str, Any] = {}
+    for field in fields(value):
+        default = field.default
+        if field.default_factory is not MISSING:
+            default = field.default_factory()
+        if is_dataclass(default):
+            table |= field_values(default)
+        elif default is not MISSING:
+            table[field.name] = default
+    return table
 
 
-def _defaults(planner: Any) -> dict[str, Any]:
-    return {f.name: f.default for f in fields(planner)} if is_dataclass(planner) else {}
+@dataclass(frozen=True)
+class _Adapted(Planner):
+    """A planner that offers the methods without the base class, with the defaults for the rest."""
+
+    own: Any
+    stochastic: bool
+    on_request: bool
+    requires: tuple[str, ...]
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        solution: Solution = self.own.solve(problem, seed=seed)
+        return solution
+
+    def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
+        if not self.batched:
+            return super().solve_batch(problem, seeds)
+        solutions: list[Solution] = self.own.solve_batch(problem, seeds)
+        return solutions
+
+    @property
+    def batched(self) -> bool:
+        return hasattr(self.own, "solve_batch")
+
+    def relation(self, problem: Problem) -> Relation:
+        if not hasattr(self.own, "relation"):
+            return super().relation(problem)
+        relation: Relation = self.own.relation(problem)
+        return relation
+
+    def unsupported(self, problem: Problem) -> str | None:
+        if not hasattr(self.own, "unsupported"):
+            return super().unsupported(problem)
+        reason: str | None = self.own.unsupported(problem)
+        return reason
+
+    def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
+        if not hasattr(self.own, "along"):
+            return super().along(problem, trajectory)
+        solution: Solution = self.own.along(problem, trajectory)
+        return solution
+
+    def options(self) -> dict[str, Any]:
+        if not hasattr(self.own, "options"):
+            return field_values(self.own)
+        table: dict[str, Any] = self.own.options()
+        return table
+
+    def defaults(self) -> dict[str, Any]:
+        return field_defaults(self.own)
+
+    @property
+    def description(self) -> str:
+        return str(getattr(self.own, "description", first_line(self.own)))
 
 
-def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") -> PlannerT:
-    """A copy of the planner with some options changed; text is converted to the option's type."""
-    known = options(planner)
-    for key, value in changes.items():
-        if key not in known:
-            listed = ", ".join(known) or "no options"
-            raise InvalidInput(f"planner {name}, option {key}", f"one of: {listed}", value=value)
-    changed: PlannerT = _replaced(planner, changes, name)
-    return changed
+def adapted(planner: object) -> Planner:
+    """The planner itself, or one around an object that has the methods but not the base class.
+
+    The one place where an object of a stranger is asked what it has. Raises `InvalidInput` if it
+    has no `solve`.
+    """
+    if isinstance(planner, Planner):
+        return planner
+    name = type(planner).__name__
+    if isinstance(planner, type):
+        raise InvalidInput("planner", f"an object, {planner.__name__}()", value=planner)
+    if not callable(getattr(planner, "solve", None)):
+        right = "a planner, with a method solve(problem, *, seed) (see trajopt.planner.Planner)"
+        raise InvalidInput("planner", right, value=name)
+    return _Adapted(
+        own=planner,
+        stochastic=getattr(planner, "stochastic", False),
+        on_request=getattr(planner, "on_request", False),
+        requires=getattr(planner, "requires", ()),
+    )
 
 
-def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
-    hints, new = get_type_hints(type(planner)), {}
-    for field in fields(planner):
-        value = getattr(planner, field.name)
-        if is_dataclass(value):
-            new[field.name] = _replaced(value, changes, name)
-        elif field.name in changes:
-            key = f"planner {name}, option {field.name}"
-            new[field.name] = _converted(key, changes[field.name], hints[field.name])
-    try:
-        return replace(planner, **new)
-    except InvalidInput as error:
-        key = f"planner {name}, option {error.key}"
-        raise InvalidInput(key, error.expected, value=error.value) from None
+SolveT = TypeVar("SolveT", bound=Callable[..., Solution])
 
 
-def _converted(key: str, value: Any, hint: Any) -> Any:
-    """A value of the annotated type, from that type or from text."""
-    text = value
-    if isinstance(value, str):
-        with contextlib.suppress(ValueError, SyntaxError):
-            value = _WORDS[value.lower()] if value.lower() in _WORDS else ast.literal_eval(value)
-    if get_origin(hint) is Literal:
-        for choice in (text, value):
-            if choice in get_args(hint):
-                return choice
-        raise InvalidInput(key, " or ".join(repr(a) for a in get_args(hint)), value=value)
-    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    for kind in kinds:
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            return float(value)
-        if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
-            return value
-    if isinstance(text, str) and str in kinds:
-        return text
-    raise InvalidInput(key, " or ".join(k.__name__ for k in kinds), value=value)
+def passing_once(solve: SolveT) -> SolveT:
+    """Let a `solve` method see consecutive identical waypoints as one, passed once."""
+
+    @wraps(solve)
+    def merged_solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
+        merged, index = problem.merged()
+        return expanded(solve(self, merged, seed=seed), index)
+
+    return cast(SolveT, merged_solve)
 
 
-_WORDS = {"true": True, "false": False, "none": None}
+def expanded(solution: Solution, index: NDArray[np.intp]) -> Solution:
+    """A merged problem's solution with one waypoint time per original waypoint.
+
+    Args:
+        solution: The merged problem's.
+        index: `(waypoints,)`, where each original waypoint went, from `Problem.merged`.
+    """
+    if solution.trajectory is None:
+        return solution
+    merged = solution.trajectory
+    original = Trajectory(merged.breaks, merged.coefficients, merged.waypoint_times[index])
+    return replace(solution, trajectory=original)
 
 
 def backend(name: str) -> Any:
@@ -206,24 +277,3 @@ def backend(name: str) -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         raise MissingBackend(name) from error
-
-
-def passing_once(solve: Any) -> Any:
-    """Let a `solve` method see consecutive identical waypoints as one, passed once."""
-
-    @wraps(solve)
-    def merged_solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
-        merged, index = problem.merged()
-        return expanded(solve(self, merged, seed=seed), index)
-
-    return merged_solve
-
-
-def expanded(solution: Solution, index: Any) -> Solution:
-    """A merged problem's solution with one waypoint time per original waypoint."""
-    if solution.trajectory is None:
-        return solution
-    t = solution.trajectory
-    return replace(
-        solution, trajectory=Trajectory(t.breaks, t.coefficients, t.waypoint_times[index])
-    )

@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from trajopt import spline353
-from trajopt.planner import Relation, expanded
+from trajopt.exceptions import InvalidInput
+from trajopt.planner import Planner, expanded, passing_once
 from trajopt.problem import Limits, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
@@ -27,7 +28,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class SwarmPlanner:
+class SwarmPlanner(Planner):
     """The 3-5-3 spline, its segment times searched by a swarm.
 
     - `timing`: one `(t1, t2, t3)` for all joints, or every moving joint on its own (mathematics,
@@ -57,7 +58,7 @@ class SwarmPlanner:
     evaluations: int | None = None
     upper: float = 4.0
     lower: float = 1e-3
-    stochastic: ClassVar[bool] = True
+    stochastic = True
 
     def __post_init__(self) -> None:
         check_choices(self)
@@ -70,9 +71,6 @@ class SwarmPlanner:
     @property
     def description(self) -> str:
         return f"The 3-5-3 spline, its segment times searched by {type(self.optimiser).__name__}."
-
-    def relation(self, problem: Problem) -> Relation:
-        return Relation.RESTRICTION
 
     def unsupported(self, problem: Problem) -> str | None:
         return spline353.unsupported(problem)
@@ -218,6 +216,27 @@ class _Task:
 def _only(problem: Problem, joints: NDArray[np.intp]) -> Problem:
     """The problem of some joints, without position limits."""
     return problem.only(joints).without("position")
+
+
+@dataclass(frozen=True)
+class Unoptimised(Planner):
+    """The 3-5-3 spline at the same fixed time for every segment (the paper, section 5: 2 s)."""
+
+    segment_time: float = 2.0  # s
+
+    def __post_init__(self) -> None:
+        if not 1e-9 < self.segment_time < 1e9:
+            raise InvalidInput(
+                "segment_time", "a positive time in seconds", value=self.segment_time
+            )
+
+    def unsupported(self, problem: Problem) -> str | None:
+        return spline353.unsupported(problem)
+
+    @passing_once
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        times = np.full(3, self.segment_time)
+        return Solution(Status.SOLVED, spline353.trajectory(problem, times), evaluations=0)
 
 
 pso, ssa, issa = SwarmPlanner(PSO()), SwarmPlanner(SSA()), SwarmPlanner(ISSA())

@@ -17,8 +17,9 @@ import cloudpickle
 import numpy as np
 
 from trajopt.exceptions import InvalidTrajectory, TrajoptError
-from trajopt.planner import Planner, Relation, options
+from trajopt.planner import Planner, Relation, adapted
 from trajopt.problem import Limits, Problem
+from trajopt.registry import options
 from trajopt.solution import Solution, Status
 from trajopt.verification import verify
 
@@ -38,6 +39,7 @@ def check_planner(planner: Planner, problems: Iterable[Problem] | None = None) -
     the optimum where that is known in closed form.
     """
     _check_object(planner)
+    planner = adapted(planner)
     for problem in problems or examples():
         _check_on(planner, problem)
     optimum = 2.0  # rest to rest over 1.5 rad at 1 rad/s and 2 rad/s²: 1.5/1 + 1/2
@@ -65,7 +67,7 @@ def _check_object(planner: Planner) -> None:
     parameters = getattr(type(planner), "__dataclass_params__", None)
     _require(is_dataclass(planner) and parameters is not None, "it is not a dataclass")
     _require(bool(parameters and parameters.frozen), "its dataclass is not frozen")
-    _require(isinstance(planner, Planner), "it lacks relation, unsupported or solve")
+    _require(hasattr(planner, "solve"), "it lacks solve")
     for field in fields(planner):  # type: ignore[arg-type]
         _require(hasattr(planner, field.name), f"option {field.name} has no value")
     try:
@@ -91,9 +93,8 @@ def _check_on(planner: Planner, problem: Problem) -> None:
     _require(_same(first[0], again), f"solve{where} differs for the same seed")
     for solution in first:
         _check_solution(solution, problem, relation, where)
-    batch = getattr(planner, "solve_batch", None)
-    if batch:
-        together = batch(problem, list(_SEEDS))
+    if planner.batched:
+        together = planner.solve_batch(problem, list(_SEEDS))
         _require(
             len(together) == len(_SEEDS), f"solve_batch{where} returns another number of solutions"
         )

@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from baselines.exact.acceleration import Exact, Scaled, starting_points
 from baselines.exact.jerk import ExactJerk
 from baselines.ipopt import optima
 from trajopt.exceptions import InvalidInput
-from trajopt.planner import Relation, passing_once
+from trajopt.planner import Planner, passing_once
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
@@ -44,7 +44,7 @@ _SWITCH = 1e-6  # of the largest: the least jump of acceleration or jerk that is
 
 
 @dataclass(frozen=True)
-class CollocationRefined:
+class CollocationRefined(Planner):
     """Collocation with free nodes, refined until its own error is below `error` (CasADi/IPOPT).
 
     `error` is relative, the difference that halving every interval made; there are at most
@@ -56,8 +56,8 @@ class CollocationRefined:
     starts: int = 4
     refinements: int = 3
 
-    on_request: ClassVar[bool] = True
-    requires: ClassVar[tuple[str, ...]] = ("casadi",)
+    on_request = True
+    requires = ("casadi",)
 
     def __post_init__(self) -> None:
         if not 0 < self.error < np.inf:
@@ -65,9 +65,6 @@ class CollocationRefined:
         for name in ("starts", "refinements"):
             if getattr(self, name) < 1:
                 raise InvalidInput(name, "at least 1", value=getattr(self, name))
-
-    def relation(self, problem: Problem) -> Relation:
-        return Relation.RESTRICTION
 
     def unsupported(self, problem: Problem) -> str | None:
         return jerk_reach.unsupported(problem)

@@ -17,14 +17,14 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from baselines.exact import jerk_reach
 from trajopt.exceptions import InvalidInput
-from trajopt.planner import Relation, backend, passing_once
+from trajopt.planner import Planner, backend, passing_once
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
@@ -57,19 +57,16 @@ _LEAST = 1e-3  # of equal intervals: the shortest that free nodes leave
 
 
 @dataclass(frozen=True)
-class Collocation:
+class Collocation(Planner):
     """Piecewise-constant acceleration or jerk (CasADi/IPOPT); the one with position limits."""
 
     intervals: int = 20
 
-    requires: ClassVar[tuple[str, ...]] = ("casadi",)
+    requires = ("casadi",)
 
     def __post_init__(self) -> None:
         if self.intervals < 2:
             raise InvalidInput("intervals", "at least 2 per segment", value=self.intervals)
-
-    def relation(self, problem: Problem) -> Relation:
-        return Relation.RESTRICTION
 
     def unsupported(self, problem: Problem) -> str | None:
         return jerk_reach.unsupported(problem)

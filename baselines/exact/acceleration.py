@@ -17,14 +17,13 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from baselines.ipopt import Program, flat, no_start_succeeded, optima, program
 from trajopt.exceptions import InvalidInput
-from trajopt.planner import Relation, backend, passing_once
+from trajopt.planner import Planner, Relation, backend, passing_once
 from trajopt.problem import LimitName, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
@@ -50,12 +49,12 @@ _SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, n
 
 
 @dataclass(frozen=True)
-class Exact:
+class Exact(Planner):
     """Exact minimum time under velocity and acceleration limits (CasADi/IPOPT, several starts)."""
 
     starts: int = 8
 
-    requires: ClassVar[tuple[str, ...]] = ("casadi",)
+    requires = ("casadi",)
 
     def __post_init__(self) -> None:
         if self.starts < 1:
@@ -64,9 +63,6 @@ class Exact:
     def relation(self, problem: Problem) -> Relation:
         """Jerk and position limits are ignored, so with them the answer is a lower bound."""
         return Relation.RELAXATION if any(map(problem.has, _IGNORED)) else Relation.SAME
-
-    def unsupported(self, problem: Problem) -> str | None:
-        return None
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

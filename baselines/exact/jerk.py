@@ -17,7 +17,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from baselines.exact.jerk_profiles import Array, Bools, Limit, risen
 from baselines.exact.jerk_reach import Scaled, repaired
 from baselines.ipopt import Program, flat, no_start_succeeded, optima, program
 from trajopt.exceptions import InvalidInput
-from trajopt.planner import Relation, backend, passing_once
+from trajopt.planner import Planner, Relation, backend, passing_once
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.verification import verify
@@ -44,7 +44,7 @@ _SLOWER = 1.3  # than without jerk limits: a start
 
 
 @dataclass(frozen=True)
-class ExactJerk:
+class ExactJerk(Planner):
     """Exact minimum time under velocity, acceleration and jerk limits (CasADi/IPOPT).
 
     Jerk limits may be stiff (1e5 times those of acceleration: section 3's optimum but for 1e-4) or
@@ -61,7 +61,7 @@ class ExactJerk:
 
     starts: int = 4
 
-    requires: ClassVar[tuple[str, ...]] = ("casadi",)
+    requires = ("casadi",)
 
     def __post_init__(self) -> None:
         if self.starts < 1:

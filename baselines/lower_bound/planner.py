@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from baselines.lower_bound.bound import Bound, certify, recheck
 from trajopt import spline353
 from trajopt.exceptions import InvalidInput
-from trajopt.planner import Relation
+from trajopt.planner import Planner, Relation
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 
 
 @dataclass(frozen=True)
-class Certify:
+class Certify(Planner):
     """A proved lower bound on the minimum time, with the fastest trajectory known (SCIP).
 
     Jerk and position limits are lifted for the bound (`spline353`: position limits).
@@ -35,8 +35,8 @@ class Certify:
     family: Literal["free", "spline353"] = "free"
     joint: int | None = None
 
-    on_request: ClassVar[bool] = True
-    requires: ClassVar[tuple[str, ...]] = ("pyscipopt", "casadi")
+    on_request = True
+    requires = ("pyscipopt", "casadi")
 
     def __post_init__(self) -> None:
         for name in ("gap", "time_limit"):
@@ -67,9 +67,6 @@ class Certify:
         `stats`, about what was asked: `proof` (its status), `lower_bound` and `upper_bound`, s, and
         `relative_gap`; the last two are NaN where no trajectory is known.
         """
-        refusal = self.unsupported(problem)
-        if refusal is not None:
-            return Solution(Status.UNSUPPORTED, message=refusal)
         bound = self.bound(problem)
         known = np.isfinite(bound.upper_bound)
         stats: dict[str, Any] = {

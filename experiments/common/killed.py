@@ -20,7 +20,7 @@ from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
-from trajopt.planner import load
+from trajopt.registry import load
 
 PHASES = ["start-up", "solving", "writing", "consolidating", "end"]
 

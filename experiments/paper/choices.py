@@ -12,7 +12,7 @@ from numpy.random import SeedSequence
 from experiments.paper.searches import ALGORITHMS, Array, Runs, swarm
 from trajopt import Limits, Problem, spline353
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.planner import configured, load, options
+from trajopt.registry import configured, load, options
 from trajopt.swarm import Optimiser, minimise
 from trajopt.swarm.optimiser import added
 from trajopt.swarm_planner import SwarmPlanner

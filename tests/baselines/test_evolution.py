@@ -20,7 +20,8 @@ from scipy.optimize import differential_evolution
 from baselines.evolution import CMAES, DE, cmaes, de
 from trajopt import InvalidInput, MissingBackend, Problem, Status, verify
 from trajopt.benchmark.trial import judge
-from trajopt.planner import GROUP, Entry, Relation, configured, options
+from trajopt.planner import Relation
+from trajopt.registry import GROUP, Entry, configured, options
 from trajopt.swarm import Box, Streams, minimise
 from trajopt.swarm_planner import SwarmPlanner, pso
 from trajopt.testing import check_planner

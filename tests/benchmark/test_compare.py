@@ -24,7 +24,7 @@ from trajopt import (
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.run import workers
 from trajopt.benchmark.store import folder as store
-from trajopt.planner import load
+from trajopt.registry import load
 
 PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
 FAST = [("exact", load("exact:starts=1"))]

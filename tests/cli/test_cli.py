@@ -15,7 +15,7 @@ import pytest
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
-from trajopt.planner import entries, load, options
+from trajopt.registry import entries, load, options
 
 NAMES = {
     "unoptimised", "pso", "ssa", "issa", "spline353-nlp", "exact", "collocation", "toppra",

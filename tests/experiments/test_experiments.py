@@ -9,7 +9,7 @@ import pytest
 
 from experiments import certificates, explained, ordering, sweep, throughput
 from experiments.common.output import save_table
-from trajopt.planner import entries, load
+from trajopt.registry import entries, load
 
 
 def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

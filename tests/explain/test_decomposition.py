@@ -16,10 +16,10 @@ from trajopt.benchmark.suites.catalogue import load as problem_of
 from trajopt.benchmark.suites.catalogue import random_problem
 from trajopt.exceptions import TrajoptError
 from trajopt.explain.decomposition import Explanation, explain, peaks, references
-from trajopt.planner import Planner, load
+from trajopt.planner import Planner
+from trajopt.registry import load
 from trajopt.rest_to_rest import stop_times
-from trajopt.swarm_planner import SwarmPlanner
-from trajopt.unoptimised import Unoptimised
+from trajopt.swarm_planner import SwarmPlanner, Unoptimised
 
 approx = pytest.approx
 

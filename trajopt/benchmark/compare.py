@@ -21,8 +21,9 @@ from trajopt.benchmark.run import workers
 from trajopt.benchmark.run.workers import Allowance, Task
 from trajopt.benchmark.store.folder import Store, read
 from trajopt.explain.decomposition import references
-from trajopt.planner import Planner, entries
+from trajopt.planner import Planner, adapted
 from trajopt.problem import Problem
+from trajopt.registry import entries
 
 if TYPE_CHECKING:
     from trajopt.benchmark.analysis.results import Results
@@ -78,9 +79,10 @@ def plan(
     problems: Sequence[Problem], planners: Sequence[tuple[str, Planner]], seeds: int
 ) -> list[Task]:
     """One task per problem and planner with all its seeds, references too; identical ones once."""
+    given = [(name, adapted(planner)) for name, planner in planners]
     tasks: dict[str, Task] = {}
     for problem in problems:
-        for name, planner in [*planners, *_references(problem, {name for name, _ in planners})]:
+        for name, planner in [*given, *_references(problem, {name for name, _ in given})]:
             runs = seeds if _varies(planner, problem) else 1
             task = Task(problem, name, planner, tuple(range(runs)))
             tasks.setdefault(task.trial_id(0), task)
@@ -90,7 +92,7 @@ def plan(
 def _varies(planner: Planner, problem: Problem) -> bool:
     """Whether another seed may give another answer; a refusal needs no second trial."""
     try:
-        return getattr(planner, "stochastic", False) and planner.unsupported(problem) is None
+        return planner.stochastic and planner.unsupported(problem) is None
     except Exception:  # its trials will say so
         return True
 
@@ -104,7 +106,7 @@ def _references(problem: Problem, given: set[str]) -> list[tuple[str, Planner]]:
 def _missing(task: Task, done: set[str]) -> Iterator[Task]:
     """The task's unfinished seeds, in batches for planners that advance them together."""
     seeds = [seed for seed in task.seeds if task.trial_id(seed) not in done]
-    size = _BATCH if hasattr(task.planner, "solve_batch") else 1
+    size = _BATCH if task.planner.batched else 1
     for start in range(0, len(seeds), size):
         yield replace(task, seeds=tuple(seeds[start : start + size]))
 

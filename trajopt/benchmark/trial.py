@@ -19,13 +19,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trajopt.exceptions import InvalidTrajectory, MissingBackend
-from trajopt.planner import Planner, Relation, label, options
+from trajopt.planner import Planner, Relation, adapted
 from trajopt.problem import Problem
+from trajopt.registry import label
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 from trajopt.verification import Certificate, verify
+
+Array = NDArray[np.float64]
 
 PACKAGES = ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "pyscipopt", "h5py")
 
@@ -80,13 +84,30 @@ class Trial:
     @property
     def certified_trajectory(self) -> Trajectory | None:
         """The trajectory, dilated where it broke a limit; None where dilation cannot mend it."""
-        if (
-            self.certificate is None
-            or not self.certificate.valid
-            or self.solution.trajectory is None
-        ):
+        trajectory = self.solution.trajectory
+        if trajectory is None or self.certificate is None or not self.certificate.valid:
             return None
-        return self.solution.trajectory.dilated(max(1.0, self.certificate.dilation))
+        return trajectory.dilated(max(1.0, self.certificate.dilation))
+
+    @property
+    def certified_history(self) -> Array:
+        """What the search had certified after so many evaluations: `(m, 2)`, evaluations and s.
+
+        A planner's history holds claims; the dilation that its answer needed is applied to all of
+        them. NaN before the first candidate within the limits, and everywhere if the answer has no
+        certified duration. It ends at all evaluations that were spent.
+        """
+        spent = float(self.solution.evaluations or 0)
+        history = self.solution.history
+        if history is None or not len(history):
+            return np.array([[spent, np.nan]])
+        end = [max(spent, history[-1, 0]), history[-1, 1]]
+        certified = np.vstack([history, end])
+        if self.certificate is None or not self.certificate.valid:
+            certified[:, 1] = np.nan
+        else:
+            certified[:, 1] *= max(1.0, self.certificate.dilation)
+        return certified
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: SI units, joints count from 1, None for what does not exist."""
@@ -120,6 +141,7 @@ def trial_id(
 
 def judge(planner: Planner, problem: Problem, seeds: Sequence[int], name: str) -> list[Trial]:
     """Run a planner and verify its answers, one trial per seed; what it raises is recorded."""
+    planner = adapted(planner)
     blank = failed(planner, problem, seeds[0], name, Status.FAILED, "")
     began, count = time.perf_counter(), len(seeds)
     solutions = _solutions(planner, problem, seeds)
@@ -140,7 +162,7 @@ def failed(
     """The trial of a planner that never answered: it hung, or its process died."""
     started = datetime.now(UTC).isoformat(timespec="seconds")
     return Trial(
-        problem, name, label(name, planner), options(planner), seed, Relation.RESTRICTION, status,
+        problem, name, label(name, planner), planner.options(), seed, Relation.RESTRICTION, status,
         message, Solution(status, message=message), None, 0.0, 0.0, 1, started, provenance(),
     )  # fmt: skip
 
@@ -173,8 +195,7 @@ def _solutions(planner: Planner, problem: Problem, seeds: Sequence[int]) -> list
         reason = planner.unsupported(problem)
         if reason is not None:
             return [Solution(Status.UNSUPPORTED, message=reason)] * len(seeds)
-        batch = getattr(planner, "solve_batch", None)
-        found = batch(problem, seeds) if batch else [planner.solve(problem, seed=s) for s in seeds]
+        found = planner.solve_batch(problem, seeds)
         if len(found) != len(seeds):
             raise TypeError(f"solve_batch must return one Solution per seed, got {found!r:.200}")
         return [_well_formed(solution) for solution in found]

@@ -69,7 +69,7 @@ def plan(
     from trajopt.benchmark.trial import judge
     from trajopt.cli import render
     from trajopt.exceptions import InvalidInput
-    from trajopt.planner import load, parse
+    from trajopt.registry import load, parse
 
     if seed < 0:
         raise InvalidInput("--seed", "0 or more", value=seed)
@@ -128,7 +128,7 @@ def compare(
     from trajopt.benchmark.suites import catalogue as suites
     from trajopt.cli import render, render_results
     from trajopt.exceptions import InvalidInput
-    from trajopt.planner import load, parse
+    from trajopt.registry import load, parse
 
     jobs = run.cpus() if jobs is None else jobs
     for name, value in (("--seeds", seeds), ("--jobs", jobs), ("--timeout", timeout)):
@@ -182,7 +182,7 @@ def explain(
     from trajopt.cli import render
     from trajopt.exceptions import InvalidInput
     from trajopt.explain import decomposition as gap
-    from trajopt.planner import load, parse
+    from trajopt.registry import load, parse
 
     if seed < 0:
         raise InvalidInput("--seed", "0 or more", value=seed)
@@ -222,7 +222,7 @@ def certify(
     from trajopt.benchmark.suites import catalogue as suite
     from trajopt.cli import render
     from trajopt.exceptions import TrajoptError
-    from trajopt.planner import configured, entries
+    from trajopt.registry import configured, entries
     from trajopt.solution import Status
 
     file = suite.find(problem)
@@ -320,12 +320,12 @@ def _loadable() -> list[str]:
     Of those that cannot (a stranger's, broken) only a warning.
     """
     from trajopt.exceptions import TrajoptError
-    from trajopt.planner import entries
+    from trajopt.registry import entries
 
     names = []
     for name, entry in entries().items():
         try:
-            if not getattr(entry.load(), "on_request", False):
+            if not entry.load().on_request:
                 names.append(name)
         except TrajoptError as error:
             print(f"trajopt: left out: {error}", file=sys.stderr)

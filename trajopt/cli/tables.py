@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 from typing import Any
 
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.exceptions import TrajoptError
-from trajopt.planner import Entry, entries, options
 from trajopt.problem import LIMIT_NAMES
+from trajopt.registry import Entry, entries
 
 
 def planners() -> list[dict[str, Any]]:
@@ -21,8 +20,7 @@ def _planner(entry: Entry) -> dict[str, Any]:
     missing, described = entry.missing(), {"description": "", "options": {}}
     try:
         planner = entry.load()
-        text = getattr(planner, "description", None) or inspect.getdoc(type(planner)) or ""
-        described = {"description": text.split("\n")[0], "options": options(planner)}
+        described = {"description": planner.description, "options": planner.options()}
     except TrajoptError:
         pass  # `missing` says why
     return {"name": entry.name, **described, "available": missing is None, "missing": missing}

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 from trajopt import polynomials, spline353
 from trajopt.exceptions import TrajoptError
 from trajopt.explain.active_limits import Binding, binding, scattered
-from trajopt.planner import Planner, load
+from trajopt.planner import Planner
 from trajopt.problem import Limits, Problem
+from trajopt.registry import load
 from trajopt.solution import Solution
 from trajopt.trajectory import Trajectory
 from trajopt.verification import certified, verify
@@ -128,7 +129,7 @@ def explain(problem: Problem, planner: Planner, trajectory: Trajectory) -> Expla
 
 def _solver(planner: Planner, problem: Problem, own: Trajectory) -> tuple[Planner | None, str]:
     """Who solves the problem again with relaxed limits: a swarm's scatter would drown the worth."""
-    if not getattr(planner, "stochastic", False):
+    if not planner.stochastic:
         return planner, "this planner, planning again"
     if _is_spline353(problem, own):
         return load("spline353-nlp"), "the best 3-5-3, found again"
@@ -197,7 +198,7 @@ def _shorter(a: Trajectory, b: _Answer) -> _Answer:
 def _retimed(problem: Problem, own: Trajectory) -> _Answer:
     """The best timing of the trajectory's own path; its own timing is one, whatever the grid."""
     try:
-        planner: Any = load("toppra")
+        planner = load("toppra")
         reason = planner.unsupported(problem)
         if reason:
             return _Answer(None, reason)

@@ -10,7 +10,7 @@ from baselines.lower_bound.planner import Certify
 from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.suites.catalogue import load, random_problem
 from trajopt.planner import Relation
-from trajopt.planner import load as load_planner
+from trajopt.registry import load as load_planner
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Status
 

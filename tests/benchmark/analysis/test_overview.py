@@ -13,7 +13,7 @@ from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.trial import Trial, failed
 from trajopt.solution import Status
-from trajopt.unoptimised import Unoptimised
+from trajopt.swarm_planner import Unoptimised
 
 
 def refused(problem: Problem) -> Trial:

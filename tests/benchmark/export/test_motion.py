@@ -11,7 +11,7 @@ from trajopt import InvalidInput, Limits, Problem, StoreError
 from trajopt.benchmark.export import motion as export
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import judge
-from trajopt.planner import load
+from trajopt.registry import load
 
 PROBLEM = Problem([[0, 0.1], [0.4, 0], [1, 0.3], [1.5, 1]], Limits([1, 2], [2, 3]), "two joints")
 

@@ -14,7 +14,7 @@ from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.export import tables as exports
 from trajopt.benchmark.trial import PACKAGES, judge
 from trajopt.exceptions import MissingBackend
-from trajopt.planner import load
+from trajopt.registry import load
 from trajopt.trajectory import Trajectory
 
 WAYPOINTS = [[0.0, 0.1], [0.4, 0.0], [1.0, 0.3], [1.5, 1.0]]

@@ -18,8 +18,9 @@ from trajopt.benchmark.figures import draw as figures
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
-from trajopt.planner import Relation, load
+from trajopt.planner import Relation
 from trajopt.problem import Limits, Problem
+from trajopt.registry import load
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 

@@ -28,7 +28,7 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.exceptions import InvalidInput
 from trajopt.explain.active_limits import busy
-from trajopt.planner import load
+from trajopt.registry import load
 
 NASTY = "evil:note=</script><b>&"
 

@@ -30,7 +30,7 @@ from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import judge
-from trajopt.planner import load
+from trajopt.registry import load
 
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",

@@ -20,8 +20,8 @@ from trajopt.benchmark.run import workers
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
 from trajopt.exceptions import WorkerError
-from trajopt.planner import load
-from trajopt.unoptimised import Unoptimised
+from trajopt.registry import load
+from trajopt.swarm_planner import Unoptimised
 
 PROBLEM = suite.load("one-joint")
 

@@ -13,7 +13,7 @@ from trajopt import StoreError
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.planner import load
+from trajopt.registry import load
 
 PROBLEMS = [suite.load("one-joint"), suite.load("reversal")]
 PLANNERS = [(name, load(name)) for name in ("unoptimised", "ruckig-stop")]

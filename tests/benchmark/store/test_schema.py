@@ -15,7 +15,7 @@ from trajopt import Limits, Problem, Solution, Status
 from trajopt.benchmark.store.folder import Store, read, save
 from trajopt.benchmark.store.schema import COLUMNS, encode, pack, unpack
 from trajopt.benchmark.trial import judge, trial_id
-from trajopt.planner import load, options
+from trajopt.registry import load, options
 
 
 @pytest.fixture(scope="module")

@@ -173,7 +173,7 @@ def histories(trials: Sequence[Trial]) -> Found:
                default=np.inf)  # fmt: skip
     runs: dict[str, list[Array]] = {}
     for trial in trials:
-        runs.setdefault(trial.label, []).append(_certified(trial))
+        runs.setdefault(trial.label, []).append(trial.certified_history)
     return (best if best < np.inf else np.nan), runs
 
 
@@ -215,20 +215,6 @@ def running_times(
         rows += [(label, goal, time, int(count), len(runs)) for goal, time, count in found]
     columns = ["label", "target", "ert", "successes", "runs"]
     return pd.DataFrame(rows, columns=columns).set_index(["label", "target"])
-
-
-def _certified(trial: Trial) -> Array:
-    """A run's history times its own dilation, until all that it spent.
-
-    Without a certified answer it found nothing.
-    """
-    history, spent = trial.solution.history, float(trial.solution.evaluations or 0)
-    if history is None or not len(history):
-        return np.array([[spent, np.nan]])
-    answer = trial.certificate if trial.certified_duration is not None else None
-    factor = max(1.0, answer.dilation) if answer else np.nan
-    whole = np.vstack([history, [max(spent, history[-1, 0]), history[-1, 1]]])
-    return np.asarray(whole * [1.0, factor])
 
 
 def _median_hit(runs: Sequence[Array], target: float) -> float:

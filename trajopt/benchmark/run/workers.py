@@ -21,7 +21,7 @@ import pebble
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.trial import failed, judge, provenance, trial_id
 from trajopt.exceptions import StoreError, WorkerError
-from trajopt.planner import Planner, options
+from trajopt.planner import Planner
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 
@@ -47,7 +47,7 @@ class Task:
 
     def trial_id(self, seed: int) -> str:
         release = provenance()["trajopt"]
-        return trial_id(self.problem, self.name, options(self.planner), seed, release)
+        return trial_id(self.problem, self.name, self.planner.options(), seed, release)
 
 
 def supervised(pickled: bytes, store: Store, allowed: Allowance) -> None:

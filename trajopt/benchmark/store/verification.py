@@ -20,8 +20,8 @@ from trajopt.benchmark.store.schema import encode, unpack
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
-from trajopt.planner import configured, entries
 from trajopt.problem import Problem
+from trajopt.registry import configured, entries
 
 DURATION_RTOL = 1e-9  # a duration computed again is the recorded one within this
 CERTIFICATE_RTOL = 1e-6  # a certificate's uses of limits likewise

@@ -22,26 +22,13 @@ from trajopt.exceptions import (
     UnknownName,
     WorkerError,
 )
-from trajopt.planner import (
-    GROUP,
-    Entry,
-    Planner,
-    Relation,
-    backend,
-    configured,
-    entries,
-    label,
-    load,
-    options,
-    parse,
-    passing_once,
-)
+from trajopt.planner import Planner, Relation, adapted, backend, passing_once
 from trajopt.problem import Limits, Problem
+from trajopt.registry import GROUP, Entry, configured, entries, label, load, options, parse
 from trajopt.solution import Solution, Status
-from trajopt.swarm_planner import SwarmPlanner
+from trajopt.swarm_planner import SwarmPlanner, Unoptimised
 from trajopt.testing import ContractError
 from trajopt.trajectory import Trajectory
-from trajopt.unoptimised import Unoptimised
 
 NAMES = {
     *("unoptimised", "pso", "ssa", "issa", "spline353-nlp"),
@@ -81,6 +68,60 @@ class Straight:
         return Solution(Status.SOLVED, Trajectory(times, coefficients, times), f"seed {seed}")
 
 
+@dataclass(frozen=True)
+class Picky(Planner):
+    """Solves nothing with three waypoints, and says so."""
+
+    def unsupported(self, problem: Problem) -> str | None:
+        return "three waypoints" if len(problem.waypoints) == 3 else None
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        assert len(problem.waypoints) != 3
+        return Solution(Status.FAILED, message=f"seed {seed}")
+
+
+def test_what_a_planner_refuses_it_does_not_solve_when_called_directly_either():
+    three = Problem([[0.0], [1.0], [2.0]], Limits([1.0], [1.0]))
+    two = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
+    refused = [Picky().solve(three, seed=4), *Picky().solve_batch(three, [1, 2])]
+    assert [(s.status, s.message) for s in refused] == [(Status.UNSUPPORTED, "three waypoints")] * 3
+    answered = [Picky().solve(two, seed=4), *Picky().solve_batch(two, [1, 2])]
+    assert [s.message for s in answered] == ["seed 4", "seed 1", "seed 2"]
+    assert Picky.solve.__name__ == "solve"
+
+
+def test_every_planner_of_ours_says_what_it_refuses_instead_of_failing_in_numpy():
+    two = Problem([[0.0, 0.0], [1.0, 0.5]], Limits([1.0, 1.0], [1.0, 1.0], [9.0, 9.0]))
+    for name, entry in entries().items():
+        planner = entry.load()
+        reason = planner.unsupported(two)
+        if reason is not None:
+            assert planner.solve(two).message == reason, name
+            assert planner.solve(two).status is Status.UNSUPPORTED
+
+
+def test_what_a_planner_need_not_say_has_a_default():
+    problem = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
+
+    @dataclass(frozen=True)
+    class Bare:
+        """First line.
+
+        Second."""
+
+        def solve(self, problem, *, seed=0):
+            return Solution(Status.FAILED, message="no")
+
+    planner = adapted(Bare())
+    assert planner.relation(problem) is Relation.RESTRICTION
+    assert planner.unsupported(problem) is None
+    assert (planner.stochastic, planner.on_request, planner.requires) == (False, False, ())
+    assert planner.description == "First line."
+    assert not planner.batched
+    timed = planner.along(problem, Trajectory([0, 1], np.ones((1, 1, 1)), [0, 1]))
+    assert timed.status is Status.UNSUPPORTED
+
+
 def test_all_ten_planners_are_registered():
     assert set(entries()) >= NAMES
     for name in NAMES:
@@ -90,8 +131,14 @@ def test_all_ten_planners_are_registered():
 
 
 def test_a_planner_made_here_is_one():
-    assert isinstance(Straight(), Planner)
-    assert not isinstance(Inner(), Planner)
+    planner = adapted(Straight(steps=3))
+    assert isinstance(planner, Planner)
+    assert planner.options() == options(Straight(steps=3))
+    assert adapted(planner) is planner
+    with pytest.raises(InvalidInput, match=r"planner is 'Inner': expected a planner, with"):
+        adapted(Inner())
+    with pytest.raises(InvalidInput, match=r"expected an object, Straight\(\)"):
+        adapted(Straight)
 
 
 @pytest.mark.parametrize(
@@ -225,11 +272,10 @@ def test_configuring_leaves_the_original_and_the_rest_alone():
     assert configured(planner, {}) == planner
 
 
-def test_options_are_listed_flat_and_objects_without_any_have_none():
+def test_options_are_listed_flat():
     assert list(options(Straight())) == [
         *("steps", "factor", "careful", "note", "remark", "level", "shape", "weight"),
     ]
-    assert options(object()) == {}
 
 
 def test_a_label_names_only_what_differs():
@@ -247,6 +293,7 @@ def test_a_missing_backend_is_told_with_the_line_that_mends_it(tmp_path, monkeyp
         "from dataclasses import dataclass\nfrom typing import ClassVar\n"
         "@dataclass(frozen=True)\nclass Needy:\n"
         "    requires: ClassVar = ('numpy', 'no_such_solver', 'nor_this')\n"
+        "    def solve(self, problem, *, seed=0): ...\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     missing = Entry("needy", EntryPoint("needy", "needy_planner:Needy", GROUP)).missing()

@@ -1,0 +1,40 @@
+"""A trial: what the verifier certifies of an answer, and of the history behind it."""
+
+import numpy as np
+from trials import PROBLEM, Stopping, solved
+
+from trajopt import Problem
+from trajopt.benchmark.trial import judge
+
+
+def test_a_certified_history_is_the_claimed_one_dilated_as_the_answer_was():
+    """The largest step is 1.2 rad in 0.5 s: its peaks 15/8 h/T and 10/√3 h/T² give the dilation."""
+    trial = solved()
+    speeds = 15 / 8 * np.array([1.0 / 1.0, 0.6 / 1.0, 0.5 / 1.5, 0.3 / 1.5]) / 0.5
+    peak = 10 / np.sqrt(3) / 0.5**2
+    accelerations = peak * np.array([1.0 / 2.0, 0.6 / 2.0, 0.5 / 3.0, 0.3 / 3.0])
+    dilation = max(speeds.max(), np.sqrt(accelerations.max()))
+    assert dilation > 2
+    evaluations, duration = trial.certified_history.T
+    assert evaluations.tolist() == [1, 4, 7, 7]
+    np.testing.assert_allclose(duration, dilation * np.array([np.nan, 9.5, 9.0, 9.0]), rtol=1e-12)
+
+
+def test_an_answer_that_keeps_every_limit_has_the_history_that_it_claims():
+    trial = judge(Stopping(9.0), PROBLEM, [0], "stopping")[0]
+    assert trial.certificate.feasible
+    assert trial.certified_history[1:, 1].tolist() == [9.5, 9.0, 9.0]
+
+
+def test_without_a_certified_answer_nothing_in_the_history_is_certified():
+    moved = PROBLEM.waypoints + np.array([0.0, 1.0])
+    solution = Stopping().solve(Problem(moved, PROBLEM.limits))
+
+    class Astray(Stopping):
+        def solve(self, problem, *, seed=0):
+            return solution
+
+    trial = judge(Astray(), PROBLEM, [0], "astray")[0]
+    assert trial.certified_duration is None
+    assert trial.certified_history[:, 0].tolist() == [1, 4, 7, 7]
+    assert np.isnan(trial.certified_history[:, 1]).all()
