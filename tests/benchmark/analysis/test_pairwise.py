@@ -10,7 +10,13 @@ from numpy.testing import assert_allclose
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
-from trajopt.benchmark.analysis.pairwise import duels, medians, paired
+from trajopt.benchmark.analysis.pairwise import (
+    between_seeds,
+    mean_ranks,
+    medians,
+    paired_tests,
+    pairs_by_problem,
+)
 
 
 def runs(**planners):
@@ -21,7 +27,7 @@ def runs(**planners):
 
 
 def compared(**planners):
-    return paired(duels(runs(**planners)))
+    return paired_tests(pairs_by_problem(runs(**planners)))
 
 
 def random_runs(seed=0, problems=12):
@@ -46,7 +52,7 @@ def test_by_hand():
 
 
 def test_the_other_way_round_is_the_mirror():
-    table = paired(duels(random_runs()))
+    table = paired_tests(pairs_by_problem(random_runs()))
     for a, b in table.index:
         one, other = table.loc[(a, b)], table.loc[(b, a)]
         assert one[["better", "tied", "worse"]].tolist() == (
@@ -59,7 +65,7 @@ def test_the_other_way_round_is_the_mirror():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_against_scipy_statsmodels_and_counting(seed):
-    table, own = paired(duels(random_runs(seed))), random_runs(seed).fillna(inf)
+    table, own = paired_tests(pairs_by_problem(random_runs(seed))), random_runs(seed).fillna(inf)
     middle = own.groupby(["digest", "label"])["certified_duration"].median().unstack()
     pvalues = []
     for a, b in (("a", "b"), ("a", "c"), ("b", "c")):
@@ -135,3 +141,103 @@ def test_medians_know_no_answer_from_not_run():
     assert table.loc["0"].tolist() == [3, 2]
     assert table.loc["1", "a"] == inf
     assert np.isnan(table.loc["1", "b"])
+
+
+# Where both answer
+
+
+def test_slower_on_21_of_22_common_problems_is_shown_where_both_answer():
+    """It answers on 8 problems more: over all of them, the missing answers outrank the rest."""
+    fast, slow = [[1.0 + k / 100] for k in range(22)], [[1.1 + k / 50] for k in range(22)]
+    slow[0] = [0.9]
+    table = compared(fast=fast + [[nan]] * 8, slow=slow + [[1.0]] * 8)
+    row = table.loc[("slow", "fast")]
+    assert row["pvalue"] > 0.05
+    assert row[["both", "both_better", "both_tied", "both_worse"]].tolist() == [22, 1, 0, 21]
+    logs = np.log(np.ravel(slow)) - np.log(np.ravel(fast))
+    assert row["both_pvalue"] == pytest.approx(stats.wilcoxon(logs, method="exact").pvalue)
+    assert row["both_holm"] == row["both_pvalue"] < 1e-4
+    assert row["both_ratio"] == pytest.approx(np.exp(np.median(logs)), rel=1e-5)
+
+
+def test_where_both_answer_by_hand_and_mirrored():
+    table = compared(a=[[1], [4], [nan], [2]], b=[[2], [2], [5], [nan]])
+    row = table.loc[("a", "b")]
+    assert row[["both", "both_better", "both_tied", "both_worse"]].tolist() == [2, 1, 0, 1]
+    assert row["both_ratio"] == pytest.approx(1)
+    assert row["both_pvalue"] == 1
+    mirror = table.loc[("b", "a")]
+    assert mirror[["both_better", "both_worse"]].tolist() == [1, 1]
+    assert mirror["both_ratio"] == pytest.approx(1)
+
+
+def test_no_common_answer_says_nothing_of_both():
+    row = compared(a=[[1], [nan]], b=[[nan], [1]]).loc[("a", "b")]
+    assert row["both"] == 0
+    assert np.isnan(row["both_ratio"])
+    assert row["both_pvalue"] == row["both_holm"] == 1
+
+
+def test_pvalues_where_both_answer_are_a_family_of_their_own():
+    table = paired_tests(pairs_by_problem(random_runs(2)))
+    once = table.loc[[("a", "b"), ("a", "c"), ("b", "c")]]
+    assert_allclose(once["both_holm"], multipletests(once["both_pvalue"], method="holm")[1])
+
+
+# Between seeds on one problem
+
+
+def test_between_seeds_by_hand():
+    table = between_seeds(runs(a=[[1, 2, 3]], b=[[4, 5, nan]], alone=[[1]]))
+    assert table.index.tolist() == [("a", "b"), ("b", "a")]
+    row = table.loc[("a", "b")]
+    assert row[["runs", "rival_runs", "median", "rival_median"]].tolist() == [3, 3, 2, 5]
+    assert row["ratio"] == pytest.approx(0.4)
+    assert row[["u", "a12", "low", "high"]].tolist() == [9, 1, 1, 1]
+    assert row["pvalue"] == row["holm"] == pytest.approx(0.1)
+    mirror = table.loc[("b", "a")]
+    assert mirror[["u", "a12", "median", "rival_median"]].tolist() == [0, 0, 5, 2]
+    assert mirror["ratio"] == pytest.approx(2.5)
+
+
+def test_between_thirty_seeds_a_difference_is_told():
+    """One problem: over problems, p = 1 whatever the seeds say."""
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(4.4, 0.05, 30), rng.normal(4.5, 0.05, 30)
+    c = rng.normal(4.5, 0.05, 30)
+    frame = runs(a=[a], b=[b], c=[c])
+    assert paired_tests(pairs_by_problem(frame))["pvalue"].tolist() == [1] * 6
+    table = between_seeds(frame)
+    pairs = {("a", "b"): (a, b), ("a", "c"): (a, c), ("b", "c"): (b, c)}
+    expected = [stats.mannwhitneyu(x, y, method="exact").pvalue for x, y in pairs.values()]
+    once = table.loc[list(pairs)]
+    assert_allclose(once["pvalue"], expected, rtol=1e-6)
+    assert_allclose(once["holm"], multipletests(expected, method="holm")[1], rtol=1e-6)
+    assert (once["holm"] < 0.001).tolist() == [True, True, False]
+    for key, (x, y) in pairs.items():
+        share = np.mean([p < q for p, q in product(x, y)])
+        assert once.loc[key, "a12"] == pytest.approx(share)
+        bca = stats.bootstrap(
+            (x, y), lambda u, v: np.mean(u[:, None] < v), vectorized=False, n_resamples=999,
+            method="percentile", rng=1,
+        ).confidence_interval  # fmt: skip
+        assert_allclose(once.loc[key, ["low", "high"]].astype(float), bca, atol=0.03)
+
+
+def test_between_seeds_where_nobody_answers():
+    row = between_seeds(runs(a=[[nan, nan]], b=[[nan, nan, nan]])).loc[("a", "b")]
+    assert np.isnan(row["ratio"])
+    assert row[["u", "a12", "pvalue"]].tolist() == [3, 0.5, 1]
+    assert between_seeds(runs(a=[[1.0]], b=[[2.0, 3.0]])).empty
+
+
+# Ranks
+
+
+def test_mean_ranks_by_hand():
+    table = runs(a=[[1], [2], [nan]], b=[[2], [2.0000001], [3]], c=[[3], [5], [2]], d=[[1], [1]])
+    # 1 2 3, then 1½ 1½ 3, then 3 2 1; d was not run on all
+    assert mean_ranks(table).to_dict() == {
+        "a": pytest.approx(5.5 / 3), "b": pytest.approx(5.5 / 3), "c": pytest.approx(7 / 3)
+    }  # fmt: skip
+    assert mean_ranks(runs(a=[[1]], b=[[2]])).empty

@@ -1,5 +1,6 @@
 """Tables against plain NumPy on made-up trials, and the alarm for beating the reference."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +17,10 @@ from trajopt import (
     StoreError,
     Trajectory,
 )
-from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.analysis.pairwise import mean_ranks
+from trajopt.benchmark.analysis.results import TRIAL_COLUMNS, Results, competing
 from trajopt.benchmark.store.folder import Store
+from trajopt.benchmark.store.schema import COLUMNS
 from trajopt.benchmark.trial import judge
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
@@ -292,3 +295,86 @@ def test_paired_knows_who_is_better_on_each_problem():
     row = Results(items).paired().loc[("a", "b")]
     assert row[["problems", "better", "tied", "worse"]].tolist() == [2, 1, 1, 0]
     assert row["a12"] == (0.5 + 1) / 2
+
+
+def test_a_lower_bound_is_no_slow_answer_and_has_no_rank():
+    """`exact` ignores a limit of the second problem: gap 0, but its mean rank was the last."""
+    items = [*run("exact", 1.0), *run("exact", -1.0, bound=1.5, problem=OTHER)]
+    for name, duration in (("a", 2.0), ("b", 3.0), ("c", 4.0)):
+        items += [*run(name, duration), *run(name, duration, problem=OTHER)]
+    ranks = mean_ranks(competing(Results(items).trials()))
+    assert ranks.to_dict() == {"a": 1, "b": 2, "c": 3}
+
+
+def test_between_seeds_is_of_one_problem():
+    items = [*run("a", 2.0, 3.0), *run("b", 4.0, 5.0), *run("a", 5.0, 6.0, problem=OTHER)]
+    results = Results(items)
+    for problem in ("one", PROBLEM.digest()):
+        row = results.between_seeds(problem).loc[("a", "b")]
+        assert row[["u", "a12"]].tolist() == [4, 1]
+        assert row["pvalue"] == pytest.approx(2 / 6)
+    assert Results(items[:4]).between_seeds().loc[("b", "a"), "u"] == 0
+    assert results.between_seeds("two").empty
+    for wrong in (None, "three"):
+        with pytest.raises(InvalidInput, match="one of: one, two"):
+            results.between_seeds(wrong)
+
+
+def test_how_far_a_trajectory_leaves_its_position_limits_is_said():
+    # 2.5 rad beyond the limit of 0.5 at the end; the smaller one keeps it, the third has none
+    limits = Limits([10.0], [100.0], position=[[-1.0, 0.5]])
+    out = Problem([[0.0], [0.4], [0.5]], limits, "within")
+    inside = run("mine", 1.0)
+    table = Results([*inside, *leaving(out, 2.5), *leaving(out, 0.4)]).trials()
+    np.testing.assert_allclose(table["position_excess"], [np.nan, 2.0, 0.0], atol=1e-12)
+    row = Results(leaving(out, 2.5) + leaving(out, 0.7)).summary().iloc[0]
+    assert row["position_excess"] == pytest.approx(2.0)
+
+
+def leaving(problem, furthest):
+    """Straight pieces through `furthest` (rad) instead of the waypoint in the middle."""
+    ends = np.array([problem.waypoints[0, 0], furthest, problem.waypoints[-1, 0]])
+    trajectory = Trajectory([0, 1, 2], [np.diff(ends)[:, None], ends[:2, None]], [0, 1, 2])
+    (trial,) = judge(Answering(trajectory), problem, [0], "leaving")
+    return [trial]
+
+
+class Answering(Fixed):
+    def __init__(self, trajectory):
+        super().__init__()
+        self.trajectory = trajectory
+
+    def solve(self, problem, *, seed=0):
+        return Solution(Status.SOLVED, self.trajectory)
+
+
+def test_frames_are_built_once_and_handed_out_as_copies(monkeypatch):
+    results = Results([*run("exact", 2.0), *run("mine", 3.0)])
+    first = {name: getattr(results, name)() for name in ("trials", "gaps", "summary")}
+    monkeypatch.setattr("trajopt.benchmark.analysis.results._row", None)
+    for name, frame in first.items():
+        frame["label"] = "spoiled"
+        assert "mine" in getattr(results, name)()["label"].tolist()
+    assert len(results.profile()) > 0
+    assert len(results.paired()) == 2
+
+
+@pytest.mark.parametrize("name", ["trials", "references", "gaps", "summary"])
+def test_the_docstring_lists_the_columns(name):
+    frame = getattr(Results([*run("exact", 2.0), *run("mine", 3.0)]), name)()
+    words = set(re.findall(r"\w+", "".join(
+        getattr(Results, part).__doc__
+        for part in {"gaps": ("trials", "references", "gaps")}.get(name, (name,))
+    )))  # fmt: skip
+    assert set(frame.columns) <= words
+
+
+def test_frames_and_stored_columns_are_of_one_kind():
+    for name, kind in TRIAL_COLUMNS.items():
+        if name in COLUMNS and name != "feasible":
+            assert kind == {str: "str"}.get(COLUMNS[name].kind, COLUMNS[name].kind)
+
+
+def test_no_trials_have_an_empty_summary():
+    assert Results([]).summary().empty
+    assert Results([]).gaps().empty

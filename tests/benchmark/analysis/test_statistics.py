@@ -20,6 +20,7 @@ from trajopt.benchmark.analysis.statistics import (
     Estimate,
     Paired,
     a12,
+    answered_quantiles,
     bootstrap,
     critical_difference,
     data_profile,
@@ -29,9 +30,11 @@ from trajopt.benchmark.analysis.statistics import (
     fixed_budget,
     friedman,
     holm,
+    mann_whitney,
     median,
     performance_profile,
     quantile,
+    quartiles_over_runs,
     success_rate,
     summary,
     wilcoxon,
@@ -102,6 +105,24 @@ def test_summary_by_hand():
     assert_allclose(summary([-1e-9, 1e308, 1e308]), [-1e-9, 5e307, 1e308, 1e308, 1e308])
 
 
+@given(st.lists(st.tuples(st.integers(0, 3), few), min_size=1, max_size=20))
+@reproducible
+def test_answered_quantiles_are_numpys_of_each_groups_answers(runs):
+    group, values = map(np.array, zip(*runs, strict=True))
+    shares = [0, 0.25, 0.5, 0.75, 0.9, 1]
+    found = answered_quantiles(values, group, shares)
+    assert found.shape == (group.max() + 1, 6)
+    for number, own in enumerate(found):
+        answers = values[(group == number) & np.isfinite(values)]
+        expected = np.quantile(answers, shares) if answers.size else np.full(6, nan)
+        assert_array_equal(own, expected)  # to the last bit
+
+
+def test_groups_must_be_one_per_run():
+    with pytest.raises(InvalidInput, match="groups"):
+        answered_quantiles([1, 2, 3], [0, 0], [0.5])
+
+
 def test_ecdf_by_hand():
     x, share = ecdf([3, 1, nan, 1])
     assert_array_equal(x, [1, 3])
@@ -148,6 +169,13 @@ def test_fixed_budget_by_hand():
     assert_array_equal(several[:, 1], [nan, 10, 10, 7, 6])
     assert_array_equal(median(several), [inf, inf, inf, inf, inf])
     assert_array_equal(median(several[:, :2]), [inf, inf, 9.5, 7.5, 7])
+
+
+def test_quartiles_over_runs_by_hand():
+    quartiles = quartiles_over_runs(HISTORIES, [45, 60, 1e9])
+    # of the best at 45: 9, 10 and two without; at 60: 8, 7; at the end: 8, 6
+    assert_array_equal(quartiles, [[9.75, 7.75, 7.5], [inf] * 3, [inf] * 3])
+    assert_array_equal(quartiles_over_runs(HISTORIES[:2], 45), [[9.25], [9.5], [9.75]])
 
 
 def monotone(rows):
@@ -593,3 +621,51 @@ def test_what_cannot_be_answered_is_said_in_one_line(call, message):
     with pytest.raises(InvalidInput, match=message) as error:
         call()
     assert "\n" not in str(error.value)
+
+
+# Between seeds
+
+
+def test_mann_whitney_by_hand():
+    # All of a below all of b: one of the 20 ways to deal six ranks to three, and its mirror.
+    found = mann_whitney([1, 2, 3], [4, 5, nan])
+    assert (found.statistic, found.pvalue) == (9, pytest.approx(2 / 20))
+    assert mann_whitney([4, 5, nan], [1, 2, 3]).statistic == 0
+    tied = mann_whitney([1, nan], [inf, 1])
+    assert (tied.statistic, tied.pvalue) == (2, 1)
+    assert mann_whitney([2, 2], [2, 2, 2]).pvalue == 1
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (2, 5), (8, 8), (12, 30), (30, 30)])
+def test_mann_whitney_without_ties_is_scipys_exact(n, m):
+    rng = np.random.default_rng(n + m)
+    a, b = rng.normal(0, 1, n), rng.normal(0.4, 1, m)
+    expected = stats.mannwhitneyu(a, b, method="exact")
+    found = mann_whitney(a, b)
+    assert found.pvalue == pytest.approx(expected.pvalue, rel=1e-9)
+    assert found.statistic == n * m - expected.statistic  # theirs counts what a loses
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_mann_whitney_with_ties_and_failures_deals_the_ranks_in_every_way(seed):
+    rng = np.random.default_rng(seed)
+    a, b = rng.choice([1, 2, 3, inf], 5), rng.choice([1, 2, 3, 4, inf], 6)
+    all_ways = stats.PermutationMethod(n_resamples=9999)  # of 462: so it takes each once
+    expected = stats.mannwhitneyu(a, b, method=all_ways).pvalue
+    assert mann_whitney(a, b).pvalue == pytest.approx(expected, rel=1e-9)
+
+
+def test_mann_whitney_of_many_runs_is_scipys_normal_one():
+    rng = np.random.default_rng(4)
+    a, b = np.round(rng.normal(0, 1, 50), 1), np.round(rng.normal(0.3, 1, 60), 1)
+    a[:3] = nan
+    expected = stats.mannwhitneyu(np.where(np.isnan(a), 99, a), b, method="asymptotic").pvalue
+    assert mann_whitney(a, b).pvalue == pytest.approx(expected, rel=1e-12)
+
+
+@given(samples, samples)
+@reproducible
+def test_mann_whitney_and_a12_are_one_statistic(a, b):
+    found, mirror = mann_whitney(a, b), mann_whitney(b, a)
+    assert found.statistic / (len(a) * len(b)) == pytest.approx(1 - a12(a, b))
+    assert found.pvalue == pytest.approx(mirror.pvalue)

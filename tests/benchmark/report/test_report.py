@@ -18,7 +18,8 @@ import pytest
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark import report
-from trajopt.benchmark.analysis.results import Results, histories
+from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.analysis.searches import histories
 from trajopt.benchmark.report import cells as lines
 from trajopt.benchmark.report import curves, packing
 from trajopt.benchmark.report import page as content

@@ -8,47 +8,68 @@ What a planner does not support does not count against it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import pandas as pd
 
-from trajopt.benchmark.analysis.results import Results, competing, typical
+from trajopt.benchmark.analysis.results import Results, competing, median_gap
 from trajopt.solution import Status
 
 
 def overview(results: Results, by: Callable[[str], str] | None = None) -> pd.DataFrame:
-    """Per planner with its options, by median gap:
+    """One line per planner with its options, by median gap.
 
-    - `problems` that it supports, `trials` on them: `solved`, `bounds` (it ignores a limit on
-      purpose: its answer is a lower bound) and `failed`; trials that it refused are `unsupported`;
-    - `kept`: share of the solved ones that kept every limit as claimed;
-    - `gap`, the median over problems of median gaps to a known optimum (an answer that is missing
-      is worse than any), and `worst`, of any solved trial, as ratios minus 1;
-    - `time`: median wall time of a trial, s.
+    Args:
+        results: of any number of problems.
+        by: a function of a problem's name: one line per group and planner.
 
-    With `by`, a function of a problem's name, one line per group and planner.
+    Columns:
+        problems: that it supports.
+        trials, solved, bounds, failed: trials on them; of these those that are solved, those whose
+            answer ignores a limit on purpose and is a lower bound, and the others.
+        unsupported: trials that it refused.
+        kept: share of the solved ones that kept every limit as claimed.
+        dilation: median of the solved ones that did not.
+        position_excess: how far the worst trial leaves its position limits, rad.
+        gap: median over problems of median gaps to a known optimum, a ratio minus 1; an answer that
+            is missing is worse than any.
+        worst: gap of any solved trial, a ratio minus 1.
+        time: median wall time of a trial, s.
     """
     table = results.gaps()
-    keys = ["label"]
-    if by:
-        table["group"], keys = table["problem"].map(by), ["group", "label"]
-    rows = {key: _line(own) for key, own in table.groupby(keys if by else "label", sort=False)}
-    frame = pd.DataFrame.from_dict(rows, orient="index")
-    if by:
-        frame.index = pd.MultiIndex.from_tuples(frame.index, names=keys)
-        return frame.sort_values(["group", "gap"], kind="stable")
-    return frame.rename_axis("label").sort_values("gap", kind="stable")
+    if by is None:
+        lines = _lines(table.groupby("label", sort=False))
+        return lines.rename_axis("label").sort_values("gap", kind="stable")
+    table["group"] = table["problem"].map(by)
+    keys = ["group", "label"]
+    lines = _lines(table.groupby(keys, sort=False))
+    lines.index = pd.MultiIndex.from_tuples(lines.index, names=keys)
+    return lines.sort_values(["group", "gap"], kind="stable")
 
 
-def _line(runs: pd.DataFrame) -> dict[str, Any]:
+def _lines(groups: Iterable[tuple[Any, pd.DataFrame]]) -> pd.DataFrame:
+    rows = {key: _line(runs) for key, runs in groups}
+    return pd.DataFrame.from_dict(rows, orient="index")
+
+
+def _line(runs: pd.DataFrame) -> dict[str, float]:
     refused = runs["status"] == str(Status.UNSUPPORTED)
-    tried, answers = runs[~refused], competing(runs)
+    tried = runs[~refused]
+    answers = competing(runs)
     solved = answers[answers["status"] == str(Status.SOLVED)]
+    mended = solved[~solved["feasible"]]
     return {
-        "problems": tried["digest"].nunique(), "trials": len(tried), "solved": len(solved),
-        "bounds": len(tried) - len(answers), "failed": len(answers) - len(solved),
-        "unsupported": int(refused.sum()), "kept": solved["feasible"].mean(),
-        "gap": typical(answers), "worst": solved["gap"].max(),
+        "problems": tried["digest"].nunique(),
+        "trials": len(tried),
+        "solved": len(solved),
+        "bounds": len(tried) - len(answers),
+        "failed": len(answers) - len(solved),
+        "unsupported": int(refused.sum()),
+        "kept": solved["feasible"].mean(),
+        "dilation": mended["dilation"].median(),
+        "position_excess": tried["position_excess"].max(),
+        "gap": median_gap(answers),
+        "worst": solved["gap"].max(),
         "time": tried["solve_time"].median(),
-    }  # fmt: skip
+    }

@@ -1,7 +1,8 @@
-"""Planners against each other, on the problems that both were run on.
+"""Planners against each other: over the problems that both were run on, or over seeds on one.
 
-    met = duels(competing(results.trials()))   # one row per problem and pair of planners
-    paired(met)                                # one row per planner and rival, over the problems
+    pairs = pairs_by_problem(competing(results.trials()))
+    paired_tests(pairs)                  # one row per planner and rival, over the problems
+    between_seeds(runs_of_one_problem)   # one row per planner and rival, over their seeds
 
 What counts is the certified duration. No answer is +inf: worse than any, and equal to another.
 """
@@ -19,10 +20,47 @@ from trajopt.benchmark.analysis import statistics
 
 Array = NDArray[np.float64]
 
-TIED = 6  # significant digits of durations that mean something: equal ones are tied
-RESAMPLES = 1999  # of the problems: an interval is then good to two digits
+TIE_DIGITS = 6  # significant digits of a duration: those equal to so many are tied
+RESAMPLES = 1999  # of a bootstrap: its interval is then good to two digits
 KEYS = ["planner", "against"]
-COLUMNS = ("problems", "better", "tied", "worse", "ratio", "a12", "low", "high", "pvalue", "holm")
+_PROBLEM_COLUMNS = ["digest", *KEYS, "own", "theirs", "a12"]
+_PAIRED_COLUMNS = [
+    "problems",
+    "better",
+    "tied",
+    "worse",
+    "ratio",
+    "a12",
+    "low",
+    "high",
+    "pvalue",
+    "both",
+    "both_better",
+    "both_tied",
+    "both_worse",
+    "both_ratio",
+    "both_pvalue",
+]
+_SEED_COLUMNS = [
+    "runs",
+    "rival_runs",
+    "median",
+    "rival_median",
+    "ratio",
+    "u",
+    "a12",
+    "low",
+    "high",
+    "pvalue",
+]
+_SWAPPED = {
+    "better": "worse",
+    "both_better": "both_worse",
+    "low": "high",
+    "runs": "rival_runs",
+    "median": "rival_median",
+}
+_MIRROR = _SWAPPED | {new: old for old, new in _SWAPPED.items()}
 
 
 def medians(runs: pd.DataFrame, column: str) -> pd.DataFrame:
@@ -30,81 +68,205 @@ def medians(runs: pd.DataFrame, column: str) -> pd.DataFrame:
 
     NaN where a planner was not run on a problem.
     """
-    cells = runs.groupby(["digest", "label"])[column].agg(lambda v: float(statistics.median(v)))
+    values = runs[column].fillna(np.inf)
+    cells = values.groupby([runs["digest"], runs["label"]]).median()
     return cells.unstack("label")
 
 
-def distinct(duration: float) -> float:
-    """The duration to the digits that mean something, `TIED` of them."""
-    return float(f"{duration:.{TIED}g}")
+def to_tie_digits(duration: float) -> float:
+    """The duration rounded to `TIE_DIGITS` significant digits."""
+    return float(f"{duration:.{TIE_DIGITS}g}")
 
 
-def duels(runs: pd.DataFrame) -> pd.DataFrame:
+def mean_ranks(runs: pd.DataFrame) -> pd.Series[float]:
+    """Mean rank over problems of each planner's median certified duration, 1 the best.
+
+    Ranked are the planners that were run on every problem. Durations equal to `TIE_DIGITS` digits
+    share their mean rank; no answer is the last. Empty for fewer than 3 planners.
+
+    Args:
+        runs: trials that are `competing`: an answer that ignores a limit on purpose is a lower
+            bound, not a slow answer, and has no rank.
+    """
+    table = medians(runs, "certified_duration")
+    everywhere = table.notna().all()
+    costs = table.loc[:, everywhere].map(to_tie_digits)
+    if costs.shape[1] < 3:
+        return pd.Series(name="rank", dtype=float)
+    ranking = statistics.friedman(costs)
+    return pd.Series(ranking.mean_ranks, costs.columns, name="rank")
+
+
+def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
     """One row per problem and pair of planners run on it, each pair once, of `Results.trials()`.
 
-    `own` and `theirs`, median certified durations (s) of `planner` and `against`; `a12`, how
-    probable it is that a run of `planner` is shorter than one of `against`, ties counting half.
+    Columns:
+        digest, planner, against: the problem and the pair.
+        own, theirs: median certified durations of `planner` and of `against`, s.
+        a12: how probable it is that a run of `planner` is shorter than one of `against`, ties
+            counting half.
     """
-    durations = runs["certified_duration"].fillna(np.inf).map(distinct)
-    met: dict[str, dict[str, Array]] = {}
+    durations = runs["certified_duration"].fillna(np.inf).map(to_tie_digits)
+    problems: dict[str, dict[str, Array]] = {}
     for (digest, label), own in durations.groupby([runs["digest"], runs["label"]]):
-        met.setdefault(digest, {})[label] = own.to_numpy()
+        problems.setdefault(digest, {})[label] = own.to_numpy()
     rows = []
-    for digest, own in met.items():
-        middle = {label: _median(values) for label, values in own.items()}
-        rows += [
-            (digest, a, b, middle[a], middle[b], float(statistics.a12(own[b], own[a])))
-            for a, b in combinations(sorted(own), 2)
-        ]
-    return pd.DataFrame(rows, columns=["digest", *KEYS, "own", "theirs", "a12"])
+    for digest, planners in problems.items():
+        middle = {label: _median(values) for label, values in planners.items()}
+        for a, b in combinations(sorted(planners), 2):
+            shorter = float(statistics.a12(planners[b], planners[a]))
+            rows.append((digest, a, b, middle[a], middle[b], shorter))
+    return pd.DataFrame(rows, columns=_PROBLEM_COLUMNS)
 
 
-def paired(duels: pd.DataFrame) -> pd.DataFrame:
-    """One row per `planner` and `against`, both ways, over the problems of their duels.
+def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
+    """One row per `planner` and `against`, both ways, over the problems of `pairs_by_problem`.
 
-    `problems`, and on how many of them `planner` is `better`, `tied` or `worse`, by its median,
-    equal to `TIED` digits tied. `ratio`: the median over problems of its duration to the other's,
-    the geometric mean of the two in the middle; 0 or +inf where only one has an answer, NaN
-    between the two. `a12`, the mean over problems, and `low` to `high`, its 95 % bootstrap interval
-    over problems (NaN if there is one only). `pvalue` of Wilcoxon's signed-rank test over problems
-    on log ratios: where only one has an answer, the ratio is the largest of all. `holm`: the same,
-    adjusted for every pair of the table, each counted once (Holm 1979).
+    Over all their problems a missing answer is worse than any. The columns `both_…` are of the
+    problems on which both answer: of those alone can be said how much shorter one is.
+
+    Columns:
+        problems: on which both were run.
+        better, tied, worse: on how many of them `planner` is so, by its median; equal to
+            `TIE_DIGITS` digits is tied.
+        ratio: median over problems of its duration to the other's, the geometric mean of the two
+            in the middle; 0 or +inf where only one has an answer, NaN between the two.
+        a12, low, high: mean over problems of the probability that its run is the shorter, and the
+            95 % bootstrap interval over problems (NaN if there is one only).
+        pvalue: of Wilcoxon's signed-rank test over problems on log ratios; where only one has an
+            answer, the ratio is the largest of all.
+        holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
+        both: problems on which the medians of both are finite; `both_better`, `both_tied`,
+            `both_worse`, `both_ratio`, `both_pvalue` and `both_holm` are those above on them (ratio
+            NaN and p = 1 if there is none).
     """
-    rows = {key: _row(group) for key, group in duels.groupby(KEYS)}
-    table = pd.DataFrame.from_dict(rows, orient="index", columns=list(COLUMNS[:-1]))
-    table.index = pd.MultiIndex.from_tuples(rows, names=KEYS) if rows else _NOBODY
-    table["holm"] = statistics.holm(table["pvalue"])
+    rows = {key: _paired_row(group) for key, group in pairs.groupby(KEYS)}
+    return _both_ways(rows, _PAIRED_COLUMNS)
+
+
+def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
+    """One row per `planner` and `against`, both ways, over their runs on one problem.
+
+    Runs of different planners are independent samples, also where they share seeds. Left out are
+    planners with a single run, of which no spread is known.
+
+    Args:
+        runs: `Results.trials()` of one problem.
+
+    Columns:
+        runs, rival_runs: how many each has.
+        median, rival_median: of the certified durations, s; +inf where half have no answer.
+        ratio: of the medians; NaN where neither has one.
+        u: pairs of runs of which `planner` has the shorter, ties (to `TIE_DIGITS` digits) counting
+            half.
+        a12, low, high: `u` over all pairs (Vargha & Delaney 2000), and its 95 % bootstrap interval.
+        pvalue: of Mann and Whitney's test, two-sided.
+        holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
+    """
+    durations = runs["certified_duration"].fillna(np.inf).map(to_tie_digits)
+    samples = {}
+    for label, own in durations.groupby(runs["label"]):
+        if len(own) > 1:
+            samples[label] = own.to_numpy()
+    rows = {(a, b): _seed_row(samples[a], samples[b]) for a, b in combinations(samples, 2)}
+    return _both_ways(rows, _SEED_COLUMNS)
+
+
+def _both_ways(rows: dict[Any, dict[str, float]], columns: list[str]) -> pd.DataFrame:
+    """The rows of each pair and their mirror, p-values adjusted for the family of pairs."""
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+    if rows:
+        table.index = pd.MultiIndex.from_tuples(rows, names=KEYS)
+    else:
+        table.index = pd.MultiIndex.from_arrays([[], []], names=KEYS)
+    for pvalue in [name for name in columns if name.endswith("pvalue")]:
+        adjusted = statistics.holm(table[pvalue])
+        place = table.columns.get_loc(pvalue) + 1
+        table.insert(place, pvalue.replace("pvalue", "holm"), adjusted)
     return pd.concat([table, _mirrored(table)]).sort_index()
-
-
-_NOBODY = pd.MultiIndex.from_arrays([[], []], names=KEYS)
-
-
-def _row(group: pd.DataFrame) -> tuple[Any, ...]:
-    own, theirs = np.log(group["own"].to_numpy()), np.log(group["theirs"].to_numpy())
-    test = statistics.wilcoxon(own, theirs)
-    shorter = statistics.bootstrap(_mean, group["a12"], resamples=RESAMPLES)
-    return (
-        len(group), test.wins, test.ties, test.losses, _middle(own, theirs),
-        shorter.value, shorter.low, shorter.high, test.pvalue,
-    )  # fmt: skip
-
-
-def _middle(own: Array, theirs: Array) -> float:
-    """The median ratio, from logarithms; the same both ways, but for its inverse."""
-    with np.errstate(invalid="ignore"):
-        logs = np.sort(np.where(own == theirs, 0.0, own - theirs))
-        return float(np.exp((logs[(len(logs) - 1) // 2] + logs[len(logs) // 2]) / 2))
 
 
 def _mirrored(table: pd.DataFrame) -> pd.DataFrame:
     """The same, as the other planner of each pair sees it."""
-    swapped = {"better": "worse", "worse": "better", "low": "high", "high": "low"}
-    found = table.rename(columns=swapped)
-    found.index = found.index.swaplevel().set_names(KEYS)
-    found["ratio"] = 1 / found["ratio"]
-    found[["a12", "low", "high"]] = 1 - found[["a12", "low", "high"]]
-    return found[table.columns]
+    mirror = table.rename(columns=_MIRROR)
+    mirror.index = mirror.index.swaplevel().set_names(KEYS)
+    for ratio in ("ratio", "both_ratio"):
+        if ratio in mirror:
+            mirror[ratio] = 1 / mirror[ratio]
+    for share in ("a12", "low", "high"):
+        mirror[share] = 1 - mirror[share]
+    if "u" in mirror:
+        mirror["u"] = mirror["runs"] * mirror["rival_runs"] - mirror["u"]
+    return mirror[table.columns]
+
+
+def _paired_row(group: pd.DataFrame) -> dict[str, float]:
+    own = np.log(group["own"].to_numpy())
+    theirs = np.log(group["theirs"].to_numpy())
+    test = statistics.wilcoxon(own, theirs)
+    shorter = statistics.bootstrap(_mean, group["a12"], resamples=RESAMPLES)
+    answered = np.isfinite(own) & np.isfinite(theirs)
+    return {
+        "problems": len(group),
+        "better": test.wins,
+        "tied": test.ties,
+        "worse": test.losses,
+        "ratio": _median_ratio(own, theirs),
+        "a12": shorter.value,
+        "low": shorter.low,
+        "high": shorter.high,
+        "pvalue": test.pvalue,
+    } | _both_answer(own[answered], theirs[answered])
+
+
+def _both_answer(own: Array, theirs: Array) -> dict[str, float]:
+    """The columns `both_…`, from logarithms of durations that are all finite."""
+    if not own.size:
+        nothing = dict.fromkeys(["both", "both_better", "both_tied", "both_worse"], 0)
+        return nothing | {"both_ratio": np.nan, "both_pvalue": 1.0}
+    test = statistics.wilcoxon(own, theirs)
+    return {
+        "both": own.size,
+        "both_better": test.wins,
+        "both_tied": test.ties,
+        "both_worse": test.losses,
+        "both_ratio": _median_ratio(own, theirs),
+        "both_pvalue": test.pvalue,
+    }
+
+
+def _seed_row(own: Array, theirs: Array) -> dict[str, float]:
+    test = statistics.mann_whitney(own, theirs)
+    shorter = statistics.bootstrap(statistics.a12, theirs, own, resamples=RESAMPLES)
+    median = _median(own)
+    rival_median = _median(theirs)
+    ratio = np.nan
+    if np.isfinite(median) or np.isfinite(rival_median):
+        ratio = median / rival_median
+    return {
+        "runs": own.size,
+        "rival_runs": theirs.size,
+        "median": median,
+        "rival_median": rival_median,
+        "ratio": ratio,
+        "u": test.statistic,
+        "a12": shorter.value,
+        "low": shorter.low,
+        "high": shorter.high,
+        "pvalue": test.pvalue,
+    }
+
+
+def _median_ratio(own: Array, theirs: Array) -> float:
+    """The median ratio, from logarithms; the same both ways, but for its inverse."""
+    with np.errstate(invalid="ignore"):
+        change = own - theirs
+        equal = own == theirs
+        logs = np.sort(np.where(equal, 0.0, change))
+        lower = logs[(logs.size - 1) // 2]
+        upper = logs[logs.size // 2]
+        middle = (lower + upper) / 2
+    return float(np.exp(middle))
 
 
 def _mean(values: Array) -> Array:
@@ -112,4 +274,5 @@ def _mean(values: Array) -> Array:
 
 
 def _median(values: Array) -> float:
-    return distinct(float(statistics.median(values)))
+    middle = float(statistics.median(values))
+    return to_tie_digits(middle)

@@ -5,6 +5,7 @@
     results.summary()              # a pandas frame, one row per problem and planner
     results.profile()              # a pandas frame, one column per planner
     results.paired()               # a pandas frame, one row per planner and rival
+    results.between_seeds()        # the same on one problem, over seeds
     results.running_times()        # a pandas frame, one row per search and target
 
 Durations and times are in seconds, gaps are ratios minus 1.
@@ -12,8 +13,9 @@ Durations and times are in seconds, gaps are ratios minus 1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,29 +23,52 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from trajopt.benchmark.analysis import pairwise as paired
-from trajopt.benchmark.analysis import statistics
+from trajopt.benchmark.analysis import pairwise, searches, statistics
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import Trial
+from trajopt.exceptions import InvalidInput
 from trajopt.explain.decomposition import REFERENCES
 from trajopt.solution import Status
 
 Array = NDArray[np.float64]
-Found = tuple[float, dict[str, list[Array]]]  # a problem's best 3-5-3 (s), histories by label
 
-BEST_353 = "spline353-nlp"  # the planner whose answer is the best 3-5-3
-TARGETS = (0.1, 0.01, 0.001, 0.0001)  # above the best 3-5-3, relative: what counts as found
 PROOF = "certify"  # the planner whose lower bound is proved
-TOLERANCE = 1e-6  # a planner below the reference by more than this, relative, is a bug to hunt
-REFINED = 1e-4  # what refined collocation may itself be above the optimum, relative
+BUG_RTOL = 1e-6  # a planner below the reference by more than this is a bug to hunt
+REFINED_RTOL = 1e-4  # what refined collocation may itself be above the optimum
+GROUP = ["problem", "digest", "label"]
+
+TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
+    "id": "str",
+    "problem": "str",
+    "digest": "str",
+    "planner": "str",
+    "label": "str",
+    "seed": int,
+    "status": "str",
+    "message": "str",
+    "relation": "str",
+    "claimed_duration": float,
+    "certified_duration": float,
+    "lower_bound": float,
+    "feasible": bool,
+    "dilation": float,
+    "position_excess": float,
+    "evaluations": float,
+    "setup_time": float,
+    "solve_time": float,
+}
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, init=False, eq=False)
 class Results:
     """The trials of a run, ready for tables and figures.
 
-    `source`: the trials, or the path of a results folder, a `results.h5` or a trial file, which
-    `store.read` reads; it raises `StoreError` naming the file if that cannot be done.
+    Args:
+        source: the trials, or the path of a results folder, a `results.h5` or a trial file, which
+            `store.read` reads.
+
+    Raises:
+        StoreError: naming the file, if it cannot be read.
     """
 
     items: Sequence[Trial]
@@ -53,36 +78,99 @@ class Results:
         object.__setattr__(self, "items", items)
 
     def trials(self) -> pd.DataFrame:
-        """One row per trial; durations and times in seconds, NaN where there is none."""
-        return pd.DataFrame([_row(t) for t in self.items], columns=list(_COLUMNS)).astype(_COLUMNS)
+        """One row per trial; NaN where there is none of a number.
+
+        Columns:
+            id: identity of the trial.
+            problem, digest: name of the problem, and SHA-256 of its numbers.
+            planner, label: the planner, and its name with the options that differ from its
+                defaults.
+            seed: of the random stream.
+            status, message: the verdict, and why, if it is not `solved`.
+            relation: how the answer relates to the minimum-time problem.
+            claimed_duration: of the trajectory as returned, s.
+            certified_duration: the same times `max(1, dilation)`, s; NaN beyond mending.
+            lower_bound: no trajectory is faster, according to the planner, s.
+            feasible: whether it keeps every limit as claimed.
+            dilation: the cheapest factor of time that keeps velocity, acceleration and jerk limits.
+            position_excess: how far the trajectory leaves its position limits, rad; 0 within
+                them, NaN without a trajectory or such limits.
+            evaluations: of the objective.
+            setup_time: wall time for building what later calls reuse, s.
+            solve_time: wall time besides, s; a batch's divided by its runs.
+        """
+        return self._trials.copy()
+
+    @cached_property
+    def _trials(self) -> pd.DataFrame:
+        rows = [_row(trial) for trial in self.items]
+        return pd.DataFrame(rows, columns=list(TRIAL_COLUMNS)).astype(TRIAL_COLUMNS)
 
     def references(self) -> pd.DataFrame:
-        """Per problem the `reference` that gaps are measured against (s), its `kind`, and `proved`.
+        """One row per problem, by its digest: what gaps are measured against.
 
-        `exact`: the shortest certified answer of the exact planners, or of the proof. `refined`:
-        that of refined collocation, above the optimum by at most `REFINED`. `lower bound`: where
-        none knows all limits, the largest of what they found without the limits that they ignore.
-        No trajectory is faster than `proved` (s); NaN where nothing was proved.
+        Columns:
+            reference: s.
+            kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
+                `refined`, that of refined collocation, above the optimum by at most
+                `REFINED_RTOL`; `lower bound`, where none knows all limits, the largest of what they
+                found without the limits that they ignore.
+            proved: no trajectory is faster, s; NaN where nothing was proved.
         """
-        exact = self.trials().query("planner in @REFERENCES or planner == @PROOF")
-        table = exact.groupby("digest").agg({"certified_duration": "min", "lower_bound": "max"})
-        bounds = exact.query("planner == @PROOF").groupby("digest")["lower_bound"].max()
-        reference = table["certified_duration"].fillna(table["lower_bound"])
-        columns = {"reference": reference, "kind": _kinds(exact), "proved": bounds}
-        return pd.DataFrame(columns, index=table.index).dropna(subset="reference")
+        return self._references.copy()
+
+    @cached_property
+    def _references(self) -> pd.DataFrame:
+        trials = self._trials
+        proof = trials["planner"] == PROOF
+        exact = trials[trials["planner"].isin(REFERENCES) | proof]
+        problems = exact.groupby("digest")
+        certified = problems["certified_duration"].min()
+        bound = problems["lower_bound"].max()
+        columns = {
+            "reference": certified.fillna(bound),
+            "kind": _kinds(exact),
+            "proved": trials[proof].groupby("digest")["lower_bound"].max(),
+        }
+        return pd.DataFrame(columns, index=certified.index).dropna(subset="reference")
 
     def gaps(self) -> pd.DataFrame:
         """`trials()` with the columns of `references()` and `gap` = certified / reference − 1."""
-        table = self.trials().merge(
-            self.references(), how="left", left_on="digest", right_index=True
+        return self._gaps.copy()
+
+    @cached_property
+    def _gaps(self) -> pd.DataFrame:
+        table = self._trials.merge(
+            self._references,
+            how="left",
+            left_on="digest",
+            right_index=True,
         )
         table["gap"] = table["certified_duration"] / table["reference"] - 1
         return table
 
     def summary(self) -> pd.DataFrame:
-        """One row per problem and planner with its options, by median certified duration."""
-        groups = self.gaps().groupby(["problem", "digest", "label"], sort=False)
-        table = pd.DataFrame([_summarised(key, group) for key, group in groups])
+        """One row per problem and planner with its options, by median certified duration.
+
+        Columns:
+            problem, digest, label: of whom and of what.
+            median, q1, q3, min, max: certified durations of the runs that have one, s.
+            gap: median of theirs to the reference, a ratio minus 1.
+            kind, reference, proved: those of `references()`.
+            runs, solved: how many, and how many with the status `solved`.
+            kept: share of all runs that keep every limit as claimed.
+            dilation: median of the runs that break a limit and can be mended.
+            position_excess: worst of all runs, rad.
+            lower_bound: the smallest, s.
+            evaluations, solve_time: medians, the latter in s.
+            setup_time: the longest, s.
+            status, message: of the first run that is not solved, or of the first.
+        """
+        return self._summary.copy()
+
+    @cached_property
+    def _summary(self) -> pd.DataFrame:
+        table = _summarised(self._gaps)
         return table.sort_values(["problem", "median"], kind="stable", na_position="last")
 
     def profile(self, taus: ArrayLike | None = None) -> pd.DataFrame:
@@ -91,178 +179,193 @@ class Results:
         One row per `tau` (by default wherever a profile steps), one column per planner with its
         options, of the median certified durations, +inf where half of the runs have none (Dolan &
         Moré 2002). Compared are the planners that were run on every problem; `attrs["left_out"]`
-        says of each other on how many it was. Raises `InvalidInput` if a tau is NaN.
+        says of each other on how many it was.
+
+        Raises:
+            InvalidInput: if a tau is NaN.
         """
-        table = paired.medians(self.trials(), "certified_duration")
+        table = pairwise.medians(self._trials, "certified_duration")
         ran = table.notna().sum()
-        whole = table.loc[:, ran == len(table)]
-        x, shares = statistics.performance_profile(whole, taus) if whole.size else ([], None)
-        frame = pd.DataFrame(shares, pd.Index(x, name="tau", dtype=float), whole.columns, float)
-        frame.attrs["left_out"] = ran[ran < len(table)].to_dict()
+        everywhere = ran == len(table)
+        compared = table.loc[:, everywhere]
+        if compared.size:
+            x, shares = statistics.performance_profile(compared, taus)
+            frame = pd.DataFrame(shares, pd.Index(x, name="tau"), compared.columns)
+        else:
+            nothing = pd.Index([], name="tau", dtype=float)
+            frame = pd.DataFrame(index=nothing, columns=compared.columns, dtype=float)
+        frame.attrs["left_out"] = ran[~everywhere].to_dict()
         return frame
 
     def paired(self) -> pd.DataFrame:
         """Every planner against every other, over the problems that both support.
 
-        One row per `planner` and `against`, both with their options: `analysis.pairwise`
-        explains the columns. `.loc["issa", "ssa"]` is one row, `.xs("ssa", level="against")` all
-        against one.
+        One row per `planner` and `against`, both with their options: `pairwise.paired_tests` lists
+        the columns. `.loc["issa", "ssa"]` is one row, `.xs("ssa", level="against")` all against
+        one.
         """
-        return paired.paired(paired.duels(competing(self.trials())))
+        pairs = pairwise.pairs_by_problem(competing(self._trials))
+        return pairwise.paired_tests(pairs)
 
-    def histories(self) -> dict[str, Found]:
-        """Per problem (its digest) the best 3-5-3, s, NaN if unknown, and every run's history."""
+    def between_seeds(self, problem: str | None = None) -> pd.DataFrame:
+        """Every planner with several runs against every other, over their runs on one problem.
+
+        One row per `planner` and `against`, both with their options: `pairwise.between_seeds` lists
+        the columns.
+
+        Args:
+            problem: its name or digest; may be left out if there is one only.
+
+        Raises:
+            InvalidInput: if no problem, or more than one, is meant.
+        """
+        trials = self._trials
+        named = (trials["problem"] == problem) | (trials["digest"] == problem)
+        runs = trials if problem is None else trials[named]
+        if runs["digest"].nunique() != 1:
+            known = ", ".join(trials["problem"].unique())
+            raise InvalidInput("problem", f"the name or digest of one of: {known}", value=problem)
+        return pairwise.between_seeds(competing(runs))
+
+    def histories(self) -> dict[str, searches.Histories]:
+        """Per problem, by its digest, the best 3-5-3 and every run's history."""
         groups: dict[str, list[Trial]] = {}
         for trial in self.items:
             groups.setdefault(trial.problem.digest(), []).append(trial)
-        return {digest: histories(trials) for digest, trials in groups.items()}
+        return {digest: searches.histories(trials) for digest, trials in groups.items()}
 
-    def running_times(self, targets: ArrayLike = TARGETS) -> pd.DataFrame:
+    def running_times(self, targets: ArrayLike = searches.TARGETS) -> pd.DataFrame:
         """Expected evaluations until a search is within `target` of the best 3-5-3, and how often.
 
         One row per search, with its options, and target (a ratio minus 1): `ert`, `successes`,
         `runs`, pooled over the problems whose best 3-5-3 is known, on which it was run.
         """
-        return running_times(over_best(list(self.histories().values())), targets)
+        problems = list(self.histories().values())
+        return searches.running_times(searches.over_best(problems), targets)
 
     def data_profile(self, target: float = 0.01, dimension: float = 3) -> pd.DataFrame:
         """Share of problems on which a search is within `target` of the best 3-5-3 in `alpha`.
 
         `alpha` (rows) counts simplex gradients, `dimension + 1` evaluations each (Moré & Wild
-        2009); a 3-5-3 has 3 times to find. One column per search with its options, of the median
+        2009); a 3-5-3 has 3 times to search. One column per search with its options, of the median
         evaluations over its runs, +inf where half of them miss. Compared are those that were run on
         every problem whose best 3-5-3 is known.
         """
-        known = {k: f for k, f in self.histories().items() if np.isfinite(f[0])}
-        chosen = sorted(searches(list(known.values())))
-        chosen = [label for label in chosen if all(label in own for _, own in known.values())]
-        hits = [
-            [_median_hit(own[label], best * (1 + target)) for label in chosen]
-            for best, own in known.values()
-        ]
-        x, shares = statistics.data_profile(hits, dimension) if chosen else ([], None)
-        return pd.DataFrame(shares, pd.Index(x, name="alpha", dtype=float), chosen, float)
+        problems = list(self.histories().values())
+        return searches.data_profile(problems, target, dimension)
 
     def suspicious(self) -> pd.DataFrame:
         """Trials below the reference by more than its tolerance: each is a bug to hunt."""
         table = self.gaps()
-        tolerance = np.where(table["kind"] == "refined", REFINED, TOLERANCE)
-        below_proof = table["certified_duration"] < table["proved"] * (1 - TOLERANCE)
-        return table[(table["gap"] < -tolerance) | below_proof]
+        refined = table["kind"] == "refined"
+        tolerance = np.where(refined, REFINED_RTOL, BUG_RTOL)
+        below_reference = table["gap"] < -tolerance
+        below_proof = table["certified_duration"] < table["proved"] * (1 - BUG_RTOL)
+        return table[below_reference | below_proof]
 
 
 def competing(trials: pd.DataFrame) -> pd.DataFrame:
     """Without those that were refused, or whose answer ignores a limit on purpose (a bound)."""
     refused = trials["status"] == str(Status.UNSUPPORTED)
-    return trials[~refused & (trials["certified_duration"].notna() | trials["lower_bound"].isna())]
+    certified = trials["certified_duration"].notna()
+    bounded = trials["lower_bound"].notna()
+    only_bound = bounded & ~certified
+    return trials[~refused & ~only_bound]
 
 
-def typical(trials: pd.DataFrame) -> float:
+def median_gap(trials: pd.DataFrame) -> float:
     """Median over problems of median gaps to a known optimum, of one planner's `gaps()`.
 
     +inf: on half of them it has no answer; NaN: there is no such problem.
     """
     known = trials[trials["kind"].isin(["exact", "refined"])]
-    gaps = [statistics.median(own.fillna(np.inf)) for _, own in known.groupby("digest")["gap"]]
-    return float(statistics.median(gaps)) if gaps else np.nan
+    if known.empty:
+        return np.nan
+    medians = known["gap"].fillna(np.inf).groupby(known["digest"]).median()
+    return float(statistics.median(medians))
 
 
-def histories(trials: Sequence[Trial]) -> Found:
-    """One problem's best 3-5-3 (s; NaN if unknown), and per planner the history of every run."""
-    best = min((t.certified_duration or np.inf for t in trials if t.planner == BEST_353),
-               default=np.inf)  # fmt: skip
-    runs: dict[str, list[Array]] = {}
-    for trial in trials:
-        runs.setdefault(trial.label, []).append(trial.certified_history)
-    return (best if best < np.inf else np.nan), runs
-
-
-def searches(found: Sequence[Found]) -> set[str]:
-    """Planners that kept a history on any of the problems and beat the best 3-5-3 on none.
-
-    The evaluations of those that beat it are of something else.
-    """
-    least = [(label, min(np.nanmin(h[:, 1], initial=np.inf) for h in own), best)
-             for best, runs in found for label, own in runs.items()]  # fmt: skip
-    beaten = {label for label, duration, best in least if duration < best * (1 - TOLERANCE)}
-    return {label for label, duration, _ in least if duration < np.inf} - beaten
-
-
-def over_best(found: Sequence[Found]) -> dict[str, list[Array]]:
-    """Per search, every run's history over the best 3-5-3 of its problem, where that is known."""
-    known = [(best, runs) for best, runs in found if np.isfinite(best)]
+def _row(trial: Trial) -> dict[str, Any]:
+    certificate = trial.certificate
+    feasible = False
+    dilation = None
+    excess = None
+    if certificate is not None:
+        feasible = certificate.feasible
+        dilation = certificate.dilation
+        if certificate.position is not None:
+            excess = max(0.0, certificate.position.value)
     return {
-        label: [h / [1.0, best] for best, runs in known for h in runs.get(label, [])]
-        for label in sorted(searches(known))
+        "id": trial.id,
+        "problem": trial.problem.name,
+        "digest": trial.problem.digest(),
+        "planner": trial.planner,
+        "label": trial.label,
+        "seed": trial.seed,
+        "status": str(trial.status),
+        "message": trial.message,
+        "relation": trial.relation.name,
+        "claimed_duration": trial.claimed_duration,
+        "certified_duration": trial.certified_duration,
+        "lower_bound": trial.lower_bound,
+        "feasible": feasible,
+        "dilation": dilation,
+        "position_excess": excess,
+        "evaluations": trial.solution.evaluations,
+        "setup_time": trial.setup_time,
+        "solve_time": trial.solve_time,
     }
-
-
-def running_times(
-    stacked: Mapping[str, Sequence[Array]], targets: ArrayLike = TARGETS
-) -> pd.DataFrame:
-    """`Results.running_times()` of histories `over_best`.
-
-    A run that ended without a word of what it spent is charged its planner's longest run.
-    """
-    goals = np.atleast_1d(np.asarray(targets, dtype=float))
-    rows = []
-    for label, runs in stacked.items():
-        hits = statistics.evaluations_to_target(runs, 1 + goals)
-        spent = np.array([run[-1, 0] for run in runs])
-        budgets = np.where(spent > 0, spent, max(1.0, spent.max()))
-        ert = np.asarray(statistics.expected_running_time(hits, budgets))
-        found = zip(goals, ert, np.isfinite(hits).sum(axis=-1), strict=True)
-        rows += [(label, goal, time, int(count), len(runs)) for goal, time, count in found]
-    columns = ["label", "target", "ert", "successes", "runs"]
-    return pd.DataFrame(rows, columns=columns).set_index(["label", "target"])
-
-
-def _median_hit(runs: Sequence[Array], target: float) -> float:
-    return float(statistics.median(statistics.evaluations_to_target(runs, target)))
 
 
 def _kinds(exact: pd.DataFrame) -> pd.Series[str]:
     """Per problem, what its reference is."""
     certified = exact.dropna(subset="certified_duration")
     refined = certified["planner"] == REFERENCES[-1]
-    only_refined = refined.groupby(certified["digest"]).all().map({True: "refined", False: "exact"})
-    return only_refined.reindex(exact["digest"].unique(), fill_value="lower bound")
+    only_refined = refined.groupby(certified["digest"]).all()
+    kinds = only_refined.map({True: "refined", False: "exact"})
+    return kinds.reindex(exact["digest"].unique(), fill_value="lower bound")
 
 
-_COLUMNS = {
-    "id": "str", "problem": "str", "digest": "str", "planner": "str", "label": "str", "seed": int,
-    "status": "str", "message": "str", "relation": "str", "claimed_duration": float,
-    "certified_duration": float, "lower_bound": float, "feasible": bool, "dilation": float,
-    "evaluations": float, "setup_time": float, "solve_time": float,
-}  # fmt: skip
-
-
-def _row(t: Trial) -> tuple[Any, ...]:
-    c = t.certificate
-    return (
-        t.id, t.problem.name, t.problem.digest(), t.planner, t.label, t.seed,
-        str(t.status), t.message, t.relation.name, t.claimed_duration,
-        t.certified_duration, t.lower_bound, bool(c and c.feasible), c.dilation if c else None,
-        t.solution.evaluations, t.setup_time, t.solve_time,
-    )  # fmt: skip
-
-
-def _summarised(key: tuple[str, str, str], group: pd.DataFrame) -> dict[str, Any]:
-    """Median, quartiles and extremes of the certified durations; shares; costs."""
-    certified = group["certified_duration"]
-    low, first, median, third, high = (
-        certified.quantile([0, 0.25, 0.5, 0.75, 1]) if certified.notna().any() else [np.nan] * 5
+def _summarised(gaps: pd.DataFrame) -> pd.DataFrame:
+    """The rows of `Results.summary()`, in the order in which they occur."""
+    number = gaps.groupby(GROUP, sort=False).ngroup()
+    solved = gaps["status"] == str(Status.SOLVED)
+    certified = gaps["certified_duration"]
+    mended = certified.notna() & ~gaps["feasible"]
+    runs = gaps.assign(
+        number=number,
+        solved=solved,
+        mended_dilation=gaps["dilation"].where(mended),
     )
-    worst = group.loc[(group["status"] == str(Status.SOLVED)).idxmin()]  # the first not solved
-    broke = group[~group["feasible"] & certified.notna()]
-    return dict(zip(("problem", "digest", "label"), key, strict=True)) | {
-        "median": median, "q1": first, "q3": third, "min": low, "max": high,
-        "gap": group["gap"].median(), "kind": group["kind"].iloc[0],
-        "reference": group["reference"].iloc[0], "proved": group["proved"].iloc[0],
-        "runs": len(group),
-        "solved": int((group["status"] == str(Status.SOLVED)).sum()),
-        "kept": group["feasible"].mean(), "dilation": broke["dilation"].median(),
-        "lower_bound": group["lower_bound"].min(), "evaluations": group["evaluations"].median(),
-        "solve_time": group["solve_time"].median(), "setup_time": group["setup_time"].max(),
-        "status": worst["status"], "message": worst["message"],
-    }  # fmt: skip
+    # the first run that is not solved, or the first
+    first = runs.sort_values("solved", kind="stable").drop_duplicates("number")
+    first = first.set_index("number").sort_index()
+    groups = runs.groupby("number")
+    five = statistics.answered_quantiles(certified, number, [0, *statistics.QUARTILES, 1])
+    low, q1, median, q3, high = five.T
+    columns = {
+        "problem": first["problem"],
+        "digest": first["digest"],
+        "label": first["label"],
+        "median": median,
+        "q1": q1,
+        "q3": q3,
+        "min": low,
+        "max": high,
+        "gap": groups["gap"].median(),
+        "kind": first["kind"],
+        "reference": first["reference"],
+        "proved": first["proved"],
+        "runs": groups.size(),
+        "solved": groups["solved"].sum(),
+        "kept": groups["feasible"].mean(),
+        "dilation": groups["mended_dilation"].median(),
+        "position_excess": groups["position_excess"].max(),
+        "lower_bound": groups["lower_bound"].min(),
+        "evaluations": groups["evaluations"].median(),
+        "solve_time": groups["solve_time"].median(),
+        "setup_time": groups["setup_time"].max(),
+        "status": first["status"],
+        "message": first["message"],
+    }
+    return pd.DataFrame(columns).rename_axis(None)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +27,9 @@ from trajopt.exceptions import InvalidInput
 Array = NDArray[np.float64]
 Values = Array | np.float64  # a number where the runs were the only axis
 
-EXACT = 50  # differences up to which Wilcoxon's p is exact
+EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact
+EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's p is exact
+QUARTILES = (0.25, 0.5, 0.75)
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,24 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Paired:
-    """Wilcoxon's rank sum `T`, two-sided p, and how often `a` was below, equal to, above `b`."""
+    """Wilcoxon's test: the smaller rank sum `T`, the two-sided p, and the counted pairs.
+
+    `wins`, `ties` and `losses`: in how many pairs `a` was below, equal to, and above `b`.
+    """
 
     statistic: float
     pvalue: float
     wins: int
     ties: int
     losses: int
+
+
+@dataclass(frozen=True)
+class RankSum:
+    """Mann and Whitney's test: `U` of the first sample (pairs that it wins), the two-sided p."""
+
+    statistic: float
+    pvalue: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +75,17 @@ class Ranking:
 def success_rate(successes: ArrayLike, confidence: float = 0.95) -> Estimate:
     """Share of true in booleans `(runs,)`, such as feasibility, with Wilson's interval (1927)."""
     outcomes = _costs("successes", successes, 1)
-    _require(np.isin(outcomes, (0, 1)), "successes", "true or false", outcomes)
-    _require(0 < confidence < 1, "confidence", "between 0 and 1", confidence)
-    counted = stats.binomtest(int(outcomes.sum()), outcomes.size)
+    binary = np.isin(outcomes, (0, 1))
+    _require(binary, "successes", "true or false", outcomes)
+    _require_level(confidence)
+    successful = int(outcomes.sum())
+    counted = stats.binomtest(successful, outcomes.size)
     low, high = counted.proportion_ci(confidence, method="wilson")
-    return Estimate(float(outcomes.mean()), float(low), float(high))
+    return Estimate(
+        value=float(outcomes.mean()),
+        low=float(low),
+        high=float(high),
+    )
 
 
 def quantile(values: ArrayLike, q: ArrayLike) -> Values:
@@ -73,13 +93,19 @@ def quantile(values: ArrayLike, q: ArrayLike) -> Values:
 
     Linear between neighbouring runs, as NumPy's; +inf from the first run without an answer on.
     """
-    ordered, share = np.sort(_costs("values", values)), np.asarray(q, dtype=float)
-    _require((share >= 0) & (share <= 1), "q", "from 0 to 1", share)
-    place = np.round(share * (ordered.shape[-1] - 1), 9)  # 0.55 · 100 must not reach past 55
-    low, high = (ordered[..., whole(place).astype(int)] for whole in (np.floor, np.ceil))
+    ordered = np.sort(_costs("values", values))
+    share = _shares("q", q)
+    last = ordered.shape[-1] - 1
+    place = np.round(share * last, 9)  # 0.55 · 100 must not reach past 55
+    below = np.floor(place).astype(int)
+    above = np.ceil(place).astype(int)
+    low = ordered[..., below]
+    high = ordered[..., above]
+    weight = place % 1
     with np.errstate(invalid="ignore"):
-        between = low * (1 - place % 1) + high * (place % 1)
-    return np.where(low == high, low, between)[()]
+        between = low * (1 - weight) + high * weight
+    equal = low == high
+    return np.where(equal, low, between)[()]
 
 
 def median(values: ArrayLike) -> Values:
@@ -89,7 +115,44 @@ def median(values: ArrayLike) -> Values:
 
 def summary(gaps: ArrayLike) -> Array:
     """Best, first quartile, median, third quartile and worst of gaps `(…, runs)`: `(…, 5)`."""
-    return np.asarray(quantile(gaps, [0, 0.25, 0.5, 0.75, 1]))
+    return np.asarray(quantile(gaps, [0, *QUARTILES, 1]))
+
+
+def answered_quantiles(values: ArrayLike, groups: ArrayLike, q: ArrayLike) -> Array:
+    """Quantiles `q` `(k,)` of the answers of each group: `(groups, k)`, NaN where it has none.
+
+    Args:
+        values: `(runs,)`; what is not finite is no answer, and left out.
+        groups: `(runs,)`, the number of each run's group, from 0.
+        q: shares from 0 to 1. Linear between neighbouring answers, as `numpy.quantile`.
+    """
+    runs = _numbers("values", values, 1)
+    group = np.asarray(groups)
+    share = _shares("q", q)
+    _require_shape("groups", group, runs.shape)
+    order = np.lexsort([runs, group])
+    ordered = runs[order]
+    answered = np.isfinite(runs)
+    count = group.max(initial=-1) + 1
+    answers = np.bincount(group, weights=answered, minlength=count)
+    size = np.bincount(group, minlength=count)
+    first = np.cumsum(size) - size
+    # place = q (answers − 1), between the answers below and above it
+    last = np.maximum(answers - 1, 0)
+    place = np.outer(last, share)
+    below = np.floor(place).astype(int)
+    above = np.ceil(place).astype(int)
+    weight = place - below
+    low = ordered[first[:, np.newaxis] + below]
+    high = ordered[first[:, np.newaxis] + above]
+    with np.errstate(invalid="ignore"):
+        step = high - low
+        # as NumPy rounds: from the nearer of the two
+        from_low = low + step * weight
+        from_high = high - step * (1 - weight)
+    between: Array = np.where(weight < 0.5, from_low, from_high)
+    between[answers == 0] = np.nan
+    return between
 
 
 def ecdf(values: ArrayLike, at: ArrayLike | None = None) -> tuple[Array, Array]:
@@ -98,9 +161,12 @@ def ecdf(values: ArrayLike, at: ArrayLike | None = None) -> tuple[Array, Array]:
     Runs without an answer never are: the share ends at the success rate, even at +inf.
     """
     runs = _costs("values", values, 1)
-    answers = np.sort(runs[np.isfinite(runs)])
+    finite = np.isfinite(runs)
+    answers = np.sort(runs[finite])
     x = np.unique(answers) if at is None else _numbers("at", at, nan=False)
-    return x, np.asarray(np.searchsorted(answers, x, side="right") / runs.size)
+    counts = np.searchsorted(answers, x, side="right")
+    shares: Array = counts / runs.size
+    return x, shares
 
 
 def evaluations_to_target(histories: Sequence[ArrayLike], targets: ArrayLike) -> Array:
@@ -109,8 +175,13 @@ def evaluations_to_target(histories: Sequence[ArrayLike], targets: ArrayLike) ->
     `histories`: per run `(m, 2)`, evaluations spent and best by then; rows without an answer are
     passed over. Returns `(runs,)`, or `(targets, runs)`; the target +inf is the first answer.
     """
-    curves, wanted = _curves(histories), _numbers("targets", targets, nan=False)
-    hits = [np.append(n, np.nan)[np.searchsorted(-best, -wanted)] for n, best in curves]
+    curves = _curves(histories)
+    wanted = _numbers("targets", targets, nan=False)
+    hits = []
+    for spent, best in curves:
+        row = np.searchsorted(-best, -wanted)
+        spent_or_never = np.append(spent, np.nan)
+        hits.append(spent_or_never[row])
     return np.stack(hits, axis=-1)
 
 
@@ -119,9 +190,25 @@ def fixed_budget(histories: Sequence[ArrayLike], budgets: ArrayLike) -> Array:
 
     `histories` as above. Returns `(runs,)`, or `(budgets, runs)`: its `median` is a curve.
     """
-    curves, limit = _curves(histories), _numbers("budgets", budgets, nan=False)
-    found = [np.insert(best, 0, np.nan)[np.searchsorted(n, limit, "right")] for n, best in curves]
-    return np.stack(found, axis=-1)
+    curves = _curves(histories)
+    limit = _numbers("budgets", budgets, nan=False)
+    within = []
+    for spent, best in curves:
+        row = np.searchsorted(spent, limit, "right")
+        none_or_best = np.insert(best, 0, np.nan)
+        within.append(none_or_best[row])
+    return np.stack(within, axis=-1)
+
+
+def quartiles_over_runs(histories: Sequence[ArrayLike], budgets: ArrayLike) -> Array:
+    """Quartiles over runs of the best within each budget of evaluations: `(3, budgets)`.
+
+    `histories` as above; a run without an answer by then is worse than any, so that a quartile is
+    +inf until enough runs have one.
+    """
+    best = fixed_budget(histories, np.atleast_1d(budgets))
+    quartiles = np.asarray(quantile(best, QUARTILES))
+    return quartiles.T
 
 
 def expected_running_time(hits: ArrayLike, budgets: ArrayLike) -> Values:
@@ -131,12 +218,16 @@ def expected_running_time(hits: ArrayLike, budgets: ArrayLike) -> Values:
     broadcasts against them. A hit beyond its budget is a miss. Returns `(…)`; +inf if all missed,
     as is then its `bootstrap` interval, which sees no further: look at that of `success_rate`.
     """
-    reached, limit = _costs("hits", hits), _numbers("budgets", budgets)
+    reached = _costs("hits", hits)
+    limit = _numbers("budgets", budgets)
     _require(reached >= 0, "hits", "0 or more", reached)
-    _require((limit > 0) & np.isfinite(limit), "budgets", "positive and finite", limit)
-    fits = limit.shape in ((), reached.shape[-1:], reached.shape)
+    usable = (limit > 0) & np.isfinite(limit)
+    _require(usable, "budgets", "positive and finite", limit)
+    shapes = [(), reached.shape[-1:], reached.shape]
+    fits = limit.shape in shapes
     _require(fits, "budgets", f"one, or of shape {reached.shape}", limit.shape)
-    spent, successes = np.minimum(reached, limit).sum(axis=-1), (reached <= limit).sum(axis=-1)
+    spent = np.minimum(reached, limit).sum(axis=-1)
+    successes = np.count_nonzero(reached <= limit, axis=-1)
     with np.errstate(divide="ignore"):
         return np.asarray(spent / successes)[()]
 
@@ -149,8 +240,10 @@ def performance_profile(costs: ArrayLike, taus: ArrayLike | None = None) -> tupl
     """
     table = _costs("costs", costs, 2)
     _require(table > 0, "costs", "positive, since profiles are of ratios", table)
+    best = table.min(axis=1, keepdims=True)
     with np.errstate(invalid="ignore", over="ignore"):
-        return _profile(table / table.min(axis=1, keepdims=True), taus)
+        ratios = table / best
+    return _profile(ratios, taus)
 
 
 def data_profile(
@@ -161,38 +254,87 @@ def data_profile(
     `evaluations` `(problems, solvers)` to the target; `dimension`, a number or `(problems,)`: a
     simplex gradient is `dimension + 1` evaluations. Returns `alphas` and shares, as above.
     """
-    table, size = _costs("evaluations", evaluations, 2), _numbers("dimension", dimension)
+    table = _costs("evaluations", evaluations, 2)
+    size = _numbers("dimension", dimension)
     _require(table >= 0, "evaluations", "0 or more", table)
-    _require((size >= 1) & np.isfinite(size), "dimension", "at least 1", size)
-    _require(size.shape in ((), table.shape[:1]), "dimension", "one per problem", size.shape)
-    return _profile((table.T / (size + 1)).T, alphas)
+    usable = (size >= 1) & np.isfinite(size)
+    _require(usable, "dimension", "at least 1", size)
+    if size.ndim:
+        _require_shape("dimension", size, table.shape[:1])
+    gradients = table.T / (size + 1)
+    return _profile(gradients.T, alphas)
 
 
 def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
     """Wilcoxon's signed-rank test on pairs `(pairs,)`, two-sided (Wilcoxon 1945).
 
     Equal pairs, two failures too, are dropped (p = 1 if none is left); a failure differs most from
-    an answer. p is exact, ties or not, up to `EXACT` differences, then normal and tie-corrected.
+    an answer. p is exact, ties or not, up to `EXACT_PAIRS` differences, then normal and
+    tie-corrected.
     """
-    x, y = _costs("a", a, 1), _costs("b", b, 1)
-    _require(x.size == y.size, "b", f"as many values as in a, {x.size}", y.size)
+    x = _costs("a", a, 1)
+    y = _costs("b", b, 1)
+    alike = x.size == y.size
+    _require(alike, "b", f"as many values as in a, {x.size}", y.size)
     differ = x != y
     with np.errstate(over="ignore"):
         change = x[differ] - y[differ]
-    ranks = stats.rankdata(np.abs(change))
-    least = float(min(ranks[change < 0].sum(), ranks[change > 0].sum()))
-    counts = int((change < 0).sum()), int((~differ).sum()), int((change > 0).sum())
-    few = change.size <= EXACT
-    return Paired(least, _by_signs(ranks, least) if few else _by_normal(change), *counts)
+    below = change < 0
+    above = change > 0
+    size = np.abs(change)
+    ranks = stats.rankdata(size)
+    negative = ranks[below].sum()
+    positive = ranks[above].sum()
+    rank_sum = float(min(negative, positive))
+    if change.size <= EXACT_PAIRS:
+        pvalue = _exact_signed_rank(ranks, rank_sum)
+    else:
+        pvalue = _normal_signed_rank(change)
+    return Paired(
+        statistic=rank_sum,
+        pvalue=pvalue,
+        wins=int(below.sum()),
+        ties=x.size - change.size,
+        losses=int(above.sum()),
+    )
+
+
+def mann_whitney(a: ArrayLike, b: ArrayLike) -> RankSum:
+    """Mann and Whitney's test of independent runs `(n,)` and `(m,)`, two-sided (1947).
+
+    `U = n m (1 − A12)`: in how many of the `n m` pairs `a` is lower (better), ties counting half;
+    failures are equal. p is exact, ties or not, for up to `EXACT_RUNS` runs together: the share of
+    all ways to deal the ranks; then normal, corrected for ties and continuity. If all runs are
+    equal, p = 1.
+    """
+    x = _costs("a", a, 1)
+    y = _costs("b", b, 1)
+    n = x.size
+    m = y.size
+    both = np.concatenate([x, y])
+    ranks = stats.rankdata(both)
+    rank_sum = float(ranks[:n].sum())
+    # pairs lost: U' = R − n (n + 1) / 2; pairs won: U = n m − U'
+    lost = rank_sum - n * (n + 1) / 2
+    won = n * m - lost
+    if np.ptp(ranks) == 0:
+        return RankSum(won, 1.0)
+    if both.size <= EXACT_RUNS:
+        pvalue = _exact_rank_sum(ranks, n, rank_sum)
+    else:
+        pvalue = _normal_rank_sum(ranks, n)
+    return RankSum(won, pvalue)
 
 
 def holm(pvalues: ArrayLike) -> Array:
     """p-values adjusted for being one family (Holm 1979), in their own shape."""
-    p = _numbers("pvalues", pvalues)
-    _require((p >= 0) & (p <= 1), "pvalues", "from 0 to 1", p)
+    p = _shares("pvalues", pvalues)
     order = np.argsort(p, axis=None)
+    rising = p.ravel()[order]
+    remaining = np.arange(p.size, 0, -1)
     adjusted = np.empty(p.size)
-    adjusted[order] = np.maximum.accumulate(p.ravel()[order] * np.arange(p.size, 0, -1))
+    scaled = rising * remaining
+    adjusted[order] = np.maximum.accumulate(scaled)
     return np.minimum(adjusted, 1).reshape(p.shape)
 
 
@@ -201,20 +343,28 @@ def friedman(costs: ArrayLike) -> Ranking:
 
     Ties share their mean rank; the statistic is corrected for them. If all are tied, p = 1.
     """
-    ranks = stats.rankdata(_costs("costs", costs, 2), axis=1)
-    _require(ranks.shape[1] > 2, "costs", "3 solvers or more (for 2, wilcoxon)", ranks.shape)
-    if (ranks == ranks[:, :1]).all():
-        return Ranking(0.0, 1.0, ranks.mean(axis=0))
-    statistic, pvalue = map(float, stats.friedmanchisquare(*ranks.T))
-    return Ranking(statistic, pvalue, ranks.mean(axis=0))
+    table = _costs("costs", costs, 2)
+    ranks = stats.rankdata(table, axis=1)
+    solvers = table.shape[1]
+    _require(solvers > 2, "costs", "3 solvers or more (for 2, wilcoxon)", table.shape)
+    mean_ranks = ranks.mean(axis=0)
+    spread = np.ptp(ranks, axis=1)
+    if not spread.any():
+        return Ranking(0.0, 1.0, mean_ranks)
+    statistic, pvalue = stats.friedmanchisquare(*ranks.T)
+    return Ranking(float(statistic), float(pvalue), mean_ranks)
 
 
 def critical_difference(problems: int, solvers: int, confidence: float = 0.95) -> float:
     """Difference of mean ranks that Nemenyi's test calls significant (Demšar 2006, 3.2.2)."""
-    _require(0 < confidence < 1, "confidence", "between 0 and 1", confidence)
-    _require(problems > 0 and solvers > 1, "size", "a problem, 2 solvers", (problems, solvers))
-    q = stats.studentized_range.ppf(confidence, solvers, np.inf) / np.sqrt(2)
-    return float(q * np.sqrt(solvers * (solvers + 1) / (6 * problems)))
+    _require_level(confidence)
+    several = problems > 0 and solvers > 1
+    _require(several, "size", "a problem, 2 solvers", (problems, solvers))
+    studentized = stats.studentized_range.ppf(confidence, solvers, np.inf)
+    # CD = q √(k (k + 1) / 6 N), with q the studentized range over √2
+    q = studentized / np.sqrt(2)
+    variance = solvers * (solvers + 1) / (6 * problems)
+    return float(q * np.sqrt(variance))
 
 
 def a12(a: ArrayLike, b: ArrayLike) -> Values:
@@ -222,70 +372,138 @@ def a12(a: ArrayLike, b: ArrayLike) -> Values:
 
     Below ½ where `a` tends to be lower (better); failures are equal (Vargha & Delaney 2000).
     """
-    x, y = _costs("a", a), _costs("b", b)
-    _require(x.shape[:-1] == y.shape[:-1], "b", f"shape (*{x.shape[:-1]}, m)", y.shape)
-    n, m = x.shape[-1], y.shape[-1]
-    ranks = stats.rankdata(np.concatenate([x, y], axis=-1), axis=-1)[..., :n]
-    return np.asarray((ranks.sum(axis=-1) - n * (n + 1) / 2) / (n * m))[()]
+    x = _costs("a", a)
+    y = _costs("b", b)
+    *leading, n = x.shape
+    *others, m = y.shape
+    _require(leading == others, "b", f"shape {(*leading, 'm')}", y.shape)
+    both = np.concatenate([x, y], axis=-1)
+    ranks = stats.rankdata(both, axis=-1)
+    rank_sum = ranks[..., :n].sum(axis=-1)
+    # A12 = (R − n (n + 1) / 2) / (n m)
+    won = rank_sum - n * (n + 1) / 2
+    return np.asarray(won / (n * m))[()]
 
 
 def bootstrap(
-    statistic: Callable[..., Values], *samples: ArrayLike, paired: bool = False,
-    confidence: float = 0.95, resamples: int = 9999, seed: int = 0,
-) -> Estimate:  # fmt: skip
+    statistic: Callable[..., Values],
+    *samples: ArrayLike,
+    paired: bool = False,
+    confidence: float = 0.95,
+    resamples: int = 9999,
+    seed: int = 0,
+) -> Estimate:
     """`statistic(*samples)` with its percentile bootstrap interval (Efron & Tibshirani 1993, 13).
 
     Each sample is `(runs,)`; `statistic` maps samples `(k, runs)` to `(k,)`, as `median`, `a12` and
     `expected_running_time` do. Samples are drawn independently, or, if `paired`, run by run. Bounds
     may be +inf; they are NaN if a sample has a single run, which says nothing of the spread.
     """
-    arrays = [_costs(f"sample {i + 1}", s, 1) for i, s in enumerate(samples)]
-    sizes = [x.size for x in arrays]
-    _require(0 < confidence < 1, "confidence", "between 0 and 1", confidence)
+    named = enumerate(samples, 1)
+    arrays = [_costs(f"sample {i}", sample, 1) for i, sample in named]
+    sizes = [sample.size for sample in arrays]
+    matched = len(set(sizes)) == 1
+    independent = not paired and sizes != []
+    _require_level(confidence)
     _require(resamples > 0, "resamples", "at least 1", resamples)
-    _require(len(set(sizes)) == 1 or (not paired and sizes != []), "samples", "one size", sizes)
+    _require(matched or independent, "samples", "one size", sizes)
     value = float(statistic(*arrays))
     if min(sizes) < 2:
         return Estimate(value, np.nan, np.nan)
+    batch = max(1, 10**6 // sum(sizes))
     with np.errstate(invalid="ignore"):  # SciPy's own interval is NaN where resamples are inf
-        values = stats.bootstrap(
-            arrays, lambda *drawn, axis: statistic(*drawn), paired=paired, vectorized=True,
-            n_resamples=resamples, batch=max(1, 10**6 // sum(sizes)), method="percentile",
+        found = stats.bootstrap(
+            arrays,
+            lambda *drawn, axis: statistic(*drawn),
+            paired=paired,
+            vectorized=True,
+            n_resamples=resamples,
+            batch=batch,
+            method="percentile",
             rng=np.random.default_rng(seed),
-        ).bootstrap_distribution  # fmt: skip
-    low, high = np.asarray(quantile(values, [(1 - confidence) / 2, (1 + confidence) / 2]))
+        )
+    tails = np.array([1 - confidence, 1 + confidence]) / 2
+    low, high = np.asarray(quantile(found.bootstrap_distribution, tails))
     return Estimate(value, float(low), float(high))
 
 
-def _by_signs(ranks: Array, least: float) -> float:
-    """Twice the share of all signs of the ranks whose sum is at most `least`, in halves too."""
-    doubled = np.rint(2 * ranks).astype(int)  # ranks shared by an even number of ties end in ½
-    chance = np.eye(1, doubled.sum() + 1)[0]
+def _doubled(ranks: Array) -> NDArray[np.int64]:
+    """Twice the ranks: those shared by an even number of ties end in ½."""
+    return np.rint(2 * ranks).astype(np.int64)
+
+
+def _exact_signed_rank(ranks: Array, rank_sum: float) -> float:
+    """Twice the share of all signs of the ranks whose positive ones sum to `rank_sum` or less."""
+    doubled = _doubled(ranks)
+    total = doubled.sum()
+    chance = np.zeros(total + 1)
+    chance[0] = 1.0
     for rank in doubled:
-        chance = (chance + np.roll(chance, rank)) / 2  # what it rolls over the end is 0
-    return min(1.0, 2 * float(chance[: round(2 * least) + 1].sum()))
+        # positive with probability ½; what it rolls over the end is 0
+        chance = (chance + np.roll(chance, rank)) / 2
+    end = round(2 * rank_sum) + 1
+    tail = chance[:end].sum()
+    return min(1.0, 2 * float(tail))
 
 
-def _by_normal(change: Array) -> float:
-    return float(stats.wilcoxon(change, method="asymptotic").pvalue)
+def _normal_signed_rank(change: Array) -> float:
+    found = stats.wilcoxon(change, method="asymptotic")
+    return float(found.pvalue)
+
+
+def _exact_rank_sum(ranks: Array, n: int, rank_sum: float) -> float:
+    """Twice the share of all choices of `n` of the ranks in the smaller tail at `rank_sum`."""
+    doubled = _doubled(ranks)
+    total = doubled.sum()
+    # ways[k, s]: choices of k ranks that sum to s / 2
+    ways = np.zeros((n + 1, total + 1))
+    ways[0, 0] = 1.0
+    for rank in doubled:
+        without = ways[:-1, : total + 1 - rank].copy()
+        ways[1:, rank:] += without
+    chosen = ways[n]
+    place = round(2 * rank_sum)
+    at_most = chosen[: place + 1].sum()
+    at_least = chosen[place:].sum()
+    tail = min(at_most, at_least) / chosen.sum()
+    return min(1.0, 2 * float(tail))
+
+
+def _normal_rank_sum(ranks: Array, n: int) -> float:
+    first = ranks[:n]
+    second = ranks[n:]
+    found = stats.mannwhitneyu(first, second, method="asymptotic")
+    return float(found.pvalue)
 
 
 def _profile(ratios: Array, at: ArrayLike | None) -> tuple[Array, Array]:
     """The ECDF of each column of `(problems, solvers)`, at the same points."""
-    x = ecdf(ratios.ravel())[0] if at is None else np.asarray(at, dtype=float)
-    return x, np.stack([ecdf(column, x)[1] for column in ratios.T], axis=-1)
+    if at is None:
+        x, _ = ecdf(ratios.ravel())
+    else:
+        x = np.asarray(at, dtype=float)
+    shares = []
+    for column in ratios.T:
+        _, share = ecdf(column, x)
+        shares.append(share)
+    return x, np.stack(shares, axis=-1)
 
 
 def _curves(histories: Sequence[ArrayLike]) -> list[Array]:
     """Per run, evaluations spent and best by then, where there is an answer: `(2, m)`."""
     _require(len(histories) > 0, "histories", "at least one run")
-    return [_curve(_numbers("history", h, 2)) for h in histories]
+    return [_curve(_numbers("history", history, 2)) for history in histories]
 
 
 def _curve(history: Array) -> Array:
-    _require(history.shape[1] == 2, "history", "evaluations and best, (m, 2)", history.shape)
-    curve = history[history[:, 1] < np.inf].T
-    orderly = np.isfinite(curve).all() and (np.diff(curve) * [[1], [-1]] >= 0).all()
+    columns = history.shape[1]
+    _require(columns == 2, "history", "evaluations and best, (m, 2)", history.shape)
+    answered = history[:, 1] < np.inf
+    curve = history[answered].T
+    spent, best = np.diff(curve)
+    finite = np.isfinite(curve).all()
+    monotone = (spent >= 0).all() and (best <= 0).all()
+    orderly = finite and monotone
     _require(orderly, "history", "evaluations that never fall and a best that never rises")
     return curve
 
@@ -293,7 +511,8 @@ def _curve(history: Array) -> Array:
 def _costs(key: str, values: ArrayLike, axes: int | None = None) -> Array:
     """At least one number along each axis, +inf for NaN: no answer is the worst of all."""
     array = _numbers(key, values, axes)
-    _require(array.ndim > 0 and array.size > 0, key, "at least one value", array.shape)
+    some = array.ndim > 0 and array.size > 0
+    _require(some, key, "at least one value", array.shape)
     _require(array != -np.inf, key, "no −inf", array)
     return np.where(np.isnan(array), np.inf, array)
 
@@ -303,13 +522,36 @@ def _numbers(key: str, values: ArrayLike, axes: int | None = None, *, nan: bool 
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise InvalidInput(key, "an array of numbers") from None
-    _require(axes in (None, array.ndim), key, f"an array of {axes} axes", array.shape)
-    _require(nan or ~np.isnan(array), key, "no NaN", array)
+    if axes is not None:
+        _require(array.ndim == axes, key, f"an array of {axes} axes", array.shape)
+    if not nan:
+        _require(~np.isnan(array), key, "no NaN", array)
     return array
+
+
+def _shares(key: str, values: ArrayLike) -> Array:
+    array = _numbers(key, values)
+    inside = (array >= 0) & (array <= 1)
+    _require(inside, key, "from 0 to 1", array)
+    return array
+
+
+def _require_level(confidence: float) -> None:
+    inside = 0 < confidence < 1
+    _require(inside, "confidence", "between 0 and 1", confidence)
+
+
+def _require_shape(key: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+    alike = array.shape == shape
+    _require(alike, key, f"of shape {shape}", array.shape)
 
 
 def _require(holds: ArrayLike, key: str, expected: str, value: object = None) -> None:
     """Raise `InvalidInput` unless all hold, with the first value that does not."""
-    if not np.all(holds):
-        bad = np.asarray(value)[~np.asarray(holds)].flat[0] if np.ndim(holds) else value
-        raise InvalidInput(key, expected, value=bad)
+    held = np.asarray(holds)
+    if held.all():
+        return
+    if held.ndim:
+        wrong = np.asarray(value)[~held]
+        raise InvalidInput(key, expected, value=wrong[0])
+    raise InvalidInput(key, expected, value=value)

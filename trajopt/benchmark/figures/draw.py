@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trajopt.benchmark.analysis.results import BEST_353, TOLERANCE, Results
+from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.analysis.searches import BEATEN_RTOL, BEST_353
 from trajopt.benchmark.figures import explanation as gap_plots
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.trial import Trial
@@ -126,7 +127,7 @@ def _histories(trials: Sequence[Trial], best: float) -> dict[str, list[Array]]:
     kept = _by_label([t for t in trials if t.solution.history is not None])
     histories = {label: [_certified_history(t) for t in runs] for label, runs in kept.items()}
     least = {k: min(np.nanmin(h[:, 1], initial=np.inf) for h in v) for k, v in histories.items()}
-    return {k: v for k, v in histories.items() if best * (1 - TOLERANCE) <= least[k] < np.inf}
+    return {k: v for k, v in histories.items() if best * (1 - BEATEN_RTOL) <= least[k] < np.inf}
 
 
 def _certified_history(trial: Trial) -> Array:

@@ -16,8 +16,9 @@ import jinja2
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-from trajopt.benchmark.analysis.pairwise import TIED
-from trajopt.benchmark.analysis.results import TARGETS, Results
+from trajopt.benchmark.analysis.pairwise import TIE_DIGITS
+from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.analysis.searches import TARGETS
 from trajopt.benchmark.report import cells as lines
 from trajopt.benchmark.report import curves
 from trajopt.benchmark.report import page as content
@@ -49,7 +50,7 @@ def write(
     )  # fmt: skip
     environment.filters["breaks"] = _breaks
     html = environment.get_template("template.html").render(
-        page=page, columns=lines.COLUMNS, tied=TIED, command=command, kept=trajectories,
+        page=page, columns=lines.COLUMNS, tied=TIE_DIGITS, command=command, kept=trajectories,
         targets=[f"{100 * t:g} %" for t in TARGETS], whole=suites[0],
         against=rivals.first(results.items, page.labels), blobs=_blobs(page, suites, trajectories),
     )  # fmt: skip

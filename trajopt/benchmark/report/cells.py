@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.analysis.pairwise import distinct, medians
-from trajopt.benchmark.analysis.results import competing, typical
+from trajopt.benchmark.analysis.pairwise import mean_ranks
+from trajopt.benchmark.analysis.results import competing, median_gap
 from trajopt.benchmark.figures.plots import percent
 from trajopt.benchmark.trial import Trial
 from trajopt.solution import Status
@@ -91,7 +91,7 @@ def _clipped(text: str, most: int) -> str:
 def over_all(runs: pd.DataFrame, rank: float | None) -> dict[str, Any]:
     """One planner's line, over the problems that it supports."""
     tried = competing(runs)
-    middle, worst = typical(tried), tried["gap"].max()
+    middle, worst = median_gap(tried), tried["gap"].max()
     return {
         "problems": tried["digest"].nunique(), "runs": len(tried),
         "solved": _share(tried["status"] == str(Status.SOLVED)), "kept": _share(tried["feasible"]),
@@ -112,14 +112,10 @@ def _share(outcomes: pd.Series[bool]) -> dict[str, Any]:
     return {"text": f"{100 * found.value:.0f} %", "interval": interval, "value": found.value}
 
 
-def ranks(runs: pd.DataFrame, labels: Sequence[str]) -> dict[str, float]:
-    """Mean ranks of those that were run on every problem; durations equal to 6 digits are tied."""
-    table = medians(runs, "certified_duration")
-    whole = [label for label in labels if table[label].notna().all()]
-    if len(whole) < 3:
-        return {}
-    costs = table[whole].map(distinct)
-    return dict(zip(whole, statistics.friedman(costs).mean_ranks.tolist(), strict=True))
+def ranks(runs: pd.DataFrame) -> dict[str, float]:
+    """Mean ranks of the planners that compete on every problem."""
+    found = mean_ranks(competing(runs))
+    return dict(zip(found.index, found.tolist(), strict=True))
 
 
 def provenance(items: Sequence[Trial]) -> list[tuple[str, str]]:

@@ -10,8 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.analysis.pairwise import duels, medians, paired
-from trajopt.benchmark.analysis.results import Found, competing, over_best, running_times
+from trajopt.benchmark.analysis.pairwise import medians, paired_tests, pairs_by_problem
+from trajopt.benchmark.analysis.results import competing
+from trajopt.benchmark.analysis.searches import Histories, over_best, running_times
 from trajopt.benchmark.figures.plots import FLOOR
 from trajopt.benchmark.report import pairwise as rivals
 from trajopt.benchmark.report.packing import rounded
@@ -28,12 +29,12 @@ TARGET = 1.01  # times the best known of its family: what counts as found
 def suites(page: Page) -> list[dict[str, Any]]:
     """The curves and pairs of all problems, of each suite, and of each kind of limits."""
     problems = dict(zip(page.digests, page.problems, strict=True))
-    found, met = page.results.histories(), duels(competing(page.gaps))
+    found, met = page.results.histories(), pairs_by_problem(competing(page.gaps))
     return [
         {"name": name, "problems": len(members)}
         | _suite(page.gaps[page.gaps["digest"].isin(members)], [found[d] for d in members],
                  page.labels)
-        | {"paired": rivals.pairs(paired(met[met["digest"].isin(members)]), page.labels)}
+        | {"paired": rivals.pairs(paired_tests(met[met["digest"].isin(members)]), page.labels)}
         for name, members in groups(problems).items()
     ]  # fmt: skip
 
@@ -62,7 +63,7 @@ def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Cu
     return curves
 
 
-def _suite(gaps: pd.DataFrame, found: Sequence[Found], labels: Sequence[str]) -> dict[str, Any]:
+def _suite(gaps: pd.DataFrame, found: Sequence[Histories], labels: Sequence[str]) -> dict[str, Any]:
     durations = medians(gaps, "certified_duration")
     ran = durations.notna().sum()
     whole = [label for label in labels if ran.get(label) == len(durations)]

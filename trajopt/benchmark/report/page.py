@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.analysis.results import Results, competing, typical
+from trajopt.benchmark.analysis.results import Results, competing, median_gap
 from trajopt.benchmark.figures.draw import distinct_names
 from trajopt.benchmark.figures.plots import CURVES
 from trajopt.benchmark.report import cells as lines
@@ -44,7 +44,7 @@ class Page:
     def labels(self) -> list[str]:
         """Planners by median gap, then name: a planner's look, everywhere, is its place here."""
         groups = self.gaps.groupby("label")
-        gaps = {label: typical(competing(runs)) for label, runs in groups}
+        gaps = {label: median_gap(competing(runs)) for label, runs in groups}
         return sorted(gaps, key=lambda label: (np.nan_to_num(gaps[label], nan=np.inf), label))
 
     @cached_property
@@ -139,7 +139,7 @@ class Page:
     @cached_property
     def planners(self) -> list[dict[str, Any]]:
         """One line per planner: over all its runs, and over the problems."""
-        ranks = lines.ranks(self.gaps, self.labels)
+        ranks = lines.ranks(self.gaps)
         looks = [look(i) for i in range(len(self.labels))]
         runs = dict(list(self.gaps.groupby("label")))
         return [

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt import polynomials
-from trajopt.benchmark.analysis.results import histories, searches
+from trajopt.benchmark.analysis.searches import histories, searches
 from trajopt.benchmark.figures.plots import QUANTITIES
 from trajopt.benchmark.report import curves
 from trajopt.benchmark.report.packing import rounded
