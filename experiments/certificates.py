@@ -18,7 +18,7 @@ import pandas as pd
 
 from baselines.lower_bound import certify
 from trajopt.benchmark.suites.catalogue import random_problem
-from trajopt.cli import render
+from trajopt.cli import console
 
 KEYS = ["waypoints", "joints", "seed"]
 
@@ -53,7 +53,7 @@ def main(
     rows = pd.read_csv(file) if file.exists() else pd.DataFrame(columns=KEYS)
     done = set(rows[KEYS].itertuples(index=False, name=None))
     cells = list(itertools.product(range(3, waypoints + 1), range(1, joints + 1), range(seeds)))
-    with render.progress(len(cells)) as advance:
+    with console.progress(len(cells)) as advance:
         for cell in cells:
             if cell not in done:
                 row = pd.DataFrame([measured(*cell, time_limit)])

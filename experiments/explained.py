@@ -18,7 +18,7 @@ from experiments.common.output import save_table
 from trajopt.benchmark.figures import explanation as gap_plots
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.exceptions import TrajoptError
 from trajopt.explain.active_limits import busy
 from trajopt.explain.decomposition import Explanation, explain
@@ -51,7 +51,7 @@ def main(
 ) -> None:
     """Explain every planner on a problem."""
     loaded, found = suite.load(problem), {}
-    with render.progress(len(planner)) as advance:
+    with console.progress(len(planner)) as advance:
         for name in planner:
             found[name] = explained(loaded, name, seed)
             advance(1)

@@ -28,7 +28,7 @@ from experiments.common import races
 from experiments.common.output import save_table
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.figures import plots
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser, minimise
 from trajopt.swarm_planner import SwarmPlanner
 
@@ -98,7 +98,7 @@ def origin(seeds: int, evaluations: int, folder: Path) -> pd.DataFrame:
     cells = list(itertools.product(FUNCTIONS, FRAMES, PLACES, OPTIMISERS))
     cells = [c for c in cells if c[3] != "CMA-ES" or c[1] == next(iter(FRAMES))]
     rows = []
-    with render.progress(len(cells)) as advance:
+    with console.progress(len(cells)) as advance:
         for cell in cells:
             run = partial(biased, cell, seeds, evaluations)
             rows.append(races.kept(folder / "origin", " ".join(map(str, cell)), run))

@@ -28,7 +28,7 @@ from experiments.common.killed import PHASES, Child, sweep
 from experiments.common.output import save_table
 from trajopt.benchmark.store.folder import read
 from trajopt.benchmark.trial import Trial
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.exceptions import StoreError
 
 FAULTS = ["lost", "torn", "different", "run again", "unequal"]
@@ -156,7 +156,7 @@ def main(tries: int = 200, output: Path = Path("results/kills"), quick: bool = F
     output.mkdir(parents=True, exist_ok=True)
     file = output / "kills.csv"
     rows = pd.read_csv(file).to_dict("records") if file.exists() else []
-    with render.progress(tries) as advance:
+    with console.progress(tries) as advance:
         advance(len(rows))
         for number in sorted(set(range(tries)) - {row["kill"] for row in rows}):
             rows.append(attempt(output, number))

@@ -25,7 +25,7 @@ from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.suites.catalogue import random_problem
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.registry import entries, load
 
 SPLINES = ("unoptimised", "pso", "ssa", "issa")
@@ -87,10 +87,10 @@ def main(problems: int = 300, jobs: int = 2, output: Path = Path("results/orderi
     registered = [(name, load(name)) for name in entries()]
     planners = [(name, planner) for name, planner in registered if not planner.on_request]
     total = sum(len(task.seeds) for task in run.plan(drawn, planners, 2))
-    with render.progress(total) as advance:
+    with console.progress(total) as advance:
         results = run.compare(drawn, planners, output, seeds=2, jobs=jobs, progress=advance)
     found = list(orderings(results))
-    with render.progress(problems) as advance:
+    with console.progress(problems) as advance:
         for problem in drawn:
             found += identities(problem)
             advance(1)

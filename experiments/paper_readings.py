@@ -37,7 +37,7 @@ from experiments.paper.searches import (
 from trajopt import Problem, spline353, verify
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.cli import render
+from trajopt.cli import console
 
 TIMINGS = ("per-joint", "shared")
 NEAR = 0.01  # relative
@@ -174,7 +174,7 @@ def main(
     seeds, iterations = (4, 20) if quick else (seeds, 1000)
     tasks = [(r, a, t) for r in READINGS for a in r.algorithms for t in TIMINGS]
     found: list[dict[str, Any]] = []
-    with render.progress(len(tasks)) as advance:
+    with console.progress(len(tasks)) as advance:
         for reading, algorithm, timing in tasks:
             file = f"{reading.name}-{algorithm}-{timing}-{seeds}x{iterations}.npz"
             search = partial(reading.search, algorithm, timing, seeds, iterations)

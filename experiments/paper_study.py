@@ -40,7 +40,7 @@ from trajopt import Problem, Trajectory, spline353, verify
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.kinematics import Robot, cartesian_problem
 from trajopt.registry import configured, load
 from trajopt.swarm_planner import SwarmPlanner, Unoptimised
@@ -136,7 +136,7 @@ def running_times(found: Found, problem: Problem) -> pd.DataFrame:
 def searched(output: Path, problem: Problem, seeds: int, iterations: int) -> Found:
     """All searches, each kept as soon as it is done."""
     found, cases = {}, [(a, t) for t in TIMINGS for a in ALGORITHMS]
-    with render.progress(len(cases)) as advance:
+    with console.progress(len(cases)) as advance:
         for algorithm, timing in cases:
             options = {"timing": timing, "iterations": iterations}
             planner = configured(load(algorithm), options)

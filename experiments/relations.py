@@ -29,7 +29,7 @@ from baselines.topp_ra import along
 from experiments.ordering import RELAXED, identities
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import random_problem
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.registry import load
 
 Checks = Iterator[tuple[str, float, float]]  # kind, relative excess, tolerance
@@ -194,7 +194,7 @@ def main(problems: int = 2000, jobs: int = 1, output: Path = Path("results/relat
     output.mkdir(parents=True, exist_ok=True)
     file = output / "relations.csv"
     missing = sorted(set(range(problems)) - set(known(file)["problem"]))
-    with render.progress(problems) as advance:
+    with console.progress(problems) as advance:
         advance(problems - len(missing))
         for rows in run(missing, jobs):
             rows.to_csv(file, mode="a", header=False, index=False)

@@ -31,7 +31,7 @@ from experiments.common.output import save_table
 from trajopt import Problem, verify
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.figures import plots
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser
 from trajopt.swarm_planner import SwarmPlanner
 
@@ -156,7 +156,7 @@ def main(
     repeats, field = 1 if quick else 3, races.problems(problems)
     outcome = races.run(entrants(evaluations), field, seeds, evaluations, output)
     solved = []
-    with render.progress(len(field)) as advance:
+    with console.progress(len(field)) as advance:
         for problem, bound in zip(field, outcome.proof["lower_bound"], strict=True):
             run = partial(nlp, problem, bound, repeats)
             solved.append(races.kept(output / "nlp", problem.name, run))

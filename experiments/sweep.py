@@ -21,7 +21,7 @@ from trajopt.benchmark import compare as run
 from trajopt.benchmark import report
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.planner import Planner
 from trajopt.registry import entries, load, parse
 
@@ -63,7 +63,7 @@ def main(
     found, seeds = drawn(2 if quick else None), 2 if quick else seeds
     problems = [problem for own in found.values() for problem in own]
     total = sum(len(task.seeds) for task in run.plan(problems, planners(), seeds))
-    with render.progress(total) as advance:
+    with console.progress(total) as advance:
         results = run.compare(
             problems, planners(), output, seeds=seeds, jobs=jobs, timeout=timeout, progress=advance
         )

@@ -349,8 +349,8 @@ def test_a_backend_is_imported_when_needed():
 
 def test_listing_imports_no_backend():
     code = (
-        "import sys\nfrom trajopt.cli import tables\n"
-        "found = {p['name'] for p in tables.planners()}\n"
+        "import sys\nfrom trajopt.cli import listing\n"
+        "found = {listing.described(e)['name'] for e in listing.entries().values()}\n"
         f"assert found >= {NAMES!r}, found\n"
         "loaded = {'casadi', 'toppra', 'ruckig'} & set(sys.modules)\nassert not loaded, loaded\n"
     )

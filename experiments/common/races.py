@@ -23,7 +23,7 @@ from trajopt import Problem, verify
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.cli import render
+from trajopt.cli import console
 from trajopt.exceptions import TrajoptError
 from trajopt.swarm_planner import SwarmPlanner
 
@@ -73,7 +73,7 @@ def run(
     Raises `TrajoptError` if a run is below the proved bound: a bug, never a result.
     """
     proofs, cells = [], []
-    with render.progress(len(field) * len(entrants)) as advance:
+    with console.progress(len(field) * len(entrants)) as advance:
         for problem in field:
             proofs.append(kept(folder / "optima", problem.name, partial(proved, problem)))
             bound = float(proofs[-1]["lower_bound"].iloc[0])

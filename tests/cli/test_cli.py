@@ -15,6 +15,7 @@ import pytest
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
+from trajopt.cli import compare
 from trajopt.registry import entries, load, options
 
 NAMES = {
@@ -341,7 +342,7 @@ def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
 def test_compare_of_many_problems_has_a_line_per_planner_and_a_report(
     compared, trajopt, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(cli, "_MANY", 1)
+    monkeypatch.setattr(compare, "MANY", 1)
     shutil.copytree(compared[0] / "trials", tmp_path / "trials")
     code, out, _ = trajopt(*compared[2][3:-1], tmp_path)
     lines = out.splitlines()

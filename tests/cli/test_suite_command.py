@@ -2,8 +2,6 @@
 
 import json
 import re
-import subprocess
-import sys
 
 import pytest
 
@@ -149,9 +147,3 @@ def test_no_problems_at_all_are_refused(run, command, tmp_path, monkeypatch):
     with pytest.raises(InvalidInput, match="size"):
         run(*command, "--size", 0)
     assert not list(tmp_path.iterdir())
-
-
-def test_importing_the_command_loads_nothing_heavy():
-    code = "import sys, trajopt.cli.suite; print({'numpy', 'rich.table'} & set(sys.modules))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout == "set()\n"

@@ -1,17 +1,20 @@
-"""The command `trajopt suite list | show | export`: what there is to compare planners on."""
+"""`trajopt suite list | show | export`: what there is to compare planners on."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import cyclopts
 from cyclopts import Parameter
 
-if TYPE_CHECKING:
-    from trajopt.benchmark.suites.catalogue import Suite
-    from trajopt.problem import Problem
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.suites.catalogue import Suite
+from trajopt.cli import console
+from trajopt.cli.parameters import Json, whole_number
+from trajopt.exceptions import InvalidInput
+from trajopt.problem import LIMIT_NAMES, Problem
 
 app = cyclopts.App(
     name="suite",
@@ -21,30 +24,32 @@ app = cyclopts.App(
 
 Name = Annotated[str, Parameter(help="Suite; see `trajopt suite list`.")]
 Size = Annotated[
-    int | None, Parameter(help="The first N problems; random suites go on as long as one likes.")
+    int | None,
+    whole_number("The first N problems; random suites go on as long as one likes.", most=1_000_000),
 ]
-Json = Annotated[bool, Parameter(negative=(), help="Print one JSON object and nothing else.")]
 
 
 @app.command(name="list")
 def list_(*, json: Json = False) -> int:
     """List the suites: how many problems, of what size, under which limits."""
-    from trajopt.benchmark.suites import catalogue as suite
-
-    rows = [_summary(found) for found in suite.suites().values()]
-    _print_json({"suites": rows}) if json else _print_list(rows)
+    rows = [_summary(suite) for suite in catalogue.suites().values()]
+    if json:
+        console.print_json({"suites": rows})
+    else:
+        _print_list(rows)
     return 0
 
 
 @app.command
 def show(name: Name, /, *, size: Size = None, json: Json = False) -> int:
     """Show a suite's problems, with the digest that keeps old results from mixing with new."""
-    from trajopt.benchmark.suites import catalogue as suite
-
-    rows = [_row(problem) for problem in suite.problems(name, size)]
-    found = suite.suites()[name]
-    head = {"suite": name, "version": found.version, "description": found.description}
-    _print_json(head | {"problems": rows}) if json else _print_show(found, rows)
+    rows = [_row(problem) for problem in catalogue.problems(name, size)]
+    suite = catalogue.suites()[name]
+    if json:
+        head = {"suite": name, "version": suite.version, "description": suite.description}
+        console.print_json(head | {"problems": rows})
+    else:
+        _print_show(suite, rows)
     return 0
 
 
@@ -58,27 +63,26 @@ def export(
     json: Json = False,
 ) -> int:
     """Write a suite's problems, a file each; files that differ from what is there are refused."""
-    from trajopt.benchmark.suites import catalogue as suite
-
-    found = suite.problems(name, size)
-    texts = {folder / f"{problem.name}.toml": problem.to_toml() for problem in found}
-    new = list(_new(texts))
+    problems = {folder / f"{p.name}.toml": p for p in catalogue.problems(name, size)}
+    texts = {file: problem.to_toml() for file, problem in problems.items()}
+    missing = list(_missing(texts))
     folder.mkdir(parents=True, exist_ok=True)
-    for file in new:
+    for file in missing:
         file.write_bytes(texts[file].encode())
     if json:
-        digests = {str(file): p.digest() for file, p in zip(texts, found, strict=True)}
-        _print_json({"suite": name, "files": digests, "written": [str(file) for file in new]})
-    else:
-        there = f"; {len(texts) - len(new)} were there already" if len(new) < len(texts) else ""
-        print(f"{len(new)} problem files written to {folder}{there}")
+        digests = {str(file): problem.digest() for file, problem in problems.items()}
+        written = [str(file) for file in missing]
+        console.print_json({"suite": name, "files": digests, "written": written})
+        return 0
+    said = f"{len(missing)} problem files written to {folder}"
+    if len(missing) < len(texts):
+        said += f"; {len(texts) - len(missing)} were there already"
+    console.line(said)
     return 0
 
 
-def _new(texts: dict[Path, str]) -> Iterator[Path]:
+def _missing(texts: dict[Path, str]) -> Iterator[Path]:
     """The files that are not there yet; raises before anything is written if one differs."""
-    from trajopt.exceptions import InvalidInput
-
     for file, text in texts.items():
         if not file.exists():
             yield file
@@ -88,10 +92,10 @@ def _new(texts: dict[Path, str]) -> Iterator[Path]:
 
 
 def _summary(suite: Suite) -> dict[str, Any]:
-    from trajopt.problem import LIMIT_NAMES
-
     rows = [_row(problem) for problem in suite.problems()]
-    joints, waypoints = ([row[key] for row in rows] for key in ("joints", "waypoints"))
+    joints = [row["joints"] for row in rows]
+    waypoints = [row["waypoints"] for row in rows]
+    limited = {limit for row in rows for limit in row["limits"]}
     return {
         "name": suite.name,
         "description": suite.description,
@@ -99,64 +103,59 @@ def _summary(suite: Suite) -> dict[str, Any]:
         "problems": len(rows),
         "joints": [min(joints), max(joints)],
         "waypoints": [min(waypoints), max(waypoints)],
-        "limits": [name for name in LIMIT_NAMES if any(name in row["limits"] for row in rows)],
+        "limits": [name for name in LIMIT_NAMES if name in limited],
     }
 
 
 def _row(problem: Problem) -> dict[str, Any]:
-    from trajopt.problem import LIMIT_NAMES
+    return {
+        "name": problem.name,
+        "joints": problem.joints,
+        "waypoints": len(problem.waypoints),
+        "limits": [name for name in LIMIT_NAMES if problem.has(name)],
+        "digest": problem.digest(),
+    }
 
-    limits = [name for name in LIMIT_NAMES if problem.has(name)]
-    size = {"joints": problem.joints, "waypoints": len(problem.waypoints)}
-    return {"name": problem.name, **size, "limits": limits, "digest": problem.digest()}
 
-
-def _print_list(rows: list[dict[str, Any]]) -> None:
-    from rich.console import Console
-
-    table = _table("suite", "problems", "joints", "waypoints", "version", right=range(1, 5))
-    table.add_column("also limited", overflow="fold")
+def _print_list(rows: Sequence[dict[str, Any]]) -> None:
+    numbers = ("problems", "joints", "waypoints", "version")
+    table = console.table("suite", *numbers, "also limited", numbers=numbers)
     for row in rows:
-        ends = [f"{low}–{high}" if low < high else str(low) for low, high in
-                (row["joints"], row["waypoints"])]  # fmt: skip
-        name = f"[bold]{row['name']}[/bold]"
-        table.add_row(name, str(row["problems"]), *ends, str(row["version"]), _besides(row))
-    console = Console(highlight=False)
-    console.print(table)
-    console.print("\nvelocity and acceleration are always limited")
+        table.add_row(
+            f"[bold]{console.markup(row['name'])}[/bold]",
+            str(row["problems"]),
+            _range(*row["joints"]),
+            _range(*row["waypoints"]),
+            str(row["version"]),
+            _besides(row),
+        )
+    console.OUT.print(table)
+    console.paragraph("\nvelocity and acceleration are always limited")
     for row in rows:
-        console.print(f"[bold]{row['name']}[/bold]: {row['description']}")
+        name = console.markup(row["name"])
+        console.OUT.print(f"[bold]{name}[/bold]: {console.markup(row['description'])}")
 
 
-def _print_show(suite: Suite, rows: list[dict[str, Any]]) -> None:
-    from rich.console import Console
-
-    table = _table("problem", "joints", "waypoints", right=(1, 2))
-    table.add_column("also limited")
-    table.add_column("digest", no_wrap=True)
+def _print_show(suite: Suite, rows: Sequence[dict[str, Any]]) -> None:
+    sizes = ("joints", "waypoints")
+    table = console.table("problem", *sizes, "also limited", "digest", numbers=sizes)
     for row in rows:
-        sizes = str(row["joints"]), str(row["waypoints"])
-        table.add_row(row["name"], *sizes, _besides(row), row["digest"][:12])
-    console = Console(highlight=False)
-    console.print(table)
-    count = f"{len(rows)} problem{'s' * (len(rows) > 1)}"
-    console.print(f"{count}, version {suite.version}: {suite.description}")
+        table.add_row(
+            console.markup(row["name"]),
+            str(row["joints"]),
+            str(row["waypoints"]),
+            _besides(row),
+            row["digest"][:12],
+        )
+    console.OUT.print(table)
+    count = "1 problem" if len(rows) == 1 else f"{len(rows)} problems"
+    console.paragraph(f"{count}, version {suite.version}: {suite.description}")
 
 
-def _table(*columns: str, right: Any) -> Any:
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False)
-    for index, column in enumerate(columns):
-        table.add_column(column, justify="right" if index in right else "left", no_wrap=True)
-    return table
+def _range(low: int, high: int) -> str:
+    return f"{low}–{high}" if low < high else str(low)
 
 
 def _besides(row: dict[str, Any]) -> str:
+    """The limits besides those that every problem has."""
     return ", ".join(limit for limit in row["limits"] if limit not in ("velocity", "acceleration"))
-
-
-def _print_json(table: dict[str, Any]) -> None:
-    from trajopt.cli import tables
-
-    print(tables.as_json(table))

@@ -1,0 +1,74 @@
+"""`trajopt certify`: a proved lower bound on the minimum time, by the registered planner."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from trajopt.benchmark.suites import catalogue
+from trajopt.cli import console
+from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number, whole_number
+from trajopt.exceptions import TrajoptError
+from trajopt.registry import configured, entries
+from trajopt.solution import Status
+
+
+def certify(
+    problem: ProblemName,
+    *,
+    family: Annotated[
+        Literal["free", "spline353"],
+        Parameter(help="Any trajectory, or the 3-5-3 spline with shared times."),
+    ] = "free",
+    gap: Annotated[float, number("Relative gap at which to stop.")] = 1e-4,
+    time_limit: Annotated[
+        float, number("Seconds; the bounds reached are the answer.", most=MAX_SECONDS)
+    ] = 60.0,
+    joint: Annotated[int | None, whole_number("One joint alone, counted from 1.")] = None,
+    json: Json = False,
+) -> int:
+    """Prove a lower bound on the minimum time."""
+    file = catalogue.find(problem)
+    loaded = catalogue.load(problem)
+    options = {"family": family, "gap": gap, "time_limit": time_limit, "joint": joint}
+    planner = configured(entries()["certify"].load(), options, "certify")
+    began = time.perf_counter()
+    proof = planner.solve(loaded)
+    if proof.status is Status.UNSUPPORTED:
+        raise TrajoptError(proof.message)
+    table = {
+        "problem": loaded.name,
+        "problem_file": str(file),
+        "family": family,
+        "joint": joint,
+        "lower_bound": proof.stats["lower_bound"],
+        "upper_bound": proof.stats["upper_bound"],
+        "relative_gap": proof.stats["relative_gap"],
+        "status": proof.stats["proof"],
+        "solve_time": time.perf_counter() - began,
+    }
+    if json:
+        console.print_json(table)
+    else:
+        _print(table, proof.message)
+    return 0
+
+
+def _print(table: dict[str, Any], message: str) -> None:
+    """What is proved; the planner's message says what is missing."""
+    what = f"{table['problem']}, {table['family']}"
+    if table["joint"]:
+        what += f", joint {table['joint']} alone"
+    console.OUT.print(f"{console.markup(what)}: [bold]{table['status']}[/bold]", soft_wrap=True)
+    console.line(f"  lower bound {table['lower_bound']:.9f} s")
+    if table["relative_gap"] < float("inf"):
+        console.line(
+            f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration"
+        )
+        console.line(f"  gap         {100 * table['relative_gap']:.6f} %")
+    else:
+        console.line("  upper bound none")
+        console.line(f"  {message}")
+    console.line(f"  computing   {table['solve_time']:.2f} s")

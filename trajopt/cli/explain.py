@@ -1,0 +1,129 @@
+"""`trajopt explain`: what a planner's gap is made of, as a colleague would put it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from trajopt.benchmark.figures import draw
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.trial import Trial, judge
+from trajopt.cli import console
+from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed
+from trajopt.cli.plan import print_trial
+from trajopt.explain import decomposition
+from trajopt.explain.active_limits import Binding, busy
+from trajopt.explain.decomposition import Explanation
+from trajopt.problem import Problem
+from trajopt.registry import named
+
+_SAVED_RTOL = 1e-5  # of the duration: limits that save less are not worth a word
+
+
+def explain(
+    problem: ProblemName,
+    *,
+    planner: PlannerSpec,
+    seed: Seed = 0,
+    output: Annotated[Path, Parameter(help="Folder for the figures.")] = Path("results/explain"),
+    json: Json = False,
+) -> int:
+    """Say what a planner's gap is made of, and which limits hold it back."""
+    name, chosen = named(planner)
+    trial = judge(chosen, catalogue.load(problem), [seed], name)[0]
+    names = {"problem": trial.problem.name, "planner": trial.label, "seed": trial.seed}
+    if trial.certified_trajectory is None:
+        if json:
+            console.print_json(names | {"status": trial.status, "message": trial.message})
+        else:
+            print_trial(trial, problem)
+        return 1
+    with console.waiting("asking the references"):
+        found = decomposition.explain(trial.problem, chosen, trial.certified_trajectory)
+        figures = draw.explain(trial, found, output)
+    if json:
+        files = {"figures": [str(figure) for figure in figures]}
+        console.print_json(names | found.as_dict() | files)
+        return 0
+    for sentence in _sentences(trial, found):
+        console.paragraph(f"- {sentence}")
+    console.line(_drawn(figures))
+    return 0
+
+
+def _drawn(figures: Sequence[Path]) -> str:
+    pictures = [figure.name for figure in figures if figure.suffix == ".png"]
+    return f"figures: {', '.join(pictures)} in {figures[0].parent}"
+
+
+def _sentences(trial: Trial, found: Explanation) -> Iterator[str]:
+    """A gap in five sentences."""
+    seed = ""
+    if trial.solution.history is not None:
+        seed = f" (seed {trial.seed})"
+    what = f"{trial.label}{seed} takes {found.certified_duration:.4f} s on {trial.problem.name}"
+    if found.exact is None:
+        yield f"{what}; no optimum to compare with: {found.notes['gap']}."
+    else:
+        yield f"{what}, {found.gap:.3f} times the best known optimum, {found.exact:.4f} s."
+    steps = {title: dict(own) for title, own in found.steps().items()}
+    yield _path_and_timing(found, steps.get("path and timing"))
+    yield _family(found, steps.get("the 3-5-3 family"))
+    yield _share_at_limits(trial.problem, found)
+    yield _active_limits(found)
+
+
+def _path_and_timing(found: Explanation, step: dict[str, float] | None) -> str:
+    if not step:
+        why = found.notes.get("timing_gap") or found.notes.get("route_gap")
+        return f"Its timing and its path cannot be told apart: {why}."
+    return (
+        f"The best timing of its own path takes {step['route']:.4f} s: its timing costs "
+        f"{_percent(found.timing_gap)}, its path {_percent(found.route_gap)}."
+    )
+
+
+def _family(found: Explanation, step: dict[str, float] | None) -> str:
+    if not step:
+        return f"No 3-5-3 decomposition: {found.notes.get('shape_gap')}."
+    return (
+        f"The best 3-5-3 takes {step['shape']:.4f} s: its optimiser costs "
+        f"{_percent(found.optimiser_gap)}, the 3-5-3 shape {_percent(found.shape_gap)}, its "
+        f"smoothness {_percent(found.smoothness_gap)}."
+    )
+
+
+def _percent(ratio: float | None) -> str:
+    return "–" if ratio is None else f"{100 * (ratio - 1):.2f} %"
+
+
+def _share_at_limits(problem: Problem, found: Explanation) -> str:
+    own = 100 * busy(problem, found.trajectory)
+    sentence = f"Some joint is at a limit for {own:.0f} % of its time"
+    if found.optimum is None:
+        return f"{sentence}."
+    best = 100 * busy(problem, found.optimum)
+    return f"{sentence}; in the optimum, for {best:.0f} %."
+
+
+def _active_limits(found: Explanation) -> str:
+    """The limits that cost most time, each with its longest interval."""
+    if not found.binding:
+        return "No limit holds it back: none is used to 99 %."
+    longest: dict[tuple[int, str], Binding] = {}
+    for interval in sorted(found.binding, key=lambda b: b.start - b.end):
+        longest.setdefault((interval.joint, interval.limit), interval)
+    least = _SAVED_RTOL * found.certified_duration
+    costly = [interval for interval in longest.values() if (interval.worth or 0.0) > least]
+    if not costly:
+        return "It reaches limits, but no single one of them is worth any time."
+    costly.sort(key=lambda b: -(b.worth or 0.0))
+    held = [
+        f"{b.limit} of joint {b.joint + 1} at {b.start:.2f}–{b.end:.2f} s "
+        f"({1000 * (b.worth or 0.0):.1f} ms)"
+        for b in costly[:3]
+    ]
+    return f"Held back by {', '.join(held)}: saved with 1 % more, by {found.notes['worth']}."

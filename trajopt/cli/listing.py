@@ -1,0 +1,106 @@
+"""`trajopt list`: planners with what they know, and built-in problems."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from trajopt.benchmark.suites import catalogue
+from trajopt.cli import console
+from trajopt.cli.parameters import Json
+from trajopt.exceptions import TrajoptError
+from trajopt.planner import Planner, Relation
+from trajopt.problem import LIMIT_NAMES, LimitName, Limits, Problem
+from trajopt.registry import Entry, entries
+
+
+def list_(*, json: Json = False) -> int:
+    """List planners, with their options and defaults, and built-in problems."""
+    planners = [described(entry) for entry in entries().values()]
+    problems = [_problem(name) for name in catalogue.problem_files()]
+    if json:
+        console.print_json({"planners": planners, "problems": problems})
+        return 0
+    console.OUT.print(_planner_table(planners))
+    console.paragraph()
+    console.OUT.print(_problem_table(problems))
+    return 0
+
+
+def described(entry: Entry) -> dict[str, Any]:
+    """A planner's name, one line, options with defaults, limits it knows, and what is missing."""
+    missing = entry.missing()
+    row: dict[str, Any] = {"name": entry.name, "description": "", "options": {}, "limits": []}
+    try:
+        planner = entry.load()
+        row["description"] = planner.description
+        row["options"] = planner.options()
+        row["limits"] = _known_limits(planner)
+    except TrajoptError:
+        pass  # `missing` says why
+    row["available"] = missing is None
+    row["missing"] = missing
+    return row
+
+
+def _known_limits(planner: Planner) -> list[str]:
+    """The limits that a planner keeps: asked for on a small problem with one kind besides."""
+    known: list[str] = ["velocity", "acceleration"]
+    optional: tuple[LimitName, ...] = ("jerk", "position")
+    for name in optional:
+        problem = _limited_by(name)
+        try:
+            keeps = planner.unsupported(problem) is None
+            lifts = planner.relation(problem) is Relation.RELAXATION
+        except Exception:  # a stranger's planner: its trials will say so
+            continue
+        if keeps and not lifts:
+            known.append(name)
+    return known
+
+
+def _limited_by(name: LimitName) -> Problem:
+    """One joint through four waypoints, as many as a 3-5-3 spline takes."""
+    limits = Limits([1.0], [1.0], jerk=[1.0], position=[10.0])
+    problem = Problem([[0.0], [1.0], [2.0], [3.0]], limits)
+    return problem.without("position") if name == "jerk" else problem.without("jerk")
+
+
+def _problem(name: str) -> dict[str, Any]:
+    """A built-in problem's file, size, limits, and where it comes from."""
+    problem = catalogue.load(name)
+    return {
+        "name": name,
+        "file": str(catalogue.find(name)),
+        "joints": problem.joints,
+        "waypoints": len(problem.waypoints),
+        "limits": [limit for limit in LIMIT_NAMES if problem.has(limit)],
+        "source": problem.source,
+    }
+
+
+def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
+    table = console.table("planner", "what it is, its options, and the limits it knows")
+    for planner in planners:
+        lines = [console.markup(planner["description"])]
+        settings = [f"{key}={value}" for key, value in planner["options"].items()]
+        if settings:
+            lines.append(f"[dim]{console.markup(', '.join(settings))}[/dim]")
+        if planner["limits"]:
+            lines.append(f"[dim]limits: {', '.join(planner['limits'])}[/dim]")
+        if not planner["available"]:
+            lines.append(f"[red]not available: {console.markup(planner['missing'])}[/red]")
+        table.add_row(f"[bold]{console.markup(planner['name'])}[/bold]", "\n".join(lines))
+    return table
+
+
+def _problem_table(problems: Sequence[dict[str, Any]]) -> Any:
+    table = console.table("problem", "joints", "waypoints", "limits")
+    for problem in problems:
+        table.add_row(
+            f"[bold]{console.markup(problem['name'])}[/bold]",
+            str(problem["joints"]),
+            str(problem["waypoints"]),
+            ", ".join(problem["limits"]),
+        )
+    return table

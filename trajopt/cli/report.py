@@ -1,0 +1,34 @@
+"""`trajopt report`: one page about all trials of a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from trajopt.benchmark import report as page
+from trajopt.benchmark.analysis.results import Results
+from trajopt.cli import console
+from trajopt.cli.parameters import whole_number
+
+
+def report(
+    folder: Annotated[Path, Parameter(help="Results folder of a comparison.")],
+    *,
+    trajectories: Annotated[
+        int, whole_number("Problems shown with their trajectories.", least=0)
+    ] = 60,
+) -> int:
+    """Write one self-contained, interactive page about all trials of a folder: report.html."""
+    with console.waiting("writing the report"):
+        results = Results(folder)
+        file = page.write(
+            results,
+            folder / "report.html",
+            command=f"trajopt report {folder}",
+            trajectories=trajectories,
+        )
+    megabytes = file.stat().st_size / 1e6
+    console.line(f"report: {file} ({megabytes:.1f} MB, {len(results.items)} trials)")
+    return 0
