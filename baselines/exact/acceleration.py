@@ -17,11 +17,12 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.ipopt import Program, flat, no_start_succeeded, optima, program
+from baselines.ipopt import Program, flat, no_start_succeeded, optima, program, unflat
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, Relation, backend, passing_once
 from trajopt.problem import LimitName, Problem
@@ -31,6 +32,7 @@ from trajopt.trajectory import Trajectory
 from trajopt.verification import verify
 
 Array = NDArray[np.float64]
+Start = tuple[Array, Array]  # segment times, waypoint velocities
 
 IPOPT: dict[str, float | str] = {
     "tol": 1e-11,
@@ -43,9 +45,12 @@ IPOPT: dict[str, float | str] = {
 
 _IGNORED: tuple[LimitName, ...] = ("jerk", "position")
 _PATIENCE = 5  # times as many starts where all have failed so far
-_MISSED = 1e-9  # of the way a joint travels: more than rounding
-_ROUNDING = 1e-15  # of a velocity
+_MISS_RTOL = 1e-9  # of the way a joint travels: more than rounding
+_VELOCITY_RTOL = 1e-15  # rounding of a velocity
+_WIDTH_RTOL = 1e-15  # an interval of displacements as narrow as its rounding is a point
 _SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum
+_LARGEST_DILATION = 2.0  # what needs more is no answer
+_DILATION_BISECTIONS = 30
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,9 @@ class Exact(Planner):
 
     def relation(self, problem: Problem) -> Relation:
         """Jerk and position limits are ignored, so with them the answer is a lower bound."""
-        return Relation.RELAXATION if any(map(problem.has, _IGNORED)) else Relation.SAME
+        if any(problem.has(name) for name in _IGNORED):
+            return Relation.RELAXATION
+        return Relation.SAME
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -70,30 +77,46 @@ class Exact(Planner):
 
         `stats`: each start's IPOPT status and duration (s, infinite where it failed).
         """
-        scaled, began = Scaled(problem), time.perf_counter()
+        scaled = Scaled(problem)
+        began = time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
+
+        def solve_from(start: Start) -> _Optimum:
+            return _solve_from(solver, scaled, start)
+
         starts = starting_points(scaled, _PATIENCE * self.starts)
-        found = optima(lambda start: _solve_from(solver, scaled, start), starts, self.starts)
-        best = min(found, key=lambda optimum: optimum.duration)
-        statuses = [optimum.status for optimum in found]
-        durations = scaled.unit * np.array([optimum.duration for optimum in found])
-        stats = {"start_status": statuses, "start_duration": durations}
+        local = optima(solve_from, starts, self.starts)
+        best = min(local, key=lambda optimum: optimum.duration)
+        durations = np.array([optimum.duration for optimum in local])
+        stats = {
+            "start_status": [optimum.status for optimum in local],
+            "start_duration": scaled.unit * durations,
+        }
         if not np.isfinite(best.duration):
-            message = no_start_succeeded(statuses)
+            message = no_start_succeeded(optimum.status for optimum in local)
             return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
         answer = scaled.trajectory(best.times, best.velocities)
-        bound, message = None, ""
+        lower_bound = None
+        message = ""
         if self.relation(problem) is Relation.RELAXATION:
-            bound = verify(problem.without(*_IGNORED), answer).certified_duration
-            ignored = " and ".join(name for name in _IGNORED if problem.has(name))
-            message = f"{ignored} limits are ignored: a lower bound (best known, not proved)"
-        return Solution(Status.SOLVED, answer, message, bound, setup_time=setup_time, stats=stats)
+            lower_bound = verify(problem.without(*_IGNORED), answer).certified_duration
+            ignored = [name for name in _IGNORED if problem.has(name)]
+            kinds = " and ".join(ignored)
+            message = f"{kinds} limits are ignored: a lower bound (best known, not proved)"
+        return Solution(
+            Status.SOLVED,
+            answer,
+            message,
+            lower_bound,
+            setup_time=setup_time,
+            stats=stats,
+        )
 
 
 @dataclass(frozen=True)
 class _Optimum:
-    """What IPOPT found from one start, exactly reachable; infinite duration if nothing."""
+    """Where IPOPT ended from one start, exactly reachable; infinite duration if nowhere."""
 
     duration: float
     times: Array
@@ -104,44 +127,77 @@ class _Optimum:
 class Scaled:
     """The moving joints without units: time in mean stop times, tighter acceleration limit 1.
 
-    `h` is `(segments, joints)`; the velocity and acceleration limits `v`, `a` are `(2, joints)`.
+    Attributes:
+        h: displacements, `(segments, joints)`.
+        v: velocity limits, `(2, joints)`, low first.
+        a: acceleration limits, `(2, joints)`, low first.
+        stop: each segment's time if all joints stop at both its ends, `(segments,)`.
+        shortest: each segment's time at the velocity limit, `(segments,)`.
+        unit: the unit of time, s.
+        units: the units of acceleration, velocity and position, rad/s^power, `(3, joints)`.
     """
 
     def __init__(self, problem: Problem) -> None:
-        self.problem, self.moving = problem, problem.moving
-        limits, stop = problem.limits, stop_times(problem.without(*_IGNORED))
+        self.problem = problem
+        self.moving = problem.moving
+        stop = stop_times(problem.without(*_IGNORED))
         self.unit = float(stop.mean())
-        tighter = np.abs(limits.acceleration[self.moving]).min(axis=1)
-        # of acceleration, velocity and position
-        self.units = tighter * self.unit ** np.arange(3)[:, None]
-        self.a = limits.acceleration[self.moving].T / self.units[0]
-        self.v = limits.velocity[self.moving].T / self.units[1]
-        self.h = problem.displacements[:, self.moving] / self.units[2]
         self.stop = stop / self.unit
-        self.least = np.maximum(self.h / self.v[1], self.h / self.v[0]).max(axis=1)
+        velocity = problem.limits.velocity[self.moving]
+        acceleration = problem.limits.acceleration[self.moving]
+        tighter = np.abs(acceleration).min(axis=1)
+        powers = np.arange(3)[:, None]
+        self.units = tighter * self.unit**powers
+        self.a = acceleration.T / self.units[0]
+        self.v = velocity.T / self.units[1]
+        displacements = problem.displacements[:, self.moving]
+        self.h = displacements / self.units[2]
+        # T >= h / V2 forwards, T >= h / (-V1) backwards
+        forwards = self.h / self.v[1]
+        backwards = self.h / self.v[0]
+        self.shortest = np.maximum(forwards, backwards).max(axis=1)
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: in each segment a convex combination of both extreme profiles."""
-        breaks = np.r_[0.0, np.cumsum(times)] * self.unit
-        joints = [(breaks[[0, -1]], np.array([[start]])) for start in self.problem.waypoints[0]]
+        passages = np.r_[0.0, np.cumsum(times)]
+        breaks = passages * self.unit
+        whole = breaks[[0, -1]]
+        joints = []
+        for waypoints in self.problem.waypoints.T:
+            rest = np.array([waypoints[:1]])
+            joints.append((whole, rest))
+        velocities = _with_rest(velocities)
         for i, joint in enumerate(np.flatnonzero(self.moving)):
             waypoints = self.problem.waypoints[:, joint]
-            joints[joint] = self._joint(i, waypoints, breaks, times, velocities)
+            joints[joint] = self._joint(i, waypoints, breaks, times, velocities[:, i])
         return Trajectory.joined(joints, breaks)
 
     def _joint(
-        self, i: int, waypoints: Array, breaks: Array, times: Array, velocities: Array
+        self,
+        i: int,
+        waypoints: Array,
+        breaks: Array,
+        times: Array,
+        ends: Array,
     ) -> tuple[Array, Array]:
         """Breaks (s) and coefficients (rad/s^power) of one moving joint."""
-        ends, starts, parts = _with_rest(velocities)[:, i], [], []
+        starts = []
+        parts = []
         for k, t in enumerate(times):
-            limits = self.v[:, i], self.a[:, i]
-            local, part = combined(ends[k], ends[k + 1], t, self.h[k, i], *limits)
+            local, part = combined(
+                ends[k],
+                ends[k + 1],
+                t,
+                self.h[k, i],
+                self.v[:, i],
+                self.a[:, i],
+            )
             part *= self.units[:, i, None]
             part[2] += waypoints[k]
             starts.append(breaks[k] + local[:-1] * self.unit)
             parts.append(part)
-        return np.r_[np.concatenate(starts), breaks[-1]], np.hstack(parts)
+        own_breaks = np.concatenate([*starts, breaks[-1:]])
+        return own_breaks, np.hstack(parts)
 
 
 def _with_rest(velocities: Array) -> Array:
@@ -149,47 +205,127 @@ def _with_rest(velocities: Array) -> Array:
     return np.pad(velocities, ((1, 1), (0, 0)))
 
 
-def extremes(u: Array, w: Array, t: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Array]:
-    """Peaks and displacements of the extreme profiles: `p_up, D_up, p_lo, D_lo`.
+class Extremes(NamedTuple):
+    """Peaks and displacements of the upper and the lower profile, arrays of one shape."""
 
-    From velocity `u` to `w` in time `t` under velocity limits `v = (low, high)` and acceleration
-    limits `a = (low, high)`, all broadcasting. Meaningful where `|w − u|` is within the limits.
+    p_up: Array
+    d_up: Array
+    p_lo: Array
+    d_lo: Array
+
+
+def extremes(
+    u: Array,
+    w: Array,
+    t: Array,
+    v: Array,
+    a: Array,
+) -> Extremes:
+    """The profiles of most and of least displacement (mathematics, section 3).
+
+    Meaningful where `|w − u|` is within the acceleration limits. All arguments broadcast.
+
+    Args:
+        u: velocity at the start.
+        w: velocity at the end.
+        t: time of the segment.
+        v: velocity limits, low and high.
+        a: acceleration limits, low and high.
     """
-    (v1, v2), (a1, a2) = (-v[0], v[1]), (-a[0], a[1])
-    up = np.minimum(v2, (a1 * a2 * t + a1 * u + a2 * w) / (a1 + a2))
-    lo = np.maximum(-v1, (a2 * u + a1 * w - a1 * a2 * t) / (a1 + a2))
-    d_up = up * t - (up - u) ** 2 / (2 * a2) - (up - w) ** 2 / (2 * a1)
-    d_lo = lo * t + (lo - u) ** 2 / (2 * a1) + (lo - w) ** 2 / (2 * a2)
-    return up, d_up, lo, d_lo
+    v1 = -v[0]
+    v2 = v[1]
+    a1 = -a[0]
+    a2 = a[1]
+
+    # p_up = min(V2, (A1 A2 T + A1 u + A2 w) / (A1 + A2)): else both ramps fill the segment
+    triangle = (a1 * a2 * t + a1 * u + a2 * w) / (a1 + a2)
+    p_up = np.minimum(v2, triangle)
+    # D_up(p) = p T − (p − u)² / (2 A2) − (p − w)² / (2 A1)
+    first = (p_up - u) ** 2 / (2 * a2)
+    last = (p_up - w) ** 2 / (2 * a1)
+    d_up = p_up * t - first - last
+
+    # p_lo = max(−V1, (A2 u + A1 w − A1 A2 T) / (A1 + A2))
+    triangle = (a2 * u + a1 * w - a1 * a2 * t) / (a1 + a2)
+    p_lo = np.maximum(-v1, triangle)
+    # D_lo(p) = p T + (p − u)² / (2 A1) + (p − w)² / (2 A2)
+    first = (p_lo - u) ** 2 / (2 * a1)
+    last = (p_lo - w) ** 2 / (2 * a2)
+    d_lo = p_lo * t + first + last
+    return Extremes(p_up, d_up, p_lo, d_lo)
 
 
-def combined(u: float, w: float, t: float, h: float, v: Array, a: Array) -> tuple[Array, Array]:
-    """Breaks and position coefficients (3, pieces) of the profile that covers exactly `h`."""
-    up, d_up, lo, d_lo = map(float, extremes(np.asarray(u), np.asarray(w), np.asarray(t), v, a))
-    wide = d_up - d_lo > 1e-15 * (abs(d_up) + abs(d_lo))
-    share = float(np.clip((h - d_lo) / (d_up - d_lo), 0.0, 1.0)) if wide else 1.0
-    knots = np.clip(
-        [(up - u) / a[1], t + (up - w) / a[0], (lo - u) / a[0], t + (lo - w) / a[1]], 0, t
+def combined(
+    u: float,
+    w: float,
+    t: float,
+    h: float,
+    v: Array,
+    a: Array,
+) -> tuple[Array, Array]:
+    """The convex combination of both extreme profiles that covers exactly `h`.
+
+    Args:
+        u: velocity at the start.
+        w: velocity at the end.
+        t: time of the segment.
+        h: displacement, between `D_lo` and `D_up`.
+        v: velocity limits, low and high.
+        a: acceleration limits, low and high.
+
+    Returns:
+        Breaks `(pieces + 1,)`, from 0 to `t`, and position coefficients `(3, pieces)`.
+    """
+    both = extremes(np.array(u), np.array(w), np.array(t), v, a)
+    p_up, d_up, p_lo, d_lo = map(float, both)
+    # λ = (h − D_lo) / (D_up − D_lo); any will do where both are one
+    share = 1.0
+    width = d_up - d_lo
+    if width > _WIDTH_RTOL * (abs(d_up) + abs(d_lo)):
+        share = (h - d_lo) / width
+        share = float(np.clip(share, 0.0, 1.0))
+    # where the cruises of the upper and the lower profile begin and end
+    knots = np.array(
+        [
+            (p_up - u) / a[1],
+            t + (p_up - w) / a[0],
+            (p_lo - u) / a[0],
+            t + (p_lo - w) / a[1],
+        ]
     )
-    for apart in (_SLIVER * t, 0.0):
-        local = _apart(np.r_[0.0, knots, t], apart)
-        upper = np.interp(local, [0, *knots[:2], t], [u, up, up, w])
-        lower = np.interp(local, [0, *knots[2:], t], [u, lo, lo, w])
-        speed, lengths = share * upper + (1 - share) * lower, np.diff(local)
-        slope = np.diff(speed) / lengths
-        travelled = np.cumsum(lengths * (speed[:-1] + speed[1:]) / 2)
-        missed = abs(travelled[-1] - h) > _MISSED * (lengths @ np.abs(speed[:-1] + speed[1:]))
-        if not missed and (slope / np.where(slope > 0, a[1], a[0]) <= 1 + _SLIVER).all():
+    knots = np.clip(knots, 0, t)
+    upper_knots = [0, *knots[:2], t]
+    lower_knots = [0, *knots[2:], t]
+    for closest in (_SLIVER * t, 0.0):
+        breaks = _apart(knots, t, closest)
+        # v(t) = λ v_up(t) + (1 − λ) v_lo(t)
+        upper = np.interp(breaks, upper_knots, [u, p_up, p_up, w])
+        lower = np.interp(breaks, lower_knots, [u, p_lo, p_lo, w])
+        velocity = share * upper + (1 - share) * lower
+        first = velocity[:-1]
+        last = velocity[1:]
+        lengths = np.diff(breaks)
+        slope = np.diff(velocity) / lengths
+        travelled = np.cumsum(lengths * (first + last) / 2)
+        path = lengths @ np.abs(first + last)
+        missed = abs(travelled[-1] - h) > _MISS_RTOL * path
+        steepest = np.where(slope > 0, a[1], a[0])
+        utilisation = slope / steepest
+        if not missed and (utilisation <= 1 + _SLIVER).all():
             break  # else what was left out mattered
-    slope = np.clip(slope, *a)  # over a brief piece, rounding of the speeds shows
-    return local, np.stack([slope / 2, speed[:-1], np.r_[0.0, travelled[:-1]]])
+    slope = np.clip(slope, *a)  # over a brief piece, rounding of the velocities shows
+    position = np.r_[0.0, travelled[:-1]]
+    return breaks, np.stack([slope / 2, first, position])
 
 
-def _apart(times: Array, least: float) -> Array:
-    """The times in order, both ends among them, without those that follow another too closely."""
-    times = np.unique(times)
-    inner = times[1:-1][(np.diff(times)[:-1] > least) & (times[-1] - times[1:-1] > least)]
-    return np.asarray(np.r_[times[0], inner, times[-1]])
+def _apart(knots: Array, end: float, closest: float) -> Array:
+    """0, the knots in order and the end, without knots that follow or precede too closely."""
+    times = np.unique(np.r_[0.0, knots, end])
+    inner = times[1:-1]
+    after_another = np.diff(times)[:-1] > closest
+    before_the_end = times[-1] - inner > closest
+    kept = inner[after_another & before_the_end]
+    return np.concatenate([times[:1], kept, times[-1:]])
 
 
 def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
@@ -200,25 +336,43 @@ def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
     segments velocities differ by less than their rounding, which no dilation mends: let it be.
     """
     ends = _with_rest(velocities)
-    u, w, t, h = ends[:-1], ends[1:], times[:, None], scaled.h
-    spare = _ROUNDING * (np.abs(u) + np.abs(w))
+    u = ends[:-1]
+    w = ends[1:]
+    t = times[:, None]
+    h = scaled.h
+    size = np.abs(u) + np.abs(w)
+    rounding = _VELOCITY_RTOL * size
 
     def reachable(k: float) -> bool:
-        v, a = scaled.v * k, scaled.a * k**2
-        _, d_up, _, d_lo = extremes(u, w, t, v[:, None], a[:, None])
-        kept = (v[0] <= ends) & (ends <= v[1])
-        steps = (a[0] * t - spare <= w - u) & (w - u <= a[1] * t + spare)
-        reached = (d_lo - h <= spare * t) & (h - d_up <= spare * t)
-        return bool(kept.all() and (steps & reached).all())
+        v = scaled.v * k
+        a = scaled.a * k**2
+        reach = extremes(u, w, t, v, a)
+        conditions = [
+            # −V1 ≤ v ≤ V2 at the waypoints
+            v[0] <= ends,
+            ends <= v[1],
+            # −A1 T ≤ w − u ≤ A2 T
+            a[0] * t - rounding <= w - u,
+            w - u <= a[1] * t + rounding,
+            # D_lo ≤ h ≤ D_up
+            reach.d_lo - h <= rounding * t,
+            h - reach.d_up <= rounding * t,
+        ]
+        return all(bool(condition.all()) for condition in conditions)
 
-    low, high = 1.0, 1.0 + 1e-15
+    low = 1.0
+    high = 1.0 + 1e-15
     while not reachable(high):
-        low, high = high, 1 + 4 * (high - 1)
-        if high > 2:
+        low = high
+        high = 1 + 4 * (high - 1)
+        if high > _LARGEST_DILATION:
             return np.inf
-    for _ in range(30):
+    for _ in range(_DILATION_BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if reachable(middle) else (middle, high)
+        if reachable(middle):
+            high = middle
+        else:
+            low = middle
     return high
 
 
@@ -227,79 +381,133 @@ def _solver(segments: int, joints: int) -> Program:
     """IPOPT for all problems of this size, built once; the numbers are parameters.
 
     Some segments are a billion times as long as others. So `u`, `w` and the peaks count from the
-    segment's mean velocity, in units of `T` (the acceleration limit is 1), and `T` logarithmically:
-    then what they can reach is of order one, whatever its length.
+    segment's mean velocity `h/T`, in units of `T` (the acceleration limit is 1), and `T`
+    logarithmically: then what they can reach is of order one, whatever its length.
     """
     ca = backend("casadi")
-    log, v = ca.MX.sym("log", segments), ca.MX.sym("v", segments - 1, joints)
-    u, w, up, lo = (ca.MX.sym(name, segments, joints) for name in ("u", "w", "up", "lo"))
-    h, stop = ca.MX.sym("h", segments, joints), ca.MX.sym("stop", segments)
-    limits = [ca.MX.sym(name, 1, joints) for name in ("v1", "v2", "a1", "a2", "top")]
-    # every constraint as a (segments, joints) matrix
+
+    def table(name: str) -> Any:
+        return ca.MX.sym(name, segments, joints)
+
+    # variables: segment times, waypoint velocities, end velocities and peaks of each segment
+    log = ca.MX.sym("log", segments)
+    v = ca.MX.sym("v", segments - 1, joints)
+    u = table("u")
+    w = table("w")
+    p_up = table("up")
+    p_lo = table("lo")
+    # parameters: displacements, stop times, limits, the highest velocity in reach
+    h = table("h")
+    stop = ca.MX.sym("stop", segments)
+    names = ("v1", "v2", "a1", "a2", "top")
+    limits = [ca.MX.sym(name, 1, joints) for name in names]
+
+    # every constraint is a table over segments and joints
     v1, v2, a1, a2, top = (ca.repmat(limit, segments, 1) for limit in limits)
-    rest, times = ca.MX.zeros(1, joints), stop * ca.exp(log)
+    times = stop * ca.exp(log)
     t = ca.repmat(times, 1, joints)
     mean = h / t
-    joined = [mean + t * u - ca.vertcat(rest, v), mean + t * w - ca.vertcat(v, rest)]
-    free = [v2 - mean - t * up, mean + t * lo - v1]
-    reached = [
+    rest = ca.MX.zeros(1, joints)
+    after = ca.vertcat(rest, v)
+    before = ca.vertcat(v, rest)
+    velocity_rows = [
+        # equal: a segment's end velocities are its waypoints', at rest at both ends
+        mean + t * u - after,
+        mean + t * w - before,
+        # not negative: peaks within the velocity limits
+        v2 - mean - t * p_up,
+        mean + t * p_lo - v1,
+    ]
+    # D_up(p) ≥ h ≥ D_lo(p): from the mean velocity, over T², h becomes 0 and p T becomes p
+    rise = (p_up - u) ** 2 / (2 * a2)
+    fall = (p_up - w) ** 2 / (2 * a1)
+    d_up = p_up - rise - fall
+    fall = (p_lo - u) ** 2 / (2 * a1)
+    rise = (p_lo - w) ** 2 / (2 * a2)
+    minus_d_lo = -p_lo - fall - rise
+    reach_rows = [
+        # w − u ≤ A2 T, −A1 T ≤ w − u
         a2 - (w - u),
         a1 + (w - u),
-        up - (up - u) ** 2 / (2 * a2) - (up - w) ** 2 / (2 * a1),
-        -lo - (lo - u) ** 2 / (2 * a1) - (lo - w) ** 2 / (2 * a2),
+        d_up,
+        minus_d_lo,
     ]
-    rows = [*(row / top for row in joined + free), *reached, ca.sum1(stop - times)]
+    # all together no slower than stopping at every waypoint
+    spare_time = ca.sum1(stop - times)
+    scaled_rows = [row / top for row in velocity_rows]
     return program(
         "exact",
-        variables=(log, v, u, w, up, lo),
+        variables=(log, v, u, w, p_up, p_lo),
         parameters=(h, stop, *limits),
         objective=ca.sum1(times),
-        constraints=rows,
+        constraints=[*scaled_rows, *reach_rows, spare_time],
         options=IPOPT,
     )
 
 
-def starting_points(scaled: Scaled, count: int) -> Iterator[tuple[Array, Array]]:
+def starting_points(scaled: Scaled, count: int) -> Iterator[Start]:
     """Times and waypoint velocities to start from: generous stopping first, then random ones."""
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)
-    yield 1.5 * scaled.stop, np.zeros((segments - 1, joints))
+    at_rest = np.zeros((segments - 1, joints))
+    yield 1.5 * scaled.stop, at_rest
     for _ in range(count - 1):
         times = scaled.stop * rng.uniform(0.5, 1.5, segments)
-        slopes = scaled.h / times[:, None]
+        mean = scaled.h / times[:, None]
         mix = rng.uniform(size=(segments - 1, joints))
-        between = mix * slopes[:-1] + (1 - mix) * slopes[1:]
-        yield times, between * rng.uniform(0, 1.5, (segments - 1, 1))
+        between = mix * mean[:-1] + (1 - mix) * mean[1:]
+        speed = rng.uniform(0, 1.5, (segments - 1, 1))
+        yield times, between * speed
 
 
-def _solve_from(solver: Program, scaled: Scaled, start: tuple[Array, Array]) -> _Optimum:
+def _solve_from(solver: Program, scaled: Scaled, start: Start) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled)
     x0 = np.clip(_point(scaled, *start), low, high)
-    top = np.minimum(np.abs(scaled.v).max(axis=0), scaled.stop.sum())  # velocities are below it
-    p = flat(scaled.h, scaled.stop, *scaled.v, *np.abs(scaled.a), top)
-    most = np.r_[np.zeros(2 * scaled.h.size), np.full(6 * scaled.h.size + 1, np.inf)]
-    run = solver(x0, p, (low, high), (0.0, most))
+    # no velocity is above its limit, nor above accelerating at 1 all the time
+    limit = np.abs(scaled.v).max(axis=0)
+    top = np.minimum(limit, scaled.stop.sum())
+    a1, a2 = np.abs(scaled.a)
+    parameters = flat(scaled.h, scaled.stop, *scaled.v, a1, a2, top)
+    # as `_solver` has them: two tables that vanish, six and a number that are not negative
+    equal = np.zeros(2 * scaled.h.size)
+    not_negative = np.full(6 * scaled.h.size + 1, np.inf)
+    highest = np.r_[equal, not_negative]
+    run = solver(x0, parameters, (low, high), (0.0, highest))
     times, velocities = _read(scaled, run.x)
-    k = repair(times, velocities, scaled) if run.success else np.inf
-    return _Optimum(k * float(times.sum()), k * times, velocities / k, run.status)
+    if not run.success:
+        return _Optimum(np.inf, times, velocities, run.status)
+    k = repair(times, velocities, scaled)
+    duration = k * float(times.sum())
+    return _Optimum(duration, k * times, velocities / k, run.status)
 
 
 def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
     """IPOPT's variables for times and waypoint velocities, which need not be reachable."""
-    ends, t = _with_rest(velocities), times[:, None]
-    u, w = ((part - scaled.h / t) / t for part in (ends[:-1], ends[1:]))
-    up, lo = np.maximum(np.maximum(u, w), 0.0), np.minimum(np.minimum(u, w), 0.0)
-    return flat(np.log(times / scaled.stop), velocities, u, w, up, lo)
+    ends = _with_rest(velocities)
+    t = times[:, None]
+    mean = scaled.h / t
+    u = (ends[:-1] - mean) / t
+    w = (ends[1:] - mean) / t
+    p_up = np.maximum(np.maximum(u, w), 0.0)
+    p_lo = np.minimum(np.minimum(u, w), 0.0)
+    log = np.log(times / scaled.stop)
+    return flat(log, velocities, u, w, p_up, p_lo)
 
 
 def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
     """Times and waypoint velocities from IPOPT's variables; the briefer segment knows better."""
     segments, joints = scaled.h.shape
-    times = scaled.stop * np.exp(x[:segments])
-    ends = x[segments + (segments - 1) * joints :].reshape(-1, joints, segments)[:2]
-    u, w = scaled.h / times[:, None] + times[:, None] * ends.swapaxes(1, 2)
-    return times, np.where((times[:-1] < times[1:])[:, None], w[:-1], u[1:])
+    inner = (segments - 1, joints)
+    log, _, u, w = unflat(x, [(segments,), inner, scaled.h.shape, scaled.h.shape])
+    times = scaled.stop * np.exp(log)
+    t = times[:, None]
+    mean = scaled.h / t
+    after = mean + t * u
+    before = mean + t * w
+    briefer = times[:-1] < times[1:]
+    velocities = np.where(briefer[:, None], before[:-1], after[1:])
+    return times, velocities
 
 
 def _bounds(scaled: Scaled) -> tuple[Array, Array]:
@@ -307,10 +515,21 @@ def _bounds(scaled: Scaled) -> tuple[Array, Array]:
 
     From the mean velocity, none strays further than half a limit does in the segment's time.
     """
-    least, longest = (np.log(t / scaled.stop) for t in (scaled.least, scaled.stop.sum()))
-    (a1, a2), wide = scaled.a / 2, np.diff(scaled.a, axis=0)[0] / 2
-    both = [-a2, a1, 0 * wide, -wide], [-a1, a2, wide, 0 * wide]  # u, w, up, lo
-    every = np.ones((len(least), 1))
-    sides = zip((least, longest), scaled.v, both, strict=True)
-    low, high = (flat(t, every[1:] * v, *(every * x for x in bounds)) for t, v, bounds in sides)
-    return low, high
+    stop = scaled.stop
+    shortest = np.log(scaled.shortest / stop)
+    longest = np.log(stop.sum() / stop)
+    a1 = -scaled.a[0]
+    a2 = scaled.a[1]
+    wide = (a1 + a2) / 2
+    zero = 0 * wide
+    u = (-a2 / 2, a1 / 2)
+    w = (-a1 / 2, a2 / 2)
+    p_up = (zero, wide)
+    p_lo = (-wide, zero)
+    segments = np.ones((len(stop), 1))
+    low = [segments[1:] * scaled.v[0]]
+    high = [segments[1:] * scaled.v[1]]
+    for lowest, highest in (u, w, p_up, p_lo):
+        low.append(segments * lowest)
+        high.append(segments * highest)
+    return flat(shortest, *low), flat(longest, *high)

@@ -172,7 +172,7 @@ def _affordable_starts(problem: Problem, seconds: float) -> int:
 
 def _shortest_times(scaled: Scaled) -> Array:
     """Least times of all segments with free ends, but rest at the motion's own ends."""
-    return np.asarray(np.maximum(scaled.least, _from_rest(scaled)))
+    return np.asarray(np.maximum(scaled.shortest, _from_rest(scaled)))
 
 
 def _from_rest(scaled: Scaled) -> Array:
