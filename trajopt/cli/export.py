@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.export import tables
+from trajopt.benchmark.export import all_trials, ioh
 from trajopt.cli import console
 
 
@@ -25,10 +25,10 @@ def export(
     results = Results(folder)
     name = "ioh" if to == "ioh" else f"trials.{to}"
     path = out or folder / name
-    tables.write(results, to, path)
+    all_trials.write(results, to, path)
     console.line(f"exported: {path} ({len(results.items)} trials)")
     if to == "ioh":
-        left_out = tables.without_history(results)
+        left_out = ioh.without_history(results)
         if left_out:
             console.line(f"without a history to plot, left out: {', '.join(left_out)}")
     return 0

@@ -1,5 +1,6 @@
 """Round trips of CSV and Parquet; IOHprofiler data by a reader written from its description."""
 
+import csv
 import json
 import re
 import sys
@@ -11,7 +12,7 @@ import pytest
 
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, StoreError
 from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.export import tables as exports
+from trajopt.benchmark.export import all_trials, ioh, tables
 from trajopt.benchmark.trial import PACKAGES, judge
 from trajopt.exceptions import MissingBackend
 from trajopt.registry import load
@@ -62,7 +63,27 @@ def run(name="mine", *, problem=PROBLEM, seeds=(0,), **options):
 def mixed():
     """All there is: references, failures, text that CSV must quote, texts that look like gaps."""
     exact = judge(load("exact:starts=1"), PROBLEM, [0], "exact")
-    words = ["a,b", 'c"d', "e\nf", "g\r\nh", "NA", "nan", "", "ü①", " x ", "i\rj", "\t\x1b"]
+    words = [
+        "a,b",
+        'c"d',
+        "e\nf",
+        "g\r\nh",
+        "NA",
+        "nan",
+        "",
+        "ü①",
+        " x ",
+        "i\rj",
+        "\t\x1b",
+        "=1+1",
+        "-k",
+        "+",
+        "@a",
+        "'",
+        "\n=2",
+        "\r-1",
+        "＝3",
+    ]
     return [
         *exact, *run(seeds=(0, 1, 7)), *run(segment_time=0.1), *run("NA", problem=OTHER),
         *run(segment_time=-1), *run(segment_time=0, evaluations=None),
@@ -82,20 +103,54 @@ def read_csv(path, like):
         path, keep_default_na=False, na_values=rest,
         dtype=like.dtypes.drop("started").to_dict(), parse_dates=["started"],
     )  # fmt: skip
+    for name in texts:  # an apostrophe says that what follows is text
+        frame[name] = frame[name].str.removeprefix("'")
     return frame.assign(started=frame["started"].dt.as_unit("us"))
 
 
 def test_csv_comes_back_as_the_frame_it_was(tmp_path, results):
-    table = exports.table(results)
-    exports.write(results, "csv", tmp_path / "new" / "t.csv")
+    table = tables.table(results)
+    all_trials.write(results, "csv", tmp_path / "new" / "t.csv")
     back = read_csv(tmp_path / "new" / "t.csv", table)
     pd.testing.assert_frame_equal(back, table, check_exact=True)
 
 
+NASTY = [
+    "=HYPERLINK(1)", "+1", "-2+3", "@SUM(A1)", "\tx", "\r=1", "\n=1", "＝1", "'quoted",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_no_spreadsheet_runs_a_cell_and_numbers_stay_numbers(tmp_path, name):
+    problem = replace(PROBLEM, name=name)
+    trials = [*run(name, problem=problem, segment_time=-1, message=name), *run("exact")]
+    all_trials.write(Results(trials), "csv", tmp_path / "t.csv")
+    with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    numbers = set(tables.table(Results(trials)).select_dtypes("number"))
+    for row in rows:
+        for column, cell in zip(head, row, strict=True):
+            if column in numbers and cell:
+                assert np.isfinite(float(cell))
+            else:
+                assert not cell.startswith(tuple("=+-@\t\r\n＝"))
+    first = dict(zip(head, rows[0], strict=True))
+    assert first["problem"] == first["planner"] == first["message"] == f"'{name}"
+
+
+def test_a_negative_number_is_no_formula(tmp_path):
+    (faster,) = run(segment_time=2.0)
+    (exact,) = run("exact", segment_time=3.0)
+    all_trials.write(Results([exact, faster]), "csv", tmp_path / "t.csv")
+    gaps = pd.read_csv(tmp_path / "t.csv")["gap"]
+    assert gaps.tolist() == [0, pytest.approx(-1 / 3)]
+    assert ",-0.333" in (tmp_path / "t.csv").read_text("utf-8")
+
+
 def test_parquet_comes_back_as_the_frame_it_was_types_included(tmp_path, results):
     pq = pytest.importorskip("pyarrow.parquet")
-    table = exports.table(results)
-    exports.write(results, "parquet", tmp_path / "t.parquet")
+    table = tables.table(results)
+    all_trials.write(results, "parquet", tmp_path / "t.parquet")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "t.parquet"), table, check_exact=True)
     kinds = {f.name: str(f.type) for f in pq.read_schema(tmp_path / "t.parquet")}
     expected = {"seed": "int64", "feasible": "bool", "gap": "double", "evaluations": "double",
@@ -105,7 +160,7 @@ def test_parquet_comes_back_as_the_frame_it_was_types_included(tmp_path, results
 
 
 def test_one_row_per_trial_with_its_gap_options_and_provenance(results):
-    table = exports.table(results)
+    table = tables.table(results)
     assert table["id"].tolist() == [t.id for t in results.items]
     reference = results.items[0].certified_duration
     expected = [t.certified_duration / reference - 1 if t.certified_duration else NAN
@@ -126,7 +181,7 @@ def test_one_row_per_trial_with_its_gap_options_and_provenance(results):
 def test_no_trials_are_a_table_without_rows(tmp_path, to):
     if to == "parquet":
         pytest.importorskip("pyarrow")
-    exports.write(Results([]), to, tmp_path / "t")
+    all_trials.write(Results([]), to, tmp_path / "t")
     back = pd.read_csv(tmp_path / "t") if to == "csv" else pd.read_parquet(tmp_path / "t")
     assert len(back) == 0
     assert {"id", "gap", "options", "started"} <= set(back)
@@ -135,13 +190,13 @@ def test_no_trials_are_a_table_without_rows(tmp_path, to):
 def test_parquet_without_pyarrow_says_how_to_mend_it(tmp_path, results, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingBackend, match="pip install pyarrow"):
-        exports.write(results, "parquet", tmp_path / "t.parquet")
+        all_trials.write(results, "parquet", tmp_path / "t.parquet")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_unknown_format_is_refused(tmp_path, results):
     with pytest.raises(InvalidInput, match="--to is 'xls': expected csv or parquet or ioh"):
-        exports.write(results, "xls", tmp_path / "t.xls")
+        all_trials.write(results, "xls", tmp_path / "t.xls")
 
 
 # IOHprofiler
@@ -178,7 +233,7 @@ def read_ioh(folder):
 
 
 def written(path, trials):
-    exports.write(Results(trials), "ioh", path / "ioh")
+    all_trials.write(Results(trials), "ioh", path / "ioh")
     return read_ioh(path / "ioh")
 
 
@@ -188,6 +243,18 @@ def curve(path, **options):
     ((_, scenario, blocks),) = written(path, runs).values()
     assert len(scenario["runs"]) == len(blocks) == 2
     return blocks[0].tolist(), scenario["runs"][0]
+
+
+@pytest.mark.parametrize("name", ["../../etc/x", "a/b", "$(id) $x$ \\frac", "a\nb\r", "=1", "ü①\0"])
+def test_names_are_text_and_never_part_of_a_path(tmp_path, name):
+    problem = replace(PROBLEM, name=name)
+    trials = [replace(t, label=name) for t in run(problem=problem)]
+    assert set(written(tmp_path / "deep", trials)) == {(name, name)}
+    files = [p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file()]
+    assert sorted(f.as_posix() for f in files) == [
+        "deep/ioh/algorithm_1/IOHprofiler_f1.json",
+        "deep/ioh/algorithm_1/data_f1/IOHprofiler_f1_DIM3.dat",
+    ]
 
 
 # What IOHexperimenter 0.3.22 writes: ioh.logger.Analyzer on BBOB's sphere.
@@ -289,18 +356,18 @@ def test_searches_of_one_evaluation_are_left_out_and_named(tmp_path):
     short = run("short", history=((1, 9.0),), evaluations=1, seeds=(0, 1))
     found = written(tmp_path, [*short, *run()])
     assert {name for name, _ in found} == {"mine"}
-    assert exports.without_history(Results([*short, *run()])) == [short[0].label]
+    assert ioh.without_history(Results([*short, *run()])) == [short[0].label]
     with pytest.raises(StoreError, match="no trial has a history of two evaluations"):
-        exports.write(Results(short), "ioh", tmp_path / "none")
+        all_trials.write(Results(short), "ioh", tmp_path / "none")
 
 
 def test_planners_without_histories_are_left_out_and_named(tmp_path):
     trials = [*run(), *run("exact", history=None), *run("mine", problem=OTHER, history=None)]
     trials[-1] = replace(trials[-1], label="mine")
     assert set(written(tmp_path, trials)) == {("mine", "two joints")}
-    assert exports.without_history(Results(trials)) == [trials[1].label]
+    assert ioh.without_history(Results(trials)) == [trials[1].label]
     with pytest.raises(StoreError, match="no trial has a history"):
-        exports.write(Results(trials[1:]), "ioh", tmp_path / "none")
+        all_trials.write(Results(trials[1:]), "ioh", tmp_path / "none")
     assert [p.name for p in tmp_path.iterdir()] == ["ioh"]
 
 
@@ -310,7 +377,7 @@ def test_a_folder_with_files_in_it_stays_as_it_is(tmp_path):
     (tmp_path / "file").write_text("")
     for path in (tmp_path / "full", tmp_path / "file", tmp_path / "file" / "ioh"):
         with pytest.raises(StoreError, match=path.name):
-            exports.write(Results(run()), "ioh", path)
+            all_trials.write(Results(run()), "ioh", path)
     assert [p.name for p in (tmp_path / "full").iterdir()] == ["notes"]
     assert {p.name for p in tmp_path.iterdir()} == {"full", "file"}
 

@@ -1,0 +1,182 @@
+"""Convergence histories for IOHprofiler (IOHanalyzer), as IOHexperimenter's logger writes them.
+
+A function is a problem, numbered by name; its dimension the number of segments, whose times the
+swarms search. An algorithm, a folder, is a planner with its options; each trial is a run. `raw_y`
+is the best certified duration, s: `inf` until there is one, and to the end if nothing was
+certified. A planner's trials on a problem are left out if none of them has a history of two
+evaluations: IOHanalyzer 0.1.8 stumbles over one. Names are in the JSON files only, whatever
+characters they hold; files are numbered: IOHanalyzer unpacks what has "tar" in its path, and takes
+"csv" for CSV.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.export.tables import options_text
+from trajopt.benchmark.trial import Trial
+from trajopt.exceptions import StoreError
+
+Array = NDArray[np.float64]
+
+VERSION = "0.3.5"  # of the format; IOHanalyzer reads JSON from 0.3.3 on
+HEADER = "evaluations raw_y"
+
+
+def write(results: Results, path: Path) -> None:
+    """Write the histories into a new folder, to be minimised.
+
+    Raises:
+        StoreError: if no trial has a history of two evaluations, where the disk refuses, or where
+            the folder holds files already.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=".", dir=path.parent) as scratch:
+            place = Path(scratch) / "ioh"
+            for experiment in _experiments(results.items):
+                _write_experiment(place, experiment)
+            if not place.exists():
+                raise StoreError("nothing to write: no trial has a history of two evaluations")
+            place.rename(path)
+    except StoreError:
+        raise
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def without_history(results: Results) -> list[str]:
+    """Planners that are left out: none of their trials has a history of two evaluations.
+
+    The joints of per-joint swarms are searched on their own: there is no curve of the whole.
+    """
+    labels = dict.fromkeys(trial.label for trial in results.items)
+    written = {trial.label for trial in results.items if _has_curve(trial)}
+    return [label for label in labels if label not in written]
+
+
+class _Experiment(NamedTuple):
+    """One algorithm's runs on one function, by seed."""
+
+    function: int
+    algorithm: int
+    trials: list[Trial]
+
+
+def _experiments(items: Sequence[Trial]) -> Iterator[_Experiment]:
+    """Those with a history, by function and algorithm."""
+    problems = sorted({(trial.problem.name, trial.problem.digest()) for trial in items})
+    functions = {digest: number for number, (_, digest) in enumerate(problems, 1)}
+    labels = sorted({trial.label for trial in items})
+    algorithms = {label: number for number, label in enumerate(labels, 1)}
+    groups: dict[tuple[int, int], list[Trial]] = {}
+    for trial in sorted(items, key=lambda trial: (trial.seed, trial.id)):
+        key = (functions[trial.problem.digest()], algorithms[trial.label])
+        groups.setdefault(key, []).append(trial)
+    for key in sorted(groups):
+        trials = groups[key]
+        if any(_has_curve(trial) for trial in trials):
+            yield _Experiment(*key, trials)
+
+
+def _has_curve(trial: Trial) -> bool:
+    if trial.solution.history is None:
+        return False
+    return len(_curve(trial)) > 1
+
+
+def _write_experiment(place: Path, experiment: _Experiment) -> None:
+    folder = place / f"algorithm_{experiment.algorithm}"
+    number = experiment.function
+    name = f"IOHprofiler_f{number}"
+    trials = experiment.trials
+    segments = trials[0].problem.segments
+    curves = [_curve(trial) for trial in trials]
+    data = Path(f"data_f{number}", f"{name}_DIM{segments}.dat")
+    (folder / data).parent.mkdir(parents=True)
+    blocks = "".join(_block(curve) for curve in curves)
+    (folder / data).write_text(blocks, encoding="utf-8", newline="\n")
+    scenario = {
+        "dimension": segments,
+        "path": data.as_posix(),
+        "runs": [_run(trial, curve) for trial, curve in zip(trials, curves, strict=True)],
+    }
+    meta = _described(experiment) | {"scenarios": [scenario]}
+    text = json.dumps(meta, indent=1, allow_nan=False)
+    (folder / f"{name}.json").write_text(text, encoding="utf-8")
+
+
+def _described(experiment: _Experiment) -> dict[str, Any]:
+    first = experiment.trials[0]
+    origins = set()
+    for trial in experiment.trials:
+        release = trial.provenance.get("trajopt", "")
+        commit = trial.provenance.get("commit", "")
+        origins.add(f"trajopt {release}, commit {commit}")
+    provenance = "; ".join(sorted(origins))
+    return {
+        "version": VERSION,
+        "suite": "trajopt",
+        "function_id": experiment.function,
+        "function_name": first.problem.name,
+        "maximization": False,
+        "algorithm": {"name": first.label, "info": options_text(first)},
+        "experiment_attributes": [{"provenance": provenance}],
+        "run_attributes": ["seed"],
+        "attributes": ["evaluations", "raw_y"],
+    }
+
+
+def _run(trial: Trial, curve: Array) -> dict[str, Any]:
+    """One run's summary; JSON knows no infinity, so the largest number stands for no answer."""
+    spent, best = curve.T
+    y = float(best[-1]) if np.isfinite(best[-1]) else sys.float_info.max
+    certified = trial.certified_trajectory
+    times = []
+    if certified is not None:
+        times = np.diff(certified.waypoint_times).tolist()
+    reached = spent[np.argmin(best)]
+    return {
+        "instance": 1,
+        "evals": int(spent[-1]),
+        "best": {"evals": int(reached), "y": y, "x": times},
+        "seed": trial.seed,
+    }
+
+
+def _curve(trial: Trial) -> Array:
+    """Evaluations and the best certified by then (s): `(m, 2)`, at 1, each improvement, the end.
+
+    Readers tell runs apart by their first evaluation, and take what was spent from the last.
+    """
+    history = trial.certified_history
+    counted = np.isfinite(history[:, 0])
+    spent, best = history[counted].T
+    # no answer before the first row, and none that is better after the last
+    ends = [1.0, np.max(spent, initial=1.0)]
+    spent = np.floor(np.maximum(1.0, [ends[0], *spent, ends[1]]))
+    best = np.where(np.isfinite(best), best, np.inf)
+    best = np.array([np.inf, *best, np.inf])
+    order = np.argsort(spent, kind="stable")
+    spent = spent[order]
+    best = np.minimum.accumulate(best[order])
+    last_of_evaluation = np.append(spent[1:] != spent[:-1], True)
+    spent = spent[last_of_evaluation]
+    best = best[last_of_evaluation]
+    improved = np.append(True, best[1:] != best[:-1])
+    improved[-1] = True
+    return np.column_stack([spent[improved], best[improved]])
+
+
+def _block(curve: Array) -> str:
+    rows = [f"{spent:.0f} {best!r}" for spent, best in curve.tolist()]
+    return "\n".join([HEADER, *rows, ""])
