@@ -20,7 +20,7 @@ from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
 from trajopt.exceptions import TrajoptError
-from trajopt.explain.active_limits import busy
+from trajopt.explain.active_limits import share_at_limits
 from trajopt.explain.decomposition import Explanation, explain
 from trajopt.problem import Problem
 from trajopt.registry import load
@@ -39,7 +39,7 @@ def explained(problem: Problem, name: str, seed: int) -> Explanation:
 def row(problem: Problem, name: str, found: Explanation) -> dict[str, object]:
     """Durations in seconds, gaps as ratios, and the share of time at a limit."""
     values = {k: v for k, v in found.as_dict().items() if k not in ("notes", "binding")}
-    return {"planner": name} | values | {"at_a_limit": busy(problem, found.trajectory)}
+    return {"planner": name} | values | {"at_a_limit": share_at_limits(problem, found.trajectory)}
 
 
 def main(

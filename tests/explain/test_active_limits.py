@@ -11,7 +11,14 @@ from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem, Trajectory
 from trajopt.benchmark.suites.catalogue import random_problem
-from trajopt.explain.active_limits import Binding, binding, busy, relaxed, scattered, stretches
+from trajopt.explain.active_limits import (
+    ActiveLimit,
+    active_limits,
+    relaxed,
+    scattered,
+    share_at_limits,
+    stretches,
+)
 from trajopt.rest_to_rest import stop_times
 
 
@@ -28,7 +35,7 @@ def problem(v: float = 10.0, a: float = 4.0, **more: object) -> Problem:
 
 def test_bang_bang_is_at_its_acceleration_limit_all_the_time() -> None:
     assert list(stretches(problem(), bang())) == [(0, "acceleration", 0.0, pytest.approx(1.0))]
-    assert busy(problem(), bang()) == pytest.approx(1.0, abs=1e-12)
+    assert share_at_limits(problem(), bang()) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_the_stretch_near_the_velocity_peak_has_a_closed_form() -> None:
@@ -37,7 +44,7 @@ def test_the_stretch_near_the_velocity_peak_has_a_closed_form() -> None:
     assert found == [
         (0, "velocity", pytest.approx(0.495, abs=1e-9), pytest.approx(0.505, abs=1e-9))
     ]
-    assert busy(problem(v=2.0, a=100.0), bang()) == pytest.approx(0.01, rel=1e-6)
+    assert share_at_limits(problem(v=2.0, a=100.0), bang()) == pytest.approx(0.01, rel=1e-6)
 
 
 def test_lower_limits_count_too() -> None:
@@ -72,35 +79,35 @@ def test_short_interruptions_are_passed_over() -> None:
     jerky = Trajectory(breaks, coefficients, breaks[[0, -1]])
     assert len(list(stretches(problem(), jerky))) == 1
     assert len(list(stretches(problem(), jerky, joined=0.0))) == 10
-    assert busy(problem(), jerky) == pytest.approx(1 / breaks[-1], rel=1e-9)
+    assert share_at_limits(problem(), jerky) == pytest.approx(1 / breaks[-1], rel=1e-9)
 
 
 @pytest.mark.parametrize(("limit", "power"), [("velocity", 0.0), ("acceleration", -0.5)])
 def test_one_percent_is_worth_what_the_closed_form_says(limit: str, power: float) -> None:
     # Acceleration limited rest to rest: T = 2 sqrt(h / A), whatever the velocity limit.
-    (row,) = binding(problem(), bang(), RuckigStop())
+    (row,) = active_limits(problem(), bang(), RuckigStop())
     assert row.limit == "acceleration"
-    assert row.worth == pytest.approx(1 - 1.01**-0.5, rel=1e-9)
+    assert row.saving == pytest.approx(1 - 1.01**-0.5, rel=1e-9)
     assert relaxed(problem(), 0, limit).digest() != problem().digest()
     assert stop_times(relaxed(problem(), 0, limit))[0] == pytest.approx(1.01**power, rel=1e-12)
 
 
 def test_without_a_solver_the_trajectory_is_dilated() -> None:
-    (row,) = binding(problem(), bang(), None)
-    assert row.worth == pytest.approx(1 - 1.01**-0.5, rel=1e-9)
+    (row,) = active_limits(problem(), bang(), None)
+    assert row.saving == pytest.approx(1 - 1.01**-0.5, rel=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(100, 106))
-def test_worths_of_an_optimum_add_up_to_what_scaling_all_limits_saves(seed: int) -> None:
+def test_savings_of_an_optimum_add_up_to_what_scaling_all_limits_saves(seed: int) -> None:
     # T is homogeneous: V dT/dV + 2 A dT/dA = -T, summed over joints (Euler).
     hard = random_problem(seed, joints=3, waypoints=4)
     optimum = Exact(8).solve(hard).trajectory
     assert optimum is not None
-    worths = {(b.joint, b.limit): b.worth for b in binding(hard, optimum, Exact(8))}
+    savings = {(b.joint, b.limit): b.saving for b in active_limits(hard, optimum, Exact(8))}
     factor = {"velocity": 1.0, "acceleration": 2.0}
-    total = sum(factor[limit] * (worth or 0.0) for (_, limit), worth in worths.items())
+    total = sum(factor[limit] * (worth or 0.0) for (_, limit), worth in savings.items())
     assert total == pytest.approx(0.01 * optimum.duration, rel=0.1)
-    assert not scattered(binding(hard, optimum, Exact(8)), optimum.duration)
+    assert not scattered(active_limits(hard, optimum, Exact(8)), optimum.duration)
 
 
 def test_a_worth_that_no_optimum_has_is_noticed() -> None:
@@ -111,7 +118,7 @@ def test_a_worth_that_no_optimum_has_is_noticed() -> None:
         (-0.001, True),
         (None, False),
     ):
-        assert scattered((Binding(0, "acceleration", 0.0, 1.0, worth),), 1.0) is lucky
+        assert scattered((ActiveLimit(0, "acceleration", 0.0, 1.0, worth),), 1.0) is lucky
 
 
 def test_a_solver_without_an_answer_leaves_the_worth_open() -> None:
@@ -120,14 +127,14 @@ def test_a_solver_without_an_answer_leaves_the_worth_open() -> None:
             found = super().solve(problem, seed=seed)
             return type(found)(found.status)
 
-    assert [b.worth for b in binding(problem(), bang(), Silent())] == [None]
+    assert [b.saving for b in active_limits(problem(), bang(), Silent())] == [None]
 
 
 def test_those_worth_most_come_first() -> None:
     hard = random_problem(101, joints=3, waypoints=4)
     optimum = Exact(8).solve(hard).trajectory
     assert optimum is not None
-    found = binding(hard, optimum, Exact(8))
+    found = active_limits(hard, optimum, Exact(8))
     assert len(found) > 1
     for a, b in itertools.pairwise(found):
-        assert (a.worth or 0.0) >= (b.worth or 0.0)
+        assert (a.saving or 0.0) >= (b.saving or 0.0)

@@ -15,7 +15,8 @@ from trajopt import Limits, Problem, Trajectory, spline353, verify
 from trajopt.benchmark.suites.catalogue import load as problem_of
 from trajopt.benchmark.suites.catalogue import random_problem
 from trajopt.exceptions import TrajoptError
-from trajopt.explain.decomposition import Explanation, explain, peaks, references
+from trajopt.explain.decomposition import Explanation, explain, peaks
+from trajopt.explain.references import references
 from trajopt.planner import Planner
 from trajopt.registry import load
 from trajopt.rest_to_rest import stop_times

@@ -20,7 +20,7 @@ import cloudpickle
 from trajopt.benchmark.run import workers
 from trajopt.benchmark.run.workers import Allowance, Task
 from trajopt.benchmark.store.folder import Store, read
-from trajopt.explain.decomposition import references
+from trajopt.explain.references import references
 from trajopt.planner import Planner, adapted
 from trajopt.problem import Problem
 from trajopt.registry import entries

@@ -15,7 +15,7 @@ from trajopt.cli import console
 from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed
 from trajopt.cli.plan import print_trial
 from trajopt.explain import decomposition
-from trajopt.explain.active_limits import Binding, busy
+from trajopt.explain.active_limits import ActiveLimit, share_at_limits
 from trajopt.explain.decomposition import Explanation
 from trajopt.problem import Problem
 from trajopt.registry import named
@@ -101,29 +101,29 @@ def _percent(ratio: float | None) -> str:
 
 
 def _share_at_limits(problem: Problem, found: Explanation) -> str:
-    own = 100 * busy(problem, found.trajectory)
+    own = 100 * share_at_limits(problem, found.trajectory)
     sentence = f"Some joint is at a limit for {own:.0f} % of its time"
     if found.optimum is None:
         return f"{sentence}."
-    best = 100 * busy(problem, found.optimum)
+    best = 100 * share_at_limits(problem, found.optimum)
     return f"{sentence}; in the optimum, for {best:.0f} %."
 
 
 def _active_limits(found: Explanation) -> str:
     """The limits that cost most time, each with its longest interval."""
-    if not found.binding:
+    if not found.active_limits:
         return "No limit holds it back: none is used to 99 %."
-    longest: dict[tuple[int, str], Binding] = {}
-    for interval in sorted(found.binding, key=lambda b: b.start - b.end):
+    longest: dict[tuple[int, str], ActiveLimit] = {}
+    for interval in sorted(found.active_limits, key=lambda b: b.start - b.end):
         longest.setdefault((interval.joint, interval.limit), interval)
     least = _SAVED_RTOL * found.certified_duration
-    costly = [interval for interval in longest.values() if (interval.worth or 0.0) > least]
+    costly = [interval for interval in longest.values() if (interval.saving or 0.0) > least]
     if not costly:
         return "It reaches limits, but no single one of them is worth any time."
-    costly.sort(key=lambda b: -(b.worth or 0.0))
+    costly.sort(key=lambda b: -(b.saving or 0.0))
     held = [
         f"{b.limit} of joint {b.joint + 1} at {b.start:.2f}–{b.end:.2f} s "
-        f"({1000 * (b.worth or 0.0):.1f} ms)"
+        f"({1000 * (b.saving or 0.0):.1f} ms)"
         for b in costly[:3]
     ]
     return f"Held back by {', '.join(held)}: saved with 1 % more, by {found.notes['worth']}."

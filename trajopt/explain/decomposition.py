@@ -1,18 +1,16 @@
-"""What a gap is made of, and what holds a planner back (mathematics, section 6).
+"""What a gap is made of, and which limits are active (docs/mathematics.md, section 6).
 
     trajectory = certified(problem, load("issa").solve(problem).trajectory)
-    found = explain(problem, load("issa"), trajectory)
-    print(found.gap, found.timing_gap, found.route_gap, found.notes)
+    explanation = explain(problem, load("issa"), trajectory)
+    print(explanation.gap, explanation.timing_gap, explanation.route_gap, explanation.notes)
 
-Other planners are asked for what is needed by their registered names: `exact`, `exact-jerk`,
-`collocation-refined` for the optimum, `toppra` for the best timing of a path, `spline353-nlp` for
-the best 3-5-3.
+Other planners are asked for what is needed: `trajopt.explain.references` says which.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -21,7 +19,13 @@ from numpy.typing import NDArray
 
 from trajopt import polynomials, spline353
 from trajopt.exceptions import TrajoptError
-from trajopt.explain.active_limits import Binding, binding, scattered
+from trajopt.explain.active_limits import ActiveLimit, active_limits, scattered
+from trajopt.explain.references import (
+    BEST_353,
+    OPTIMUM_WITH_JERK,
+    PATH_TIMING,
+    references,
+)
 from trajopt.planner import Planner
 from trajopt.problem import Limits, Problem
 from trajopt.registry import load
@@ -31,22 +35,20 @@ from trajopt.verification import certified, verify
 
 Array = NDArray[np.float64]
 
-_SAME = 1e-9  # rad, times the largest waypoint coordinate where that exceeds 1
+_SAME_RTOL = 1e-9  # of the largest waypoint coordinate, or of 1 rad where that exceeds it
 _SAMPLES = 50  # per segment: two piecewise quintics that agree there agree everywhere
 
-
-REFERENCES = ("exact", "exact-jerk", "collocation-refined")
-
-
-def references(problem: Problem) -> list[str]:
-    """The planners whose shortest certified answer is a problem's best known optimum."""
-    needed = (True, problem.has("jerk"), problem.has("position"))
-    return [name for name, need in zip(REFERENCES, needed, strict=True) if need]
+_GAPS = ("gap", "timing_gap", "route_gap", "optimiser_gap", "shape_gap", "smoothness_gap")
+# The parts of each decomposition, from the optimum up.
+_CHAINS = {
+    "path and timing": ("route", "timing"),
+    "the 3-5-3 family": ("smoothness", "shape", "optimiser"),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Two decompositions of one gap, each a product, and the limits that bind. Gaps are ratios.
+    """Two decompositions of one gap, each a product, and the active limits. Gaps are ratios.
 
     - `gap = certified_duration / exact`, both in seconds; `exact` is the best known optimum;
     - `gap = timing_gap * route_gap`: over the best timing of its own path, and that over the
@@ -67,32 +69,40 @@ class Explanation:
     shape_gap: float | None
     smoothness_gap: float | None
     notes: Mapping[str, str]
-    binding: tuple[Binding, ...]
+    active_limits: tuple[ActiveLimit, ...]
     trajectory: Trajectory = field(repr=False)
     optimum: Trajectory | None = field(repr=False)
 
     def steps(self) -> dict[str, list[tuple[str, float]]]:
         """Both decompositions that apply, from the optimum up: what was added, the duration, s."""
-        chains = {
-            "path and timing": ("route", "timing"),
-            "the 3-5-3 family": ("smoothness", "shape", "optimiser"),
-        }
-        return {title: self._climb(names) for title, names in chains.items() if self._has(names)}
-
-    def _has(self, names: tuple[str, ...]) -> bool:
-        return self.exact is not None and all(getattr(self, f"{n}_gap") is not None for n in names)
-
-    def _climb(self, names: tuple[str, ...]) -> list[tuple[str, float]]:
-        ratios = np.cumprod([1.0, *(getattr(self, f"{name}_gap") for name in names)])
-        return list(zip(("optimum", *names), ratios * self.exact, strict=True))
+        found = {}
+        for title, names in _CHAINS.items():
+            ratios = [getattr(self, f"{name}_gap") for name in names]
+            if self.exact is None or None in ratios:
+                continue
+            durations = np.cumprod([1.0, *ratios]) * self.exact
+            found[title] = list(zip(("optimum", *names), durations, strict=True))
+        return found
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: seconds and ratios; joints count from 1."""
-        hidden = ("trajectory", "optimum", "binding")
-        table = {k: getattr(self, k) for k in self.__dataclass_fields__ if k not in hidden}
-        rows = [asdict(b) | {"joint": b.joint + 1} for b in self.binding]
-        names = {"start": "from", "end": "to"}
-        return table | {"binding": [{names.get(k, k): v for k, v in r.items()} for r in rows]}
+        return {
+            "certified_duration": self.certified_duration,
+            "exact": self.exact,
+            **{name: getattr(self, name) for name in _GAPS},
+            "notes": self.notes,
+            "binding": [_row(limit) for limit in self.active_limits],
+        }
+
+
+def _row(active: ActiveLimit) -> dict[str, Any]:
+    return {
+        "joint": active.joint + 1,
+        "limit": active.limit,
+        "from": active.start,
+        "to": active.end,
+        "worth": active.saving,
+    }
 
 
 class _Answer(NamedTuple):
@@ -107,9 +117,10 @@ class _Answer(NamedTuple):
 
 
 def explain(problem: Problem, planner: Planner, trajectory: Trajectory) -> Explanation:
-    """Decompose the gap of a planner's certified trajectory, and say which limits hold it back.
+    """Decompose the gap of a planner's certified trajectory, and say which limits are active.
 
-    Raises `TrajoptError` if `trajectory` has no certified duration.
+    Raises:
+        TrajoptError: `trajectory` has no certified duration.
     """
     own = certified(problem, trajectory)
     if own is None:
@@ -117,49 +128,57 @@ def explain(problem: Problem, planner: Planner, trajectory: Trajectory) -> Expla
         raise TrajoptError(f"no certified duration, so nothing to explain: {flaws}")
     optimum = _optimum(problem)
     ratios, notes = _ratios(problem, own, optimum)
-    solver, notes["worth"] = _solver(planner, problem, own)
-    found = binding(problem, own, solver)
-    if scattered(found, own.duration):
-        notes["worth"] += "; a local search: some of it is luck, no optimum changes like this"
+    solver, savings_are_of = _solver(planner, problem, own)
+    active = active_limits(problem, own, solver)
+    if scattered(active, own.duration):
+        savings_are_of += "; a local search: some of it is luck, no optimum changes like this"
     return Explanation(
-        own.duration, optimum.duration, **ratios, notes=notes, binding=found, trajectory=own,
+        own.duration,
+        optimum.duration,
+        **ratios,
+        notes=notes | {"worth": savings_are_of},
+        active_limits=active,
+        trajectory=own,
         optimum=optimum.trajectory,
-    )  # fmt: skip
+    )
 
 
 def _solver(planner: Planner, problem: Problem, own: Trajectory) -> tuple[Planner | None, str]:
-    """Who solves the problem again with relaxed limits: a swarm's scatter would drown the worth."""
+    """Who solves it again with relaxed limits; a swarm's scatter would drown the saving."""
     if not planner.stochastic:
         return planner, "this planner, planning again"
     if _is_spline353(problem, own):
-        return load("spline353-nlp"), "the best 3-5-3, found again"
+        return load(BEST_353), "the best 3-5-3, found again"
     return None, "this trajectory, dilated less"
 
 
 def _ratios(
-    problem: Problem, own: Trajectory, optimum: _Answer
+    problem: Problem,
+    trajectory: Trajectory,
+    optimum: _Answer,
 ) -> tuple[dict[str, float | None], dict[str, str]]:
     """Every gap by name, None with a note where it does not apply."""
-    notes: dict[str, str] = {}
-    retimed, best = _retimed(problem, own), _best_spline(problem, own)
+    own = _Answer(trajectory)
+    retimed = _retimed(problem, trajectory)
+    best = _best_spline(problem, trajectory)
     smooth = _as_smooth(problem, best)
-    chain = {
-        "gap": (_Answer(own), optimum),
-        "timing_gap": (_Answer(own), retimed),
+    pairs = {
+        "gap": (own, optimum),
+        "timing_gap": (own, retimed),
         "route_gap": (retimed, optimum),
-        "optimiser_gap": (_Answer(own), best),
+        "optimiser_gap": (own, best),
         "shape_gap": (best, smooth),
         "smoothness_gap": (smooth, optimum),
     }
-    ratios = {name: _ratio(name, *pair, notes) for name, pair in chain.items()}
+    ratios: dict[str, float | None] = {}
+    notes = {}
+    for name, (above, below) in pairs.items():
+        if above.duration is None or below.duration is None:
+            ratios[name] = None
+            notes[name] = above.reason or below.reason
+        else:
+            ratios[name] = above.duration / below.duration
     return ratios, notes
-
-
-def _ratio(name: str, above: _Answer, below: _Answer, notes: dict[str, str]) -> float | None:
-    if above.duration is None or below.duration is None:
-        notes[name] = above.reason or below.reason
-        return None
-    return above.duration / below.duration
 
 
 def _optimum(problem: Problem) -> _Answer:
@@ -178,7 +197,9 @@ def _asked(name: str, problem: Problem) -> _Answer:
     try:
         planner = load(name)
         reason = planner.unsupported(problem)
-        return _Answer(None, reason) if reason else _judged(problem, planner.solve(problem))
+        if reason is not None:
+            return _Answer(None, reason)
+        return _judged(problem, planner.solve(problem))
     except TrajoptError as error:
         return _Answer(None, str(error))
 
@@ -190,40 +211,46 @@ def _judged(problem: Problem, solution: Solution) -> _Answer:
     return _Answer(certified(problem, solution.trajectory), flaws)
 
 
-def _shorter(a: Trajectory, b: _Answer) -> _Answer:
+def _shorter(own: Trajectory, answer: _Answer) -> _Answer:
     """The shorter of two answers to one question; a missing one stays missing."""
-    return _Answer(a) if b.duration is not None and a.duration <= b.duration else b
+    if answer.duration is not None and own.duration <= answer.duration:
+        return _Answer(own)
+    return answer
 
 
 def _retimed(problem: Problem, own: Trajectory) -> _Answer:
     """The best timing of the trajectory's own path; its own timing is one, whatever the grid."""
     try:
-        planner = load("toppra")
+        planner = load(PATH_TIMING)
         reason = planner.unsupported(problem)
-        if reason:
+        if reason is not None:
             return _Answer(None, reason)
-        return _shorter(own, _judged(problem, planner.along(problem, own)))
+        answer = _judged(problem, planner.along(problem, own))
     except TrajoptError as error:
         return _Answer(None, str(error))
+    return _shorter(own, answer)
 
 
 def _best_spline(problem: Problem, own: Trajectory) -> _Answer:
     """The best 3-5-3 with shared times, if the trajectory is one."""
     if not _is_spline353(problem, own):
         return _Answer(None, "not a 3-5-3 spline with segment times shared by all joints")
-    return _shorter(own, _asked("spline353-nlp", problem))
+    return _shorter(own, _asked(BEST_353, problem))
 
 
 def _is_spline353(problem: Problem, own: Trajectory) -> bool:
+    """Whether it is the 3-5-3 spline with its own waypoint times."""
     merged, index = problem.merged()
-    times = np.diff(own.waypoint_times[np.unique(index, return_index=True)[1]])
+    _, passed = np.unique(index, return_index=True)
+    times = np.diff(own.waypoint_times[passed])
     if spline353.unsupported(problem) is not None or not (times > 0).all():
         return False
     spline = spline353.trajectory(merged, times)
-    ends = spline.breaks
-    t = np.concatenate([np.linspace(*pair, _SAMPLES) for pair in pairwise(ends)])
+    instants = [np.linspace(a, b, _SAMPLES) for a, b in pairwise(spline.breaks)]
+    t = np.concatenate(instants)
+    difference = np.abs(spline(t) - own(t)).max()
     scale = max(1.0, float(np.abs(problem.waypoints).max()))
-    return bool(np.abs(spline(t) - own(t)).max() <= _SAME * scale)
+    return bool(difference <= _SAME_RTOL * scale)
 
 
 def _as_smooth(problem: Problem, spline: _Answer) -> _Answer:
@@ -231,19 +258,22 @@ def _as_smooth(problem: Problem, spline: _Answer) -> _Answer:
     if spline.trajectory is None:
         return spline
     jerk = peaks(spline.trajectory, order=3)
-    limits = problem.limits
-    as_smooth = Limits(
-        limits.velocity, limits.acceleration, np.where(jerk > 0, jerk, np.inf), limits.position
+    limits = Limits(
+        problem.limits.velocity,
+        problem.limits.acceleration,
+        jerk=np.where(jerk > 0, jerk, np.inf),
+        position=problem.limits.position,
     )
-    equal = Problem(problem.waypoints, as_smooth, problem.name)
-    return _shorter(spline.trajectory, _asked("exact-jerk", equal))
+    equal = Problem(problem.waypoints, limits, problem.name)
+    return _shorter(spline.trajectory, _asked(OPTIMUM_WITH_JERK, equal))
 
 
 def peaks(trajectory: Trajectory, order: int) -> Array:
     """The exact largest absolute value of a derivative, `(joints,)`, in rad/s^order."""
-    unit = polynomials.stretched(
-        polynomials.derivative(trajectory.coefficients, order), np.diff(trajectory.breaks)
-    )
+    derivative = polynomials.derivative(trajectory.coefficients, order)
+    unit = polynomials.stretched(derivative, np.diff(trajectory.breaks))
     flat = unit.reshape(len(unit), -1)
-    values = np.abs(polynomials.evaluate(flat[:, None], polynomials.critical_points(flat)))
-    return np.asarray(values.max(axis=0).reshape(unit.shape[1:]).max(axis=0))
+    at = polynomials.critical_points(flat)
+    values = np.abs(polynomials.evaluate(flat[:, None], at))
+    highest = values.max(axis=0).reshape(unit.shape[1:])
+    return np.asarray(highest.max(axis=0))

@@ -28,7 +28,7 @@ from trajopt.benchmark.report import panels as motions
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.exceptions import InvalidInput
-from trajopt.explain.active_limits import busy
+from trajopt.explain.active_limits import share_at_limits
 from trajopt.registry import load
 
 NASTY = "evil:note=</script><b>&"
@@ -363,7 +363,7 @@ def test_the_time_at_a_limit_is_that_of_the_library(name: str) -> None:
     trajectory = load(name).solve(chosen).trajectory
     assert trajectory is not None
     share, held = motions.use(chosen, trajectory)
-    assert share == pytest.approx(busy(chosen, trajectory), abs=1e-12)
+    assert share == pytest.approx(share_at_limits(chosen, trajectory), abs=1e-12)
     assert [s[3] - s[2] for s in held] == sorted((s[3] - s[2] for s in held), reverse=True)
 
 

@@ -27,12 +27,11 @@ from trajopt.benchmark.analysis import pairwise, searches, statistics
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import InvalidInput
-from trajopt.explain.decomposition import REFERENCES
+from trajopt.explain.references import PROOF, REFERENCES
 from trajopt.solution import Status
 
 Array = NDArray[np.float64]
 
-PROOF = "certify"  # the planner whose lower bound is proved
 BUG_RTOL = 1e-6  # a planner below the reference by more than this is a bug to hunt
 REFINED_RTOL = 1e-4  # what refined collocation may itself be above the optimum
 GROUP = ["problem", "digest", "label"]

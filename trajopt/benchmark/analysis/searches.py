@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.trial import Trial
+from trajopt.explain.references import BEST_353
 
 Array = NDArray[np.float64]
 
-BEST_353 = "spline353-nlp"  # the planner whose answer is the best 3-5-3
 TARGETS = (0.1, 0.01, 0.001, 0.0001)  # above the best 3-5-3, relative
 BEATEN_RTOL = 1e-6  # below the best 3-5-3 by more than this: a search of something else
 

@@ -13,11 +13,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.analysis.searches import BEATEN_RTOL, BEST_353
+from trajopt.benchmark.analysis.searches import BEATEN_RTOL
 from trajopt.benchmark.figures import explanation as gap_plots
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.trial import Trial
-from trajopt.explain.decomposition import REFERENCES, Explanation
+from trajopt.explain.decomposition import Explanation
+from trajopt.explain.references import BEST_353, REFERENCES
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
 
