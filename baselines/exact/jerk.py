@@ -184,7 +184,7 @@ def _bounds(scaled: Scaled, apart: Bools) -> tuple[Array, Array]:
     inner = np.tile(box, (len(zero) - 1, 1))
     sides = zip(scaled.sides(), apart, strict=True)
     upper, lower = (_profile_bounds(limit, free, scaled.jerky) for limit, free in sides)
-    low = _Variables(scaled.least / stop, inner[0], upper[0], lower[0], zero)
+    low = _Variables(scaled.shortest / stop, inner[0], upper[0], lower[0], zero)
     high = _Variables(_LONGEST * stop.sum() / stop, inner[1], upper[1], lower[1], zero + 1)
     return flat(*low.tables), flat(*high.tables)
 
@@ -206,7 +206,9 @@ def _profile_bounds(limit: Limit, apart: Bools, jerky: Bools) -> tuple[list[Arra
 def _point(scaled: Scaled, times: Array, states: Array) -> Array:
     """IPOPT's variables for times and waypoint states, with their extreme profiles."""
     both, size = scaled.extremes(times, states), scaled.stop[:, None]
-    upper, lower = ([p.rise, p.fall, *(x / size for x in p[2:5])] for p in both)
+    upper, lower = (
+        [p.rise, p.fall, *(x / size for x in (p.rise_hold, p.cruise, p.fall_hold))] for p in both
+    )
     share = both.share(scaled.h)
     return flat(*_Variables(times / scaled.stop, states[:, 1:-1], upper, lower, share).tables)
 

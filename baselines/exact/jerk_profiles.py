@@ -39,7 +39,7 @@ Pieces = tuple[Array, Array]  # breaks, and position coefficients (4, pieces)
 
 _BISECTIONS = 50  # of an interval of order one: to rounding
 _BLOCKED = 1e-9  # of a segment: time that a profile without a cruise may leave over
-_HARDLY = 1e-2  # of a joint's acceleration, and of a segment's time
+_NEAR_ZERO = 1e-2  # of a joint's acceleration, and of a segment's time
 _TINY = 1e-300  # instead of dividing by 0
 
 
@@ -74,12 +74,15 @@ class Profile(NamedTuple):
 
     def within(self, limit: Limit) -> Bools:
         """Whether there is such a profile, and its peak keeps the velocity limit."""
-        return np.asarray((self.slack >= 0) & (self.peak <= limit.velocity))
+        in_time = self.slack >= 0
+        slow_enough = self.peak <= limit.velocity
+        return np.asarray(in_time & slow_enough)
 
     def avoids_zero(self, t: Array) -> Bools:
         """Whether it hardly passes through acceleration 0."""
-        low = np.minimum(self.rise, self.fall) < _HARDLY
-        return np.asarray(low & (self.cruise < _HARDLY * t))
+        lower = np.minimum(self.rise, self.fall)
+        brief = self.cruise < _NEAR_ZERO * t
+        return np.asarray((lower < _NEAR_ZERO) & brief)
 
 
 class Extremes(NamedTuple):
@@ -88,138 +91,283 @@ class Extremes(NamedTuple):
     upper: Profile
     lower: Profile
 
+    @property
+    def d_up(self) -> Array:
+        """The most displacement."""
+        return self.upper.displacement
+
+    @property
+    def d_lo(self) -> Array:
+        """The least displacement."""
+        return -self.lower.displacement
+
     def at(self, *index: int) -> Extremes:
         """One entry of all arrays."""
-        return Extremes(*(Profile(*(x[index] for x in profile)) for profile in self))
+        upper = Profile(*(x[index] for x in self.upper))
+        lower = Profile(*(x[index] for x in self.lower))
+        return Extremes(upper, lower)
 
     def reach(self, h: Array, sides: Sides) -> Bools:
         """Whether displacement `h` lies between both, and both keep their limits."""
-        kept = self.upper.within(sides[0]) & self.lower.within(sides[1])
-        return kept & (-self.lower.displacement <= h) & (h <= self.upper.displacement)
+        upper_side, lower_side = sides
+        within = self.upper.within(upper_side) & self.lower.within(lower_side)
+        return within & (self.d_lo <= h) & (h <= self.d_up)
 
     def share(self, h: Array) -> Array:
         """The share of the upper profile that covers `h`; any will do where both are one."""
-        least = -self.lower.displacement
-        width = np.maximum(self.upper.displacement - least, _TINY)
-        return np.asarray(np.clip((h - least) / width, 0.0, 1.0))
+        # λ = (h − D_lo) / (D_up − D_lo)
+        width = np.maximum(self.d_up - self.d_lo, _TINY)
+        share = (h - self.d_lo) / width
+        return np.asarray(np.clip(share, 0.0, 1.0))
 
 
-def extremes(start: State, end: State, t: Array, sides: Sides) -> Extremes:
+def extremes(
+    start: State,
+    end: State,
+    t: Array,
+    sides: Sides,
+) -> Extremes:
     """Both extreme profiles between two states in time `t`, all broadcasting."""
-    (u, a), (w, b) = start, end
-    return Extremes(highest((u, a), (w, -b), t, sides[0]), highest((-u, -a), (-w, b), t, sides[1]))
+    u, a = start
+    w, b = end
+    upper_side, lower_side = sides
+    upper = highest((u, a), (w, -b), t, upper_side)
+    lower = highest((-u, -a), (-w, b), t, lower_side)
+    return Extremes(upper, lower)
 
 
-def highest(start: State, end: State, t: Array, limit: Limit) -> Profile:
+def highest(
+    start: State,
+    end: State,
+    t: Array,
+    limit: Limit,
+) -> Profile:
     """The profile of most displacement in time `t`, `end` being seen backwards in time.
 
     One number decides it, found by bisection: see `_Family`.
     """
     family = _Family(start, end, t, limit)
-    low, high = np.full(family.shape, -1.0), np.full(family.shape, 1.0)
+    low = np.full(family.shape, -1.0)
+    high = np.full(family.shape, 1.0)
+    # the highest candidate of all, where it leaves time
     low = np.where(family.at(high).slack >= 0, high, low)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         fits = family.at(middle).slack >= 0
-        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
-    found = family.at(low)
-    blocked = (low < 0) & (found.slack > _BLOCKED * t)  # too long for one kind, short for the other
-    return found._replace(slack=np.where(blocked, -found.slack, found.slack))
+        low = np.where(fits, middle, low)
+        high = np.where(fits, high, middle)
+    profile = family.at(low)
+    # too long for a profile through acceleration 0, too short for one that stays below it
+    blocked = (low < 0) & (profile.slack > _BLOCKED * t)
+    slack = np.where(blocked, -profile.slack, profile.slack)
+    return profile._replace(slack=slack)
 
 
 class _Family:
     """The candidates between two states, one for every number `z` from −1 to 1.
 
-    From 0 to 1 the peak grows, from the least one to the limit. From −1 to 0 it is the acceleration
-    that stays below 0 which grows: the fall's if that is `late`, else the rise's.
+    From 0 to 1 the peak grows, from the lowest one to the limit. From −1 to 0 it is the
+    acceleration that stays below 0 which grows, from `deep` to `shallow`: the fall's if that is
+    `late`, else the rise's.
     """
 
-    def __init__(self, start: State, end: State, t: Array, limit: Limit) -> None:
-        self.start, self.end, self.t, self.limit = start, end, t, limit
+    def __init__(
+        self,
+        start: State,
+        end: State,
+        t: Array,
+        limit: Limit,
+    ) -> None:
+        self.start = start
+        self.end = end
+        self.t = t
+        self.limit = limit
+        u, a = start
+        w, b = end
+        # c = r1 + r2
         self.c = limit.up + limit.down
-        # where a rise would end that aims at acceleration 0
-        bases = [u - a**2 * limit.up / 2 for u, a in (start, end)]
-        gains = [self.c * np.maximum(a, 0) ** 2 / 2 for _, a in (start, end)]
-        self.late, self.base = bases[1] > bases[0], np.maximum(*bases)
-        self.least = np.maximum(bases[0] + gains[0], bases[1] + gains[1])
-        self.shape = self.least.shape
-        self.weakest = np.minimum(np.where(self.late, end[1], start[1]), 0.0)
-        fallen = np.sqrt(2 * (self.least - self.base) / np.where(self.c > 0, self.c, np.inf))
-        self.nearest = np.maximum(-fallen, self.weakest)
+        # u − r2 a²/2: the peak of a rise that aims at acceleration 0
+        rise_base = u - a**2 * limit.up / 2
+        fall_base = w - b**2 * limit.up / 2
+        self.late = fall_base > rise_base
+        self.base = np.maximum(rise_base, fall_base)
+        # and (r1 + r2) a²/2 more: the lowest peak of a rise that starts with acceleration a > 0
+        rise_gain = self.c * np.maximum(a, 0) ** 2 / 2
+        fall_gain = self.c * np.maximum(b, 0) ** 2 / 2
+        self.lowest_peak = np.maximum(rise_base + rise_gain, fall_base + fall_gain)
+        self.shape = self.lowest_peak.shape
+        # below 0: from no rise at all, to where base + (r1 + r2) A²/2 is the lowest peak
+        own = np.where(self.late, b, a)
+        self.deep = np.minimum(own, 0.0)
+        finite_c = np.where(self.c > 0, self.c, np.inf)
+        fallen = np.sqrt(2 * (self.lowest_peak - self.base) / finite_c)
+        self.shallow = np.maximum(-fallen, self.deep)
+        # above 0: up to the velocity limit, or as far as time allows
         steepest = np.where(self.late, limit.fall, limit.rise)
-        self.reach = np.clip(limit.velocity - self.least, 0.0, steepest * t)
-        self.top = np.maximum(limit.velocity, self.least)  # least + reach, but for rounding
+        spare = limit.velocity - self.lowest_peak
+        self.span = np.clip(spare, 0.0, steepest * t)
+        self.top = np.maximum(limit.velocity, self.lowest_peak)  # lowest + span, but for rounding
 
     def at(self, z: Array) -> Profile:
         """The candidate `z`; its slack is negative where it takes longer than `t`."""
-        up, down = self.limit.up, self.limit.down
-        below = self.nearest - np.minimum(z, 0.0) * (self.weakest - self.nearest)
-        raised = np.minimum(self.least + np.maximum(z, 0.0) * self.reach, self.top)
-        peak = np.where(z < 0, self.base + self.c * below**2 / 2, raised)
+        up = self.limit.up
+        down = self.limit.down
+        negative = np.minimum(z, 0.0)
+        positive = np.maximum(z, 0.0)
+        below = self.shallow - negative * (self.deep - self.shallow)
+        raised = np.minimum(self.lowest_peak + positive * self.span, self.top)
+        # p = u − r2 a²/2 + (r1 + r2) A²/2
+        from_below = self.base + self.c * below**2 / 2
+        peak = np.where(z < 0, from_below, raised)
         apart = (self.c > 0) & (z < 0)
-        rise, rise_hold = self._ascent(self.start, peak, self.limit.rise, apart & ~self.late, below)
-        fall, fall_hold = self._ascent(self.end, peak, self.limit.fall, apart & self.late, below)
+        rise, rise_hold = self._ascent(
+            self.start,
+            peak,
+            self.limit.rise,
+            apart & ~self.late,
+            below,
+        )
+        fall, fall_hold = self._ascent(
+            self.end,
+            peak,
+            self.limit.fall,
+            apart & self.late,
+            below,
+        )
         _, before, ascended = risen(*self.start, rise, rise_hold, up, down)
         _, after, descended = risen(*self.end, fall, fall_hold, up, down)
         slack = self.t - before - after
         cruise = np.maximum(slack, 0.0)
-        displacement = ascended + cruise * peak + descended
-        return Profile(rise, fall, rise_hold, cruise, fall_hold, peak, displacement, slack)
+        return Profile(
+            rise=rise,
+            fall=fall,
+            rise_hold=rise_hold,
+            cruise=cruise,
+            fall_hold=fall_hold,
+            peak=peak,
+            displacement=ascended + cruise * peak + descended,
+            slack=slack,
+        )
 
-    def _ascent(self, state: State, peak: Array, most: Array, apart: Bools, below: Array) -> State:
+    def _ascent(
+        self,
+        state: State,
+        peak: Array,
+        steepest: Array,
+        apart: Bools,
+        below: Array,
+    ) -> State:
         """Acceleration and hold of the quickest rise to `peak`; of one `apart` from 0, `below`."""
         u, a = state
+        # p − u + r2 a²/2 = (r1 + r2) A²/2 + A d
         gap = np.maximum(peak - u + a**2 * self.limit.up / 2, 0.0)
-        full = np.where(self.c > 0, np.sqrt(2 * gap / np.maximum(self.c, _TINY)), np.inf)
-        hold = np.where(full > most, (gap - most**2 * self.c / 2) / most, 0.0)
-        return np.where(apart, below, np.minimum(full, most)), np.where(apart, 0.0, hold)
+        without_hold = np.sqrt(2 * gap / np.maximum(self.c, _TINY))
+        full = np.where(self.c > 0, without_hold, np.inf)
+        # d = (gap − (r1 + r2) A²/2) / A
+        needed = (gap - steepest**2 * self.c / 2) / steepest
+        hold = np.where(full > steepest, needed, 0.0)
+        rise = np.where(apart, below, np.minimum(full, steepest))
+        return rise, np.where(apart, 0.0, hold)
 
 
 def risen(u: Any, a: Any, rise: Any, hold: Any, up: Any, down: Any) -> tuple[Any, Any, Any]:
-    """Peak, time and displacement of a rise from velocity `u`, acceleration `a`; CasADi's too.
+    """A rise: to acceleration `rise` at jerk `1/up`, held, then to 0 at jerk `−1/down`.
 
-    To acceleration `rise` at jerk `1/up`, held for `hold`, then to 0 at jerk `−1/down`.
+    Args:
+        u: velocity at its start; this and all others are numbers, arrays or CasADi's symbols.
+        a: acceleration at its start.
+        rise: acceleration `A` held.
+        hold: time `d` of holding it.
+        up: inverse jerk `r2` of the first ramp.
+        down: inverse jerk `r1` of the last ramp.
+
+    Returns:
+        Peak velocity, time and displacement.
     """
-    first, last = (rise - a) * up, rise * down
+    # t1 = r2 (A − a), t3 = r1 A
+    first = (rise - a) * up
+    last = rise * down
+    # v1 = u + t1 (a + A)/2, v2 = v1 + A d
     v1 = u + first * (a + rise) / 2
     v2 = v1 + rise * hold
+    # x1 = t1 (u + t1 (2a + A)/6), x2 = d (v1 + v2)/2, x3 = t3 (v2 + t3 A/3)
+    ramped = first * (u + first * (2 * a + rise) / 6)
     held = (v1 + v2) / 2 * hold
-    moved = first * (u + first * (2 * a + rise) / 6) + held + last * (v2 + rise * last / 3)
-    return v2 + rise * last / 2, first + hold + last, moved
+    released = last * (v2 + rise * last / 3)
+    # p = v2 + t3 A/2
+    peak = v2 + rise * last / 2
+    duration = first + hold + last
+    displacement = ramped + held + released
+    return peak, duration, displacement
 
 
-def combined(states: Array, t: float, h: Array, both: Extremes, sides: Sides) -> Pieces:
+def combined(
+    states: Array,
+    t: float,
+    h: Array,
+    both: Extremes,
+    sides: Sides,
+) -> Pieces:
     """The convex combination of one segment's extreme profiles that covers exactly `h`.
 
-    `states` are the velocities and accelerations at its ends, `(2, 2)`.
+    Args:
+        states: velocities, then accelerations, at both ends, `(2, 2)`.
+        t: time of the segment.
+        h: displacement.
+        both: the extreme profiles.
+        sides: the limits of both.
+
+    Returns:
+        Breaks `(pieces + 1,)`, from 0 to `t`, and position coefficients `(4, pieces)`.
     """
-    (u, _), (a, b) = states
+    u = states[0, 0]
+    a, b = states[1]
+    upper_side, lower_side = sides
+    upper = _phases(both.upper, (u, a), -b, upper_side)
+    lower = _phases(both.lower, (-u, -a), b, lower_side)
+    starts = np.r_[upper[0], lower[0], t]
+    breaks = np.unique(np.clip(starts, 0.0, t))
+    # q(t) = λ q_up(t) + (1 − λ) q_lo(t), the lower one being mirrored
     share = float(both.share(h))
-    upper = _phases(both.upper, (u, a), -b, sides[0])
-    lower = _phases(both.lower, (-u, -a), b, sides[1])
-    breaks = np.unique(np.clip(np.r_[upper[0], lower[0], t], 0.0, t))
-    high, low = (_resampled(pieces, breaks) for pieces in (upper, lower))
+    high = _resampled(upper, breaks)
+    low = _resampled(lower, breaks)
     return breaks, share * high - (1 - share) * low
 
 
-def _phases(profile: Profile, start: State, b: Array, limit: Limit) -> Pieces:
+def _phases(
+    profile: Profile,
+    start: State,
+    b: Array,
+    limit: Limit,
+) -> Pieces:
     """The seven phases of an extreme profile from `start` to acceleration `−b`: starts, cubics."""
-    rise, fall, up, down = map(float, (profile.rise, profile.fall, limit.up, limit.down))
+    rise = float(profile.rise)
+    fall = float(profile.fall)
+    up = float(limit.up)
+    down = float(limit.down)
+    # accelerations between the phases, whose jerks are + 0 − 0 − 0 +
     between = float(np.clip(0.0, -fall, rise))
     levels = np.array([start[1], rise, rise, between, between, -fall, -fall, -b])
-    ramps = np.abs(np.diff(levels)[::2]) * [up, down, down, up]
-    holds = np.array([profile.rise_hold, profile.cruise, profile.fall_hold, 0.0], dtype=float)
-    lengths = np.stack([ramps, holds], axis=1).ravel()[:7]
     jerks = np.array([1 / up, 0.0, -1 / down, 0.0, -1 / down, 0.0, 1 / up])
-    first, last = levels[:-1], levels[1:]
+    ramps = np.abs(np.diff(levels)[::2]) * [up, down, down, up]
+    holds = [float(x) for x in (profile.rise_hold, profile.cruise, profile.fall_hold)]
+    lengths = np.zeros(7)
+    lengths[::2] = ramps
+    lengths[1::2] = holds
+    first = levels[:-1]
+    last = levels[1:]
+    # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
     velocity = _accumulated(start[0], lengths * (first + last) / 2)
-    position = _accumulated(0.0, lengths * (velocity + lengths * (2 * first + last) / 6))
-    return _accumulated(0.0, lengths), np.stack([jerks / 6, first / 2, velocity, position])
+    mean = velocity + lengths * (2 * first + last) / 6
+    position = _accumulated(0.0, lengths * mean)
+    starts = _accumulated(0.0, lengths)
+    return starts, np.stack([jerks / 6, first / 2, velocity, position])
 
 
 def _accumulated(start: Array | float, steps: Array) -> Array:
     """The value before each step."""
-    return np.asarray(start + np.r_[0.0, np.cumsum(steps[:-1])])
+    sums = np.r_[0.0, np.cumsum(steps[:-1])]
+    return np.asarray(start + sums)
 
 
 def _resampled(pieces: Pieces, breaks: Array) -> Array:
@@ -227,4 +375,5 @@ def _resampled(pieces: Pieces, breaks: Array) -> Array:
     starts, coefficients = pieces
     middle = (breaks[:-1] + breaks[1:]) / 2
     at = np.searchsorted(starts, middle, side="right") - 1
-    return polynomials.shifted(coefficients[:, at], breaks[:-1] - starts[at])
+    moved = breaks[:-1] - starts[at]
+    return polynomials.shifted(coefficients[:, at], moved)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from baselines.exact import acceleration as exact_nlp
+from baselines.exact import acceleration as acceleration_profile
 from baselines.exact import jerk_profiles as jerk_profile
 from baselines.exact.jerk_profiles import Array, Extremes, Limit, Pieces, Sides
 from trajopt.problem import Problem
@@ -17,68 +17,115 @@ from trajopt.trajectory import Trajectory
 
 _CHEAP = 1e-6  # a dilation below 1 + this is as good as none
 _BRIEF = 1e-3  # of the mean stop time: a segment over which jerk may be taken as constant
+_LARGEST_DILATION = 2.0  # what needs more is no answer
+_DILATION_BISECTIONS = 5
 
 
 def unsupported(problem: Problem) -> str | None:
     """Why jerk limits as these have no optimum, or None."""
     finite = np.isfinite(problem.limits.jerk[problem.moving])
-    lopsided = (finite[:, 0] != finite[:, 1]).any()
-    return "a jerk limit on one side only has no optimum, only an infimum" if lopsided else None
+    one_sided = finite[:, 0] != finite[:, 1]
+    if one_sided.any():
+        return "a jerk limit on one side only has no optimum, only an infimum"
+    return None
 
 
 class Scaled:
     """The moving joints without units: time in mean stop times, accelerations of order one.
 
-    `h` is `(segments, joints)`; limits `v`, `a` and inverse jerks `r` are `(2, joints)`, low first;
-    `v` and `a` signed, `r` not. `jerky` joints have a jerk limit.
+    Attributes:
+        h: displacements, `(segments, joints)`.
+        v: velocity limits, `(2, joints)`, low first.
+        a: acceleration limits, `(2, joints)`, low first.
+        r: inverse jerk limits, `(2, joints)`, low first, not negative.
+        jerky: which joints have a jerk limit, `(joints,)`.
+        stop: each segment's time if all joints stop at both its ends, `(segments,)`.
+        shortest: each segment's time at the velocity limit, `(segments,)`.
+        unit: the unit of time, s.
+        units: the units of jerk, acceleration, velocity and position, rad/s^power, `(4, joints)`.
     """
 
     def __init__(self, problem: Problem) -> None:
-        self.problem, self.moving = problem, problem.moving
-        limits, stop = problem.limits, stop_times(problem.without("position"))
+        self.problem = problem
+        self.moving = problem.moving
+        stop = stop_times(problem.without("position"))
         self.unit = float(stop.mean())
-        velocity, acceleration, jerk = (
-            x[self.moving].T for x in (limits.velocity, limits.acceleration, limits.jerk)
-        )
-        felt = np.minimum(np.abs(acceleration), np.abs(jerk) * self.unit).min(axis=0)
-        # of jerk, acceleration, velocity and position
-        self.units = felt * self.unit ** np.arange(-1.0, 3.0)[:, None]
+        self.stop = stop / self.unit
+        velocity = problem.limits.velocity[self.moving].T
+        acceleration = problem.limits.acceleration[self.moving].T
+        jerk = problem.limits.jerk[self.moving].T
+        # the acceleration that is reached: at its limit, or as far as jerk allows
+        reached = np.minimum(np.abs(acceleration), np.abs(jerk) * self.unit)
+        powers = np.arange(-1.0, 3.0)[:, None]
+        self.units = reached.min(axis=0) * self.unit**powers
         self.r = self.units[0] / np.abs(jerk)
-        self.a, self.v = acceleration / self.units[1], velocity / self.units[2]
-        self.h = problem.displacements[:, self.moving] / self.units[3]
-        self.stop, self.jerky = stop / self.unit, self.r.any(axis=0)
-        self.least = np.maximum(self.h / self.v[1], self.h / self.v[0]).max(axis=1)
+        self.a = acceleration / self.units[1]
+        self.v = velocity / self.units[2]
+        displacements = problem.displacements[:, self.moving]
+        self.h = displacements / self.units[3]
+        self.jerky = self.r.any(axis=0)
+        # T >= h / V2 forwards, T >= h / (-V1) backwards
+        forwards = self.h / self.v[1]
+        backwards = self.h / self.v[0]
+        self.shortest = np.maximum(forwards, backwards).max(axis=1)
 
     def sides(self, k: float = 1.0) -> Sides:
         """Limits of the upper and the mirrored lower profile, for motions `k` times as fast."""
-        v, a, r = np.abs(self.v) * k, np.abs(self.a) * k**2, self.r / k**3
-        return Limit(v[1], a[1], a[0], r[1], r[0]), Limit(v[0], a[0], a[1], r[0], r[1])
+        v1, v2 = np.abs(self.v) * k
+        a1, a2 = np.abs(self.a) * k**2
+        r1, r2 = self.r / k**3
+        upper = Limit(v2, a2, a1, r2, r1)
+        lower = Limit(v1, a1, a2, r1, r2)
+        return upper, lower
 
     def extremes(self, times: Array, states: Array, k: float = 1.0) -> Extremes:
         """The extreme profiles of every segment and joint."""
-        (u, w), (a, b) = ((x[:-1], x[1:]) for x in states)
-        return jerk_profile.extremes((u, a), (w, b), times[:, None], self.sides(k))
+        velocity, acceleration = states
+        start = (velocity[:-1], acceleration[:-1])
+        end = (velocity[1:], acceleration[1:])
+        return jerk_profile.extremes(start, end, times[:, None], self.sides(k))
 
     def trajectory(self, times: Array, states: Array) -> Trajectory:
         """The explicit answer: in each segment a convex combination of both extreme profiles."""
-        breaks = np.r_[0.0, np.cumsum(times)] * self.unit
-        joints = [(breaks[[0, -1]], np.array([[start]])) for start in self.problem.waypoints[0]]
+        passages = np.r_[0.0, np.cumsum(times)]
+        breaks = passages * self.unit
+        whole = breaks[[0, -1]]
+        joints = []
+        for waypoints in self.problem.waypoints.T:
+            rest = np.array([waypoints[:1]])
+            joints.append((whole, rest))
         both = self.extremes(times, states)
         for i, joint in enumerate(np.flatnonzero(self.moving)):
-            parts = [self._piece(k, i, t, states, both) for k, t in enumerate(times)]
-            starts = [at + own[:-1] for at, (own, _) in zip(breaks, parts, strict=False)]
-            joints[joint] = np.r_[(*starts, breaks[-1])], np.hstack([part for _, part in parts])
+            starts = []
+            parts = []
+            for k, t in enumerate(times):
+                local, part = self._piece(k, i, t, states, both)
+                starts.append(breaks[k] + local[:-1])
+                parts.append(part)
+            own_breaks = np.concatenate([*starts, breaks[-1:]])
+            joints[joint] = (own_breaks, np.hstack(parts))
         return Trajectory.joined(joints, breaks)
 
-    def _piece(self, k: int, i: int, t: float, states: Array, both: Extremes) -> Pieces:
+    def _piece(
+        self,
+        k: int,
+        i: int,
+        t: float,
+        states: Array,
+        both: Extremes,
+    ) -> Pieces:
         """Local breaks (s) and coefficients (rad/s^power) of one joint over one segment."""
-        h, ends, v, a = self.h[k, i], states[:, k : k + 2, i], self.v[:, i], self.a[:, i]
+        h = self.h[k, i]
+        ends = states[:, k : k + 2, i]
         if self.jerky[i]:
-            upper, lower = (side.at(i) for side in self.sides())
-            local, part = jerk_profile.combined(ends, t, h, both.at(k, i), (upper, lower))
+            upper, lower = self.sides()
+            sides = (upper.at(i), lower.at(i))
+            local, part = jerk_profile.combined(ends, t, h, both.at(k, i), sides)
         else:
-            local, part = exact_nlp.combined(ends[0, 0], ends[0, 1], t, h, v, a)
-        part = part * self.units[4 - len(part) :, i, None]
+            u, w = ends[0]
+            local, part = acceleration_profile.combined(u, w, t, h, self.v[:, i], self.a[:, i])
+        orders = len(part)
+        part = part * self.units[4 - orders :, i, None]
         part[-1] += self.problem.waypoints[k, self.moving][i]
         return local * self.unit, part
 
@@ -93,19 +140,27 @@ def repaired(times: Array, states: Array, scaled: Scaled) -> tuple[float, Array]
     if k < 1 + _CHEAP:
         return k, states
     smooth = _smoothed(times, states, scaled)
-    other = repair(times, smooth, scaled)
-    return (other, smooth) if other < k else (k, states)
+    smooth_k = repair(times, smooth, scaled)
+    if smooth_k < k:
+        return smooth_k, smooth
+    return k, states
 
 
 def _smoothed(times: Array, states: Array, scaled: Scaled) -> Array:
     """The states, where a brief segment is not reachable those of constant jerk through it."""
-    both, states = scaled.extremes(times, states), states.copy()
-    brief = (times < _BRIEF)[:, None] & ~both.reach(scaled.h, scaled.sides())
+    both = scaled.extremes(times, states)
+    states = states.copy()
+    unreachable = ~both.reach(scaled.h, scaled.sides())
+    brief = (times < _BRIEF)[:, None] & unreachable
     brief[[0, -1]] = False  # their outer ends rest
     for k, joint in np.argwhere(brief):
-        t, h, (a, b) = times[k], scaled.h[k, joint], states[1, k : k + 2, joint]
+        t = times[k]
+        h = scaled.h[k, joint]
+        a, b = states[1, k : k + 2, joint]
+        # h = u T + a T²/2 + (b − a) T²/6, w = u + (a + b) T/2
         u = h / t - a * t / 2 - (b - a) * t / 6
-        states[0, k : k + 2, joint] = u, u + (a + b) / 2 * t
+        w = u + (a + b) / 2 * t
+        states[0, k : k + 2, joint] = u, w
     return states
 
 
@@ -115,20 +170,28 @@ def repair(times: Array, states: Array, scaled: Scaled) -> float:
     Dilating by `k` multiplies the velocity limits by `k`, the accelerations by `k²` and the jerks
     by `k³`, which widens every reachable interval.
     """
-    low, high = 1.0, 1.0 + 1e-14
+    low = 1.0
+    high = 1.0 + 1e-14
     while not _reachable(times, states, scaled, high):
-        low, high = high, 1 + 10 * (high - 1)
-        if high > 2:
+        low = high
+        high = 1 + 10 * (high - 1)
+        if high > _LARGEST_DILATION:
             return np.inf
-    for _ in range(5):
-        k = 0.5 * (low + high)
-        low, high = (low, k) if _reachable(times, states, scaled, k) else (k, high)
+    for _ in range(_DILATION_BISECTIONS):
+        middle = 0.5 * (low + high)
+        if _reachable(times, states, scaled, middle):
+            high = middle
+        else:
+            low = middle
     return high
 
 
 def _reachable(times: Array, states: Array, scaled: Scaled, k: float) -> bool:
     """Whether limits widened by a dilation by `k` admit these times and states."""
-    wide = np.stack([scaled.v * k, scaled.a * k**2])[:, :, None]
-    kept = (wide[:, 0] <= states) & (states <= wide[:, 1])
-    reached = scaled.extremes(times, states, k).reach(scaled.h, scaled.sides(k))
-    return bool(kept.all() and reached.all())
+    limits = np.stack([scaled.v * k, scaled.a * k**2])[:, :, None]
+    low = limits[:, 0]
+    high = limits[:, 1]
+    within = (low <= states) & (states <= high)
+    both = scaled.extremes(times, states, k)
+    reached = both.reach(scaled.h, scaled.sides(k))
+    return bool(within.all() and reached.all())
