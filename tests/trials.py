@@ -1,11 +1,13 @@
 """A problem, a planner and a trial that use all there is to store; shared by the store's tests."""
 
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 
 import h5py
 import numpy as np
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
+from trajopt.benchmark.store.hdf5 import sealed
 from trajopt.benchmark.trial import judge
 
 PROBLEM = Problem(
@@ -51,6 +53,14 @@ class Stopping:
 def solved():
     """Claimed in 1.5 s, which is too fast: the verifier dilates it."""
     return judge(Stopping(0.5), PROBLEM, [3], "stopping")[0]
+
+
+@contextmanager
+def edited(path):
+    """The HDF5 file to be changed, sealed again afterwards as a forger would."""
+    with h5py.File(path, "r+") as file:
+        yield file
+    path.write_bytes(sealed(path.read_bytes()))
 
 
 def datasets(file):

@@ -11,6 +11,7 @@ import time
 import h5py
 import numpy as np
 import pytest
+from trials import edited
 
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
@@ -428,7 +429,7 @@ TAMPERINGS = {
 def test_verify_finds_what_was_tampered_with_and_names_it(compared, trajopt, tmp_path, kind):
     folder, _, _ = compared
     shutil.copy(folder / "results.h5", tmp_path / "results.h5")
-    with h5py.File(tmp_path / "results.h5", "r+") as file:
+    with edited(tmp_path / "results.h5") as file:
         columns = [file[f"trials/{name}"].asstr()[()] for name in ("id", "planner", "problem")]
         ids, planners, problems = columns
         (row,) = np.flatnonzero((planners == "exact") & (problems == "one-joint"))
@@ -450,7 +451,7 @@ def test_verify_names_a_damaged_trial_file_and_verifies_the_others(compared, tra
     code, out, err = trajopt("verify", tmp_path)
     assert (code, err) == (1, "")
     assert "1 do not hold" in out
-    assert "delete it and run again" in " ".join(out.split())
+    assert "running its comparison again replaces it" in " ".join(out.split())
     rows = parsed(trajopt("verify", tmp_path, "--json")[1])["trials"]
     assert len(rows) == 10
     assert [row["id"] for row in rows if not row["holds"]] == [broken.stem]

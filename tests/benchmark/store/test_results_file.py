@@ -12,9 +12,10 @@ from scipy.interpolate import PPoly
 from trials import PROBLEM, Stopping, assert_same, datasets, solved
 
 from trajopt import Limits, Problem, Solution, Status
-from trajopt.benchmark.store import results_file as columns
+from trajopt.benchmark.store import results_file
+from trajopt.benchmark.store.columns import COLUMNS
 from trajopt.benchmark.store.folder import Store, read
-from trajopt.benchmark.store.schema import COLUMNS, encode
+from trajopt.benchmark.store.schema import encode
 from trajopt.benchmark.trial import judge
 
 SMALL = Problem([[0.0], [1.0]], Limits([1.0], [2.0]), "small")
@@ -125,7 +126,7 @@ def test_a_problem_is_stored_once(file):
 
 
 def test_the_example_of_the_docstring_reads_the_fastest_trajectory(path, trials, monkeypatch):
-    (code,) = re.findall(r"(?s)plain h5py:\n\n(.*)", columns.__doc__)
+    (code,) = re.findall(r"(?s)plain h5py:\n\n(.*)", results_file.__doc__)
     names = {"h5py": h5py, "np": np, "PPoly": PPoly}
     exec(textwrap.dedent(code).replace("results/results.h5", str(path)), names)
     fastest = min(
@@ -148,8 +149,8 @@ def test_pandas_reads_the_columns(file, trials):
 
 
 def write(tmp_path, trials):
-    with h5py.File(tmp_path / "x.h5", "w") as file:
-        columns.write(file, map(encode, trials))
+    data = results_file.content(lambda: map(encode, trials))
+    (tmp_path / "x.h5").write_bytes(data)
     return tmp_path / "x.h5"
 
 
@@ -158,8 +159,8 @@ def test_no_trials_are_a_file_too(tmp_path):
 
 
 def test_arrays_larger_than_what_is_held_back_stay_in_order(tmp_path, monkeypatch):
-    monkeypatch.setattr(columns, "_BUFFER", 7)
-    monkeypatch.setattr(columns, "_CHUNK", 5)
+    monkeypatch.setattr(results_file, "_BUFFER", 7)
+    monkeypatch.setattr(results_file, "_CHUNK", 5)
     for a, b in zip(read(write(tmp_path, kinds())), kinds(), strict=True):
         np.testing.assert_equal(a.solution.trajectory is None, b.solution.trajectory is None)
         assert a.id == b.id
@@ -168,7 +169,8 @@ def test_arrays_larger_than_what_is_held_back_stay_in_order(tmp_path, monkeypatc
 
 
 def test_texts_too_long_to_pad_are_read_the_same_way(tmp_path, monkeypatch):
-    monkeypatch.setattr(columns, "_TEXT", 100)
+    monkeypatch.setattr(results_file, "_PADDED_BYTES", 100)
+    monkeypatch.setattr(results_file, "_PADDED_RATIO", 1)
     long = replace(solved(), message="ß" * 300)
     assert read(write(tmp_path, [long, solved()]))[0].message == "ß" * 300
 
@@ -191,7 +193,5 @@ def test_a_thousand_trials_take_little_room(tmp_path):
         )
         for i in range(300)
     ]
-    with h5py.File(tmp_path / "x.h5", "w") as file:
-        columns.write(file, random)
-    assert (tmp_path / "x.h5").stat().st_size / 300 < 10_000
+    assert len(results_file.content(lambda: random)) / 300 < 10_000
     assert trial.problem.joints == 2

@@ -6,18 +6,16 @@ import os
 import platform
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
-from io import FileIO
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 from uuid import uuid4
 
 from trajopt.exceptions import StoreError
 
-T = TypeVar("T")
-
-_QUIET, _OLD = 60.0, 86400.0  # s untouched: litter if its process is gone; litter anyway
+_ORPHAN_AGE = 60.0  # s untouched, after which it is litter if its process is gone
+_LITTER_AGE = 86400.0  # s untouched, after which it is litter anyway
 
 
 def write(path: Path, content: Callable[[Path], Any]) -> None:
@@ -27,9 +25,8 @@ def write(path: Path, content: Callable[[Path], Any]) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(
-            f".{path.stem}~{platform.node()}~{os.getpid()}~{uuid4().hex}.tmp"
-        )
+        owner = f"{platform.node()}~{os.getpid()}"
+        temporary = path.with_name(f".{path.stem}~{owner}~{uuid4().hex}.tmp")
         try:
             content(temporary)
             _sync(temporary)
@@ -37,54 +34,11 @@ def write(path: Path, content: Callable[[Path], Any]) -> None:
             _sync(path.parent)
         finally:
             temporary.unlink(missing_ok=True)
-    except (OSError, RuntimeError) as error:
-        if isinstance(error, StoreError) or not (reason := _reason(error)):
-            raise
+    except StoreError:
+        raise
+    except OSError as error:
+        reason = error.strerror or str(error)
         raise StoreError(f"{path}: cannot be written: {reason}") from error
-
-
-def _reason(error: Exception) -> str:
-    """The system's words, which HDF5 wraps in its own; empty for errors of another kind."""
-    if found := re.search(r"errno = (\d+)", str(error)):
-        return os.strerror(int(found[1]))
-    return (error.strerror or str(error)) if isinstance(error, OSError) else ""
-
-
-class Disk(FileIO):
-    """A file that keeps the error of a write to itself until it is closed.
-
-    HDF5 2.0 may take the process down (a segmentation fault) when the disk is full.
-    """
-
-    error: OSError | None = None
-
-    def write(self, data: Any) -> int:
-        return self._tried(self._write_all, memoryview(data)) or len(data)
-
-    def truncate(self, size: int | None = None) -> int:
-        return self._tried(super().truncate, size) or 0
-
-    def _write_all(self, data: memoryview) -> None:
-        while data:
-            data = data[super().write(data) :]
-
-    def _tried(self, action: Callable[[Any], Any], value: Any) -> Any:
-        try:
-            return None if self.error else action(value)
-        except OSError as error:
-            self.error = error
-
-    def while_well(self, items: Iterator[T]) -> Iterator[T]:
-        """The items, as long as everything could be written."""
-        for item in items:
-            if self.error:
-                raise self.error
-            yield item
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-        if self.error:
-            raise self.error
 
 
 def _sync(path: str | Path) -> None:
@@ -97,11 +51,18 @@ def _sync(path: str | Path) -> None:
 
 def sweep(*folders: Path) -> None:
     """Remove what killed runs left half-written, never what a live one is writing."""
-    for file in (file for folder in folders for file in folder.glob(".*.tmp")):
-        with suppress(OSError):
-            age = time.time() - file.stat().st_mtime
-            if age > _OLD or (age > _QUIET and _orphaned(file.name)):
-                file.unlink()
+    for folder in folders:
+        for file in folder.glob(".*.tmp"):
+            with suppress(OSError):
+                if _is_litter(file):
+                    file.unlink()
+
+
+def _is_litter(file: Path) -> bool:
+    age = time.time() - file.stat().st_mtime
+    if age > _LITTER_AGE:
+        return True
+    return age > _ORPHAN_AGE and _orphaned(file.name)
 
 
 def _orphaned(name: str) -> bool:

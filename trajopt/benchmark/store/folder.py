@@ -2,13 +2,13 @@
 
 A trial file is written under a temporary name, synced and renamed into place, so it exists whole
 or not at all; the folder is the index of what is finished. `results.h5` is rebuilt from the trial
-files and renamed into place, never appended to. `trialfile.py` and `columns.py` show how to read
-them with plain h5py. A trial that lacked a backend is `<id>.missing.h5`, and runs again.
+files and renamed into place, never appended to. `trial_file.py` and `results_file.py` show how to
+read them with plain h5py. A trial that lacked a backend is `<id>.missing.h5`, and runs again.
 """
 
 from __future__ import annotations
 
-import os
+import re
 import warnings
 from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
@@ -16,12 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import h5py
-
-from trajopt.benchmark.store import atomic
-from trajopt.benchmark.store import results_file as columns
-from trajopt.benchmark.store import trial_file as trialfile
-from trajopt.benchmark.store.schema import Encoded, check_schema, decode, encode, unpack
+from trajopt.benchmark.store import atomic, hdf5, results_file, trial_file
+from trajopt.benchmark.store.columns import harmless
+from trajopt.benchmark.store.schema import Encoded, decode, encode, recorded
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 from trajopt.solution import Status
@@ -29,13 +26,16 @@ from trajopt.solution import Status
 T = TypeVar("T")
 
 _MISSING = ".missing.h5"
+_TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.h5")
+_REASON_CHARACTERS = 300  # of what HDF5 or JSON say
 
 
 class Damaged(StoreError):
     """A file that is not what was written; `path` is its path."""
 
     def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(f"{path}: {reason}; delete it and run again")
+        words = " ".join(f"{path}: {reason}".split())
+        super().__init__(harmless(words, lines=False))
         self.path = path
 
 
@@ -43,7 +43,7 @@ class DamagedFile(UserWarning):
     """A damaged file was left out; the others were read."""
 
 
-Damages = Callable[[Damaged], None]
+OnDamage = Callable[[Damaged], None]
 
 
 def _warn(error: Damaged) -> None:
@@ -62,7 +62,8 @@ class Store:
 
     def path(self, trial_id: str, *, missing: bool = False) -> Path:
         """The file of one trial; one that lacked a backend has another name."""
-        return self.folder / "trials" / f"{trial_id}{_MISSING if missing else '.h5'}"
+        ending = _MISSING if missing else ".h5"
+        return self.folder / "trials" / f"{trial_id}{ending}"
 
     def finished(self) -> set[str]:
         """Identities of the trials that need not run again.
@@ -70,8 +71,8 @@ class Store:
         Not those that lacked a backend (installing it is how a user mends them), nor those that
         were cut short. Raises `StoreError` if another version filled this folder.
         """
-        names = (file for file in _trial_files(self.folder) if not file.name.endswith(_MISSING))
-        return {file.stem for file in names if _is_whole(file)}
+        files = [file for file in _trial_files(self.folder) if not _lacked_backend(file)]
+        return {file.stem for file in files if _is_whole(file)}
 
     def has(self, trial_id: str) -> bool:
         """Whether this trial is finished and its file whole."""
@@ -97,15 +98,13 @@ class Store:
     def _rebuild(self, place: Path) -> None:
         """Again if another run replaced `results.h5` meanwhile: it may know more trials."""
         while True:
-            seen = _stamp(self.results)
-            trials = _each(_trial_files(self.folder), lambda kept: kept, _warn)
-            with (
-                atomic.Disk(place, "w+b") as disk,
-                h5py.File(disk, "w", libver=trialfile.LIBRARY) as file,
-            ):
-                columns.write(file, disk.while_well(trials))
-            if _stamp(self.results) == seen:
+            before = _stamp(self.results)
+            place.write_bytes(results_file.content(self._encoded))
+            if _stamp(self.results) == before:
                 return
+
+    def _encoded(self) -> Iterator[Encoded]:
+        return _each(_trial_files(self.folder), _readable, _warn)
 
     def read(self) -> list[Trial]:
         """The stored trials, each from its own file; warns of damaged ones."""
@@ -114,7 +113,7 @@ class Store:
 
 def save(path: Path, trial: Trial) -> Path:
     """Write one trial to a file of its own, whole or not at all."""
-    data = trialfile.write(encode(trial))
+    data = trial_file.content(encode(trial))
     atomic.write(path, lambda place: place.write_bytes(data))
     return path
 
@@ -122,9 +121,11 @@ def save(path: Path, trial: Trial) -> Path:
 def read(path: Path | str, ids: Container[str] | None = None) -> list[Trial]:
     """The trials of a results folder, of a `results.h5`, or of a single trial file.
 
-    All of them, or those with these `ids`. Certificates are the recorded ones. Raises `StoreError`
-    naming the file if it is missing, damaged, or from another version; a damaged file in a folder
-    is left out with a warning (`DamagedFile`).
+    All of them, or those with these `ids`. Certificates are the recorded ones.
+
+    Raises:
+        StoreError: naming the file if it is missing, damaged, or from another version; a damaged
+            file in a folder is left out with a warning (`DamagedFile`).
     """
 
     def chosen(kept: Encoded) -> Trial | None:
@@ -133,7 +134,7 @@ def read(path: Path | str, ids: Container[str] | None = None) -> list[Trial]:
     return [trial for trial in _all(Path(path), chosen, _warn) if trial is not None]
 
 
-def records(path: Path | str, damaged: Damages = _warn) -> list[tuple[Trial, dict[str, Any]]]:
+def records(path: Path | str, damaged: OnDamage = _warn) -> list[tuple[Trial, dict[str, Any]]]:
     """Every trial, verified anew from its stored trajectory, beside the row recorded of it.
 
     Raises `StoreError` as `read` does; a damaged file in a folder goes to `damaged`.
@@ -142,25 +143,28 @@ def records(path: Path | str, damaged: Damages = _warn) -> list[tuple[Trial, dic
 
 
 def _verified(kept: Encoded) -> tuple[Trial, dict[str, Any]]:
-    recorded: dict[str, Any] = unpack(kept.row)
-    return decode(kept, anew=True), recorded
+    return decode(kept, anew=True), recorded(kept)
 
 
-def _all(path: Path, use: Callable[[Encoded], T], damaged: Damages) -> Iterator[T]:
+def _readable(kept: Encoded) -> Encoded:
+    """The same, if it can be read: one bad trial must not spoil the `results.h5` of all."""
+    decode(kept)
+    return kept
+
+
+def _all(path: Path, use: Callable[[Encoded], T], damaged: OnDamage) -> Iterator[T]:
     if path.is_dir():
         files = _trial_files(path)
         if not files:
             raise StoreError(f"{path}: expected a results folder with trials/*.h5 in it")
         yield from _each(files, use, damaged)
         return
-    with _reading(path), h5py.File(path) as file:
-        check_schema(file.attrs.get("schema"), str(path))
-        kept = list(columns.read(file)) if "trials" in file else [_load(path)]
-        found = [use(one) for one in kept]
+    with _reading(path):
+        found = [_used(kept, use) for kept in _loaded(path)]
     yield from found
 
 
-def _each(files: list[Path], use: Callable[[Encoded], T], damaged: Damages) -> Iterator[T]:
+def _each(files: list[Path], use: Callable[[Encoded], T], damaged: OnDamage) -> Iterator[T]:
     """One after the other; a damaged file does not take the others down."""
     for path in files:
         try:
@@ -172,11 +176,23 @@ def _each(files: list[Path], use: Callable[[Encoded], T], damaged: Damages) -> I
             yield found
 
 
+def _used(kept: Encoded, use: Callable[[Encoded], T]) -> T:
+    """What `use` makes of a trial among others; an error says which one it was."""
+    try:
+        return use(kept)
+    except ValueError as error:
+        raise ValueError(f"trial {kept.row['id']!r:.24}: {error}") from error
+
+
 def _trial_files(folder: Path) -> list[Path]:
     """One file per trial: those that lacked a backend only until they are finished."""
-    found = sorted((folder / "trials").glob("*.h5"))
-    done = {file.stem for file in found if not file.name.endswith(_MISSING)}
-    return [f for f in found if not f.name.endswith(_MISSING) or _id(f) not in done]
+    files = sorted((folder / "trials").glob("*.h5"))
+    done = {file.stem for file in files if not _lacked_backend(file)}
+    return [file for file in files if not _lacked_backend(file) or _id(file) not in done]
+
+
+def _lacked_backend(path: Path) -> bool:
+    return path.name.endswith(_MISSING)
 
 
 def _id(path: Path) -> str:
@@ -184,18 +200,16 @@ def _id(path: Path) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether the file ends as `save` left it, or, where someone edited it, can be read."""
+    """Whether the file ends as `save` left it, or can be read.
+
+    Of what is inside the end says nothing, but to look there takes a hundred times as long.
+    """
     try:
-        with path.open("rb") as file:
-            file.seek(-trialfile.TAIL, os.SEEK_END)
-            if trialfile.ends_well(file.read()):
-                return True
-    except OSError:  # not there, or shorter than that
-        return False
-    try:
+        if hdf5.ends_sealed(path):
+            return True
         with _reading(path):
             decode(_load(path))
-    except Damaged:
+    except (Damaged, FileNotFoundError):
         return False
     return True
 
@@ -212,13 +226,26 @@ def _reading(path: Path) -> Iterator[None]:
     except PermissionError as error:
         raise StoreError(f"{path}: cannot be read: {error.strerror or error}") from error
     except Exception as error:
-        raise Damaged(path, f"damaged, or not an HDF5 file of trajopt ({error})") from error
+        reason = str(error)[:_REASON_CHARACTERS]
+        advice = ""
+        if path.parent.name == "trials" and _TRIAL_NAME.fullmatch(path.name):
+            advice = "; running its comparison again replaces it"
+        raise Damaged(
+            path, f"damaged, or not an HDF5 file of trajopt ({reason}){advice}"
+        ) from error
 
 
 def _load(path: Path) -> Encoded:
-    if path.name.endswith(_MISSING) and not path.exists():  # another run has finished it meanwhile
+    if _lacked_backend(path) and not path.exists():  # another run has finished it meanwhile
         path = path.with_name(f"{_id(path)}.h5")
-    return trialfile.read(path.read_bytes(), str(path))
+    return trial_file.read(path)
+
+
+def _loaded(path: Path) -> list[Encoded]:
+    """All trials of a file, whichever of the two kinds it is."""
+    with hdf5.opened(path) as source:
+        consolidated = "trials" in source
+    return list(results_file.read(path)) if consolidated else [trial_file.read(path)]
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

@@ -19,62 +19,104 @@ Every dataset carries its `units` and a `description`. The fastest trajectory, w
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from trajopt.benchmark.store.schema import (
+from trajopt.benchmark.store import hdf5
+from trajopt.benchmark.store.columns import (
     ARRAYS,
     COLUMNS,
     PROBLEM,
-    SCHEMA,
     STATS,
     Array,
-    Encoded,
-    unpack,
+    Block,
+    Column,
+    Malformed,
 )
+from trajopt.benchmark.store.schema import Encoded, unpack
 
 _CHUNK = 1 << 14  # values, 128 KiB: read or damaged together
 _BUFFER = 1 << 20  # values kept in memory before they are written
-_TEXT = 1 << 26  # bytes of a column beyond which its texts are stored one by one
+_PADDED_BYTES = 1 << 22  # of a column's texts, beyond which they are stored one by one
+_PADDED_RATIO = 4  # if they also take as many times what they say
+
+Filters = dict[str, Any]
+_CHECKED: Filters = {"fletcher32": True}
+_COMPRESSED: Filters = _CHECKED | {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+_DESCRIPTION = "trials of minimum-time planners, each judged by the verifier"
+_OFFSETS = Block(None, "1", "where each starts in values, and where the last one ends")
+_SHAPE = Block(None, "1", "shape of each; -1: none, or no such axis")
+_PROBLEM_ROW = Block(None, "1", "row of the trial's problem in problems/, from 0")
+_PROBLEM_DIGEST = Block(None, "", "SHA-256 of the problem's numbers")
 
 
-def write(file: Any, trials: Iterable[Encoded]) -> None:
-    """Write all trials into an empty HDF5 file, in one pass over them."""
-    file.attrs["schema"] = SCHEMA
-    file.attrs["description"] = "trials of minimum-time planners, each judged by the verifier"
+def content(trials: Callable[[], Iterable[Encoded]]) -> bytes:
+    """The file's bytes, in one pass over the trials. Made in memory, as a trial file is.
+
+    What would compress so well that readers took it for a bomb is stored as it is.
+    """
+    data = b""
+    for filters in (_COMPRESSED, _CHECKED):
+        with h5py.File.in_memory(libver=hdf5.LIBRARY) as file:
+            file.attrs["schema"] = hdf5.SCHEMA
+            file.attrs["description"] = _DESCRIPTION
+            _write(file, trials(), filters)
+            data = hdf5.content(file)
+            claimed = hdf5.claimed(file)
+        if claimed <= hdf5.allowance(len(data)):
+            break
+    return data
+
+
+def _write(file: h5py.File, trials: Iterable[Encoded], filters: Filters) -> None:
     rows: dict[str, list[Any]] = {name: [] for name in COLUMNS}
-    numbers: dict[str, dict[str, Array]] = {}
-    arrays = {name: _Ragged(file, name, *about) for name, about in ARRAYS.items()}
+    problems: dict[str, dict[str, Array]] = {}
+    arrays = {name: _Ragged(file, name, block, filters) for name, block in ARRAYS.items()}
     for count, trial in enumerate(trials):
         for name in trial.arrays.keys() - arrays:
-            arrays[name] = _Ragged(file, name, *STATS, before=count)
+            arrays[name] = _Ragged(file, name, STATS, filters, before=count)
         for name, ragged in arrays.items():
             ragged.add(trial.arrays.get(name))
-        numbers.setdefault(trial.row["digest"], trial.problem)
-        for name, column in COLUMNS.items():
-            value = trial.row[name]
-            rows[name].append(json.dumps(value) if column.kind is object else value)
-    scale = _write_columns(file.create_group("trials"), rows, list(numbers))
+        problems.setdefault(trial.row["digest"], trial.problem)
+        for name in COLUMNS:
+            rows[name].append(trial.row[name])
+    scale = _write_columns(file.create_group("trials"), rows, list(problems), filters)
     for ragged in arrays.values():
         ragged.close(scale)
-    _write_problems(file.create_group("problems"), numbers)
+    _write_problems(file.create_group("problems"), problems, filters)
 
 
-def read(file: Any) -> Iterator[Encoded]:
-    """The trials that `write` stored, in its order."""
-    columns = {name: _column(file["trials"][name], name) for name in COLUMNS}
-    digests = file["problems/digest"].asstr()[()]
-    tables = [_cut(file["problems"][name]) for name in PROBLEM]
-    numbers = (dict(zip(PROBLEM, table, strict=True)) for table in zip(*tables, strict=True))
-    problems: dict[str, Any] = dict(zip(digests, numbers, strict=True))
-    arrays = {name: _cut(file[name]) for name in _ragged(file)}
-    for i, values in enumerate(zip(*columns.values(), strict=True)):
-        row = dict(zip(COLUMNS, values, strict=True))
-        own = {name: array for name, cut in arrays.items() if (array := cut[i]) is not None}
+def read(path: Path) -> Iterator[Encoded]:
+    """The trials that `content` stored, in its order.
+
+    Raises:
+        WrongSchema: for what another version wrote.
+        Exception: whatever else it raises means that the content is damaged, or not ours.
+    """
+    with hdf5.opened(path) as source:
+        columns = {name: _column(source, name) for name in COLUMNS}
+        count = len(columns["id"])
+        for name, values in columns.items():
+            if len(values) != count:
+                raise Malformed(f"trials/{name}: {len(values)} entries, but {count} trials")
+        problems = _problems(source)
+        names = [*ARRAYS, *(f"stats/{name}" for name in source.names("stats"))]
+        arrays = {name: _parts(source, name, count) for name in names}
+    for i in range(count):
+        row = {name: values[i] for name, values in columns.items()}
+        if row["digest"] not in problems:
+            raise Malformed(f"trials/digest: {row['digest']!r:.80} is not in problems/digest")
+        own = {}
+        for name, parts in arrays.items():
+            part = parts[i]
+            if part is not None:
+                own[name] = part
         yield Encoded(row, problems[row["digest"]], own)
 
 
@@ -82,12 +124,15 @@ class _Ragged:
     """Arrays of differing shapes, end to end in one dataset."""
 
     def __init__(
-        self, file: Any, name: str, units: str, description: str, *, before: int = 0
+        self, file: Any, name: str, block: Block, filters: Filters, *, before: int = 0
     ) -> None:
-        self.group, self.units, self.description = file.create_group(name), units, description
-        self.filters = _RAW if name.endswith("coefficients") else _FILTERS
+        self.group = file.create_group(name)
+        self.block = block
+        self.filters = filters
+        self.value_filters = _CHECKED if name.endswith("coefficients") else filters
         self.buffer: list[Array] = []
-        self.waiting, self.offsets = 0, [0] * (before + 1)
+        self.waiting = 0
+        self.offsets = [0] * (before + 1)
         self.shapes: list[tuple[int, ...] | None] = [None] * before
 
     def add(self, array: Array | None) -> None:
@@ -100,60 +145,93 @@ class _Ragged:
         if self.waiting > _BUFFER:
             self._flush()
 
-    def _flush(self) -> None:
-        if "values" not in self.group:
-            chunk = max(1, min(self.waiting, _CHUNK))
-            data = self.group.create_dataset(
-                "values", (0,), float, chunks=(chunk,), maxshape=(None,), **self.filters
-            )
-            describe(data, self.units, self.description)
-        values = self.group["values"]
-        if self.buffer:
-            values.resize((len(values) + self.waiting,))
-            values[len(values) - self.waiting :] = np.concatenate(self.buffer)
-            self.buffer, self.waiting = [], 0
-
     def close(self, scale: Any) -> None:
         self._flush()
-        axes = max((len(s) for s in self.shapes if s is not None), default=1)
-        shape = np.full((len(self.shapes), axes), -1)
-        for row, own in zip(shape, self.shapes, strict=True):
-            row[: len(own or ())] = own or ()
-        data = _put(self.group, "shape", shape, "1", "shape of each; -1: none, or no such axis")
+        axes = max((len(shape) for shape in self.shapes if shape is not None), default=1)
+        table = np.full((len(self.shapes), axes), -1)
+        for row, shape in zip(table, self.shapes, strict=True):
+            own = shape or ()
+            row[: len(own)] = own
+        data = _put(self.group, "shape", table, _SHAPE, self.filters)
         data.dims[0].attach_scale(scale)
-        what = "where each starts in values, and where the last one ends"
-        _put(self.group, "offsets", np.array(self.offsets), "1", what)
+        _put(self.group, "offsets", np.array(self.offsets), _OFFSETS, self.filters)
+
+    def _flush(self) -> None:
+        if "values" not in self.group:
+            self._create(chunk=max(1, min(self.waiting, _CHUNK)))
+        if not self.buffer:
+            return
+        values = self.group["values"]
+        start = len(values)
+        values.resize((start + self.waiting,))
+        values[start:] = np.concatenate(self.buffer)
+        self.buffer = []
+        self.waiting = 0
+
+    def _create(self, chunk: int) -> None:
+        data = self.group.create_dataset(
+            "values",
+            shape=(0,),
+            dtype=float,
+            chunks=(chunk,),
+            maxshape=(None,),
+            **self.value_filters,
+        )
+        _describe(data, self.block)
 
 
-def _cut(group: Any) -> list[Array | None]:
-    values, shapes = group["values"][()], group["shape"][()]
-    parts = (values[a:b] for a, b in pairwise(group["offsets"][()].tolist()))
-    return [
-        None if shape[0] < 0 else part.reshape([n for n in shape if n >= 0])
-        for part, shape in zip(parts, shapes.tolist(), strict=True)
-    ]
+def _parts(source: hdf5.Source, name: str, count: int) -> list[Array | None]:
+    """The arrays of a `_Ragged`."""
+    values = source.numbers(f"{name}/values", 1)
+    shapes = source.integers(f"{name}/shape", 2)
+    offsets = source.integers(f"{name}/offsets", 1)
+    ends_fit = offsets[:1] == [0] and offsets[-1:] == [len(values)]
+    if not ends_fit or len(offsets) != count + 1 or len(shapes) != count:
+        raise Malformed(f"{name}: offsets, shape and values do not fit together")
+    parts: list[Array | None] = []
+    for (start, end), row in zip(pairwise(offsets), shapes, strict=True):
+        if end < start:
+            raise Malformed(f"{name}/offsets: they decrease")
+        shape = [n for n in row if n >= 0]
+        parts.append(values[start:end].reshape(shape) if shape else None)
+    return parts
 
 
-def _ragged(file: Any) -> list[str]:
-    return [*ARRAYS, *(f"stats/{name}" for name in file.get("stats", ()))]
+def _problems(source: hdf5.Source) -> dict[str, dict[str, Array]]:
+    """Waypoints and limits by the problem's digest."""
+    digests = source.texts("problems/digest")
+    tables = {name: _parts(source, f"problems/{name}", len(digests)) for name in PROBLEM}
+    problems: dict[str, dict[str, Array]] = {}
+    for i, digest in enumerate(digests):
+        problems[digest] = {}
+        for name, parts in tables.items():
+            part = parts[i]
+            if part is None:
+                raise Malformed(f"problems/{name}: none for problem {i}")
+            problems[digest][name] = part
+    return problems
 
 
-def _write_columns(group: Any, rows: Mapping[str, list[Any]], digests: list[str]) -> Any:
+def _write_columns(
+    group: Any, rows: Mapping[str, list[Any]], digests: list[str], filters: Filters
+) -> Any:
     """Every column of the trials; returns their dimension scale."""
     for name, column in COLUMNS.items():
-        _put(group, name, _as(column.kind, rows[name]), column.units, column.description)
+        _put(group, name, _stored(column, rows[name]), column, filters)
     number = {digest: i for i, digest in enumerate(digests)}
-    owners = np.array([number[digest] for digest in rows["digest"]], dtype=int)
-    _put(group, "problem_row", owners, "1", "row of the trial's problem in problems/, from 0")
+    owners = [number[digest] for digest in rows["digest"]]
+    _put(group, "problem_row", np.array(owners, dtype=int), _PROBLEM_ROW, filters)
     return _scaled(group, "id", "trial")
 
 
-def _write_problems(group: Any, numbers: Mapping[str, Mapping[str, Array]]) -> None:
-    _put(group, "digest", _as(str, list(numbers)), "", "SHA-256 of the problem's numbers")
+def _write_problems(
+    group: Any, problems: Mapping[str, Mapping[str, Array]], filters: Filters
+) -> None:
+    _put(group, "digest", _padded(list(problems)), _PROBLEM_DIGEST, filters)
     scale = _scaled(group, "digest", "problem")
-    for name, about in PROBLEM.items():
-        ragged = _Ragged(group, name, *about)
-        for problem in numbers.values():
+    for name, block in PROBLEM.items():
+        ragged = _Ragged(group, name, block, filters)
+        for problem in problems.values():
             ragged.add(problem[name])
         ragged.close(scale)
 
@@ -165,41 +243,61 @@ def _scaled(group: Any, scale: str, dimension: str) -> Any:
     return group[scale]
 
 
-def _column(data: Any, name: str) -> list[Any]:
+def _stored(column: Column, values: list[Any]) -> Any:
+    """A column's values as they lie in HDF5."""
+    if column.kind == "number":
+        return np.array(unpack(values), dtype=float)
+    if column.kind == "integer":
+        return np.array(values, dtype=np.int64)
+    if column.kind == "object":
+        return _padded([json.dumps(value) for value in values])
+    return _padded(values)
+
+
+def _column(source: hdf5.Source, name: str) -> list[Any]:
+    """A column's values as `Encoded` has them."""
     kind = COLUMNS[name].kind
-    if kind is float:
-        return [None if value != value else value for value in data[()].tolist()]
-    if kind is int:
-        return [int(value) for value in data[()].tolist()]
-    texts = data.asstr()[()].tolist()
-    return texts if kind is str else list(map(json.loads, texts))
+    path = f"trials/{name}"
+    if kind == "number":
+        numbers = source.numbers(path, 1).tolist()
+        return [None if np.isnan(value) else value for value in numbers]
+    if kind == "integer":
+        return source.integers(path, 1)
+    texts = source.texts(path)
+    if kind != "object":
+        return texts
+    try:
+        return [json.loads(text) for text in texts]
+    except ValueError as error:
+        raise Malformed(f"{path}: {error}") from error
 
 
-def _as(kind: type, values: list[Any]) -> Any:
-    if kind is int and max(map(abs, values), default=0) >= 2**63:  # seeds may be of any size
-        kind, values = str, [str(value) for value in values]
-    if kind in (int, float):
-        return np.array(unpack(values), dtype=kind)
-    texts = [value.encode() for value in values]
-    longest = max(map(len, texts), default=0) or 1
-    if longest * len(texts) > _TEXT:
-        return np.array(texts, dtype=h5py.string_dtype())
-    return np.array(texts, dtype=h5py.string_dtype("utf-8", longest))
+def _padded(texts: list[str]) -> Any:
+    """Texts of one length, which compress and which everybody reads, unless they were too long."""
+    encoded = [text.encode() for text in texts]
+    longest = max(1, max(map(len, encoded), default=0))
+    padded = longest * len(encoded)
+    if padded > max(_PADDED_BYTES, _PADDED_RATIO * sum(map(len, encoded))):
+        return np.array(encoded, dtype=h5py.string_dtype())
+    return np.array(encoded, dtype=h5py.string_dtype("utf-8", longest))
 
 
-def _put(group: Any, name: str, values: Any, units: str, description: str) -> Any:
-    limits = {"maxshape": (None, *values.shape[1:])}
-    limits["chunks"] = (max(1, min(len(values), _CHUNK)), *values.shape[1:])
-    filters = {} if values.dtype.kind == "O" else _FILTERS  # texts of any length take none
-    data = group.create_dataset(name, data=values, **limits, **filters)
-    return describe(data, units, description)
-
-
-def describe(data: Any, units: str, description: str) -> Any:
-    """The same dataset, with its units and what it means."""
-    data.attrs["units"], data.attrs["description"] = units, description
+def _put(group: Any, name: str, values: Any, about: Block | Column, filters: Filters) -> Any:
+    rest = values.shape[1:]
+    rows = max(1, min(len(values), _CHUNK))
+    if values.dtype.kind == "O":  # texts of any length take none
+        filters = {}
+    data = group.create_dataset(
+        name,
+        data=values,
+        chunks=(rows, *rest),
+        maxshape=(None, *rest),
+        **filters,
+    )
+    _describe(data, about)
     return data
 
 
-_RAW: dict[str, Any] = {"fletcher32": True}  # for coefficients: they hardly get shorter
-_FILTERS = _RAW | {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+def _describe(data: Any, about: Block | Column) -> None:
+    data.attrs["units"] = about.units
+    data.attrs["description"] = about.text if isinstance(about, Block) else about.description

@@ -1,14 +1,14 @@
 """What is kept of a trial: a row of plain values, the problem's numbers, and arrays.
 
 A row holds what JSON can say, with NaN and infinity spelled out as `{"$float": "nan"}`; floats
-come back bit by bit. `trialfile.py` and `columns.py` say how rows and arrays lie in HDF5.
+come back bit by bit. `trial_file.py` and `results_file.py` say how rows and arrays lie in HDF5.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, fields
 from functools import lru_cache
 from numbers import Integral, Real
 from typing import Any
@@ -17,6 +17,15 @@ from urllib.parse import quote, unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.benchmark.store.columns import (
+    ARRAYS,
+    COLUMNS,
+    PROBLEM,
+    SEED_MAX,
+    Array,
+    Malformed,
+    harmless,
+)
 from trajopt.benchmark.trial import Trial, verdict
 from trajopt.exceptions import InvalidTrajectory, StoreError
 from trajopt.planner import Relation
@@ -25,71 +34,10 @@ from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 from trajopt.verification import Certificate, Tolerance, Worst
 
-SCHEMA = 2  # raise it whenever a reader of this version could misread the file
+DEGREE_MAX = 100  # of a stored trajectory: finding roots takes memory by the degree's square
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Column:
-    """One value per trial: its dtype (`str` for text, `object` for JSON), units and meaning."""
-
-    kind: type
-    units: str
-    description: str
-
-
-COLUMNS = {
-    "id": Column(str, "", "identity: problem digest, planner, options, seed, package version"),
-    "problem": Column(str, "", "problem name"),
-    "source": Column(str, "", "where the problem's numbers come from"),
-    "digest": Column(str, "", "SHA-256 of the problem's numbers"),
-    "planner": Column(str, "", "planner name"),
-    "label": Column(str, "", "planner name with the options that differ from its defaults"),
-    "options": Column(object, "", "all planner options, as JSON"),
-    "seed": Column(int, "1", "seed of the random stream; 0 for deterministic planners"),
-    "relation": Column(str, "", "how the answer relates to the minimum-time problem"),
-    "status": Column(str, "", "verdict"),
-    "message": Column(str, "", "why, if not solved"),
-    "planner_status": Column(str, "", "what the planner itself reported"),
-    "planner_message": Column(str, "", "what the planner itself said"),
-    "claimed_duration": Column(float, "s", "duration of the trajectory as returned"),
-    "certified_duration": Column(float, "s", "max(1, dilation) x claimed; NaN: beyond mending"),
-    "lower_bound": Column(float, "s", "no trajectory beats this, according to the planner"),
-    "dilation": Column(float, "1", "exact cheapest time dilation that meets the limits"),
-    "feasible": Column(float, "1", "1 if it keeps every limit as claimed; NaN: no trajectory"),
-    "evaluations": Column(float, "1", "objective evaluations; NaN if not counted"),
-    "setup_time": Column(float, "s", "wall time for building what later calls reuse"),
-    "solve_time": Column(float, "s", "wall time besides; a batch's divided by its runs"),
-    "batch": Column(int, "1", "runs that were solved together"),
-    "started": Column(str, "", "start time, UTC, ISO 8601"),
-    "certificate": Column(object, "", "the verifier's worst values as JSON, joints from 1"),
-    "stats": Column(object, "", "reported by the planner, as JSON (SI units); see also stats/"),
-    "provenance": Column(object, "", "versions, commit and machine of this trial, as JSON"),
-}
-
-ARRAYS = {
-    "trajectory/breaks": ("s", "start of each piece, and the end: (pieces + 1,)"),
-    "trajectory/coefficients": (
-        "rad/s^power", "highest power first, time from the piece's start: (power, piece, joint)"),
-    "trajectory/waypoint_times": ("s", "when each waypoint is passed: (waypoints,)"),
-    "history/evaluations": ("1", "evaluations spent"),
-    "history/duration": ("s", "best duration by then; NaN before the first"),
-}  # fmt: skip
-STATS = ("", "reported by the planner (SI units)")
-
-_LIMIT = "limits, low and high; infinite where there is none: (joint, side)"
-PROBLEM = {
-    "waypoints": ("rad", "positions to pass in order, from rest to rest: (waypoint, joint)"),
-    "velocity": ("rad/s", f"velocity {_LIMIT}"),
-    "acceleration": ("rad/s^2", f"acceleration {_LIMIT}"),
-    "jerk": ("rad/s^3", f"jerk {_LIMIT}"),
-    "position": ("rad", f"position {_LIMIT}"),
-}
-
-
-class WrongSchema(StoreError):
-    """A file that another version wrote and this one does not read."""
+_WORST = ("velocity", "acceleration", "jerk", "position", "waypoint", "continuity")
+_TRAJECTORY = ("breaks", "coefficients", "waypoint_times")
 
 
 @dataclass(frozen=True)
@@ -101,63 +49,117 @@ class Encoded:
     arrays: dict[str, Array]
 
 
-def encode(t: Trial) -> Encoded:
-    """Everything there is to keep; raises `TypeError` for what it cannot say."""
-    s, c, problem = t.solution, t.certificate, t.problem
-    arrays = {n: v for n, v in s.stats.items() if isinstance(v, np.ndarray) and _is_plain(v)}
+def encode(trial: Trial) -> Encoded:
+    """Everything there is to keep.
+
+    Raises:
+        TypeError: for what no file can hold.
+        StoreError: for a seed beyond 64 bits.
+    """
+    problem = trial.problem
+    solution = trial.solution
+    certificate = trial.certificate
+    if not 0 <= trial.seed <= SEED_MAX:
+        raise StoreError(f"seed {trial.seed} cannot be stored: expected 0 to {SEED_MAX}")
+    stat_arrays = {
+        name: value
+        for name, value in solution.stats.items()
+        if isinstance(value, np.ndarray) and _is_plain(value)
+    }
     row = {
-        "id": t.id, "problem": problem.name, "source": problem.source, "digest": problem.digest(),
-        "planner": t.planner, "label": t.label,
-        "options": json.loads(json.dumps(dict(t.options), default=str)),
-        "seed": t.seed, "relation": t.relation.name, "status": str(t.status), "message": t.message,
-        "planner_status": str(s.status), "planner_message": s.message,
-        "claimed_duration": t.claimed_duration, "certified_duration": t.certified_duration,
-        "lower_bound": t.lower_bound, "dilation": c and c.dilation,
-        "feasible": c and float(c.feasible), "evaluations": s.evaluations,
-        "setup_time": t.setup_time, "solve_time": t.solve_time, "batch": t.batch,
-        "started": t.started, "certificate": c and _certificate_row(c),
-        "stats": {n: v for n, v in s.stats.items() if n not in arrays},
-        "provenance": dict(t.provenance),
-    }  # fmt: skip
-    texts = {n: _storable(row[n]) for n, column in COLUMNS.items() if column.kind is str}
+        "id": trial.id,
+        "problem": problem.name,
+        "source": problem.source,
+        "digest": problem.digest(),
+        "planner": trial.planner,
+        "label": trial.label,
+        "options": json.loads(json.dumps(dict(trial.options), default=str)),
+        "seed": trial.seed,
+        "relation": trial.relation.name,
+        "status": str(trial.status),
+        "message": trial.message,
+        "planner_status": str(solution.status),
+        "planner_message": solution.message,
+        "claimed_duration": trial.claimed_duration,
+        "certified_duration": trial.certified_duration,
+        "lower_bound": trial.lower_bound,
+        "dilation": certificate.dilation if certificate else None,
+        "feasible": float(certificate.feasible) if certificate else None,
+        "evaluations": solution.evaluations,
+        "setup_time": trial.setup_time,
+        "solve_time": trial.solve_time,
+        "batch": trial.batch,
+        "started": trial.started,
+        "certificate": _certificate_row(certificate) if certificate else None,
+        "stats": {n: v for n, v in solution.stats.items() if n not in stat_arrays},
+        "provenance": dict(trial.provenance),
+    }
+    for name, column in COLUMNS.items():
+        if column.kind in ("name", "text"):
+            row[name] = harmless(row[name], lines=column.kind == "text")
     numbers = {"waypoints": problem.waypoints}
-    numbers |= {name: getattr(problem.limits, name) for name in LIMIT_NAMES}
-    stats = {f"stats/{quote(n, safe=' ')}": v for n, v in arrays.items()}
-    return Encoded(pack(row | texts), numbers, _arrays(s) | stats)
+    for limit in LIMIT_NAMES:
+        numbers[limit] = getattr(problem.limits, limit)
+    arrays = _solution_arrays(solution)
+    for name, array in stat_arrays.items():
+        arrays[f"stats/{quote(name, safe=' ')}"] = array
+    return Encoded(pack(row), numbers, arrays)
 
 
 def decode(kept: Encoded, *, anew: bool = False) -> Trial:
-    """The trial as it was judged; its certificate is the recorded one, or computed `anew`.
+    """The trial as it was judged; its verdict is the recorded one, or that of today, `anew`.
 
-    A trajectory that is none (any more) leaves an invalid trial without one.
+    A trajectory that is none (any more) leaves an invalid trial without a certificate.
+
+    Raises:
+        Malformed: naming the column or array that is not what it should be.
     """
-    row, arrays = unpack(kept.row), kept.arrays
+    row = _checked_row(kept.row)
+    arrays = kept.arrays
+    problem = _problem(row, kept.problem)
     trajectory, damage = _trajectory(arrays)
-    if damage:
-        row = row | {"status": "invalid", "message": f"the stored trajectory: {damage}"}
-    history = [arrays[n] for n in ARRAYS if n.startswith("history/") and n in arrays]
-    stats = {unquote(n[6:]): v for n, v in arrays.items() if n.startswith("stats/")}
-    number = {n: _number(row[n]) for n, column in COLUMNS.items() if column.kind is float}
-    batch, setup_time = int(row["batch"]), number["setup_time"]
     solution = Solution(
-        Status(row["planner_status"]), trajectory, row["planner_message"],
-        lower_bound=None if np.isnan(number["lower_bound"]) else number["lower_bound"],
-        evaluations=int(number["evaluations"]) if np.isfinite(number["evaluations"]) else None,
-        history=np.stack(history, axis=1) if history else None,
-        setup_time=setup_time * batch, stats=row["stats"] | stats,
-    )  # fmt: skip
-    problem = _problem(row["problem"], row["source"], *(_raw(kept.problem[n]) for n in PROBLEM))
+        status=Status(row["planner_status"]),
+        trajectory=trajectory,
+        message=row["planner_message"],
+        lower_bound=_absent_if_nan(row["lower_bound"]),
+        evaluations=_count(row["evaluations"]),
+        history=_history(arrays),
+        setup_time=_nan_if_absent(row["setup_time"]) * row["batch"],
+        stats=row["stats"] | _stat_arrays(arrays),
+    )
+    status = Status(row["status"])
+    message = row["message"]
     certificate = None
-    if anew and not damage:
+    if damage:
+        status = Status.INVALID
+        message = f"the stored trajectory: {damage}"
+    elif anew:
         status, _, certificate = verdict(problem, solution)
-        row = row | {"status": str(status)}
-    elif trajectory is not None:
-        certificate = _certificate(row["certificate"])
+    elif trajectory is not None and row["certificate"] is not None:
+        certificate = _certificate(row["certificate"], problem.joints)
     return Trial(
-        problem, row["planner"], row["label"], row["options"], int(row["seed"]),
-        Relation[row["relation"]], Status(row["status"]), row["message"], solution, certificate,
-        setup_time, number["solve_time"], batch, row["started"], row["provenance"],
-    )  # fmt: skip
+        problem=problem,
+        planner=row["planner"],
+        label=row["label"],
+        options=row["options"],
+        seed=row["seed"],
+        relation=Relation[row["relation"]],
+        status=status,
+        message=message,
+        solution=solution,
+        certificate=certificate,
+        setup_time=_nan_if_absent(row["setup_time"]),
+        solve_time=_nan_if_absent(row["solve_time"]),
+        batch=row["batch"],
+        started=row["started"],
+        provenance=row["provenance"],
+    )
+
+
+def recorded(kept: Encoded) -> dict[str, Any]:
+    """The row as it was recorded, checked; raises `Malformed` as `decode` does."""
+    return _checked_row(kept.row)
 
 
 def pack(value: Any) -> Any:
@@ -189,80 +191,160 @@ def unpack(value: Any) -> Any:
     if "$float" in value:
         return float(value["$float"])
     if "$array" in value:
-        return np.array(unpack(value["$array"]), dtype=value["dtype"])
+        return _unpacked_array(value)
     return {key: unpack(item) for key, item in value.items()}
 
 
-def check_schema(schema: int | None, file: str) -> None:
-    """Raise `WrongSchema` for what another version wrote, `ValueError` for what none did."""
-    if schema is None:
-        raise ValueError("it has no schema")
-    mend = "upgrade trajopt" if schema > SCHEMA else "run again into another folder"
-    if schema != SCHEMA:
-        raise WrongSchema(f"{file}: written with schema {schema}, this reads {SCHEMA}; {mend}")
+def _unpacked_array(value: Mapping[str, Any]) -> NDArray[Any]:
+    items = unpack(value["$array"])
+    dtype = np.dtype(str(value.get("dtype")))
+    if dtype.kind == "U":
+        dtype = np.dtype(str)  # as wide as the longest text, whatever the file says
+    if dtype.kind not in "biufUmM":
+        raise Malformed(f"an array of {dtype}, which no result holds")
+    return np.array(items, dtype=dtype)
+
+
+def _checked_row(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of all columns, checked and harmless to print."""
+    checked = {}
+    for name, column in COLUMNS.items():
+        value = harmless(row[name], lines=column.kind != "name")
+        try:
+            checked[name] = column.checked(unpack(value))
+        except (TypeError, ValueError) as error:
+            raise Malformed(f"{name}: {error}") from error
+    if checked["batch"] < 1:
+        raise Malformed("batch: expected 1 or more")
+    return checked
 
 
 def _is_plain(array: NDArray[Any]) -> bool:
     return array.ndim > 0 and array.dtype == np.float64
 
 
-def _arrays(solution: Solution) -> dict[str, Array]:
+def _solution_arrays(solution: Solution) -> dict[str, Array]:
     found = {}
     if solution.trajectory is not None:
-        for name in ("breaks", "coefficients", "waypoint_times"):
+        for name in _TRAJECTORY:
             found[f"trajectory/{name}"] = getattr(solution.trajectory, name)
     if solution.history is not None:
-        columns = np.asarray(solution.history, dtype=float).T
-        found |= {"history/evaluations": columns[0], "history/duration": columns[1]}
+        evaluations, duration = np.asarray(solution.history, dtype=float).T
+        found["history/evaluations"] = evaluations
+        found["history/duration"] = duration
     return found
 
 
 def _trajectory(arrays: Mapping[str, Array]) -> tuple[Trajectory | None, str]:
-    names = [name for name in ARRAYS if name.startswith("trajectory/")]
-    if not any(name in arrays for name in names):
+    """The stored trajectory, or what is wrong with it."""
+    names = [f"trajectory/{name}" for name in _TRAJECTORY]
+    stored = [arrays[name] for name in names if name in arrays]
+    if not stored:
         return None, ""
+    if len(stored) < len(names):
+        return None, f"expected {', '.join(names)}"
+    degree = len(stored[1]) - 1
+    if degree > DEGREE_MAX:
+        return None, f"degree {degree}, expected at most {DEGREE_MAX}"
     try:
-        return Trajectory(*(arrays[name] for name in names)), ""
+        return Trajectory(*stored), ""
     except InvalidTrajectory as error:
         return None, str(error)
 
 
-def _number(value: float | None) -> float:
+def _history(arrays: Mapping[str, Array]) -> Array | None:
+    names = [name for name in ARRAYS if name.startswith("history/")]
+    columns = [arrays[name] for name in names if name in arrays]
+    if not columns:
+        return None
+    if len(columns) < len(names) or len({column.shape for column in columns}) > 1:
+        raise Malformed(f"{' and '.join(names)}: expected arrays of one length")
+    return np.stack(columns, axis=1)
+
+
+def _stat_arrays(arrays: Mapping[str, Array]) -> dict[str, Array]:
+    found = {}
+    for name, array in arrays.items():
+        group, _, quoted = name.partition("/")
+        if group == "stats":
+            found[harmless(unquote(quoted), lines=False)] = array
+    return found
+
+
+def _nan_if_absent(value: float | None) -> float:
     return np.nan if value is None else float(value)
 
 
-def _raw(numbers: Any) -> tuple[bytes, int]:
-    array = np.asarray(numbers, dtype=float)
-    return array.tobytes(), array.shape[1]
+def _absent_if_nan(value: float | None) -> float | None:
+    return None if value is None or np.isnan(value) else float(value)
+
+
+def _count(value: float | None) -> int | None:
+    return None if value is None or not np.isfinite(value) else int(value)
+
+
+def _problem(row: Mapping[str, Any], numbers: Mapping[str, Array]) -> Problem:
+    raw = []
+    for name in PROBLEM:
+        array = np.asarray(numbers[name], dtype=float)
+        if array.ndim != 2:
+            raise Malformed(f"{name}: expected a table, found shape {array.shape}")
+        raw.append((array.tobytes(), array.shape[1]))
+    return _problem_of(row["problem"], row["source"], *raw)
 
 
 @lru_cache(maxsize=1024)
-def _problem(name: str, source: str, *raw: tuple[bytes, int]) -> Problem:
+def _problem_of(name: str, source: str, *raw: tuple[bytes, int]) -> Problem:
     """One object for the trials of one problem, however many they are."""
     waypoints, *limits = (np.frombuffer(data).reshape(-1, width) for data, width in raw)
     return Problem(waypoints, Limits(*limits), name, source)
 
 
-def _certificate_row(c: Certificate) -> dict[str, Any]:
-    row = asdict(c)
-    for worst in filter(None, map(row.get, _WORST)):
-        worst["joint"] += 1
+def _certificate_row(certificate: Certificate) -> dict[str, Any]:
+    row = asdict(certificate)
+    for name in _WORST:
+        if row[name] is not None:
+            row[name]["joint"] += 1
     return row
 
 
-def _certificate(row: Mapping[str, Any] | None) -> Certificate | None:
-    if row is None:
-        return None
-    worst: dict[str, Any] = {
-        n: row[n] and Worst(**row[n] | {"joint": row[n]["joint"] - 1}) for n in _WORST
-    }
-    rest = {"flaws": tuple(row["flaws"]), "tolerance": Tolerance(**row["tolerance"])}
-    return Certificate(**dict(row) | worst | rest)
+def _certificate(row: Mapping[str, Any], joints: int) -> Certificate:
+    """The recorded certificate; fields that it was recorded without have their defaults."""
+    values: dict[str, Any] = {}
+    for field in fields(Certificate):
+        if field.name in row:
+            values[field.name] = row[field.name]
+        elif field.default is MISSING and field.default_factory is MISSING:
+            raise Malformed(f"certificate: {field.name} is missing")
+    for name in _WORST:
+        if values[name] is not None:
+            values[name] = _worst(name, values[name], joints)
+    flaws = values["flaws"]
+    if not isinstance(flaws, list) or not all(isinstance(flaw, str) for flaw in flaws):
+        raise Malformed("certificate: flaws: expected a list of texts")
+    values["flaws"] = tuple(flaws)
+    values["tolerance"] = Tolerance(**_numbers("tolerance", values["tolerance"]))
+    scalars = {"duration": values["duration"], "dilation": values["dilation"]}
+    return Certificate(**values | _numbers("", scalars))
 
 
-_WORST = ("velocity", "acceleration", "jerk", "position", "waypoint", "continuity")
+def _worst(name: str, row: Any, joints: int) -> Worst:
+    values = _numbers(name, row)
+    if not 1 <= values["joint"] <= joints:
+        raise Malformed(f"certificate: {name}: joint {values['joint']:g} of {joints}")
+    joint = int(values["joint"]) - 1
+    order = int(values["order"])
+    if not 0 <= order <= 2:
+        raise Malformed(f"certificate: {name}: order {order}")
+    return Worst(values["value"], joint, values["time"], order)
 
 
-def _storable(text: str) -> str:
-    """HDF5 text holds neither NUL nor lone surrogates."""
-    return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode()
+def _numbers(name: str, row: Any) -> dict[str, float]:
+    """Values that must all be numbers."""
+    if not isinstance(row, Mapping):
+        raise Malformed(f"certificate: {name}: expected a JSON object")
+    for key, value in row.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            what = f"{name} {key}".strip()
+            raise Malformed(f"certificate: {what}: expected a number, found {value!r:.80}")
+    return {key: float(value) for key, value in row.items()}
