@@ -1,16 +1,19 @@
 """Moderate numbers for a solver with absolute tolerances: time and each joint in their own units.
 
-Units are powers of two, so that nothing is rounded, and 1 where numbers are moderate already.
+The units belong to the motion and not to the file it came from: time counts in the time that the
+longest segment takes from stop to stop, each joint in the distance between its extreme waypoints.
+So degrees for radians, or milliseconds for seconds, give the solver the same numbers but for
+rounding.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import wraps
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from trajopt.problem import Limits, Problem
 from trajopt.rest_to_rest import stop_times
@@ -19,50 +22,61 @@ from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_MODERATE = 10.0  # powers of two, up or down
+
+@dataclass(frozen=True, eq=False)
+class Units:
+    """A unit of time, s, and one of length for each joint `(joints,)`, rad."""
+
+    time: float
+    lengths: Array
+
+    def applied(self, problem: Problem) -> Problem:
+        """The problem in these units."""
+        length = self.lengths[:, None]
+        own = problem.limits
+        limits = Limits(
+            velocity=own.velocity * self.time / length,
+            acceleration=own.acceleration * self.time**2 / length,
+            jerk=own.jerk * self.time**3 / length,
+            position=own.position / length,
+        )
+        waypoints = problem.waypoints / self.lengths
+        return Problem(waypoints, limits, problem.name, problem.source)
+
+    def restored(self, solution: Solution) -> Solution:
+        """A solution in these units, in s and rad."""
+        trajectory = solution.trajectory
+        history = solution.history
+        bound = solution.lower_bound
+        if trajectory is not None:
+            in_radians = trajectory.coefficients * self.lengths
+            moved = Trajectory(trajectory.breaks, in_radians, trajectory.waypoint_times)
+            trajectory = moved.dilated(self.time)
+        if history is not None:
+            history = history * [1.0, self.time]
+        if bound is not None:
+            bound = bound * self.time
+        return replace(solution, trajectory=trajectory, history=history, lower_bound=bound)
 
 
-def in_own_units(solve: Any) -> Any:
-    """Let a `solve` method see moderate numbers first, and the problem's own where that fails."""
+def in_own_units(solve: Callable[..., Solution]) -> Callable[..., Solution]:
+    """Let a `solve` method see moderate numbers, and the problem's own where all those fail."""
 
     @wraps(solve)
-    def rescaled_solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
-        time, joints = units(problem)
-        if time != 1 or (joints != 1).any():
-            found = solve(self, _rescaled(problem, time, joints), seed=seed)
-            if found.status is not Status.FAILED:
-                return _restored(found, time, joints)
-        return solve(self, problem, seed=seed)  # type: ignore[no-any-return]
+    def rescaled_solve(self: object, problem: Problem, *, seed: int = 0) -> Solution:
+        for units in candidates(problem):
+            solution = solve(self, units.applied(problem), seed=seed)
+            if solution.status is not Status.FAILED:
+                return units.restored(solution)
+        return solve(self, problem, seed=seed)
 
     return rescaled_solve
 
 
-def units(problem: Problem) -> tuple[float, Array]:
-    """Units of time, s, and of each joint, rad, from the longest segment and the joints' spans."""
-    return float(_unit(stop_times(problem).max())), _unit(np.ptp(problem.waypoints, axis=0))
-
-
-def _unit(size: ArrayLike) -> Array:
-    power = np.round(np.log2(np.where(np.asarray(size) > 0, size, 1.0)))
-    return np.asarray(np.where(np.abs(power) > _MODERATE, 2.0**power, 1.0))
-
-
-def _rescaled(problem: Problem, time: float, joints: Array) -> Problem:
-    own, side = problem.limits, joints[:, None]
-    limits = Limits(
-        own.velocity * time / side, own.acceleration * time**2 / side, own.jerk * time**3 / side,
-        own.position / side,
-    )  # fmt: skip
-    return Problem(problem.waypoints / joints, limits, problem.name, problem.source)
-
-
-def _restored(solution: Solution, time: float, joints: Array) -> Solution:
-    t, history, bound = solution.trajectory, solution.history, solution.lower_bound
-    if t is not None:
-        moved = Trajectory(t.breaks, t.coefficients * joints, t.waypoint_times)
-        solution = replace(solution, trajectory=moved.dilated(time))
-    return replace(
-        solution,
-        history=None if history is None else history * [1.0, time],
-        lower_bound=None if bound is None else bound * time,
-    )
+def candidates(problem: Problem) -> Iterator[Units]:
+    """Units to try in turn: time by the longest, the mean, and the briefest segment."""
+    spans = np.ptp(problem.waypoints, axis=0)
+    lengths = np.where(spans > 0, spans, 1.0)
+    times = stop_times(problem)
+    for time in (times.max(), np.exp(np.log(times).mean()), times.min()):
+        yield Units(float(time), lengths)

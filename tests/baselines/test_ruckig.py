@@ -183,19 +183,58 @@ def test_huge_and_slow_problems_are_solved_in_moderate_units(name: str, planner)
         assert duration(problem, planner) == pytest.approx(longest, rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize(("length", "time"), [(2.0**20, 1.0), (2.0**-30, 2.0**-20), (3e5, 7e4)])
-def test_other_units_change_nothing(seed: int, length: float, time: float) -> None:
-    problem = random_problem(seed, jerk=True, asymmetric=False)
-    speed = length / time
+# Chen et al. 2023 (quantum PSO): eight points of two joints, degrees, a stiff jerk limit.
+STIFF_WAYPOINTS = [
+    [-78.3, -54.2], [-66.7, -43.3], [-60.0, -36.2], [-52.1, -36.7],
+    [-37.9, -50.5], [-37.3, -58.4], [-44.3, -65.1], [-55.2, -76.4],
+]  # fmt: skip
+STIFF_LIMITS = Limits([859.4, 859.4], [31799, 31799], [3179916, 3179916], [[-90, 30], [-90, 30]])
+
+
+def in_units(problem: Problem, length: float, time: float) -> Problem:
     own = problem.limits
-    limits = Limits(own.velocity * speed, own.acceleration * speed / time,
-                    own.jerk * speed / time**2)  # fmt: skip
-    moved = RuckigStop().solve(Problem(problem.waypoints * length, limits)).trajectory
-    original = RuckigStop().solve(problem).trajectory
+    limits = Limits(
+        velocity=own.velocity * length / time,
+        acceleration=own.acceleration * length / time**2,
+        jerk=own.jerk * length / time**3,
+        position=own.position * length,
+    )
+    return Problem(problem.waypoints * length, limits)
+
+
+@pytest.mark.parametrize(("length", "time"), [(1.0, 1.0), (np.pi / 180, 1.0), (1.0, 1e3)])
+def test_a_published_case_of_stiff_jerk_is_solved_in_any_unit(length: float, time: float) -> None:
+    problem = in_units(Problem(STIFF_WAYPOINTS, STIFF_LIMITS), length, time)
+    stopping = duration(problem, RuckigStop())
+    assert stopping == pytest.approx(stop_times(problem).sum(), rel=1e-9)
+    assert duration(problem, RuckigVia(evaluations=1000)) < 0.7 * stopping
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e6])
+@pytest.mark.parametrize("seed", range(4))
+def test_stiff_jerk_is_solved_whatever_the_unit_of_time(seed: int, stiffness: float) -> None:
+    """Jerk over acceleration, 1/s, in seconds and in milliseconds."""
+    problem = random_problem(seed, asymmetric=False)
+    own = problem.limits
+    stiff = Limits(own.velocity, own.acceleration, stiffness * own.acceleration)
+    for time in (1.0, 1e-3, 1e3):
+        moved = in_units(Problem(problem.waypoints, stiff), 1.0, time)
+        # phases of a millionth of a second: their jerk, from rounded times, is off by 1e-9 or so
+        certified = verify(moved, RuckigStop().solve(moved).trajectory).certified_duration
+        assert certified == pytest.approx(stop_times(moved).sum(), rel=1e-8)
+
+
+@pytest.mark.parametrize("planner", [RuckigStop(), RuckigVia(evaluations=300)])
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("length", "time"), [(180 / np.pi, 1.0), (2.0**-30, 2.0**-20), (1e-3, 1e3), (1e3, 1.0)]
+)
+def test_other_units_change_nothing(seed: int, length: float, time: float, planner) -> None:
+    problem = random_problem(seed, jerk=True, asymmetric=False)
+    moved = planner.solve(in_units(problem, length, time)).trajectory
+    original = planner.solve(problem).trajectory
     assert moved.duration == pytest.approx(original.duration * time, rel=1e-9)
     for fraction in (0.1, 0.5, 0.9):
-        np.testing.assert_allclose(
-            moved(moved.duration * fraction) / length, original(original.duration * fraction),
-            atol=1e-7 * np.ptp(problem.waypoints),
-        )  # fmt: skip
+        there = moved(moved.duration * fraction) / length
+        here = original(original.duration * fraction)
+        np.testing.assert_allclose(there, here, atol=1e-7 * np.ptp(problem.waypoints))
