@@ -18,10 +18,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.random import PCG64
 from numpy.random import Generator as Random
 from numpy.typing import NDArray
-from scipy.optimize import differential_evolution
 
 from trajopt.planner import backend
 from trajopt.problem import Problem
@@ -160,7 +160,7 @@ class DE(Evolution):
             seen.append(columns.T.copy())
             return f if len(seen) == 1 else np.full(len(f), np.inf)
 
-        found = differential_evolution(
+        found = scipy.optimize.differential_evolution(
             objective, [(0.0, 1.0)] * x.shape[1], init=x, maxiter=1, rng=random,
             strategy=self.strategy, recombination=self.recombination,
             vectorized=True, updating="deferred", polish=False, tol=0.0,

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import csc_array
 
 from baselines.own_units import in_own_units
 from trajopt import polynomials
@@ -238,10 +237,11 @@ def _proposed(sections: Sections, states: Array, radius: float) -> Array:
     cost = np.r_[np.zeros(2 * states.size), np.ones(segments)]
     most = np.r_[(upper - states).ravel(), (states - lower).ravel(), np.full(segments, np.inf)]
     # milp without integers: linprog spends longer checking its arguments than solving.
-    answer = milp(
+    rows = scipy.sparse.csc_array(matrix)
+    answer = scipy.optimize.milp(
         cost,
-        constraints=LinearConstraint(csc_array(matrix), ub=-times.ravel()),
-        bounds=Bounds(0, most),
+        constraints=scipy.optimize.LinearConstraint(rows, ub=-times.ravel()),
+        bounds=scipy.optimize.Bounds(0, most),
         options={"presolve": False},
     )
     if answer.x is None:

@@ -22,8 +22,8 @@ from math import comb
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
 
 from trajopt import polynomials, spline353
 from trajopt.exceptions import InvalidInput
@@ -135,7 +135,7 @@ def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
     times *= stop_times(problem)
     times *= spline353.dilation(spline.displacements, times[..., None, :], spline.limits)[..., None]
     total = times.sum(axis=-1)
-    lowest = total <= minimum_filter(total, size=3, mode="nearest")
+    lowest = total <= scipy.ndimage.minimum_filter(total, size=3, mode="nearest")
     best = np.argsort(total[lowest])[:count]
     return list(times[lowest][best])
 

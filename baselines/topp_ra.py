@@ -18,8 +18,8 @@ from types import SimpleNamespace
 from typing import Any, Literal, get_args
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
@@ -102,7 +102,7 @@ def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
         "limit": stop_times(problem.without("jerk")),
     }
     at = np.r_[0.0, np.cumsum(steps[knots])]
-    return Trajectory(at, CubicSpline(at, problem.waypoints, bc_type=ends).c, at)
+    return Trajectory(at, scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=ends).c, at)
 
 
 def along(

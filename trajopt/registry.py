@@ -6,16 +6,16 @@ class, an object, or a function that returns one.
 
 from __future__ import annotations
 
-import ast
-import contextlib
 import importlib.util
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from trajopt import numerals
 from trajopt.exceptions import InvalidInput, MissingBackend, TrajoptError, UnknownName
 from trajopt.planner import Planner, adapted
 
@@ -138,11 +138,10 @@ def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
 
 
 def _converted(key: str, value: Any, hint: Any) -> Any:
-    """A value of the annotated type, from that type or from text."""
+    """A value of the annotated type, from that type or from text; as given, or refused."""
     text = value
-    if isinstance(value, str):
-        with contextlib.suppress(ValueError, SyntaxError):
-            value = _WORDS[value.lower()] if value.lower() in _WORDS else ast.literal_eval(value)
+    if isinstance(text, str):
+        value = _read(text)
     if get_origin(hint) is Literal:
         for choice in (text, value):
             if choice in get_args(hint):
@@ -150,7 +149,7 @@ def _converted(key: str, value: Any, hint: Any) -> Any:
         raise InvalidInput(key, " or ".join(repr(a) for a in get_args(hint)), value=value)
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     for kind in kinds:
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        if kind is float and _is_whole(value) and abs(value) < _LARGEST_FLOAT:
             return float(value)
         if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
             return value
@@ -159,4 +158,19 @@ def _converted(key: str, value: Any, hint: Any) -> Any:
     raise InvalidInput(key, " or ".join(k.__name__ for k in kinds), value=value)
 
 
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _read(text: str) -> Any:
+    """A word or a decimal number of Python's; the text itself where it is neither."""
+    if text.lower() in _WORDS:
+        return _WORDS[text.lower()]
+    for reading in (numerals.whole, numerals.decimal):
+        with suppress(ValueError):
+            return reading(text)
+    return text
+
+
 _WORDS = {"true": True, "false": False, "none": None}
+_LARGEST_FLOAT = 2**1023

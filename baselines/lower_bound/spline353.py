@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from baselines.lower_bound.program import TOLERANCE, certified
 from baselines.spline353_nlp import Spline, Spline353NLP
@@ -102,7 +102,10 @@ class Spline353:
 
         options = {"xatol": 1e-12, "fatol": 1e-14, "maxiter": 4000}
         starts = np.random.default_rng(0).uniform(-3, 3, (12, free.sum()))
-        optima = [minimize(duration, y, method="Nelder-Mead", options=options) for y in starts]
+        optima = [
+            scipy.optimize.minimize(duration, y, method="Nelder-Mead", options=options)
+            for y in starts
+        ]
         best = min(optima, key=lambda optimum: float(optimum.fun))
         return times(best.x)
 

@@ -2,40 +2,29 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Sequence
 from typing import Annotated, Any
 
 from cyclopts import Parameter, Token
 from cyclopts.validators import Number
 
+from trajopt import numerals
+
 MAX_SECONDS = 1e8  # three years: beyond, the system's clocks overflow
 _MAX_SEED = 2**63 - 1  # what the store holds
 
-_WHOLE = re.compile(r"[+-]?[0-9]+")
-_DECIMAL = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+def _whole(type_: Any, tokens: Sequence[Token]) -> int:
+    return numerals.whole(tokens[0].value)
 
 
-def whole(type_: Any, tokens: Sequence[Token]) -> int:
-    """A whole number in decimal digits: no 1.5, 1e3 or 1_000, which would be read or rounded."""
-    text = tokens[0].value
-    if not _WHOLE.fullmatch(text) or len(text) > 30:
-        raise ValueError(f"{text!r} is not a whole number.")
-    return int(text)
-
-
-def decimal(type_: Any, tokens: Sequence[Token]) -> float:
-    """A finite decimal number."""
-    text = tokens[0].value
-    if not _DECIMAL.fullmatch(text) or not math.isfinite(float(text)):
-        raise ValueError(f"{text!r} is not a finite number.")
-    return float(text)
+def _decimal(type_: Any, tokens: Sequence[Token]) -> float:
+    return numerals.decimal(tokens[0].value)
 
 
 def whole_number(help: str, *, least: int | None = None, most: int | None = None) -> Parameter:
     """A parameter that is a whole number from `least` to `most`."""
-    return Parameter(help=help, converter=whole, validator=Number(gte=least, lte=most))
+    return Parameter(help=help, converter=_whole, validator=Number(gte=least, lte=most))
 
 
 def number(
@@ -46,7 +35,7 @@ def number(
     most: float | None = None,
 ) -> Parameter:
     """A parameter that is a finite number above `above`, from `least` to `most`."""
-    return Parameter(help=help, converter=decimal, validator=Number(gt=above, gte=least, lte=most))
+    return Parameter(help=help, converter=_decimal, validator=Number(gt=above, gte=least, lte=most))
 
 
 ProblemName = Annotated[str, Parameter(help="Problem file, or the name of a built-in problem.")]
