@@ -27,7 +27,7 @@ from baselines.evolution import CMAES
 from experiments.common import races
 from experiments.common.output import save_table
 from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.figures import plots
+from trajopt.benchmark.figures import plots, style
 from trajopt.cli import console
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser, minimise
 from trajopt.swarm_planner import SwarmPlanner
@@ -127,7 +127,7 @@ def origin_figure(table: pd.DataFrame, evaluations: int) -> Figure:
     """Median error against the minimum's place, a row per function, a column per box."""
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
     grid = figure.subplots(len(FUNCTIONS), len(FRAMES), sharex=True, sharey=True)
-    looks = dict(zip(OPTIMISERS, zip(plots.CURVES, plots.DASHES, plots.MARKERS, strict=False),
+    looks = dict(zip(OPTIMISERS, zip(style.CURVES, style.DASHES, style.MARKERS, strict=False),
                      strict=False))  # fmt: skip
     for (function, frame, name), rows in table.groupby(["function", "origin", "optimiser"]):
         axes = grid[list(FUNCTIONS).index(function), list(FRAMES).index(frame)]

@@ -30,7 +30,7 @@ from experiments.common import races
 from experiments.common.output import save_table
 from trajopt import Problem, verify
 from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.figures import plots
+from trajopt.benchmark.figures import plots, style
 from trajopt.cli import console
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser
 from trajopt.swarm_planner import SwarmPlanner
@@ -133,8 +133,8 @@ def _curves(axes: Axes, x: np.ndarray, shares: np.ndarray, names: Sequence[str])
     for name, share in zip(names, shares.T, strict=True):
         kind, _, fitness = name.partition(" ")
         which = [*OPTIMISERS, NLP].index(kind)
-        axes.step(x, share, where="post", color=plots.CURVES[which], label=name,
-                  ls=plots.DASHES[fitness == "penalty"], marker=plots.MARKERS[which],
+        axes.step(x, share, where="post", color=style.CURVES[which], label=name,
+                  ls=style.DASHES[fitness == "penalty"], marker=style.MARKERS[which],
                   markevery=(0.05 + 0.02 * which, 0.2), mfc="white")  # fmt: skip
     axes.set(xscale="log", ylim=(-0.03, 1.03))
 

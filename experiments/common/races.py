@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from baselines.lower_bound import certify
 from trajopt import Problem, verify
 from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.figures import plots
+from trajopt.benchmark.figures import plots, style
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
 from trajopt.exceptions import TrajoptError
@@ -197,12 +197,12 @@ def gap_rows(outcome: Outcome, reference: str) -> Figure:
     table = against(outcome, reference).droplevel("reference")
     table = table.reindex([outcome.names[i] for i in order])
     y, effect = np.arange(len(order)), table["A12"].to_numpy(dtype=float)
-    right.hlines(y, table["A12 low"], table["A12 high"], color=plots.BLUE, lw=1.2)
-    right.plot(effect, y, "o", ms=3.5, mfc=plots.BLUE, mec=plots.BLUE)
+    right.hlines(y, table["A12 low"], table["A12 high"], color=style.BLUE, lw=1.2)
+    right.plot(effect, y, "o", ms=3.5, mfc=style.BLUE, mec=style.BLUE)
     clear = (table["p (Holm)"] < 0.05).to_numpy()
-    right.plot(effect[~clear], y[~clear], "o", ms=3.5, mfc="white", mec=plots.BLUE,
+    right.plot(effect[~clear], y[~clear], "o", ms=3.5, mfc="white", mec=style.BLUE,
                label="Holm's p ≥ 0.05")  # fmt: skip
-    right.axvline(0.5, color=plots.BLACK, lw=0.8, ls=(0, (3, 2)))
+    right.axvline(0.5, color=style.BLACK, lw=0.8, ls=(0, (3, 2)))
     left.set_yticks(y, [outcome.names[i] for i in order])
     left.set(xscale="log", xlabel="gap to the proved 3-5-3 optimum (%)", title=outcome.title)
     right.set(xlim=(-0.03, 1.03), xlabel=f"A12 against {reference} (below ½: better)")
@@ -214,9 +214,9 @@ def _gap_row(axes: Axes, y: int, gaps: Array, label: bool) -> None:
     """A dot per problem, the six-axis one marked, and the median with its bootstrap interval."""
     middle = statistics.bootstrap(statistics.median, gaps)
     names = ["a problem's median", "six-axis", "median of all, 95 %"] if label else [None] * 3
-    axes.plot(gaps[1:], np.full(len(gaps) - 1, y), "o", ms=2.5, mew=0, color=plots.GREY,
+    axes.plot(gaps[1:], np.full(len(gaps) - 1, y), "o", ms=2.5, mew=0, color=style.GREY,
               alpha=0.6, label=names[0])  # fmt: skip
-    axes.plot(gaps[0], y, "^", ms=4, mfc="white", mec=plots.BLACK, mew=0.8, label=names[1])
+    axes.plot(gaps[0], y, "^", ms=4, mfc="white", mec=style.BLACK, mew=0.8, label=names[1])
     ends = [[middle.value - middle.low], [middle.high - middle.value]]
     axes.errorbar(middle.value, y, xerr=np.maximum(ends, 0), fmt="D", ms=3.5, lw=1.2,
-                  color=plots.VERMILION, label=names[2])  # fmt: skip
+                  color=style.VERMILION, label=names[2])  # fmt: skip

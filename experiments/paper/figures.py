@@ -13,7 +13,7 @@ from matplotlib.ticker import NullFormatter
 
 from experiments.paper.searches import ALGORITHMS, MM, NAMES, Runs, running_times
 from trajopt import Problem, Trajectory
-from trajopt.benchmark.figures import plots
+from trajopt.benchmark.figures import plots, sampling, style
 from trajopt.kinematics import Robot
 
 MARKS = {"mean": "v", "longest": "s", "segment-wise maximum": "D", "shared": "o"}
@@ -28,11 +28,11 @@ def cartesian_path(robot: Robot, problem: Problem, trajectory: Trajectory) -> Fi
     path = MM * robot.forward(trajectory(np.linspace(0, trajectory.duration, 400)))[:, :3, 3]
     links = MM * robot.frames(problem.waypoints)[..., :3, 3]
     for axes, kept_axes in ((space, [0, 1, 2]), (side, [0, 2])):
-        looks = zip(links, plots.CURVES, plots.DASHES, plots.MARKERS, strict=False)
+        looks = zip(links, style.CURVES, style.DASHES, style.MARKERS, strict=False)
         for k, (chain, colour, dash, marker) in enumerate(looks, start=1):
             own: Any = {"color": colour, "ls": dash, "marker": marker, "mfc": "white", "ms": 3.5}
             axes.plot(*chain[:, kept_axes].T, lw=1.6, label=f"links at point {k}", **own)
-        axes.plot(*path[:, kept_axes].T, color=plots.BLACK, lw=1.8, label="tool path")
+        axes.plot(*path[:, kept_axes].T, color=style.BLACK, lw=1.8, label="tool path")
     space.set(xlabel="x (mm)", ylabel="y (mm)", zlabel="z (mm)", xticks=[0, 1000, 2000],
               yticks=[-500, 0, 500], zticks=[-500, 0, 500], ylim=(-700, 700),
               zlim=(-600, 700))  # fmt: skip
@@ -56,9 +56,9 @@ def joint_convergence(found: Mapping[str, Runs], problem: Problem) -> Figure:
             axes.text(0.5, 0.5, "never moves", transform=axes.transAxes, ha="center", color="0.3")
             axes.set(xticks=[], yticks=[])
             continue
-        looks = zip(found.items(), plots.CURVES, plots.DASHES, plots.MARKERS, strict=False)
+        looks = zip(found.items(), style.CURVES, style.DASHES, style.MARKERS, strict=False)
         for (algorithm, runs), colour, dash, marker in looks:
-            spent, (low, median, high) = plots.over_seeds(runs.curves(joint))
+            spent, (low, median, high) = sampling.over_runs(runs.curves(joint))
             axes.fill_between(spent, low, high, step="post", color=colour, alpha=0.18, lw=0)
             axes.plot(spent, median, drawstyle="steps-post", color=colour, ls=dash, marker=marker,
                       markevery=0.17, mfc="white", label=NAMES[algorithm])  # fmt: skip
@@ -78,8 +78,8 @@ def joint_curves(problem: Problem, trajectories: Mapping[str, Trajectory]) -> Fi
         column[0].set_title(f"{NAMES[algorithm]}, {trajectory.duration:.4f} s")
         column[-1].set_xlabel("time (s)")
         for order, axes in enumerate(column):
-            t, values = plots.sampled_exactly(trajectory, order)
-            looks = zip(range(problem.joints), plots.CURVES, cycle(plots.DASHES), strict=False)
+            t, values = sampling.curve(trajectory, order)
+            looks = zip(range(problem.joints), style.CURVES, cycle(style.DASHES), strict=False)
             for joint, colour, dash in looks:
                 axes.plot(t, np.degrees(values[:, joint]), color=colour, ls=dash, lw=1.1,
                           label=f"joint {joint + 1}")  # fmt: skip
@@ -97,8 +97,8 @@ def readings(table: pd.DataFrame, names: Sequence[str]) -> Figure:
     """Every reading's running times against the three published ones."""
     figure = Figure(figsize=(7.2, 1.3 + 0.27 * len(names)), layout="constrained")
     axes = figure.subplots()
-    colours = dict(zip(ALGORITHMS, plots.CURVES, strict=False))
-    for algorithm, dash in zip(ALGORITHMS, plots.DASHES, strict=False):
+    colours = dict(zip(ALGORITHMS, style.CURVES, strict=False))
+    for algorithm, dash in zip(ALGORITHMS, style.DASHES, strict=False):
         label = f"published {NAMES[algorithm]}"
         axes.axvline(running_times()[algorithm], color=colours[algorithm], ls=dash, label=label)
     for shift, algorithm in zip((-0.22, 0.0, 0.22), ALGORITHMS, strict=True):
@@ -112,8 +112,8 @@ def readings(table: pd.DataFrame, names: Sequence[str]) -> Figure:
                 axes.plot(own.loc[some, "claimed s"], at, marker, ms=4, mfc=face, mew=0.9,
                           mec=colours[algorithm])  # fmt: skip
     for combination, marker in MARKS.items():
-        axes.plot([], [], marker, ms=4, mfc="white", mec=plots.BLACK, label=combination)
-    axes.plot([], [], "o", ms=4, color=plots.BLACK, label="keeps Table 3's limits, passes points")
+        axes.plot([], [], marker, ms=4, mfc="white", mec=style.BLACK, label=combination)
+    axes.plot([], [], "o", ms=4, color=style.BLACK, label="keeps Table 3's limits, passes points")
     axes.set_title("in each row, from the top: PSO, SSA, ISSA", loc="left", color="0.3")
     axes.set(xlabel="running time claimed (s)", xlim=(0, 8.2), ylim=(len(names) - 0.4, -0.6))
     axes.set_yticks(range(len(names)), names)

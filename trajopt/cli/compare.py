@@ -15,6 +15,7 @@ from rich.table import Table
 from trajopt.benchmark import compare as benchmark
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.figures import draw
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
@@ -82,6 +83,7 @@ def compare(
     if certify:
         specs = [*specs, "certify"]
     planners = [named(spec) for spec in specs]
+    processes = jobs or benchmark.cpus()
     total = sum(len(task.seeds) for task in benchmark.plan(loaded, planners, seeds))
     elsewhere = cluster.executor(dask) if dask else nullcontext()
     with console.progress(total) as advance, elsewhere as executor:
@@ -90,7 +92,7 @@ def compare(
             planners,
             output.resolve(),
             seeds=seeds,
-            jobs=jobs or benchmark.cpus(),
+            jobs=processes,
             fresh=fresh,
             timeout=timeout,
             memory=memory,
@@ -100,7 +102,7 @@ def compare(
     if len(loaded) > MANY:
         _show_many(results, output)
     else:
-        _show_each(results, output)
+        _show_each(results, output, processes)
     trials = results.trials()
     answered = (trials["status"] == "solved") | trials["lower_bound"].notna()
     return 0 if answered.any() else 1
@@ -132,12 +134,10 @@ def _default_planners() -> list[str]:
 # --- a table per problem ---
 
 
-def _show_each(results: Results, folder: Path) -> None:
+def _show_each(results: Results, folder: Path, processes: int) -> None:
     """Tables, the readings used, what failed and why, and where everything is."""
-    from trajopt.benchmark.figures import draw  # Matplotlib: not where there is a page instead
-
     with console.waiting("drawing the figures"):
-        figures = draw.draw(results, folder / "figures")
+        figures = draw.draw(results, folder / "figures", processes=processes)
     readings = _readings(results)
     for _, rows in results.summary().groupby("digest", sort=False):
         console.OUT.print(_comparison(rows))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib
@@ -15,7 +16,8 @@ from matplotlib.text import Text
 
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.figures import draw as figures
-from trajopt.benchmark.figures import plots
+from trajopt.benchmark.figures import explanation, plots, sampling, style
+from trajopt.benchmark.report import panels
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.planner import Relation
@@ -90,7 +92,7 @@ def test_whiskers_are_quartiles_and_range() -> None:
 def test_gaps_keep_their_sign_and_status_is_said() -> None:
     shown = texts(plots.durations(table(gap=[np.nan, 2.0, -0.0123])))
     assert {"+200.0 %", "−1.23 %", "unsupported"} <= set(shown)
-    assert plots.percent(1.9048) == "+190.5 %"
+    assert style.percent(1.9048) == "+190.5 %"
 
 
 @pytest.mark.parametrize(
@@ -123,8 +125,8 @@ def test_no_text_overlaps(planners: int) -> None:
     assert overlaps(plots.durations(summary, "problem")) == []
     gaps = pd.concat([pd.DataFrame({"label": x, "gap": [0.5, 0.7, 1.9]}) for x in labels])
     assert overlaps(plots.gap_distribution(gaps, "problem")) == []
-    runs = [np.array([[1, np.nan], [10, 6.0], [3000, 4.4]])]
-    assert overlaps(plots.convergence(dict.fromkeys(labels, runs), 4.3, "problem")) == []
+    curve = sampling.over_runs([np.array([[1, np.nan], [10, 6.0], [3000, 4.4]])])
+    assert overlaps(plots.convergence(dict.fromkeys(labels, curve), 4.3, "problem")) == []
 
 
 @pytest.mark.parametrize("joints", [1, 6, 12])
@@ -142,7 +144,7 @@ def test_motion_has_a_row_per_joint_counted_from_one(joints: int) -> None:
 def test_motion_draws_limits_waypoints_and_both_curves() -> None:
     problem, trajectory = motion_of(2)
     figure = plots.motion(problem, trajectory, trajectory.dilated(2.0), "title")
-    lines = [line for line in figure.axes[4].lines if line.get_color() == plots.VERMILION]
+    lines = [line for line in figure.axes[4].lines if line.get_color() == style.VERMILION]
     assert sorted(line.get_ydata()[0] for line in lines) == [-1.5, 3.0]
     assert figure.axes[4].get_ylim()[0] < -1.5
     assert figure.axes[4].get_ylim()[1] > 3.0
@@ -151,7 +153,7 @@ def test_motion_draws_limits_waypoints_and_both_curves() -> None:
     (verticals,) = [c for c in figure.axes[5].collections if hasattr(c, "get_segments")]
     assert [s[0][0] for s in verticals.get_segments()] == [0, 1, 2]
     grey, blue = figure.axes[1].lines[:2]
-    assert grey.get_color() == plots.GREY
+    assert grey.get_color() == style.GREY
     assert grey.get_xdata()[-1] == 4.0
     assert max(blue.get_ydata()) == 1.0
     assert {"exact optimum", "limit", "waypoint", "planner"} <= set(texts(figure))
@@ -163,7 +165,7 @@ def test_jerk_has_a_column_only_where_it_is_limited() -> None:
 
 
 def test_jumps_are_vertical() -> None:
-    time, acceleration = plots.sampled_exactly(motion_of(1)[1], 2)
+    time, acceleration = sampling.curve(motion_of(1)[1], 2)
     assert time.tolist() == [0, 1, 1, 2]
     assert acceleration[:, 0].tolist() == [1, 1, -1, -1]
 
@@ -171,7 +173,7 @@ def test_jumps_are_vertical() -> None:
 def test_curves_are_the_trajectory_itself() -> None:
     trajectory = load("unoptimised").solve(suite.load("six-axis")).trajectory
     assert trajectory is not None
-    time, values = plots.sampled_exactly(trajectory, 1)
+    time, values = sampling.curve(trajectory, 1)
     inside = ~np.isin(time, trajectory.breaks)
     np.testing.assert_allclose(values[inside], trajectory(time[inside], 1), atol=1e-12)
 
@@ -184,19 +186,19 @@ def test_quartiles_over_seeds_count_runs_without_a_candidate_as_infinite() -> No
         best = np.sort(rng.uniform(4, 9, len(spent)))[::-1]
         best[0] = np.nan
         runs.append(np.column_stack([spent, best]))
-    evaluations, quartiles = plots.over_seeds(runs)
+    evaluations, quartiles = sampling.over_runs(runs)
     for n, drawn in zip(evaluations, quartiles.T, strict=True):
         now = [next((b for e, b in run[::-1] if e <= n), np.nan) for run in runs]
         ranked = sorted(np.nan_to_num(now, nan=np.inf))  # of five: the 2nd, 3rd and 4th
-        np.testing.assert_array_equal(np.nan_to_num(drawn, nan=np.inf), ranked[1:4])
-    assert np.isnan(quartiles[1, 0])
+        np.testing.assert_array_equal(drawn, ranked[1:4])
+    assert quartiles[1, 0] == np.inf
     assert np.isfinite(quartiles[:, -1]).all()
 
 
 def test_the_median_of_an_even_number_needs_one_more_than_half() -> None:
     runs = [np.array([[k, 5.0 + k], [8, 5.0 + k]]) for k in (1, 2, 4, 8)]
-    evaluations, quartiles = plots.over_seeds(runs)
-    assert np.isnan(quartiles[1, evaluations < 4]).all()
+    evaluations, quartiles = sampling.over_runs(runs)
+    assert (quartiles[1, evaluations < 4] == np.inf).all()
     assert quartiles[1, -1] == np.median([6, 7, 9, 13])
 
 
@@ -205,14 +207,14 @@ def test_convergence_draws_the_median_and_the_best_353() -> None:
         np.array([[1, np.nan], [2, 6.0], [100, 5.0]]),
         np.array([[1, 8.0], [50, 4.0], [100, 4.0]]),
     ]
-    figure = plots.convergence({"pso": runs}, 4.0)
+    figure = plots.convergence({"pso": sampling.over_runs(runs)}, 4.0)
     curve, line = figure.axes[0].lines
-    evaluations, quartiles = plots.over_seeds(runs)
+    evaluations, quartiles = sampling.over_runs(runs)
     np.testing.assert_array_equal(curve.get_xydata(), np.column_stack([evaluations, quartiles[1]]))
     assert list(line.get_ydata()) == [4.0, 4.0]
     assert curve.get_drawstyle() == "steps-post"
     assert figure.axes[1].lines[0].get_ydata()[-1] == pytest.approx(12.5)
-    assert len(plots.convergence({"pso": runs}).axes) == 1
+    assert len(plots.convergence({"pso": sampling.over_runs(runs)}).axes) == 1
 
 
 def test_gap_distribution_shows_every_run_and_those_that_ran_once() -> None:
@@ -223,7 +225,7 @@ def test_gap_distribution_shows_every_run_and_those_that_ran_once() -> None:
     (dots,) = [line for line in left.lines if line.get_marker() == "o"]
     np.testing.assert_allclose(dots.get_xdata(), [10, 20, 30])
     (above,) = [line for line in right.lines if line.get_marker() == "o"]
-    np.testing.assert_allclose(above.get_xdata(), [plots.FLOOR, 10, 20])
+    np.testing.assert_allclose(above.get_xdata(), [style.GAP_FLOOR, 10, 20])
     assert "near" in texts(figure)
     assert "far" not in texts(figure)
 
@@ -316,8 +318,97 @@ def test_a_relaxed_optimum_is_called_a_lower_bound(tmp_path: Path) -> None:
 
 
 def test_runs_that_nothing_certified_found_nothing(trials: list[Trial]) -> None:
-    histories = figures._histories(trials, best=5.0)
-    assert list(histories) == [trials[-1].label]
-    assert figures._histories(trials, best=6.1) == {}  # beats every 3-5-3: not one of them
-    last = [h[-1, 1] for h in histories[trials[-1].label]]
-    np.testing.assert_array_equal(last, [6, 7, 8, np.nan])
+    own = [t for t in trials if t.label == "sleepy:deeply"]
+    _, quartiles = figures._convergence(own)["curves"]["sleepy:deeply"]
+    # 6, 7, 8 s and none: the quartiles are 3/4, 6/4 and 9/4 of the way along them.
+    np.testing.assert_allclose(quartiles[:, -1], [6.75, 7.5, np.inf])
+
+
+@dataclass(frozen=True)
+class Hasty(Sleepy):
+    """Claims half of what the unoptimised answer takes, and has a history of claims."""
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        whole = load("unoptimised").solve(problem).trajectory
+        assert whole is not None
+        claim = whole.dilated(0.3)
+        history = np.array([[1.0, 2 * claim.duration], [10.0, claim.duration]])
+        return Solution(Status.SOLVED, claim, evaluations=10, history=history)
+
+
+def test_convergence_is_certified_in_the_figure_and_in_the_report() -> None:
+    (trial,) = judge(Hasty(), suite.load("one-joint"), [0], "hasty")
+    assert trial.certificate is not None
+    assert trial.certificate.dilation > 1.1
+    _, quartiles = figures._convergence([trial])["curves"]["hasty"]
+    (band,) = panels.panel([trial], ["hasty"], with_motions=False)["convergence"]
+    np.testing.assert_allclose(quartiles[:, -1], trial.certified_duration)
+    np.testing.assert_allclose(band["middle"][-1], trial.certified_duration, rtol=1e-5)
+
+
+NAMES = (r"a$b$\frac_{x}^2", "$", "$$", "<b>&amp;", "_hidden", "50 %", r"\$x\$")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_is_drawn_as_it_is_written(name: str, tmp_path: Path) -> None:
+    runs = {name: sampling.over_runs([np.array([[1, 6.0], [100, 5.0]])])}
+    gaps = pd.DataFrame({"label": [name] * 2 + ["once"], "gap": [0.1, 0.2, 0.15]})
+    made = {
+        "durations": plots.durations(table().assign(label=name), name),
+        "motion": plots.motion(*motion_of(1), title=name),
+        "convergence": plots.convergence(runs, 4.0, name),
+        "gaps": plots.gap_distribution(gaps, name),
+        "waterfall": explanation.waterfalls([(name, [("optimum", 1.0), ("route", 2.0)])]),
+        "use": explanation.limit_use(*motion_of(1), title=name),
+    }
+    for stem, figure in made.items():
+        _, svg = plots.save(figure, tmp_path / stem)
+        root = ElementTree.fromstring(svg.read_text(encoding="utf-8"))
+        drawn = [t.text for t in root.iter() if t.tag.endswith("text")]
+        count = {"durations": 4, "convergence": 2, "gaps": 2}.get(stem, 1)
+        assert sum(name == (t or "").strip(style.ZERO_WIDTH_SPACE) for t in drawn) == count
+
+
+def test_what_cannot_be_printed_is_a_space_and_what_is_too_long_is_cut(tmp_path: Path) -> None:
+    assert style.text("a\nb\t c\x1b[31m\ud800d\u202e") == "a b c [31m d"
+    assert style.headline("p", ", 1 s") == "p, 1 s"
+    assert len(style.headline("p" * 500, ", 1.234 s")) == style.TITLE_LENGTH
+    figure = plots.motion(*motion_of(2), title=style.headline("n" * 500, ", 1.234 s"))
+    FigureCanvasAgg(figure).draw()
+    (title,) = (t for t in figure.texts if t.get_text().startswith("n"))
+    assert title.get_window_extent().x1 <= figure.bbox.x1
+    plots.save(plots.durations(table(label="机器人"), "机器人"), tmp_path / "glyphs")
+
+
+def test_only_figures_whose_data_changed_are_drawn_again(
+    trials: list[Trial], tmp_path: Path
+) -> None:
+    files = figures.draw(Results(trials), tmp_path)
+    before = {file: file.stat().st_mtime_ns for file in files}
+    assert figures.draw(Results(list(trials)), tmp_path) == files
+    assert {file: file.stat().st_mtime_ns for file in files} == before
+    exact, *others = trials
+    slower = replace(exact, solution=replace(exact.solution, trajectory=doubled(exact)))
+    figures.draw(Results([slower, *others]), tmp_path)
+    changed = {file.stem for file in files if file.stat().st_mtime_ns != before[file]}
+    assert changed == {"motion-exact", "motion-unoptimised", "motion-sleepy_deeply"}
+    (tmp_path / "one-joint" / "gaps.svg").unlink()
+    (tmp_path / "one-joint" / "durations.png").write_bytes(b"")
+    figures.draw(Results(trials), tmp_path)
+    assert all(drawing_is_whole(file) for file in files)
+
+
+def doubled(trial: Trial) -> Trajectory:
+    assert trial.solution.trajectory is not None
+    return trial.solution.trajectory.dilated(2.0)
+
+
+def drawing_is_whole(file: Path) -> bool:
+    content = file.read_bytes()
+    return content.startswith(b"\x89PNG") or content.rstrip().endswith(b"</svg>")
+
+
+def test_other_processes_draw_the_same_bytes(trials: list[Trial], tmp_path: Path) -> None:
+    one = figures.draw(Results(trials), tmp_path / "one")
+    two = figures.draw(Results(trials), tmp_path / "two", processes=2)
+    assert [f.read_bytes() for f in one] == [f.read_bytes() for f in two]

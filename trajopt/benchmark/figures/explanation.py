@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,7 +11,8 @@ from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from trajopt.benchmark.figures.plots import BLACK, BLUE, GREY, VERMILION, styled
+from trajopt.benchmark.figures.plots import Look, styled
+from trajopt.benchmark.figures.style import BLACK, BLUE, GREY, VERMILION, text
 from trajopt.problem import LimitName, Problem
 from trajopt.trajectory import Trajectory
 
@@ -20,11 +20,12 @@ Array = NDArray[np.float64]
 Steps = Sequence[tuple[str, float]]  # what was added, and the duration it leads to, s
 
 _SAMPLES = 1500
-_LABEL: dict[str, Any] = {
-    "textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7,
-    "linespacing": 1.0,
-}  # fmt: skip
-_KINDS: tuple[tuple[LimitName, int], ...] = (("velocity", 1), ("acceleration", 2), ("jerk", 3))
+_BAR_WIDTH = 0.62
+_KINDS: tuple[tuple[LimitName, int, str], ...] = (
+    ("velocity", 1, "vel."),
+    ("acceleration", 2, "acc."),
+    ("jerk", 3, "jerk"),
+)  # the limits of motion, the order of the derivative, and what a row is called
 
 
 @styled
@@ -36,7 +37,7 @@ def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False, sharey="row").ravel()
     for axes, (title, steps) in zip(grid, panels, strict=False):
         _waterfall(axes, steps)
-        axes.set_title(title)
+        axes.set_title(text(title), wrap=True)
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
     for axes in grid[::columns]:
@@ -45,18 +46,24 @@ def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2) -> Figure:
 
 
 def _waterfall(axes: Axes, steps: Steps) -> None:
-    names, ends = [name for name, _ in steps], np.array([end for _, end in steps])
-    before = np.r_[0.0, ends[:-1]]
+    """A bar up from the end of the one before for every step, and a whole one for the planner."""
+    names = [name for name, _ in steps]
+    ends = np.array([end for _, end in steps])
+    starts = np.r_[0.0, ends[:-1]]
     x = np.arange(len(steps) + 1)
-    colours = [GREY, *[VERMILION] * (len(steps) - 1)]
-    axes.bar(x[:-1], ends - before, bottom=before, width=0.62, color=colours, ec=BLACK, lw=0.6)
-    axes.bar(x[-1], ends[-1], width=0.62, color=BLUE, ec=BLACK, lw=0.6)
-    axes.hlines(ends, x[:-1] + 0.31, x[1:] - 0.31, color=BLACK, lw=0.6, ls=(0, (3, 2)))
-    labels = [f"{ends[0]:.4g} s"]
-    labels += [f"{b - a:+.3g} s\n×{b / a:.4f}" for a, b in pairwise(ends)]
-    for at, top, label in zip(x, [*ends, ends[-1]], [*labels, f"{ends[-1]:.4g} s"], strict=True):
-        axes.annotate(label, (at, top), (0, 2), **_LABEL)
-    axes.set_xticks(x, [names[0], *(f"+ {name}" for name in names[1:]), "planner"])
+    bar: Look = {"width": _BAR_WIDTH, "ec": BLACK, "lw": 0.6}
+    added = [VERMILION] * (len(steps) - 1)
+    axes.bar(x[:-1], ends - starts, bottom=starts, color=[GREY, *added], **bar)
+    axes.bar(x[-1], ends[-1], color=BLUE, **bar)
+    half = _BAR_WIDTH / 2
+    axes.hlines(ends, x[:-1] + half, x[1:] - half, color=BLACK, lw=0.6, ls=(0, (3, 2)))
+    differences = [f"{b - a:+.3g} s\n×{b / a:.4f}" for a, b in pairwise(ends)]
+    labels = [f"{ends[0]:.4g} s", *differences, f"{ends[-1]:.4g} s"]
+    style: Look = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7}
+    for at, top, label in zip(x, [*ends, ends[-1]], labels, strict=True):
+        axes.annotate(label, (at, top), (0, 2), linespacing=1.0, **style)
+    steps_up = [f"+ {name}" for name in names[1:]]
+    axes.set_xticks(x, [names[0], *steps_up, "planner"])
     axes.margins(y=0.2)
     axes.set_ylim(bottom=0)
 
@@ -70,17 +77,19 @@ def limit_use(
     On top the highest use of any limit: where it is below 1, time is wasted. The optimum, if given,
     is drawn beneath on the same time axis.
     """
-    shown = [("planner", trajectory), *([("optimum", optimum)] if optimum else [])]
-    rows = _use(problem, trajectory, np.zeros(1))[0]
-    tall = 0.13 * len(rows) + 0.35
-    figure = Figure(figsize=(7.0, 1.5 + tall * len(shown)), layout="constrained")
+    shown = {"planner": trajectory}
+    if optimum:
+        shown["optimum"] = optimum
+    names, _ = _use(problem, trajectory, np.zeros(1))
+    tall = 0.13 * len(names) + 0.35
     heights = [1.2, *[tall] * len(shown)]
+    figure = Figure(figsize=(7.0, 1.5 + tall * len(shown)), layout="constrained")
     top, *maps = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=True)
-    end = max(t.duration for _, t in shown)
+    end = max(own.duration for own in shown.values())
     _highest(top, problem, trajectory, optimum)
-    top.set_title(title, loc="left")
+    top.set_title(text(title), loc="left", wrap=True)
     top.set(ylim=(0, 1.05), ylabel="highest use", xlim=(0, end))
-    for axes, (name, own) in zip(maps, shown, strict=True):
+    for axes, (name, own) in zip(maps, shown.items(), strict=True):
         mesh = _heat(axes, problem, own)
         axes.set_ylabel(name)
     maps[-1].set_xlabel("time (s)")
@@ -92,24 +101,29 @@ def limit_use(
 def _highest(
     axes: Axes, problem: Problem, trajectory: Trajectory, optimum: Trajectory | None
 ) -> None:
-    t = np.linspace(0, trajectory.duration, _SAMPLES)
-    use = _use(problem, trajectory, t)[1].max(axis=0)
+    """The highest use of any limit against time, filled; that of the optimum dashed."""
+    t, use = _highest_use(problem, trajectory)
     axes.fill_between(t, use, color=BLUE, alpha=0.35, lw=0)
     axes.plot(t, use, color=BLUE, lw=0.9, label="planner")
     if optimum:
-        t = np.linspace(0, optimum.duration, _SAMPLES)
-        use = _use(problem, optimum, t)[1].max(axis=0)
+        t, use = _highest_use(problem, optimum)
         axes.plot(t, use, color=VERMILION, ls=(0, (4, 1.5)), lw=1.0, label="optimum")
     axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
+def _highest_use(problem: Problem, trajectory: Trajectory) -> tuple[Array, Array]:
+    t = np.linspace(0, trajectory.duration, _SAMPLES)
+    _, use = _use(problem, trajectory, t)
+    return t, use.max(axis=0)
+
+
 def _heat(axes: Axes, problem: Problem, trajectory: Trajectory) -> QuadMesh:
     edges = np.linspace(0, trajectory.duration, _SAMPLES + 1)
-    names, use = _use(problem, trajectory, 0.5 * (edges[:-1] + edges[1:]))
-    mesh = axes.pcolormesh(
-        edges, np.arange(len(names) + 1), use, vmin=0, vmax=1, cmap="cividis", rasterized=True
-    )
-    axes.set_yticks(np.arange(len(names)) + 0.5, names, fontsize=6)
+    middles = 0.5 * (edges[:-1] + edges[1:])
+    names, use = _use(problem, trajectory, middles)
+    rows = np.arange(len(names) + 1)
+    mesh = axes.pcolormesh(edges, rows, use, vmin=0, vmax=1, cmap="cividis", rasterized=True)
+    axes.set_yticks(rows[:-1] + 0.5, names, fontsize=6)
     axes.tick_params(axis="y", length=0)
     axes.vlines(trajectory.waypoint_times[1:-1], 0, len(names), color="white", lw=0.8)
     axes.invert_yaxis()
@@ -117,17 +131,30 @@ def _heat(axes: Axes, problem: Problem, trajectory: Trajectory) -> QuadMesh:
 
 
 def _use(problem: Problem, trajectory: Trajectory, t: Array) -> tuple[list[str], Array]:
-    """Names and use of every finite limit of the moving joints at times `t`, `(rows, len(t))`."""
-    names, rows = [], []
-    for kind, order in _KINDS:
+    """Names and use of every finite limit of the moving joints, joint by joint.
+
+    Args:
+        problem: whose limits they are.
+        trajectory: what uses them.
+        t: times `(m,)`, s.
+
+    Returns:
+        Names, and uses `(names, m)`: 1 is at the limit.
+    """
+    uses: dict[tuple[int, LimitName], Array] = {}
+    for kind, order, _ in _KINDS:
         low, high = getattr(problem.limits, kind).T
         values = trajectory(t, order)
         use = np.maximum(values / high, values / low)
-        for joint in np.flatnonzero(problem.moving & np.isfinite(high - low)):
-            names.append((int(joint), kind))
-            rows.append(use[:, joint])
-    order_of = sorted(range(len(names)), key=lambda i: names[i][0])
-    short = {"velocity": "vel.", "acceleration": "acc.", "jerk": "jerk"}
-    return [f"joint {names[i][0] + 1} {short[names[i][1]]}" for i in order_of], np.array(
-        [rows[i] for i in order_of]
-    )
+        limited = problem.moving & np.isfinite(high - low)
+        for joint in range(problem.joints):
+            if limited[joint]:
+                uses[joint, kind] = use[:, joint]
+    names = []
+    rows = []
+    for joint in range(problem.joints):
+        for kind, _, short in _KINDS:
+            if (joint, kind) in uses:
+                names.append(f"joint {joint + 1} {short}")
+                rows.append(uses[joint, kind])
+    return names, np.array(rows)

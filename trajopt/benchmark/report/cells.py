@@ -13,7 +13,7 @@ import pandas as pd
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.analysis.pairwise import mean_ranks
 from trajopt.benchmark.analysis.results import competing, median_gap
-from trajopt.benchmark.figures.plots import percent
+from trajopt.benchmark.figures.style import percent
 from trajopt.benchmark.trial import Trial
 from trajopt.solution import Status
 

@@ -13,7 +13,8 @@ from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.analysis.pairwise import medians, paired_tests, pairs_by_problem
 from trajopt.benchmark.analysis.results import competing
 from trajopt.benchmark.analysis.searches import Histories, over_best, running_times
-from trajopt.benchmark.figures.plots import FLOOR
+from trajopt.benchmark.figures import sampling
+from trajopt.benchmark.figures.style import GAP_FLOOR
 from trajopt.benchmark.report import pairwise as rivals
 from trajopt.benchmark.report.packing import rounded
 from trajopt.benchmark.report.page import Page, limit_kinds, suites_of
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
 
 POINTS = 160
+BAND_POINTS = 60
 TARGET = 1.01  # times the best known of its family: what counts as found
 
 
@@ -55,11 +57,18 @@ def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Cu
     """Per planner, quartiles over its runs of the best by so many evaluations."""
     curves = []
     for label, own in runs.items():
-        spent = np.unique(np.geomspace(1, max(2.0, *(h[-1, 0] for h in own)), 60).round())
-        quartiles = statistics.quantile(statistics.fixed_budget(own, spent), [0.25, 0.5, 0.75])
-        parts = dict(zip(("low", "middle", "high"), np.asarray(quartiles).T, strict=True))
-        curves.append({"planner": labels.index(label), "x": spent.tolist(), "runs": len(own)}
-                      | {k: rounded(v, 6) for k, v in parts.items()})  # fmt: skip
+        spent, quartiles = sampling.over_runs(own, BAND_POINTS)
+        low, middle, high = (rounded(quartile, 6) for quartile in quartiles)
+        curves.append(
+            {
+                "planner": labels.index(label),
+                "x": spent.tolist(),
+                "runs": len(own),
+                "low": low,
+                "middle": middle,
+                "high": high,
+            }
+        )
     return curves
 
 
@@ -94,12 +103,12 @@ def _profile(durations: pd.DataFrame, whole: Sequence[str], labels: Sequence[str
 
 
 def _ecdf(gaps: pd.DataFrame, whole: Sequence[str], labels: Sequence[str]) -> list[Curve]:
-    """Share of runs within a gap (%); those below `FLOOR`, negative ones too, are drawn at it."""
+    """Share of runs within a gap (%); gaps below `GAP_FLOOR` are drawn at it."""
     known = gaps[gaps["reference"].notna()]
     runs = {k: 100 * known.loc[known["label"] == k, "gap"].to_numpy() for k in whole}
-    runs = {k: np.maximum(v, FLOOR) for k, v in runs.items() if len(v)}  # NaN stays NaN
+    runs = {k: np.maximum(v, GAP_FLOOR) for k, v in runs.items() if len(v)}  # NaN stays NaN
     top = max((np.nanmax(v, initial=1.0) for v in runs.values()), default=1.0)
-    grid = np.geomspace(FLOOR, 1.1 * top, POINTS)
+    grid = np.geomspace(GAP_FLOOR, 1.1 * top, POINTS)
     return [_steps(labels.index(k), *statistics.ecdf(v, grid)) for k, v in runs.items()]
 
 

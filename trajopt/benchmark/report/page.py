@@ -15,7 +15,7 @@ import pandas as pd
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.analysis.results import Results, competing, median_gap
 from trajopt.benchmark.figures.draw import distinct_names
-from trajopt.benchmark.figures.plots import CURVES
+from trajopt.benchmark.figures.style import CURVES
 from trajopt.benchmark.report import cells as lines
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial

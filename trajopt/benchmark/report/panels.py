@@ -8,22 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials
 from trajopt.benchmark.analysis.searches import histories, searches
-from trajopt.benchmark.figures.plots import QUANTITIES
+from trajopt.benchmark.figures.draw import by_label, median_run
+from trajopt.benchmark.figures.sampling import both_sides
+from trajopt.benchmark.figures.style import QUANTITIES
 from trajopt.benchmark.report import curves
 from trajopt.benchmark.report.packing import rounded
 from trajopt.benchmark.trial import Trial
-from trajopt.explain.active_limits import stretches
+from trajopt.explain.active_limits import busy, stretches
 from trajopt.problem import LimitName, Problem
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-Span = tuple[float, float]  # start and end, s
 Stretch = tuple[int, LimitName, float, float]  # joint from 0, limit, start and end, s
 
 POINTS = 200
+LONGEST = 3  # stretches at a limit that are named
 
 
 def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool) -> dict[str, Any]:
@@ -32,9 +33,7 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
     found = histories(trials)
     searching = searches([found])
     runs = {label: own for label, own in found[1].items() if label in searching}
-    groups: dict[str, list[Trial]] = {}
-    for trial in trials:
-        groups.setdefault(trial.label, []).append(trial)
+    groups = by_label(trials)
     medians = [median_run(own) for own in groups.values()] if with_motions else []
     kinds = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
     return {
@@ -47,13 +46,6 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
             key=lambda motion: int(motion["planner"]),
         ),
     }  # fmt: skip
-
-
-def median_run(runs: Sequence[Trial]) -> Trial | None:
-    """The run with the median certified duration (the lower of two), of those that have one."""
-    certified = [t for t in runs if t.certified_trajectory is not None]
-    ordered = sorted(certified, key=lambda t: (t.certified_duration or np.inf, t.seed))
-    return ordered[(len(ordered) - 1) // 2] if ordered else None
 
 
 def _motion(trial: Trial, planner: int, orders: int) -> dict[str, Any]:
@@ -69,19 +61,25 @@ def _motion(trial: Trial, planner: int, orders: int) -> dict[str, Any]:
 
 
 def sampled(trajectory: Trajectory, orders: int, points: int = POINTS) -> tuple[Array, Array]:
-    """At most `points` times `(m,)`, and derivatives `(orders, joints, m)` at them.
+    """Sample a trajectory and its derivatives at the same times.
 
-    Breaks are there twice, before and after a jump, unless there are too many of them.
+    Args:
+        trajectory: what is sampled.
+        orders: how many derivatives, position included.
+        points: how many times at most.
+
+    Returns:
+        Times `(m,)` in seconds, and values `(orders, joints, m)`. Breaks are there twice, before
+        and after a jump, unless there are too many of them.
     """
     pieces = len(trajectory.breaks) - 1
     if 2 * pieces > points:
         times = np.linspace(0.0, trajectory.duration, points)
         return times, np.stack([trajectory(times, order).T for order in range(orders)])
-    local = np.linspace(0.0, 1.0, points // pieces)[:, None] * np.diff(trajectory.breaks)
-    derived = [polynomials.derivative(trajectory.coefficients, k) for k in range(orders)]
-    found = [polynomials.evaluate(c[:, None], local[..., None]) for c in derived]
-    joints = [f.swapaxes(0, 1).reshape(-1, trajectory.joints).T for f in found]
-    return (trajectory.breaks[:-1] + local).T.ravel(), np.stack(joints)
+    per_piece = points // pieces
+    curves = [both_sides(trajectory, order, per_piece) for order in range(orders)]
+    times, _ = curves[0]
+    return times, np.stack([values.T for _, values in curves])
 
 
 def use(problem: Problem, trajectory: Trajectory) -> tuple[float, list[Stretch]]:
@@ -89,22 +87,6 @@ def use(problem: Problem, trajectory: Trajectory) -> tuple[float, list[Stretch]]
 
     Interruptions shorter than 1 % of the duration are passed over in the stretches.
     """
-    spans: dict[tuple[int, LimitName], list[Span]] = {}
-    for joint, limit, start, end in stretches(problem, trajectory, joined=0.0):
-        if limit != "position":
-            spans.setdefault((joint, limit), []).append((start, end))
-    busy = sum(b - a for a, b in _merged([s for own in spans.values() for s in own], 0.0))
-    joined = [
-        (*k, *s) for k, own in spans.items() for s in _merged(own, 0.01 * trajectory.duration)
-    ]
-    return busy / trajectory.duration, sorted(joined, key=lambda s: s[2] - s[3])[:3]
-
-
-def _merged(spans: Sequence[Span], slack: float) -> list[Span]:
-    merged: list[Span] = []
-    for start, end in sorted(spans):
-        if merged and start <= merged[-1][1] + slack:
-            start, last = merged.pop()
-            end = max(end, last)
-        merged.append((start, end))
-    return merged
+    motion = [own for own in stretches(problem, trajectory) if own[1] != "position"]
+    longest = sorted(motion, key=lambda own: own[2] - own[3])
+    return busy(problem, trajectory), longest[:LONGEST]
