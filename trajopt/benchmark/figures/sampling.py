@@ -15,7 +15,6 @@ Array = NDArray[np.float64]
 
 POINTS_PER_CURVE = 240
 FEWEST_PER_PIECE = 5
-QUARTILES = (0.25, 0.5, 0.75)
 
 
 def both_sides(trajectory: Trajectory, order: int, per_piece: int) -> tuple[Array, Array]:
@@ -66,5 +65,5 @@ def over_runs(runs: Sequence[Array], points: int = 120) -> tuple[Array, Array]:
     grid = np.geomspace(1.0, max(end, 1.0), points)
     evaluations = np.unique(grid.round())
     best = statistics.fixed_budget(runs, evaluations)
-    quartiles = statistics.quantile(best, QUARTILES)
+    quartiles = statistics.quantile(best, statistics.QUARTILES)
     return evaluations, np.asarray(quartiles).T
