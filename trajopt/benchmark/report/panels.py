@@ -15,13 +15,11 @@ from trajopt.benchmark.figures.style import QUANTITIES
 from trajopt.benchmark.report import curves
 from trajopt.benchmark.report.packing import rounded
 from trajopt.benchmark.trial import Trial
-from trajopt.explain.active_limits import busy, stretches
-from trajopt.problem import LimitName, Problem
+from trajopt.explain.active_limits import Stretch, share_at_limits, stretches
+from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-
-Stretch = tuple[int, LimitName, float, float]  # joint from 0, limit, start and end, s
 
 POINTS = 200
 LONGEST = 3  # stretches at a limit that are named
@@ -87,6 +85,6 @@ def use(problem: Problem, trajectory: Trajectory) -> tuple[float, list[Stretch]]
 
     Interruptions shorter than 1 % of the duration are passed over in the stretches.
     """
-    motion = [own for own in stretches(problem, trajectory) if own[1] != "position"]
-    longest = sorted(motion, key=lambda own: own[2] - own[3])
-    return busy(problem, trajectory), longest[:LONGEST]
+    motion = [own for own in stretches(problem, trajectory) if own.limit != "position"]
+    longest = sorted(motion, key=lambda own: own.start - own.end)
+    return share_at_limits(problem, trajectory), longest[:LONGEST]
