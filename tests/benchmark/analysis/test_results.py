@@ -19,8 +19,8 @@ from trajopt import (
 )
 from trajopt.benchmark.analysis.pairwise import mean_ranks
 from trajopt.benchmark.analysis.results import TRIAL_COLUMNS, Results, competing
+from trajopt.benchmark.store.columns import COLUMNS
 from trajopt.benchmark.store.folder import Store
-from trajopt.benchmark.store.schema import COLUMNS
 from trajopt.benchmark.trial import judge
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
@@ -369,10 +369,17 @@ def test_the_docstring_lists_the_columns(name):
     assert set(frame.columns) <= words
 
 
-def test_frames_and_stored_columns_are_of_one_kind():
-    for name, kind in TRIAL_COLUMNS.items():
-        if name in COLUMNS and name != "feasible":
-            assert kind == {str: "str"}.get(COLUMNS[name].kind, COLUMNS[name].kind)
+def test_frames_are_of_the_kinds_and_units_that_the_store_declares():
+    dtypes = {"name": "str", "text": "str", "integer": int, "number": float}
+    described = " ".join(Results.trials.__doc__.split())
+    for name, dtype in TRIAL_COLUMNS.items():
+        if name == "position_excess":  # from the certificate, which is an object
+            continue
+        column = COLUMNS[name]
+        assert dtype == (bool if name == "feasible" else dtypes[column.kind])
+        if column.units == "s":
+            (entry,) = re.findall(rf"\b{name}: (.*?)(?= \w+: |$)", described)
+            assert ", s" in entry
 
 
 def test_no_trials_have_an_empty_summary():

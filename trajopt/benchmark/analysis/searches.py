@@ -38,7 +38,8 @@ def histories(trials: Sequence[Trial]) -> Histories:
     best = np.nan
     runs: dict[str, list[Array]] = {}
     for trial in trials:
-        runs.setdefault(trial.label, []).append(trial.certified_history)
+        own = runs.setdefault(trial.label, [])
+        own.append(trial.certified_history)
         duration = trial.certified_duration
         if trial.planner == BEST_353 and duration is not None:
             best = np.fmin(best, duration)
@@ -54,7 +55,8 @@ def searches(problems: Sequence[Histories]) -> set[str]:
     beating = set()
     for best, runs in problems:
         for label, own in runs.items():
-            shortest = min(np.nanmin(history[:, 1], initial=np.inf) for history in own)
+            durations = np.vstack(own)[:, 1]
+            shortest = np.nanmin(durations, initial=np.inf)
             if shortest < np.inf:
                 searching.add(label)
             if shortest < best * (1 - BEATEN_RTOL):
@@ -65,10 +67,12 @@ def searches(problems: Sequence[Histories]) -> set[str]:
 def over_best(problems: Sequence[Histories]) -> dict[str, list[Array]]:
     """Per search, every run's history over the best 3-5-3 of its problem, where that is known."""
     known = _known(problems)
-    relative: dict[str, list[Array]] = {label: [] for label in sorted(searches(known))}
-    for best, runs in known:
-        for label, own in relative.items():
-            own += [history / [1.0, best] for history in runs.get(label, [])]
+    relative: dict[str, list[Array]] = {}
+    for label in sorted(searches(known)):
+        own = relative.setdefault(label, [])
+        for best, runs in known:
+            units = [1.0, best]
+            own += [history / units for history in runs.get(label, [])]
     return relative
 
 
@@ -89,9 +93,16 @@ def running_times(
         ert = np.atleast_1d(statistics.expected_running_time(hits, budgets))
         successes = np.isfinite(hits).sum(axis=-1)
         for goal, time, count in zip(goals, ert, successes, strict=True):
-            rows.append((label, goal, time, int(count), len(runs)))
-    columns = ["label", "target", "ert", "successes", "runs"]
-    return pd.DataFrame(rows, columns=columns).set_index(["label", "target"])
+            row = {
+                "label": label,
+                "target": goal,
+                "ert": time,
+                "successes": count,
+                "runs": len(runs),
+            }
+            rows.append(row)
+    table = pd.DataFrame(rows, columns=["label", "target", "ert", "successes", "runs"])
+    return table.set_index(["label", "target"])
 
 
 def data_profile(
@@ -99,12 +110,15 @@ def data_profile(
 ) -> pd.DataFrame:
     """`Results.data_profile()` of histories."""
     known = _known(problems)
-    everywhere = set(searches(known)).intersection(*(runs for _, runs in known))
+    everywhere = searches(known)
+    for problem in known:
+        everywhere &= set(problem.runs)
     compared = sorted(everywhere)
     hits = []
     for best, runs in known:
         goal = best * (1 + target)
-        hits.append([_median_hit(runs[label], goal) for label in compared])
+        own = [_median_hit(runs[label], goal) for label in compared]
+        hits.append(own)
     if not compared:
         nothing = pd.Index([], name="alpha", dtype=float)
         return pd.DataFrame(index=nothing, columns=compared, dtype=float)

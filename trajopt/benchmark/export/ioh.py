@@ -74,18 +74,18 @@ class _Experiment(NamedTuple):
 
 def _experiments(items: Sequence[Trial]) -> Iterator[_Experiment]:
     """Those with a history, by function and algorithm."""
-    problems = sorted({(trial.problem.name, trial.problem.digest()) for trial in items})
-    functions = {digest: number for number, (_, digest) in enumerate(problems, 1)}
-    labels = sorted({trial.label for trial in items})
-    algorithms = {label: number for number, label in enumerate(labels, 1)}
-    groups: dict[tuple[int, int], list[Trial]] = {}
+    names = {trial.problem.digest(): trial.problem.name for trial in items}
+    functions = sorted(names, key=lambda digest: (names[digest], digest))
+    algorithms = sorted({trial.label for trial in items})
+    groups: dict[tuple[str, str], list[Trial]] = {}
     for trial in sorted(items, key=lambda trial: (trial.seed, trial.id)):
-        key = (functions[trial.problem.digest()], algorithms[trial.label])
+        key = (trial.problem.digest(), trial.label)
         groups.setdefault(key, []).append(trial)
-    for key in sorted(groups):
-        trials = groups[key]
-        if any(_has_curve(trial) for trial in trials):
-            yield _Experiment(*key, trials)
+    for function, digest in enumerate(functions, 1):
+        for algorithm, label in enumerate(algorithms, 1):
+            trials = groups.get((digest, label), [])
+            if any(_has_curve(trial) for trial in trials):
+                yield _Experiment(function, algorithm, trials)
 
 
 def _has_curve(trial: Trial) -> bool:
@@ -101,6 +101,7 @@ def _write_experiment(place: Path, experiment: _Experiment) -> None:
     trials = experiment.trials
     segments = trials[0].problem.segments
     curves = [_curve(trial) for trial in trials]
+    runs = [_run(trial, curve) for trial, curve in zip(trials, curves, strict=True)]
     data = Path(f"data_f{number}", f"{name}_DIM{segments}.dat")
     (folder / data).parent.mkdir(parents=True)
     blocks = "".join(_block(curve) for curve in curves)
@@ -108,7 +109,7 @@ def _write_experiment(place: Path, experiment: _Experiment) -> None:
     scenario = {
         "dimension": segments,
         "path": data.as_posix(),
-        "runs": [_run(trial, curve) for trial, curve in zip(trials, curves, strict=True)],
+        "runs": runs,
     }
     meta = _described(experiment) | {"scenarios": [scenario]}
     text = json.dumps(meta, indent=1, allow_nan=False)
@@ -139,7 +140,7 @@ def _described(experiment: _Experiment) -> dict[str, Any]:
 def _run(trial: Trial, curve: Array) -> dict[str, Any]:
     """One run's summary; JSON knows no infinity, so the largest number stands for no answer."""
     spent, best = curve.T
-    y = float(best[-1]) if np.isfinite(best[-1]) else sys.float_info.max
+    shortest = min(float(best[-1]), sys.float_info.max)
     certified = trial.certified_trajectory
     times = []
     if certified is not None:
@@ -148,7 +149,7 @@ def _run(trial: Trial, curve: Array) -> dict[str, Any]:
     return {
         "instance": 1,
         "evals": int(spent[-1]),
-        "best": {"evals": int(reached), "y": y, "x": times},
+        "best": {"evals": int(reached), "y": shortest, "x": times},
         "seed": trial.seed,
     }
 
@@ -161,22 +162,25 @@ def _curve(trial: Trial) -> Array:
     history = trial.certified_history
     counted = np.isfinite(history[:, 0])
     spent, best = history[counted].T
-    # no answer before the first row, and none that is better after the last
-    ends = [1.0, np.max(spent, initial=1.0)]
-    spent = np.floor(np.maximum(1.0, [ends[0], *spent, ends[1]]))
+    # no answer at the first evaluation, but what the rows say of it
+    spent = np.insert(spent, 0, 1.0)
+    best = np.insert(best, 0, np.inf)
+    spent = np.floor(np.maximum(1.0, spent))
     best = np.where(np.isfinite(best), best, np.inf)
-    best = np.array([np.inf, *best, np.inf])
     order = np.argsort(spent, kind="stable")
     spent = spent[order]
     best = np.minimum.accumulate(best[order])
-    last_of_evaluation = np.append(spent[1:] != spent[:-1], True)
-    spent = spent[last_of_evaluation]
-    best = best[last_of_evaluation]
-    improved = np.append(True, best[1:] != best[:-1])
-    improved[-1] = True
-    return np.column_stack([spent[improved], best[improved]])
+    # of the rows at one evaluation the last, of those with one best the first; and the end
+    last = np.diff(spent, append=np.inf) > 0
+    spent = spent[last]
+    best = best[last]
+    shown = np.ones(best.size, dtype=bool)
+    shown[1:-1] = best[1:-1] < best[:-2]
+    return np.column_stack([spent[shown], best[shown]])
 
 
 def _block(curve: Array) -> str:
-    rows = [f"{spent:.0f} {best!r}" for spent, best in curve.tolist()]
-    return "\n".join([HEADER, *rows, ""])
+    lines = [HEADER]
+    for spent, best in curve.tolist():
+        lines.append(f"{spent:.0f} {best!r}")
+    return "\n".join([*lines, ""])

@@ -28,17 +28,17 @@ def table(results: Results) -> pd.DataFrame:
         provenance_*: the commit, the machine and the versions, empty where not installed.
     """
     items = results.items
-    started = pd.to_datetime([trial.started for trial in items], utc=True, format="ISO8601")
-    columns = {
-        "batch": pd.Series([trial.batch for trial in items], dtype=int),
-        "started": pd.Series(started.as_unit("us")),
-        "options": pd.Series([options_text(trial) for trial in items], dtype="str"),
-    }
+    trials = results.gaps()
+    trials["batch"] = pd.Series([trial.batch for trial in items], dtype=int)
+    started = [trial.started for trial in items]
+    trials["started"] = pd.to_datetime(started, utc=True, format="ISO8601").as_unit("us")
+    options = [options_text(trial) for trial in items]
+    trials["options"] = pd.Series(options, dtype="str")
     names = dict.fromkeys(name for trial in items for name in trial.provenance)
     for name in names:
         values = [str(trial.provenance.get(name, "")) for trial in items]
-        columns[f"provenance_{name}"] = pd.Series(values, dtype="str")
-    return pd.concat([results.gaps(), pd.DataFrame(columns)], axis=1)
+        trials[f"provenance_{name}"] = pd.Series(values, dtype="str")
+    return trials
 
 
 def options_text(trial: Trial) -> str:
