@@ -17,7 +17,7 @@ import cyclopts
 import pandas as pd
 
 from baselines.lower_bound import certify
-from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
 
 KEYS = ["waypoints", "joints", "seed"]

@@ -24,7 +24,7 @@ from baselines.topp_ra import along
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
 from trajopt.registry import entries, load
 

@@ -28,7 +28,7 @@ from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from experiments.ordering import RELAXED, identities
 from trajopt import Limits, Problem, Trajectory, verify
-from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
 from trajopt.registry import load
 

@@ -16,7 +16,7 @@ from baselines.ruckig_ import RuckigStop, RuckigVia
 from baselines.spline353_nlp import Spline353NLP
 from baselines.topp_ra import ToppRa, along
 from trajopt import Limits, Problem, spline353, verify
-from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.planner import Planner
 from trajopt.registry import configured
 from trajopt.rest_to_rest import stop_times

@@ -23,6 +23,7 @@ from trajopt import Problem, verify
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.figures import plots, style
 from trajopt.benchmark.suites import catalogue as suite
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
 from trajopt.exceptions import TrajoptError
 from trajopt.swarm_planner import SwarmPlanner
@@ -34,7 +35,7 @@ TARGETS = {"1 %": 1e-2, "0.1 %": 1e-3, "0.01 %": 1e-4}
 
 def problems(random: int) -> list[Problem]:
     """The six-axis problem, then `random_problem(seed, waypoints=4)` for the first seeds."""
-    drawn = [suite.random_problem(seed, waypoints=4) for seed in range(random)]
+    drawn = [random_problem(seed, waypoints=4) for seed in range(random)]
     return [suite.load("six-axis"), *drawn]
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trajopt import Problem, spline353
 from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.suites import catalogue as suite
+from trajopt.benchmark.suites import built_in
 from trajopt.kinematics import Robot
 from trajopt.planner import Planner
 from trajopt.swarm_planner import SwarmPlanner
@@ -26,7 +26,7 @@ MM = 1000.0  # per metre
 
 def reference(name: str) -> pd.DataFrame:
     """A published table, `data/reference/*.csv`."""
-    return pd.read_csv(suite.data_folder() / "reference" / f"{name}.csv")
+    return pd.read_csv(built_in.data_folder() / "reference" / f"{name}.csv")
 
 
 def running_times() -> dict[str, float]:

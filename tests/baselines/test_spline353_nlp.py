@@ -8,7 +8,8 @@ from scipy.optimize import minimize
 
 from baselines.spline353_nlp import Spline353NLP
 from trajopt import Limits, Problem, Status, spline353, verify
-from trajopt.benchmark.suites.catalogue import load, problem_files, random_problem
+from trajopt.benchmark.suites.catalogue import load, problem_files
+from trajopt.benchmark.suites.random import random_problem
 
 FOUR = [name for name in problem_files() if spline353.unsupported(load(name)) is None]
 

@@ -536,3 +536,16 @@ def test_report_writes_one_page_that_stands_alone(compared, trajopt):
 def test_report_of_nothing_exits_2(trajopt, tmp_path):
     code, _, err = trajopt("report", tmp_path)
     assert (code, err.count("\n")) == (2, 1)
+
+
+def test_a_problem_of_a_suite_is_planned_by_its_name(trajopt):
+    code, out, _ = trajopt("plan", "edges-two-waypoints", "--planner", "ruckig-stop", "--json")
+    trial = json.loads(out)
+    assert code == 0
+    assert (trial["problem"], trial["problem_file"]) == ("edges-two-waypoints", None)
+    # 1 rad at 1 rad/s and 2 rad/s²: 1 s, and half a second for the ramps.
+    assert trial["certified_duration"] == pytest.approx(1.5)
+    assert (
+        "edges-two-waypoints: solved"
+        in trajopt("plan", "edges-two-waypoints", "--planner", "ruckig-stop")[1]
+    )

@@ -7,6 +7,7 @@ import pytest
 
 from trajopt import InvalidInput, Problem, UnknownName
 from trajopt.benchmark.suites import catalogue as suite
+from trajopt.benchmark.suites.robots import ROBOTS_VERSION
 from trajopt.cli import suite as suite_cli
 
 
@@ -74,7 +75,7 @@ def test_show_has_a_line_for_each_problem_and_fits(run, name):
 
 def test_show_json_has_whole_digests(run):
     found = parsed(run("show", "robots", "--size", 5, "--json")[1])
-    assert (found["suite"], found["version"]) == ("robots", suite.ROBOTS_VERSION)
+    assert (found["suite"], found["version"]) == ("robots", ROBOTS_VERSION)
     problems = suite.problems("robots", 5)
     assert [row["digest"] for row in found["problems"]] == [p.digest() for p in problems]
     assert [row["name"] for row in found["problems"]] == [p.name for p in problems]

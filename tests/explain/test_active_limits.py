@@ -10,7 +10,7 @@ import pytest
 from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem, Trajectory
-from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.explain.active_limits import (
     ActiveLimit,
     active_limits,

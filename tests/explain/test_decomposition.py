@@ -13,7 +13,7 @@ from baselines.spline353_nlp import Spline353NLP
 from baselines.topp_ra import ToppRa, along
 from trajopt import Limits, Problem, Trajectory, spline353, verify
 from trajopt.benchmark.suites.catalogue import load as problem_of
-from trajopt.benchmark.suites.catalogue import random_problem
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.exceptions import TrajoptError
 from trajopt.explain.decomposition import Explanation, explain, peaks
 from trajopt.explain.references import references

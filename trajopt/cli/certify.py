@@ -40,7 +40,7 @@ def certify(
         raise TrajoptError(proof.message)
     table = {
         "problem": loaded.name,
-        "problem_file": str(file),
+        "problem_file": None if file is None else str(file),
         "family": family,
         "joint": joint,
         "lower_bound": proof.stats["lower_bound"],

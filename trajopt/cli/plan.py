@@ -41,7 +41,8 @@ def plan(
     file = catalogue.find(problem)
     trial = judge(chosen, catalogue.load(problem), [seed], name)[0]
     if json:
-        names = {"problem": trial.problem.name, "problem_file": str(file)}
+        path = None if file is None else str(file)
+        names = {"problem": trial.problem.name, "problem_file": path}
         console.print_json(names | trial.as_dict())
     else:
         print_trial(trial, problem)
@@ -84,7 +85,7 @@ def _nearest_folder(path: Path) -> Path:
 
 def print_trial(trial: Trial, problem: str) -> None:
     """The verdict, then the worst value of each kind; `problem` is the name or file asked for."""
-    where = "" if problem in catalogue.problem_files() else f" ({problem})"
+    where = "" if problem == trial.problem.name else f" ({problem})"
     title = f"[bold]{console.markup(trial.label)}[/bold] on "
     title += console.markup(f"{trial.problem.name}{where}")
     console.OUT.print(f"{title}: [bold]{trial.status}[/bold]", soft_wrap=True)

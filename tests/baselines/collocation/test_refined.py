@@ -13,7 +13,8 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigVia, section
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, verify
-from trajopt.benchmark.suites.catalogue import load, random_problem
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.testing import check_planner, examples
 

@@ -8,7 +8,8 @@ import pytest
 from baselines.collocation.uniform import Collocation
 from baselines.ruckig_ import section
 from trajopt import InvalidInput, Limits, Problem, Status, Trajectory, verify
-from trajopt.benchmark.suites.catalogue import load, problem_files, random_problem
+from trajopt.benchmark.suites.catalogue import load, problem_files
+from trajopt.benchmark.suites.random import random_problem
 
 
 def solved(problem: Problem, intervals: int = 20) -> Trajectory:

@@ -13,7 +13,8 @@ from baselines.exact.acceleration import Exact, extremes
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, Trajectory, verify
-from trajopt.benchmark.suites.catalogue import load, problem_files, random_problem
+from trajopt.benchmark.suites.catalogue import load, problem_files
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.rest_to_rest import stop_times
 
 

@@ -14,7 +14,8 @@ from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
 from experiments import relations
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, Trajectory, verify
-from trajopt.benchmark.suites.catalogue import load, random_problem
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.testing import examples
 
 QUICK = ExactJerk(starts=2)

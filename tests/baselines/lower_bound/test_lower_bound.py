@@ -12,7 +12,8 @@ from baselines.lower_bound.free import Free
 from baselines.lower_bound.spline353 import Spline353
 from baselines.spline353_nlp import Spline353NLP
 from trajopt import InvalidInput, Limits, Problem, spline353, verify
-from trajopt.benchmark.suites.catalogue import load, random_problem
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.exceptions import MissingBackend
 from trajopt.planner import backend
 

@@ -8,7 +8,8 @@ import pytest
 
 from baselines.lower_bound.planner import Certify
 from trajopt import InvalidInput, Limits, Problem
-from trajopt.benchmark.suites.catalogue import load, random_problem
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.planner import Relation
 from trajopt.registry import load as load_planner
 from trajopt.rest_to_rest import stop_times

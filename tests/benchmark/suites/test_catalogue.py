@@ -10,7 +10,8 @@ import pytest
 
 from trajopt import InvalidInput, Limits, Problem, UnknownName
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.benchmark.suites import families
+from trajopt.benchmark.suites import edges, families, robots
+from trajopt.benchmark.suites.random import random_problem
 from trajopt.benchmark.trial import trial_id
 
 SEEDS = range(300)
@@ -18,7 +19,7 @@ SEEDS = range(300)
 
 @pytest.fixture(scope="module")
 def problems():
-    return [suite.random_problem(seed) for seed in SEEDS]
+    return [random_problem(seed) for seed in SEEDS]
 
 
 def test_the_paper_s_problem_comes_first_and_every_file_loads():
@@ -59,7 +60,7 @@ def test_an_unknown_name_says_what_there_is():
 
 
 def test_a_seed_means_the_same_problem_and_another_seed_another(problems):
-    assert [suite.random_problem(s).digest() for s in SEEDS] == [p.digest() for p in problems]
+    assert [random_problem(s).digest() for s in SEEDS] == [p.digest() for p in problems]
     assert len({p.digest() for p in problems}) == len(problems)
 
 
@@ -71,8 +72,7 @@ def test_sizes_cover_one_to_seven_joints_and_three_to_eight_waypoints(problems):
 @pytest.mark.parametrize(("joints", "waypoints"), [(1, 3), (7, 8), (2, 2), (6, 4)])
 def test_sizes_can_be_chosen(joints, waypoints):
     shapes = {
-        suite.random_problem(s, joints=joints, waypoints=waypoints).waypoints.shape
-        for s in range(20)
+        random_problem(s, joints=joints, waypoints=waypoints).waypoints.shape for s in range(20)
     }
     assert shapes == {(waypoints, joints)}
 
@@ -129,7 +129,7 @@ def test_every_segment_moves_and_every_number_is_finite(problems):
 
 def test_jerk_limits_come_on_request_between_3_and_300_accelerations(problems):
     for seed in range(50):
-        p, plain = suite.random_problem(seed, jerk=True), problems[seed]
+        p, plain = random_problem(seed, jerk=True), problems[seed]
         assert p.without("jerk").digest() != p.digest()
         np.testing.assert_array_equal(p.limits.acceleration, plain.limits.acceleration)
         ratio = p.limits.jerk[:, 1] / np.abs(p.limits.acceleration).min(axis=1)
@@ -151,7 +151,7 @@ def test_a_robot_is_found_by_name_and_by_path() -> None:
 
 @pytest.fixture(scope="module")
 def arms():
-    return {name: suite.arm(name) for name in suite.arm_files()}
+    return {name: robots.arm(name) for name in robots.arm_files()}
 
 
 def test_six_arms_or_more_each_under_its_own_name(arms):
@@ -210,7 +210,7 @@ def test_limits_agree_with_what_is_printed_elsewhere(arms, name, kind, printed, 
 
 def test_waypoints_lie_inside_the_joint_ranges_and_fill_them(arms):
     for name, arm in arms.items():
-        q = np.vstack([suite.robot_problem(arm, n).waypoints for n in range(90, 100)])
+        q = np.vstack([robots.robot_problem(arm, n).waypoints for n in range(90, 100)])
         low, high = arm.limits.position.T
         assert (q > low).all(), name
         assert (q < high).all(), name
@@ -220,7 +220,7 @@ def test_waypoints_lie_inside_the_joint_ranges_and_fill_them(arms):
 
 
 def test_jerk_limits_change_the_limits_only(arms):
-    with_, without = (suite.robot_problem(arms["franka-fr3"], 5, jerk=j) for j in (True, False))
+    with_, without = (robots.robot_problem(arms["franka-fr3"], 5, jerk=j) for j in (True, False))
     assert with_.without("jerk").digest() == without.digest()
     assert (with_.limits.jerk[:, 1] == 5000).all()
     assert with_.name == without.name + "-jerk" == "robots-franka-fr3-w5-jerk"
@@ -249,12 +249,12 @@ source = "mine"
 
 def test_an_arm_of_one_s_own_is_read_from_its_path(tmp_path):
     (tmp_path / "mine.toml").write_text(ARM, encoding="utf-8")
-    arm = suite.arm(str(tmp_path / "mine.toml"))
+    arm = robots.arm(str(tmp_path / "mine.toml"))
     expected = Limits([1, 2], [[-np.pi, np.pi / 2], np.pi], None,
                       [[-np.pi / 2, np.pi / 2], [-np.inf, np.inf]])  # fmt: skip
     for kind in ("velocity", "acceleration", "jerk", "position"):
         np.testing.assert_allclose(getattr(arm.limits, kind), getattr(expected, kind))
-    q = suite.robot_problem(arm, 200).waypoints
+    q = robots.robot_problem(arm, 200).waypoints
     assert np.pi * 0.9 < np.abs(q[:, 1]).max() <= np.pi  # it turns without end: one turn
 
 
@@ -276,14 +276,14 @@ def test_an_arm_of_one_s_own_is_read_from_its_path(tmp_path):
 def test_a_wrong_arm_file_is_one_line_that_names_it(tmp_path, old, new, word):
     (tmp_path / "mine.toml").write_text(ARM.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(InvalidInput, match=r"mine\.toml: ") as error:
-        suite.arm(str(tmp_path / "mine.toml"))
+        robots.arm(str(tmp_path / "mine.toml"))
     assert word in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_an_unknown_arm_says_which_there_are():
     with pytest.raises(UnknownName, match="did you mean 'ur5e'"):
-        suite.arm("ur5")
+        robots.arm("ur5")
 
 
 # --- suites ---
@@ -316,7 +316,7 @@ def test_a_family_s_suite_is_its_part_of_random(suites):
 
 def test_edges_are_the_small_files_and_the_ones_made_in_code(suites):
     files = set(suite.problem_files()) - {"six-axis"}
-    made = {p.name for p in families.edges()}
+    made = {p.name for p in edges.stream()}
     assert {p.name for p in suites["edges"]} == files | made
 
 
@@ -330,7 +330,7 @@ def test_the_default_random_suite_covers_sizes_and_jerk(suites):
 def test_robots_are_every_arm_at_every_size_with_jerk_where_there_is(suites, arms):
     jerky = sum("jerk" in arm.origins for arm in arms.values())
     assert jerky >= 1
-    assert len(suites["robots"]) == len(suite.ROBOT_WAYPOINTS) * (len(arms) + jerky)
+    assert len(suites["robots"]) == len(robots.ROBOT_WAYPOINTS) * (len(arms) + jerky)
     assert all(p.has("position") for p in suites["robots"])
 
 
@@ -343,6 +343,45 @@ def test_building_again_and_a_smaller_size_give_the_same_problems(suites):
 def test_random_suites_go_on_and_the_others_end():
     assert len(suite.problems("random-tiny", 25)) == 25
     assert len(suite.problems("six-axis", 25)) == 1
+
+
+def test_every_problem_of_every_suite_is_loaded_by_its_name(suites):
+    for problems in suites.values():
+        for problem in problems:
+            found = suite.load(problem.name)
+            assert (found.name, found.digest()) == (problem.name, problem.digest())
+
+
+def test_a_name_says_more_than_the_suite_has():
+    assert len(suite.load("robots-ur5e-w5").waypoints) == 5
+    beyond = suite.problems("random-zigzag", 40)[-1]
+    assert suite.load(beyond.name).digest() == beyond.digest()
+    assert suite.find(beyond.name) is None
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "robots-ur5e-w1",
+        "robots-ur5e-w04",
+        "robots-ur5-w4",
+        "robots-puma-560-w4-jerk",
+        "edges-",
+        "edges-tiniest",
+        "random-zigzag-j0-w4-01",
+        "random-zigzag-j1-w1-01",
+        "random-zigzag-j1-w4-1",
+        "random-zigzags-j1-w4-01",
+    ],
+)
+def test_a_name_that_no_suite_makes_is_unknown(name):
+    with pytest.raises(UnknownName):
+        suite.load(name)
+
+
+def test_a_slip_in_a_suite_s_name_suggests_the_right_one():
+    with pytest.raises(UnknownName, match="did you mean 'robots-ur5e-w4'"):
+        suite.load("robots-ur5-w4")
 
 
 def test_an_unknown_suite_or_no_problem_at_all_is_refused():

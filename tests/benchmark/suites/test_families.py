@@ -10,6 +10,7 @@ from baselines.exact.acceleration import Exact
 from trajopt import InvalidInput, Problem, UnknownName
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.suites import families
+from trajopt.benchmark.suites.edges import stream as made_edges
 
 MANY = range(60)
 
@@ -21,7 +22,7 @@ def drawn():
 
 @pytest.fixture(scope="module")
 def edges():
-    return {p.name.removeprefix("edges-"): p for p in families.edges()}
+    return {p.name.removeprefix("edges-"): p for p in made_edges()}
 
 
 def every(drawn):
@@ -206,7 +207,7 @@ def test_jerk_is_1_to_1000_times_acceleration(drawn):
 def test_edges_have_their_own_names_and_are_no_files(edges):
     assert len(edges) == len({p.digest() for p in edges.values()}) >= 20
     assert not {p.name for p in edges.values()} & set(suite.problem_files())
-    assert all(p.source.startswith("trajopt.benchmark.families, ") for p in edges.values())
+    assert all(p.source.startswith("trajopt.benchmark.suites.edges, ") for p in edges.values())
     assert sum(p.joints > 6 or len(p.waypoints) > 9 for p in edges.values()) == 2
 
 
