@@ -86,6 +86,29 @@ class Trajectory:
         columns = [_resampled(own, c, breaks, degree) for own, c in joints]
         return cls(breaks, np.stack(columns, axis=-1), times)
 
+    @classmethod
+    def of_moving(
+        cls,
+        start: Array,
+        moving: NDArray[np.bool_],
+        parts: Sequence[tuple[Array, Array]],
+        waypoint_times: ArrayLike,
+    ) -> Trajectory:
+        """Joints that move, joined, beside those that stay where they start.
+
+        Args:
+            start: Where each joint starts, `(joints,)`, rad.
+            moving: Which joints move, `(joints,)`.
+            parts: `(breaks, coefficients)` of each joint that moves, as for `joined`.
+            waypoint_times: When each waypoint is passed, s.
+        """
+        times = np.asarray(waypoint_times, dtype=float)
+        whole = times[[0, -1]]
+        joints = [(whole, np.array([[q]])) for q in start]
+        for joint, part in zip(np.flatnonzero(moving), parts, strict=True):
+            joints[joint] = part
+        return cls.joined(joints, times)
+
 
 def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
     if breaks.ndim != 1 or len(breaks) < 2 or breaks[0] != 0 or (np.diff(breaks) <= 0).any():

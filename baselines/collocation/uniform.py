@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.exact import jerk_reach
+from baselines.ipopt import Options, flat, program, unflat
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
 from trajopt.problem import Problem
@@ -31,29 +32,30 @@ from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+# A constraint's expression with its lowest and highest values.
+Row = tuple[Any, Any, Any]
 
-IPOPT: dict[str, Any] = {
-    "print_time": False,
-    "error_on_fail": False,
-    "ipopt": {
-        "print_level": 0,
-        "sb": "yes",
-        "tol": 1e-9,
-        "constr_viol_tol": 1e-11,
-        "bound_relax_factor": 0.0,
-        "max_iter": 3000,
-    },
+_OPTIONS: Options = {
+    "tol": 1e-9,
+    "constr_viol_tol": 1e-11,
+    "bound_relax_factor": 0.0,
+    "max_iter": 3000,
 }
 # Free nodes are never far from their start: a small barrier from the beginning keeps them there.
-_WARM = {
+_WARM_OPTIONS: Options = {
+    **_OPTIONS,
     "tol": 1e-8,
     "mu_init": 1e-6,
     "bound_push": 1e-7,
     "bound_frac": 1e-7,
     "max_iter": 400,
 }
-_TOUCH = 1e-9  # without units: a waypoint so close to a position limit is on it
-_LEAST = 1e-3  # of equal intervals: the shortest that free nodes leave
+# No units: a waypoint this close to a position limit is on it.
+_TOUCH_DISTANCE = 1e-9
+# Of equal intervals: the shortest that free nodes leave.
+_SHORTEST_SHARE = 1e-3
+# Times the time of stopping at every waypoint: the longest motion that is looked at.
+_LONGEST = 1.5
 
 
 @dataclass(frozen=True)
@@ -74,24 +76,30 @@ class Collocation(Planner):
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """A local optimum from the straight-line start, stopping at every waypoint."""
-        grid, began = Grid(problem, self.intervals), time.perf_counter()
+        grid = Grid(problem, self.intervals)
+        began = time.perf_counter()
         solve = transcription(grid)
         setup_time = time.perf_counter() - began
-        found = solve(grid, grid.stopping())
-        stats = {"ipopt_status": found.status}
-        if not found.success:
-            message = f"IPOPT: {found.status}"
+        optimum = solve(grid, grid.stopping())
+        stats = {"ipopt_status": optimum.status}
+        if not optimum.success:
+            message = f"IPOPT: {optimum.status}"
             return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
-        answer = grid.trajectory(found.nodes)
+        answer = grid.trajectory(optimum.nodes)
         return Solution(Status.SOLVED, answer, setup_time=setup_time, stats=stats)
 
 
 class Nodes(NamedTuple):
     """A transcribed motion of the moving joints, without units; all segments one after another.
 
-    Segment times `(segments,)`, lengths of the intervals `(intervals, joints)`, and the states at
-    the nodes `(intervals + 1, joints)`; `a` counts where jerk is limited. Arrays, CasADi's symbols,
-    or their shapes.
+    Arrays, CasADi's symbols, or their shapes.
+
+    Attributes:
+        times: Segment times `(segments,)`.
+        lengths: Of the intervals, `(intervals, joints)`.
+        q: Position at the nodes, `(intervals + 1, joints)`.
+        v: Velocity at the nodes.
+        a: Acceleration at the nodes; it counts where jerk is limited.
     """
 
     times: Any
@@ -101,7 +109,7 @@ class Nodes(NamedTuple):
     a: Any
 
 
-class Found(NamedTuple):
+class Optimum(NamedTuple):
     """IPOPT's status, whether it succeeded, and where it ended."""
 
     status: str
@@ -116,227 +124,367 @@ class Grid:
     """
 
     def __init__(self, problem: Problem, intervals: int) -> None:
-        self.problem, self.intervals, self.moving = problem, intervals, problem.moving
+        limits = problem.limits
+        moving = problem.moving
         stop = stop_times(problem)
-        self.unit, limits = float(stop.mean()), problem.limits
-        self.scale = np.abs(limits.acceleration[self.moving]).min(axis=1) * self.unit**2
-        self.origin = problem.waypoints[0, self.moving]
-        self.waypoints = (problem.waypoints[:, self.moving] - self.origin) / self.scale
-        self.position = (limits.position[self.moving].T - self.origin) / self.scale
-        kinds = (limits.velocity, limits.acceleration, limits.jerk)
-        self.rates = [
-            x[self.moving].T / self.scale * self.unit**order
-            for order, x in enumerate(kinds, start=1)
-        ]
-        self.stop = stop / self.unit
-        self.smooth = tuple(np.isfinite(self.rates[2]).any(axis=0).tolist())
+        unit = float(stop.mean())
+        tighter = np.abs(limits.acceleration[moving]).min(axis=1)
+        scale = tighter * unit**2
+        origin = problem.waypoints[0, moving]
+        waypoints = problem.waypoints[:, moving]
+        position = limits.position[moving].T
+
+        self.problem = problem
+        self.intervals = intervals
+        self.moving = moving
+        self.unit = unit
+        self.scale = scale
+        self.origin = origin
+        self.stop = stop / unit
+        self.waypoints = (waypoints - origin) / scale
+        self.position = (position - origin) / scale
+        # (2, joints): lowest and highest
+        self.velocity = limits.velocity[moving].T / scale * unit
+        self.acceleration = limits.acceleration[moving].T / scale * unit**2
+        self.jerk = limits.jerk[moving].T / scale * unit**3
+        jerk_limited = np.isfinite(self.jerk).any(axis=0)
+        self.smooth = tuple(bool(one) for one in jerk_limited)
         self.boxed = problem.has("position")
+
         # On a position limit velocity vanishes: fixed, or the NLP would have no interior.
-        distance = np.abs(self.waypoints[:, None] - self.position).min(axis=1)
-        self.resting = distance <= _TOUCH
+        distances = np.abs(self.waypoints[:, None] - self.position)
+        self.resting = distances.min(axis=1) <= _TOUCH_DISTANCE
         self.resting[[0, -1]] = True
+
+    @property
+    def longest(self) -> float:
+        """The longest total time that is looked at."""
+        return float(_LONGEST * self.stop.sum())
 
     def stopping(self) -> Nodes:
         """Where IPOPT starts: stopping at every waypoint, in generous time."""
-        return self.cubics(2 * self.stop, np.zeros((len(self.stop) - 1, len(self.scale))))
+        inner_waypoints = self.waypoints[1:-1]
+        return self.cubics(2 * self.stop, np.zeros_like(inner_waypoints))
 
     def cubics(self, times: Array, velocities: Array) -> Nodes:
         """Equal intervals of one cubic per segment, `(segments,)` and `(segments - 1, joints)`."""
-        t, h = times[:, None, None], np.diff(self.waypoints, axis=0)[:, None]
-        ends = np.pad(velocities, ((1, 1), (0, 0)))[:, None]
-        s = (np.arange(self.intervals) / self.intervals)[:, None]
-        first, last = ends[:-1] * t, ends[1:] * t
-        square, cube = 3 * h - 2 * first - last, first + last - 2 * h
-        q = self.waypoints[:-1, None] + s * (first + s * (square + s * cube))
-        v = (first + s * (2 * square + 3 * s * cube)) / t
-        a = (2 * square + 6 * s * cube) / t**2
+        t = times[:, None, None]
+        h = np.diff(self.waypoints, axis=0)[:, None]
+        start = self.waypoints[:-1, None]
         rest = np.zeros_like(self.waypoints[:1])
-        states = (
-            np.vstack([x.reshape(-1, len(self.scale)), end])
-            for x, end in ((q, self.waypoints[-1:]), (v, rest), (a, rest))
+        ends = np.vstack([rest, velocities, rest])[:, None]
+        number = np.arange(self.intervals)[:, None]
+        s = number / self.intervals
+
+        # q(s) = q0 + u t s + (3h − 2ut − wt) s² + (ut + wt − 2h) s³, with s = time/t
+        first = ends[:-1] * t
+        last = ends[1:] * t
+        square = 3 * h - 2 * first - last
+        cube = first + last - 2 * h
+        curve = square + s * cube
+        slope = 2 * square + 3 * s * cube
+        bend = 2 * square + 6 * s * cube
+        q = start + s * (first + s * curve)
+        v = (first + s * slope) / t
+        a = bend / t**2
+
+        equal = np.repeat(times / self.intervals, self.intervals)
+        return Nodes(
+            times,
+            equal[:, None] + rest,
+            self._joined(q, self.waypoints[-1:]),
+            self._joined(v, rest),
+            self._joined(a, rest),
         )
-        lengths = np.repeat(times / self.intervals, self.intervals)[:, None] + rest
-        return Nodes(times, lengths, *states)
+
+    def _joined(self, states: Array, end: Array) -> Array:
+        """States `(segments, intervals, joints)` one after another, and the last node's."""
+        table = states.reshape(-1, len(self.scale))
+        return np.vstack([table, end])
 
     def room(self) -> list[Array]:
         """Lowest and highest position of both inner Bernstein coefficients of every interval.
 
-        `(intervals, joints)` each. Beside a waypoint at rest one of them is that waypoint (of the
-        single one without jerk limits, on either side), and free; at both ends, where acceleration
-        vanishes too, both are.
+        `(intervals, joints)` each: lowest and highest of the first, then of the second. Beside a
+        waypoint at rest one of them is that waypoint (of the single one without jerk limits, on
+        either side), and free; at both ends, where acceleration vanishes too, both are.
         """
-        pieces = len(self.stop) * self.intervals
-        low, high = (np.tile(side, (pieces, 1)) for side in self.position)
-        free = np.zeros((2, pieces, len(self.scale)), dtype=bool)
-        free[0, :: self.intervals] = self.resting[:-1]
-        free[1, self.intervals - 1 :: self.intervals] = self.resting[1:]
-        free[0] |= free[1] & ~np.array(self.smooth)
-        free[:, [0, -1]] = True
-        wide = [(np.where(own, -np.inf, low), np.where(own, np.inf, high)) for own in free]
-        return [table for pair in wide for table in pair]
+        low, high = np.repeat(self.position[:, None], len(self.stop) * self.intervals, axis=1)
+        first = np.zeros(low.shape, dtype=bool)
+        second = np.zeros(low.shape, dtype=bool)
+        first[:: self.intervals] = self.resting[:-1]
+        second[self.intervals - 1 :: self.intervals] = self.resting[1:]
+        single = ~np.array(self.smooth)
+        first |= second & single
+        tables = []
+        for free in (first, second):
+            free[[0, -1]] = True
+            tables.append(np.where(free, -np.inf, low))
+            tables.append(np.where(free, np.inf, high))
+        return tables
 
     def slopes(self, nodes: Nodes) -> tuple[Array, Array]:
         """Acceleration at the start of every interval, and jerk in it."""
-        _, lengths, _, v, a = nodes
-        steps = (np.diff(x, axis=0) / lengths for x in (v, a))
-        slope, jerk = steps
-        return np.where(self.smooth, a[:-1], slope), np.where(self.smooth, jerk, 0.0)
+        slope = np.diff(nodes.v, axis=0) / nodes.lengths
+        jerk = np.diff(nodes.a, axis=0) / nodes.lengths
+        acceleration = np.where(self.smooth, nodes.a[:-1], slope)
+        return acceleration, np.where(self.smooth, jerk, 0.0)
 
     def halved(self, nodes: Nodes) -> Nodes:
         """The same motion with every interval cut in two."""
-        half, (slope, jerk) = nodes.lengths / 2, self.slopes(nodes)
-        q, v = nodes.q[:-1], nodes.v[:-1]
-        middles = (
-            q + half * (v + half * (slope / 2 + half * jerk / 6)),
-            v + half * (slope + half * jerk / 2),
-            np.where(self.smooth, slope + half * jerk, 0.0),
+        half = nodes.lengths / 2
+        slope, jerk = self.slopes(nodes)
+        q = nodes.q[:-1]
+        v = nodes.v[:-1]
+        # Taylor's formula at half the interval
+        bend = slope / 2 + half * jerk / 6
+        mean_slope = slope + half * jerk / 2
+        middle_slope = slope + half * jerk
+        middle_q = q + half * (v + half * bend)
+        middle_v = v + half * mean_slope
+        middle_a = np.where(self.smooth, middle_slope, 0.0)
+        return Nodes(
+            nodes.times,
+            np.repeat(half, 2, axis=0),
+            _interleaved(nodes.q, middle_q),
+            _interleaved(nodes.v, middle_v),
+            _interleaved(nodes.a, middle_a),
         )
-        states = [np.repeat(x, 2, axis=0)[:-1] for x in nodes[2:]]
-        for whole, middle in zip(states, middles, strict=True):
-            whole[1::2] = middle
-        return Nodes(nodes.times, np.repeat(half, 2, axis=0), *states)
 
     def trajectory(self, nodes: Nodes) -> Trajectory:
         """Pieces from the states at the nodes, every joint on breaks of its own."""
-        at = np.r_[0.0, np.cumsum(nodes.times)] * self.unit
-        breaks = np.vstack([0 * nodes.lengths[:1], np.cumsum(nodes.lengths, axis=0)]) * self.unit
+        at = _from_zero(nodes.times) * self.unit
+        breaks = _from_zero(nodes.lengths) * self.unit
         breaks[:: self.intervals] = at[:, None]
+
+        # q + v t + a/2 t² + j/6 t³, back in rad and s
         slope, jerk = self.slopes(nodes)
-        parts = np.stack([jerk / 6, slope / 2, nodes.v[:-1], nodes.q[:-1]])
-        parts *= self.scale / self.unit ** np.arange(3, -1, -1)[:, None, None]
+        q = nodes.q[:-1]
+        v = nodes.v[:-1]
+        parts = np.stack([jerk / 6, slope / 2, v, q])
+        powers = np.array([3, 2, 1, 0])[:, None, None]
+        parts *= self.scale / self.unit**powers
         parts[3] += self.origin
-        joints = [(at[[0, -1]], np.array([[start]])) for start in self.problem.waypoints[0]]
-        for i, joint in enumerate(np.flatnonzero(self.moving)):
-            joints[joint] = breaks[:, i], parts[:, :, i]
-        return Trajectory.joined(joints, at)
+        joints = [(breaks[:, i], parts[:, :, i]) for i in range(len(self.scale))]
+        return Trajectory.of_moving(self.problem.waypoints[0], self.moving, joints, at)
 
 
-class _Transcription:
+def _from_zero(lengths: Array) -> Array:
+    """Where intervals of these lengths begin and end, from 0, along the first axis."""
+    ends = np.cumsum(lengths, axis=0)
+    return np.concatenate([np.zeros_like(ends[:1]), ends])
+
+
+def _interleaved(states: Array, middles: Array) -> Array:
+    """States at the nodes with those at the intervals' middles between them."""
+    doubled = np.repeat(states, 2, axis=0)[:-1]
+    doubled[1::2] = middles
+    return doubled
+
+
+class Transcription:
     """One IPOPT problem for all problems of a kind; numbers and bounds are parameters."""
 
     def __init__(
         self, segments: int, intervals: int, smooth: tuple[bool, ...], boxed: bool, free: bool
     ) -> None:
         ca = backend("casadi")
-        self.ca, joints, pieces = ca, len(smooth), segments * intervals
-        self.joints, self.nodes, self.intervals = joints, pieces + 1, intervals
+        joints = len(smooth)
+        pieces = segments * intervals
+        states = (pieces + 1, joints)
+        self.ca = ca
+        self.joints = joints
+        self.nodes = pieces + 1
+        self.intervals = intervals
         self.free = free
-        self.shapes = [(segments, 1), (pieces, joints), *3 * [(pieces + 1, joints)]]
+        self.shapes = Nodes((segments, 1), (pieces, joints), states, states, states)
+
         x = Nodes(
-            *(ca.MX.sym(name, *shape) for name, shape in zip("tlqva", self.shapes, strict=True))
+            times=ca.MX.sym("t", segments),
+            lengths=ca.MX.sym("l", pieces, joints),
+            q=ca.MX.sym("q", pieces + 1, joints),
+            v=ca.MX.sym("v", pieces + 1, joints),
+            a=ca.MX.sym("a", pieces + 1, joints),
         )
         equal = ca.vec(ca.repmat(x.times.T / intervals, intervals, 1))
-        names = ("velocity", "acceleration", "jerk")
-        bounds = {name: ca.MX.sym(name, 2, joints) for name in names}
+        limits = {
+            "velocity": ca.MX.sym("velocity", 2, joints),
+            "acceleration": ca.MX.sym("acceleration", 2, joints),
+            "jerk": ca.MX.sym("jerk", 2, joints),
+        }
         room = [ca.MX.sym(f"room{i}", pieces, joints) for i in range(4)]
-        total = ca.MX.sym("total")
-        motion = x if free else x._replace(lengths=ca.repmat(equal, 1, joints))
-        rows = [(total - ca.sum1(x.times), 0.0, np.inf)]
-        rows += self._rows(motion, bounds, smooth, room if boxed else [])
-        rows += self._lengths(x, equal) if free else []
-        g = ca.vertcat(*(ca.vec(e) for e, *_ in rows))
-        low, high = (ca.vertcat(*(ca.vec(row[i]) for row in rows)) for i in (1, 2))
-        p = ca.vertcat(*map(ca.vec, [*bounds.values(), *room]), total)
-        variables = ca.vertcat(*map(ca.vec, self._varied(x)))
-        problem = {"x": variables, "p": p, "f": ca.sum1(x.times), "g": g}
-        options = IPOPT | {"ipopt": IPOPT["ipopt"] | _WARM} if free else IPOPT
-        self.solver = ca.nlpsol("collocation", "ipopt", problem, options)
-        self.edges = ca.Function("edges", [p], [low, high])
+        longest = ca.MX.sym("longest")
+        motion = x
+        if not free:
+            motion = x._replace(lengths=ca.repmat(equal, 1, joints))
+        walls = room if boxed else []
+
+        duration = ca.sum1(x.times)
+        rows: list[Row] = [(longest - duration, 0.0, np.inf)]
+        for j, is_smooth in enumerate(smooth):
+            rows += self._joint(motion, j, limits, is_smooth, walls)
+        if free:
+            rows += self._filling(x, equal)
+
+        parameters = [*limits.values(), *room, longest]
+        expressions, lows, highs = zip(*rows, strict=True)
+        self.solver = program(
+            "collocation",
+            variables=self._varied(x),
+            parameters=parameters,
+            objective=duration,
+            constraints=expressions,
+            options=_WARM_OPTIONS if free else _OPTIONS,
+        )
+        low = ca.vertcat(*map(ca.vec, lows))
+        high = ca.vertcat(*map(ca.vec, highs))
+        self.edges = ca.Function("edges", parameters, [low, high])
 
     def _varied(self, tables: Nodes) -> list[Any]:
         """The tables that IPOPT sees."""
-        return [*tables] if self.free else [tables.times, *tables[2:]]
+        if self.free:
+            return list(tables)
+        return [tables.times, tables.q, tables.v, tables.a]
 
-    def _lengths(self, x: Nodes, equal: Any) -> list[tuple[Any, Any, Any]]:
+    def _filling(self, x: Nodes, equal: Any) -> list[Row]:
         """Free intervals fill their segment, and none vanishes."""
-        ca, rows = self.ca, []
+        ca = self.ca
+        rows: list[Row] = []
+        none = ca.DM.zeros(self.nodes - 1)
+        infinite = none + np.inf
         for j in range(self.joints):
-            own = ca.reshape(x.lengths[:, j], self.intervals, -1)
-            zero = ca.DM.zeros(own.shape[1])
-            rows.append((ca.sum1(own).T - x.times, zero, zero))
-            spare, none = x.lengths[:, j] - _LEAST * equal, ca.DM.zeros(self.nodes - 1)
-            rows.append((spare, none, none + np.inf))
-        return rows
-
-    def _rows(
-        self, x: Nodes, bounds: dict[str, Any], smooth: tuple[bool, ...], room: list[Any]
-    ) -> list[tuple[Any, Any, Any]]:
-        """Constraints as `(expression, low, high)`, one row per interval."""
-        ca, rows = self.ca, []
-        for j, is_smooth in enumerate(smooth):
             lengths = x.lengths[:, j]
-            (q0, q1), (v0, v1), (a0, a1) = ((y[:-1, j], y[1:, j]) for y in x[2:])
-            limit = {
-                name: [ca.repmat(b[side, j], self.nodes - 1, 1) for side in (0, 1)]
-                for name, b in bounds.items()
-            }
-            zero, free = ca.DM.zeros(self.nodes - 1), ca.DM.inf(self.nodes - 1)
-            step, rate = (a1 - a0, "jerk") if is_smooth else (v1 - v0, "acceleration")
-            rows += [
-                (step - limit[rate][0] * lengths, zero, free),
-                (limit[rate][1] * lengths - step, zero, free),
-            ]
-            if is_smooth:
-                rows += [
-                    (v1 - v0 - lengths * (a0 + a1) / 2, zero, zero),
-                    (q1 - q0 - lengths * v0 - lengths**2 * (2 * a0 + a1) / 6, zero, zero),
-                    (v0 + lengths * a0 / 2, *limit["velocity"]),
-                ]
-                inner = [q0 + lengths * v0 / 3, q1 - lengths * v1 / 3]
-            else:
-                rows += [(q1 - q0 - lengths * (v0 + v1) / 2, zero, zero)]
-                inner = [q0 + lengths * v0 / 2]
-            own = [table[:, j] for table in room]
-            pairs = zip(own[::2], own[1::2], strict=True)
-            rows += [(point, *pair) for point, pair in zip(inner, pairs, strict=False)]
+            by_segment = ca.reshape(lengths, self.intervals, -1)
+            excess = ca.sum1(by_segment).T - x.times
+            spare = lengths - _SHORTEST_SHARE * equal
+            zero = ca.DM.zeros(by_segment.shape[1])
+            rows.append((excess, zero, zero))
+            rows.append((spare, none, infinite))
         return rows
 
-    def __call__(self, grid: Grid, start: Nodes) -> Found:
+    def _joint(
+        self, x: Nodes, j: int, limits: dict[str, Any], smooth: bool, room: list[Any]
+    ) -> list[Row]:
+        """One joint's constraints, each a row per interval."""
+        ca = self.ca
+        zero = ca.DM.zeros(self.nodes - 1)
+        free = ca.DM.inf(self.nodes - 1)
+        lengths = x.lengths[:, j]
+        q0 = x.q[:-1, j]
+        q1 = x.q[1:, j]
+        v0 = x.v[:-1, j]
+        v1 = x.v[1:, j]
+        a0 = x.a[:-1, j]
+        a1 = x.a[1:, j]
+
+        def limit(kind: str, side: int) -> Any:
+            return ca.repmat(limits[kind][side, j], self.nodes - 1, 1)
+
+        if smooth:
+            slowest = limit("jerk", 0) * lengths
+            fastest = limit("jerk", 1) * lengths
+            step_a = a1 - a0
+            step_v = v1 - v0
+            step_q = q1 - q0
+            mean_a = lengths * (a0 + a1) / 2
+            weighted = 2 * a0 + a1
+            way = lengths**2 * weighted / 6
+            middle_v = v0 + lengths * a0 / 2
+            rows = [
+                # J1 l ≤ a1 − a0 ≤ J2 l
+                (step_a - slowest, zero, free),
+                (fastest - step_a, zero, free),
+                # v1 = v0 + l (a0 + a1)/2
+                (step_v - mean_a, zero, zero),
+                # q1 = q0 + l v0 + l² (2 a0 + a1)/6
+                (step_q - lengths * v0 - way, zero, zero),
+                # the velocity's inner Bernstein coefficient
+                (middle_v, limit("velocity", 0), limit("velocity", 1)),
+            ]
+            inner = [q0 + lengths * v0 / 3, q1 - lengths * v1 / 3]
+        else:
+            slowest = limit("acceleration", 0) * lengths
+            fastest = limit("acceleration", 1) * lengths
+            step_v = v1 - v0
+            step_q = q1 - q0
+            mean_v = lengths * (v0 + v1) / 2
+            rows = [
+                # A1 l ≤ v1 − v0 ≤ A2 l
+                (step_v - slowest, zero, free),
+                (fastest - step_v, zero, free),
+                # q1 = q0 + l (v0 + v1)/2
+                (step_q - mean_v, zero, zero),
+            ]
+            inner = [q0 + lengths * v0 / 2]
+
+        # the position's inner Bernstein coefficients, where positions are limited
+        for coefficient, low, high in zip(inner, room[::2], room[1::2], strict=False):
+            rows.append((coefficient, low[:, j], high[:, j]))
+        return rows
+
+    def __call__(self, grid: Grid, start: Nodes) -> Optimum:
         """The local optimum that IPOPT finds from `start`."""
-        low, high = self._box(grid)
-        p = np.concatenate(
-            [*(x.ravel("F") for x in (*grid.rates, *grid.room())), [1.5 * grid.stop.sum()]]
+        low = self._lowest(grid)
+        high = self._highest(grid)
+        parameters = [
+            grid.velocity,
+            grid.acceleration,
+            grid.jerk,
+            *grid.room(),
+            np.array([grid.longest]),
+        ]
+        run = self.solver(
+            start=flat(*self._varied(start)),
+            parameters=flat(*parameters),
+            bounds=(flat(*self._varied(low)), flat(*self._varied(high))),
+            constraint_bounds=self.edges(*parameters),
         )
-        lbg, ubg = self.edges(p)
-        x0, lbx, ubx = (
-            np.concatenate([x.ravel("F") for x in self._varied(table)])
-            for table in (start, low, high)
-        )
-        result = self.solver(x0=x0, lbx=lbx, ubx=ubx, p=p, lbg=lbg, ubg=ubg)
-        stats, x = self.solver.stats(), np.asarray(result["x"]).ravel()
-        return Found(str(stats["return_status"]), bool(stats["success"]), self._read(x))
+        nodes = self._read(run.x)
+        return Optimum(run.status, run.success, nodes)
 
     def _read(self, x: Array) -> Nodes:
-        shapes = self._varied(Nodes(*self.shapes))
-        parts = np.split(x, np.cumsum([np.prod(shape) for shape in shapes])[:-1])
-        times, *lengths, q, v, a = (
-            part.reshape(shape, order="F") for part, shape in zip(parts, shapes, strict=True)
-        )
-        equal = np.repeat(times / self.intervals, self.intervals, axis=0)
-        own = lengths[0] if lengths else np.tile(equal, (1, self.joints))
-        return Nodes(times[:, 0], own, q, v, a)
+        shapes = self._varied(self.shapes)
+        column, *tables = unflat(x, shapes)
+        times = column[:, 0]
+        if self.free:
+            return Nodes(times, *tables)
+        equal = np.repeat(column / self.intervals, self.intervals, axis=0)
+        lengths = np.tile(equal, (1, self.joints))
+        return Nodes(times, lengths, *tables)
 
-    def _box(self, grid: Grid) -> tuple[Nodes, Nodes]:
-        """Bounds of all variables; waypoints and rest at both ends are bounds that coincide."""
-        wide = [
-            np.tile(x, (self.nodes, 1)) for x in (*grid.position, *grid.rates[0], *grid.rates[1])
-        ]
-        h, longest = np.diff(grid.waypoints, axis=0), 1.5 * grid.stop.sum()
-        least = np.maximum(h / grid.rates[0][1], h / grid.rates[0][0]).max(axis=1)
-        none = np.zeros(self.shapes[1])
-        low = Nodes(least, none, wide[0], wide[2], wide[4])
-        high = Nodes(np.full(len(h), longest), none + longest, wide[1], wide[3], wide[5])
-        for table in (low, high):
-            table.q[:: self.intervals] = grid.waypoints
-            table.v[:: self.intervals][grid.resting] = 0.0
-            table.a[[0, -1]] = 0.0
-            table.a[:, ~np.array(grid.smooth)] = 0.0  # unused there
-        return low, high
+    def _lowest(self, grid: Grid) -> Nodes:
+        """Lower bounds of all variables; no segment is briefer than its way at top speed."""
+        h = np.diff(grid.waypoints, axis=0)
+        forwards = h / grid.velocity[1]
+        backwards = h / grid.velocity[0]
+        times = np.maximum(forwards, backwards).max(axis=1)
+        lengths = np.zeros(self.shapes.lengths)
+        return self._bounds(grid, 0, times, lengths)
+
+    def _highest(self, grid: Grid) -> Nodes:
+        """Upper bounds of all variables."""
+        times = np.full_like(grid.stop, grid.longest)
+        lengths = np.full(self.shapes.lengths, grid.longest)
+        return self._bounds(grid, 1, times, lengths)
+
+    def _bounds(self, grid: Grid, side: int, times: Array, lengths: Array) -> Nodes:
+        """Bounds of the states; at waypoints and where the motion rests both coincide."""
+        every_node = (self.nodes, 1)
+        q = np.tile(grid.position[side], every_node)
+        v = np.tile(grid.velocity[side], every_node)
+        a = np.tile(grid.acceleration[side], every_node)
+        q[:: self.intervals] = grid.waypoints
+        at_waypoints = v[:: self.intervals]
+        at_waypoints[grid.resting] = 0.0
+        a[[0, -1]] = 0.0
+        unused = ~np.array(grid.smooth)
+        a[:, unused] = 0.0
+        return Nodes(times, lengths, q, v, a)
 
 
-def transcription(grid: Grid, *, free: bool = False) -> _Transcription:
+def transcription(grid: Grid, *, free: bool = False) -> Transcription:
     """The IPOPT problem for a grid, built once for its kind; `free`: with free nodes."""
     return _built(grid.problem.segments, grid.intervals, grid.smooth, grid.boxed, free)
 
 
-_built = lru_cache(maxsize=32)(_Transcription)
+_built = lru_cache(maxsize=32)(Transcription)
