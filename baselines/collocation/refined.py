@@ -26,7 +26,7 @@ from baselines.collocation.uniform import Grid, Nodes, transcription
 from baselines.exact import jerk_reach
 from baselines.exact.acceleration import Exact, Scaled, starting_points
 from baselines.exact.jerk import ExactJerk
-from baselines.ipopt import optima
+from baselines.ipopt import no_start_succeeded, optima
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, passing_once
 from trajopt.problem import Problem
@@ -36,11 +36,17 @@ from trajopt.verification import verify
 
 Array = NDArray[np.float64]
 
-_COARSE, _COARSE_JERK = 6, 10  # intervals per segment to begin with
-_LARGEST = 3000  # intervals of all joints and segments: no refinement beyond it but the first
-_PATIENCE = 4  # times as many starts where all have failed so far
-_SLOWER = 1.3  # than the relaxation: a start
-_SWITCH = 1e-6  # of the largest: the least jump of acceleration or jerk that is a switch
+# Intervals per segment to begin with, without and with jerk limits.
+_START_INTERVALS = 6
+_START_INTERVALS_JERK = 10
+# Intervals of all joints and segments: no refinement beyond it but the first.
+_MOST_INTERVALS = 3000
+# Times as many starts where all have failed so far.
+_PATIENCE = 4
+# Times the relaxation's duration: a start.
+_SLOWER = 1.3
+# Of the largest: the smallest jump of acceleration or jerk that is a switch.
+_SWITCH_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -77,25 +83,27 @@ class CollocationRefined(Planner):
         the best of them and its refinements with their intervals per segment; `error_estimate`,
         relative.
         """
-        coarse = _COARSE_JERK if problem.has("jerk") else _COARSE
-        grid, began = Grid(problem, coarse), time.perf_counter()
+        intervals = _START_INTERVALS_JERK if problem.has("jerk") else _START_INTERVALS
+        grid = Grid(problem, intervals)
+        began = time.perf_counter()
         transcription(grid, free=True)
         setup_time = time.perf_counter() - began
+
         starts = _starts(grid, _PATIENCE * self.starts)
         started = optima(lambda nodes: _solved(grid, nodes), starts, self.starts)
-        levels = self._refined(min(started, key=lambda level: level.duration))
+        incumbent = min(started, key=lambda level: level.duration)
+        levels = self._refined(incumbent)
         best = min(levels, key=lambda level: level.duration)
         estimate = _estimate(levels)
+
         stats = _stats("start", started) | _stats("refinement", levels)
-        stats |= {
-            "refinement_intervals": np.array([level.grid.intervals for level in levels]),
-            "error_estimate": estimate,
-        }
+        stats["refinement_intervals"] = np.array([level.grid.intervals for level in levels])
+        stats["error_estimate"] = estimate
         if not best.duration < np.inf:
-            statuses = ", ".join(sorted({level.status for level in started}))
-            message = f"no start succeeded: {statuses}"
+            message = no_start_succeeded(level.status for level in started)
             return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
-        answer, message = best.grid.trajectory(best.nodes), self._message(estimate)
+        answer = best.grid.trajectory(best.nodes)
+        message = self._message(estimate)
         return Solution(Status.SOLVED, answer, message, setup_time=setup_time, stats=stats)
 
     def _message(self, estimate: float) -> str:
@@ -104,17 +112,23 @@ class CollocationRefined(Planner):
         reached = f"is {estimate:.1e}" if estimate < np.inf else "is unknown"
         return f"the error {reached} after the last refinement; {self.error:.1e} was wanted"
 
-    def _refined(self, level: _Level) -> list[_Level]:
+    def _refined(self, incumbent: _Level) -> list[_Level]:
         """Halved until two agree, or the cap; where a refinement fails, the next one may not."""
-        levels, nodes = [level], level.nodes
-        while level.duration < np.inf and len(levels) <= self.refinements:
-            if len(levels) > 1 and 2 * nodes.lengths.size > _LARGEST:
+        levels = [incumbent]
+        nodes = incumbent.nodes
+        while incumbent.duration < np.inf and len(levels) <= self.refinements:
+            too_many = 2 * nodes.lengths.size > _MOST_INTERVALS
+            if len(levels) > 1 and too_many:
                 break
-            grid, nodes = levels[-1].grid, levels[-1].grid.halved(nodes)
-            levels.append(_solved(Grid(grid.problem, 2 * grid.intervals), nodes))
+            grid = levels[-1].grid
+            nodes = grid.halved(nodes)
+            finer = Grid(grid.problem, 2 * grid.intervals)
+            level = _solved(finer, nodes)
+            levels.append(level)
             if _estimate(levels) <= self.error:
                 break
-            nodes = levels[-1].nodes if levels[-1].duration < np.inf else nodes
+            if level.duration < np.inf:
+                nodes = level.nodes
         return levels
 
 
@@ -135,18 +149,23 @@ def _stats(kind: str, levels: list[_Level]) -> dict[str, Any]:
 
 
 def _estimate(levels: list[_Level]) -> float:
-    """The relative difference of the last two durations found; infinite without two."""
-    durations = [level.duration for level in levels if level.duration < np.inf][-2:]
-    return (max(durations) / min(durations) - 1) if len(durations) == 2 else np.inf
+    """The relative difference of the last two durations that there are; infinite without two."""
+    durations = [level.duration for level in levels if level.duration < np.inf]
+    if len(durations) < 2:
+        return np.inf
+    return max(durations[-2:]) / min(durations[-2:]) - 1
 
 
 def _solved(grid: Grid, start: Nodes) -> _Level:
     """IPOPT's local optimum from `start`, if the verifier accepts it."""
-    found = transcription(grid, free=True)(grid, start)
+    solve = transcription(grid, free=True)
+    optimum = solve(grid, start)
     duration = np.inf
-    if found.success and verify(grid.problem, grid.trajectory(found.nodes)).feasible:
-        duration = float(found.nodes.times.sum()) * grid.unit
-    return _Level(grid, found.nodes, duration, found.status)
+    if optimum.success:
+        certificate = verify(grid.problem, grid.trajectory(optimum.nodes))
+        if certificate.feasible:
+            duration = float(optimum.nodes.times.sum()) * grid.unit
+    return _Level(grid, optimum.nodes, duration, optimum.status)
 
 
 def _starts(grid: Grid, count: int) -> Iterator[Nodes]:
@@ -156,51 +175,70 @@ def _starts(grid: Grid, count: int) -> Iterator[Nodes]:
         yield _placed(grid, relaxed)
     yield grid.stopping()
     if relaxed:
-        times = np.diff(relaxed.waypoint_times) / grid.unit
-        velocities = relaxed(relaxed.waypoint_times, order=1)[1:-1, grid.moving]
+        at = relaxed.waypoint_times
+        times = np.diff(at) / grid.unit
+        velocities = relaxed(at, order=1)[1:-1, grid.moving]
         yield grid.cubics(_SLOWER * times, velocities * grid.unit / grid.scale / _SLOWER)
     scaled = Scaled(grid.problem.without("jerk", "position"))
-    for times, velocities in list(starting_points(scaled, count))[1:]:
-        units = scaled.units[1] * grid.unit / grid.scale / _SLOWER
-        yield grid.cubics(_SLOWER * times * scaled.unit / grid.unit, velocities * units)
+    random = list(starting_points(scaled, count))[1:]
+    # from the units of `exact` to the grid's
+    speed = scaled.units[1] * grid.unit / grid.scale / _SLOWER
+    for times, velocities in random:
+        slower = _SLOWER * times * scaled.unit / grid.unit
+        yield grid.cubics(slower, velocities * speed)
 
 
 def _relaxed(problem: Problem) -> Trajectory | None:
     """The optimum without position limits."""
-    exact = problem.without("position")
     planner = ExactJerk(starts=2) if problem.has("jerk") else Exact(starts=4)
-    solution: Solution = planner.solve(exact)
+    solution: Solution = planner.solve(problem.without("position"))
     return solution.trajectory
 
 
 def _placed(grid: Grid, trajectory: Trajectory) -> Nodes:
     """A trajectory with each joint's nodes where it switches, positions within their limits."""
-    at, joints = trajectory.waypoint_times, np.flatnonzero(grid.moving)
-    cuts = np.stack([_cuts(grid, trajectory, i, int(j)) for i, j in enumerate(joints)], axis=1)
-    q, v, a = (
-        np.stack([trajectory(cut, order)[:, j] for cut, j in zip(cuts.T, joints, strict=True)], 1)
-        / grid.scale
-        * grid.unit**order
-        for order in range(3)
-    )
+    cuts = []
+    states = []
+    for i, joint in enumerate(np.flatnonzero(grid.moving)):
+        own = _cuts(grid, trajectory, i, int(joint))
+        cuts.append(own)
+        states.append([trajectory(own, order)[:, joint] for order in range(3)])
+    # (order, nodes, joints), in the grid's units
+    q, v, a = np.moveaxis(np.array(states), 0, -1) / grid.scale
     q = np.clip(q - grid.origin / grid.scale, *grid.position)
-    return Nodes(np.diff(at) / grid.unit, np.diff(cuts, axis=0) / grid.unit, q, v, a)
+    v = v * grid.unit
+    a = a * grid.unit**2
+    times = np.diff(trajectory.waypoint_times) / grid.unit
+    lengths = np.diff(np.stack(cuts, axis=1), axis=0) / grid.unit
+    return Nodes(times, lengths, q, v, a)
 
 
 def _cuts(grid: Grid, trajectory: Trajectory, i: int, joint: int) -> Array:
-    """The nodes of one joint: its largest switches in each segment, the longest rests halved."""
+    """The nodes of one joint, the grid's `i`-th: one segment's after another's, s."""
+    breaks = trajectory.breaks
+    middles = 0.5 * (breaks[:-1] + breaks[1:])
     order = 3 if grid.smooth[i] else 2
-    breaks, at = trajectory.breaks, trajectory.waypoint_times
-    rate = trajectory(0.5 * (breaks[:-1] + breaks[1:]), order)[:, joint]
+    rate = trajectory(middles, order)[:, joint]
     jumps = np.abs(np.diff(rate))
-    nodes = [at[:1]]
-    for start, end in pairwise(at):
-        inside = (breaks[1:-1] > start) & (breaks[1:-1] < end)
-        where = np.flatnonzero(inside & (jumps > _SWITCH * np.abs(rate).max()))
-        where = where[np.argsort(-jumps[where], kind="stable")[: grid.intervals - 1]]
-        cuts = [start, *np.sort(breaks[1:-1][where]), end]
-        while len(cuts) <= grid.intervals:
-            longest = int(np.argmax(np.diff(cuts)))
-            cuts.insert(longest + 1, 0.5 * (cuts[longest] + cuts[longest + 1]))
-        nodes.append(np.array(cuts[1:]))
+    switches = jumps > _SWITCH_SHARE * np.abs(rate).max()
+
+    inner = breaks[1:-1]
+    nodes = [trajectory.waypoint_times[:1]]
+    for start, end in pairwise(trajectory.waypoint_times):
+        inside = (inner > start) & (inner < end)
+        where = np.flatnonzero(inside & switches)
+        by_size = np.argsort(-jumps[where], kind="stable")
+        largest = where[by_size[: grid.intervals - 1]]
+        cuts = [start, *np.sort(inner[largest]), end]
+        nodes.append(_longest_halved(cuts, grid.intervals)[1:])
     return np.concatenate(nodes)
+
+
+def _longest_halved(cuts: list[float], intervals: int) -> Array:
+    """The cuts with the longest interval halved until there are so many."""
+    cuts = list(cuts)
+    while len(cuts) <= intervals:
+        longest = int(np.argmax(np.diff(cuts)))
+        middle = 0.5 * (cuts[longest] + cuts[longest + 1])
+        cuts.insert(longest + 1, middle)
+    return np.array(cuts)
