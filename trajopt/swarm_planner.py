@@ -31,12 +31,12 @@ Array = NDArray[np.float64]
 class SwarmPlanner(Planner):
     """The 3-5-3 spline, its segment times searched by a swarm.
 
-    - `timing`: one `(t1, t2, t3)` for all joints, or every moving joint on its own (mathematics,
-      section 9): the answer then takes each segment's longest time over the joints, which is its
-      claim and may break limits;
+    - `timing`: one `(t1, t2, t3)` for all joints, or every moving joint on its own
+      (docs/mathematics.md, section 9): the answer then takes each segment's longest time over the
+      joints, which is its claim and may break limits;
     - `fitness`: `penalty` ranks any candidate within the limits by its duration, above any that
       breaks them, and those by their summed relative violation (Deb's rule); `scaled` dilates every
-      candidate to the limits first (mathematics, section 2), so none breaks them;
+      candidate to the limits first (section 2), so none breaks them;
     - `space`: the swarm moves in seconds, or in the unit cube, mapped linearly to them (sparrows
       drift to the origin, so it matters);
     - `iterations`, or `evaluations` if given: the budget, per joint where `timing` is;
@@ -85,28 +85,48 @@ class SwarmPlanner(Planner):
             return []
         merged, index = problem.merged()
         task = _Task.of(merged, self)
-        found = minimise(
-            self.optimiser, task.fitness, *task.box(len(seeds)), task.streams(seeds),
-            iterations=self.iterations, evaluations=self.evaluations,
-        )  # fmt: skip
-        best = task.answers(found)
-        return [expanded(self._solution(merged, task, found, *own), index) for own in best]
+        low, high = task.box(len(seeds))
+        result = minimise(
+            self.optimiser,
+            task.fitness,
+            low,
+            high,
+            task.streams(seeds),
+            iterations=self.iterations,
+            evaluations=self.evaluations,
+        )
+        solutions = []
+        for times, histories in task.answers(result):
+            solution = self._solution(merged, task, result, times, histories)
+            solutions.append(expanded(solution, index))
+        return solutions
 
     def _solution(
-        self, problem: Problem, task: _Task, found: Result, times: Array, histories: list[Array]
+        self,
+        problem: Problem,
+        task: _Task,
+        result: Result,
+        times: Array,
+        histories: list[Array],
     ) -> Solution:
         """One run's answer, from the times `(groups, 3)` and the history of each of its groups."""
         longest = times.max(axis=0)
-        lost = sum(bool(np.isnan(h[-1, 1])) for h in histories)
-        stats: dict[str, Any] = {"segment_times": longest, "iterations": found.iterations}
+        groups = len(times)
+        stats: dict[str, Any] = {"segment_times": longest, "iterations": result.iterations}
+        history: Array | None = histories[0]
         if self.timing == "per-joint":
             stats |= task.joint_stats(problem.joints, times, histories)
+            history = None
+        lost = sum(bool(np.isnan(own[-1, 1])) for own in histories)
+        message = ""
+        if lost:
+            message = f"no candidate kept the limits ({lost} of {groups} searches)"
         return Solution(
             Status.SOLVED,
             spline353.trajectory(problem, longest),
-            f"no candidate kept the limits ({lost} of {len(times)} searches)" if lost else "",
-            evaluations=found.evaluations * len(times),
-            history=histories[0] if self.timing == "shared" else None,
+            message,
+            evaluations=result.evaluations * groups,
+            history=history,
             stats=stats,
         )
 
@@ -129,12 +149,24 @@ class _Task:
     @classmethod
     def of(cls, problem: Problem, planner: SwarmPlanner) -> _Task:
         joints = np.flatnonzero(problem.moving)
-        moving = _only(problem, joints)
+        free = problem.without("position")
+        moving = free.only(joints)
         groups = [joints] if planner.timing == "shared" else list(joints[:, None])
-        longest = [stop_times(_only(problem, group)).max() for group in groups]
-        high = np.repeat(planner.upper * np.array(longest)[:, None], 3, axis=1)
-        low = planner.lower * high
-        return cls(planner, joints, moving.displacements.T, moving.limits, low, high)
+        longest = np.array([stop_times(free.only(group)).max() for group in groups])
+        high = np.repeat(planner.upper * longest[:, None], 3, axis=1)
+        return cls(
+            planner,
+            joints,
+            displacements=moving.displacements.T,
+            limits=moving.limits,
+            low=planner.lower * high,
+            high=high,
+        )
+
+    @property
+    def shared(self) -> bool:
+        """Whether one group holds all joints."""
+        return self.planner.timing == "shared"
 
     @property
     def ceiling(self) -> Array:
@@ -143,32 +175,39 @@ class _Task:
 
     def box(self, seeds: int) -> tuple[Array, Array]:
         """Bounds of all runs, `(seeds · groups, 3)`."""
-        low, high = np.tile(self.low, (seeds, 1)), np.tile(self.high, (seeds, 1))
-        unit = self.planner.space == "unit"
-        return (np.zeros_like(low), np.ones_like(high)) if unit else (low, high)
+        low = np.tile(self.low, (seeds, 1))
+        high = np.tile(self.high, (seeds, 1))
+        if self.planner.space == "unit":
+            return np.zeros_like(low), np.ones_like(high)
+        return low, high
 
     def streams(self, seeds: Sequence[int]) -> list[SeedSequence]:
         """One per run: a joint's stream does not depend on which other joints move."""
-        shared = self.planner.timing == "shared"
-        keys = [()] if shared else [(int(joint),) for joint in self.joints]
+        keys: list[tuple[int, ...]] = [()]
+        if not self.shared:
+            keys = [(int(joint),) for joint in self.joints]
         return [SeedSequence(seed, spawn_key=key) for seed in seeds for key in keys]
 
     def seconds(self, x: Array) -> Array:
         """Segment times of candidates `(seeds · groups, m, 3)`: `(seeds, m, groups, 3)`, s."""
-        times = x.reshape(-1, len(self.low), *x.shape[1:]).swapaxes(1, 2)
-        unit = self.planner.space == "unit"
-        return self.low + times * (self.high - self.low) if unit else times
+        groups = len(self.low)
+        times = x.reshape(-1, groups, *x.shape[1:]).swapaxes(1, 2)
+        if self.planner.space == "unit":
+            return self.low + times * (self.high - self.low)
+        return times
 
     def fitness(self, x: Array) -> Array:
         """Of candidates `(seeds · groups, m, 3)`, to be minimised: `(seeds · groups, m)`."""
         times = self.seconds(x)
-        value = self._scaled(times) if self.planner.fitness == "scaled" else self._penalty(times)
+        scaled = self.planner.fitness == "scaled"
+        value = self._scaled(times) if scaled else self._penalty(times)
         return value.swapaxes(1, 2).reshape(x.shape[:2])
 
     def _penalty(self, times: Array) -> Array:
         """Deb's rule as one number: the duration, or more than any by what breaks the limits."""
         uses = spline353.limit_use(self.displacements, times, self.limits, exact_above=1.0)
-        excess = reduce(np.add, [np.maximum(use - 1.0, 0.0) for use in uses])
+        excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
+        excess = reduce(np.add, excesses)
         if len(self.low) == 1:
             excess = added(excess)[..., None]
         beyond = np.nextafter(self.ceiling, np.inf) + excess
@@ -176,51 +215,53 @@ class _Task:
 
     def _scaled(self, times: Array) -> Array:
         """The duration once dilated to the limits."""
-        v, a, j = spline353.limit_use(self.displacements, times, self.limits)
-        factor = np.maximum(np.maximum(v, np.sqrt(a)), np.cbrt(j))
+        use = spline353.limit_use(self.displacements, times, self.limits)
+        factor = spline353.cheapest_dilation(*use)
         if len(self.low) == 1:
             factor = factor.max(axis=-1, keepdims=True)
         return factor * added(times)
 
-    def answers(self, found: Result) -> Iterator[tuple[Array, list[Array]]]:
+    def answers(self, result: Result) -> Iterator[tuple[Array, list[Array]]]:
         """Per seed: the best times of each group `(groups, 3)`, s, and each group's history."""
         groups = len(self.low)
-        times = self.seconds(found.position[:, None])[:, 0]
+        times = self.seconds(result.position[:, None])[:, 0]
         if self.planner.fitness == "scaled":
-            times = times * (found.fitness.reshape(-1, groups) / added(times))[..., None]
+            factor = result.fitness.reshape(-1, groups) / added(times)
+            times = times * factor[..., None]
         for row, own in enumerate(times):
-            histories = found.histories[row * groups : (row + 1) * groups]
-            yield own, [self._feasible(h, c) for h, c in zip(histories, self.ceiling, strict=True)]
+            first = row * groups
+            histories = result.histories[first : first + groups]
+            feasible = map(self._feasible, histories, self.ceiling)
+            yield own, list(feasible)
 
     def _feasible(self, history: Array, ceiling: float) -> Array:
         """A history with NaN until the first candidate within the limits."""
         if self.planner.fitness == "scaled":
             return history
         spent, best = history.T
-        return np.column_stack([spent, np.where(best > ceiling, np.nan, best)])
+        within = np.where(best > ceiling, np.nan, best)
+        return np.column_stack([spent, within])
 
     def joint_stats(self, joints: int, times: Array, histories: list[Array]) -> dict[str, Array]:
         """What each joint would do alone; NaN for joints that never move."""
-        own = np.full((joints, 3), np.nan)
-        own[self.joints] = times
-        duration = np.full(joints, np.nan)
-        duration[self.joints] = [h[-1, 1] for h in histories]
-        curves = [np.insert(h, 0, j, axis=1) for j, h in zip(self.joints, histories, strict=True)]
+        own_times = np.full((joints, 3), np.nan)
+        durations = np.full(joints, np.nan)
+        curves = []
+        for row, joint in enumerate(self.joints):
+            history = histories[row]
+            own_times[joint] = times[row]
+            durations[joint] = history[-1, 1]
+            curves.append(np.insert(history, 0, joint, axis=1))
         return {
-            "joint_times": own,
-            "joint_durations": duration,
+            "joint_times": own_times,
+            "joint_durations": durations,
             "joint_history": np.concatenate(curves),
         }
 
 
-def _only(problem: Problem, joints: NDArray[np.intp]) -> Problem:
-    """The problem of some joints, without position limits."""
-    return problem.only(joints).without("position")
-
-
 @dataclass(frozen=True)
 class Unoptimised(Planner):
-    """The 3-5-3 spline at the same fixed time for every segment (the paper, section 5: 2 s)."""
+    """The 3-5-3 spline at the same fixed time for every segment (the paper's section 5: 2 s)."""
 
     segment_time: float = 2.0  # s
 
@@ -239,4 +280,6 @@ class Unoptimised(Planner):
         return Solution(Status.SOLVED, spline353.trajectory(problem, times), evaluations=0)
 
 
-pso, ssa, issa = SwarmPlanner(PSO()), SwarmPlanner(SSA()), SwarmPlanner(ISSA())
+pso = SwarmPlanner(PSO())
+ssa = SwarmPlanner(SSA())
+issa = SwarmPlanner(ISSA())

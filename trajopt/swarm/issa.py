@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from trajopt.swarm.optimiser import Array, require
-from trajopt.swarm.ssa import SSA, Flock, Slots
+from trajopt.swarm.ssa import SSA, Flock, Move, Slots
 
 Reading = Literal["intended", "printed"]
 
@@ -86,7 +86,7 @@ class ISSA(SSA):
             return 1.0
         return falling_weight(flock.t / flock.t_max, self.weight_max, self.weight_min)
 
-    def _watch(self, flock: Flock) -> tuple[Slots, list[Array]]:
+    def _watch(self, flock: Flock) -> Move:
         slots, places = super()._watch(flock)
         if not self.opposition:
             return slots, places

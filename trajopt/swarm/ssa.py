@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from trajopt.swarm.optimiser import Array, Box, Optimiser, Search, Streams, added, require
 
 Slots = NDArray[np.intp]  # which sparrows of the flock: (m,), or (runs, m)
+Move = tuple[Slots, list[Array]]  # some sparrows, and the places that they consider
 
 _EPSILON = 1e-50  # ε of eq. 41, as in the authors' program
 
@@ -101,10 +102,11 @@ class SSA(Optimiser):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        some = f"a share of 1 to {self.population - 1} sparrows"
+        most = self.population - 1
+        some = f"a share of 1 to {most} sparrows"
         for name in ("discoverers", "vigilantes"):
             share = getattr(self, name)
-            holds = 0 < share < 1 and 0 < self._count(share) < self.population
+            holds = 0 < share < 1 and 1 <= self._count(share) <= most
             require(name, share, holds, some)
         require("safety", self.safety, 0 <= self.safety <= 1, "a number from 0 to 1")
 
@@ -131,7 +133,7 @@ class SSA(Optimiser):
         unit = flock.streams.uniform(self.population, flock.box.dim)
         return flock.box.spread(unit)
 
-    def _discover(self, flock: Flock) -> tuple[Slots, list[Array]]:
+    def _discover(self, flock: Flock) -> Move:
         """Eq. 39."""
         draw = flock.streams
         m = self._count(self.discoverers)
@@ -158,7 +160,7 @@ class SSA(Optimiser):
         """The factor of a discoverer's random step."""
         return 1.0
 
-    def _follow(self, flock: Flock) -> tuple[Slots, list[Array]]:
+    def _follow(self, flock: Flock) -> Move:
         """Eq. 40."""
         draw = flock.streams
         first = self._count(self.discoverers)
@@ -184,7 +186,7 @@ class SSA(Optimiser):
         hungry = i > self.population / 2
         return slots, [np.where(hungry, away, gathered)]
 
-    def _watch(self, flock: Flock) -> tuple[Slots, list[Array]]:
+    def _watch(self, flock: Flock) -> Move:
         """Eq. 41."""
         draw = flock.streams
         slots = self._vigilantes(flock)

@@ -28,9 +28,13 @@ def random_problem(
     3 to 300 times the acceleration.
     """
     rng = np.random.default_rng([GENERATOR_VERSION, seed])
-    n = joints or int(rng.integers(1, 8))
-    k = (waypoints or int(rng.integers(3, 9))) - 1
-    h = _displacements(rng, k, n)
+    n = joints
+    if n is None:
+        n = int(rng.integers(1, 8))
+    count = waypoints
+    if count is None:
+        count = int(rng.integers(3, 9))
+    h = _displacements(rng, count - 1, n)
     velocity = _limits(rng, n, _LOWEST_VELOCITY)
     acceleration = _limits(rng, n, _LOWEST_ACCELERATION)
     stiffness = None
