@@ -8,7 +8,7 @@ What a planner does not support does not count against it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import pandas as pd
@@ -38,22 +38,19 @@ def overview(results: Results, by: Callable[[str], str] | None = None) -> pd.Dat
         time: median wall time of a trial, s.
     """
     table = results.gaps()
-    if by is None:
-        lines = _lines(table.groupby("label", sort=False))
-        return lines.rename_axis("label").sort_values("gap", kind="stable")
-    table["group"] = table["problem"].map(by)
-    keys = ["group", "label"]
-    lines = _lines(table.groupby(keys, sort=False))
-    lines.index = pd.MultiIndex.from_tuples(lines.index, names=keys)
-    return lines.sort_values(["group", "gap"], kind="stable")
+    keys = ["label"]
+    if by is not None:
+        table["group"] = table["problem"].map(by)
+        keys = ["group", "label"]
+    rows = []
+    for key, runs in table.groupby(keys, sort=False):
+        names = dict(zip(keys, key, strict=True))
+        rows.append(names | _line(runs))
+    lines = pd.DataFrame(rows).set_index(keys)
+    return lines.sort_values([*keys[:-1], "gap"], kind="stable")
 
 
-def _lines(groups: Iterable[tuple[Any, pd.DataFrame]]) -> pd.DataFrame:
-    rows = {key: _line(runs) for key, runs in groups}
-    return pd.DataFrame.from_dict(rows, orient="index")
-
-
-def _line(runs: pd.DataFrame) -> dict[str, float]:
+def _line(runs: pd.DataFrame) -> dict[str, Any]:
     refused = runs["status"] == str(Status.UNSUPPORTED)
     tried = runs[~refused]
     answers = competing(runs)

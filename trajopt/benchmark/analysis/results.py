@@ -340,7 +340,7 @@ def _summarised(gaps: pd.DataFrame) -> pd.DataFrame:
     first = runs.sort_values("solved", kind="stable").drop_duplicates("number")
     first = first.set_index("number").sort_index()
     groups = runs.groupby("number")
-    five = statistics.answered_quantiles(certified, number, [0, *statistics.QUARTILES, 1])
+    five = statistics.answered_quantiles(certified, number, statistics.FIVE_NUMBERS)
     low, q1, median, q3, high = five.T
     columns = {
         "problem": first["problem"],

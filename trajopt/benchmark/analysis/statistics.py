@@ -30,6 +30,7 @@ Values = Array | np.float64  # a number where the runs were the only axis
 EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact
 EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's p is exact
 QUARTILES = (0.25, 0.5, 0.75)
+FIVE_NUMBERS = (0, *QUARTILES, 1)
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,8 @@ def median(values: ArrayLike) -> Values:
 
 def summary(gaps: ArrayLike) -> Array:
     """Best, first quartile, median, third quartile and worst of gaps `(…, runs)`: `(…, 5)`."""
-    return np.asarray(quantile(gaps, [0, *QUARTILES, 1]))
+    five = quantile(gaps, FIVE_NUMBERS)
+    return np.asarray(five)
 
 
 def answered_quantiles(values: ArrayLike, groups: ArrayLike, q: ArrayLike) -> Array:
@@ -134,17 +136,18 @@ def answered_quantiles(values: ArrayLike, groups: ArrayLike, q: ArrayLike) -> Ar
     ordered = runs[order]
     answered = np.isfinite(runs)
     count = group.max(initial=-1) + 1
-    answers = np.bincount(group, weights=answered, minlength=count)
+    answers = np.bincount(group, answered, count)
     size = np.bincount(group, minlength=count)
     first = np.cumsum(size) - size
+    start = first[:, np.newaxis]
     # place = q (answers − 1), between the answers below and above it
     last = np.maximum(answers - 1, 0)
     place = np.outer(last, share)
     below = np.floor(place).astype(int)
     above = np.ceil(place).astype(int)
     weight = place - below
-    low = ordered[first[:, np.newaxis] + below]
-    high = ordered[first[:, np.newaxis] + above]
+    low = ordered[start + below]
+    high = ordered[start + above]
     with np.errstate(invalid="ignore"):
         step = high - low
         # as NumPy rounds: from the nearer of the two
@@ -163,7 +166,9 @@ def ecdf(values: ArrayLike, at: ArrayLike | None = None) -> tuple[Array, Array]:
     runs = _costs("values", values, 1)
     finite = np.isfinite(runs)
     answers = np.sort(runs[finite])
-    x = np.unique(answers) if at is None else _numbers("at", at, nan=False)
+    x = np.unique(answers)
+    if at is not None:
+        x = _numbers("at", at, nan=False)
     counts = np.searchsorted(answers, x, side="right")
     shares: Array = counts / runs.size
     return x, shares
@@ -206,7 +211,8 @@ def quartiles_over_runs(histories: Sequence[ArrayLike], budgets: ArrayLike) -> A
     `histories` as above; a run without an answer by then is worse than any, so that a quartile is
     +inf until enough runs have one.
     """
-    best = fixed_budget(histories, np.atleast_1d(budgets))
+    several = np.atleast_1d(budgets)
+    best = fixed_budget(histories, several)
     quartiles = np.asarray(quantile(best, QUARTILES))
     return quartiles.T
 
@@ -221,15 +227,17 @@ def expected_running_time(hits: ArrayLike, budgets: ArrayLike) -> Values:
     reached = _costs("hits", hits)
     limit = _numbers("budgets", budgets)
     _require(reached >= 0, "hits", "0 or more", reached)
-    usable = (limit > 0) & np.isfinite(limit)
+    usable = (limit > 0) & (limit < np.inf)
     _require(usable, "budgets", "positive and finite", limit)
-    shapes = [(), reached.shape[-1:], reached.shape]
-    fits = limit.shape in shapes
-    _require(fits, "budgets", f"one, or of shape {reached.shape}", limit.shape)
-    spent = np.minimum(reached, limit).sum(axis=-1)
-    successes = np.count_nonzero(reached <= limit, axis=-1)
+    shape = reached.shape
+    fits = limit.shape in [(), shape[-1:], shape]
+    _require(fits, "budgets", f"one, or of shape {shape}", limit.shape)
+    spent = np.minimum(reached, limit)
+    hit = reached <= limit
+    successes = hit.sum(axis=-1)
     with np.errstate(divide="ignore"):
-        return np.asarray(spent / successes)[()]
+        ert = spent.sum(axis=-1) / successes
+    return np.asarray(ert)[()]
 
 
 def performance_profile(costs: ArrayLike, taus: ArrayLike | None = None) -> tuple[Array, Array]:
@@ -257,7 +265,7 @@ def data_profile(
     table = _costs("evaluations", evaluations, 2)
     size = _numbers("dimension", dimension)
     _require(table >= 0, "evaluations", "0 or more", table)
-    usable = (size >= 1) & np.isfinite(size)
+    usable = (size >= 1) & (size < np.inf)
     _require(usable, "dimension", "at least 1", size)
     if size.ndim:
         _require_shape("dimension", size, table.shape[:1])
@@ -274,8 +282,8 @@ def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
     """
     x = _costs("a", a, 1)
     y = _costs("b", b, 1)
-    alike = x.size == y.size
-    _require(alike, "b", f"as many values as in a, {x.size}", y.size)
+    pairs = x.size
+    _require(pairs == y.size, "b", f"as many values as in a, {pairs}", y.size)
     differ = x != y
     with np.errstate(over="ignore"):
         change = x[differ] - y[differ]
@@ -294,7 +302,7 @@ def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
         statistic=rank_sum,
         pvalue=pvalue,
         wins=int(below.sum()),
-        ties=x.size - change.size,
+        ties=pairs - change.size,
         losses=int(above.sum()),
     )
 
@@ -313,10 +321,10 @@ def mann_whitney(a: ArrayLike, b: ArrayLike) -> RankSum:
     m = y.size
     both = np.concatenate([x, y])
     ranks = stats.rankdata(both)
-    rank_sum = float(ranks[:n].sum())
+    rank_sum = ranks[:n].sum()
     # pairs lost: U' = R − n (n + 1) / 2; pairs won: U = n m − U'
     lost = rank_sum - n * (n + 1) / 2
-    won = n * m - lost
+    won = float(n * m - lost)
     if np.ptp(ranks) == 0:
         return RankSum(won, 1.0)
     if both.size <= EXACT_RUNS:
@@ -363,8 +371,9 @@ def critical_difference(problems: int, solvers: int, confidence: float = 0.95) -
     studentized = stats.studentized_range.ppf(confidence, solvers, np.inf)
     # CD = q √(k (k + 1) / 6 N), with q the studentized range over √2
     q = studentized / np.sqrt(2)
-    variance = solvers * (solvers + 1) / (6 * problems)
-    return float(q * np.sqrt(variance))
+    orders = solvers * (solvers + 1)
+    difference = q * np.sqrt(orders / (6 * problems))
+    return float(difference)
 
 
 def a12(a: ArrayLike, b: ArrayLike) -> Values:
@@ -376,13 +385,15 @@ def a12(a: ArrayLike, b: ArrayLike) -> Values:
     y = _costs("b", b)
     *leading, n = x.shape
     *others, m = y.shape
-    _require(leading == others, "b", f"shape {(*leading, 'm')}", y.shape)
+    expected = f"shape {(*leading, 'm')}"
+    _require(leading == others, "b", expected, y.shape)
     both = np.concatenate([x, y], axis=-1)
     ranks = stats.rankdata(both, axis=-1)
-    rank_sum = ranks[..., :n].sum(axis=-1)
-    # A12 = (R − n (n + 1) / 2) / (n m)
-    won = rank_sum - n * (n + 1) / 2
-    return np.asarray(won / (n * m))[()]
+    own = ranks[..., :n]
+    # A12 = (R − n (n + 1) / 2) / (n m), R the sum of its own ranks
+    won = own.sum(axis=-1) - n * (n + 1) / 2
+    share = won / (n * m)
+    return np.asarray(share)[()]
 
 
 def bootstrap(
@@ -399,9 +410,11 @@ def bootstrap(
     `expected_running_time` do. Samples are drawn independently, or, if `paired`, run by run. Bounds
     may be +inf; they are NaN if a sample has a single run, which says nothing of the spread.
     """
-    named = enumerate(samples, 1)
-    arrays = [_costs(f"sample {i}", sample, 1) for i, sample in named]
-    sizes = [sample.size for sample in arrays]
+    arrays = []
+    for number, sample in enumerate(samples, 1):
+        array = _costs(f"sample {number}", sample, 1)
+        arrays.append(array)
+    sizes = [array.size for array in arrays]
     matched = len(set(sizes)) == 1
     independent = not paired and sizes != []
     _require_level(confidence)
@@ -422,8 +435,9 @@ def bootstrap(
             method="percentile",
             rng=np.random.default_rng(seed),
         )
-    tails = np.array([1 - confidence, 1 + confidence]) / 2
-    low, high = np.asarray(quantile(found.bootstrap_distribution, tails))
+    tails = [(1 - confidence) / 2, (1 + confidence) / 2]
+    interval = quantile(found.bootstrap_distribution, tails)
+    low, high = np.asarray(interval)
     return Estimate(value, float(low), float(high))
 
 
@@ -454,18 +468,18 @@ def _normal_signed_rank(change: Array) -> float:
 def _exact_rank_sum(ranks: Array, n: int, rank_sum: float) -> float:
     """Twice the share of all choices of `n` of the ranks in the smaller tail at `rank_sum`."""
     doubled = _doubled(ranks)
-    total = doubled.sum()
+    sums = doubled.sum() + 1
     # ways[k, s]: choices of k ranks that sum to s / 2
-    ways = np.zeros((n + 1, total + 1))
+    ways = np.zeros((n + 1, sums))
     ways[0, 0] = 1.0
     for rank in doubled:
-        without = ways[:-1, : total + 1 - rank].copy()
+        without = ways[:-1, : sums - rank].copy()
         ways[1:, rank:] += without
-    chosen = ways[n]
+    chance = ways[n] / ways[n].sum()
     place = round(2 * rank_sum)
-    at_most = chosen[: place + 1].sum()
-    at_least = chosen[place:].sum()
-    tail = min(at_most, at_least) / chosen.sum()
+    at_most = chance[: place + 1].sum()
+    at_least = chance[place:].sum()
+    tail = min(at_most, at_least)
     return min(1.0, 2 * float(tail))
 
 
@@ -492,18 +506,20 @@ def _profile(ratios: Array, at: ArrayLike | None) -> tuple[Array, Array]:
 def _curves(histories: Sequence[ArrayLike]) -> list[Array]:
     """Per run, evaluations spent and best by then, where there is an answer: `(2, m)`."""
     _require(len(histories) > 0, "histories", "at least one run")
-    return [_curve(_numbers("history", history, 2)) for history in histories]
+    numbers = [_numbers("history", history, 2) for history in histories]
+    return [_curve(history) for history in numbers]
 
 
 def _curve(history: Array) -> Array:
-    columns = history.shape[1]
-    _require(columns == 2, "history", "evaluations and best, (m, 2)", history.shape)
-    answered = history[:, 1] < np.inf
-    curve = history[answered].T
+    shape = history.shape
+    _require(shape[1] == 2, "history", "evaluations and best, (m, 2)", shape)
+    _, bests = history.T
+    curve = history[bests < np.inf].T
     spent, best = np.diff(curve)
-    finite = np.isfinite(curve).all()
-    monotone = (spent >= 0).all() and (best <= 0).all()
-    orderly = finite and monotone
+    finite = np.isfinite(curve)
+    rising = spent >= 0
+    falling = best <= 0
+    orderly = finite.all() and rising.all() and falling.all()
     _require(orderly, "history", "evaluations that never fall and a best that never rises")
     return curve
 
@@ -511,10 +527,12 @@ def _curve(history: Array) -> Array:
 def _costs(key: str, values: ArrayLike, axes: int | None = None) -> Array:
     """At least one number along each axis, +inf for NaN: no answer is the worst of all."""
     array = _numbers(key, values, axes)
-    some = array.ndim > 0 and array.size > 0
-    _require(some, key, "at least one value", array.shape)
+    some = array.ndim and array.size
+    _require(bool(some), key, "at least one value", array.shape)
     _require(array != -np.inf, key, "no −inf", array)
-    return np.where(np.isnan(array), np.inf, array)
+    missing = np.isnan(array)
+    costs: Array = np.where(missing, np.inf, array)
+    return costs
 
 
 def _numbers(key: str, values: ArrayLike, axes: int | None = None, *, nan: bool = True) -> Array:
@@ -523,7 +541,8 @@ def _numbers(key: str, values: ArrayLike, axes: int | None = None, *, nan: bool 
     except (TypeError, ValueError):
         raise InvalidInput(key, "an array of numbers") from None
     if axes is not None:
-        _require(array.ndim == axes, key, f"an array of {axes} axes", array.shape)
+        expected = f"an array of {axes} axes"
+        _require(array.ndim == axes, key, expected, array.shape)
     if not nan:
         _require(~np.isnan(array), key, "no NaN", array)
     return array
