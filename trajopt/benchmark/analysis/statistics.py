@@ -513,8 +513,8 @@ def _curves(histories: Sequence[ArrayLike]) -> list[Array]:
 def _curve(history: Array) -> Array:
     shape = history.shape
     _require(shape[1] == 2, "history", "evaluations and best, (m, 2)", shape)
-    _, bests = history.T
-    curve = history[bests < np.inf].T
+    answered = history[:, 1] < np.inf
+    curve: Array = history[answered].T
     spent, best = np.diff(curve)
     finite = np.isfinite(curve)
     rising = spent >= 0

@@ -64,6 +64,4 @@ def over_runs(runs: Sequence[Array], points: int = 120) -> tuple[Array, Array]:
     end = max(float(run[-1, 0]) for run in runs)
     grid = np.geomspace(1.0, max(end, 1.0), points)
     evaluations = np.unique(grid.round())
-    best = statistics.fixed_budget(runs, evaluations)
-    quartiles = statistics.quantile(best, statistics.QUARTILES)
-    return evaluations, np.asarray(quartiles).T
+    return evaluations, statistics.quartiles_over_runs(runs, evaluations)
