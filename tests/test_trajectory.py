@@ -106,7 +106,7 @@ def test_joints_with_breaks_of_their_own_keep_their_values():
         np.testing.assert_allclose(joined(times, order), expected, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("epsilon", [1e-16, -1e-16, 3e-16, -2e-14, 2e-13])
+@pytest.mark.parametrize("epsilon", [1e-16, -1e-16, 3e-16, -6e-15, 1.2e-14])
 def test_breaks_that_rounding_split_are_one_break(epsilon):
     """The waypoint's own time wins; a sliver of a piece would make nonsense of its coefficients."""
     parts = [part(0, [0, 1 + epsilon, 4 - epsilon], 3), part(1, [0, 1 - epsilon, 4], 3)]
@@ -122,6 +122,20 @@ def test_breaks_farther_apart_than_rounding_stay_apart():
     assert joined.breaks.tolist() == [0, 1, 1 + 1e-9, 4]
     middle = 1 + 0.5e-9
     np.testing.assert_allclose(joined(middle)[0], alone(part(0, [0, 1 + 1e-9, 4], 2))(middle)[0])
+
+
+def test_a_sliver_that_moves_is_kept():
+    """Braking at 1e6 rad/s² for 1e-13 s: dropped, it would be a jump of velocity."""
+    brake = 1e-13
+    own = np.array([0.0, 1.0, 1.0 + brake, 2.0])
+    v = 1e6 * brake
+    coefficients = np.array([[0.0, -5e5, 0.0], [v, v, 0.0], [0.0, v, v + v * brake / 2]])
+    joined = Trajectory.joined([(own, coefficients), part(1, [0, 1, 2], 2)], [0, 2])
+    before = joined(1.0 - 1e-9, 1)[0]
+    after = joined(1.0 + 1e-9, 1)[0]
+    assert before == pytest.approx(v)
+    assert after == 0
+    assert joined(1.0 + brake / 2, 2)[0] == -1e6
 
 
 def test_a_waypoint_passed_twice_in_no_time_joins():
@@ -202,3 +216,30 @@ def test_a_trajectory_keeps_copies():
     assert trajectory.waypoint_times[1] == 1.0
     assert trajectory(0.0).tolist() == [1.0]
     assert breaks.flags.writeable
+
+
+@reproducible
+@given(seeds)
+def test_refining_changes_no_value(seed):
+    trajectory = random_trajectory(seed)
+    rng = np.random.default_rng(seed)
+    times = rng.uniform(0, trajectory.duration, 3)
+    refined = trajectory.refined([*times, 0.0, trajectory.duration, trajectory.breaks[-2]])
+    assert set(refined.breaks) == {*trajectory.breaks, *times}
+    probes = rng.uniform(0, trajectory.duration, 20)
+    for order in range(3):
+        expected = trajectory(probes, order)
+        scale = np.abs(expected).max() + 1e-300
+        np.testing.assert_allclose(refined(probes, order), expected, rtol=0, atol=1e-9 * scale)
+
+
+def test_refining_within_rounding_of_a_break_adds_none():
+    assert ramp().refined([1.0 + 2e-16, 3.0 - 4e-16, 0.0]) is not None
+    assert ramp().refined([1.0 + 2e-16, 3.0 - 4e-16, 0.0]).breaks.tolist() == [0, 1, 3]
+
+
+def test_pieces_on_the_unit_interval():
+    """Their derivatives are those by time: 1 rad/s, then 2 rad/s over 2 s."""
+    assert ramp().pieces().tolist() == [[[1.0], [4.0]], [[0.0], [1.0]]]
+    assert ramp().pieces(1).tolist() == [[[1.0], [2.0]]]
+    assert ramp().pieces(2).tolist() == [[[0.0], [0.0]]]

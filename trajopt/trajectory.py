@@ -13,20 +13,23 @@ from trajopt.exceptions import InvalidTrajectory
 
 Array = NDArray[np.float64]
 
-# Breaks closer than this fraction of the duration are one break.
-_SAME_BREAK = 1e-13
+# Breaks closer than this fraction of the duration are one break: what sums of durations in
+# different orders leave, and no more. A piece dropped although it moves would be a jump.
+BREAK_RTOL = 16 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Positions of all joints over `[0, duration]`, in the layout of `scipy.interpolate.PPoly`.
 
-    - `breaks` `(pieces + 1,)`: strictly increasing times from 0, s;
-    - `coefficients` `(degree + 1, pieces, joints)`: highest power first, in the time since the
-      piece's start, rad/s^power;
-    - `waypoint_times` `(waypoints,)`: when each waypoint is passed, from 0 to `duration`, s.
+    Attributes:
+        breaks: strictly increasing times from 0, s, `(pieces + 1,)`.
+        coefficients: highest power first, in the time since the piece's start, rad/s^power,
+            `(degree + 1, pieces, joints)`.
+        waypoint_times: when each waypoint is passed, from 0 to `duration`, s, `(waypoints,)`.
 
-    Raises `InvalidTrajectory` where these do not fit together or are not finite.
+    Raises:
+        InvalidTrajectory: these do not fit together or are not finite.
     """
 
     breaks: Array
@@ -51,6 +54,11 @@ class Trajectory:
     def joints(self) -> int:
         return int(self.coefficients.shape[2])
 
+    @property
+    def lengths(self) -> Array:
+        """Duration of each piece, s, `(pieces,)`."""
+        return np.diff(self.breaks)
+
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Position (or its derivative of `order`) at times `t` `(…)`: `(…, joints)`.
 
@@ -58,31 +66,61 @@ class Trajectory:
         counts.
         """
         time = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
-        piece = np.clip(
-            np.searchsorted(self.breaks, time, side="right") - 1, 0, len(self.breaks) - 2
-        )
+        piece = self._piece_at(time)
         local = (time - self.breaks[piece])[..., None]
-        return polynomials.evaluate(
-            polynomials.derivative(self.coefficients, order)[:, piece], local
-        )
+        derivative = polynomials.derivative(self.coefficients, order)
+        return polynomials.evaluate(derivative[:, piece], local)
+
+    def pieces(self, order: int = 0) -> Array:
+        """The derivative of `order`, every piece on the unit interval `[0, 1]`.
+
+        Returns:
+            Coefficients `(degree + 1 − order, pieces, joints)`, highest power first, whose values
+            are rad/s^order.
+        """
+        derivative = polynomials.derivative(self.coefficients, order)
+        return polynomials.stretched(derivative, self.lengths)
 
     def dilated(self, factor: float) -> Trajectory:
-        """The same path, `factor` times as slow: the n-th derivative divides by `factor ** n`."""
+        """The same path, `factor` times as slow: the n-th derivative divides by `factor ** n`.
+
+        Raises:
+            InvalidTrajectory: the factor is not a positive number.
+        """
         if not 0 < factor < np.inf:
             raise InvalidTrajectory(f"the factor of a dilation must be positive, got {factor}")
         coefficients = polynomials.stretched(self.coefficients, 1.0 / factor)
         return Trajectory(self.breaks * factor, coefficients, self.waypoint_times * factor)
 
+    def refined(self, times: ArrayLike) -> Trajectory:
+        """The same motion with a break at each of these times, s, too.
+
+        A time within rounding of a break adds none.
+        """
+        wanted = np.asarray(times, dtype=float)
+        slack = BREAK_RTOL * self.duration
+        distance = np.abs(wanted - self.breaks[nearest(self.breaks, wanted)])
+        added = np.unique(wanted[distance > slack])
+        if not added.size:
+            return self
+        breaks = np.union1d(self.breaks, added)
+        piece = self._piece_at(breaks[:-1])
+        offset = breaks[:-1] - self.breaks[piece]
+        coefficients = polynomials.shifted(self.coefficients[:, piece], offset[:, None])
+        return Trajectory(breaks, coefficients, self.waypoint_times)
+
     @classmethod
     def joined(cls, joints: Sequence[tuple[Array, Array]], waypoint_times: ArrayLike) -> Trajectory:
         """Put joints with breaks of their own on the union of all breaks.
 
-        `joints` holds `(breaks, coefficients)` per joint, coefficients `(degree + 1, pieces)`,
-        all starting at 0 and ending together (to rounding).
+        Args:
+            joints: `(breaks, coefficients)` of each joint, coefficients `(degree + 1, pieces)`,
+                all starting at 0 and ending together (to rounding).
+            waypoint_times: s, `(waypoints,)`.
         """
         times = np.asarray(waypoint_times, dtype=float)
         breaks = _union([breaks for breaks, _ in joints], times)
-        degree = max(len(c) for _, c in joints)
+        degree = max(len(coefficients) for _, coefficients in joints)
         columns = [_resampled(own, c, breaks, degree) for own, c in joints]
         return cls(breaks, np.stack(columns, axis=-1), times)
 
@@ -109,41 +147,59 @@ class Trajectory:
             joints[joint] = part
         return cls.joined(joints, times)
 
+    def _piece_at(self, time: Array) -> NDArray[np.intp]:
+        after = np.searchsorted(self.breaks, time, side="right")
+        return np.clip(after - 1, 0, len(self.breaks) - 2)
+
 
 def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
-    if breaks.ndim != 1 or len(breaks) < 2 or breaks[0] != 0 or (np.diff(breaks) <= 0).any():
+    increasing = breaks.ndim == 1 and len(breaks) >= 2 and bool((np.diff(breaks) > 0).all())
+    if not increasing or breaks[0] != 0:
         raise InvalidTrajectory("breaks must be strictly increasing times from 0")
-    if (
-        coefficients.ndim != 3
-        or coefficients.shape[1] != len(breaks) - 1
-        or 0 in coefficients.shape
-    ):
-        expected = f"(degree + 1, {len(breaks) - 1}, joints)"
-        raise InvalidTrajectory(f"coefficients are {coefficients.shape}, expected {expected}")
-    slack = 1e-12 * breaks[-1]
-    ends_fit = (
-        waypoint_times.ndim == 1
-        and waypoint_times.size >= 2
-        and np.allclose(waypoint_times[[0, -1]], breaks[[0, -1]], rtol=0, atol=slack)
-    )
-    if not ends_fit or (np.diff(waypoint_times) < 0).any():
+    pieces = len(breaks) - 1
+    shape = coefficients.shape
+    if coefficients.ndim != 3 or shape[1] != pieces or 0 in shape:
+        expected = f"(degree + 1, {pieces}, joints)"
+        raise InvalidTrajectory(f"coefficients are {shape}, expected {expected}")
+    if not _fit(waypoint_times, breaks):
         raise InvalidTrajectory("waypoint_times must not decrease, from 0 to the last break")
+
+
+def _fit(waypoint_times: Array, breaks: Array) -> bool:
+    """Whether the waypoint times run from the first break to the last, to rounding."""
+    if waypoint_times.ndim != 1 or waypoint_times.size < 2:
+        return False
+    if (np.diff(waypoint_times) < 0).any():
+        return False
+    ends = np.abs(waypoint_times[[0, -1]] - breaks[[0, -1]])
+    return bool((ends <= 1e-12 * breaks[-1]).all())
+
+
+def nearest(sorted_times: Array, wanted: Array) -> NDArray[np.intp]:
+    """The index of the nearest of some sorted times to each wanted one."""
+    after = np.searchsorted(sorted_times, wanted).clip(1, len(sorted_times) - 1)
+    to_before = np.abs(wanted - sorted_times[after - 1])
+    to_after = np.abs(wanted - sorted_times[after])
+    return np.where(to_before <= to_after, after - 1, after)
 
 
 def _union(all_breaks: Sequence[Array], times: Array) -> Array:
     """All breaks, those that rounding split counted once; waypoint times win over neighbours."""
-    slack = _SAME_BREAK * times[-1]
+    slack = BREAK_RTOL * times[-1]
     others = np.concatenate(all_breaks)
-    near = np.searchsorted(times, others).clip(1, len(times) - 1)
-    distance = np.minimum(np.abs(others - times[near - 1]), np.abs(others - times[near]))
-    inside = others[(distance > slack) & (others > 0) & (others < times[-1])]
+    distance = np.abs(others - times[nearest(times, others)])
+    within = (others > 0) & (others < times[-1])
+    inside = others[within & (distance > slack)]
     merged = np.unique(np.concatenate([times, inside]))
-    return merged[np.r_[True, np.diff(merged) > slack]]
+    apart = np.diff(merged) > slack
+    return merged[np.r_[True, apart]]
 
 
 def _resampled(own: Array, coefficients: Array, breaks: Array, degree: int) -> Array:
     """One joint's polynomials on finer breaks, padded with zero leading coefficients."""
     middle = 0.5 * (breaks[:-1] + breaks[1:])
-    piece = np.clip(np.searchsorted(own, middle, side="right") - 1, 0, len(own) - 2)
+    after = np.searchsorted(own, middle, side="right")
+    piece = np.clip(after - 1, 0, len(own) - 2)
     moved = polynomials.shifted(coefficients[:, piece], breaks[:-1] - own[piece])
-    return np.concatenate([np.zeros((degree - len(moved), moved.shape[1])), moved])
+    padding = np.zeros((degree - len(moved), moved.shape[1]))
+    return np.concatenate([padding, moved])

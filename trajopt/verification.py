@@ -1,8 +1,9 @@
 """The one exact judge: true peaks from polynomial roots, every miss, and the certified duration.
 
-Nothing is sampled (docs/mathematics.md, sections 2 and 7). Dividing a piece's
-polynomial by its limit gives its use of the limit; Bernstein coefficients bound that use, and only
-the pieces whose bound exceeds the worst use found so far need their roots.
+Nothing is sampled, and nothing is forgiven (docs/mathematics.md, sections 2 and 7): a trajectory
+whose misses and jumps are within tolerance is repaired exactly, and its repair is judged. Dividing
+a piece's polynomial by its limit gives its use of the limit; Bernstein coefficients bound that use,
+and only the pieces whose bound exceeds the worst use so far need their roots.
 """
 
 from __future__ import annotations
@@ -17,25 +18,34 @@ from numpy.typing import NDArray
 from trajopt import polynomials
 from trajopt.exceptions import InvalidTrajectory
 from trajopt.problem import Problem
+from trajopt.repair import repaired
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-Measure = Callable[[Array, Array, Array], Array]  # (values, low, high) -> use of the limit
+Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, low, high)
 
-_STAIRCASE = 4.0  # a joint's jumps may add up to this many times what one may be
-_CHUNK = 256  # pieces whose roots are found at once, the most promising first
+_CHUNK_PIECES = 256  # pieces whose roots are found at once, the most promising first
+# Evaluating a polynomial of degree d rounds by less than this times (d + 1) Σ |coefficients|.
+_EVALUATION_RTOL = 2 * float(np.finfo(float).eps)
+# A coordinate is known to some units in its last place.
+_COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far a trajectory may stray and still count as keeping its word.
+    """How far a trajectory may stray and still be worth repairing.
 
-    - `limit`: relative, for velocity, acceleration and jerk;
-    - `position`: rad, for waypoints, position limits and jumps of position, times the largest
-      waypoint coordinate where that exceeds 1;
-    - `jump`: of velocity and acceleration at the breaks, relative to their limits.
+    What is within tolerance is not forgiven but repaired, and the repair is what is certified; what
+    is beyond is a flaw. Only position limits keep their tolerance: a waypoint on a wall can gain
+    about `sqrt(2 · excess / acceleration)` seconds from it.
 
-    A joint's jumps may add up to four times what one of them may be.
+    Attributes:
+        limit: for velocity, acceleration and jerk to count as kept, relative.
+        position: for waypoints, position limits and jumps of position, relative to the smallest
+            displacement of the joint that is not zero (and some units in the last place of its
+            largest coordinate).
+        jump: of velocity and acceleration at the breaks, relative to what the joint can reach:
+            `min(V, sqrt(A h))` and `min(A, cbrt(J² h))`, `h` its largest displacement.
     """
 
     limit: float = 1e-6
@@ -45,11 +55,14 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst value of one kind: `joint` counts from 0, `time` in seconds.
+    """The worst value of one kind.
 
-    `value` is a ratio to the limit (velocity, acceleration, jerk) or an error in SI units
-    (position, waypoint, continuity; of the derivative of that `order`, in sum where many jumps
-    small by themselves add up).
+    Attributes:
+        value: a ratio to the limit (velocity, acceleration, jerk), or an error in SI units
+            (position, waypoint, continuity: of the derivative of that `order`).
+        joint: counted from 0.
+        time: s.
+        order: of the derivative that jumps.
     """
 
     value: float
@@ -60,11 +73,19 @@ class Worst:
 
 @dataclass(frozen=True)
 class Certificate:
-    """What `verify` found. `None` where a kind does not exist for the problem.
+    """What `verify` says of a trajectory.
 
-    `dilation` is the exact cheapest factor `k` that brings the trajectory within its velocity,
-    acceleration and jerk limits; below 1, it left something on the table. `flaws` lists what no
-    dilation can mend; then there is no certified duration.
+    Peaks are those of the repaired trajectory, or of the given one where it is beyond repair;
+    `waypoint` and `continuity` are the given one's. `None` where a kind does not exist for the
+    problem.
+
+    Attributes:
+        duration: of the given trajectory, s.
+        dilation: the exact cheapest factor `k` that brings the trajectory within its velocity,
+            acceleration and jerk limits (section 2); below 1, it left something on the table.
+        flaws: what no repair and no dilation can mend, in words; then there is no certified
+            duration.
+        tolerance: what decided that.
     """
 
     duration: float
@@ -85,12 +106,13 @@ class Certificate:
     @property
     def feasible(self) -> bool:
         """Whether the trajectory keeps every limit as it stands, within tolerance."""
-        ratios = [w.value for w in (self.velocity, self.acceleration, self.jerk) if w]
+        peaks = [self.velocity, self.acceleration, self.jerk]
+        ratios = [worst.value for worst in peaks if worst]
         return self.valid and max(ratios) <= 1 + self.tolerance.limit
 
     @property
     def certified_duration(self) -> float | None:
-        """`max(1, dilation) · duration` in seconds, or `None` if dilation cannot mend it."""
+        """`max(1, dilation) · duration` in seconds, or `None` if nothing can mend it."""
         return max(1.0, self.dilation) * self.duration if self.valid else None
 
     def as_dict(self) -> dict[str, Any]:
@@ -114,140 +136,231 @@ def verify(
 ) -> Certificate:
     """Judge a trajectory exactly against a problem.
 
-    Raises `InvalidTrajectory` if it has another number of joints or waypoints than the problem.
+    Raises:
+        InvalidTrajectory: it has another number of joints or waypoints than the problem.
     """
-    tolerance = tolerance or Tolerance()
     _check_sizes(problem, trajectory)
-    limits, scale = problem.limits, max(1.0, float(np.abs(problem.waypoints).max()))
-    velocity = _peak(trajectory, 1, limits.velocity, _ratio)
-    acceleration = _peak(trajectory, 2, limits.acceleration, _ratio)
-    jerk = _peak(trajectory, 3, limits.jerk, _ratio) if problem.has("jerk") else None
-    position = _peak(trajectory, 0, limits.position, _excess) if problem.has("position") else None
-    waypoint = _worst_miss(problem, trajectory)
-    jumps = _jumps(problem, trajectory, tolerance, scale)
-    worst_jump = max(jumps, key=lambda pair: pair[1])[0]
-    flaws = _flaws(position, waypoint, jumps, tolerance.position * scale)
-    roots = [(velocity, 1.0), (acceleration, 0.5), (jerk, 1 / 3)]
-    dilation = max(worst.value**power for worst, power in roots if worst)
-    return Certificate(
-        trajectory.duration, dilation, velocity, acceleration, jerk, position, waypoint, worst_jump,
-        flaws, tolerance,
-    )  # fmt: skip
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _judged(problem, trajectory, tolerance or Tolerance())[0]
 
 
 def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
-    """The trajectory, dilated where it breaks a limit; None where dilation cannot mend it."""
-    certificate = verify(problem, trajectory)
-    return trajectory.dilated(max(1.0, certificate.dilation)) if certificate.valid else None
+    """The trajectory that the certified duration belongs to.
+
+    Repaired where it missed or jumped within tolerance, dilated where it then breaks a limit; None
+    where nothing can mend it.
+    """
+    _check_sizes(problem, trajectory)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        certificate, judged = _judged(problem, trajectory, Tolerance())
+    if not certificate.valid:
+        return None
+    return judged.dilated(max(1.0, certificate.dilation))
 
 
 def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
     if trajectory.joints != problem.joints:
         raise InvalidTrajectory(f"{trajectory.joints} joints; the problem has {problem.joints}")
     if len(trajectory.waypoint_times) != len(problem.waypoints):
-        given, needed = len(trajectory.waypoint_times), len(problem.waypoints)
+        given = len(trajectory.waypoint_times)
+        needed = len(problem.waypoints)
         raise InvalidTrajectory(f"{given} waypoint times; the problem has {needed} waypoints")
 
 
-def _ratio(values: Array, low: Array, high: Array) -> Array:
-    return np.maximum(values / high, values / low)
+def _judged(
+    problem: Problem, trajectory: Trajectory, tolerance: Tolerance
+) -> tuple[Certificate, Trajectory]:
+    """The verdict, and the trajectory whose peaks it tells: repaired where that can be."""
+    allowed = _allowed(problem, tolerance)
+    waypoint, missed = _worst_miss(problem, trajectory, allowed[0])
+    jumps = [
+        _worst_jump(problem, trajectory, order, allowed[order]) for order in range(len(allowed))
+    ]
+    continuity, _ = max(jumps, key=lambda jump: jump[1])
+    flaws = []
+    if missed > 1:
+        flaws.append(_say(waypoint, "misses the waypoint by", "rad"))
+    for worst, excess in jumps:
+        if excess > 1:
+            flaws.append(_say(worst, *_JUMP_WORDS[worst.order]))
+
+    blurred = _blur(problem, trajectory, tolerance)
+    if blurred:
+        flaws.append(_say(blurred, "its terms cancel, which rounds its position by", "rad"))
+
+    mended = None if flaws else repaired(problem, trajectory)
+    judged = mended or trajectory
+    limits = problem.limits
+    velocity = _peak(judged, 1, limits.velocity, _ratio)
+    acceleration = _peak(judged, 2, limits.acceleration, _ratio)
+    jerk = _peak(judged, 3, limits.jerk, _ratio) if problem.has("jerk") else None
+    position = _peak(judged, 0, limits.position, _excess) if problem.has("position") else None
+    dilation = _dilation(velocity, acceleration, jerk)
+    if position and position.value > allowed[0][position.joint]:
+        flaws.insert(0, _say(position, "leaves its position limits by", "rad"))
+    if mended is None and not flaws:
+        flaws.append("it passes different waypoints at one instant, or its numbers overflow")
+    if not np.isfinite(dilation * judged.duration):
+        flaws.append("its peaks are not finite numbers")
+    certificate = Certificate(
+        duration=trajectory.duration,
+        dilation=dilation,
+        velocity=velocity,
+        acceleration=acceleration,
+        jerk=jerk,
+        position=position,
+        waypoint=waypoint,
+        continuity=continuity,
+        flaws=tuple(flaws),
+        tolerance=tolerance,
+    )
+    return certificate, judged
 
 
-def _excess(values: Array, low: Array, high: Array) -> Array:
-    return np.maximum(values - high, low - values)
+def _dilation(velocity: Worst, acceleration: Worst, jerk: Worst | None) -> float:
+    """`k = max(peak v / V, sqrt(peak a / A), cbrt(peak j / J))` (section 2)."""
+    factors = [velocity.value, acceleration.value**0.5]
+    if jerk:
+        factors.append(jerk.value ** (1 / 3))
+    return float(np.max(factors))  # which keeps what is not a number
+
+
+def _allowed(problem: Problem, tolerance: Tolerance) -> list[Array]:
+    """How far each joint may be off to be worth repairing: rad, rad/s, rad/s², `(joints,)` each."""
+    limits = problem.limits
+    smallest, largest = _distances(problem)
+    coordinates = np.abs(problem.waypoints).max(axis=0)
+    position = tolerance.position * smallest + _COORDINATE_RTOL * coordinates
+
+    V = np.abs(limits.velocity).min(axis=1)
+    A = np.abs(limits.acceleration).min(axis=1)
+    J = np.abs(limits.jerk).min(axis=1)
+    velocity = tolerance.jump * np.minimum(V, np.sqrt(A * largest))
+    reached = np.minimum(A, np.cbrt(J) ** 2 * np.cbrt(largest))
+    jerk_limited = np.isfinite(limits.jerk).any(axis=1)
+    acceleration = np.where(jerk_limited, tolerance.jump * reached, np.inf)
+    return [position, velocity, acceleration]
+
+
+def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
+    return np.maximum((values + rounding) / high, (values - rounding) / low)
+
+
+def _excess(values: Array, rounding: Array, low: Array, high: Array) -> Array:
+    return np.maximum(values + rounding - high, low - values + rounding)
 
 
 def _peak(trajectory: Trajectory, order: int, limits: Array, measure: Measure) -> Worst:
-    """The exact worst of a convex measure of a derivative, over all pieces and joints."""
-    lengths, (low, high) = np.diff(trajectory.breaks), limits.T
-    derivative = polynomials.derivative(trajectory.coefficients, order)
-    unit = polynomials.stretched(derivative, lengths)
-    bounds = measure(polynomials.bernstein(unit), low, high).max(axis=0)
-    ends = measure(np.stack([unit[-1], unit.sum(axis=0)]), low, high)
+    """The exact worst of a convex measure of a derivative, over all pieces and joints.
+
+    Rounded up by what evaluating the polynomials may round.
+    """
+    low, high = limits.T
+    unit = trajectory.pieces(order)
+    rounding = _EVALUATION_RTOL * len(unit) * np.abs(unit).sum(axis=0)
+    if not np.isfinite(rounding).all():
+        piece, joint = np.argwhere(~np.isfinite(rounding))[0]
+        return Worst(np.nan, int(joint), float(trajectory.breaks[piece]))
+    bounds = measure(polynomials.bernstein(unit), rounding, low, high).max(axis=0)
+    ends = measure(np.stack([unit[-1], unit.sum(axis=0)]), rounding, low, high)
     side, piece, joint = np.unravel_index(np.argmax(ends), ends.shape)
     best = (float(ends[side, piece, joint]), int(piece), int(joint), float(side))
-    order_by_bound = np.argsort(-bounds, axis=None)
-    for start in range(0, bounds.size, _CHUNK):
-        chunk = order_by_bound[start : start + _CHUNK]
+    by_bound = np.argsort(-bounds, axis=None)
+    for start in range(0, bounds.size, _CHUNK_PIECES):
+        chunk = by_bound[start : start + _CHUNK_PIECES]
         chunk = chunk[bounds.ravel()[chunk] > best[0]]
         if not len(chunk):
             break
-        best = max(
-            best, _peak_among(unit, np.unravel_index(chunk, bounds.shape), low, high, measure)
-        )
-    value, piece_, joint_, s = best
-    return Worst(value + 0.0, joint_, float(trajectory.breaks[piece_] + s * lengths[piece_]))
+        where = np.unravel_index(chunk, bounds.shape)
+        best = max(best, _peak_among(unit, rounding, where, limits, measure))
+    value, piece_, joint_, share = best
+    time = trajectory.breaks[piece_] + share * trajectory.lengths[piece_]
+    return Worst(value + 0.0, joint_, float(time))
 
 
 def _peak_among(
-    unit: Array, where: tuple[NDArray[np.intp], ...], low: Array, high: Array, measure: Measure
+    unit: Array,
+    rounding: Array,
+    where: tuple[NDArray[np.intp], ...],
+    limits: Array,
+    measure: Measure,
 ) -> tuple[float, int, int, float]:
+    """The worst of some pieces: its value, piece, joint and place in the unit interval."""
     pieces, joints = where
     candidates = unit[:, pieces, joints]
     points = polynomials.critical_points(candidates)
-    values = measure(polynomials.evaluate(candidates[:, None], points), low[joints], high[joints])
-    row, i = np.unravel_index(np.argmax(values), values.shape)
-    return float(values[row, i]), int(pieces[i]), int(joints[i]), float(points[row, i])
+    values = polynomials.evaluate(candidates[:, None], points)
+    low, high = limits[joints].T
+    measured = measure(values, rounding[pieces, joints], low, high)
+    row, i = np.unravel_index(np.argmax(measured), measured.shape)
+    return float(measured[row, i]), int(pieces[i]), int(joints[i]), float(points[row, i])
 
 
-def _worst_miss(problem: Problem, trajectory: Trajectory) -> Worst:
+def _worst_miss(problem: Problem, trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
+    """The worst miss of a waypoint, and its size over what is allowed."""
     errors = np.abs(trajectory(trajectory.waypoint_times) - problem.waypoints)
-    row, joint = np.unravel_index(np.argmax(errors), errors.shape)
+    excess = _beyond(errors, allowed)
+    row, joint = np.unravel_index(np.argmax(excess), excess.shape)
     time = float(trajectory.waypoint_times[row])
-    return Worst(float(errors[row, joint]), int(joint), time)
-
-
-def _jumps(
-    problem: Problem, trajectory: Trajectory, tolerance: Tolerance, scale: float
-) -> list[tuple[Worst, float]]:
-    """The worst jump of each order at any break, and its size over its tolerance.
-
-    Before and after the motion the robot rests at its first and last waypoint. Acceleration counts
-    for the joints whose jerk is limited.
-    """
-    limits = problem.limits
-    position = np.full(problem.joints, tolerance.position * scale)
-    velocity = tolerance.jump * np.abs(limits.velocity).min(axis=1)
-    jerk_limited = np.isfinite(limits.jerk).any(axis=1)
-    acceleration = tolerance.jump * np.abs(limits.acceleration).min(axis=1)
-    allowed = [position, velocity, np.where(jerk_limited, acceleration, np.inf)]
-    return [_worst_jump(problem, trajectory, order, a) for order, a in enumerate(allowed)]
+    return Worst(float(errors[row, joint]), int(joint), time), float(excess[row, joint])
 
 
 def _worst_jump(
     problem: Problem, trajectory: Trajectory, order: int, allowed: Array
 ) -> tuple[Worst, float]:
-    lengths = np.diff(trajectory.breaks)
-    unit = polynomials.stretched(polynomials.derivative(trajectory.coefficients, order), lengths)
-    still = problem.waypoints[[0, -1]] if order == 0 else np.zeros((2, problem.joints))
+    """The worst jump of a derivative at any break, and its size over what is allowed.
+
+    Before and after the motion the robot rests at its first and last waypoint.
+    """
+    unit = trajectory.pieces(order)
+    still = np.zeros((2, problem.joints))
+    if order == 0:
+        still = problem.waypoints[[0, -1]]
     before = np.vstack([still[:1], unit.sum(axis=0)])
     after = np.vstack([unit[-1], still[1:]])
     jumps = np.abs(after - before)
-    # A staircase of tiny jumps is as good as a large one, so their sum counts too.
-    candidates = np.stack([jumps.max(axis=0), jumps.sum(axis=0)])
-    excess = candidates / (allowed * np.array([[1.0], [_STAIRCASE]]))
-    kind, joint = np.unravel_index(np.argmax(excess), excess.shape)
-    time = float(trajectory.breaks[np.argmax(jumps[:, joint])])
-    worst = Worst(float(candidates[kind, joint]), int(joint), time, order)
-    return worst, float(excess[kind, joint])
+    excess = _beyond(jumps, allowed)
+    at, joint = np.unravel_index(np.argmax(excess), excess.shape)
+    worst = Worst(float(jumps[at, joint]), int(joint), float(trajectory.breaks[at]), order)
+    return worst, float(excess[at, joint])
 
 
-def _flaws(
-    position: Worst | None, waypoint: Worst, jumps: list[tuple[Worst, float]], allowed: float
-) -> tuple[str, ...]:
-    """What dilation cannot mend, in words."""
-    found = []
-    if position and position.value > allowed:
-        found.append(_say(position, "leaves its position limits by", "rad"))
-    if waypoint.value > allowed:
-        found.append(_say(waypoint, "misses the waypoint by", "rad"))
-    units = (
-        ("position jumps by", "rad"),
-        ("velocity jumps by", "rad/s"),
-        ("acceleration jumps by", "rad/s²"),
-    )
-    found += [_say(worst, *units[worst.order]) for worst, excess in jumps if excess > 1]
-    return tuple(found)
+def _blur(problem: Problem, trajectory: Trajectory, tolerance: Tolerance) -> Worst | None:
+    """Where rounding alone moves a joint by more than is worth repairing, or None."""
+    unit = trajectory.pieces()
+    rounding = _EVALUATION_RTOL * len(unit) * np.abs(unit).sum(axis=0)
+    coordinates = np.abs(problem.waypoints).max(axis=0)
+    of_coordinates = 4 * _EVALUATION_RTOL * len(unit) * coordinates
+    _, largest = _distances(problem)
+    excess = _beyond(rounding, tolerance.position * largest + of_coordinates)
+    piece, joint = np.unravel_index(np.argmax(excess), excess.shape)
+    if excess[piece, joint] <= 1:
+        return None
+    return Worst(float(rounding[piece, joint]), int(joint), float(trajectory.breaks[piece]))
+
+
+def _distances(problem: Problem) -> tuple[Array, Array]:
+    """The smallest and the largest displacement of each joint that is not zero, rad, `(joints,)`.
+
+    A joint that never moves is measured by those that do.
+    """
+    distances = np.abs(problem.displacements)
+    moving = problem.moving
+    largest = np.where(moving, distances.max(axis=0), distances.max())
+    smallest = np.where(distances > 0, distances, np.inf).min(axis=0)
+    return np.where(moving, smallest, largest), largest
+
+
+def _beyond(errors: Array, allowed: Array) -> Array:
+    """Errors over what is allowed; what is not a number is beyond all bounds."""
+    return np.nan_to_num(errors / allowed, nan=np.inf)
+
+
+_JUMP_WORDS = (
+    ("position jumps by", "rad"),
+    ("velocity jumps by", "rad/s"),
+    ("acceleration jumps by", "rad/s²"),
+)
 
 
 def _say(worst: Worst, what: str, unit: str) -> str:

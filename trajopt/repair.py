@@ -1,0 +1,246 @@
+"""The exact repair of a trajectory: what is judged passes every waypoint, rests at both ends and
+does not jump (docs/mathematics.md, section 7).
+
+A tolerance is a gift, and gifts add up. So nothing is forgiven: positions are integrated anew from
+each waypoint, and what then misses the next waypoint, jumps at a break, or moves at an end is
+cancelled by polynomials that live within one segment. The repaired motion is harder where the given
+one cheated, and the limits judge it.
+
+A break's correction lives on the longer side of its segment, of duration `ρ` there: it grows from
+the segment's start to the break, or has died out from the break to the segment's end. The sum of
+all corrections of one joint in one segment of duration `L` is, with `σ = (t − t_{k−1}) / L`,
+
+    Σ_m growing_m σ^m + Σ_m dying_m (1 − σ)^m,    m = r + 1 … 2r + 1,
+
+where `r` is the highest derivative that may not jump: 1, or 2 where jerk is limited.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt import polynomials
+from trajopt.problem import Problem
+from trajopt.trajectory import Trajectory, nearest
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Bools = NDArray[np.bool_]
+
+# Two numbers that differ by this much of the larger are equal but for rounding.
+ROUNDING_RTOL = 4 * float(np.finfo(float).eps)
+# What all jumps of one joint that are rounding may add up to, relative to its largest value.
+ROUNDING_SUM_RTOL = 1e-11
+
+
+def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
+    """The trajectory, mended so that it passes every waypoint and does not jump.
+
+    Velocity becomes continuous and zero at both ends; so does acceleration, of joints whose jerk is
+    limited. Duration and waypoint times stay (but for rounding).
+
+    Args:
+        problem: of as many joints and waypoints as the trajectory has.
+        trajectory: whatever a planner returned.
+
+    Returns:
+        The mended trajectory; None where there is nothing to mend: two different waypoints at one
+        instant, or a number that overflows.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        layout = _layout(problem, trajectory)
+        if layout is None:
+            return None
+        coefficients = _rebased(layout)
+        jerk_limited = np.asarray(np.isfinite(problem.limits.jerk).any(axis=1))
+        for order, joints in ((1, ~jerk_limited), (2, jerk_limited)):
+            if joints.any():
+                added = _corrections(layout, joints, order)
+                coefficients = _with_added(coefficients, added, joints)
+    if not np.isfinite(coefficients).all():
+        return None
+    breaks = layout.trajectory.breaks
+    return Trajectory(breaks, coefficients, breaks[layout.waypoint_breaks])
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How pieces lie in segments; segments that take no time and go nowhere are left out.
+
+    Attributes:
+        trajectory: with a break at every waypoint.
+        travel: each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`.
+        waypoint_breaks: the index of each waypoint's break, `(waypoints,)`.
+        segment: of each piece, `(pieces,)`.
+        first: the first piece of each segment, `(segments,)`.
+        start, end: of each segment, s, `(segments,)`.
+        displacements: of each joint in each segment, rad, `(segments, joints)`.
+        origins: the waypoint where each segment starts, rad, `(segments, joints)`.
+    """
+
+    trajectory: Trajectory
+    travel: Array
+    waypoint_breaks: Indices
+    segment: Indices
+    first: Indices
+    start: Array
+    end: Array
+    displacements: Array
+    origins: Array
+
+
+def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
+    refined = trajectory.refined(trajectory.waypoint_times)
+    breaks = refined.breaks
+    at = nearest(breaks, trajectory.waypoint_times)
+    at[0] = 0
+    at[-1] = len(breaks) - 1
+    lasting = np.diff(at) > 0
+    if problem.displacements[~lasting].any():
+        return None
+    first = at[:-1][lasting]
+    after = at[1:][lasting]
+    return _Layout(
+        trajectory=refined,
+        travel=refined.pieces()[:-1].sum(axis=0),
+        waypoint_breaks=at,
+        segment=np.repeat(np.arange(len(first)), after - first),
+        first=first,
+        start=breaks[first],
+        end=breaks[after],
+        displacements=problem.displacements[lasting],
+        origins=problem.waypoints[:-1][lasting],
+    )
+
+
+def _rebased(layout: _Layout) -> Array:
+    """The coefficients, each segment's positions integrated anew from its waypoint.
+
+    So positions do not jump within a segment; the misses of its end are left.
+    """
+    # The travel before each piece: since the motion's start, less that before its segment.
+    before = np.cumsum(layout.travel, axis=0) - layout.travel
+    within = before - before[layout.first][layout.segment]
+    coefficients = np.array(layout.trajectory.coefficients)
+    coefficients[-1] = layout.origins[layout.segment] + within
+    return coefficients
+
+
+def _corrections(layout: _Layout, joints: Bools, order: int) -> Array | None:
+    """What to add to some joints, `(2 order + 2, pieces, joints)`; None where nothing is amiss.
+
+    `order` is the highest derivative that may not jump.
+    """
+    growing, dying = _jump_corrections(layout, joints, order)
+    missed = _missed(layout)[:, joints]
+    growing += (_BLEND[order] * missed[..., None])[layout.segment]
+    if not growing.any() and not dying.any():
+        return None
+    # From powers of σ and 1 − σ to powers of the time since the piece's start.
+    start = layout.start[layout.segment]
+    end = layout.end[layout.segment]
+    length = end - start
+    breaks = layout.trajectory.breaks[:-1]
+    risen = polynomials.shifted(_rows(growing, order), ((breaks - start) / length)[:, None])
+    fallen = polynomials.shifted(_rows(dying, order), ((end - breaks) / length)[:, None])
+    return polynomials.stretched(risen, 1 / length) + polynomials.stretched(fallen, -1 / length)
+
+
+def _missed(layout: _Layout) -> Array:
+    """By how much each segment falls short of its end, rad, `(segments, joints)`."""
+    short = layout.displacements - np.add.reduceat(layout.travel, layout.first)
+    rounding = np.abs(short) <= ROUNDING_RTOL * np.abs(layout.displacements)
+    return np.where(rounding, 0.0, short)
+
+
+def _jump_corrections(layout: _Layout, joints: Bools, order: int) -> tuple[Array, Array]:
+    """The powers of `σ` and of `1 − σ` that cancel all jumps, `(pieces, joints, order + 1)`."""
+    breaks = layout.trajectory.breaks
+    # The room on both sides of each break, within its segment; none before and after the motion.
+    room_before = np.full(len(breaks), -1.0)
+    room_after = np.full(len(breaks), -1.0)
+    room_before[1:] = breaks[1:] - layout.start[layout.segment]
+    room_after[:-1] = layout.end[layout.segment] - breaks[:-1]
+    dies = room_after > room_before
+    room = np.where(dies, room_after, room_before)
+    segment = np.where(dies, np.r_[layout.segment, -1], np.r_[-1, layout.segment])
+    share = room / (layout.end - layout.start)[segment]
+
+    # What the correction's derivatives must be at the break, in units of its room; what dies out
+    # runs backwards in time and takes the jump away after the break instead of before it.
+    sign = np.where(dies, -1.0, 1.0)[:, None]
+    slopes = [
+        sign * _jumps(layout, joints, derivative) * (sign * room[:, None]) ** derivative
+        for derivative in range(1, order + 1)
+    ]
+    # x^(r+1) … x^(2r+1), in x = σ / share.
+    powers = np.arange(order + 1, 2 * order + 2)
+    coefficients = _ending(*slopes) * share[:, None, None] ** -powers
+    dying = np.where(dies[:, None, None], coefficients, 0.0)
+    growing = coefficients - dying
+
+    # A piece has what died out from breaks at or before its start, and what grows to later breaks,
+    # of its own segment: differences of sums over all breaks.
+    died = np.cumsum(dying, axis=0)
+    grown = np.cumsum(growing, axis=0)
+    before_segment = (died - dying)[layout.first]
+    after = np.r_[layout.first[1:], len(breaks) - 1]
+    to_segment_end = grown[after]
+    return (
+        to_segment_end[layout.segment] - grown[:-1],
+        died[:-1] - before_segment[layout.segment],
+    )
+
+
+def _jumps(layout: _Layout, joints: Bools, order: int) -> Array:
+    """Jumps of a derivative at every break, `(breaks, joints)`, those of rounding left out.
+
+    Before and after the motion the robot rests.
+    """
+    unit = layout.trajectory.pieces(order)[..., joints]
+    rest = np.zeros((1, unit.shape[2]))
+    before = np.vstack([rest, unit.sum(axis=0)])
+    after = np.vstack([unit[-1], rest])
+    jumps = after - before
+    size = np.maximum(np.abs(before), np.abs(after))
+    rounding = np.abs(jumps) <= ROUNDING_RTOL * size
+    forgiven = np.where(rounding, np.abs(jumps), 0.0).sum(axis=0)
+    few = forgiven <= ROUNDING_SUM_RTOL * size.max(axis=0)
+    return np.where(rounding & few, 0.0, jumps)
+
+
+# From 0 to 1 with as many derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
+_BLEND = {1: np.array([3.0, -2.0]), 2: np.array([10.0, -15.0, 6.0])}
+
+
+def _ending(slope: Array, curvature: Array | None = None) -> Array:
+    """The polynomial that is zero at 0 and 1, with these derivatives at 1 and none at 0.
+
+    Returns:
+        The coefficients of x², x³ for a slope; of x³, x⁴, x⁵ for a slope and a curvature, last.
+    """
+    if curvature is None:
+        return np.stack([-slope, slope], axis=-1)  # s (x³ − x²)
+    # x³ (s (x − 1) + c (x − 1)²), whose curvature at 1 is 6 s + 2 c.
+    c = curvature / 2 - 3 * slope
+    return np.stack([c - slope, slope - 2 * c, c], axis=-1)
+
+
+def _rows(powers: Array, order: int) -> Array:
+    """`(pieces, joints, order + 1)` factors of x^(r+1) … x^(2r+1), in the layout of `Trajectory`."""
+    highest_first = np.moveaxis(powers, -1, 0)[::-1]
+    return np.concatenate([highest_first, np.zeros_like(highest_first)])
+
+
+def _with_added(coefficients: Array, added: Array | None, joints: Bools) -> Array:
+    """The sum, of the higher degree of both."""
+    if added is None:
+        return coefficients
+    missing_rows = max(0, len(added) - len(coefficients))
+    padding = np.zeros((missing_rows, *coefficients.shape[1:]))
+    total = np.concatenate([padding, coefficients])
+    total[len(total) - len(added) :, :, joints] += added
+    return total
