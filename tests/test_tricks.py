@@ -117,7 +117,7 @@ def passing(points, breaks, columns, sign) -> list[float]:
 
 @st.composite
 def cheats(draw) -> Trick:
-    """The fastest motion, made faster still, cut at random, and bent within and beyond tolerance."""
+    """The fastest motion, made faster still, cut at random, bent within tolerance and beyond."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     count = int(rng.integers(2, 7))
     h = 10.0 ** rng.uniform(-7, 3)

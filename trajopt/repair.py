@@ -32,6 +32,8 @@ Bools = NDArray[np.bool_]
 
 # Two numbers that differ by this much of the larger are equal but for rounding.
 ROUNDING_RTOL = 4 * float(np.finfo(float).eps)
+# What all misses that are rounding of coordinates may be worth, as a fraction of the duration.
+FLY_BY_RTOL = 1e-10
 # What all jumps of one joint that are rounding may add up to, relative to its largest value.
 ROUNDING_SUM_RTOL = 1e-11
 
@@ -150,10 +152,31 @@ def _corrections(layout: _Layout, joints: Bools, order: int) -> Array | None:
 
 
 def _missed(layout: _Layout) -> Array:
-    """By how much each segment falls short of its end, rad, `(segments, joints)`."""
+    """By how much each segment falls short of its end, rad, `(segments, joints)`.
+
+    What is rounding of the displacement is no miss. Nor is rounding of the coordinates, where the
+    joint flies by so fast that it is worth next to nothing: mended within a segment of 1e-7 s, the
+    last digit of a coordinate would cost a tenth of the acceleration limit.
+    """
     short = layout.displacements - np.add.reduceat(layout.travel, layout.first)
-    rounding = np.abs(short) <= ROUNDING_RTOL * np.abs(layout.displacements)
-    return np.where(rounding, 0.0, short)
+    size = np.abs(short)
+    of_displacement = size <= ROUNDING_RTOL * np.abs(layout.displacements)
+    if of_displacement.all():
+        return np.zeros_like(short)
+    destinations = layout.origins + layout.displacements
+    coordinates = np.maximum(np.abs(layout.origins), np.abs(destinations))
+    of_coordinates = size <= ROUNDING_RTOL * coordinates
+    worth = size / _slowest(layout)
+    negligible = worth <= FLY_BY_RTOL * layout.trajectory.duration / len(layout.first)
+    return np.where(of_displacement | (of_coordinates & negligible), 0.0, short)
+
+
+def _slowest(layout: _Layout) -> Array:
+    """A speed that each joint never falls below in each segment, rad/s, `(segments, joints)`."""
+    velocity = polynomials.bernstein(layout.trajectory.pieces(1))
+    least = np.minimum.reduceat(velocity.min(axis=0), layout.first)
+    greatest = np.maximum.reduceat(velocity.max(axis=0), layout.first)
+    return np.maximum(np.maximum(least, -greatest), 0.0)
 
 
 def _jump_corrections(layout: _Layout, joints: Bools, order: int) -> tuple[Array, Array]:
@@ -230,7 +253,7 @@ def _ending(slope: Array, curvature: Array | None = None) -> Array:
 
 
 def _rows(powers: Array, order: int) -> Array:
-    """`(pieces, joints, order + 1)` factors of x^(r+1) … x^(2r+1), in the layout of `Trajectory`."""
+    """Factors `(…, order + 1)` of x^(r+1) … x^(2r+1), in the layout of `Trajectory`."""
     highest_first = np.moveaxis(powers, -1, 0)[::-1]
     return np.concatenate([highest_first, np.zeros_like(highest_first)])
 

@@ -36,20 +36,21 @@ class Tolerance:
     """How far a trajectory may stray and still be worth repairing.
 
     What is within tolerance is not forgiven but repaired, and the repair is what is certified; what
-    is beyond is a flaw. Only position limits keep their tolerance: a waypoint on a wall can gain
-    about `sqrt(2 · excess / acceleration)` seconds from it.
+    is beyond is a flaw. Only position limits keep their tolerance: where a waypoint lies on one, an
+    excess `e` may gain some `sqrt(2 e / A)` seconds.
 
     Attributes:
         limit: for velocity, acceleration and jerk to count as kept, relative.
-        position: for waypoints, position limits and jumps of position, relative to the smallest
-            displacement of the joint that is not zero (and some units in the last place of its
-            largest coordinate).
+        position: of waypoints, relative to the joint's smallest displacement that is not zero; of
+            jumps of position, to its largest.
+        position_limit: relative to the joint's largest displacement.
         jump: of velocity and acceleration at the breaks, relative to what the joint can reach:
             `min(V, sqrt(A h))` and `min(A, cbrt(J² h))`, `h` its largest displacement.
     """
 
     limit: float = 1e-6
-    position: float = 1e-8
+    position: float = 1e-6
+    position_limit: float = 1e-8
     jump: float = 1e-6
 
 
@@ -172,21 +173,20 @@ def _judged(
 ) -> tuple[Certificate, Trajectory]:
     """The verdict, and the trajectory whose peaks it tells: repaired where that can be."""
     allowed = _allowed(problem, tolerance)
-    waypoint, missed = _worst_miss(problem, trajectory, allowed[0])
+    waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
     jumps = [
-        _worst_jump(problem, trajectory, order, allowed[order]) for order in range(len(allowed))
+        _worst_jump(problem, trajectory, order, jump) for order, jump in enumerate(allowed.jumps)
     ]
     continuity, _ = max(jumps, key=lambda jump: jump[1])
+    blurred, blur = _worst_blur(trajectory, allowed.blur)
     flaws = []
     if missed > 1:
         flaws.append(_say(waypoint, "misses the waypoint by", "rad"))
     for worst, excess in jumps:
         if excess > 1:
             flaws.append(_say(worst, *_JUMP_WORDS[worst.order]))
-
-    blurred = _blur(problem, trajectory, tolerance)
-    if blurred:
-        flaws.append(_say(blurred, "its terms cancel, which rounds its position by", "rad"))
+    if blur > 1:
+        flaws.append(_say(blurred, "terms cancel, which rounds the position by", "rad"))
 
     mended = None if flaws else repaired(problem, trajectory)
     judged = mended or trajectory
@@ -196,7 +196,7 @@ def _judged(
     jerk = _peak(judged, 3, limits.jerk, _ratio) if problem.has("jerk") else None
     position = _peak(judged, 0, limits.position, _excess) if problem.has("position") else None
     dilation = _dilation(velocity, acceleration, jerk)
-    if position and position.value > allowed[0][position.joint]:
+    if position and position.value > allowed.position_limit[position.joint]:
         flaws.insert(0, _say(position, "leaves its position limits by", "rad"))
     if mended is None and not flaws:
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
@@ -225,21 +225,53 @@ def _dilation(velocity: Worst, acceleration: Worst, jerk: Worst | None) -> float
     return float(np.max(factors))  # which keeps what is not a number
 
 
-def _allowed(problem: Problem, tolerance: Tolerance) -> list[Array]:
-    """How far each joint may be off to be worth repairing: rad, rad/s, rad/s², `(joints,)` each."""
+@dataclass(frozen=True)
+class _Allowed:
+    """How far each joint may be off and still be worth repairing, `(joints,)` each.
+
+    Attributes:
+        waypoint, position_limit, blur: rad.
+        jumps: of position, velocity and acceleration: rad, rad/s, rad/s².
+    """
+
+    waypoint: Array
+    position_limit: Array
+    blur: Array
+    jumps: tuple[Array, Array, Array]
+
+
+def _allowed(problem: Problem, tolerance: Tolerance) -> _Allowed:
     limits = problem.limits
     smallest, largest = _distances(problem)
-    coordinates = np.abs(problem.waypoints).max(axis=0)
-    position = tolerance.position * smallest + _COORDINATE_RTOL * coordinates
+    coordinates = _COORDINATE_RTOL * np.abs(problem.waypoints).max(axis=0)
 
     V = np.abs(limits.velocity).min(axis=1)
     A = np.abs(limits.acceleration).min(axis=1)
     J = np.abs(limits.jerk).min(axis=1)
-    velocity = tolerance.jump * np.minimum(V, np.sqrt(A * largest))
-    reached = np.minimum(A, np.cbrt(J) ** 2 * np.cbrt(largest))
+    reached_velocity = np.minimum(V, np.sqrt(A * largest))
+    reached_acceleration = np.minimum(A, np.cbrt(J) ** 2 * np.cbrt(largest))
     jerk_limited = np.isfinite(limits.jerk).any(axis=1)
-    acceleration = np.where(jerk_limited, tolerance.jump * reached, np.inf)
-    return [position, velocity, acceleration]
+    position_jump = tolerance.position * largest + coordinates
+    velocity_jump = tolerance.jump * reached_velocity
+    acceleration_jump = np.where(jerk_limited, tolerance.jump * reached_acceleration, np.inf)
+    return _Allowed(
+        waypoint=tolerance.position * smallest + coordinates,
+        position_limit=tolerance.position_limit * largest + coordinates,
+        blur=tolerance.position * largest + 4 * coordinates,
+        jumps=(position_jump, velocity_jump, acceleration_jump),
+    )
+
+
+def _distances(problem: Problem) -> tuple[Array, Array]:
+    """The smallest and the largest displacement of each joint that is not zero, rad, `(joints,)`.
+
+    A joint that never moves is measured by those that do.
+    """
+    distances = np.abs(problem.displacements)
+    moving = problem.moving
+    largest = np.where(moving, distances.max(axis=0), distances.max())
+    smallest = np.where(distances > 0, distances, np.inf).min(axis=0)
+    return np.where(moving, smallest, largest), largest
 
 
 def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
@@ -325,30 +357,14 @@ def _worst_jump(
     return worst, float(excess[at, joint])
 
 
-def _blur(problem: Problem, trajectory: Trajectory, tolerance: Tolerance) -> Worst | None:
-    """Where rounding alone moves a joint by more than is worth repairing, or None."""
+def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
+    """Where rounding alone moves a joint most, and by how much over what is allowed."""
     unit = trajectory.pieces()
     rounding = _EVALUATION_RTOL * len(unit) * np.abs(unit).sum(axis=0)
-    coordinates = np.abs(problem.waypoints).max(axis=0)
-    of_coordinates = 4 * _EVALUATION_RTOL * len(unit) * coordinates
-    _, largest = _distances(problem)
-    excess = _beyond(rounding, tolerance.position * largest + of_coordinates)
+    excess = _beyond(rounding, allowed)
     piece, joint = np.unravel_index(np.argmax(excess), excess.shape)
-    if excess[piece, joint] <= 1:
-        return None
-    return Worst(float(rounding[piece, joint]), int(joint), float(trajectory.breaks[piece]))
-
-
-def _distances(problem: Problem) -> tuple[Array, Array]:
-    """The smallest and the largest displacement of each joint that is not zero, rad, `(joints,)`.
-
-    A joint that never moves is measured by those that do.
-    """
-    distances = np.abs(problem.displacements)
-    moving = problem.moving
-    largest = np.where(moving, distances.max(axis=0), distances.max())
-    smallest = np.where(distances > 0, distances, np.inf).min(axis=0)
-    return np.where(moving, smallest, largest), largest
+    worst = Worst(float(rounding[piece, joint]), int(joint), float(trajectory.breaks[piece]))
+    return worst, float(excess[piece, joint])
 
 
 def _beyond(errors: Array, allowed: Array) -> Array:
