@@ -30,12 +30,17 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
-# Two numbers that differ by this much of the larger are equal but for rounding.
-ROUNDING_RTOL = 4 * float(np.finfo(float).eps)
-# What all misses that are rounding of coordinates may be worth, as a fraction of the duration.
+# Rounding that is not mended, and what it can be worth. A jump of a derivative: relative to the
+# joint's largest value of it; all of them together are worth no more than the second number of the
+# duration, since peak velocity is at most A T / 2.
+JUMP_RTOL = 4 * float(np.finfo(float).eps)
+JUMPS_SUM_RTOL = 1e-11
+# A miss: relative to the way travelled in the segment.
+TRAVEL_RTOL = 1e-13
+# A miss that is rounding of the coordinates, where the joint flies by: relative to the coordinate;
+# all of them together may be worth so much of the duration.
+COORDINATE_RTOL = 4 * float(np.finfo(float).eps)
 FLY_BY_RTOL = 1e-10
-# What all jumps of one joint that are rounding may add up to, relative to its largest value.
-ROUNDING_SUM_RTOL = 1e-11
 
 
 def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
@@ -136,11 +141,12 @@ def _corrections(layout: _Layout, joints: Bools, order: int) -> Array | None:
 
     `order` is the highest derivative that may not jump.
     """
-    growing, dying = _jump_corrections(layout, joints, order)
     missed = _missed(layout)[:, joints]
-    growing += (_BLEND[order] * missed[..., None])[layout.segment]
-    if not growing.any() and not dying.any():
+    jumps = [_jumps(layout, joints, derivative) for derivative in range(1, order + 1)]
+    if not missed.any() and not any(jump.any() for jump in jumps):
         return None
+    growing, dying = _jump_corrections(layout, jumps)
+    growing += (_BLEND[order] * missed[..., None])[layout.segment]
     # From powers of σ and 1 − σ to powers of the time since the piece's start.
     start = layout.start[layout.segment]
     end = layout.end[layout.segment]
@@ -154,21 +160,22 @@ def _corrections(layout: _Layout, joints: Bools, order: int) -> Array | None:
 def _missed(layout: _Layout) -> Array:
     """By how much each segment falls short of its end, rad, `(segments, joints)`.
 
-    What is rounding of the displacement is no miss. Nor is rounding of the coordinates, where the
+    What is rounding of the way travelled is no miss. Nor is rounding of the coordinates, where the
     joint flies by so fast that it is worth next to nothing: mended within a segment of 1e-7 s, the
     last digit of a coordinate would cost a tenth of the acceleration limit.
     """
     short = layout.displacements - np.add.reduceat(layout.travel, layout.first)
     size = np.abs(short)
-    of_displacement = size <= ROUNDING_RTOL * np.abs(layout.displacements)
-    if of_displacement.all():
+    way = np.add.reduceat(np.abs(layout.travel), layout.first)
+    of_travel = size <= TRAVEL_RTOL * way
+    if of_travel.all():
         return np.zeros_like(short)
     destinations = layout.origins + layout.displacements
     coordinates = np.maximum(np.abs(layout.origins), np.abs(destinations))
-    of_coordinates = size <= ROUNDING_RTOL * coordinates
-    worth = size / _slowest(layout)
+    of_coordinates = size <= COORDINATE_RTOL * coordinates
+    worth = size / _slowest(layout)  # s
     negligible = worth <= FLY_BY_RTOL * layout.trajectory.duration / len(layout.first)
-    return np.where(of_displacement | (of_coordinates & negligible), 0.0, short)
+    return np.where(of_travel | (of_coordinates & negligible), 0.0, short)
 
 
 def _slowest(layout: _Layout) -> Array:
@@ -179,8 +186,12 @@ def _slowest(layout: _Layout) -> Array:
     return np.maximum(np.maximum(least, -greatest), 0.0)
 
 
-def _jump_corrections(layout: _Layout, joints: Bools, order: int) -> tuple[Array, Array]:
-    """The powers of `σ` and of `1 − σ` that cancel all jumps, `(pieces, joints, order + 1)`."""
+def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array]:
+    """The powers of `σ` and of `1 − σ` that cancel all jumps, `(pieces, joints, order + 1)`.
+
+    `jumps` has those of velocity, and of acceleration if it may not jump, `(breaks, joints)` each.
+    """
+    order = len(jumps)
     breaks = layout.trajectory.breaks
     # The room on both sides of each break, within its segment; none before and after the motion.
     room_before = np.full(len(breaks), -1.0)
@@ -196,8 +207,8 @@ def _jump_corrections(layout: _Layout, joints: Bools, order: int) -> tuple[Array
     # runs backwards in time and takes the jump away after the break instead of before it.
     sign = np.where(dies, -1.0, 1.0)[:, None]
     slopes = [
-        sign * _jumps(layout, joints, derivative) * (sign * room[:, None]) ** derivative
-        for derivative in range(1, order + 1)
+        sign * jump * (sign * room[:, None]) ** derivative
+        for derivative, jump in enumerate(jumps, start=1)
     ]
     # x^(r+1) … x^(2r+1), in x = σ / share.
     powers = np.arange(order + 1, 2 * order + 2)
@@ -228,10 +239,10 @@ def _jumps(layout: _Layout, joints: Bools, order: int) -> Array:
     before = np.vstack([rest, unit.sum(axis=0)])
     after = np.vstack([unit[-1], rest])
     jumps = after - before
-    size = np.maximum(np.abs(before), np.abs(after))
-    rounding = np.abs(jumps) <= ROUNDING_RTOL * size
+    largest = np.maximum(np.abs(before), np.abs(after)).max(axis=0)
+    rounding = np.abs(jumps) <= JUMP_RTOL * largest
     forgiven = np.where(rounding, np.abs(jumps), 0.0).sum(axis=0)
-    few = forgiven <= ROUNDING_SUM_RTOL * size.max(axis=0)
+    few = forgiven <= JUMPS_SUM_RTOL * largest
     return np.where(rounding & few, 0.0, jumps)
 
 

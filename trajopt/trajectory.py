@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,7 +55,7 @@ class Trajectory:
     def joints(self) -> int:
         return int(self.coefficients.shape[2])
 
-    @property
+    @cached_property
     def lengths(self) -> Array:
         """Duration of each piece, s, `(pieces,)`."""
         return np.diff(self.breaks)
@@ -78,8 +79,21 @@ class Trajectory:
             Coefficients `(degree + 1 − order, pieces, joints)`, highest power first, whose values
             are rad/s^order.
         """
-        derivative = polynomials.derivative(self.coefficients, order)
-        return polynomials.stretched(derivative, self.lengths)
+        if order not in self._pieces:
+            derivative = polynomials.derivative(self.coefficients, order)
+            pieces = polynomials.stretched(derivative, self.lengths)
+            pieces.setflags(write=False)
+            self._pieces[order] = pieces
+        return self._pieces[order]
+
+    @cached_property
+    def _pieces(self) -> dict[int, Array]:
+        """What `pieces` has computed so far, by order: the verifier asks again and again."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Array]:
+        """The arrays alone: what was computed from them does not travel between processes."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def dilated(self, factor: float) -> Trajectory:
         """The same path, `factor` times as slow: the n-th derivative divides by `factor ** n`.
@@ -100,9 +114,10 @@ class Trajectory:
         wanted = np.asarray(times, dtype=float)
         slack = BREAK_RTOL * self.duration
         distance = np.abs(wanted - self.breaks[nearest(self.breaks, wanted)])
-        added = np.unique(wanted[distance > slack])
-        if not added.size:
+        missing = distance > slack
+        if not missing.any():
             return self
+        added = np.unique(wanted[missing])
         breaks = np.union1d(self.breaks, added)
         piece = self._piece_at(breaks[:-1])
         offset = breaks[:-1] - self.breaks[piece]

@@ -331,10 +331,10 @@ def _peak_among(
 def _worst_miss(problem: Problem, trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     """The worst miss of a waypoint, and its size over what is allowed."""
     errors = np.abs(trajectory(trajectory.waypoint_times) - problem.waypoints)
-    excess = _beyond(errors, allowed)
+    excess = errors / allowed
     row, joint = np.unravel_index(np.argmax(excess), excess.shape)
     time = float(trajectory.waypoint_times[row])
-    return Worst(float(errors[row, joint]), int(joint), time), float(excess[row, joint])
+    return Worst(float(errors[row, joint]), int(joint), time), _size(excess[row, joint])
 
 
 def _worst_jump(
@@ -351,25 +351,25 @@ def _worst_jump(
     before = np.vstack([still[:1], unit.sum(axis=0)])
     after = np.vstack([unit[-1], still[1:]])
     jumps = np.abs(after - before)
-    excess = _beyond(jumps, allowed)
+    excess = jumps / allowed
     at, joint = np.unravel_index(np.argmax(excess), excess.shape)
     worst = Worst(float(jumps[at, joint]), int(joint), float(trajectory.breaks[at]), order)
-    return worst, float(excess[at, joint])
+    return worst, _size(excess[at, joint])
 
 
 def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     """Where rounding alone moves a joint most, and by how much over what is allowed."""
     unit = trajectory.pieces()
     rounding = _EVALUATION_RTOL * len(unit) * np.abs(unit).sum(axis=0)
-    excess = _beyond(rounding, allowed)
+    excess = rounding / allowed
     piece, joint = np.unravel_index(np.argmax(excess), excess.shape)
     worst = Worst(float(rounding[piece, joint]), int(joint), float(trajectory.breaks[piece]))
-    return worst, float(excess[piece, joint])
+    return worst, _size(excess[piece, joint])
 
 
-def _beyond(errors: Array, allowed: Array) -> Array:
-    """Errors over what is allowed; what is not a number is beyond all bounds."""
-    return np.nan_to_num(errors / allowed, nan=np.inf)
+def _size(excess: np.float64) -> float:
+    """What is not a number (NumPy's `argmax` finds it) is beyond all bounds."""
+    return np.inf if np.isnan(excess) else float(excess)
 
 
 _JUMP_WORDS = (
