@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -445,7 +445,14 @@ def _solver(segments: int, joints: int) -> Program:
     )
 
 
-def starting_points(scaled: Scaled, count: int) -> Iterator[Start]:
+class HasStopTimes(Protocol):
+    """A problem without units, with or without jerk limits."""
+
+    h: Array
+    stop: Array
+
+
+def starting_points(scaled: HasStopTimes, count: int) -> Iterator[Start]:
     """Times and waypoint velocities to start from: generous stopping first, then random ones."""
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)

@@ -21,26 +21,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.exact import acceleration as exact_nlp
-from baselines.exact import jerk_reach
+from baselines.exact import acceleration, jerk_reach
 from baselines.exact.acceleration import Exact
-from baselines.exact.jerk_profiles import Array, Bools, Limit, risen
+from baselines.exact.jerk_profiles import Array, Bools, Limit, Profile, risen
 from baselines.exact.jerk_reach import Scaled, repaired
-from baselines.ipopt import Program, flat, no_start_succeeded, optima, program
+from baselines.ipopt import Program, flat, no_start_succeeded, optima, program, unflat
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, Relation, backend, passing_once
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.verification import verify
 
-IPOPT = exact_nlp.IPOPT | {"tol": 1e-10}
+Start = tuple[Array, Array]  # segment times, waypoint states
+
+IPOPT = acceleration.IPOPT | {"tol": 1e-10}
 
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
 _PATIENCE = 3  # times as many starts where all have failed so far
-_ROUNDS = 5
+_FOLLOW_ROUNDS = 5
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-_PROGRESS = 1e-7  # relative: the least gain worth another round
-_SLOWER = 1.3  # than without jerk limits: a start
+_PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
+_START_DILATION = 1.3  # of the optimum without jerk limits: a start
 
 
 @dataclass(frozen=True)
@@ -80,32 +81,42 @@ class ExactJerk(Planner):
 
         A start that IPOPT leads where an earlier one led ends where that one ended.
         """
-        scaled, began = Scaled(problem), time.perf_counter()
+        scaled = Scaled(problem)
+        began = time.perf_counter()
         solver = _solver(*scaled.h.shape)
         setup_time = time.perf_counter() - began
-        starts = _starts(scaled, _PATIENCE * self.starts)
-        free = np.zeros((2, *scaled.h.shape), dtype=bool)
-        first = optima(lambda start: _run(solver, scaled, *start, free), starts, self.starts)
-        found = _refined(solver, scaled, first)
-        durations = scaled.unit * np.array([optimum.duration for optimum in found])
-        stats = {"start_status": [o.status for o in found], "start_duration": durations}
-        return replace(self._best(scaled, found), setup_time=setup_time, stats=stats)
+        nothing_apart = np.zeros((2, *scaled.h.shape), dtype=bool)
 
-    def _best(self, scaled: Scaled, found: list[_Optimum]) -> Solution:
-        best = min(found, key=lambda optimum: optimum.duration)
+        def solve_from(start: Start) -> _Optimum:
+            return _run(solver, scaled, *start, nothing_apart)
+
+        starts = _starts(scaled, _PATIENCE * self.starts)
+        first = optima(solve_from, starts, self.starts)
+        local = _followed_once(solver, scaled, first)
+        durations = np.array([optimum.duration for optimum in local])
+        stats = {
+            "start_status": [optimum.status for optimum in local],
+            "start_duration": scaled.unit * durations,
+        }
+        solution = self._best(scaled, local)
+        return replace(solution, setup_time=setup_time, stats=stats)
+
+    def _best(self, scaled: Scaled, local: list[_Optimum]) -> Solution:
+        best = min(local, key=lambda optimum: optimum.duration)
         if not np.isfinite(best.duration):
-            message = no_start_succeeded(optimum.status for optimum in found)
+            message = no_start_succeeded(optimum.status for optimum in local)
             return Solution(Status.FAILED, message=message)
         answer = scaled.trajectory(best.times, best.states)
         if self.relation(scaled.problem) is Relation.SAME:
             return Solution(Status.SOLVED, answer)
-        bound = verify(scaled.problem.without("position"), answer).certified_duration
+        without_position = scaled.problem.without("position")
+        lower_bound = verify(without_position, answer).certified_duration
         message = "position limits are ignored: a lower bound (best known, not proved)"
-        return Solution(Status.SOLVED, answer, message, bound)
+        return Solution(Status.SOLVED, answer, message, lower_bound)
 
 
 class _Optimum(NamedTuple):
-    """What IPOPT found from one start, exactly reachable; infinite duration if nothing.
+    """Where IPOPT ended from one start, exactly reachable; infinite duration if nowhere.
 
     `states` are the velocities and accelerations of all waypoints, `(2, segments + 1, joints)`.
     """
@@ -141,91 +152,191 @@ def _solver(segments: int, joints: int) -> Program:
     def symbols(count: int, rows: int = segments, columns: int = joints) -> list[Any]:
         return [ca.MX.sym(f"x{i}", rows, columns) for i in range(count)]
 
-    (t, stop), (h, share) = symbols(2, columns=1), symbols(2)
-    inner, limits = symbols(2, rows=segments - 1), symbols(4, rows=1)
-    x = _Variables(t, inner, symbols(5), symbols(5), share)
-    wide = [ca.repmat(limit, segments, 1) for limit in limits]
-    times, size = (ca.repmat(y, 1, joints) for y in (t, stop))
-    rows, total = _rows(ca, x._replace(times=times), h, size, wide), ca.dot(stop, t)
-    g = [*rows, _LONGEST * ca.sum1(stop) - total]
+    # variables
+    (t,) = symbols(1, columns=1)
+    inner = symbols(2, rows=segments - 1)
+    upper = symbols(5)
+    lower = symbols(5)
+    (share,) = symbols(1)
+    x = _Variables(t, inner, upper, lower, share)
+    # parameters: displacements, stop times, and the limits V1, V2, r1, r2
+    (h,) = symbols(1)
+    (stop,) = symbols(1, columns=1)
+    limits = symbols(4, rows=1)
+
+    # every constraint is a table over segments and joints
+    v1, v2, r1, r2 = (ca.repmat(limit, segments, 1) for limit in limits)
+    times = ca.repmat(t, 1, joints)
+    size = ca.repmat(stop, 1, joints)
+    # both ends rest, without acceleration
+    rest = ca.MX.zeros(1, joints)
+    velocities, accelerations = inner
+    u = ca.vertcat(rest, velocities)
+    w = ca.vertcat(velocities, rest)
+    a = ca.vertcat(rest, accelerations)
+    b = ca.vertcat(accelerations, rest)
+    d_up, upper_rows = _profile_rows(
+        upper,
+        (u, a, w, -b),
+        times,
+        size,
+        limits=(v2, r2, r1),
+    )
+    d_lo, lower_rows = _profile_rows(
+        lower,
+        (-u, -a, -w, b),
+        times,
+        size,
+        limits=(v1, r1, r2),
+    )
+    # λ D_up + (1 − λ) D_lo = h, the lower profile being mirrored
+    covered = share * d_up - (1 - share) * d_lo
+    displacement_row = (covered - h) / size**2
+    # all together hardly slower than stopping at every waypoint
+    total = ca.dot(stop, t)
+    spare_time = _LONGEST * ca.sum1(stop) - total
     return program(
         "exact_jerk",
         variables=x.tables,
         parameters=[h, stop, *limits],
         objective=total,
-        constraints=g,
+        constraints=[*upper_rows, *lower_rows, displacement_row, spare_time],
         options=IPOPT,
     )
 
 
-def _rows(ca: Any, x: _Variables, h: Any, size: Any, limits: Any) -> list[Any]:
-    """The constraints of all segments and joints; `size` holds the segments' stop times."""
-    rest, (v1, v2, r1, r2) = ca.MX.zeros(1, h.shape[1]), limits
-    (u, w), (a, b) = ((ca.vertcat(rest, y), ca.vertcat(y, rest)) for y in x.inner)
-    d_up, *upper = _profile_rows(x.upper, (u, a, w, -b), x.times, size, (v2, r2, r1))
-    d_lo, *lower = _profile_rows(x.lower, (-u, -a, -w, b), x.times, size, (v1, r1, r2))
-    return [*upper, *lower, (x.share * d_up - (1 - x.share) * d_lo - h) / size**2]
+def _profile_rows(
+    profile: list[Any],
+    ends: tuple[Any, Any, Any, Any],
+    t: Any,
+    size: Any,
+    limits: tuple[Any, Any, Any],
+) -> tuple[Any, list[Any]]:
+    """Displacement and constraints of one extreme profile, in CasADi's symbols.
 
+    Args:
+        profile: its variables, as in `_Variables`.
+        ends: velocity and acceleration at the start, then at the end seen backwards.
+        t: segment times, in stop times.
+        size: stop times.
+        limits: velocity limit, inverse jerk upwards and downwards.
 
-def _profile_rows(profile: Any, ends: Any, t: Any, size: Any, limits: Any) -> list[Any]:
-    """Displacement and constraints of one extreme profile: two that vanish, four not negative."""
-    (rise, fall, rise_hold, cruise, fall_hold), (u, a, w, b) = profile, ends
+    Returns:
+        The displacement, and the rows: two that vanish, four that are not negative.
+    """
+    rise, fall, rise_hold, cruise, fall_hold = profile
+    u, a, w, b = ends
     top, up, down = limits
-    p, before, moved = risen(u, a, rise, rise_hold * size, up, down)
-    q, after, left = risen(w, b, fall, fall_hold * size, up, down)
-    total, displacement = (before + after) / size + cruise, moved + left + p * cruise * size
-    return [displacement, total - t, p - q, top - p, rise - a, fall - b, rise + fall]
+    peak, before, ascended = risen(u, a, rise, rise_hold * size, up, down)
+    same_peak, after, descended = risen(w, b, fall, fall_hold * size, up, down)
+    duration = (before + after) / size + cruise
+    displacement = ascended + descended + peak * cruise * size
+    rows = [
+        # equal: the time is filled, rise and fall meet at one peak
+        duration - t,
+        peak - same_peak,
+        # not negative: the velocity limit, ramps forwards in time, straight from rise to fall
+        top - peak,
+        rise - a,
+        fall - b,
+        rise + fall,
+    ]
+    return displacement, rows
 
 
 def _bounds(scaled: Scaled, apart: Bools) -> tuple[Array, Array]:
     """Bounds of all variables; no segment takes longer than stopping everywhere does."""
-    zero, stop = np.zeros(scaled.h.shape), scaled.stop
-    box = np.stack([scaled.v, np.where(scaled.jerky, scaled.a, 0.0)], axis=1)[:, :, None]
-    inner = np.tile(box, (len(zero) - 1, 1))
-    sides = zip(scaled.sides(), apart, strict=True)
-    upper, lower = (_profile_bounds(limit, free, scaled.jerky) for limit, free in sides)
-    low = _Variables(scaled.shortest / stop, inner[0], upper[0], lower[0], zero)
-    high = _Variables(_LONGEST * stop.sum() / stop, inner[1], upper[1], lower[1], zero + 1)
+    stop = scaled.stop
+    zero = np.zeros(scaled.h.shape)
+    inner = np.ones((len(stop) - 1, 1))
+    a1, a2 = np.where(scaled.jerky, scaled.a, 0.0)
+    upper_side, lower_side = scaled.sides()
+    upper_low, upper_high = _profile_bounds(upper_side, apart[0], scaled.jerky)
+    lower_low, lower_high = _profile_bounds(lower_side, apart[1], scaled.jerky)
+    low = _Variables(
+        times=scaled.shortest / stop,
+        inner=[inner * scaled.v[0], inner * a1],
+        upper=upper_low,
+        lower=lower_low,
+        share=zero,
+    )
+    high = _Variables(
+        times=_LONGEST * stop.sum() / stop,
+        inner=[inner * scaled.v[1], inner * a2],
+        upper=upper_high,
+        lower=lower_high,
+        share=zero + 1,
+    )
     return flat(*low.tables), flat(*high.tables)
 
 
-def _profile_bounds(limit: Limit, apart: Bools, jerky: Bools) -> tuple[list[Array], list[Array]]:
+def _profile_bounds(
+    limit: Limit,
+    apart: Bools,
+    jerky: Bools,
+) -> tuple[list[Array], list[Array]]:
     """Profiles `apart` from acceleration 0 have no cruise; the others rise and fall through it.
 
     A rise that stays below 0 ends at least at the limit of the fall, and so the other way. Without
     a jerk limit acceleration is at its own.
     """
     zero = np.zeros(apart.shape)
-    most = [zero + limit.rise, zero + limit.fall]
-    floor = [np.where(jerky, 0.0, own) for own in most]
-    low = [np.where(apart, -other, x) for x, other in zip(floor, most[::-1], strict=True)]
-    free = zero + np.inf
-    return [*low, zero, zero, zero], [*most, free, np.where(apart, 0.0, free), free]
+    infinite = zero + np.inf
+    highest_rise = zero + limit.rise
+    highest_fall = zero + limit.fall
+    through_rise = np.where(jerky, 0.0, highest_rise)
+    through_fall = np.where(jerky, 0.0, highest_fall)
+    lowest_rise = np.where(apart, -highest_fall, through_rise)
+    lowest_fall = np.where(apart, -highest_rise, through_fall)
+    longest_cruise = np.where(apart, 0.0, infinite)
+    # rise, fall, rise_hold, cruise, fall_hold
+    low = [lowest_rise, lowest_fall, zero, zero, zero]
+    high = [highest_rise, highest_fall, infinite, longest_cruise, infinite]
+    return low, high
 
 
 def _point(scaled: Scaled, times: Array, states: Array) -> Array:
     """IPOPT's variables for times and waypoint states, with their extreme profiles."""
-    both, size = scaled.extremes(times, states), scaled.stop[:, None]
-    upper, lower = (
-        [p.rise, p.fall, *(x / size for x in (p.rise_hold, p.cruise, p.fall_hold))] for p in both
+    both = scaled.extremes(times, states)
+    size = scaled.stop[:, None]
+    variables = _Variables(
+        times=times / scaled.stop,
+        inner=states[:, 1:-1],
+        upper=_profile_point(both.upper, size),
+        lower=_profile_point(both.lower, size),
+        share=both.share(scaled.h),
     )
-    share = both.share(scaled.h)
-    return flat(*_Variables(times / scaled.stop, states[:, 1:-1], upper, lower, share).tables)
+    return flat(*variables.tables)
+
+
+def _profile_point(profile: Profile, size: Array) -> list[Array]:
+    """IPOPT's variables for a profile; `size` are the stop times."""
+    return [
+        profile.rise,
+        profile.fall,
+        profile.rise_hold / size,
+        profile.cruise / size,
+        profile.fall_hold / size,
+    ]
 
 
 def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
     """Times and waypoint states from IPOPT's variables."""
     segments, joints = scaled.h.shape
-    inner = x[segments:][: 2 * (segments - 1) * joints].reshape(2, joints, segments - 1)
-    return x[:segments] * scaled.stop, _with_rest(inner.swapaxes(1, 2))
+    inner = (segments - 1, joints)
+    times, *states = unflat(x, [(segments,), inner, inner])
+    return times * scaled.stop, _with_rest(np.stack(states))
 
 
-def _starts(scaled: Scaled, count: int) -> list[tuple[Array, Array]]:
+def _starts(scaled: Scaled, count: int) -> list[Start]:
     """Times and waypoint states to start from: stopping, section 3's optimum, then random ones."""
-    stopping, *others = exact_nlp.starting_points(scaled, count)  # type: ignore[arg-type]
-    starts = [stopping, *_relaxed(scaled), *others][:count]
-    clipped = [(times, np.clip(velocities, *scaled.v)) for times, velocities in starts]
-    return [(times, _with_rest(np.stack([v, 0 * v]))) for times, v in clipped]
+    stopping, *others = acceleration.starting_points(scaled, count)
+    starts = []
+    for times, velocity in [stopping, *_relaxed(scaled), *others][:count]:
+        velocity = np.clip(velocity, *scaled.v)
+        states = _with_rest(np.stack([velocity, 0 * velocity]))
+        starts.append((times, states))
+    return starts
 
 
 def _with_rest(inner: Array) -> Array:
@@ -233,26 +344,40 @@ def _with_rest(inner: Array) -> Array:
     return np.pad(inner, ((0, 0), (1, 1), (0, 0)))
 
 
-def _relaxed(scaled: Scaled) -> list[tuple[Array, Array]]:
-    """The optimum without jerk limits, slowed down a little, if it is found."""
-    answer = Exact(starts=1).solve(scaled.problem.without("jerk", "position")).trajectory
+def _relaxed(scaled: Scaled) -> list[Start]:
+    """Times and velocities of the optimum without jerk limits, slowed down, if IPOPT finds it."""
+    without_jerk = scaled.problem.without("jerk", "position")
+    answer = Exact(starts=1).solve(without_jerk).trajectory
     if answer is None:
         return []
-    velocities = answer(answer.waypoint_times, order=1)[1:-1, scaled.moving] / scaled.units[2]
-    return [(_SLOWER * np.diff(answer.waypoint_times) / scaled.unit, velocities / _SLOWER)]
+    passages = answer.waypoint_times
+    times = np.diff(passages)
+    velocity = answer(passages, order=1)[1:-1, scaled.moving] / scaled.units[2]
+    return [(_START_DILATION * times / scaled.unit, velocity / _START_DILATION)]
 
 
-def _refined(solver: Program, scaled: Scaled, found: list[_Optimum]) -> list[_Optimum]:
+def _followed_once(solver: Program, scaled: Scaled, first: list[_Optimum]) -> list[_Optimum]:
     """What each optimum leads to; of equal ones the first alone is followed, unless IPOPT fails."""
-    pairs: list[tuple[_Optimum, _Optimum]] = []
-    for one in found:
-        known = (
-            last
-            for first, last in pairs
-            if last.status in _ENDED and abs(first.duration / one.duration - 1) < _PROGRESS
-        )
-        pairs.append((one, next(known, None) or _followed(solver, scaled, one)))
-    return [last for _, last in pairs]
+    last: list[_Optimum] = []
+    for optimum in first:
+        end = _known_end(optimum, first, last)
+        if end is None:
+            end = _followed(solver, scaled, optimum)
+        last.append(end)
+    return last
+
+
+def _known_end(
+    optimum: _Optimum,
+    first: list[_Optimum],
+    last: list[_Optimum],
+) -> _Optimum | None:
+    """Where an optimum of equal duration led, of those followed so far."""
+    for other, end in zip(first, last, strict=False):
+        equal = abs(other.duration / optimum.duration - 1) < _PROGRESS_RTOL
+        if equal and end.status in _ENDED:
+            return end
+    return None
 
 
 def _followed(solver: Program, scaled: Scaled, best: _Optimum) -> _Optimum:
@@ -261,34 +386,53 @@ def _followed(solver: Program, scaled: Scaled, best: _Optimum) -> _Optimum:
     Those that want to avoid it are now allowed to, without a cruise; and again from there, while
     that helps.
     """
+    if not np.isfinite(best.duration):
+        return best
     before = np.zeros((2, *scaled.h.shape), dtype=bool)
-    for _ in range(_ROUNDS if best.duration < np.inf else 0):
+    for _ in range(_FOLLOW_ROUNDS):
         apart = _avoiding(scaled, best)
         if (apart == before).all():
             break
-        found, before = _run(solver, scaled, best.times, best.states, apart), apart
-        if not found.duration < best.duration * (1 - _PROGRESS):
-            return best._replace(status=found.status)
-        best = found
+        before = apart
+        optimum = _run(solver, scaled, best.times, best.states, apart)
+        if not optimum.duration < best.duration * (1 - _PROGRESS_RTOL):
+            return best._replace(status=optimum.status)
+        best = optimum
     return best
 
 
-def _avoiding(scaled: Scaled, found: _Optimum) -> Bools:
+def _avoiding(scaled: Scaled, optimum: _Optimum) -> Bools:
     """Which extreme profiles hardly pass through acceleration 0, `(2, segments, joints)`."""
-    both = scaled.extremes(found.times, found.states)
-    return np.stack([scaled.jerky & p.avoids_zero(found.times[:, None]) for p in both])
+    both = scaled.extremes(optimum.times, optimum.states)
+    t = optimum.times[:, None]
+    return np.stack([scaled.jerky & profile.avoids_zero(t) for profile in both])
 
 
-def _run(solver: Program, scaled: Scaled, times: Array, states: Array, apart: Bools) -> _Optimum:
+def _run(
+    solver: Program,
+    scaled: Scaled,
+    times: Array,
+    states: Array,
+    apart: Bools,
+) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled, apart)
     x0 = np.clip(_point(scaled, times, states), low, high)
-    p = flat(scaled.h, scaled.stop, *np.abs(scaled.v), *scaled.r)
-    equal, least = np.zeros(2 * scaled.h.size), np.full(4 * scaled.h.size, np.inf)
-    most = np.r_[equal, least, equal, least, equal[::2], np.inf]  # as `_rows` has them
-    run = solver(x0, p, (low, high), (0.0, most))
+    v1, v2 = np.abs(scaled.v)
+    parameters = flat(scaled.h, scaled.stop, v1, v2, *scaled.r)
+    # as `_solver` has them: a profile's two rows that vanish and four that are not negative
+    equal = np.zeros(2 * scaled.h.size)
+    not_negative = np.full(4 * scaled.h.size, np.inf)
+    displacement = np.zeros(scaled.h.size)
+    spare_time = [np.inf]
+    profile = (equal, not_negative)
+    highest = np.concatenate([*profile, *profile, displacement, spare_time])
+    run = solver(x0, parameters, (low, high), (0.0, highest))
     times, states = _read(scaled, run.x)
-    usable = run.success and (times > 0).all()
-    k, states = repaired(times, states, scaled) if usable else (np.inf, states)
-    slower = states / np.array([k, k**2])[:, None, None]
-    return _Optimum(k * float(times.sum()), k * times, slower, run.status)
+    k = np.inf
+    if run.success and (times > 0).all():
+        k, times, states = repaired(times, states, scaled)
+    # dilated by k: velocities over k, accelerations over k²
+    powers = np.array([k, k**2])[:, None, None]
+    duration = k * float(times.sum())
+    return _Optimum(duration, k * times, states / powers, run.status)

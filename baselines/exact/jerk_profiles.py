@@ -40,6 +40,7 @@ Pieces = tuple[Array, Array]  # breaks, and position coefficients (4, pieces)
 _BISECTIONS = 50  # of an interval of order one: to rounding
 _BLOCKED = 1e-9  # of a segment: time that a profile without a cruise may leave over
 _NEAR_ZERO = 1e-2  # of a joint's acceleration, and of a segment's time
+_ROUNDING_RTOL = 4e-16  # of the largest term of a sum
 _TINY = 1e-300  # instead of dividing by 0
 
 
@@ -71,10 +72,12 @@ class Profile(NamedTuple):
     peak: Array  # velocity
     displacement: Array
     slack: Array  # time left over by the quickest profile of this kind: negative if there is none
+    displacement_rounding: Array
+    slack_rounding: Array
 
     def within(self, limit: Limit) -> Bools:
         """Whether there is such a profile, and its peak keeps the velocity limit."""
-        in_time = self.slack >= 0
+        in_time = self.slack >= -self.slack_rounding
         slow_enough = self.peak <= limit.velocity
         return np.asarray(in_time & slow_enough)
 
@@ -108,10 +111,16 @@ class Extremes(NamedTuple):
         return Extremes(upper, lower)
 
     def reach(self, h: Array, sides: Sides) -> Bools:
-        """Whether displacement `h` lies between both, and both keep their limits."""
+        """Whether displacement `h` lies between both, and both keep their limits, to rounding.
+
+        Over a segment of 1e-6 of the others' time all that jerk can change is 1e-18 of a
+        displacement: less than rounding where the terms of a profile cancel.
+        """
         upper_side, lower_side = sides
         within = self.upper.within(upper_side) & self.lower.within(lower_side)
-        return within & (self.d_lo <= h) & (h <= self.d_up)
+        above_lowest = self.d_lo - h <= self.lower.displacement_rounding
+        below_highest = h - self.d_up <= self.upper.displacement_rounding
+        return within & above_lowest & below_highest
 
     def share(self, h: Array) -> Array:
         """The share of the upper profile that covers `h`; any will do where both are one."""
@@ -238,6 +247,10 @@ class _Family:
         _, after, descended = risen(*self.end, fall, fall_hold, up, down)
         slack = self.t - before - after
         cruise = np.maximum(slack, 0.0)
+        cruised = cruise * peak
+        # a rise to an acceleration below 0 returns in negative time: much may cancel
+        distances = np.abs(ascended) + np.abs(cruised) + np.abs(descended)
+        times = self.t + np.abs(before) + np.abs(after)
         return Profile(
             rise=rise,
             fall=fall,
@@ -245,8 +258,10 @@ class _Family:
             cruise=cruise,
             fall_hold=fall_hold,
             peak=peak,
-            displacement=ascended + cruise * peak + descended,
+            displacement=ascended + cruised + descended,
             slack=slack,
+            displacement_rounding=_ROUNDING_RTOL * distances,
+            slack_rounding=_ROUNDING_RTOL * times,
         )
 
     def _ascent(

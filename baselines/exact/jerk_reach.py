@@ -130,38 +130,52 @@ class Scaled:
         return local * self.unit, part
 
 
-def repaired(times: Array, states: Array, scaled: Scaled) -> tuple[float, Array]:
-    """The smallest dilation that makes times and waypoint states reachable, and those states.
+def repaired(times: Array, states: Array, scaled: Scaled) -> tuple[float, Array, Array]:
+    """The smallest dilation that makes times and waypoint states reachable, and those.
 
     In a segment so brief that what its states reach is narrower than IPOPT's tolerance, no dilation
-    helps: if its states are replaced by those that reach, the long neighbours hardly notice.
+    helps: if its time and states are replaced by those that reach, the long neighbours hardly
+    notice.
     """
     k = repair(times, states, scaled)
     if k < 1 + _CHEAP:
-        return k, states
-    smooth = _smoothed(times, states, scaled)
-    smooth_k = repair(times, smooth, scaled)
+        return k, times, states
+    smooth_times, smooth_states = _smoothed(times, states, scaled)
+    smooth_k = repair(smooth_times, smooth_states, scaled)
     if smooth_k < k:
-        return smooth_k, smooth
-    return k, states
+        return smooth_k, smooth_times, smooth_states
+    return k, times, states
 
 
-def _smoothed(times: Array, states: Array, scaled: Scaled) -> Array:
-    """The states, where a brief segment is not reachable those of constant jerk through it."""
-    both = scaled.extremes(times, states)
+def _smoothed(times: Array, states: Array, scaled: Scaled) -> tuple[Array, Array]:
+    """Times and states, where a brief segment is not reachable those of constant jerk through it.
+
+    Its time becomes the one that changes the velocities least: a rounding error of the time is
+    worth a million such errors of the velocity where a segment is a millionth as long as others.
+    """
+    times = times.copy()
     states = states.copy()
+    both = scaled.extremes(times, states)
     unreachable = ~both.reach(scaled.h, scaled.sides())
-    brief = (times < _BRIEF)[:, None] & unreachable
-    brief[[0, -1]] = False  # their outer ends rest
-    for k, joint in np.argwhere(brief):
+    for k in range(1, len(times) - 1):  # the outer ends of the first and the last rest
+        joints = np.flatnonzero(unreachable[k])
+        if times[k] >= _BRIEF or not joints.size:
+            continue
         t = times[k]
-        h = scaled.h[k, joint]
-        a, b = states[1, k : k + 2, joint]
+        h = scaled.h[k, joints]
+        (u, w), (a, b) = states[:, k : k + 2, joints]
+        # with constant jerk h = v T, where v = (u + w)/2 − (b − a) T/12
+        v = (u + w) / 2 - (b - a) * t / 12
+        if np.abs(v) @ np.abs(h) > 0:
+            # the T that minimises |h − v T|
+            t = np.clip((h @ v) / (v @ v), t / 2, 2 * t)
         # h = u T + a T²/2 + (b − a) T²/6, w = u + (a + b) T/2
         u = h / t - a * t / 2 - (b - a) * t / 6
         w = u + (a + b) / 2 * t
-        states[0, k : k + 2, joint] = u, w
-    return states
+        times[k] = t
+        states[0, k, joints] = u
+        states[0, k + 1, joints] = w
+    return times, states
 
 
 def repair(times: Array, states: Array, scaled: Scaled) -> float:
