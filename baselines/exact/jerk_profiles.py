@@ -247,10 +247,9 @@ class _Family:
         _, after, descended = risen(*self.end, fall, fall_hold, up, down)
         slack = self.t - before - after
         cruise = np.maximum(slack, 0.0)
-        cruised = cruise * peak
         # a rise to an acceleration below 0 returns in negative time: much may cancel
-        distances = np.abs(ascended) + np.abs(cruised) + np.abs(descended)
         times = self.t + np.abs(before) + np.abs(after)
+        speeds = np.abs(self.start[0]) + np.abs(self.end[0]) + np.abs(peak)
         return Profile(
             rise=rise,
             fall=fall,
@@ -258,9 +257,9 @@ class _Family:
             cruise=cruise,
             fall_hold=fall_hold,
             peak=peak,
-            displacement=ascended + cruised + descended,
+            displacement=ascended + cruise * peak + descended,
             slack=slack,
-            displacement_rounding=_ROUNDING_RTOL * distances,
+            displacement_rounding=_ROUNDING_RTOL * times * speeds,
             slack_rounding=_ROUNDING_RTOL * times,
         )
 

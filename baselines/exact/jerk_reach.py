@@ -123,10 +123,13 @@ class Scaled:
             local, part = jerk_profile.combined(ends, t, h, both.at(k, i), sides)
         else:
             u, w = ends[0]
-            local, part = acceleration_profile.combined(u, w, t, h, self.v[:, i], self.a[:, i])
-        orders = len(part)
-        part = part * self.units[4 - orders :, i, None]
-        part[-1] += self.problem.waypoints[k, self.moving][i]
+            v = self.v[:, i]
+            a = self.a[:, i]
+            local, part = acceleration_profile.combined(u, w, t, h, v, a)
+        units = self.units[-len(part) :, i]
+        part = part * units[:, None]
+        waypoint = self.problem.waypoints[k, self.moving]
+        part[-1] += waypoint[i]
         return local * self.unit, part
 
 
@@ -163,14 +166,17 @@ def _smoothed(times: Array, states: Array, scaled: Scaled) -> tuple[Array, Array
             continue
         t = times[k]
         h = scaled.h[k, joints]
-        (u, w), (a, b) = states[:, k : k + 2, joints]
-        # with constant jerk h = v T, where v = (u + w)/2 − (b − a) T/12
-        v = (u + w) / 2 - (b - a) * t / 12
-        if np.abs(v) @ np.abs(h) > 0:
+        u, w = states[0, k : k + 2, joints].T
+        a, b = states[1, k : k + 2, joints].T
+        # constant jerk: h = v T with the mean velocity v = (u + w)/2 − (b − a) T/12
+        mean = (u + w) / 2 - (b - a) * t / 12
+        if h @ mean > 0:
             # the T that minimises |h − v T|
-            t = np.clip((h @ v) / (v @ v), t / 2, 2 * t)
-        # h = u T + a T²/2 + (b − a) T²/6, w = u + (a + b) T/2
+            best = (h @ mean) / (mean @ mean)
+            t = np.clip(best, t / 2, 2 * t)
+        # h = u T + a T²/2 + (b − a) T²/6
         u = h / t - a * t / 2 - (b - a) * t / 6
+        # w = u + (a + b) T/2
         w = u + (a + b) / 2 * t
         times[k] = t
         states[0, k, joints] = u
@@ -202,10 +208,15 @@ def repair(times: Array, states: Array, scaled: Scaled) -> float:
 
 def _reachable(times: Array, states: Array, scaled: Scaled, k: float) -> bool:
     """Whether limits widened by a dilation by `k` admit these times and states."""
-    limits = np.stack([scaled.v * k, scaled.a * k**2])[:, :, None]
-    low = limits[:, 0]
-    high = limits[:, 1]
-    within = (low <= states) & (states <= high)
+    velocity, acceleration = states
+    v1, v2 = scaled.v * k
+    a1, a2 = scaled.a * k**2
     both = scaled.extremes(times, states, k)
-    reached = both.reach(scaled.h, scaled.sides(k))
-    return bool(within.all() and reached.all())
+    conditions = [
+        v1 <= velocity,
+        velocity <= v2,
+        a1 <= acceleration,
+        acceleration <= a2,
+        both.reach(scaled.h, scaled.sides(k)),
+    ]
+    return all(bool(condition.all()) for condition in conditions)

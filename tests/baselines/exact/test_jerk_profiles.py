@@ -89,6 +89,19 @@ def test_combinations_cover_their_displacement_within_the_limits(factor: float) 
         check_limits(breaks, cubics, factor)
 
 
+@pytest.mark.parametrize("t", [1e-2, 1e-4, 1e-6, 1e-7])
+def test_constant_jerk_through_a_brief_segment_is_within_reach(t: float) -> None:
+    rng, joints = np.random.default_rng(1), 200
+    u = rng.uniform(-0.5, 0.5, joints)
+    a = rng.uniform(-1, 1, joints)
+    jerk = rng.uniform(-0.9, 0.9, joints)  # limits: −1 and 2
+    b = a + jerk * t
+    w = u + (a + b) * t / 2
+    h = u * t + a * t**2 / 2 + jerk * t**3 / 6
+    sides = limit(1.0), Limit(*map(np.array, (BOTTOM, FALL, RISE, 1.0, 0.5)))
+    assert extremes((u, a), (w, b), np.full(joints, t), sides).reach(h, sides).all()
+
+
 def check_ends_and_breaks(breaks: Array, cubics: Array, expected: Array) -> None:
     """Position, velocity, acceleration: as expected at both ends, and without jumps between."""
     for order, (first, last) in enumerate(expected):

@@ -1,0 +1,85 @@
+"""Is `exact-jerk` beaten where one joint moves one way through many waypoints?
+
+    python -m experiments.monotone                    # 300 problems, a quarter of an hour on a core
+    python -m experiments.monotone --problems 20      # a quick look
+    python -m experiments.monotone --joints 2         # more joints, against many more starts
+
+Six to ten waypoints, some segments a millionth of the others, limits up to 100:1 apart, one in four
+asymmetric. A single joint that moves one way passes waypoints without losing time, so the optimum
+is Ruckig's from the first waypoint to the last: an answer from another program. Several joints have
+none; there the planner itself from `REFERENCE_STARTS` random states is the reference. Reported: how
+often and by how much the reference is better, and what the planner's answers cost.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import cyclopts
+import numpy as np
+import pandas as pd
+
+from baselines.exact.jerk import ExactJerk
+from baselines.ruckig_ import RuckigStop
+from trajopt import Problem, verify
+from trajopt.benchmark.suites.random import random_problem
+
+REFERENCE_STARTS = 24
+BEATEN = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # relative
+
+
+def drawn(seed: int, joints: int = 1) -> Problem:
+    """A random problem whose joints all move one way, under symmetric jerk limits."""
+    waypoints = int(np.random.default_rng([17, seed]).integers(6, 11))
+    problem = random_problem(seed, joints=joints, waypoints=waypoints, jerk=True)
+    passed = np.cumsum(np.abs(problem.displacements), axis=0)
+    rest = np.zeros((1, joints))
+    return Problem(np.vstack([rest, passed]), problem.limits)
+
+
+def at_once(problem: Problem) -> Problem:
+    """From the first waypoint to the last."""
+    return Problem(problem.waypoints[[0, -1]], problem.limits)
+
+
+def reference(problem: Problem) -> float:
+    """The optimum of one joint, s; for several joints the best of many starts."""
+    if problem.joints == 1:
+        solution = RuckigStop().solve(at_once(problem))
+    else:
+        solution = ExactJerk(starts=REFERENCE_STARTS).solve(problem)
+    return np.inf if solution.trajectory is None else solution.trajectory.duration
+
+
+def rows(problems: int, joints: int, starts: int) -> Iterator[dict[str, float]]:
+    """One row a problem: excess over the reference (infinite without an answer), seconds."""
+    for seed in range(problems):
+        problem = drawn(seed, joints)
+        if not problem.moving.any():
+            continue
+        began = time.perf_counter()
+        solution = ExactJerk(starts).solve(problem)
+        seconds = time.perf_counter() - began - solution.setup_time
+        certified = None
+        if solution.trajectory is not None:
+            certified = verify(problem, solution.trajectory).certified_duration
+        excess = np.inf if certified is None else certified / reference(problem) - 1
+        if excess > BEATEN[0]:
+            print(f"problem {seed}: {excess:.1e}", flush=True)
+        yield {"problem": seed, "excess": excess, "seconds": seconds}
+
+
+def main(problems: int = 300, joints: int = 1, starts: int = 4) -> None:
+    """Solve, compare, and print how often the reference is better by how much."""
+    frame = pd.DataFrame(rows(problems, joints, starts))
+    for threshold in BEATEN:
+        beaten = int((frame["excess"] > threshold).sum())
+        print(f"beaten by more than {threshold:.0e}: {beaten} of {len(frame)}")
+    print(f"lowest excess: {frame['excess'].min():.1e}")
+    seconds = frame["seconds"]
+    print(f"seconds: median {seconds.median():.2f}, mean {seconds.mean():.2f}")
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
