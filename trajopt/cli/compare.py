@@ -13,6 +13,7 @@ from cyclopts import Parameter
 from rich.table import Table
 
 from trajopt.benchmark import compare as benchmark
+from trajopt.benchmark.analysis.failures import failures, in_words
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.figures import draw
@@ -248,6 +249,9 @@ def _show_many(results: Results, folder: Path) -> None:
         table.add_row(*_overview_cells(row))
     console.OUT.print(table)
     console.paragraph(_MEANING)
+    for label, reasons in failures(results).groupby(level="label", sort=False):
+        failed = reasons["count"].sum()
+        console.paragraph(f"{label}: {failed} failed: {in_words(reasons)}")
     console.paragraph()
     _warn(results)
     trials = len(results.items)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from test_results import OTHER, PROBLEM, Answering, leaving, run
 
 from trajopt import Limits, Problem, Status, Trajectory
+from trajopt.benchmark import report
 from trajopt.benchmark.analysis.failures import failures, in_words
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.trial import Trial, failed, judge
+from trajopt.cli import compare
 from trajopt.unoptimised import Unoptimised
 
 LIMITED = Problem([[0.0], [0.4], [0.5]], Limits([10.0], [100.0], position=[[-1.0, 0.5]]), "limited")
@@ -82,3 +85,13 @@ def test_failures_are_those_of_the_overview() -> None:
     assert table["count"].sum() == overview(results)["failed"].sum() == 3
     assert failures(Results(run("mine", 2.0))).empty
     assert in_words(failures(Results([]))) == ""
+
+
+def test_the_terminal_says_why_planners_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    items = [message(Status.TIMEOUT, f"stopped after {seconds} s") for seconds in (1, 2, 600)]
+    monkeypatch.setattr(report, "write", lambda *_, **__: tmp_path / "report.html")
+    compare._show_many(Results([*items, message(Status.CRASHED, "boom")]), tmp_path)
+    said = " ".join(capsys.readouterr().out.split())
+    assert "own: 4 failed: 3 timeout: stopped after … s; 1 crashed: boom" in said
