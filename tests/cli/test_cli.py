@@ -16,7 +16,7 @@ from trials import edited
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
-from trajopt.cli import compare
+from trajopt.cli import compare, plan
 from trajopt.registry import entries, load, options
 
 NAMES = {
@@ -69,6 +69,17 @@ def test_list_json_has_every_planner_with_all_options_and_every_problem(trajopt)
         assert planners[name]["description"]
     assert planners["issa"]["options"]["iterations"] == 1000
     assert {p["name"] for p in found["problems"]} == set(suite.problem_files())
+
+
+def test_list_says_which_limits_a_planner_cannot_keep(trajopt):
+    found = {p["name"]: p for p in parsed(trajopt("list", "--json")[1])["planners"]}
+    assert found["exact"]["lifts"] == ["jerk", "position"]
+    assert found["exact-jerk"]["lifts"] == ["position"]
+    assert found["collocation"]["lifts"] == found["collocation"]["refuses"] == []
+    assert found["toppra"]["refuses"] == ["jerk"]
+    out = " ".join(trajopt("list")[1].split())
+    assert "lifts jerk and position limits: a lower bound then" in out
+    assert "refuses jerk limits" in out
 
 
 def test_list_for_people_names_everything_within_80_columns(trajopt):
@@ -193,6 +204,70 @@ def test_nothing_to_write_exits_1_in_one_line(trajopt, tmp_path):
     assert re.fullmatch(r"trajopt: .*t\.csv.*\n", err)
 
 
+def test_out_is_not_overwritten_unless_asked_to(trajopt, tmp_path, monkeypatch):
+    file = tmp_path / "t.json"
+    file.write_text("mine", encoding="utf-8")
+    ran = []
+    monkeypatch.setattr(plan, "judge", lambda *a: ran.append(a))
+    arguments = ("plan", "one-joint", "--planner", "unoptimised", "--out", file)
+    code, out, err = trajopt(*arguments)
+    assert (code, out, ran) == (2, "", [])
+    assert re.fullmatch(r"trajopt: --out is '.*t\.json': .*--force.*\n", err)
+    assert file.read_text(encoding="utf-8") == "mine"
+    monkeypatch.undo()
+    assert trajopt(*arguments, "--force")[0] == 0
+    assert parsed(file.read_text(encoding="utf-8"))["status"] == "solved"
+
+
+@pytest.mark.parametrize("name", ["folder.csv", "file/t.csv", "file/deep/t.json", "t.txt"])
+def test_out_that_cannot_be_written_is_found_out_before_planning(
+    trajopt, tmp_path, monkeypatch, name
+):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    (tmp_path / "folder.csv").mkdir()
+    monkeypatch.setattr(plan, "judge", lambda *a: pytest.fail("it planned"))
+    code, _, err = trajopt("plan", "one-joint", "--planner", "exact", "--out", tmp_path / name)
+    assert code == 2
+    assert re.fullmatch(rf"trajopt: --out is '.*{re.escape(name)}': expected .*\n", err)
+
+
+def test_a_folder_that_may_not_be_written_is_found_out_before_planning(
+    trajopt, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(plan, "judge", lambda *a: pytest.fail("it planned"))
+    monkeypatch.setattr(plan.os, "access", lambda path, mode: path != tmp_path)  # root may always
+    code, _, err = trajopt("plan", "one-joint", "--planner", "exact", "--out", tmp_path / "a/t.csv")
+    assert code == 2
+    assert "a file that can be written" in err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_built_in_problem_is_named_without_its_path(trajopt, tmp_path):
+    shown = trajopt("plan", "one-joint", "--planner", "unoptimised")[1].splitlines()[0]
+    assert shown == "unoptimised on one-joint: solved"
+    file = tmp_path / "own.toml"
+    file.write_text(suite.load("one-joint").to_toml(), encoding="utf-8")
+    shown = trajopt("plan", file, "--planner", "unoptimised")[1].splitlines()[0]
+    assert shown == f"unoptimised on one-joint ({file}): solved"
+
+
+def test_units_that_look_mixed_are_one_line_on_stderr(trajopt, tmp_path):
+    """Degrees beside the limits in radians of a URDF: 40 degrees at 2 rad/s."""
+    file = tmp_path / "mixed.toml"
+    limits = "[limits]\nvelocity = [2.0]\nacceleration = [4.0]\n"
+    waypoints = "waypoints = [[0], [40], [20], [60]]\n"
+    arguments = ("plan", file, "--planner", "unoptimised", "--json")
+    file.write_text(f'angle_unit = "deg"\n{waypoints}{limits}', encoding="utf-8")
+    code, out, err = trajopt(*arguments)
+    assert (code, parsed(out)["status"]) == (0, "solved")
+    assert re.fullmatch(r"trajopt: warning: .*mixed\.toml: .*units\.limits\n", err)
+    both = 'units = {waypoints = "deg", limits = "rad"}'
+    file.write_text(f"{both}\n{waypoints}{limits}", encoding="utf-8")
+    code, out, err = trajopt(*arguments)
+    assert (code, err) == (0, "")
+    assert parsed(out)["certificate"]["velocity"]["ratio"] < 1
+
+
 # --- bad input ---
 
 TOML = """angle_unit = "rad"
@@ -219,6 +294,17 @@ acceleration = [1, 1]
         (["plan", "six-axis", "--planner", "exact:starts=0"], ["starts", "0"]),
         (["plan", "six-axis", "--planner", "unoptimised", "--seed", "-1"], ["--seed", "-1"]),
         (["plan", "six-axis", "--planner", "unoptimised", "--seed", "x"], ["--seed", "x"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--seed", "1.5"], ["--seed", "1.5"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--seed", "1.0"], ["--seed", "1.0"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--seed", "1e3"], ["--seed", "1e3"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--seed", "1_000"], ["--seed", "1_000"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--seed", "0x10"], ["--seed", "0x10"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--seed", str(2**63)], ["--seed"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--rate", "1_0"], ["--rate", "1_0"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--rate", "0"], ["--rate", "0"]),
+        (["plan", "six-axis", "--planner", "unoptimised", "--rate", "1e300"], ["--rate", "1e+300"]),
+        (["plan", "six-axis", "--planner", "pso:population=30.0"], ["population", "30.0", "int"]),
+        (["plan", "six-axis", "--planner", "unoptimised:segment_time=1e999"], ["1e999", "float"]),
         (["plan", "six-axis", "--planner", "unoptimised", "--rate", "nan"], ["--rate", "nan"]),
         (["plan", "six-axis", "--planner", "unoptimised", "--rate", "inf"], ["--rate", "inf"]),
         (["plan", "six-axis", "--planner", "unoptimised", "--out", "t.txt"], ["t.txt", ".csv"]),
@@ -233,7 +319,19 @@ acceleration = [1, 1]
         (["compare", "nosuch"], ["nosuch"]),
         (["compare", "six-axis", "--planner", "pso:x=1"], ["pso", "x"]),
         (["compare", "six-axis", "--seeds", "0"], ["--seeds", "0"]),
+        (["compare", "six-axis", "--seeds", "2.5"], ["--seeds", "2.5"]),
+        (["compare", "six-axis", "--seeds", str(10**12)], ["--seeds", str(10**12)]),
         (["compare", "six-axis", "--jobs", "0"], ["--jobs", "0"]),
+        (["compare", "six-axis", "--jobs", "1.5"], ["--jobs", "1.5"]),
+        (["compare", "six-axis", "--timeout", "1e300"], ["--timeout", "1e+300"]),
+        (["compare", "six-axis", "--timeout", "0.5"], ["--timeout", "0.5"]),
+        (["compare", "six-axis", "--memory", "inf"], ["--memory", "inf"]),
+        (["compare", "six-axis", "--memory", "0.1"], ["--memory", "0.1"]),
+        (["certify", "six-axis", "--joint", "1.4"], ["--joint", "1.4"]),
+        (["certify", "six-axis", "--time-limit", "nan"], ["--time-limit", "nan"]),
+        (["suite", "show", "random", "--size", "2.5"], ["--size", "2.5"]),
+        (["suite", "show", "random", "--size", str(10**20)], ["--size", str(10**20)]),
+        (["report", "empty", "--trajectories", "-1"], ["--trajectories", "-1"]),
         (["compare", "six-axis", "--timeout", "nan"], ["--timeout", "nan"]),
         (
             ["compare", "one-joint", "--planner", "unoptimised", "--output", "bad.toml"],
@@ -333,7 +431,7 @@ def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
     before = {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()}
     ran = []
     monkeypatch.setattr(workers, "_work", lambda *a: ran.append(a))
-    monkeypatch.setattr(figures, "draw", lambda results, folder: [])
+    monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
     code, out, _ = trajopt(*command[3:])
     assert (code, ran) == (0, [])
     assert {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()} == before
@@ -361,7 +459,7 @@ def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
     from trajopt.benchmark.figures import draw as figures
 
     monkeypatch.setattr(run, "references", lambda problem: [])
-    monkeypatch.setattr(figures, "draw", lambda results, folder: [])
+    monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
     arguments = ("compare", "seven-waypoints", "--planner", "unoptimised", "--output", tmp_path)
     code, out, _ = trajopt(*arguments, "--jobs", 1)
     assert code == 1
@@ -373,7 +471,7 @@ def test_beating_the_reference_is_said_loudly(trajopt, tmp_path, monkeypatch):
     from trajopt.benchmark import compare as run
     from trajopt.benchmark.figures import draw as figures
 
-    monkeypatch.setattr(figures, "draw", lambda results, folder: [])
+    monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
     problem = suite.load("one-joint")
     slow = load("unoptimised:segment_time=5")
     planners = [("exact", slow), ("unoptimised", load("unoptimised"))]

@@ -122,6 +122,10 @@ def _show_warning(
 
 
 def _words(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename:
+    if not isinstance(error, OSError) or error.strerror is None:
+        return str(error)
+    if error.filename:
         return f"{error.filename}: {error.strerror}"
-    return str(error)
+    if isinstance(error, FileNotFoundError):
+        return f"the working folder was deleted ({error.strerror})"
+    return error.strerror

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from contextlib import nullcontext
 from math import inf, isfinite, isnan
@@ -85,13 +86,15 @@ def compare(
         specs = [*specs, "certify"]
     planners = [named(spec) for spec in specs]
     processes = jobs or benchmark.cpus()
+    folder = output.resolve()
+    _leave_deleted_folder(folder)
     total = sum(len(task.seeds) for task in benchmark.plan(loaded, planners, seeds))
     elsewhere = cluster.executor(dask) if dask else nullcontext()
     with console.progress(total) as advance, elsewhere as executor:
         results = benchmark.compare(
             loaded,
             planners,
-            output.resolve(),
+            folder,
             seeds=seeds,
             jobs=processes,
             fresh=fresh,
@@ -107,6 +110,14 @@ def compare(
     trials = results.trials()
     answered = (trials["status"] == "solved") | trials["lower_bound"].notna()
     return 0 if answered.any() else 1
+
+
+def _leave_deleted_folder(other: Path) -> None:
+    """Worker processes cannot start in a working folder that was deleted."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        os.chdir(other.anchor)
 
 
 def _problems(names: Sequence[str], suites: Sequence[str]) -> list[Problem]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
@@ -12,6 +12,8 @@ from trajopt.exceptions import TrajoptError
 from trajopt.planner import Planner, Relation
 from trajopt.problem import LIMIT_NAMES, LimitName, Limits, Problem
 from trajopt.registry import Entry, entries
+
+_OPTIONAL_LIMITS: tuple[LimitName, ...] = ("jerk", "position")
 
 
 def list_(*, json: Json = False) -> int:
@@ -28,14 +30,22 @@ def list_(*, json: Json = False) -> int:
 
 
 def described(entry: Entry) -> dict[str, Any]:
-    """A planner's name, one line, options with defaults, limits it knows, and what is missing."""
+    """A planner's name, one line, options, limits it lifts or refuses, and what is missing.
+
+    Lifted limits it ignores on purpose: its answer is a lower bound then. All others it either
+    plans for or breaks, which the verifier then says.
+    """
     missing = entry.missing()
-    row: dict[str, Any] = {"name": entry.name, "description": "", "options": {}, "limits": []}
+    row: dict[str, Any] = {"name": entry.name, "description": "", "options": {}}
+    row |= {"lifts": [], "refuses": []}
     try:
         planner = entry.load()
         row["description"] = planner.description
         row["options"] = planner.options()
-        row["limits"] = _known_limits(planner)
+        for limit in _OPTIONAL_LIMITS:
+            fate = _fate(planner, limit)
+            if fate is not None:
+                row[fate].append(limit)
     except TrajoptError:
         pass  # `missing` says why
     row["available"] = missing is None
@@ -43,20 +53,17 @@ def described(entry: Entry) -> dict[str, Any]:
     return row
 
 
-def _known_limits(planner: Planner) -> list[str]:
-    """The limits that a planner keeps: asked for on a small problem with one kind besides."""
-    known: list[str] = ["velocity", "acceleration"]
-    optional: tuple[LimitName, ...] = ("jerk", "position")
-    for name in optional:
-        problem = _limited_by(name)
-        try:
-            keeps = planner.unsupported(problem) is None
-            lifts = planner.relation(problem) is Relation.RELAXATION
-        except Exception:  # a stranger's planner: its trials will say so
-            continue
-        if keeps and not lifts:
-            known.append(name)
-    return known
+def _fate(planner: Planner, limit: LimitName) -> Literal["lifts", "refuses"] | None:
+    """What a planner does with a kind of limit that it cannot keep; None for others."""
+    problem = _limited_by(limit)
+    try:
+        if planner.unsupported(problem) is not None:
+            return "refuses"
+        if planner.relation(problem) is Relation.RELAXATION:
+            return "lifts"
+    except Exception:  # a stranger's planner: its trials will say so
+        return None
+    return None
 
 
 def _limited_by(name: LimitName) -> Problem:
@@ -80,14 +87,18 @@ def _problem(name: str) -> dict[str, Any]:
 
 
 def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
-    table = console.table("planner", "what it is, its options, and the limits it knows")
+    table = console.table("planner", "what it is, its options, and the limits it cannot keep")
     for planner in planners:
         lines = [console.markup(planner["description"])]
         settings = [f"{key}={value}" for key, value in planner["options"].items()]
         if settings:
             lines.append(f"[dim]{console.markup(', '.join(settings))}[/dim]")
-        if planner["limits"]:
-            lines.append(f"[dim]limits: {', '.join(planner['limits'])}[/dim]")
+        if planner["lifts"]:
+            lifted = " and ".join(planner["lifts"])
+            lines.append(f"[dim]lifts {lifted} limits: a lower bound then[/dim]")
+        if planner["refuses"]:
+            refused = " and ".join(planner["refuses"])
+            lines.append(f"[dim]refuses {refused} limits[/dim]")
         if not planner["available"]:
             lines.append(f"[red]not available: {console.markup(planner['missing'])}[/red]")
         table.add_row(f"[bold]{console.markup(planner['name'])}[/bold]", "\n".join(lines))

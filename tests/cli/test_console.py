@@ -1,0 +1,194 @@
+"""Where text meets the terminal: encodings, closed streams, names that look like commands."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from trajopt.cli import app, console
+from trajopt.cli.console import LoggedProgress
+
+EVIL = "[red]evil[/red] \x1b]0;title\x07 $x_$ \\frac :smile: \u202e[/bold]"
+PROBLEM = f"""name = {json.dumps(EVIL)}
+angle_unit = "rad"
+waypoints = [[0], [1], [2], [3]]
+[limits]
+velocity = [1]
+acceleration = [1]
+"""
+
+
+def trajopt(*arguments, encoding="utf-8", shell=None, cwd=None):
+    """A command in a real process: exit code, what it wrote as bytes."""
+    command = [sys.executable, "-m", "trajopt.cli", *map(str, arguments)]
+    if shell:
+        command = ["sh", "-c", f'exec "$@" {shell}', "sh", *command]
+    environment = os.environ | {"PYTHONIOENCODING": encoding, "COLUMNS": "80"}
+    done = subprocess.run(command, capture_output=True, env=environment, cwd=cwd, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+# --- streams that are not UTF-8, or not there ---
+
+
+@pytest.mark.parametrize(
+    ("encoding", "dash"), [("ascii", "-"), ("latin-1", "-"), ("cp437", "-"), ("utf-8", "–")]
+)
+def test_what_an_encoding_cannot_hold_is_written_in_ascii(encoding, dash):
+    code, out, err = trajopt("suite", "list", encoding=encoding)
+    text = out.decode(encoding)
+    assert (code, err) == (0, b"")
+    assert f" 1{dash}12 " in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_a_comparison_ends_well_where_its_table_cannot_be_written_as_it_is(tmp_path):
+    arguments = ("--planner", "unoptimised:segment_time=0.1", "--jobs", 1, "--output", tmp_path)
+    code, out, err = trajopt("compare", "one-joint", *arguments, encoding="ascii")
+    assert (code, err) == (0, b"")
+    assert "claimed x max(1, dilation)" in out.decode("ascii")
+
+
+def test_errors_are_one_line_in_ascii_too():
+    code, out, err = trajopt("plan", "größe", "--planner", "exact", encoding="ascii")
+    assert (code, out) == (2, b"")
+    assert err.decode("ascii").startswith("trajopt: no problem is called 'groesse'")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["suite", "show", "six-axis"], 0),
+        (["plan", "one-joint", "--planner", "unoptimised"], 0),
+        (["plan", "seven-waypoints", "--planner", "unoptimised", "--json"], 1),
+        (["plan", "nosuch", "--planner", "unoptimised"], 2),
+    ],
+)
+@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
+def test_closed_streams_keep_the_exit_code(arguments, expected, closed):
+    code, out, err = trajopt(*arguments, shell=closed)
+    assert (code, out) == (expected, b"")
+    assert b"Traceback" not in err
+
+
+def test_a_file_does_not_take_a_closed_streams_place(tmp_path):
+    """Else what is printed would end in it."""
+    file = tmp_path / "t.csv"
+    arguments = ["plan", "one-joint", "--planner", "unoptimised", "--out", file, "--rate", 1]
+    code, _, _ = trajopt(*arguments, shell=">&- 2>&- <&-")
+    assert code == 0
+    assert len(file.read_text().splitlines()) == 8
+
+
+def test_in_a_deleted_folder_what_needs_none_still_runs(tmp_path):
+    package = str(Path(app.__file__).parents[2])  # in a folder that is gone, `-m` needs to be told
+
+    def compare(output):
+        gone = tmp_path / "gone"
+        gone.mkdir()
+        command = [sys.executable, "-m", "trajopt.cli", "compare", "one-joint", "--jobs", "1"]
+        command += ["--planner", "exact", "--output", str(output)]
+        return subprocess.run(
+            ["sh", "-c", 'rmdir "$0" && exec "$@"', str(gone), *command],
+            cwd=gone,
+            env=os.environ | {"PYTHONPATH": package},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    done = compare(tmp_path / "results")
+    assert (done.returncode, done.stderr) == (0, "")
+    done = compare("results")
+    assert done.returncode == 2
+    assert done.stderr.startswith("trajopt: the working folder was deleted")
+    assert done.stderr.count("\n") == 1
+
+
+# --- names are text ---
+
+
+@pytest.fixture
+def evil(tmp_path):
+    file = tmp_path / "evil.toml"
+    file.write_text(PROBLEM, encoding="utf-8")
+    return file
+
+
+WRITTEN = r"[red]evil[/red] \x1b]0;title\x07 $x_$ \frac :smile: \u202e[/bold]"
+
+
+def test_text_is_shown_as_it_is_and_control_characters_by_their_names():
+    assert console.visible(EVIL) == WRITTEN
+    assert console.visible("größe – π\n\t1") == "größe – π\n\t1"
+    assert console.visible("\udc80") == r"\udc80"
+
+
+def shown(renderable, width=200):
+    stream = io.StringIO()
+    Console(file=stream, width=width, emoji=False, highlight=False).print(renderable)
+    return stream.getvalue()
+
+
+def test_markup_and_tables_show_names_as_they_are():
+    assert shown(f"[bold]{console.markup(EVIL)}[/bold]") == f"{WRITTEN}\n"
+    table = console.table("name", title=EVIL)
+    table.add_row(console.option_lines("[a]:x=[blue],y=\x1b[31m"))
+    lines = [line.rstrip() for line in shown(table).splitlines()]
+    assert "".join(lines[: lines.index("name")]).replace(" ", "") == WRITTEN.replace(" ", "")
+    assert lines[lines.index("name") + 1 :] == ["[a]", "  x=[blue]", r"  y=\x1b[31m"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["plan", "--planner", "unoptimised"],
+        ["plan", "--planner", "pso:timing=\x1b[31m"],
+        ["certify", "--time-limit", "10"],
+    ],
+)
+def test_commands_show_names_as_they_are(evil, capsys, monkeypatch, arguments):
+    monkeypatch.setenv("COLUMNS", "300")
+    with pytest.raises(SystemExit):
+        app.main([arguments[0], str(evil), *arguments[1:]])
+    out, err = capsys.readouterr()
+    assert WRITTEN in out or r"\x1b[31m" in err
+    assert "\x1b" not in out + err
+
+
+# --- progress in a log ---
+
+
+def test_a_log_gets_lines_with_the_time_left(capsys):
+    clock = iter([0.0, 0.0, 4.0, 20.0, 21.0, 100.0])
+    advance = LoggedProgress(100, "trials", interval=10.0, clock=lambda: next(clock))
+    for count in (40, 10, 10, 1, 39):  # 40 were there already
+        advance(count)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
+        "trajopt: 60 of 100 trials after 20 s, about 40 s left",  # 20 in 20 s, 40 to go
+        "trajopt: 100 of 100 trials after 1 min 40 s",
+    ]
+
+
+def test_progress_without_a_terminal_is_silent_at_first(capsys):
+    with console.progress(3) as advance:
+        for _ in range(3):
+            advance(1)
+    assert capsys.readouterr().err == ""
+
+
+def test_progress_in_a_terminal_ends_without_a_trace(monkeypatch):
+    stream = io.StringIO()
+    monkeypatch.setattr(console, "ERR", Console(file=stream, force_terminal=True, width=80))
+    with console.progress(3) as advance:
+        advance(3)
+    assert "3/3" in stream.getvalue()
+    assert "left" in stream.getvalue()
