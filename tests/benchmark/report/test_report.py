@@ -199,6 +199,19 @@ def test_failures_have_their_status_and_whole_reason(html: str) -> None:
     assert "Traceback:\n  line 7\nValueError: &lt;gave&gt; up</pre>" in html
 
 
+def test_failures_are_grouped_by_kind_and_not_by_number() -> None:
+    (lost,) = run("mine", None)
+    said = ["joint 1 at 0.5 s: leaves its position limits by 2.06 rad",
+            "joint 3 at 0.25 s: leaves its position limits by 1e-05 rad", "no best 3-5-3",
+            "joint 2 at 0.5 s: leaves its position limits by −1 rad", "no best 4-5-3"]  # fmt: skip
+    found = content.page(Results([replace(lost, message=m) for m in said])).failures
+    assert [(f["count"], f["reason"]) for f in found] == [
+        (3, "joint 1 to 3 at 0.25 to 0.5 s: leaves its position limits by −1 to 2.06 rad"),
+        (1, "no best 3-5-3"),
+        (1, "no best 4-5-3"),
+    ]
+
+
 def test_an_endless_reason_is_clipped_but_its_trial_has_it_all(tmp_path: Path) -> None:
     (lost,) = run("mine", None)
     endless = replace(lost, message="x" * 100_000 + "the end")

@@ -12,6 +12,7 @@ import itertools
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from statsmodels.stats.multitest import multipletests
 from test_report import NASTY, made
 from test_report import run as made_on
 
-from trajopt import Limits, Problem
+from trajopt import Limits, Problem, Status
 from trajopt.benchmark import compare as run
 from trajopt.benchmark import report
 from trajopt.benchmark.analysis.results import Results
@@ -423,6 +424,89 @@ def test_the_two_choices_of_a_suite_are_one(open_rivals: Script) -> None:
         box.value = 1; box.dispatchEvent(new Event('change'));""" + PAUSE)  # fmt: skip
     assert open_rivals("return document.getElementById('suite').value") == "1"
     assert open_rivals("return document.getElementById('suite-note').textContent")[0] == "5"
+
+
+FITTED = """return [...document.querySelectorAll('.chart')]
+    .filter((c) => c.checkVisibility() && c.querySelector('.main-svg'))
+    .map((c) => [c.querySelector('.main-svg').getBoundingClientRect().width,
+                 c.parentNode.getBoundingClientRect().width])"""
+
+
+@pytest.mark.parametrize("width", [390, 1280, 1440, 1920])
+def test_a_chart_is_as_wide_as_its_column(
+    browser: Any, script: Script, page: Path, width: int
+) -> None:
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 640}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get("about:blank")
+    browser.get(page.as_uri())
+    script("""while (!document.documentElement.dataset.ready)
+        await new Promise((go) => setTimeout(go, 20));""")  # fmt: skip
+    script(OPEN, "one-joint", 4)
+    script(PAUSE)
+    widths = script(FITTED)
+    assert len(widths) >= 6
+    for chart, column in widths:
+        assert chart == pytest.approx(column, abs=2)
+    assert script("return document.documentElement.scrollWidth") <= width
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    script(PAUSE + PAUSE)
+    assert all(chart == pytest.approx(column, abs=2) for chart, column in script(FITTED))
+
+
+def test_a_dark_page_has_light_ink_in_tables_and_charts(browser: Any, script: Script) -> None:
+    script(OPEN, "one-joint", 4)
+    looks = """const style = getComputedStyle(document.body);
+        const charts = [...document.querySelectorAll('.chart')].filter((c) => c.layout);
+        const lines = charts.flatMap((c) => c.data).map((t) => t.line?.color);
+        return [style.color, style.backgroundColor,
+            [...new Set(charts.map((c) => c.layout.font.color))], lines.includes('#000000')]"""
+    light = script(looks)
+    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": dark})
+    script(PAUSE)
+    ink, ground, fonts, black = script(looks)
+    assert light[:3] == ["rgb(26, 26, 26)", "rgb(255, 255, 255)", ["#1a1a1a"]]
+    assert (ink, ground, fonts, black) == (
+        "rgb(233, 233, 234)",
+        "rgb(22, 24, 28)",
+        ["#e9e9ea"],
+        False,
+    )
+    script("window.dispatchEvent(new Event('beforeprint'));" + PAUSE)
+    assert script(looks)[2] == ["#1a1a1a"]  # on paper
+    script("window.dispatchEvent(new Event('afterprint'));" + PAUSE)
+    nobody = [{"name": "prefers-color-scheme", "value": ""}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": nobody})
+    script(PAUSE)
+    assert script(looks) == light
+
+
+TRACE = f"""Traceback (most recent call last):
+  File "/a/folder/{"deep/" * 40}solve.py", line 7, in solve
+ValueError: operands_could_not_be_broadcast_{"together_" * 20}"""
+
+
+@pytest.mark.parametrize("width", [320, 390])
+def test_a_phone_shows_the_dialog_where_a_crash_trace_is_listed(
+    browser: Any, tmp_path: Path, width: int
+) -> None:
+    (lost,) = made_on("mine", None)
+    crashed = replace(lost, status=Status.CRASHED, message=TRACE)
+    page = report.write(Results([crashed, *made()]), tmp_path / "report.html")
+    size = {"width": width, "height": 800, "deviceScaleFactor": 2, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    browser.get(page.as_uri())
+    _run(browser, """while (!document.documentElement.dataset.ready)
+        await new Promise((go) => setTimeout(go, 20));
+        const traces = document.querySelectorAll('.why details');
+        for (const trace of traces) trace.open = true;""")  # fmt: skip
+    assert _run(browser, "return document.documentElement.scrollWidth") <= width
+    left, right = _run(browser, f"""location.hash = 'trial-{crashed.id}';{PAUSE}
+        const box = document.getElementById('trials').getBoundingClientRect();
+        return [box.left, box.right]""")  # fmt: skip
+    assert 0 <= left < right <= width
+    assert _run(browser, "return visualViewport.scale") == 1
 
 
 @pytest.mark.parametrize("width", [320, 390])

@@ -45,7 +45,7 @@ def write(
     page = content.page(results)
     suites = curves.suites(page)
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("trajopt.benchmark.report", "."),
+        loader=jinja2.PackageLoader("trajopt.benchmark.report", "web"),
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
     )  # fmt: skip
     environment.filters["breaks"] = _breaks

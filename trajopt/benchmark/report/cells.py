@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +23,9 @@ COLUMNS = {  # of the table of problems and planners: what its heading says, and
     "gap": "gap (%)", "dilation": "dilation", "evaluations": "evaluations",
     "solve_time": "time (s)",
 }  # fmt: skip
+NUMBER = re.compile(r"(?<![\w.+−-])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w-])")  # not of 3-5-3
+MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
+REASON_LENGTH = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +75,61 @@ def reference(row: Any) -> str:
     return what[row["kind"]].format(reference, known)
 
 
-def failure(label: str, status: str, message: str, trials: Sequence[Trial]) -> dict[str, Any]:
-    names = dict.fromkeys(t.problem.name for t in trials)
-    lines = _clipped(message.strip(), 10_000).splitlines()
-    bounds = [t.lower_bound for t in trials if t.lower_bound is not None]
+def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
+    """What did not come out solved, by planner, status and kind of reason, the most frequent first.
+
+    Reasons are of one kind where they differ in numbers only.
+    """
+    kinds: dict[tuple[str, str, str], list[Trial]] = {}
+    for trial in trials:
+        if trial.status is not Status.SOLVED:
+            kind = NUMBER.sub("#", _reason(trial))
+            kinds.setdefault((trial.label, str(trial.status), kind), []).append(trial)
+    rows = [_failure(label, status, own) for (label, status, _), own in kinds.items()]
+    return sorted(rows, key=lambda row: -int(row["count"]))
+
+
+def _failure(label: str, status: str, trials: Sequence[Trial]) -> dict[str, Any]:
+    first = trials[0]
+    message = _clipped(first.message.strip(), MESSAGE_LENGTH)
+    reason = spread([_reason(trial) for trial in trials])
+    problems = dict.fromkeys(trial.problem.name for trial in trials)
+    bounded = any(trial.lower_bound is not None for trial in trials)
     return {
-        "label": label, "status": status, "count": len(trials), "first": trials[0].id,
-        "message": "\n".join(lines),
-        "reason": _clipped(lines[-1], 500) if lines else "no reason was given",
-        "long": len(lines) > 1, "problems": list(names), "bound": bool(bounds),
-    }  # fmt: skip
+        "label": label,
+        "status": status,
+        "count": len(trials),
+        "first": first.id,
+        "message": message,
+        "reason": _clipped(reason, REASON_LENGTH) or "no reason was given",
+        "long": "\n" in message,
+        "problems": list(problems),
+        "bound": bounded,
+    }
+
+
+def _reason(trial: Trial) -> str:
+    """The last line of its message: a traceback says last what happened."""
+    lines = trial.message.strip().splitlines()
+    return lines[-1] if lines else ""
+
+
+def spread(reasons: Sequence[str]) -> str:
+    """Reasons that differ in numbers only as one, each number from the smallest to the largest."""
+    words = NUMBER.split(reasons[0])
+    numbers = zip(*[NUMBER.findall(reason) for reason in reasons], strict=True)
+    said = words[0]
+    for column, word in zip(numbers, words[1:], strict=True):
+        ordered = sorted(column, key=_value)
+        low = ordered[0]
+        high = ordered[-1]
+        said += low if _value(low) == _value(high) else f"{low} to {high}"
+        said += word
+    return said
+
+
+def _value(number: str) -> float:
+    return float(number.replace("−", "-"))
 
 
 def _clipped(text: str, most: int) -> str:

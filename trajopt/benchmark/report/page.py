@@ -15,13 +15,12 @@ import pandas as pd
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.analysis.results import Results, competing, median_gap
 from trajopt.benchmark.figures.draw import distinct_names
-from trajopt.benchmark.figures.style import CURVES
+from trajopt.benchmark.figures.style import BLACK, CURVES
 from trajopt.benchmark.report import cells as lines
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
 from trajopt.problem import LIMIT_NAMES, Problem
-from trajopt.solution import Status
 
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
 SYMBOLS = {  # Plotly's names, and the same as paths around (15, 5)
@@ -128,13 +127,7 @@ class Page:
 
     @cached_property
     def failures(self) -> list[dict[str, Any]]:
-        """What did not come out solved, by planner, status and reason, the most frequent first."""
-        lost = [t for t in self.results.items if t.status is not Status.SOLVED]
-        groups: dict[tuple[str, str, str], list[Trial]] = {}
-        for trial in lost:
-            groups.setdefault((trial.label, str(trial.status), trial.message), []).append(trial)
-        found = [lines.failure(*key, trials) for key, trials in groups.items()]
-        return sorted(found, key=lambda f: -f["count"])
+        return lines.failures(self.results.items)
 
     @cached_property
     def planners(self) -> list[dict[str, Any]]:
@@ -186,11 +179,16 @@ def page(results: Results) -> Page:
 
 def look(index: int) -> dict[str, str]:
     """Colour, dashes and marker of the planner at a place: the same everywhere in the page."""
-    symbol = list(SYMBOLS)[(index + index // len(SYMBOLS)) % len(SYMBOLS)]
+    names = list(SYMBOLS)
+    symbol = names[(index + index // len(names)) % len(names)]
+    colour = CURVES[index % len(CURVES)]
     return {
-        "colour": CURVES[index % len(CURVES)], "dash": DASHES[index % len(DASHES)],
-        "symbol": symbol, "mark": SYMBOLS[symbol],
-    }  # fmt: skip
+        "colour": colour,
+        "ink": "currentColor" if colour == BLACK else colour,  # white where the page is dark
+        "dash": DASHES[index % len(DASHES)],
+        "symbol": symbol,
+        "mark": SYMBOLS[symbol],
+    }
 
 
 def trial_table(page: Page) -> dict[str, Any]:

@@ -76,39 +76,61 @@
   $("more").onclick = () => { limit = Infinity; apply(); };
 
   // ---- charts ------------------------------------------------------------------------------
-  const FONT = { family: "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif", size: 12, color: "#1a1a1a" };
-  const CONFIG = { responsive: true, displaylogo: false, modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] };
+  const FAMILY = "system-ui, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif";
+  const BLACK = "#000000";
+  const CONFIG = { responsive: false, displaylogo: false, modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] };
+  const tone = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  const inked = (colour) => (colour === BLACK ? tone("ink") : colour);  // black is ink: light on dark
+  const plain = (name) => name.replace(/[&<>]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;" })[c]);  // Plotly reads HTML
   const axis = (title, more = {}) => ({
-    title: { text: title, standoff: 8 }, showline: true, linecolor: "#1a1a1a", ticks: "outside",
-    ticklen: 4, gridcolor: "#ececec", zeroline: false, automargin: true, ...more,
+    title: { text: title, standoff: 8 }, showline: true, linecolor: tone("ink"), tickcolor: tone("ink"), ticks: "outside",
+    ticklen: 4, gridcolor: tone("grid"), zeroline: false, automargin: true, ...more,
   });
+  const reference = (more) => ({ type: "line", line: { color: tone("alarm"), width: 1, dash: "4px,2px" }, ...more });
   const look = (k, more = {}) => ({
-    mode: "lines+markers", name: planners[k].label,
+    mode: "lines+markers", name: plain(planners[k].label),
     marker: { symbol: planners[k].symbol, size: 7, maxdisplayed: 6 }, meta: k, visible: !hidden.has(k),
-    line: { color: planners[k].colour, dash: planners[k].dash, width: 1.9, ...more },
+    line: { color: inked(planners[k].colour), dash: planners[k].dash, width: 1.9, ...more },
   });
   const HEIGHT = 350;
-  const drawn = new Set();
-  const draw = (element, traces, layout) => {
-    drawn.add(element);
-    element.style.height = `${layout.height ?? HEIGHT}px`;
-    const whole = { font: FONT, showlegend: false, hovermode: "closest", margin: { l: 55, r: 12, t: 28, b: 45 },
-      height: HEIGHT, paper_bgcolor: "#fff", plot_bgcolor: "#fff", hoverlabel: { namelength: -1 }, ...layout };
+  const drawn = new Map();  // a chart's element, and what makes its traces and layout anew
+  // A chart is as wide as its column, whatever comes beside it later.
+  const fitted = new ResizeObserver((entries) => {
+    for (const { target, contentRect } of entries) {
+      if (contentRect.width && target.layout?.autosize && Math.abs(target.layout.width - contentRect.width) > 1) Plotly.relayout(target, { width: contentRect.width, autosize: true });
+    }
+  });
+  const draw = (element, make) => {
+    const [traces, layout] = make();
+    const height = layout.height ?? HEIGHT;
+    drawn.set(element, make);
+    element.style.height = `${height}px`;
+    const whole = {
+      font: { family: FAMILY, size: 12, color: tone("ink") }, showlegend: false, hovermode: "closest",
+      margin: { l: 55, r: 12, t: 28, b: 45 }, paper_bgcolor: "#0000", plot_bgcolor: "#0000",
+      modebar: { bgcolor: "#0000", color: tone("soft"), activecolor: tone("ink") },
+      hoverlabel: { namelength: -1, bgcolor: tone("ground"), font: { color: tone("ink") } },
+      autosize: true, height, width: element.clientWidth || undefined, ...layout,
+    };
+    fitted.observe(element);
     return Plotly.react(element, traces, whole, CONFIG);
   };
+  const redraw = () => { for (const [element, make] of drawn) draw(element, make); };
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   const band = (curve, axes = {}) => {
     const k = curve.planner, whole = { meta: k, visible: !hidden.has(k), hoverinfo: "skip", ...axes };
     const from = Math.max(0, curve.high.findIndex((v) => v !== null));  // endless until then
     const edge = { mode: "lines", line: { width: 0, shape: "hv" }, x: curve.x.slice(from) };
     return [
       { ...edge, y: curve.low.slice(from), ...whole },
-      { ...edge, y: curve.high.slice(from), fill: "tonexty", fillcolor: `${planners[k].colour}22`, ...whole },
+      { ...edge, y: curve.high.slice(from), fill: "tonexty", fillcolor: `${inked(planners[k].colour)}22`, ...whole },
       { ...look(k, { shape: "hv" }), x: curve.x, y: curve.middle, ...axes },
     ];
   };
   const steps = (curve) => ({ ...look(curve.planner, { shape: "hv" }), x: curve.x, y: curve.y });
-  const SHARE = axis("share", { range: [-0.02, 1.03], tickformat: ".0%" });
+  const share = () => axis("share", { range: [-0.02, 1.03], tickformat: ".0%" });
   const LOG = { type: "log", exponentformat: "none", nticks: 8 };
+  const evaluations = () => axis("evaluations", { type: "log", exponentformat: "none", dtick: 1 });
 
   const whole = () => data.suites[$("suite").value];
   const drawSuite = () => {
@@ -118,12 +140,12 @@
     $("suite-note").textContent = `${suite.problems} problem${suite.problems > 1 ? "s" : ""}; gaps: ${[...kinds, ...(suite.unknown ? [`${suite.unknown} unknown`] : [])].join(", ")}.`
       + (partly.length ? ` Not run on all of them, so left out of the first two charts: ${partly.join(", ")}.` : "")
       + (suite.convergence.length ? ` Running times and convergence: of the ${suite.searched} whose best 3-5-3 is known.` : "");
-    draw($("profile"), suite.profile.map(steps), { xaxis: axis("times the best planner’s duration", { ...LOG, nticks: 6 }), yaxis: SHARE });
-    draw($("ecdf"), suite.ecdf.map(steps), { xaxis: axis("gap (%)", { ...LOG, dtick: 1 }), yaxis: SHARE });
+    draw($("profile"), () => [whole().profile.map(steps), { xaxis: axis("times the best planner’s duration", { ...LOG, nticks: 6 }), yaxis: share() }]);
+    draw($("ecdf"), () => [whole().ecdf.map(steps), { xaxis: axis("gap (%)", { ...LOG, dtick: 1 }), yaxis: share() }]);
     for (const figure of all(".searches")) figure.hidden = !suite.convergence.length;
     if (!suite.convergence.length) return;
-    draw($("times"), suite.times.map(steps), { xaxis: axis("evaluations", LOG), yaxis: SHARE });
-    draw($("convergence"), suite.convergence.flatMap((c) => band(c)), { xaxis: axis("evaluations", LOG), yaxis: axis("duration over the best 3-5-3", LOG) });
+    draw($("times"), () => [whole().times.map(steps), { xaxis: evaluations(), yaxis: share() }]);
+    draw($("convergence"), () => [whole().convergence.flatMap((c) => band(c)), { xaxis: evaluations(), yaxis: axis("duration over the best 3-5-3", LOG) }]);
   };
 
   // ---- tables of a suite: what a search costs, and planners against one of them --------------
@@ -164,7 +186,7 @@
     all(`.toggle[data-planner="${k}"]`).forEach((b) => b.setAttribute("aria-pressed", shown));
     apply();
     compare();
-    for (const element of drawn) {
+    for (const element of drawn.keys()) {
       const own = element.data.map((t, i) => (t.meta === k ? i : -1)).filter((i) => i >= 0);
       if (own.length) Plotly.restyle(element, { visible: shown }, own);
     }
@@ -251,16 +273,17 @@
 
   // ---- paper -------------------------------------------------------------------------------
   const PAPER = 660;  // px between the margins of A4
-  let before = new Map();
   window.addEventListener("beforeprint", () => {
-    before = new Map([...drawn].map((element) => [element, element.clientWidth]));
-    for (const element of drawn) {
+    document.documentElement.classList.add("paper");  // black on white
+    redraw();
+    for (const element of drawn.keys()) {
       const half = element.closest(".grid") !== null;
       Plotly.relayout(element, { width: half ? PAPER / 2 - 10 : PAPER, autosize: false });
     }
   });
   window.addEventListener("afterprint", () => {
-    for (const element of before.keys()) Plotly.relayout(element, { width: undefined, autosize: true });
+    document.documentElement.classList.remove("paper");
+    redraw();
   });
 
   apply();

@@ -7,51 +7,73 @@ const figure = (panel, title, caption) => {
   return chart;
 };
 const short = (label) => {  // two lines of a chart's margin at most
-  const parts = label.split(/(?<=[:,])/), lines = [""];
+  const parts = label.split(/(?<=[:,])/).flatMap((part) => part.match(/.{1,24}/gsu) ?? []), lines = [""];
   for (const part of parts) (lines.at(-1) + part).length > 24 ? lines.push(part) : lines[lines.length - 1] += part;
-  return lines.length > 2 ? `${lines[0]}<br>${lines[1]}…` : lines.join("<br>");
+  const shown = lines.map(plain);
+  return shown.length > 2 ? `${shown[0]}<br>${shown[1]}…` : shown.join("<br>");
 };
 
-const drawDurations = (chart, p, found) => {
+const durations = (p) => {
   const own = rows.filter((r) => r.problem === p).reverse();
   const traces = own.map((row) => {
     const some = row.trials.filter((i) => trials.certified_duration[i] !== null);
     const k = row.planner;
     return {
-      ...look(k), mode: "markers", x: some.map((i) => trials.certified_duration[i]), y: some.map(() => planners[k].label),
+      ...look(k), mode: "markers", x: some.map((i) => trials.certified_duration[i]), y: some.map(() => k),
       customdata: some.map((i) => [trials.id[i], trials.seed[i], trials.gap[i] === null ? "" : `, gap ${trials.gap[i] < 0 ? "" : "+"}${signed(100 * trials.gap[i], 4)} %`]),
-      marker: { symbol: some.map((i) => planners[k].symbol + (data.kept[i] ? "" : "-open")), size: 9, color: planners[k].colour, opacity: 0.8, line: { width: 1.5, color: planners[k].colour } },
-      hovertemplate: "%{x:.6f} s%{customdata[2]}<br>seed %{customdata[1]}<extra>%{y}</extra>",
+      marker: { symbol: some.map((i) => planners[k].symbol + (data.kept[i] ? "" : "-open")), size: 9, color: inked(planners[k].colour), opacity: 0.8, line: { width: 1.5, color: inked(planners[k].colour) } },
+      hovertemplate: `%{x:.6f} s%{customdata[2]}<br>seed %{customdata[1]}<extra>${plain(planners[k].label)}</extra>`,
     };
   });
   const lost = own.filter((r) => r.trials.every((i) => trials.certified_duration[i] === null));
   const notes = lost.map((r) => {
     const i = r.trials[0], bound = trials.lower_bound[i];
-    return { x: 0, xref: "paper", xanchor: "left", y: planners[r.planner].label, showarrow: false, font: { size: 11, color: "#595959" },
+    return { x: 0, xref: "paper", xanchor: "left", y: own.indexOf(r), showarrow: false, bgcolor: tone("ground"), font: { size: 11, color: tone("soft") },
       text: bound === null ? `no answer: ${trials.status[i]}` : `no answer, lower bound ${bound.toFixed(4)} s` };
   });
-  const order = own.map((r) => planners[r.planner].label);
+  const order = own.map((r) => r.planner), names = order.map((k) => short(planners[k].label));
   const i = own.flatMap((r) => r.trials).find((t) => trials.gap[t] !== null);
-  const reference = i === undefined ? [] : [{ type: "line", x0: trials.certified_duration[i] / (1 + trials.gap[i]), x1: trials.certified_duration[i] / (1 + trials.gap[i]), y0: 0, y1: 1, yref: "paper", line: { color: "#b00020", width: 1, dash: "4px,2px" } }];
-  draw(chart, traces, {
-    height: 100 + 31 * own.length, shapes: reference, annotations: notes,
+  const best = i === undefined ? null : trials.certified_duration[i] / (1 + trials.gap[i]);
+  return [traces, {
+    height: 100 + 31 * own.length, annotations: notes,
+    shapes: best === null ? [] : [reference({ x0: best, x1: best, y0: 0, y1: 1, yref: "paper" })],
     xaxis: axis("certified duration (s)", { rangemode: "tozero" }),
-    yaxis: axis("", { type: "category", categoryorder: "array", categoryarray: order, tickvals: order, ticktext: order.map(short), tickfont: { size: 11 } }),
-  });
+    yaxis: axis("", { type: "category", categoryorder: "array", categoryarray: order, tickvals: order, ticktext: names, tickfont: { size: 11 }, range: [-0.6, order.length - 0.4] }),
+  }];
+};
+const drawDurations = (chart, p) => {
+  draw(chart, () => durations(p));
   chart.on("plotly_click", (event) => { location.hash = `trial-${event.points[0].customdata[0]}`; });
 };
 
-const drawMotions = (chart, found, joint) => {
+const motionsOf = (found, joint) => {
   const traces = [], shapes = [], layout = { height: 130 + 165 * found.quantities.length, hovermode: "closest" };
   found.quantities.forEach(([name, unit], row) => {
     const suffix = row ? String(row + 1) : "", span = 1 / found.quantities.length;
     layout[`yaxis${suffix}`] = axis(`${name}<br>(${unit})`, { domain: [1 - (row + 1) * span + 0.025, 1 - row * span], nticks: 6 });
     for (const motion of found.motions) traces.push({ ...look(motion.planner, { width: 1.6 }), x: motion.t, y: motion.values[row][joint], mode: "lines", xaxis: "x", yaxis: `y${suffix}`, customdata: motion.t.map(() => motion.trial) });
-    for (const limit of found.limits[name][joint]) if (limit !== null) shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, yref: `y${suffix}`, y0: limit, y1: limit, line: { color: "#b00020", width: 1, dash: "4px,2px" } });
+    for (const limit of found.limits[name][joint]) if (limit !== null) shapes.push(reference({ xref: "paper", x0: 0, x1: 1, yref: `y${suffix}`, y0: limit, y1: limit }));
   });
-  for (const motion of found.motions) traces.push({ ...look(motion.planner), mode: "markers", x: motion.passed, y: found.waypoints.map((w) => w[joint]), marker: { symbol: `${planners[motion.planner].symbol}-open`, size: 7, color: planners[motion.planner].colour }, hoverinfo: "skip", xaxis: "x", yaxis: "y" });
+  const numbers = new Map();  // the waypoints, counted from 1, at each coordinate
+  found.waypoints.forEach((w, n) => numbers.set(w[joint], [...(numbers.get(w[joint]) ?? []), n + 1]));
+  const labelled = found.waypoints.length <= 8;
+  layout.annotations = [];
+  for (const [y, own] of numbers) {
+    shapes.push({ type: "line", layer: "below", xref: "paper", x0: 0, x1: 1, yref: "y", y0: y, y1: y, line: { color: tone("faint"), width: 1, dash: "1px,3px" } });
+    if (labelled) layout.annotations.push({ text: own.join(", "), xref: "paper", x: 1, xanchor: "left", yref: "y", y, showarrow: false, font: { size: 10, color: tone("soft") } });
+  }
+  for (const motion of found.motions) traces.push({
+    ...look(motion.planner), mode: "markers", x: motion.passed, y: found.waypoints.map((w) => w[joint]),
+    marker: { symbol: planners[motion.planner].symbol, size: 8, color: tone("ground"), line: { width: 1.6, color: inked(planners[motion.planner].colour) } },
+    text: found.waypoints.map((w, n) => `waypoint ${n + 1}`), customdata: motion.passed.map(() => motion.trial),
+    hovertemplate: `%{text}: %{y:.4f} rad at %{x:.4f} s<extra>${plain(planners[motion.planner].label)}</extra>`, xaxis: "x", yaxis: "y",
+  });
+  layout.margin = { l: 55, r: 34, t: 28, b: 45 };
   layout.xaxis = axis("time (s)", { anchor: `y${found.quantities.length}`, rangemode: "tozero" });
-  draw(chart, traces, { ...layout, shapes });
+  return [traces, { ...layout, shapes }];
+};
+const drawMotions = (chart, found, joint) => {
+  draw(chart, () => motionsOf(found, joint));
   chart.removeAllListeners("plotly_click");
   chart.on("plotly_click", (event) => { location.hash = `trial-${event.points[0].customdata}`; });
 };
@@ -66,9 +88,9 @@ const drawUse = (chart, note, found, motion) => {
       use.push(values.map((v) => Math.min(1, Math.max(v / high, v / low))));
     });
   }
-  draw(chart, [{ type: "heatmap", x: motion.t, y: names, z: use, zmin: 0, zmax: 1, colorscale: "Cividis", xgap: 0, ygap: 1,
+  draw(chart, () => [[{ type: "heatmap", x: motion.t, y: names, z: use, zmin: 0, zmax: 1, colorscale: "Cividis", xgap: 0, ygap: 1,
     colorbar: { title: { text: "use", side: "right" }, thickness: 12, tickformat: ".0%" }, hovertemplate: "%{y}: %{z:.1%} of the limit at %{x:.3f} s<extra></extra>" }], {
-    height: 90 + 17 * names.length, xaxis: axis("time (s)"), yaxis: axis("", { autorange: "reversed", tickfont: { size: 11 }, showgrid: false }) });
+    height: 90 + 17 * names.length, xaxis: axis("time (s)"), yaxis: axis("", { autorange: "reversed", tickfont: { size: 11 }, showgrid: false }) }]);
   const held = motion.held.map(([joint, limit, start, end]) => `${limit} of joint ${joint + 1}, ${start.toFixed(2)}–${end.toFixed(2)} s`);
   note.textContent = `Some joint is at a limit (99 % or more) for ${(100 * motion.busy).toFixed(0)} % of the time${held.length ? `; the longest stretches: ${held.join("; ")}` : ""}.`;
 };
@@ -116,11 +138,13 @@ const fill = async (details) => {
   if (own.toml) { const line = make("p"); line.append(download(own.file, own.toml)); panel.append(line); }
   const pair = make("div", "", { class: "grid" });
   panel.append(pair);
-  drawDurations(figure(pair, "Certified durations.", "A mark per run, open where it had to be slowed down; dashed red: the reference. Click a mark for its trial."), p, found);
-  if (found.convergence.length) {
-    const chart = figure(pair, "Convergence.", "Best duration found by so many evaluations, as certified: median and quartiles over seeds.");
-    const best = found.best === null ? [] : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: found.best, y1: found.best, line: { width: 1, dash: "4px,2px" } }];
-    draw(chart, found.convergence.flatMap((c) => band(c)), { xaxis: axis("evaluations", LOG), yaxis: axis("best duration (s)", LOG), shapes: best });
+  const runs = figure(pair, "Certified durations.", "A mark per run, open where it had to be slowed down; dashed red: the reference. Click a mark for its trial.");
+  const searched = found.convergence.length
+    ? figure(pair, "Convergence.", "Best certified duration by so many evaluations: median and quartiles over seeds; dashed: the best 3-5-3.") : null;
+  drawDurations(runs, p);  // both are there first: a chart is as wide as its column
+  if (searched) {
+    const best = () => (found.best === null ? [] : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: found.best, y1: found.best, line: { color: tone("ink"), width: 1, dash: "4px,2px" } }]);
+    draw(searched, () => [found.convergence.flatMap((c) => band(c)), { xaxis: evaluations(), yaxis: axis("best certified duration (s)", LOG), shapes: best() }]);
   }
   if (!found.motions.length) {
     panel.append(make("p", "Its trajectories are not in this page.", { class: "note" }));
@@ -129,7 +153,7 @@ const fill = async (details) => {
   panel.append(make("h3", "Trajectories"));
   const joints = select(panel, "Joint", [...Array(found.joints).keys()].map((j) => [j + 1, j]));
   panel.append(Object.assign($("legend").cloneNode(true), { id: "" }));
-  const motions = figure(panel, "Median runs.", "Certified trajectories of each planner’s median run; dashed red: limits; marks: waypoints. Click a curve for its trial.");
+  const motions = figure(panel, "Median runs.", "Certified trajectories of each planner’s median run; dashed red: limits; marks and dotted lines, with their numbers: waypoints. Click a curve for its trial.");
   const redraw = () => drawMotions(motions, found, Number(joints.value));
   const travel = (j) => found.waypoints.slice(1).reduce((sum, w, n) => sum + Math.abs(w[j] - found.waypoints[n][j]), 0) / found.limits.velocity[j][1];
   joints.value = [...Array(found.joints).keys()].sort((a, b) => travel(b) - travel(a))[0];
