@@ -6,7 +6,8 @@ The one declaration that files are written by, checked against when read, and do
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Literal
@@ -26,6 +27,15 @@ YEARS = range(1970, 2262)  # what pandas' nanoseconds hold
 
 class Malformed(ValueError):
     """A stored value that is not of the type, shape or size that its column has."""
+
+
+@contextmanager
+def naming(name: str) -> Iterator[None]:
+    """Let what is wrong with a value be `Malformed`, with the name of its column or dataset."""
+    try:
+        yield
+    except (ValueError, TypeError, KeyError, ArithmeticError, RecursionError) as error:
+        raise Malformed(f"{name}: {error}") from error
 
 
 @dataclass(frozen=True)

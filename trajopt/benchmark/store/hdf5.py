@@ -22,7 +22,7 @@ import h5py
 import numpy as np
 from h5py import h5d, h5z
 
-from trajopt.benchmark.store.columns import Array, Malformed
+from trajopt.benchmark.store.columns import Array, Malformed, naming
 from trajopt.exceptions import StoreError
 
 SCHEMA = 3  # raise it whenever a reader of this version could misread the file
@@ -181,21 +181,23 @@ class Source:
         if kind is None:
             raise Malformed(f"{name}: expected text, found {data.dtype}")
         if kind.length is not None:
-            return [text.decode() for text in data[()].tolist()]
-        found = []
-        for row in range(len(data)):  # of any length: each may claim as much as the file holds
-            text = data[row]
-            self._spend(name, len(text))
-            found.append(text.decode())
-        return found
+            encoded = data[()].tolist()
+        else:
+            encoded = []
+            for row in range(len(data)):  # of any length: each may claim all that the file holds
+                text = data[row]
+                self._spend(name, len(text))
+                encoded.append(text)
+        with naming(name):
+            return [text.decode() for text in encoded]
 
     def text(self, name: str) -> str:
         """A single text in UTF-8."""
         data = self._dataset(name, 0)
         if data.dtype.kind != "S":
             raise Malformed(f"{name}: expected text of a fixed length, found {data.dtype}")
-        found: str = bytes(data[()]).decode()
-        return found
+        with naming(name):
+            return bytes(data[()]).decode()
 
     def _at(self, path: str) -> Any:
         """What lies at a path within this very file, `None` where nothing does."""

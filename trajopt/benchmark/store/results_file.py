@@ -37,6 +37,7 @@ from trajopt.benchmark.store.columns import (
     Block,
     Column,
     Malformed,
+    naming,
 )
 from trajopt.benchmark.store.schema import Encoded, unpack
 
@@ -266,10 +267,8 @@ def _column(source: hdf5.Source, name: str) -> list[Any]:
     texts = source.texts(path)
     if kind != "object":
         return texts
-    try:
+    with naming(path):
         return [json.loads(text) for text in texts]
-    except ValueError as error:
-        raise Malformed(f"{path}: {error}") from error
 
 
 def _padded(texts: list[str]) -> Any:

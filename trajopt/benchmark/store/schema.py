@@ -25,6 +25,7 @@ from trajopt.benchmark.store.columns import (
     Array,
     Malformed,
     harmless,
+    naming,
 )
 from trajopt.benchmark.trial import Trial, verdict
 from trajopt.exceptions import InvalidTrajectory, StoreError
@@ -209,11 +210,9 @@ def _checked_row(row: Mapping[str, Any]) -> dict[str, Any]:
     """The values of all columns, checked and harmless to print."""
     checked = {}
     for name, column in COLUMNS.items():
-        value = harmless(row[name], lines=column.kind != "name")
-        try:
+        with naming(name):
+            value = harmless(row[name], lines=column.kind != "name")
             checked[name] = column.checked(unpack(value))
-        except (TypeError, ValueError) as error:
-            raise Malformed(f"{name}: {error}") from error
     if checked["batch"] < 1:
         raise Malformed("batch: expected 1 or more")
     return checked

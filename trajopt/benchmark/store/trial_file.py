@@ -18,7 +18,16 @@ import h5py
 import numpy as np
 
 from trajopt.benchmark.store import hdf5
-from trajopt.benchmark.store.columns import ARRAYS, COLUMNS, PROBLEM, STATS, Block, Malformed
+from trajopt.benchmark.store.columns import (
+    ARRAYS,
+    COLUMNS,
+    PROBLEM,
+    STATS,
+    Array,
+    Block,
+    Malformed,
+    naming,
+)
 from trajopt.benchmark.store.schema import Encoded, pack, unpack
 
 _DESCRIPTION = "one planner on one problem with one seed, judged by the verifier"
@@ -50,12 +59,17 @@ def read(path: Path) -> Encoded:
         Exception: whatever else it raises means that the content is damaged, or not ours.
     """
     with hdf5.opened(path) as source:
-        record = json.loads(source.text("record"))
-        _check_keys(record)
+        with naming("record"):
+            record = json.loads(source.text("record"))
+            _check_keys(record)
+            numbers = {name: _table(record["numbers"][name]) for name in PROBLEM}
         arrays = {name: _array(source, name) for name in record["arrays"]}
     row = {name: record[name] for name in COLUMNS}
-    numbers = {name: np.array(unpack(record["numbers"][name]), dtype=float) for name in PROBLEM}
     return Encoded(row, numbers, arrays)
+
+
+def _table(value: Any) -> Array:
+    return np.array(unpack(value), dtype=float)
 
 
 def _put(file: h5py.File, name: str, array: Any, block: Block) -> None:
@@ -66,14 +80,14 @@ def _put(file: h5py.File, name: str, array: Any, block: Block) -> None:
 
 def _check_keys(record: Any) -> None:
     if not isinstance(record, dict):
-        raise Malformed("record: expected a JSON object")
+        raise Malformed("expected a JSON object")
     for name in (*COLUMNS, "numbers", "arrays"):
         if name not in record:
-            raise Malformed(f"record: {name} is missing")
+            raise Malformed(f"{name} is missing")
     if not isinstance(record["numbers"], dict) or not record["numbers"].keys() >= PROBLEM.keys():
-        raise Malformed(f"record: numbers: expected {', '.join(PROBLEM)}")
+        raise Malformed(f"numbers: expected {', '.join(PROBLEM)}")
     if not isinstance(record["arrays"], list):
-        raise Malformed("record: arrays: expected a list of names")
+        raise Malformed("arrays: expected a list of names")
 
 
 def _array(source: hdf5.Source, name: Any) -> Any:
