@@ -131,14 +131,14 @@ def decode(kept: Encoded, *, anew: bool = False) -> Trial:
     )
     status = Status(row["status"])
     message = row["message"]
-    certificate = None
+    certificate = _certificate(row["certificate"], problem.joints)
     if damage:
         status = Status.INVALID
         message = f"the stored trajectory: {damage}"
     elif anew:
         status, _, certificate = verdict(problem, solution)
-    elif trajectory is not None and row["certificate"] is not None:
-        certificate = _certificate(row["certificate"], problem.joints)
+    if trajectory is None:
+        certificate = None
     return Trial(
         problem=problem,
         planner=row["planner"],
@@ -307,8 +307,10 @@ def _certificate_row(certificate: Certificate) -> dict[str, Any]:
     return row
 
 
-def _certificate(row: Mapping[str, Any], joints: int) -> Certificate:
+def _certificate(row: Mapping[str, Any] | None, joints: int) -> Certificate | None:
     """The recorded certificate; fields that it was recorded without have their defaults."""
+    if row is None:
+        return None
     values: dict[str, Any] = {}
     for field in fields(Certificate):
         if field.name in row:

@@ -1,0 +1,184 @@
+"""What `verify` computes again, and what it says where that differs."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from trials import PROBLEM, Stopping, edited, solved
+
+from trajopt import Limits, Problem, Relation, Solution, Status
+from trajopt.benchmark.store import verification as module
+from trajopt.benchmark.store.folder import Store, save
+from trajopt.benchmark.store.verification import verification
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.trial import judge
+
+
+def checked(tmp_path, trial):
+    """The one trial of a file."""
+    (found,) = verification(save(tmp_path / "t.h5", trial)).trials
+    return found
+
+
+def test_what_was_judged_holds(tmp_path):
+    trial = solved()
+    found = checked(tmp_path, trial)
+    assert found.holds
+    assert found.differences == ()
+    assert (found.id, found.recorded_claim) == (trial.id, 1.5)
+    assert found.certified_duration == found.recorded_duration == trial.certified_duration
+    assert found.bound == "not rechecked"  # no such planner is registered
+    assert found.as_dict()["holds"] is True
+
+
+def wrong_worst(trial, **changes):
+    worst = replace(trial.certificate.velocity, **changes)
+    return replace(trial, certificate=replace(trial.certificate, velocity=worst))
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda t: replace(t, status=Status.FAILED), "status"),
+        (lambda t: replace(t, label="exact"), "label"),
+        (lambda t: wrong_worst(t, value=1.0), "certificate's velocity"),
+        (lambda t: replace(t, certificate=replace(t.certificate, dilation=1.0)), "dilation"),
+        (lambda t: replace(t, certificate=replace(t.certificate, flaws=("x",))), "certified"),
+    ],
+)
+def test_a_false_record_is_named(tmp_path, change, name):
+    found = checked(tmp_path, change(solved()))
+    assert not found.holds
+    assert name in " ".join(found.differences)
+
+
+def test_a_digest_that_is_not_the_problem_s_is_named(tmp_path):
+    store = Store(tmp_path)
+    store.write(solved())
+    with edited(store.consolidate()) as file:
+        for group in ("trials", "problems"):
+            file[group]["digest"][0] = b"0" * 64
+    (found,) = verification(store.results).trials
+    assert found.differences[0].startswith("digest: recorded 000")
+
+
+def test_a_built_in_name_needs_the_built_in_numbers(tmp_path):
+    built_in = catalogue.load("one-joint")
+    (trial,) = judge(Stopping(3.0), built_in, [0], "stopping")
+    assert checked(tmp_path, trial).holds
+    easier = Limits(1.01 * built_in.limits.velocity, built_in.limits.acceleration)
+    other = Problem(built_in.waypoints, easier, "one-joint")
+    (trial,) = judge(Stopping(3.0), other, [0], "stopping")
+    assert checked(tmp_path, trial).differences == (
+        "problem: its numbers are not those of the built-in one-joint",
+    )
+    (trial,) = judge(Stopping(3.0), replace(other, name="mine"), [0], "stopping")
+    assert checked(tmp_path, trial).holds
+
+
+def test_names_of_suites_are_built_in_too(tmp_path):
+    arm = catalogue.problems("robots")[0]
+    fake = replace(PROBLEM, name=arm.name)
+    (trial,) = judge(Stopping(3.0), fake, [0], "stopping")
+    assert not checked(tmp_path, trial).holds
+
+
+def test_a_folder_of_crashes_holds_nothing_and_says_so(tmp_path):
+    crash = Solution(Status.CRASHED, message="no licence")
+    trial = solved()
+    for seed in range(3):
+        failed = replace(trial, seed=seed, status=Status.CRASHED, solution=crash, certificate=None)
+        Store(tmp_path).write(failed)
+    found = verification(tmp_path)
+    assert not found.holds
+    assert all(t.holds for t in found.trials)
+    assert "No trial has a certified duration or a lower bound" in " ".join(found.summary())
+    Store(tmp_path).write(trial)
+    assert verification(tmp_path).holds
+
+
+def test_a_bound_above_a_certified_duration_of_the_same_problem_does_not_hold(tmp_path):
+    trial = solved()
+    store = Store(tmp_path)
+    store.write(trial)
+    slower = 1.01 * trial.certified_duration
+    for seed, bound, name in ((7, slower, PROBLEM.name), (8, slower, "renamed")):
+        solution = Solution(Status.INVALID, lower_bound=bound)
+        problem = replace(PROBLEM, name=name)
+        store.write(
+            replace(
+                trial,
+                seed=seed,
+                problem=problem,
+                status=Status.INVALID,
+                solution=solution,
+                certificate=None,
+            )
+        )
+    wrong = [t for t in verification(tmp_path).trials if not t.holds]
+    assert {t.seed for t in wrong} == {7, 8}
+    assert all("is certified" in t.differences[0] for t in wrong)
+
+
+@dataclass(frozen=True)
+class Proving(Stopping):
+    """Knows that nothing is faster than 2 s, and needs `effort` to see it."""
+
+    effort: int = 1
+
+    def recheck_bound(self, problem, lower_bound):
+        if self.effort < 1:
+            return None
+        return lower_bound <= 2.0
+
+    def relation(self, problem):
+        return Relation.SAME
+
+
+class Entry:
+    def missing(self):
+        return None
+
+    def load(self):
+        return Proving()
+
+
+@pytest.mark.parametrize(
+    ("bound", "options", "said"),
+    [
+        (1.99, {}, "proved again"),
+        (2.01, {}, "refuted"),
+        (1.99, {"effort": 0}, "not decided in its time"),
+        (1.99, {"unknown": 1}, "not rechecked"),
+        (None, {}, ""),
+    ],
+)
+def test_bounds_are_proved_again_by_their_planner(tmp_path, monkeypatch, bound, options, said):
+    monkeypatch.setattr(module, "entries", lambda: {"stopping": Entry()})
+    trial = solved()
+    solution = replace(trial.solution, lower_bound=bound)
+    trial = replace(trial, solution=solution, options={**trial.options, **options})
+    path = save(tmp_path / "t.h5", trial)
+    found = verification(path)
+    assert found.trials[0].bound == said
+    assert found.holds == (said != "refuted")
+    assert not said or f"1 lower bounds: 1 {said}." in found.summary()
+
+
+def test_an_edited_file_is_refused_until_it_is_forged(tmp_path):
+    """A weaker bound is true, but it is not what was proved: the seal says so."""
+    import h5py
+
+    path = save(tmp_path / "t.h5", solved())
+    with h5py.File(path, "r+") as file:
+        file["history/duration"][2] = np.nan
+    with pytest.raises(OSError, match=r"checksum is missing, it was cut or edited"):
+        verification(path)
+
+
+def test_nobody_is_told_to_remove_a_file(tmp_path):
+    (tmp_path / "thesis.h5").write_bytes(b"not yours")
+    with pytest.raises(OSError, match=r"thesis\.h5") as error:
+        verification(tmp_path / "thesis.h5")
+    assert "delete" not in str(error.value)
+    assert "replace" not in str(error.value)
