@@ -29,14 +29,27 @@ from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+# One joint's breaks and coefficients, as `Trajectory.joined` takes them.
+Part = tuple[Array, Array]
+
 _LOPSIDED = "Ruckig's jerk limit is symmetric: the tighter side was used"
-_INSIDE = 1e-9  # relative: how far inside its limits a state at a waypoint is kept
-_PROBE = 0.1  # of the trust region: how far differences reach
-_FACTORS = (0.0, 1.0, 0.5, 1.5)  # starts: parts of the mean velocity about a waypoint
-_KICKS = (0.1, 0.5, 0.02)  # of the limits: how far random starts lie from the best
-_PROGRESS = 1e-7  # relative: the least gain worth a step
-_INWARDS = 1 - 1e-14  # times an end state: exactly opposite states at one place crash Ruckig 0.19
-_SMALLEST = 1e-5  # of the limits: the search's last step
+# Relative: how far inside its limits a state at a waypoint stays.
+_INSIDE_MARGIN = 1e-9
+# Of the trust region: how far differences reach.
+_PROBE_SHARE = 0.1
+# Starts: parts of the mean velocity about a waypoint.
+_MEAN_SHARES = (0.0, 1.0, 0.5, 1.5)
+# Of the limits: how far random starts lie from the best.
+_KICK_RADII = (0.1, 0.5, 0.02)
+# Of the limits: the trust region at first and at last.
+_START_RADIUS = 0.5
+_LAST_RADIUS = 1e-5
+# Relative: the smallest gain that is a step.
+_GAIN_RTOL = 1e-7
+# Times an end state: exactly opposite states at one place crash Ruckig 0.19.
+_INWARDS = 1 - 1e-14
+# Of the largest coordinate: what rounding may carry a position beyond its limit.
+_POSITION_RTOL = 1e-12
 
 
 @dataclass(frozen=True)
@@ -66,14 +79,16 @@ class RuckigVia(RuckigStop):
     @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
-        return _solution(problem, sections, *improved(sections, self.evaluations))
+        states, history = improved(sections, self.evaluations)
+        return _solution(problem, sections, states, history)
 
 
 class Sections:
     """Ruckig on the segments of a problem (no two consecutive waypoints alike), moving joints only.
 
     `states` are `(2, waypoints, moving joints)`: velocity, rad/s, and acceleration, rad/s² (unused
-    for joints without a jerk limit); `evaluations` counts the sections computed.
+    for joints without a jerk limit). A segment's `start` and `end` are such states at one waypoint,
+    `(2, moving joints)`. `evaluations` counts the sections computed.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -82,7 +97,8 @@ class Sections:
         self.waypoints = problem.waypoints[:, self.moving]
         self.limits = problem.limits.only(self.moving)
         joints = len(self.moving)
-        self._solver, self._trajectory = ruckig.Ruckig(joints), ruckig.Trajectory(joints)
+        self._solver = ruckig.Ruckig(joints)
+        self._trajectory = ruckig.Trajectory(joints)
         self._input = _input(ruckig, self.limits)
         self._success = (ruckig.Result.Working, ruckig.Result.Finished)
         self._error = ruckig.RuckigError
@@ -105,36 +121,44 @@ class Sections:
         time = float(self._trajectory.duration)
         return time if self._inside() else np.inf
 
-    def profiles(self, k: int, start: Array, end: Array) -> tuple[float, list[tuple[Array, Array]]]:
+    def profiles(self, k: int, start: Array, end: Array) -> tuple[float, list[Part]]:
         """The duration of segment `k` and every joint's `(breaks, coefficients)`, cubics."""
         if not self._calculate(k, start, end):
             raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
         return self._trajectory.duration, self._rebuilt()
 
-    def _rebuilt(self) -> list[tuple[Array, Array]]:
-        return [_cubics(p, self._trajectory.duration) for p in self._trajectory.profiles[0]]
+    def _rebuilt(self) -> list[Part]:
+        duration = self._trajectory.duration
+        return [_cubics(profile, duration) for profile in self._trajectory.profiles[0]]
 
     def _calculate(self, k: int, start: Array, end: Array, *, checked: bool = False) -> bool:
         """Whether Ruckig solves segment `k`; `checked`, from states that keep their limits."""
         given = self._input
-        given.current_position, given.target_position = self.waypoints[k : k + 2].tolist()
-        given.current_velocity, given.current_acceleration = start.tolist()
-        given.target_velocity, given.target_acceleration = (end * _INWARDS).tolist()
+        target = end * _INWARDS
+        given.current_position = self.waypoints[k].tolist()
+        given.target_position = self.waypoints[k + 1].tolist()
+        given.current_velocity = start[0].tolist()
+        given.current_acceleration = start[1].tolist()
+        given.target_velocity = target[0].tolist()
+        given.target_acceleration = target[1].tolist()
         self.evaluations += 1
         try:
-            valid = not checked or self._solver.validate_input(given, True, True)
-            return valid and self._solver.calculate(given, self._trajectory) in self._success
+            if checked and not self._solver.validate_input(given, True, True):
+                return False
+            return self._solver.calculate(given, self._trajectory) in self._success
         except (self._error, ValueError):  # a result code that its own enumeration lacks
             return False
 
     def _inside(self) -> bool:
+        """Whether the section just computed keeps the position limits."""
         if not np.isfinite(self.limits.position).any():
             return True
-        slack = 1e-12 * np.maximum(np.abs(self.waypoints).max(axis=0), 1)
-        wide = self.limits.position + slack[:, None] * [-1, 1]
-        return all(
-            _within(*joint, *pair) for joint, pair in zip(self._rebuilt(), wide, strict=True)
-        )
+        size = np.maximum(np.abs(self.waypoints).max(axis=0), 1)
+        slack = _POSITION_RTOL * size
+        low = self.limits.position[:, 0] - slack
+        high = self.limits.position[:, 1] + slack
+        parts = self._rebuilt()
+        return all(_within(*part, low[j], high[j]) for j, part in enumerate(parts))
 
 
 def section(
@@ -146,9 +170,10 @@ def section(
     moves, s. Infinite and NaN where Ruckig refuses. Raises `InvalidInput` where no joint moves.
     """
     sections = Sections(Problem(np.array([start[0], end[0]]), limits))
-    states = np.array([start[1:], end[1:]])[:, :, sections.moving]
-    minima = sections.minima(0, *states)
-    return sections.duration(0, *states), minima
+    leaving = np.array(start[1:])[:, sections.moving]
+    arriving = np.array(end[1:])[:, sections.moving]
+    minima = sections.minima(0, leaving, arriving)
+    return sections.duration(0, leaving, arriving), minima
 
 
 def improved(sections: Sections, evaluations: int) -> tuple[Array, list[tuple[int, float]]]:
@@ -158,31 +183,36 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, list[tuple[in
     the best so far (always the same ones), while the budget lasts.
     """
     best = sections.at_rest
-    least = _total(sections, best)
-    history = [(sections.evaluations, least)]
-    if not np.isfinite(least) or not best[:, 1:-1].size:  # refused, or nothing to choose
+    shortest = _total(sections, best)
+    history = [(sections.evaluations, shortest)]
+    refused = not np.isfinite(shortest)
+    nothing_to_choose = best[:, 1:-1].size == 0
+    if refused or nothing_to_choose:
         return best, history
     generator = np.random.default_rng(0)
     guesses = _guesses(sections)
     while sections.evaluations < evaluations:
-        kicked = generator.uniform(*_bounds(sections, best, generator.choice(_KICKS)))
-        start = guesses.pop(0) if guesses else kicked
+        lower, upper = _bounds(sections, best, generator.choice(_KICK_RADII))
+        start = generator.uniform(lower, upper)
+        if guesses:
+            start = guesses.pop(0)
         states, total = _descended(sections, start, evaluations)
-        if total < least:
-            best, least = states, total
-            history.append((sections.evaluations, least))
+        if total < shortest:
+            best = states
+            shortest = total
+            history.append((sections.evaluations, shortest))
     return best, history
 
 
 def _guesses(sections: Sections) -> list[Array]:
     """Rest, and shares of the mean velocity about each waypoint if one stops at its neighbours."""
     rest = sections.at_rest
-    times = [np.nanmax(sections.minima(k, *_ends(rest, k))) for k in range(rest.shape[1] - 1)]
+    times = np.array([np.nanmax(minima) for minima in _minima(sections, rest)])
     means = sections.at_rest
-    spans = np.add(times[1:], times[:-1])[:, None]
-    means[0, 1:-1] = (sections.waypoints[2:] - sections.waypoints[:-2]) / spans
+    ways = sections.waypoints[2:] - sections.waypoints[:-2]
+    means[0, 1:-1] = ways / (times[1:] + times[:-1])[:, None]
     lower, upper = _bounds(sections, rest, 1.0)
-    return [np.clip(factor * means, lower, upper) for factor in _FACTORS]
+    return [np.clip(share * means, lower, upper) for share in _MEAN_SHARES]
 
 
 def _descended(sections: Sections, states: Array, evaluations: int) -> tuple[Array, float]:
@@ -193,12 +223,15 @@ def _descended(sections: Sections, states: Array, evaluations: int) -> tuple[Arr
     steps count only where the measured total falls; elsewhere the trust region shrinks, and the
     differences with it.
     """
-    best, radius = _total(sections, states), 0.5
-    while radius > _SMALLEST and sections.evaluations < evaluations:
+    best = _total(sections, states)
+    radius = _START_RADIUS
+    while radius > _LAST_RADIUS and sections.evaluations < evaluations:
         trial = _proposed(sections, states, radius)
         total = _total(sections, trial)
-        if total < best * (1 - _PROGRESS):
-            states, best, radius = trial, total, min(2 * radius, 1.0)
+        if total < best * (1 - _GAIN_RTOL):
+            states = trial
+            best = total
+            radius = min(2 * radius, 1.0)
         else:
             radius /= 3
     return states, best
@@ -211,42 +244,53 @@ def _total(sections: Sections, states: Array) -> float:
 
 def _bounds(sections: Sections, states: Array, radius: float) -> tuple[Array, Array]:
     """The trust region around the states, inside their limits; ends, and no idle acceleration."""
-    boxes = np.stack([sections.limits.velocity, sections.limits.acceleration]) * (1 - _INSIDE)
-    boxes[1, ~np.isfinite(sections.limits.jerk).any(axis=1)] = 0
-    low, high = np.moveaxis(boxes, -1, 0)[:, :, None]
+    # (order, 1, joints): velocity and acceleration
+    limits = np.stack([sections.limits.velocity, sections.limits.acceleration])
+    boxes = limits * (1 - _INSIDE_MARGIN)
+    jerk_limited = np.isfinite(sections.limits.jerk).any(axis=1)
+    boxes[1, ~jerk_limited] = 0
+    low = boxes[:, None, :, 0]
+    high = boxes[:, None, :, 1]
     reach = radius * np.minimum(high, -low)
-    lower, upper = np.maximum(states - reach, low), np.minimum(states + reach, high)
-    lower[:, [0, -1]], upper[:, [0, -1]] = 0, 0
+    lower = np.maximum(states - reach, low)
+    upper = np.minimum(states + reach, high)
+    lower[:, [0, -1]] = 0
+    upper[:, [0, -1]] = 0
     return lower, upper
 
 
 def _proposed(sections: Sections, states: Array, radius: float) -> Array:
     """The states that minimise the linear model within the trust region."""
     lower, upper = _bounds(sections, states, radius)
-    times, up, down = _model(sections, states, upper - states, states - lower)
+    above = upper - states
+    below = states - lower
+    times, up, down = _model(sections, states, above, below)
     segments, joints = times.shape
+
     # Rows: times + up·rise − down·fall ≤ τ, one per segment and joint; columns: rise, fall, τ.
-    matrix = np.concatenate(
-        [
-            up.reshape(len(up), -1),
-            -down.reshape(len(up), -1),
-            -np.repeat(np.eye(segments), joints, 0),
-        ],
-        axis=1,
-    )
+    own_segment = np.repeat(np.eye(segments), joints, axis=0)
+    rises = up.reshape(len(up), -1)
+    falls = down.reshape(len(up), -1)
+    matrix = np.concatenate([rises, -falls, -own_segment], axis=1)
     cost = np.r_[np.zeros(2 * states.size), np.ones(segments)]
-    most = np.r_[(upper - states).ravel(), (states - lower).ravel(), np.full(segments, np.inf)]
+    unbounded = np.full(segments, np.inf)
+    highest = np.concatenate([above.ravel(), below.ravel(), unbounded])
+
     # milp without integers: linprog spends longer checking its arguments than solving.
-    rows = scipy.sparse.csc_array(matrix)
-    answer = scipy.optimize.milp(
+    optimize = scipy.optimize
+    answer = optimize.milp(
         cost,
-        constraints=scipy.optimize.LinearConstraint(rows, ub=-times.ravel()),
-        bounds=scipy.optimize.Bounds(0, most),
+        constraints=optimize.LinearConstraint(
+            scipy.sparse.csc_array(matrix),
+            ub=-times.ravel(),
+        ),
+        bounds=optimize.Bounds(0, highest),
         options={"presolve": False},
     )
     if answer.x is None:
         return states
-    rise, fall = answer.x[: 2 * states.size].reshape(2, *states.shape)
+    steps = answer.x[: 2 * states.size]
+    rise, fall = steps.reshape(2, *states.shape)
     return np.asarray(np.clip(states + rise - fall, lower, upper))
 
 
@@ -257,22 +301,33 @@ def _model(
 
     Where the slope upwards is the smaller one (a dent), both are their mean.
     """
-    _, count, joints = states.shape
-    times = np.array([sections.minima(k, *_ends(states, k)) for k in range(count - 1)])
-    slopes = np.zeros((2, count - 1, joints, *states.shape))
-    own = np.arange(joints)
-    for side, room in enumerate((above, -below)):
-        for order, waypoint in np.argwhere(room.any(axis=2)):
-            step = _PROBE * room[order, waypoint]
-            moved = states.copy()
-            moved[order, waypoint] += step
-            for k in (waypoint - 1, waypoint):
-                change = sections.minima(k, *_ends(moved, k)) - times[k]
-                slope = np.divide(change, step, out=np.zeros(joints), where=step != 0)
-                slopes[side, k, own, order, waypoint, own] = np.nan_to_num(slope)
-    up, down = slopes.reshape(2, (count - 1) * joints, *states.shape)
+    times = np.array(_minima(sections, states))
+    up = _slopes(sections, states, times, above)
+    down = _slopes(sections, states, times, -below)
     mean = 0.5 * (up + down)
-    return np.nan_to_num(times), np.where(up < down, mean, up), np.where(up < down, mean, down)
+    dent = up < down
+    return np.nan_to_num(times), np.where(dent, mean, up), np.where(dent, mean, down)
+
+
+def _slopes(sections: Sections, states: Array, times: Array, room: Array) -> Array:
+    """Differences of the least times towards one side, `(segments · joints, *states.shape)`."""
+    _, count, joints = states.shape
+    slopes = np.zeros((count - 1, joints, *states.shape))
+    own = np.arange(joints)
+    for order, waypoint in np.argwhere(room.any(axis=2)):
+        step = _PROBE_SHARE * room[order, waypoint]
+        moved = states.copy()
+        moved[order, waypoint] += step
+        for k in (waypoint - 1, waypoint):
+            change = sections.minima(k, *_ends(moved, k)) - times[k]
+            slope = np.divide(change, step, out=np.zeros(joints), where=step != 0)
+            slopes[k, own, order, waypoint, own] = np.nan_to_num(slope)
+    return slopes.reshape((count - 1) * joints, *states.shape)
+
+
+def _minima(sections: Sections, states: Array) -> list[Array]:
+    """Each segment's least times, `(joints,)` each."""
+    return [sections.minima(k, *_ends(states, k)) for k in range(states.shape[1] - 1)]
 
 
 def _ends(states: Array, k: int) -> Array:
@@ -296,21 +351,27 @@ def _phases(profile: Any) -> Iterator[tuple[float, list[float]]]:
                 yield t, [j / 6, a / 2, v, p]
 
 
-def _cubics(profile: Any, time: float) -> tuple[Array, Array]:
+def _cubics(profile: Any, time: float) -> Part:
     """One joint's `(breaks, coefficients)` over a section of that time."""
-    phases = list(_phases(profile)) or [(time, [0.0, 0.0, profile.vf, profile.pf])]
-    breaks = np.r_[0.0, np.cumsum([t for t, _ in phases])]
+    phases = list(_phases(profile))
+    if not phases:
+        phases = [(time, [0.0, 0.0, profile.vf, profile.pf])]
+    durations = [t for t, _ in phases]
+    breaks = np.r_[0.0, np.cumsum(durations)]
     breaks[-1] = time
-    return breaks, np.array([c for _, c in phases]).T
+    coefficients = np.array([cubic for _, cubic in phases]).T
+    return breaks, coefficients
 
 
 def _within(breaks: Array, coefficients: Array, low: float, high: float) -> bool:
     """Whether one joint's positions lie in `[low, high]`: by their bounds, or by their extremes."""
     unit = polynomials.stretched(coefficients, np.diff(breaks))
     bounds = polynomials.bernstein(unit)
-    if not (low <= bounds.min() and bounds.max() <= high):  # else certainly inside
-        bounds = polynomials.evaluate(unit[:, None], polynomials.critical_points(unit))
-    return bool(low <= bounds.min() and bounds.max() <= high)
+    if low <= bounds.min() and bounds.max() <= high:
+        return True
+    points = polynomials.critical_points(unit)
+    extremes = polynomials.evaluate(unit[:, None], points)
+    return bool(low <= extremes.min() and extremes.max() <= high)
 
 
 def _solution(
@@ -321,23 +382,27 @@ def _solution(
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
     low, high = problem.limits.jerk.T
+    lopsided = bool((-low != high).any())
     return Solution(
         Status.SOLVED,
-        _assembled(problem, sections.moving, parts),
-        _LOPSIDED if (-low != high).any() else "",
+        _assembled(problem, parts),
+        _LOPSIDED if lopsided else "",
         evaluations=sections.evaluations,
         history=np.array(history) if history else None,
     )
 
 
-def _assembled(
-    problem: Problem, moving: NDArray[np.intp], parts: list[tuple[float, list[tuple[Array, Array]]]]
-) -> Trajectory:
+def _assembled(problem: Problem, parts: list[tuple[float, list[Part]]]) -> Trajectory:
     """All sections one after another, every joint on common breaks, resting joints put back."""
-    at = np.r_[0.0, np.cumsum([time for time, _ in parts])]
-    rest = [(at[[0, -1]], np.array([[q]])) for q in problem.waypoints[0]]
-    for column, joint in enumerate(moving):
-        own = [section[column] for _, section in parts]
-        later = (start + breaks[1:] for start, (breaks, _) in zip(at, own, strict=False))
-        rest[joint] = np.r_[0.0, *later], np.concatenate([c for _, c in own], axis=1)
-    return Trajectory.joined(rest, at)
+    durations = [duration for duration, _ in parts]
+    at = np.r_[0.0, np.cumsum(durations)]
+    joints = []
+    for column in range(int(problem.moving.sum())):
+        breaks = [np.zeros(1)]
+        coefficients = []
+        for start, (_, section) in zip(at, parts, strict=False):
+            own_breaks, own_coefficients = section[column]
+            breaks.append(start + own_breaks[1:])
+            coefficients.append(own_coefficients)
+        joints.append((np.concatenate(breaks), np.concatenate(coefficients, axis=1)))
+    return Trajectory.of_moving(problem.waypoints[0], problem.moving, joints, at)

@@ -25,24 +25,27 @@ import numpy as np
 import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
+from baselines.ipopt import Options, Program, Run, flat, no_start_succeeded, program
 from trajopt import polynomials, spline353
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import Limits, Problem
+from trajopt.problem import Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
 
 Array = NDArray[np.float64]
 
-IPOPT = {
-    "print_time": False,
-    "error_on_fail": False,
-    "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-11, "acceptable_tol": 1e-8, "max_iter": 300},
-}
-_INSTANTS = 11  # per joint and limit; evenly spread at first
-_ROUNDS = 20
-_ENOUGH = 1e-10  # excess dilation at which the exchange has converged
-_LOG_RATIOS = np.linspace(-10.0, 10.0, 61)  # of the outer segment times to the middle one
+_OPTIONS: Options = {"tol": 1e-11, "acceptable_tol": 1e-8, "max_iter": 300}
+# Per joint and limit; evenly spread at first.
+_INSTANTS = 11
+_MOST_ROUNDS = 20
+# Excess dilation at which the exchange has converged.
+_DILATION_TOLERANCE = 1e-10
+# Logarithms of the outer segment times over the middle one, where the starts are looked for.
+_LOG_RATIOS = np.linspace(-10.0, 10.0, 61)
+# Logarithms: how much briefer or longer than at its start a segment may become in one round.
+_MOST_BRIEFER = 12
+_MOST_LONGER = 5
 
 
 @dataclass(frozen=True)
@@ -63,160 +66,208 @@ class Spline353NLP(Planner):
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: segment times; each start's outcome (s)."""
-        spline, began = Spline(problem), time.perf_counter()
-        solver = _solver(*spline.size)
+        spline = Spline(problem)
+        began = time.perf_counter()
+        solver = _solver(spline.joints, spline.orders)
         setup_time = time.perf_counter() - began
-        found = [
-            _exchange(solver, spline, start) for start in _starts(spline, problem, self.starts)
-        ]
-        durations = np.array([times.sum() for times, _ in found])
-        stats: dict[str, Any] = {
-            "start_status": [status for _, status in found],
-            "start_duration": durations,
-        }
-        times = found[int(np.nanargmin(durations))][0] if np.isfinite(durations).any() else None
-        if times is None:
-            message = f"no start succeeded: {', '.join(sorted(set(stats['start_status'])))}"
+
+        starts = _starts(spline, problem, self.starts)
+        optima = [_exchange(solver, spline, start) for start in starts]
+        statuses = [status for _, status in optima]
+        durations = np.array([times.sum() for times, _ in optima])
+        stats: dict[str, Any] = {"start_status": statuses, "start_duration": durations}
+        if not np.isfinite(durations).any():
+            message = no_start_succeeded(statuses)
             return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
-        answer = spline353.trajectory(problem, times)
+        best = int(np.nanargmin(durations))
+        times, _ = optima[best]
         stats["segment_times"] = times
+        answer = spline353.trajectory(problem, times)
         return Solution(Status.SOLVED, answer, setup_time=setup_time, stats=stats)
 
 
 class Spline:
-    """The moving joints of a problem."""
+    """The moving joints of a problem.
+
+    Attributes:
+        limits: Of the moving joints.
+        displacements: Of each joint over the three segments, `(joints, 3)`, rad.
+        orders: Up to which derivative there are limits: 2, or 3 with jerk.
+        bounds: The limits of each such derivative, `(joints, 2)`.
+    """
 
     def __init__(self, problem: Problem) -> None:
-        moving, limits = problem.moving, problem.limits
-        kinds = (limits.velocity, limits.acceleration, limits.jerk)
-        self.limits = Limits(*(x[moving] for x in kinds))
-        self.displacements = problem.displacements.T[moving]
-        orders = 3 if problem.has("jerk") else 2
-        self.bounds = [x[moving] for x in kinds[:orders]]
-        self.size = (int(moving.sum()), orders)
+        self.limits = problem.limits.only(problem.moving)
+        self.displacements = problem.displacements.T[problem.moving]
+        self.joints = len(self.displacements)
+        self.orders = 3 if problem.has("jerk") else 2
+        rates = (self.limits.velocity, self.limits.acceleration, self.limits.jerk)
+        self.bounds = rates[: self.orders]
 
     def dilation(self, times: Array) -> float:
+        """The exact cheapest dilation of these segment times."""
         return float(spline353.dilation(self.displacements, times, self.limits))
 
     def rates(self, times: Array) -> list[Array]:
         """Velocity, acceleration (and jerk) over the quintic, on the unit interval of time."""
-        unit = polynomials.stretched(
-            spline353.coefficients(self.displacements, times)[1].T, times[1]
-        )
-        orders = range(1, len(self.bounds) + 1)
-        return [polynomials.derivative(unit, k) / times[1] ** k for k in orders]
+        _, quintic, _ = spline353.coefficients(self.displacements, times)
+        unit = polynomials.stretched(quintic.T, times[1])
+        rates = []
+        for order in range(1, self.orders + 1):
+            rate = polynomials.derivative(unit, order)
+            rates.append(rate / times[1] ** order)
+        return rates
 
     def exchanged(self, times: Array, instants: list[Array]) -> list[Array]:
         """The instants `(k, joints)` of each limit, the idlest replaced by the true worst one."""
+        rates = self.rates(times)
         return [
             _replace_idlest(rate, bounds.T, old)
-            for rate, bounds, old in zip(self.rates(times), self.bounds, instants, strict=True)
+            for rate, bounds, old in zip(rates, self.bounds, instants, strict=True)
         ]
 
 
 def _replace_idlest(rate: Array, bounds: Array, instants: Array) -> Array:
+    """Both ends stay; `bounds` is `(2, joints)`."""
+
     def use(points: Array) -> Array:
         values = polynomials.evaluate(rate[:, None], points)
         return np.asarray(np.maximum(values / bounds[1], values / bounds[0]))
 
-    points, new, joints = (
-        polynomials.critical_points(rate),
-        instants.copy(),
-        np.arange(rate.shape[1]),
-    )
-    new[1 + use(instants)[1:-1].argmin(axis=0), joints] = points[use(points).argmax(axis=0), joints]
+    joints = np.arange(rate.shape[1])
+    points = polynomials.critical_points(rate)
+    worst = use(points).argmax(axis=0)
+    idlest = 1 + use(instants)[1:-1].argmin(axis=0)
+    new = instants.copy()
+    new[idlest, joints] = points[worst, joints]
     return new
 
 
 def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
     """Feasible segment times to start from: the best local minima of a grid over their ratios."""
     first, last = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
-    times = np.exp(np.stack([first, np.zeros_like(first), last], axis=-1))
+    middle = np.zeros_like(first)
+    times = np.exp(np.stack([first, middle, last], axis=-1))
     times *= stop_times(problem)
-    times *= spline353.dilation(spline.displacements, times[..., None, :], spline.limits)[..., None]
+    dilations = spline353.dilation(spline.displacements, times[..., None, :], spline.limits)
+    times *= dilations[..., None]
     total = times.sum(axis=-1)
-    lowest = total <= scipy.ndimage.minimum_filter(total, size=3, mode="nearest")
+    around = scipy.ndimage.minimum_filter(total, size=3, mode="nearest")
+    lowest = total <= around
     best = np.argsort(total[lowest])[:count]
     return list(times[lowest][best])
 
 
-def _exchange(solver: Any, spline: Spline, times: Array) -> tuple[Array, str]:
+def _exchange(solver: Program, spline: Spline, times: Array) -> tuple[Array, str]:
     """Feasible segment times (NaN if none) and IPOPT's last status, from one start."""
-    best, status = np.full(3, np.nan), ""
-    even = np.linspace(0.0, 1.0, _INSTANTS)[:, None] + np.zeros(spline.size[0])
-    instants = [even for _ in spline.bounds]
-    for _ in range(_ROUNDS):
+    best = np.full(3, np.nan)
+    status = ""
+    even = np.linspace(0.0, 1.0, _INSTANTS)[:, None]
+    instants = [even + np.zeros(spline.joints) for _ in spline.bounds]
+    for _ in range(_MOST_ROUNDS):
         instants = spline.exchanged(times, instants)
-        times, status, ok = _solve_at(solver, spline, times, instants)
-        if not ok:
+        run, times = _solve_at(solver, spline, times, instants)
+        status = run.status
+        if not run.success:
             break
         k = spline.dilation(times)
-        best = best if k * times.sum() >= best.sum() else k * times
-        if k - 1 < _ENOUGH:
+        # a NaN is no duration yet
+        if not k * times.sum() >= best.sum():
+            best = k * times
+        if k - 1 < _DILATION_TOLERANCE:
             break
     return best, status
 
 
 def _solve_at(
-    solver: Any, spline: Spline, times: Array, instants: list[Array]
-) -> tuple[Array, str, bool]:
-    """One NLP from `times`, its limits imposed at these instants."""
+    solver: Program, spline: Spline, times: Array, instants: list[Array]
+) -> tuple[Run, Array]:
+    """One NLP from `times`, its limits imposed at these instants; and the times it ends at."""
     unit = float(times.mean())
-    scaled = [1 / (bounds * unit**order) for order, bounds in enumerate(spline.bounds, start=1)]
-    p = np.concatenate([x.ravel("F") for x in (spline.displacements, *scaled, *instants)])
+    reciprocals = []
+    for order, bounds in enumerate(spline.bounds, start=1):
+        reciprocals.append(1 / (bounds * unit**order))
     y = np.log(times / unit)
-    result = solver(x0=y, p=p, lbx=y - 12, ubx=y + 5, lbg=-np.inf, ubg=1.0)
-    stats = solver.stats()
-    found = np.exp(np.asarray(result["x"]).ravel()) * unit
-    return found, str(stats["return_status"]), bool(stats["success"])
+    run = solver(
+        start=y,
+        parameters=flat(spline.displacements, *reciprocals, *instants),
+        bounds=(y - _MOST_BRIEFER, y + _MOST_LONGER),
+        constraint_bounds=(-np.inf, 1.0),
+    )
+    return run, np.exp(run.x) * unit
 
 
 @cache
-def _solver(joints: int, orders: int) -> Any:
+def _solver(joints: int, orders: int) -> Program:
     """IPOPT for this many joints, limited up to this derivative; built once for all problems.
 
     Every constraint reads "value over its limit is at most 1", for both sides of every limit; an
     infinite limit has a reciprocal of zero.
     """
     ca = backend("casadi")
-    d, y = ca.MX.sym("d", joints, 3), ca.MX.sym("y", 3)
+    d = ca.MX.sym("d", joints, 3)
+    y = ca.MX.sym("y", 3)
     reciprocals = [ca.MX.sym(f"limit{order}", joints, 2) for order in range(1, orders + 1)]
     instants = [ca.MX.sym(f"s{order}", _INSTANTS, joints) for order in range(1, orders + 1)]
     t = ca.exp(y)
-    d1, h, d3 = ca.horzsplit(d)
-    v0, a0, v1, a1 = 3 * d1 / t[0], 6 * d1 / t[0] ** 2, 3 * d3 / t[2], -6 * d3 / t[2] ** 2
-    rise = 20 * h / t[1] ** 2
+
+    uses = []
+    displacements = ca.horzsplit(d)
+    times = ca.vertsplit(t)
+    controls = _controls(displacements, times)
+    for own, limit, s in zip(controls, reciprocals, instants, strict=False):
+        values = _bernstein([ca.repmat(c.T, _INSTANTS, 1) for c in own], s)
+        for side in (0, 1):
+            uses.append(values * ca.repmat(limit[:, side].T, _INSTANTS, 1))
+    if orders == 3:
+        # the cubics' constant jerk, 6 d/t³
+        for segment in (0, 2):
+            cubic = displacements[segment] / times[segment] ** 3
+            uses.append(6 * ca.repmat(cubic, 1, 2) * reciprocals[2])
+
+    return program(
+        "spline353",
+        variables=[y],
+        parameters=[d, *reciprocals, *instants],
+        objective=ca.sum1(t),
+        constraints=uses,
+        options=_OPTIONS,
+    )
+
+
+def _controls(displacements: list[Any], times: list[Any]) -> list[list[Any]]:
+    """Bernstein coefficients of the quintic's velocity, acceleration and jerk (section 1)."""
+    d1, h, d3 = displacements
+    t1, t2, t3 = times
+    v0 = 3 * d1 / t1
+    a0 = 6 * d1 / t1**2
+    v1 = 3 * d3 / t3
+    a1 = -6 * d3 / t3**2
+    rise = 20 * h / t2**2
+    early = (12 * v0 + 8 * v1) / t2
+    late = (8 * v0 + 12 * v1) / t2
     velocity = [
         v0,
-        v0 + a0 * t[1] / 4,
-        5 * h / t[1] - 2 * (v0 + v1) + (a1 - a0) * t[1] / 4,
-        v1 - a1 * t[1] / 4,
+        v0 + a0 * t2 / 4,
+        5 * h / t2 - 2 * (v0 + v1) + (a1 - a0) * t2 / 4,
+        v1 - a1 * t2 / 4,
         v1,
     ]
     acceleration = [
         a0,
-        rise - (12 * v0 + 8 * v1) / t[1] + a1 - 2 * a0,
-        -rise + (8 * v0 + 12 * v1) / t[1] - 2 * a1 + a0,
+        rise - early + a1 - 2 * a0,
+        -rise + late - 2 * a1 + a0,
         a1,
     ]
-    jerk = [3 * (b - a) / t[1] for a, b in itertools.pairwise(acceleration)]
-    use = []
-    for controls, limit, s in zip(
-        (velocity, acceleration, jerk), reciprocals, instants, strict=False
-    ):
-        values = _bernstein([ca.repmat(c.T, _INSTANTS, 1) for c in controls], s)
-        use += [values * ca.repmat(limit[:, side].T, _INSTANTS, 1) for side in (0, 1)]
-    if orders == 3:  # the cubics' constant jerk
-        use += [
-            6 * x * reciprocals[2]
-            for x in (ca.repmat(d1 / t[0] ** 3, 1, 2), ca.repmat(d3 / t[2] ** 3, 1, 2))
-        ]
-    g = ca.vertcat(*map(ca.vec, use))
-    p = ca.vertcat(*map(ca.vec, (d, *reciprocals, *instants)))
-    return ca.nlpsol("spline353", "ipopt", {"x": y, "p": p, "f": ca.sum1(t), "g": g}, IPOPT)
+    jerk = [3 * (b - a) / t2 for a, b in itertools.pairwise(acceleration)]
+    return [velocity, acceleration, jerk]
 
 
 def _bernstein(controls: list[Any], s: Any) -> Any:
     """Values of Bernstein polynomials with these coefficients at `s`."""
     n = len(controls) - 1
-    return sum(comb(n, i) * c * (s**i * (1 - s) ** (n - i)) for i, c in enumerate(controls))
+    value = 0
+    for i, control in enumerate(controls):
+        basis = s**i * (1 - s) ** (n - i)
+        value += comb(n, i) * control * basis
+    return value

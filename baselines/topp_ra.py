@@ -12,10 +12,11 @@ piecewise polynomial of twice the path's degree, composed exactly.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from types import SimpleNamespace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import scipy  # its parts are imported when they are used: listing needs none
@@ -34,16 +35,26 @@ Array = NDArray[np.float64]
 Knots = Literal["uniform", "chord", "centripetal", "limit"]
 Ends = Literal["not-a-knot", "natural", "clamped"]
 
-_NODES = (0.0, 0.5, 1.0)  # where in each grid interval the acceleration limits are imposed
-_STILL = 1e-9  # of a velocity limit, at the path's cheapest duration: the path stands still
-_SHORTEST = 0.25  # of the even share of gridpoints: what a short piece still gets
-_INDIVISIBLE = 1e-6  # of the whole path: shorter pieces are one step, too short to lose time in
-_SHORT = 1e-2  # of the even step: where the solver's rounding of speeds must be mended
-_STRAIGHT = 1e-9  # of a piece's largest coefficient: what its others may be on a line
-_SAME_BREAK = 1e-10  # of the whole path: a piece shorter than that is none
-_ROUNDING = 1e-6  # by which a start speed may exceed the highest possible one
-_WIDER = 1 + 1e-6  # times the limits: a path's only timing may lie on the edge, rounding beyond it
-_FREE = 1e2  # more than any path speed, in units of the cheapest uniform one
+# Where in each grid interval the acceleration limits are imposed.
+_NODES = (0.0, 0.5, 1.0)
+# Of a velocity limit, at the path's cheapest duration: the path stands still.
+_STILL_SHARE = 1e-9
+# Of the even share of gridpoints: what a short piece still gets.
+_SHORT_PIECE_SHARE = 0.25
+# Of the whole path: shorter pieces are one step, too short to lose time in.
+_INDIVISIBLE_SHARE = 1e-6
+# Of the even step: where the solver's rounding of speeds must be mended.
+_SHORT_STEP = 1e-2
+# Of a piece's largest coefficient: what its others may be on a line.
+_STRAIGHT_RTOL = 1e-9
+# Of the whole path: a piece shorter than that is none.
+_BREAK_RTOL = 1e-10
+# By which a start speed may exceed the highest possible one.
+_SPEED_RTOL = 1e-6
+# Times the limits: a path's only timing may lie on the edge, rounding beyond it.
+_WIDER = 1 + 1e-6
+# More than any path speed, in units of the cheapest uniform one.
+_FREE_SPEED = 1e2
 
 
 @dataclass(frozen=True)
@@ -81,11 +92,12 @@ class ToppRa(Planner):
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         knots = get_args(Knots) if self.knots == "best" else (self.knots,)
         ends = get_args(Ends) if self.ends == "best" else (self.ends,)
-        tried = {
-            f"{k}/{e}": along(problem, spline(problem, k, e), gridpoints=self.gridpoints)
-            for k, e in product(knots, ends)
-        }
-        return _best(problem, tried)
+        solutions = {}
+        for knot_rule, end_rule in product(knots, ends):
+            path = spline(problem, knot_rule, end_rule)
+            solution = along(problem, path, gridpoints=self.gridpoints)
+            solutions[f"{knot_rule}/{end_rule}"] = solution
+        return _best(problem, solutions)
 
 
 def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
@@ -102,7 +114,8 @@ def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
         "limit": stop_times(problem.without("jerk")),
     }
     at = np.r_[0.0, np.cumsum(steps[knots])]
-    return Trajectory(at, scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=ends).c, at)
+    cubics = scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=ends)
+    return Trajectory(at, cubics.c, at)
 
 
 def along(
@@ -130,73 +143,92 @@ def along(
         trajectory = _straightened(trajectory)
     if end_speed is None:
         trajectory = _reversed(_straightened(_reversed(trajectory)))
-    attempts = (
-        _along(problem.limits, trajectory, size, (start_speed, end_speed), scale, wider)
-        for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER))
-    )
-    found = next(attempts)
-    while found.trajectory is None and (another := next(attempts, None)):
-        found = another
-    return found
+    speeds = (start_speed, end_speed)
+    for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER)):
+        solution = _along(problem.limits, trajectory, size, speeds, scale, wider)
+        if solution.trajectory is not None:
+            break
+    return solution
 
 
 def _along(
-    limits: Limits, trajectory: Trajectory, gridpoints: int, speeds: Any, scale: float, wider: float
+    limits: Limits,
+    trajectory: Trajectory,
+    gridpoints: int,
+    speeds: tuple[float | None, float | None],
+    scale: float,
+    wider: float,
 ) -> Solution:
     """The same on one grid; `scale` is the dilation that the path's own timing needs."""
     path = _unit(trajectory, gridpoints)
-    grid, step, local = _cut(path)
+    grid = _cut(path)
     unit = scale * trajectory.duration / gridpoints  # of time, s
-    limits = Limits(limits.velocity * unit * wider, limits.acceleration * unit**2 * wider)
+    velocity = limits.velocity * unit * wider
+    acceleration = limits.acceleration * unit**2 * wider
+    own_limits = Limits(velocity, acceleration)
+
     slopes = np.abs(path([0.0, path.duration], order=1))
-    ends = [
-        _speeds(speed, scale, bool((slope <= _STILL * limits.velocity[:, 1]).all()))
-        for speed, slope in zip(speeds, slopes, strict=True)
-    ]
-    found, reason = _path_speeds(grid, step, local, limits, *ends)
-    if found is None:
+    still = slopes <= _STILL_SHARE * velocity[:, 1]
+    start = _speeds(speeds[0], scale, bool(still[0].all()))
+    end = _speeds(speeds[1], scale, bool(still[1].all()))
+
+    path_speeds, reason = _path_speeds(grid, own_limits, start, end)
+    if path_speeds is None:
         return Solution(Status.FAILED, message=f"TOPP-RA: {reason}")
-    retimed = _timed(grid, step, local, found / unit, path.waypoint_times)
-    return Solution(Status.SOLVED, retimed, stats={"gridpoints": len(grid)})
+    retimed = _timed(grid, path_speeds / unit, path.waypoint_times)
+    return Solution(Status.SOLVED, retimed, stats={"gridpoints": len(grid.at)})
 
 
-def _best(problem: Problem, tried: dict[str, Solution]) -> Solution:
+def _best(problem: Problem, solutions: dict[str, Solution]) -> Solution:
     """The solution of the shortest certified duration, with every candidate's result in `stats`."""
     results: dict[str, Any] = {}
-    order = {}
-    for rule, solution in tried.items():
+    # valid ones first, then invalid ones, then failures
+    ranks: dict[str, tuple[int, float]] = {}
+    for rule, solution in solutions.items():
         if solution.trajectory is None:
-            results[rule], order[rule] = solution.message, (2, 0.0)
-        else:
-            certificate = verify(problem, solution.trajectory)
-            results[rule] = certificate.certified_duration or "; ".join(certificate.flaws)
-            order[rule] = (int(not certificate.valid), certificate.duration * certificate.dilation)
-    winner = min(order, key=lambda rule: order[rule])
-    stats = {"spline": winner, **tried[winner].stats, **results}
-    return replace(tried[winner], stats=stats)
+            results[rule] = solution.message
+            ranks[rule] = (2, 0.0)
+            continue
+        certificate = verify(problem, solution.trajectory)
+        flaws = "; ".join(certificate.flaws)
+        results[rule] = certificate.certified_duration or flaws
+        dilated = certificate.duration * certificate.dilation
+        ranks[rule] = (int(not certificate.valid), dilated)
+    winner = min(ranks, key=lambda rule: ranks[rule])
+    best = solutions[winner]
+    stats = {"spline": winner, **best.stats, **results}
+    return replace(best, stats=stats)
 
 
 def _straightened(path: Trajectory) -> Trajectory:
     """The same path, its first piece `q0 + d s^m`, `m ≥ 3`, as a line; the slope after it stays."""
     length = path.breaks[1]
-    size = np.abs(polynomials.stretched(path.coefficients[:, 0], length))[:-1].max(axis=1)
-    powers = len(size) - np.flatnonzero(size > _STRAIGHT * size.max())
+    piece = polynomials.stretched(path.coefficients[:, 0], length)
+    sizes = np.abs(piece)[:-1].max(axis=1)
+    powers = len(sizes) - np.flatnonzero(sizes > _STRAIGHT_RTOL * sizes.max())
     if len(powers) != 1 or powers[0] < 3:
         return path
-    m, coefficients = int(powers[0]), np.array(path.coefficients)
+
+    # the line's slope is the curve's where it ends, m d s^(m−1), so it is m times as short
+    m = int(powers[0])
+    coefficients = np.array(path.coefficients)
     coefficients[-2, 0] = coefficients[-1 - m, 0] * m * length ** (m - 1)
     coefficients[:-2, 0] = 0.0
     saved = length - length / m
+    breaks = np.r_[0.0, path.breaks[1:] - saved]
     inside = length / m * (path.waypoint_times / length) ** m
-    times = np.where(path.waypoint_times < length, inside, path.waypoint_times - saved)
-    return Trajectory(np.r_[0.0, path.breaks[1:] - saved], coefficients, times)
+    beyond = path.waypoint_times - saved
+    times = np.where(path.waypoint_times < length, inside, beyond)
+    return Trajectory(breaks, coefficients, times)
 
 
 def _reversed(path: Trajectory) -> Trajectory:
     """The same path from its end to its start."""
-    ends = polynomials.shifted(path.coefficients, np.diff(path.breaks)[:, None])
+    lengths = np.diff(path.breaks)
+    ends = polynomials.shifted(path.coefficients, lengths[:, None])
     ends[-2::-2] *= -1
-    breaks, times = (path.duration - t[::-1] for t in (path.breaks, path.waypoint_times))
+    breaks = path.duration - path.breaks[::-1]
+    times = path.duration - path.waypoint_times[::-1]
     return Trajectory(breaks, ends[:, ::-1], times)
 
 
@@ -204,48 +236,67 @@ def _unit(trajectory: Trajectory, length: float) -> Trajectory:
     """The same path over [0, length], without its pieces too short for the solver."""
     scaled = trajectory.dilated(length / trajectory.duration)
     own = scaled.breaks
-    breaks = own[np.r_[True, np.diff(own) > _SAME_BREAK * own[-1]]]
+    apart = np.diff(own) > _BREAK_RTOL * own[-1]
+    breaks = own[np.r_[True, apart]]
     breaks[-1] = own[-1]
-    piece = np.searchsorted(own, 0.5 * (breaks[:-1] + breaks[1:]), side="right") - 1
-    offset = (breaks[:-1] - own[piece])[:, None]
-    coefficients = polynomials.shifted(scaled.coefficients[:, piece], offset)
+    middles = 0.5 * (breaks[:-1] + breaks[1:])
+    piece = np.searchsorted(own, middles, side="right") - 1
+    offset = breaks[:-1] - own[piece]
+    coefficients = polynomials.shifted(scaled.coefficients[:, piece], offset[:, None])
     return Trajectory(breaks, coefficients, scaled.waypoint_times)
 
 
-def _cut(path: Trajectory) -> tuple[Array, Array, Array]:
-    """The grid, its steps, the path on each: polynomials on [0, 1], `(degree + 1, N, joints)`."""
+class _Grid(NamedTuple):
+    """A path cut into steps.
+
+    Attributes:
+        at: The path parameter at the gridpoints, `(N + 1,)`.
+        step: Lengths of the steps, `(N,)`.
+        local: The path over each, polynomials on [0, 1], `(degree + 1, N, joints)`.
+    """
+
+    at: Array
+    step: Array
+    local: Array
+
+
+def _cut(path: Trajectory) -> _Grid:
     lengths = np.diff(path.breaks)
-    least = path.duration * _SHORTEST / len(lengths)
-    even = np.ceil(np.maximum(lengths, least)).astype(int)
-    parts = np.where(lengths < _INDIVISIBLE * path.duration, 1, even)
+    shortest = path.duration * _SHORT_PIECE_SHARE / len(lengths)
+    even = np.ceil(np.maximum(lengths, shortest)).astype(int)
+    indivisible = lengths < _INDIVISIBLE_SHARE * path.duration
+    parts = np.where(indivisible, 1, even)
+
+    # of every step: its piece, and its number in it
     piece = np.repeat(np.arange(len(parts)), parts)
-    number = np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)
-    offset, step = number * (lengths / parts)[piece], (lengths / parts)[piece]
+    before = np.cumsum(parts) - parts
+    number = np.arange(len(piece)) - np.repeat(before, parts)
+
+    step = (lengths / parts)[piece]
+    offset = number * step
     moved = polynomials.shifted(path.coefficients[:, piece], offset[:, None])
-    grid = np.r_[path.breaks[piece] + offset, path.breaks[-1]]
-    return grid, step, polynomials.stretched(moved, step)
+    starts = path.breaks[piece] + offset
+    at = np.r_[starts, path.breaks[-1]]
+    return _Grid(at, step, polynomials.stretched(moved, step))
 
 
 def _speeds(speed: float | None, scale: float, still: bool) -> tuple[float, float]:
     """The interval of path speeds allowed at an end."""
-    if speed is None:
-        return 0.0, _FREE if still else 0.0
-    return speed * scale, speed * scale
+    if speed is not None:
+        return speed * scale, speed * scale
+    if still:
+        return 0.0, _FREE_SPEED
+    return 0.0, 0.0
 
 
 def _path_speeds(
-    grid: Array,
-    step: Array,
-    local: Array,
-    limits: Limits,
-    start: tuple[float, float],
-    end: tuple[float, float],
+    grid: _Grid, limits: Limits, start: tuple[float, float], end: tuple[float, float]
 ) -> tuple[Array | None, str]:
     """The path speed at every gridpoint, or None and why not."""
     algorithm = backend("toppra").algorithm.TOPPRA(
-        [_constraint(step, local, limits)],
-        SimpleNamespace(path_interval=grid[[0, -1]]),
-        gridpoints=grid,
+        [_constraint(grid, limits)],
+        SimpleNamespace(path_interval=grid.at[[0, -1]]),
+        gridpoints=grid.at,
         solver_wrapper="seidel",
     )
     controllable = algorithm.compute_controllable_sets(*end)
@@ -254,13 +305,15 @@ def _path_speeds(
     # The package takes one end speed; here the end's whole interval is allowed.
     algorithm.compute_controllable_sets = lambda *_: controllable
     fastest = float(np.sqrt(controllable[0, 1]))
-    if start[0] > fastest * (1 + _ROUNDING):
-        return None, f"the path cannot be started at {start[0] / fastest:.6g} times its top speed"
-    algorithm.compute_parameterization(min(start[1], fastest), 0.0)
+    slowest_start, fastest_start = start
+    if slowest_start > fastest * (1 + _SPEED_RTOL):
+        times = slowest_start / fastest
+        return None, f"the path cannot be started at {times:.6g} times its top speed"
+    algorithm.compute_parameterization(min(fastest_start, fastest), 0.0)
     data = algorithm.problem_data
     if data.sd_vec is None or not np.isfinite(data.sd_vec).all():
         return None, data.return_code.value
-    speeds = _smoothed(data.sd_vec, data.sdd_vec, step)
+    speeds = _smoothed(data.sd_vec, data.sdd_vec, grid.step)
     if (speeds[1:] + speeds[:-1] <= 0).any():
         return None, "the path comes to a standstill"
     return speeds, ""
@@ -272,63 +325,88 @@ def _smoothed(speeds: Array, accelerations: Array, step: Array) -> Array:
     The solver lowers squared speeds by 1e-8 here and there, which is a large acceleration there.
     """
     squared = speeds**2
-    for i in np.flatnonzero(step < _SHORT)[::-1]:
+    short = np.flatnonzero(step < _SHORT_STEP)
+    for i in short[::-1]:
         if 0 < i < len(step) - 1:
-            squared[i] = max(0.0, squared[i + 1] - 2 * step[i] * accelerations[i])
+            # x_i = x_(i+1) − 2 Δ u
+            before = squared[i + 1] - 2 * step[i] * accelerations[i]
+            squared[i] = max(0.0, before)
     return np.asarray(np.sqrt(squared))
 
 
-def _constraint(step: Array, local: Array, limits: Limits) -> Any:
+def _constraint(grid: _Grid, limits: Limits) -> Any:
     """Both limits on every grid interval, as toppra's `a u + b x + c ≤ 0` and `x ≤ bound`.
 
     With path acceleration `u`, and path speed squared `x` where the interval starts, the joints'
     acceleration is `q'(s) u + q''(s) (x + 2 (s − s_i) u)`. Velocity is held to its limit at the
     gridpoints and between them: from rest a path may reach it within one interval.
     """
-    step = step[:, None]
-    first, second = (polynomials.derivative(local, k) / step**k for k in (1, 2))
+    step = grid.step[:, None]
+    first = polynomials.derivative(grid.local, 1) / step
+    second = polynomials.derivative(grid.local, 2) / step**2
     low, high = limits.acceleration.T
     rows = []
     for node in _NODES:
-        slope, bend = (polynomials.evaluate(d, np.array(node)) for d in (first, second))
+        # q' u + q'' (x + 2 (s − s_i) u) between both limits
+        slope = polynomials.evaluate(first, np.array(node))
+        bend = polynomials.evaluate(second, np.array(node))
         u = slope + 2 * node * step * bend
-        rows += [_normalised(u, bend, -high), _normalised(-u, -bend, low)]
+        rows.append(_normalised(u, bend, -high))
+        rows.append(_normalised(-u, -bend, low))
+
+    # q'² (x + Δ u) ≤ V² in the middle of the step
     slope = polynomials.evaluate(first, np.array(0.5))
-    bound = np.where(slope > 0, limits.velocity[:, 1], limits.velocity[:, 0]) ** 2
-    rows.append(_normalised(step * slope**2, slope**2, -bound))
-    a, b, c = (np.concatenate(parts, axis=1) for parts in zip(*rows, strict=True))
-    a, b, c = (np.concatenate([part, part[-1:]]) for part in (a, b, c))  # toppra asks for one more
+    top = np.where(slope > 0, limits.velocity[:, 1], limits.velocity[:, 0])
+    rows.append(_normalised(step * slope**2, slope**2, -(top**2)))
+
+    a, b, c = (_with_last_twice(parts) for parts in zip(*rows, strict=True))
+    bounds = _speed_bounds(first, limits.velocity)
+    f = np.eye(a.shape[1])
+    g = np.zeros(a.shape[1])
     constraint = backend("toppra").constraint.LinearConstraint()
     constraint.identical = True
-    bounds = _speed_bounds(first, limits.velocity)
-    f, g = np.eye(a.shape[1]), np.zeros(a.shape[1])
     constraint.compute_constraint_params = lambda *_: (a, b, c, f, g, None, bounds)
     return constraint
 
 
+def _with_last_twice(parts: Sequence[Array]) -> Array:
+    """Rows of all parts beside each other, for every step; toppra asks for one more at the end."""
+    beside = np.concatenate(parts, axis=1)
+    return np.concatenate([beside, beside[-1:]])
+
+
 def _normalised(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
     """Each row over its largest coefficient: the solver's tolerances are absolute."""
-    size = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(c) / _FREE**2)
+    largest = np.maximum(np.abs(a), np.abs(b))
+    size = np.maximum(largest, np.abs(c) / _FREE_SPEED**2)
     return a / size, b / size, c / size
 
 
 def _speed_bounds(first: Array, velocity: Array) -> Array:
     """`0 ≤ x ≤ (V / q')²` at the gridpoints, `(N + 1, 2)`."""
-    slope = np.concatenate([first[-1], first[:, -1:].sum(axis=0)])
-    use = np.maximum(slope / velocity[:, 1], slope / velocity[:, 0]).max(axis=1)
-    top = 1 / np.maximum(use, 1 / _FREE) ** 2
+    last = first[:, -1:].sum(axis=0)
+    slope = np.concatenate([first[-1], last])
+    forwards = slope / velocity[:, 1]
+    backwards = slope / velocity[:, 0]
+    use = np.maximum(forwards, backwards).max(axis=1)
+    top = 1 / np.maximum(use, 1 / _FREE_SPEED) ** 2
     return np.stack([np.zeros_like(top), top], axis=1)
 
 
-def _timed(grid: Array, step: Array, local: Array, speeds: Array, waypoints: Array) -> Trajectory:
+def _timed(grid: _Grid, speeds: Array, waypoints: Array) -> Trajectory:
     """The path at `s(t)`, quadratic on each interval; `waypoints` are parameters."""
-    durations = 2 * step / (speeds[1:] + speeds[:-1])
+    # a step takes 2 Δ/(v_i + v_(i+1)); over it, s = c w + (1 − c) w² with w = time/step's time
+    sums = speeds[1:] + speeds[:-1]
+    durations = 2 * grid.step / sums
     breaks = np.r_[0.0, np.cumsum(durations)]
-    linear = 2 * speeds[:-1] / (speeds[1:] + speeds[:-1])
-    composed = _composed(local, linear[:, None])
-    i = np.searchsorted(grid[1:-1], waypoints, side="right")
-    squared = np.interp(waypoints, grid, speeds**2)
-    times = breaks[i] + 2 * (waypoints - grid[i]) / np.maximum(speeds[i] + np.sqrt(squared), 1e-300)
+    linear = 2 * speeds[:-1] / sums
+    composed = _composed(grid.local, linear[:, None])
+
+    # to a waypoint inside a step: 2 (s − s_i)/(v_i + v(s)), v² being linear in s
+    i = np.searchsorted(grid.at[1:-1], waypoints, side="right")
+    squared = np.interp(waypoints, grid.at, speeds**2)
+    speed_sums = np.maximum(speeds[i] + np.sqrt(squared), 1e-300)
+    times = breaks[i] + 2 * (waypoints - grid.at[i]) / speed_sums
     coefficients = polynomials.stretched(composed, 1 / durations)
     return Trajectory(breaks, coefficients, times)
 
@@ -338,8 +416,8 @@ def _composed(local: Array, linear: Array) -> Array:
     result = local[:1]
     for row in local[1:]:
         zero = np.zeros_like(result[:1])
-        result = np.concatenate([(1 - linear) * result, zero, zero]) + np.concatenate(
-            [zero, linear * result, zero]
-        )
+        times_square = np.concatenate([(1 - linear) * result, zero, zero])
+        times_linear = np.concatenate([zero, linear * result, zero])
+        result = times_square + times_linear
         result[-1] += row
     return result

@@ -67,10 +67,10 @@ def test_the_answer_is_the_path_at_the_parameter(ends, monkeypatch):
     timed = topp_ra._timed
     monkeypatch.setattr(topp_ra, "_timed", lambda *given: seen.append(given) or timed(*given))
     answer = along(problem, path, gridpoints=50).trajectory
-    grid, _, _, speeds, waypoints = seen[0]
+    grid, speeds, waypoints = seen[0]
     # The package's own evaluation of q(s(t)), of scipy's spline at the same knots.
     curve = toppra.SplineInterpolator(waypoints, problem.waypoints, ends)
-    reference = toppra.ParametrizeConstAccel(curve, grid, speeds)
+    reference = toppra.ParametrizeConstAccel(curve, grid.at, speeds)
     assert len(answer.coefficients) == 7
     t = np.linspace(0, answer.duration, 20001)
     for order in (0, 1):
