@@ -86,8 +86,7 @@ def main(problems: int = 300, jobs: int = 2, output: Path = Path("results/orderi
     drawn = [random_problem(seed) for seed in range(problems)]
     registered = [(name, load(name)) for name in entries()]
     planners = [(name, planner) for name, planner in registered if not planner.on_request]
-    total = sum(len(task.seeds) for task in run.plan(drawn, planners, 2))
-    with console.progress(total) as advance:
+    with console.trials() as advance:
         results = run.compare(drawn, planners, output, seeds=2, jobs=jobs, progress=advance)
     found = list(orderings(results))
     with console.progress(problems) as advance:

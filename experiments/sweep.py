@@ -22,8 +22,7 @@ from trajopt.benchmark import report
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
-from trajopt.planner import Planner
-from trajopt.registry import entries, load, parse
+from trajopt.registry import entries
 
 SUITES = ("six-axis", "edges", "robots", "random")
 PROOF = "certify:time_limit=15"  # s; a proof on a large problem is endless
@@ -36,10 +35,9 @@ def drawn(size: int | None = None) -> dict[str, list[Problem]]:
     return {name: suite.problems(name, size) for name in (*SUITES[:-1], *families)}
 
 
-def planners() -> list[tuple[str, Planner]]:
+def planners() -> list[str]:
     """Every registered planner, those that wait to be asked for too, and the mended swarms."""
-    specs = [PROOF if name == "certify" else name for name in entries()] + MENDED
-    return [(parse(spec)[0], load(spec)) for spec in specs]
+    return [PROOF if name == "certify" else name for name in entries()] + MENDED
 
 
 def sizes(folder: Path, trials: int) -> pd.DataFrame:
@@ -62,8 +60,7 @@ def main(
     """Run what is missing, then write and print the tables."""
     found, seeds = drawn(2 if quick else None), 2 if quick else seeds
     problems = [problem for own in found.values() for problem in own]
-    total = sum(len(task.seeds) for task in run.plan(problems, planners(), seeds))
-    with console.progress(total) as advance:
+    with console.trials() as advance:
         results = run.compare(
             problems, planners(), output, seeds=seeds, jobs=jobs, timeout=timeout, progress=advance
         )

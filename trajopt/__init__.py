@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from trajopt.benchmark.compare import compare as compare
     from trajopt.exceptions import InvalidInput as InvalidInput
     from trajopt.exceptions import InvalidTrajectory as InvalidTrajectory
     from trajopt.exceptions import MissingBackend as MissingBackend
@@ -41,6 +42,7 @@ _MODULE = {
     "TrajoptError": "exceptions",
     "UnitWarning": "exceptions",
     "UnknownName": "exceptions",
+    "compare": "benchmark.compare",
     "verify": "verification",
 }
 __all__ = sorted(_MODULE)

@@ -18,7 +18,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum
-from functools import wraps
+from functools import cached_property, wraps
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -98,6 +98,11 @@ class Planner(ABC):
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
         """One answer per seed, each what `solve` gives; by default one after the other."""
         return [self.solve(problem, seed=seed) for seed in seeds]
+
+    @property
+    def implementation(self) -> object:
+        """The object that does the work: itself, unless another was adapted to this interface."""
+        return self
 
     @property
     def batched(self) -> bool:
@@ -186,6 +191,10 @@ class _Adapted(Planner):
         return solutions
 
     @property
+    def implementation(self) -> object:
+        return self.own
+
+    @property
     def batched(self) -> bool:
         return hasattr(self.own, "solve_batch")
 
@@ -241,6 +250,56 @@ def adapted(planner: object) -> Planner:
         on_request=getattr(planner, "on_request", False),
         requires=getattr(planner, "requires", ()),
     )
+
+
+def check_visible(planner: Planner) -> None:
+    """Refuse a planner that could run with options that nobody sees.
+
+    Its trials would be kept under the options that are seen, so that another configuration would
+    show the first one's results.
+
+    Raises:
+        InvalidInput: with the lines that mend it.
+    """
+    own = planner.implementation
+    kind = type(own)
+    if "options" in dir(kind) and getattr(kind, "options", None) is not Planner.options:
+        return  # it lists them itself
+    parameters = getattr(kind, "__dataclass_params__", None)
+    if parameters is None:
+        raise _unseen(kind, "its options are no fields", _attributes(own))
+    if not parameters.frozen:
+        raise _unseen(kind, "its options can change while it runs", [])
+    hidden = _hidden(own)
+    if hidden:
+        raise _unseen(kind, f"{', '.join(hidden)} cannot be seen", hidden)
+
+
+def _attributes(own: object) -> list[str]:
+    return sorted(vars(own)) if hasattr(own, "__dict__") else []
+
+
+def _hidden(value: Any) -> list[str]:
+    """Attributes of a dataclass, and of those nested in it, that are no fields."""
+    shown = {field.name for field in fields(value)}
+    kind = type(value)
+    hidden = [
+        name
+        for name in _attributes(value)
+        if name not in shown and not isinstance(getattr(kind, name, None), cached_property)
+    ]
+    for name in shown:
+        nested = getattr(value, name, None)
+        if is_dataclass(nested) and not isinstance(nested, type):
+            hidden += [f"{name}.{inner}" for inner in _hidden(nested)]
+    return hidden
+
+
+def _unseen(kind: type, why: str, names: Sequence[str]) -> InvalidInput:
+    options = [f"    {name}: float = 1.0" for name in names if "." not in name]
+    lines = ["@dataclass(frozen=True)", f"class {kind.__name__}(Planner):", *options, "    ..."]
+    right = "a frozen dataclass whose fields are its options (or a method options()):\n\n"
+    return InvalidInput(f"planner {kind.__name__}: {why}", right + "\n".join(lines))
 
 
 SolveT = TypeVar("SolveT", bound=Callable[..., Solution])

@@ -23,7 +23,9 @@ from trajopt import (
 )
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.run import workers
+from trajopt.benchmark.run.plan import Allowance, plan
 from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
 from trajopt.registry import load
 
 PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
@@ -226,12 +228,63 @@ def test_a_refusal_is_recorded_once_however_many_seeds(tmp_path):
     assert sorted(found) == [*crashes, ("no", 0, Status.UNSUPPORTED)]
 
 
-def test_recorded_failures_are_not_run_again_but_missing_backends_are(tmp_path):
+def test_crashes_and_missing_backends_are_tried_again_and_a_planner_that_gave_up_is_not(tmp_path):
     log = str(tmp_path / "log")
-    planners = [("bad", Mine("raise", log)), ("absent", Mine("missing", log, 5.0))]
+    planners = [
+        ("bad", Mine("raise", log)),
+        ("beaten", Mine("nothing", log, 3.0)),
+        ("absent", Mine("missing", log, 5.0)),
+    ]
     for _ in range(2):
-        compare(planners, tmp_path)
-    assert sorted(lines(log)) == ["2.0:0", "5.0:0", "5.0:0"]
+        results = compare(planners, tmp_path)
+    assert sorted(lines(log)) == ["2.0:0", "2.0:0", "3.0:0", "5.0:0", "5.0:0"]
+    assert len(results.items) == 4
+
+
+def test_a_crash_whose_cause_is_gone_leaves_only_the_answer(tmp_path):
+    cause = tmp_path / "the licence server is down"
+    cause.touch()
+
+    @dataclass(frozen=True)
+    class Licensed(Mine):
+        def solve(self, problem, *, seed=0):
+            if cause.exists():
+                raise RuntimeError(cause.name)
+            return super().solve(problem, seed=seed)
+
+    def status():
+        results = compare([("licensed", Licensed())], tmp_path)
+        return {trial.planner: trial.status for trial in results.items}["licensed"]
+
+    assert status() is Status.CRASHED
+    cause.unlink()
+    assert status() is Status.SOLVED
+    assert len(list((tmp_path / "trials").glob("*.h5"))) == 2
+
+
+def test_a_longer_timeout_tries_again_and_a_shorter_one_does_not(tmp_path):
+    planners = [("hang", Mine("hang", str(tmp_path / "log")))]
+    messages = []
+    for timeout in (1.0, 1.0, 0.5, 1.5):
+        results = compare(planners, tmp_path, jobs=1, timeout=timeout)
+        (hang,) = [t for t in results.items if t.planner == "hang"]
+        messages.append((hang.message, len(lines(tmp_path / "log"))))
+    assert messages == [("stopped after 1 s", 1)] * 3 + [("stopped after 1.5 s", 2)]
+
+
+def test_only_more_memory_tries_a_trial_again_that_had_too_little():
+    def ended(message, memory):
+        mine = Configuration.of(Mine())
+        limits = Allowance(9.0, memory).as_dict()
+        return unanswered(mine, PROBLEM, 0, Status.CRASHED, message, limits)
+
+    short = ended(OUT_OF_MEMORY, 1.0)
+    assert Allowance(9.0, 1.0).would_stop(short)
+    assert Allowance(99.0, 0.5).would_stop(short)
+    assert not Allowance(9.0, 1.5).would_stop(short)
+    assert not Allowance(9.0, None).would_stop(short)
+    assert not Allowance(9.0, 0.5).would_stop(ended("another reason", 1.0))
+    assert not Allowance(9.0, 0.5).would_stop(ended(OUT_OF_MEMORY, None))
 
 
 def test_a_damaged_trial_runs_again(tmp_path):
@@ -267,14 +320,19 @@ def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
     results = run.compare([PROBLEM], [("mine", Mine())], tmp_path)
     assert sorted(t.planner for t in results.items) == ["exact", "mine"]
     assert results.references()["kind"].tolist() == ["exact"]
-    assert [t.name for t in run.plan([PROBLEM], FAST * 2, 5)] == ["exact"]
+    twice = [Configuration.of(planner, name) for name, planner in FAST * 2]
+    assert [t.configuration.name for t in plan([PROBLEM], twice, 5)] == ["exact"]
 
 
 def test_progress_counts_every_trial_once(tmp_path):
     for _ in range(2):
         seen = []
         compare([("a", Mine(stochastic=True))], tmp_path, seeds=3, progress=seen.append)
-        assert sum(seen) == 4
+        assert [state.total for state in seen] == [4] * len(seen)
+        counts = [state.finished for state in seen]
+        assert counts == sorted(counts)
+        assert counts[-1] == 4
+        assert {state.kept for state in seen} == {counts[0]}
 
 
 def test_a_folder_that_cannot_be_written_is_an_error_not_a_trial(tmp_path):

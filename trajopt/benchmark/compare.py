@@ -1,4 +1,10 @@
-"""The resumable loop over problem × planner × seed, in supervised child processes.
+"""The resumable comparison: problem × planner × seed, each trial kept.
+
+    from trajopt import compare
+
+    if __name__ == "__main__":
+        results = compare(["six-axis"], ["toppra", MyPlanner()], "my-results", jobs=2)
+        print(results.summary())
 
 Each worker writes its trials itself, one file per finished trial, so nothing that finished can be
 lost; running again does only what is missing. A planner that raises, hangs or takes its process
@@ -7,148 +13,131 @@ down is a recorded trial, and the run goes on.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, as_completed
-from dataclasses import replace
-from functools import partial
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import cloudpickle
-
-from trajopt.benchmark.run import workers
-from trajopt.benchmark.run.workers import Allowance, Task
+from trajopt.benchmark.run import runner, workers
+from trajopt.benchmark.run.plan import Allowance, Task, missing, plan
+from trajopt.benchmark.run.runner import cpus as cpus
 from trajopt.benchmark.store.folder import Store, read
-from trajopt.explain.references import references
-from trajopt.planner import Planner, adapted
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.trial import Configuration
+from trajopt.planner import Planner
 from trajopt.problem import Problem
-from trajopt.registry import entries
+from trajopt.registry import named
 
 if TYPE_CHECKING:
     from trajopt.benchmark.analysis.results import Results
 
-Progress = Callable[[int], None]  # called with the number of trials that just finished
+Contestant = str | Planner | tuple[str, object] | object
 
-_BATCH = 15  # seeds solved together at most: large enough to be fast, small enough to lose little
+
+@dataclass(frozen=True)
+class Progress:
+    """How many of the trials there are already, and how many of those an earlier run had left."""
+
+    total: int
+    finished: int
+    kept: int
 
 
 def compare(
-    problems: Sequence[Problem],
-    planners: Sequence[tuple[str, Planner]],
-    folder: Path | str,
+    problems: Sequence[Problem | str | Path],
+    planners: Sequence[Contestant],
+    folder: Path | str = "results",
     *,
     seeds: int = 30,
     jobs: int = 0,
     fresh: bool = False,
     timeout: float = 600.0,
     memory: float | None = None,
-    progress: Progress = lambda _: None,
+    progress: Callable[[Progress], None] = lambda _: None,
     executor: Executor | None = None,
 ) -> Results:
     """Run every planner on every problem, keep every trial, return those that were asked for.
 
-    `planners` are `(name, planner)` pairs; stochastic ones run with seeds 0 … `seeds − 1` on the
-    problems that they support, everything else once. The references that a problem needs join
-    them, since gaps need those. Trials already in `folder` are not run again unless `fresh`. `jobs`
-    child processes run the trials, each for at most `timeout` seconds, and with at most `memory`
-    GiB where the system can hold it to that (Linux); with 0 they run in this process, unsupervised.
-    An `executor` (any of `concurrent.futures`, or a Dask client's) runs them instead of `jobs`; its
-    workers must see `folder`, and supervise each trial in a child process of their own.
+    The references that a problem needs join the planners, since gaps need those. Trials already in
+    `folder` are kept unless `fresh`: those of the same problem, planner, options, seed and code.
+    Those that crashed, lacked a backend, or were stopped for time or memory that they may exceed
+    now, run again.
 
-    Raises `StoreError` if the folder cannot be written.
+    Args:
+        problems: Problems, names of built-in ones, or problem files.
+        planners: Planners, registered ones by their names (`"toppra:knots=chord"`), or pairs of a
+            name and a planner. Stochastic ones run with seeds 0 … `seeds` − 1 on the problems that
+            they support, all others once.
+        folder: Where the trials are kept.
+        seeds: How many.
+        jobs: Child processes that run the trials; with 0 they run in this process, unsupervised. A
+            script calls `compare` with child processes under `if __name__ == "__main__":`.
+        fresh: Whether to run again what is there.
+        timeout: Seconds after which a trial in a child process is stopped.
+        memory: GiB that a trial's child process may have, where the system can hold it to that
+            (Linux).
+        progress: Called with the state of the run at its start and after each task.
+        executor: Runs the trials instead of `jobs`: any of `concurrent.futures`, or a Dask
+            client's. Its workers must see `folder`, and supervise each trial in a child process of
+            their own.
+
+    Returns:
+        The trials asked for; `kept` says how many of them were there before, and since when.
+
+    Raises:
+        InvalidInput: for a planner whose options cannot be seen.
+        StoreError: if the folder cannot be written.
+        WorkerError: if no worker can start.
     """
-    from trajopt.benchmark.analysis.results import (
-        Results,  # pandas, SciPy's statistics: not for workers
-    )
+    workers.refuse_in_starting_worker()
+    # pandas and SciPy's statistics are not for workers, who import this module too
+    from trajopt.benchmark.analysis.results import Kept, Results
 
     store = Store(Path(folder))
-    tasks = plan(problems, planners, seeds)
-    done = set() if fresh else store.finished()
-    todo = [batch for task in tasks for batch in _missing(task, done)]
-    finished = sum(len(task.seeds) for task in tasks) - sum(len(task.seeds) for task in todo)
-    progress(finished)
-    where = partial(_run_on, executor) if executor else partial(_run, jobs)
-    for count in where(todo, store, Allowance(timeout, memory)):
-        progress(count)
-    asked = {task.trial_id(seed) for task in tasks for seed in task.seeds}
-    return Results(read(store.consolidate(), asked))
+    allowed = Allowance() if executor is None and jobs == 0 else Allowance(timeout, memory)
+    loaded = [p if isinstance(p, Problem) else catalogue.load(str(p)) for p in problems]
+    tasks = plan(loaded, [_configuration(planner) for planner in planners], seeds)
+    asked = {trial_id for task in tasks for trial_id in task.ids.values()}
+    done = set() if fresh else asked & _done(store, allowed)
+    waiting = [batch for task in tasks for batch in missing(task, done)]
+    finished = len(done)
+    progress(Progress(len(asked), finished, len(done)))
+    for count in _run(waiting, store, allowed, jobs, executor):
+        finished += count
+        progress(Progress(len(asked), finished, len(done)))
+    trials = read(store.consolidate(), asked)
+    starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
+    kept = Kept(len(starts), len(trials), min(starts)) if starts else None
+    return Results(trials, kept)
 
 
-def plan(
-    problems: Sequence[Problem], planners: Sequence[tuple[str, Planner]], seeds: int
-) -> list[Task]:
-    """One task per problem and planner with all its seeds, references too; identical ones once."""
-    given = [(name, adapted(planner)) for name, planner in planners]
-    tasks: dict[str, Task] = {}
-    for problem in problems:
-        for name, planner in [*given, *_references(problem, {name for name, _ in given})]:
-            runs = seeds if _varies(planner, problem) else 1
-            task = Task(problem, name, planner, tuple(range(runs)))
-            tasks.setdefault(task.trial_id(0), task)
-    return list(tasks.values())
+def _configuration(planner: Contestant) -> Configuration:
+    if isinstance(planner, str):
+        name, loaded = named(planner)
+        return Configuration.of(loaded, name)
+    if isinstance(planner, tuple):
+        name, own = planner
+        return Configuration.of(own, name)
+    return Configuration.of(planner)
 
 
-def _varies(planner: Planner, problem: Problem) -> bool:
-    """Whether another seed may give another answer; a refusal needs no second trial."""
-    try:
-        return planner.stochastic and planner.unsupported(problem) is None
-    except Exception:  # its trials will say so
-        return True
+def _done(store: Store, allowed: Allowance) -> set[str]:
+    """Identities of the trials that would end no better if they ran again."""
+    stopped = {trial.id for trial in store.unanswered() if allowed.would_stop(trial)}
+    return store.finished() | stopped
 
 
-def _references(problem: Problem, given: set[str]) -> list[tuple[str, Planner]]:
-    """The planners whose answer gaps are measured against, unless they are given already."""
-    names = [n for n in references(problem) if n in entries() and n not in given]
-    return [(name, entries()[name].load()) for name in names]
-
-
-def _missing(task: Task, done: set[str]) -> Iterator[Task]:
-    """The task's unfinished seeds, in batches for planners that advance them together."""
-    seeds = [seed for seed in task.seeds if task.trial_id(seed) not in done]
-    size = _BATCH if task.planner.batched else 1
-    for start in range(0, len(seeds), size):
-        yield replace(task, seeds=tuple(seeds[start : start + size]))
-
-
-def _run(jobs: int, tasks: Sequence[Task], store: Store, allowed: Allowance) -> Iterator[int]:
-    """Run the tasks, longest first, and yield how many trials each one finished."""
-    if jobs == 0:
-        for task in tasks:
-            workers.do(task, store)
-            yield len(task.seeds)
-        return
-    with workers.single_threaded(), workers.pool_of(min(jobs, max(1, len(tasks)))) as pool:
-        futures: dict[Future[None], Task] = {
-            workers.schedule(pool, task, cloudpickle.dumps(task), store, allowed): task
-            for task in sorted(tasks, key=lambda task: -len(task.seeds))
-        }
-        for future in as_completed(futures):
-            workers.record_failure(future, futures[future], store, allowed)
-            yield len(futures[future].seeds)
-
-
-def _run_on(
-    executor: Executor, tasks: Sequence[Task], store: Store, allowed: Allowance
+def _run(
+    tasks: Sequence[Task],
+    store: Store,
+    allowed: Allowance,
+    jobs: int,
+    executor: Executor | None,
 ) -> Iterator[int]:
-    """The same on someone else's workers, which write their own trial files."""
-    ordered = sorted(tasks, key=lambda task: -len(task.seeds))
-    futures = {
-        executor.submit(workers.supervised, cloudpickle.dumps(task), store, allowed): task
-        for task in ordered
-    }
-    try:
-        for future in as_completed(futures):
-            workers.record_failure(future, futures[future], store, allowed)
-            yield len(futures[future].seeds)
-    except BaseException:
-        for future in futures:
-            if not future.done():
-                future.cancel()
-        raise
-
-
-def cpus() -> int:
-    """The CPUs this process may use; all of them where the system does not say."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
+    if executor is not None:
+        return runner.on_executor(tasks, store, allowed, executor)
+    if jobs == 0:
+        return runner.here(tasks, store)
+    return runner.in_children(tasks, store, allowed, jobs)

@@ -4,34 +4,32 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import platform
-import subprocess
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cache, cached_property
-from importlib.metadata import PackageNotFoundError, version
+from functools import cached_property
 from numbers import Real
-from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.benchmark.provenance import Code, code_of, plain, provenance
 from trajopt.exceptions import InvalidTrajectory, MissingBackend
-from trajopt.planner import Planner, Relation, adapted
+from trajopt.planner import Planner, Relation, adapted, check_visible
 from trajopt.problem import Problem
 from trajopt.registry import label
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
-from trajopt.verification import Certificate, verify
+from trajopt.verification import Certificate, certified, verify
 
 Array = NDArray[np.float64]
 
-PACKAGES = ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "pyscipopt", "h5py")
+OUT_OF_MEMORY = "out of memory"  # the message of a trial that had too little
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +60,17 @@ class Trial:
 
     @cached_property
     def id(self) -> str:
-        """Identity: problem digest, planner, all options, seed and package version."""
-        release = self.provenance["trajopt"]
-        return trial_id(self.problem, self.planner, self.options, self.seed, release)
+        """Identity: problem digest, planner, all options, seed, and the code that ran.
+
+        Of that, trials of earlier versions know the package's version alone.
+        """
+        code = self.provenance.get("planner_digest") or self.provenance["trajopt"]
+        return trial_id(self.problem, self.planner, self.options, self.seed, code)
+
+    @property
+    def runs_again(self) -> bool:
+        """Whether it ended without an answer for reasons that may be gone the next time."""
+        return self.status in (Status.CRASHED, Status.MISSING, Status.TIMEOUT)
 
     @property
     def claimed_duration(self) -> float | None:
@@ -81,13 +87,13 @@ class Trial:
     def lower_bound(self) -> float | None:
         return self.solution.lower_bound
 
-    @property
+    @cached_property
     def certified_trajectory(self) -> Trajectory | None:
         """The trajectory, dilated where it broke a limit; None where dilation cannot mend it."""
         trajectory = self.solution.trajectory
         if trajectory is None or self.certificate is None or not self.certificate.valid:
             return None
-        return trajectory.dilated(max(1.0, self.certificate.dilation))
+        return certified(self.problem, trajectory)
 
     @property
     def certified_history(self) -> Array:
@@ -102,16 +108,17 @@ class Trial:
         if history is None or not len(history):
             return np.array([[spent, np.nan]])
         end = [max(spent, history[-1, 0]), history[-1, 1]]
-        certified = np.vstack([history, end])
+        dilated = np.vstack([history, end])
         if self.certificate is None or not self.certificate.valid:
-            certified[:, 1] = np.nan
+            dilated[:, 1] = np.nan
         else:
-            certified[:, 1] *= max(1.0, self.certificate.dilation)
-        return certified
+            dilated[:, 1] *= max(1.0, self.certificate.dilation)
+        return dilated
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: SI units, joints count from 1, None for what does not exist."""
-        certified = self.certified_trajectory
+        trajectory = self.certified_trajectory
+        times = None if trajectory is None else trajectory.waypoint_times.tolist()
         return {
             "problem": self.problem.name,
             "planner": self.planner,
@@ -122,7 +129,7 @@ class Trial:
             "claimed_duration": self.claimed_duration,
             "certified_duration": self.certified_duration,
             "lower_bound": self.lower_bound,
-            "waypoint_times": None if certified is None else certified.waypoint_times.tolist(),
+            "waypoint_times": times,
             "evaluations": self.solution.evaluations,
             "setup_time": self.setup_time,
             "solve_time": self.solve_time,
@@ -130,41 +137,130 @@ class Trial:
         }
 
 
+@dataclass(frozen=True)
+class Configuration:
+    """A planner as it runs: under which name, with which options, and which code.
+
+    Computed once where a run is planned: a worker elsewhere may have other files.
+    """
+
+    planner: Planner
+    name: str
+    label: str
+    options: Mapping[str, Any]
+    code: Code
+
+    @classmethod
+    def of(cls, planner: object, name: str = "") -> Configuration:
+        """Of a planner with the base class or without; its name is its class's by default.
+
+        Raises:
+            InvalidInput: for what is no planner, or may have options that nobody sees.
+        """
+        own = adapted(planner)
+        check_visible(own)
+        name = name or type(own.implementation).__name__
+        options = {
+            key: plain(value, f"planner {name}, option {key}")
+            for key, value in own.options().items()
+        }
+        return cls(own, name, label(name, own), options, code_of(own))
+
+    def trial_id(self, problem: Problem, seed: int) -> str:
+        """The identity of its trial on a problem with a seed."""
+        return trial_id(problem, self.name, self.options, seed, self.code.digest)
+
+
 def trial_id(
-    problem: Problem, planner: str, options: Mapping[str, Any], seed: int, release: str
+    problem: Problem, planner: str, options: Mapping[str, Any], seed: int, code: str
 ) -> str:
-    """The trial's identity as 20 hexadecimal digits."""
-    identity = [problem.digest(), planner, dict(options), seed, release]
+    """A trial's identity as 20 hexadecimal digits; `code` is the digest of the code that ran."""
+    identity = [problem.digest(), planner, dict(options), seed, code]
     text = json.dumps(identity, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-def judge(planner: Planner, problem: Problem, seeds: Sequence[int], name: str) -> list[Trial]:
+def judge(planner: object, problem: Problem, seeds: Sequence[int], name: str = "") -> list[Trial]:
     """Run a planner and verify its answers, one trial per seed; what it raises is recorded."""
-    planner = adapted(planner)
-    blank = failed(planner, problem, seeds[0], name, Status.FAILED, "")
-    began, count = time.perf_counter(), len(seeds)
-    solutions = _solutions(planner, problem, seeds)
-    wall = (time.perf_counter() - began) / count
-    relation, trials = _relation(planner, problem), []
+    return run(Configuration.of(planner, name), problem, seeds)
+
+
+def run(
+    configuration: Configuration,
+    problem: Problem,
+    seeds: Sequence[int],
+    limits: Mapping[str, str] = MappingProxyType({}),
+) -> list[Trial]:
+    """The same of a configuration; `limits` to its time and memory join the provenance.
+
+    The planner is given a copy of the problem: whatever it does to that, it is judged on ours.
+    """
+    planner = configuration.planner
+    given = _copy(problem)
+    started = _now()
+    began = time.perf_counter()
+    solutions = _solutions(planner, given, seeds)
+    wall_time = (time.perf_counter() - began) / len(seeds)
+    relation = _relation(planner, given)
+    trials = []
     for seed, solution in zip(seeds, solutions, strict=True):
         status, message, certificate = verdict(problem, solution)
-        setup = solution.setup_time / count
-        trial = replace(blank, seed=seed, solution=solution, relation=relation, batch=count)
-        trial = replace(trial, status=status, message=message, certificate=certificate)
-        trials.append(replace(trial, setup_time=setup, solve_time=max(0.0, wall - setup)))
+        setup_time = solution.setup_time / len(seeds)
+        blank = unanswered(configuration, problem, seed, status, message, limits)
+        trial = replace(
+            blank,
+            relation=relation,
+            solution=solution,
+            certificate=certificate,
+            setup_time=setup_time,
+            solve_time=max(0.0, wall_time - setup_time),
+            batch=len(seeds),
+            started=started,
+        )
+        trials.append(trial)
     return trials
 
 
-def failed(
-    planner: Planner, problem: Problem, seed: int, name: str, status: Status, message: str
+def unanswered(
+    configuration: Configuration,
+    problem: Problem,
+    seed: int,
+    status: Status,
+    message: str,
+    limits: Mapping[str, str] = MappingProxyType({}),
 ) -> Trial:
     """The trial of a planner that never answered: it hung, or its process died."""
-    started = datetime.now(UTC).isoformat(timespec="seconds")
     return Trial(
-        problem, name, label(name, planner), planner.options(), seed, Relation.RESTRICTION, status,
-        message, Solution(status, message=message), None, 0.0, 0.0, 1, started, provenance(),
-    )  # fmt: skip
+        problem=problem,
+        planner=configuration.name,
+        label=configuration.label,
+        options=configuration.options,
+        seed=seed,
+        relation=Relation.RESTRICTION,
+        status=status,
+        message=message,
+        solution=Solution(status, message=message),
+        certificate=None,
+        setup_time=0.0,
+        solve_time=0.0,
+        batch=1,
+        started=_now(),
+        provenance=provenance() | configuration.code.as_dict() | dict(limits),
+    )
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _copy(problem: Problem) -> Problem:
+    """The problem in arrays of its own, which cannot be written to either."""
+    copy = deepcopy(problem)
+    limits = copy.limits
+    arrays = (copy.waypoints, limits.velocity, limits.acceleration, limits.jerk, limits.position)
+    for array in arrays:
+        array.setflags(write=False)
+    return copy
 
 
 def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certificate | None]:
@@ -196,13 +292,13 @@ def _solutions(planner: Planner, problem: Problem, seeds: Sequence[int]) -> list
         if reason is not None:
             return [Solution(Status.UNSUPPORTED, message=reason)] * len(seeds)
         found = planner.solve_batch(problem, seeds)
-        if len(found) != len(seeds):
+        if not isinstance(found, list | tuple) or len(found) != len(seeds):
             raise TypeError(f"solve_batch must return one Solution per seed, got {found!r:.200}")
         return [_well_formed(solution) for solution in found]
     except MissingBackend as error:
         return [Solution(Status.MISSING, message=str(error))] * len(seeds)
     except MemoryError:
-        return [Solution(Status.CRASHED, message="out of memory")] * len(seeds)
+        return [Solution(Status.CRASHED, message=OUT_OF_MEMORY)] * len(seeds)
     except (Exception, SystemExit):
         return [Solution(Status.CRASHED, message=traceback.format_exc())] * len(seeds)
 
@@ -226,43 +322,3 @@ _KINDS: dict[str, Any] = {
     "status": Status, "trajectory": Trajectory | None, "message": str, "lower_bound": Real | None,
     "evaluations": Real | None, "history": np.ndarray | None, "setup_time": Real, "stats": Mapping,
 }  # fmt: skip
-
-
-@cache
-def provenance() -> dict[str, str]:
-    """Versions of this package and of every solver, the commit, and the machine."""
-    return {name: _version(name) for name in PACKAGES} | {
-        "python": platform.python_version(),
-        "commit": _commit(),
-        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs",
-    }
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""
-
-
-def _commit() -> str:
-    """The commit of the checkout this runs from, marked if changed; empty when installed."""
-    root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():
-        return ""
-    command = [
-        "git",
-        "-C",
-        str(root),
-        "describe",
-        "--always",
-        "--dirty",
-        "--abbrev=40",
-        "--exclude=*",
-    ]
-    try:
-        return subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=10
-        ).stdout.strip()
-    except (OSError, subprocess.TimeoutExpired):
-        return ""

@@ -24,7 +24,7 @@ from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, number, whole_number
 from trajopt.exceptions import InvalidInput, TrajoptError
 from trajopt.problem import Problem
-from trajopt.registry import entries, named
+from trajopt.registry import entries
 
 MANY = 12  # problems, beyond which there is one page in place of a table and figures each
 
@@ -84,16 +84,14 @@ def compare(
     specs = planner or _default_planners()
     if certify:
         specs = [*specs, "certify"]
-    planners = [named(spec) for spec in specs]
     processes = jobs or benchmark.cpus()
     folder = output.resolve()
     _leave_deleted_folder(folder)
-    total = sum(len(task.seeds) for task in benchmark.plan(loaded, planners, seeds))
     elsewhere = cluster.executor(dask) if dask else nullcontext()
-    with console.progress(total) as advance, elsewhere as executor:
+    with console.trials() as advance, elsewhere as executor:
         results = benchmark.compare(
             loaded,
-            planners,
+            specs,
             folder,
             seeds=seeds,
             jobs=processes,
@@ -103,6 +101,9 @@ def compare(
             progress=advance,
             executor=executor,
         )
+    if results.kept:
+        console.line(str(results.kept))
+        console.paragraph()
     if len(loaded) > MANY:
         _show_many(results, output)
     else:

@@ -13,8 +13,8 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from typing import Any, TextIO
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, Any, TextIO
 
 from rich.console import Console
 from rich.markup import escape
@@ -27,6 +27,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from trajopt.benchmark.compare import Progress as TrialProgress
 
 OUT = Console(highlight=False, emoji=False)
 ERR = Console(stderr=True, highlight=False, emoji=False)
@@ -198,6 +201,23 @@ def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]
     with Progress(*columns, console=ERR, transient=True, speed_estimate_period=600) as bar:
         task = bar.add_task(what, total=total)
         yield lambda count: bar.advance(task, count)
+
+
+@contextmanager
+def trials() -> Iterator[Callable[[TrialProgress], None]]:
+    """The same for a comparison, which says itself how many trials there are."""
+    finished = 0
+    advance: Callable[[int], None] | None = None
+    with ExitStack() as stack:
+
+        def show(state: TrialProgress) -> None:
+            nonlocal advance, finished
+            if advance is None:
+                advance = stack.enter_context(progress(state.total))
+            advance(state.finished - finished)
+            finished = state.finished
+
+        yield show
 
 
 class LoggedProgress:

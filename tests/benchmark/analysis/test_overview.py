@@ -11,13 +11,14 @@ from test_results import OTHER, run
 from trajopt import Problem
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.trial import Trial, failed
+from trajopt.benchmark.trial import Configuration, Trial, unanswered
 from trajopt.solution import Status
 from trajopt.swarm_planner import Unoptimised
 
 
 def refused(problem: Problem) -> Trial:
-    return failed(Unoptimised(), problem, 0, "picky", Status.UNSUPPORTED, "not for me")
+    picky = Configuration.of(Unoptimised(), "picky")
+    return unanswered(picky, problem, 0, Status.UNSUPPORTED, "not for me")
 
 
 @pytest.fixture

@@ -34,6 +34,9 @@ class Fixed:
     def __init__(self, *durations, bound=None, relation=Relation.RESTRICTION):
         self.durations, self.bound, self.kind = durations, bound, relation
 
+    def options(self):
+        return {}
+
     def relation(self, problem):
         return self.kind
 

@@ -13,7 +13,8 @@ import pytest
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, StoreError
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.export import all_trials, ioh, tables
-from trajopt.benchmark.trial import PACKAGES, judge
+from trajopt.benchmark.provenance import PACKAGES
+from trajopt.benchmark.trial import judge
 from trajopt.exceptions import MissingBackend
 from trajopt.registry import load
 from trajopt.trajectory import Trajectory

@@ -42,6 +42,9 @@ class Made:
     def __init__(self, *durations: float | None, message: str = "gave up") -> None:
         self.durations, self.message = durations, message
 
+    def options(self) -> dict[str, object]:
+        return {}
+
     def relation(self, problem: Problem) -> Relation:
         return Relation.RESTRICTION
 

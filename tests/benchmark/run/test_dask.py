@@ -56,7 +56,7 @@ def test_a_process_pool_is_not_broken_by_a_planner_that_dies(tmp_path: Path) -> 
 def test_a_worker_killed_during_the_run_has_its_trials_run_elsewhere(tmp_path: Path) -> None:
     killed: list[int] = []
 
-    def kill(_: int) -> None:
+    def kill(_: run.Progress) -> None:
         if pids and len(list((tmp_path / "trials").glob("*.h5"))) >= 2:
             killed.append(pids.pop())
             os.kill(killed[-1], signal.SIGKILL)

@@ -242,14 +242,16 @@ def absent_of(trial):
 def test_missing_backends_are_not_finished_but_are_read(tmp_path, trial):
     results = Store(tmp_path)
     absent = absent_of(trial)
-    failed = replace(trial, seed=9, status=Status.CRASHED, solution=Solution(Status.CRASHED))
-    results.write(absent)
-    results.write(failed)
+    failed = replace(trial, seed=9, status=Status.FAILED, solution=Solution(Status.FAILED))
+    crashed = replace(trial, seed=8, status=Status.CRASHED, solution=Solution(Status.CRASHED))
+    for kept in (absent, failed, crashed):
+        results.write(kept)
     assert results.finished() == {failed.id}
+    assert {t.id for t in results.unanswered()} == {absent.id, crashed.id}
     assert not results.has(absent.id)
     assert results.has(failed.id)
     for found in (results.read(), read(results.consolidate()), read(tmp_path)):
-        assert {t.status for t in found} == {Status.MISSING, Status.CRASHED}
+        assert {t.status for t in found} == {Status.MISSING, Status.CRASHED, Status.FAILED}
     assert [t.status for t in read(tmp_path, {absent.id})] == [Status.MISSING]
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,19 @@ TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
 }
 
 
+@dataclass(frozen=True)
+class Kept:
+    """How many of a comparison's trials an earlier run had left, and when the first of them ran."""
+
+    count: int
+    total: int
+    since: datetime
+
+    def __str__(self) -> str:
+        when = self.since.astimezone().strftime("%d %b %H:%M")
+        return f"{self.count} of {self.total} trials kept from {when}"
+
+
 @dataclass(frozen=True, init=False, eq=False)
 class Results:
     """The trials of a run, ready for tables and figures.
@@ -65,16 +79,19 @@ class Results:
     Args:
         source: the trials, or the path of a results folder, a `results.h5` or a trial file, which
             `store.read` reads.
+        kept: which of them an earlier run had left.
 
     Raises:
         StoreError: naming the file, if it cannot be read.
     """
 
     items: Sequence[Trial]
+    kept: Kept | None
 
-    def __init__(self, source: Sequence[Trial] | Path | str) -> None:
+    def __init__(self, source: Sequence[Trial] | Path | str, kept: Kept | None = None) -> None:
         items = store.read(source) if isinstance(source, str | Path) else source
         object.__setattr__(self, "items", items)
+        object.__setattr__(self, "kept", kept)
 
     def trials(self) -> pd.DataFrame:
         """One row per trial; NaN where there is none of a number.

@@ -1,53 +1,56 @@
 """One task in a supervised child process, which may raise, hang, devour memory or die.
 
-The child writes its trials itself, a file each; what it could not write is recorded for it.
+The child writes its trials itself, a file each; what it could not write is recorded for it. It
+leads a process group of its own, so that nothing a planner started outlives it.
 """
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import subprocess
+import sys
 import threading
 import traceback
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.util import Finalize
+from pathlib import Path
 
 import cloudpickle
 import pebble
 
+from trajopt.benchmark.run.plan import Allowance, Task
 from trajopt.benchmark.store.folder import Store
-from trajopt.benchmark.trial import failed, judge, provenance, trial_id
+from trajopt.benchmark.trial import run, unanswered
 from trajopt.exceptions import StoreError, WorkerError
-from trajopt.planner import Planner
-from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 
-_thread = threading.local()
+_THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+_UNGUARDED = 77  # exit code of a worker that was about to start the comparison that started it
+_GUARD = """\
+no worker process could start. A script that calls compare does it under a guard, since each worker
+imports the script first:
+
+    if __name__ == "__main__":
+        results = compare(...)
+
+(or give compare jobs=0: then the trials run in this process, unsupervised). Nothing was stored."""
+
+_kept = threading.local()  # of an executor's worker: its pool
+_watchdogs: list[subprocess.Popen[bytes]] = []  # of this process, so that none is collected
 
 
-@dataclass(frozen=True)
-class Allowance:
-    """What a trial may use: `timeout` in s, and `memory` in GiB for its process (None: any)."""
+def refuse_in_starting_worker() -> None:
+    """End this process if it is a worker that is still importing the script that started it.
 
-    timeout: float = 600.0
-    memory: float | None = None
-
-
-@dataclass(frozen=True)
-class Task:
-    """Some seeds of one planner on one problem."""
-
-    problem: Problem
-    name: str
-    planner: Planner
-    seeds: tuple[int, ...]
-
-    def trial_id(self, seed: int) -> str:
-        release = provenance()["trajopt"]
-        return trial_id(self.problem, self.name, self.planner.options(), seed, release)
+    Without a guard that script calls `compare` again, there and in that one's workers. The parent
+    sees them end and explains (`WorkerError`).
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):  # as multiprocessing does
+        sys.exit(_UNGUARDED)
 
 
 def supervised(pickled: bytes, store: Store, allowed: Allowance) -> None:
@@ -68,11 +71,10 @@ def supervised(pickled: bytes, store: Store, allowed: Allowance) -> None:
 
 def _own_pool() -> pebble.ProcessPool:
     """A child process for each of the worker's threads, kept: starting one takes a second."""
-    if not hasattr(_thread, "pool"):
-        spawn = multiprocessing.get_context("spawn")
-        _thread.pool = pebble.ProcessPool(max_workers=1, context=spawn)
-        Finalize(None, _stopped, (_thread.pool,), exitpriority=100)
-    pool: pebble.ProcessPool = _thread.pool
+    if not hasattr(_kept, "pool"):
+        _kept.pool = _pool(1)
+        Finalize(None, _stopped, (_kept.pool,), exitpriority=100)
+    pool: pebble.ProcessPool = _kept.pool
     return pool
 
 
@@ -82,20 +84,47 @@ def _stopped(pool: pebble.ProcessPool) -> None:
     pool.join()
 
 
+def _pool(workers: int) -> pebble.ProcessPool:
+    """Fresh interpreters: forking a process that has loaded solvers is not safe."""
+    return pebble.ProcessPool(
+        max_workers=workers,
+        context=multiprocessing.get_context("spawn"),
+        initializer=_lead_group,
+        initargs=(os.getpid(),),
+    )
+
+
+def _lead_group(run: int) -> None:
+    """In a new worker: a process group of its own, which ends with it or with the run."""
+    if not hasattr(os, "setsid"):  # not a Unix
+        return
+    os.setsid()
+    watchdog = Path(__file__).with_name("watchdog.py")
+    command = [sys.executable, "-I", "-S", str(watchdog), str(os.getpid()), str(run)]
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    _watchdogs.append(process)
+
+
 def schedule(
     pool: pebble.ProcessPool, task: Task, pickled: bytes, store: Store, allowed: Allowance
 ) -> Future[None]:
     """Send the task to the pool, which stops it when its time is over."""
     child: Future[None] = pool.schedule(
-        _work, args=(pickled, store, allowed.memory), timeout=allowed.timeout * len(task.seeds)
+        _work, args=(pickled, store, allowed), timeout=allowed.timeout * len(task.seeds)
     )
     return child
 
 
-def _work(pickled: bytes, store: Store, memory: float | None) -> None:
+def _work(pickled: bytes, store: Store, allowed: Allowance) -> None:
     """In the worker process."""
-    _hold_to(memory)
-    do(cloudpickle.loads(pickled), store)
+    _hold_to(allowed.memory)
+    do(cloudpickle.loads(pickled), store, allowed)
 
 
 def _hold_to(memory: float | None) -> None:
@@ -112,36 +141,49 @@ def _hold_to(memory: float | None) -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
-def do(task: Task, store: Store) -> None:
+def do(task: Task, store: Store, allowed: Allowance) -> None:
     """Run, judge and store the task's trials, in this process."""
-    for trial in judge(task.planner, task.problem, task.seeds, task.name):
+    for trial in run(task.configuration, task.problem, task.seeds, allowed.as_dict()):
         try:
             store.write(trial)
         except StoreError:
             raise
         except Exception:  # an answer that HDF5 cannot hold
             message = traceback.format_exc()
-            status, lost = Status.CRASHED, Solution(Status.CRASHED, message=message)
+            status = Status.CRASHED
+            lost = Solution(status, message=message)
             blank = replace(trial, status=status, message=message, solution=lost, certificate=None)
             store.write(blank)
 
 
 def record_failure(future: Future[None], task: Task, store: Store, allowed: Allowance) -> None:
-    """A worker that hung or died leaves no trials behind; record what happened instead."""
+    """A worker that hung or died leaves no trials behind; record what happened instead.
+
+    Raises `WorkerError` where no worker ever took the task: that says nothing of its planner.
+    """
     error = future.exception()
     if error is None:
         return
     if isinstance(error, StoreError | WorkerError):
         raise error
+    if isinstance(error, BrokenExecutor):
+        raise WorkerError(_GUARD) from error
+    status, message = _ending(error, task, allowed)
+    for seed, trial_id in task.ids.items():
+        if seed in task.seeds and not store.has(trial_id):
+            limits = allowed.as_dict()
+            lost = unanswered(task.configuration, task.problem, seed, status, message, limits)
+            store.write(lost)
+
+
+def _ending(error: BaseException, task: Task, allowed: Allowance) -> tuple[Status, str]:
+    """What became of a worker, from what its future raised."""
     if isinstance(error, TimeoutError):
-        status, message = Status.TIMEOUT, f"stopped after {allowed.timeout * len(task.seeds):g} s"
-    elif isinstance(error, pebble.ProcessExpired):
-        status, message = Status.CRASHED, _obituary(error.exitcode)
-    else:  # the planner does not load in another process
-        status, message = Status.CRASHED, "".join(traceback.format_exception(error))
-    for seed in task.seeds:
-        if not store.has(task.trial_id(seed)):
-            store.write(failed(task.planner, task.problem, seed, task.name, status, message))
+        return Status.TIMEOUT, f"stopped after {allowed.timeout * len(task.seeds):g} s"
+    if isinstance(error, pebble.ProcessExpired):
+        return Status.CRASHED, _obituary(error.exitcode)
+    # the planner does not load in another process
+    return Status.CRASHED, "".join(traceback.format_exception(error))
 
 
 def _obituary(exitcode: int) -> str:
@@ -152,8 +194,8 @@ def _obituary(exitcode: int) -> str:
 
 @contextmanager
 def pool_of(jobs: int) -> Iterator[pebble.ProcessPool]:
-    """Fresh interpreters: forking a process that has loaded solvers is not safe."""
-    pool = pebble.ProcessPool(max_workers=jobs, context=multiprocessing.get_context("spawn"))
+    """So many workers, none of which outlives the block."""
+    pool = _pool(jobs)
     try:
         yield pool
     except BaseException:
@@ -164,14 +206,45 @@ def pool_of(jobs: int) -> Iterator[pebble.ProcessPool]:
         pool.join()
 
 
+class _SingleThreaded:
+    """How many blocks ask for single threads, and the environment before the first of them."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.blocks = 0
+        self.before: dict[str, str | None] = {}
+
+    def enter(self) -> None:
+        with self.lock:
+            if self.blocks == 0:
+                self.before = {name: os.environ.get(name) for name in _THREADS}
+                os.environ.update(_THREADS)
+            self.blocks += 1
+
+    def leave(self) -> None:
+        with self.lock:
+            self.blocks -= 1
+            if self.blocks > 0:
+                return
+            for name, value in self.before.items():
+                del os.environ[name]
+                if value is not None:
+                    os.environ[name] = value
+
+
+_single_threaded = _SingleThreaded()
+
+
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """Children inherit one thread each for linear algebra, so that jobs do not fight for cores."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
+    """Children inherit one thread each for linear algebra, so that jobs do not fight for cores.
+
+    By the environment, since a child imports the user's script, and with it NumPy, before any line
+    of ours could limit the threads that NumPy has started by then; and what a planner starts
+    inherits it too. Blocks may overlap: an executor's worker may have several threads.
+    """
+    _single_threaded.enter()
     try:
         yield
     finally:
-        for name, value in before.items():
-            os.environ.pop(name) if value is None else os.environ.update({name: value})
+        _single_threaded.leave()

@@ -21,7 +21,6 @@ from trajopt.benchmark.store.columns import harmless
 from trajopt.benchmark.store.schema import Encoded, decode, encode, recorded
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
-from trajopt.solution import Status
 
 T = TypeVar("T")
 
@@ -83,7 +82,7 @@ class Store:
 
         Raises `StoreError` where the disk refuses; what was stored before stays as it was.
         """
-        missing = trial.status is Status.MISSING
+        missing = trial.runs_again
         path = save(self.path(trial.id, missing=missing), trial)
         if not missing:
             self.path(trial.id, missing=True).unlink(missing_ok=True)
@@ -105,6 +104,11 @@ class Store:
 
     def _encoded(self) -> Iterator[Encoded]:
         return _each(_trial_files(self.folder), _readable, _warn)
+
+    def unanswered(self) -> list[Trial]:
+        """The trials that ended without an answer, for reasons that may be gone."""
+        files = [file for file in _trial_files(self.folder) if file.name.endswith(_MISSING)]
+        return list(_each(files, decode, _warn))
 
     def read(self) -> list[Trial]:
         """The stored trials, each from its own file; warns of damaged ones."""

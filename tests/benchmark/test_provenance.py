@@ -1,0 +1,349 @@
+"""Edited code never shows old results: what a digest covers, where the code lies."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from trials import PROBLEM, Stopping
+
+from trajopt import InvalidInput, Planner, Solution, Status
+from trajopt.benchmark import provenance
+from trajopt.benchmark.provenance import code_of, plain
+from trajopt.benchmark.trial import Configuration, judge, trial_id
+from trajopt.planner import adapted
+from trajopt.registry import load
+
+PLANNER = """
+from dataclasses import dataclass
+from trajopt import Planner, Solution, Status
+{imports}
+
+@dataclass(frozen=True)
+class Mine(Planner):
+    gain: float = 1.0
+
+    def solve(self, problem, *, seed=0):
+        return Solution(Status.FAILED, message="{message}")
+"""
+
+
+def source(message="first", imports=""):
+    return PLANNER.format(message=message, imports=imports)
+
+
+@pytest.fixture
+def fresh(tmp_path, monkeypatch):
+    """Imports a module of `tmp_path` as a new process would, after its files have changed."""
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def digest(module="stranger"):
+        for name in [name for name in sys.modules if name.partition(".")[0] in own]:
+            monkeypatch.delitem(sys.modules, name)
+        importlib.invalidate_caches()
+        for cached in (provenance._sources, provenance._distribution):
+            cached.cache_clear()
+        return code_of(importlib.import_module(module).Mine()).digest
+
+    own = {"stranger", "helper", "unrelated", "package"}
+    return digest
+
+
+def test_an_edited_script_or_what_it_imports_is_another_code(tmp_path, fresh):
+    module, helper = tmp_path / "stranger.py", tmp_path / "helper.py"
+    helper.write_text("import numpy\nWEIGHT = 1\n")
+    module.write_text(source(imports="import helper"))
+    first = fresh()
+    assert fresh() == first
+    (tmp_path / "unrelated.py").write_text("")
+    assert fresh() == first
+    helper.write_text("import numpy\nWEIGHT = 2\n")
+    second = fresh()
+    module.write_text(source("second", "import helper"))
+    assert len({first, second, fresh()}) == 3
+
+
+def test_an_edited_module_anywhere_in_a_package_is_another_code(tmp_path, fresh):
+    (tmp_path / "package/inner").mkdir(parents=True)
+    for name in ("package/__init__.py", "package/inner/__init__.py"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "package/planner.py").write_text(source())
+    deep = tmp_path / "package/inner/deep.py"
+    deep.write_text("x = 1\n")
+    first = fresh("package.planner")
+    assert fresh("package.planner") == first
+    deep.write_text("x = 2\n")
+    assert fresh("package.planner") != first
+
+
+def test_of_an_installed_planner_the_version_and_its_own_file_count(tmp_path, fresh, monkeypatch):
+    monkeypatch.setattr(provenance, "_is_installed", lambda file: file.is_relative_to(tmp_path))
+    found = SimpleNamespace(name="strangers-planners", version="1.2")
+    monkeypatch.setattr(provenance, "_distribution", lambda module: found)
+    module = tmp_path / "stranger.py"
+    module.write_text(source(imports="import helper"))
+    (tmp_path / "helper.py").write_text("")
+
+    def digest():
+        monkeypatch.delitem(sys.modules, "stranger", raising=False)
+        importlib.invalidate_caches()
+        provenance._sources.cache_clear()
+        return code_of(importlib.import_module("stranger").Mine())
+
+    first = digest()
+    assert (first.distribution, first.version) == ("strangers-planners", "1.2")
+    (tmp_path / "helper.py").write_text("another = 1")  # the version tells, once it is raised
+    assert digest() == first
+    found.version = "1.3"
+    raised = digest().digest
+    module.write_text(source("edited in place", "import helper"))
+    assert len({first.digest, raised, digest().digest}) == 3
+
+
+def test_our_planners_name_our_distribution_and_are_digested_in_no_time():
+    planner = load("toppra")
+    provenance._ours.cache_clear()
+    began = time.process_time()
+    code = code_of(planner)
+    assert time.process_time() - began < 0.3  # 20 ms where nobody else is working
+    assert (code.distribution, code.version) == ("trajopt", provenance.provenance()["trajopt"])
+    assert code_of(load("toppra:knots=chord")) == code  # options are not code
+    assert code_of(load("exact")).digest != code.digest  # another class is
+
+
+def test_of_a_checkout_only_what_can_change_a_trial_counts():
+    names = ["trajopt/verification.py", "trajopt/benchmark/trial.py", "baselines/topp_ra.py"]
+    assert all(map(provenance._decides, names))
+    names = [
+        "trajopt/cli/app.py",
+        "trajopt/benchmark/report/page.py",
+        "trajopt/benchmark/compare.py",
+    ]
+    assert not any(map(provenance._decides, names))
+
+
+NOTEBOOK = """
+from dataclasses import dataclass
+from trajopt.benchmark.provenance import code_of
+from trajopt import Planner, Solution, Status
+
+WEIGHT = {weight}
+
+def helper(x):
+    return {helper}
+
+@dataclass(frozen=True)
+class Mine(Planner):
+    def solve(self, problem, *, seed=0):
+        if seed in {{"a", "b", "c"}}:
+            return None
+        return Solution(Status.FAILED, message=str(helper(WEIGHT)))
+
+print(code_of(Mine()).digest)
+"""
+
+
+def notebook(weight="1", helper="x + 1"):
+    """As a notebook or an interpreter does: there is no file."""
+    code = NOTEBOOK.format(weight=weight, helper=helper)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    return done.stdout
+
+
+def test_a_planner_of_a_notebook_is_told_by_what_it_does():
+    first = notebook()
+    assert notebook() == first  # whatever the order of sets
+    assert len({first, notebook(weight="2"), notebook(helper="x + 2")}) == 3
+
+
+def made(gain):
+    @dataclass(frozen=True)
+    class Made(Planner):
+        def solve(self, problem, *, seed=0):
+            return Solution(Status.FAILED, message=str(gain))
+
+    return Made()
+
+
+def test_what_a_class_was_made_with_belongs_to_its_code():
+    assert code_of(made(1)) == code_of(made(1))
+    assert code_of(made(1)) != code_of(made(2))
+
+
+@dataclass(frozen=True)
+class Other(Stopping):
+    """The same options under the same name."""
+
+
+def test_two_classes_of_one_name_and_the_same_options_are_two_planners():
+    ids = {
+        Configuration.of(planner, "mine").trial_id(PROBLEM, 0) for planner in (Stopping(), Other())
+    }
+    assert len(ids) == 2
+
+
+def test_a_trial_says_whose_code_ran_and_old_ones_keep_their_identity():
+    trial = judge(Stopping(), PROBLEM, [3], "stopping")[0]
+    code = code_of(adapted(Stopping()))
+    assert trial.provenance["planner_digest"] == code.digest
+    assert (trial.provenance["planner_distribution"], trial.provenance["planner_version"]) == (
+        "",
+        "",
+    )
+    assert trial.id == trial_id(PROBLEM, "stopping", trial.options, 3, code.digest)
+    old = {key: value for key, value in trial.provenance.items() if not key.startswith("planner_")}
+    release = trial.provenance["trajopt"]
+    earlier = replace(trial, provenance=old).id
+    assert earlier == trial_id(PROBLEM, "stopping", trial.options, 3, release)
+    assert earlier != trial.id
+
+
+class Colour(Enum):
+    RED = 1
+
+
+@dataclass(frozen=True)
+class Holding(Planner):
+    value: Any = None
+
+    def solve(self, problem, *, seed=0):
+        return Solution(Status.FAILED, message="no")
+
+
+@pytest.mark.parametrize(
+    ("one", "two"),
+    [
+        (np.array([1.0, 2.0]), np.array([1.0, np.nextafter(2.0, 3.0)])),
+        (np.zeros(5000), np.eye(1, 5000, 2500)[0]),  # their texts are the same: [0. 0. ... 0. 0.]
+        (1.0, np.nextafter(1.0, 2.0)),
+        (Path("a"), Path("b")),
+        ({"a": [1, (2, 3)]}, {"a": [1, (2, 4)]}),
+        (Stopping(1.0), Stopping(2.0)),
+        ([Stopping(1.0)], [Stopping(2.0)]),
+        (len, max),
+        (made, source),
+        (Colour.RED, "RED"),
+        ({1, 2}, {1, 3}),
+    ],
+)
+def test_options_that_differ_are_two_configurations(one, two):
+    same = [Configuration.of(Holding(value), "h").trial_id(PROBLEM, 0) for value in (one, one, two)]
+    assert same[0] == same[1]
+    assert same[0] != same[2]
+
+
+def test_an_option_whose_text_says_nothing_of_it_is_refused():
+    class Opaque:
+        pass
+
+    with pytest.raises(InvalidInput, match=r"planner h, option value is .*Opaque object"):
+        Configuration.of(Holding(Opaque()), "h")
+    assert plain(np.float64(2.5)) == 2.5
+    assert plain(np.array([[1, 2]])) == [[1, 2]]
+
+
+class Plain(Planner):
+    """Options that nobody sees."""
+
+    def __init__(self, gain):
+        self.gain = gain
+
+    def solve(self, problem, *, seed=0):
+        return Solution(Status.FAILED, message=str(self.gain))
+
+
+@dataclass
+class Thawed(Planner):
+    gain: float = 1.0
+
+    def solve(self, problem, *, seed=0):
+        return Solution(Status.FAILED, message="no")
+
+
+@dataclass(frozen=True)
+class Behind(Holding):
+    """A field, and an attribute that is none."""
+
+    def __post_init__(self):
+        object.__setattr__(self, "table", [1, 2])
+
+
+class Undecorated(Holding):
+    def __init__(self, gain):
+        super().__init__()
+        object.__setattr__(self, "gain", gain)
+
+
+@dataclass(frozen=True)
+class Nested(Holding):
+    inner: Any = field(default_factory=lambda: Behind())
+
+
+class Listing(Plain):
+    """Says itself what its options are."""
+
+    def options(self):
+        return {"gain": self.gain}
+
+
+@pytest.mark.parametrize(
+    ("planner", "words"),
+    [
+        (
+            Plain(2.0),
+            "options are no fields.*@dataclass.frozen=True.*class Plain.Planner.*gain",
+        ),
+        (Thawed(), "planner Thawed: its options can change while it runs: expected a frozen"),
+        (Behind(), "planner Behind: table cannot be seen"),
+        (Undecorated(3), "planner Undecorated: gain cannot be seen"),
+        (Nested(), "planner Nested: inner.table cannot be seen"),
+    ],
+    ids=lambda x: type(x).__name__,
+)
+def test_a_planner_with_options_that_nobody_sees_is_refused_with_the_lines_that_mend_it(
+    planner, words
+):
+    with pytest.raises(InvalidInput) as refused:
+        judge(planner, PROBLEM, [0])
+    assert re.search(words, str(refused.value), flags=re.DOTALL)
+
+
+def test_a_planner_may_list_its_options_itself():
+    ids = {Configuration.of(Listing(gain)).trial_id(PROBLEM, 0) for gain in (1, 2)}
+    assert len(ids) == 2
+    assert judge(Listing(2), PROBLEM, [0])[0].options == {"gain": 2}
+
+
+@dataclass(frozen=True)
+class Vandal(Stopping):
+    """Makes the problem easier, and solves that."""
+
+    def solve(self, problem, *, seed=0):
+        with pytest.raises(ValueError, match="read-only"):
+            problem.waypoints[0, 0] = 7.0
+        object.__setattr__(problem, "waypoints", problem.waypoints[:2].copy())
+        problem.limits.velocity.flags.writeable = True
+        problem.limits.velocity[:] *= 100.0
+        return super().solve(problem, seed=seed)
+
+
+def test_a_planner_that_changes_the_problem_is_judged_on_ours():
+    before = PROBLEM.digest()
+    (trial,) = judge(Vandal(), PROBLEM, [0], "vandal")
+    assert PROBLEM.digest() == before
+    assert trial.problem is PROBLEM
+    assert trial.id == Configuration.of(Vandal(), "vandal").trial_id(PROBLEM, 0)
+    assert trial.status is Status.INVALID
+    assert trial.certified_duration is None

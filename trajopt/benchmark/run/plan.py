@@ -1,0 +1,98 @@
+"""What there is to run: tasks, of which those that an earlier run has finished are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, Trial
+from trajopt.explain.references import references
+from trajopt.problem import Problem
+from trajopt.registry import entries
+from trajopt.solution import Status
+
+_BATCH = 15  # seeds solved together at most: large enough to be fast, small enough to lose little
+
+
+@dataclass(frozen=True)
+class Allowance:
+    """What a trial may use.
+
+    Args:
+        timeout: Seconds of wall time.
+        memory: GiB for its process; None: any.
+    """
+
+    timeout: float = float("inf")
+    memory: float | None = None
+
+    def as_dict(self) -> dict[str, str]:
+        """As a trial's provenance has it."""
+        memory = "" if self.memory is None else f"{self.memory:g}"
+        return {"timeout_limit": f"{self.timeout:g}", "memory_limit": memory}
+
+    def would_stop(self, trial: Trial) -> bool:
+        """Whether a trial that ran out of time or memory has no more of it now.
+
+        Any other crash may have had a cause that is gone, so that nothing speaks for the same end.
+        """
+        if trial.status is Status.TIMEOUT:
+            had = trial.provenance.get("timeout_limit", "")
+            return bool(had) and self.timeout <= float(had)
+        if trial.status is Status.CRASHED and trial.message == OUT_OF_MEMORY:
+            had = trial.provenance.get("memory_limit", "")
+            return bool(had) and self.memory is not None and self.memory <= float(had)
+        return False
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some seeds of one planner on one problem."""
+
+    problem: Problem
+    configuration: Configuration
+    seeds: tuple[int, ...]
+
+    @cached_property
+    def ids(self) -> dict[int, str]:
+        """The trials' identities by their seeds; they travel with the task to its worker."""
+        return {seed: self.configuration.trial_id(self.problem, seed) for seed in self.seeds}
+
+
+def plan(
+    problems: Sequence[Problem], configurations: Sequence[Configuration], seeds: int
+) -> list[Task]:
+    """One task per problem and planner with all its seeds, references too; identical ones once."""
+    given = {configuration.name for configuration in configurations}
+    needed = {name for problem in problems for name in references(problem)}
+    joining = {
+        name: Configuration.of(entries()[name].load(), name)
+        for name in sorted(needed - given)
+        if name in entries()
+    }
+    tasks: dict[str, Task] = {}
+    for problem in problems:
+        also = [joining[name] for name in references(problem) if name in joining]
+        for configuration in [*configurations, *also]:
+            runs = seeds if _varies(configuration, problem) else 1
+            task = Task(problem, configuration, tuple(range(runs)))
+            tasks.setdefault(task.ids[0], task)
+    return list(tasks.values())
+
+
+def _varies(configuration: Configuration, problem: Problem) -> bool:
+    """Whether another seed may give another answer; a refusal needs no second trial."""
+    planner = configuration.planner
+    try:
+        return planner.stochastic and planner.unsupported(problem) is None
+    except Exception:  # its trials will say so
+        return True
+
+
+def missing(task: Task, done: set[str]) -> Iterator[Task]:
+    """The task's unfinished seeds, in batches for planners that advance them together."""
+    seeds = [seed for seed in task.seeds if task.ids[seed] not in done]
+    size = _BATCH if task.configuration.planner.batched else 1
+    for start in range(0, len(seeds), size):
+        yield replace(task, seeds=tuple(seeds[start : start + size]))

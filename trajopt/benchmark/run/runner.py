@@ -1,0 +1,68 @@
+"""Tasks run in this process, in supervised child processes, or on someone else's workers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, Future, as_completed
+
+import cloudpickle
+
+from trajopt.benchmark.run import workers
+from trajopt.benchmark.run.plan import Allowance, Task
+from trajopt.benchmark.store.folder import Store
+
+
+def here(tasks: Sequence[Task], store: Store) -> Iterator[int]:
+    """Run the tasks in this process, unsupervised; yields how many trials each one finished."""
+    for task in tasks:
+        workers.do(task, store, Allowance())
+        yield len(task.seeds)
+
+
+def in_children(
+    tasks: Sequence[Task], store: Store, allowed: Allowance, jobs: int
+) -> Iterator[int]:
+    """The same in `jobs` supervised child processes, longest tasks first."""
+    if not tasks:
+        return
+    with workers.single_threaded(), workers.pool_of(min(jobs, len(tasks))) as pool:
+        futures = {
+            workers.schedule(pool, task, cloudpickle.dumps(task), store, allowed): task
+            for task in _longest_first(tasks)
+        }
+        yield from _finished(futures, store, allowed)
+
+
+def on_executor(
+    tasks: Sequence[Task], store: Store, allowed: Allowance, executor: Executor
+) -> Iterator[int]:
+    """The same on someone else's workers, which write their own trial files."""
+    futures = {
+        executor.submit(workers.supervised, cloudpickle.dumps(task), store, allowed): task
+        for task in _longest_first(tasks)
+    }
+    try:
+        yield from _finished(futures, store, allowed)
+    except BaseException:
+        for future in futures:
+            if not future.done():
+                future.cancel()
+        raise
+
+
+def _longest_first(tasks: Sequence[Task]) -> list[Task]:
+    return sorted(tasks, key=lambda task: -len(task.seeds))
+
+
+def _finished(futures: dict[Future[None], Task], store: Store, allowed: Allowance) -> Iterator[int]:
+    for future in as_completed(futures):
+        task = futures[future]
+        workers.record_failure(future, task, store, allowed)
+        yield len(task.seeds)
+
+
+def cpus() -> int:
+    """The CPUs this process may use; all of them where the system does not say."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
