@@ -87,35 +87,47 @@ class Free:
         longest = np.maximum(total - (shortest.sum() - shortest), shortest)
 
         # t = T/S and r ≤ 1/t
-        spans = list(zip(shortest / stop, longest / stop, strict=True))
-        self.t = [m.addVar(lb=low, ub=high) for low, high in spans]
-        self.r = [m.addVar(lb=1 / high, ub=1 / low) for low, high in spans]
+        low = shortest / stop
+        high = longest / stop
+        self.t = [m.addVar(lb=low[k], ub=high[k]) for k in range(segments)]
+        self.r = [m.addVar(lb=1 / high[k], ub=1 / low[k]) for k in range(segments)]
 
         # waypoint velocities, at rest at both ends
-        self.ends: list[list[Any]] = [[0.0] * joints]
+        slowest, fastest = self.scaled.v
+        rest: list[Any] = [0.0] * joints
+        self.ends = [rest]
         for _ in range(segments - 1):
-            inner = [m.addVar(lb=low, ub=high) for low, high in self.scaled.v.T]
+            inner = [m.addVar(lb=slowest[j], ub=fastest[j]) for j in range(joints)]
             self.ends.append(inner)
-        self.ends.append([0.0] * joints)
+        self.ends.append(rest)
 
         for t, r in zip(self.t, self.r, strict=True):
             m.chgVarBranchPriority(t, _TIME_PRIORITY)
             m.addCons(r <= t**-1)
-        for k, j in np.ndindex(segments, joints):
-            self._reach(m, k, j, float(shortest[k]), float(longest[k]))
+        for k in range(segments):
+            between = (float(shortest[k]), float(longest[k]))
+            for j in range(joints):
+                self._reach(m, k, j, between)
 
-        duration = self.scip.quicksum(s * t for s, t in zip(stop, self.t, strict=True))
+        terms = [stop[k] * self.t[k] for k in range(segments)]
+        duration = self.scip.quicksum(terms)
         m.setObjective(duration)
         m.addCons(duration <= total)
         return m
 
-    def _reach(self, m: Any, k: int, j: int, shortest: float, longest: float) -> None:
-        """Joint `j` can cover segment `k`, seen in the direction it moves."""
-        sign = 1 if self.scaled.h[k, j] >= 0 else -1
-        h = abs(self.scaled.h[k, j])
-        v1, v2 = np.abs(self.scaled.v[::sign, j])
-        a1, a2 = np.abs(self.scaled.a[::sign, j])
-        stop = float(self.scaled.stop[k])
+    def _reach(self, m: Any, k: int, j: int, between: tuple[float, float]) -> None:
+        """Joint `j` can cover segment `k`, seen in the direction it moves.
+
+        `between` are the segment's shortest and longest times.
+        """
+        shortest, longest = between
+        scaled = self.scaled
+        displacement = scaled.h[k, j]
+        h = abs(displacement)
+        sign = 1 if displacement >= 0 else -1
+        v1, v2 = np.abs(scaled.v[::sign, j])
+        a1, a2 = np.abs(scaled.a[::sign, j])
+        stop = float(scaled.stop[k])
         t = self.t[k]
         r = self.r[k]
         u = sign * self.ends[k][j]
@@ -126,32 +138,41 @@ class Free:
         lo = m.addVar(lb=-v1, ub=min(v2, h / shortest))
 
         # max(u, w) ≤ p_up and p_lo ≤ min(u, w)
-        for row in (up - u, up - w, u - lo, w - lo):
+        up_u = up - u
+        up_w = up - w
+        lo_u = lo - u
+        lo_w = lo - w
+        for row in (up_u, up_w, u - lo, w - lo):
             m.addCons(row >= 0)
 
-        # (A1 + A2) p_up ≤ A1 A2 T + A1 u + A2 w, and its mirror image
-        m.addCons((a1 + a2) * up <= a1 * a2 * stop * t + a1 * u + a2 * w)
-        m.addCons((a1 + a2) * lo >= a2 * u + a1 * w - a1 * a2 * stop * t)
+        # (A1 + A2) p_up ≤ A1 A2 T + A1 u + A2 w
+        both = a1 * a2 * stop * t
+        m.addCons((a1 + a2) * up <= both + a1 * u + a2 * w)
+        # (A1 + A2) p_lo ≥ A2 u + A1 w − A1 A2 T
+        m.addCons((a1 + a2) * lo >= a2 * u + a1 * w - both)
 
         # both cones of the module's docstring, over S²
         root2 = np.sqrt(2 * a2) * stop
         root1 = np.sqrt(2 * a1) * stop
-        _cone(m, up / stop, t, [(up - u) / root2, (up - w) / root1], h / stop**2)
-        mean = h / stop**2 * r
-        _cone(m, mean - lo / stop, t, [(lo - u) / root1, (lo - w) / root2], 0.0)
+        h_scaled = h / stop**2
+        above = up / stop
+        below = h_scaled * r - lo / stop
+        _cone(m, above, t, [up_u / root2, up_w / root1], h_scaled)
+        _cone(m, below, t, [lo_u / root1, lo_w / root2], 0.0)
 
     def improved(self, model: Any) -> Trajectory | None:
         """SCIP's best solution, dilated until it is exactly reachable."""
         if not model.getNSols():
             return None
         times = self.scaled.stop * [model.getVal(t) for t in self.t]
-        rows = [[model.getVal(v) for v in row] for row in self.ends[1:-1]]
+        values = [model.getVal(v) for row in self.ends[1:-1] for v in row]
         segments, joints = self.scaled.h.shape
-        velocities = np.array(rows).reshape(segments - 1, joints)
+        velocities = np.reshape(values, (segments - 1, joints))
         k = repair(times, velocities, self.scaled)
         if not np.isfinite(k):
             return None
-        return certified(self.problem, self.scaled.trajectory(k * times, velocities / k))
+        reachable = self.scaled.trajectory(k * times, velocities / k)
+        return certified(self.problem, reachable)
 
 
 def trivial_bound(problem: Problem) -> float:
@@ -180,14 +201,15 @@ def _from_rest(scaled: Scaled) -> Array:
     least = np.zeros(len(scaled.stop))
     # the first segment speeds up with its own side's limit, the last brakes with the other's
     for k, side in ((0, 1), (-1, 0)):
-        h = scaled.h[k]
-        towards = np.where(h >= 0, side, 1 - side)
+        h = np.abs(scaled.h[k])
+        forwards = scaled.h[k] >= 0
+        towards = np.where(forwards, side, 1 - side)
         a = np.abs(scaled.a)[towards, np.arange(len(h))]
-        v = np.where(h >= 0, scaled.v[1], -scaled.v[0])
-        # |h| = a T²/2 while a T ≤ v, else |h| = v T − v²/(2a)
-        parabola = np.sqrt(2 * np.abs(h) / a)
-        ramp = np.abs(h) / v + v / (2 * a)
-        times = np.where(2 * a * np.abs(h) <= v**2, parabola, ramp)
+        v = np.where(forwards, scaled.v[1], -scaled.v[0])
+        # h = a T²/2 while a T ≤ v, else h = v T − v²/(2a)
+        parabola = np.sqrt(2 * h / a)
+        ramp = h / v + v / (2 * a)
+        times = np.where(2 * a * h <= v**2, parabola, ramp)
         least[k] = max(least[k], times.max())
     return least
 
@@ -209,7 +231,8 @@ def _margin(stop: Array, shortest: Array, slowest: float) -> float:
     bump = 2 * slack * stop * (1 + ratio)
     padded = np.r_[0.0, shortest, 0.0]
     with np.errstate(divide="ignore"):
-        faded = 4 * bump / np.minimum(padded[:-2], padded[2:])
+        briefer = np.minimum(padded[:-2], padded[2:])
+        faded = 4 * bump / briefer
 
     # a dilation by 1 + ρ gives acceleration 2ρ and velocity ρ
     acceleration = 3 * np.minimum(own, faded).max()
@@ -227,6 +250,7 @@ def _cone(m: Any, x: Any, t: Any, parts: list[Any], constant: float) -> None:
     own = [m.addVar(lb=None) for _ in parts]
     for variable, part in zip(own, parts, strict=True):
         m.addCons(variable == part)
-    squares = difference * difference + sum(variable * variable for variable in own)
+    squares = difference * difference
+    squares += sum(variable * variable for variable in own)
     m.addCons(squares + constant <= total * total)
     m.addCons(x >= 0)

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 _START_INSTANTS = 33
 # For a segment without displacement, as a fraction of the others.
 _NO_TIME = 1e-9
+# Searches for the segment times where IPOPT is no help.
+_SEARCHES = 12
 # Measured, per moving joint: the incumbent, and one model.
 _SECONDS_PER_JOINT = 0.1
 
@@ -58,7 +60,9 @@ class Spline353:
         self.times = self._best_times()
         self.unit = float(self.times.sum()) / 3
         self.instants.update(self._critical(self.times))
-        self.low, self.high = self._between(self.times.sum()) / self.unit
+        shortest, longest = self._between(self.times.sum())
+        self.low = shortest / self.unit
+        self.high = longest / self.unit
         self.trivial_bound = float(self.low.sum()) * self.unit
 
     @staticmethod
@@ -93,15 +97,17 @@ class Spline353:
         """The best segment times by Nelder and Mead; those that are not `free` tend to 0."""
 
         def times(y: Array) -> Array:
-            t = np.full(3, _NO_TIME * np.exp(y).sum())
-            t[free] = np.exp(y)
+            own = np.exp(y)
+            t = np.full(3, _NO_TIME * own.sum())
+            t[free] = own
             return np.asarray(t * self.spline.dilation(t))
 
         def duration(y: Array) -> float:
             return float(times(y).sum())
 
         options = {"xatol": 1e-12, "fatol": 1e-14, "maxiter": 4000}
-        starts = np.random.default_rng(0).uniform(-3, 3, (12, free.sum()))
+        rng = np.random.default_rng(0)
+        starts = rng.uniform(-3, 3, (_SEARCHES, free.sum()))
         optima = [
             scipy.optimize.minimize(duration, y, method="Nelder-Mead", options=options)
             for y in starts
@@ -109,25 +115,32 @@ class Spline353:
         best = min(optima, key=lambda optimum: float(optimum.fun))
         return times(best.x)
 
-    def _between(self, total: float) -> Array:
-        """Least and longest times, `(2, 3)`, s; without displacement an outer time may be 0."""
+    def _between(self, total: float) -> tuple[Array, Array]:
+        """Shortest and longest times, s; without displacement an outer time may be 0."""
         d = np.abs(self.spline.displacements)
         limits = self.spline.limits
-        v = np.abs(limits.velocity).max(axis=1)[:, None]
-        a = np.abs(limits.acceleration).max(axis=1)[:, None]
-        j = np.abs(limits.jerk).max(axis=1)[:, None]
+        v = _wider(limits.velocity)
+        a = _wider(limits.acceleration)
+        j = _wider(limits.jerk)
 
         # 3 |d|/t ≤ V, 6 |d|/t² ≤ A, 6 |d|/t³ ≤ J
-        outer = np.maximum(3 * d / v, np.sqrt(6 * d / a))
-        outer = np.maximum(outer, np.cbrt(6 * d / j))
+        by_velocity = 3 * d / v
+        by_acceleration = np.sqrt(6 * d / a)
+        by_jerk = np.cbrt(6 * d / j)
+        outer = np.maximum(by_velocity, by_acceleration)
+        outer = np.maximum(outer, by_jerk)
 
         # a joint back where it was stops at some instant, from ends of 3 d1/t1 and 3 d3/t3
-        stop = np.where(d[:, 1:2] == 0, 3 * d[:, ::2] / (total * a), 0)
-        middle = max(float((d[:, 1:2] / v).max()), float(stop.max()))
+        h = d[:, 1:2]
+        braking = 3 * d[:, ::2] / (total * a)
+        stop = np.where(h == 0, braking, 0)
+        middle = max(float((h / v).max()), float(stop.max()))
 
-        low = np.array([outer[:, 0].max(), middle, outer[:, 2].max()])
-        high = np.maximum(total - (low.sum() - low), low)
-        return np.stack([low, high])
+        first, _, last = outer.max(axis=0)
+        low = np.array([first, middle, last])
+        others = low.sum() - low
+        high = np.maximum(total - others, low)
+        return low, high
 
     def _critical(self, times: Array) -> Array:
         """The normalised times where a limit can be worst."""
@@ -138,7 +151,8 @@ class Spline353:
         """Coefficients of the monomials over each limit, `(rows, 5)`, and the limit's order."""
         # h x2², v0 x2 = 3 d1 x1x2, a0 = 6 d1 x1², v1 x2 = 3 d3 x2x3, a1 = −6 d3 x3²
         d1, h, d3 = self.spline.displacements.T
-        weights = np.stack([h, 3 * d1, 6 * d1, 3 * d3, -6 * d3], axis=-1)
+        columns = [h, 3 * d1, 6 * d1, 3 * d3, -6 * d3]
+        weights = np.stack(columns, axis=-1)
         instants = np.array(sorted(self.instants))
         rows = []
         for order, bounds in enumerate(self.spline.bounds, start=1):
@@ -148,8 +162,8 @@ class Spline353:
             for side in bounds.T[:, None, :, None]:
                 finite = np.isfinite(side[0, :, 0])
                 if finite.any():
-                    use = (values / side)[:, finite].reshape(-1, 5)
-                    rows.append((use, order))
+                    use = values / side
+                    rows.append((use[:, finite].reshape(-1, 5), order))
         return rows
 
     def incumbent(self) -> Trajectory:
@@ -158,24 +172,28 @@ class Spline353:
     def model(self, cutoff: float | None) -> Any:
         """Variables: `t`, `x` (0 where it is multiplied by no displacement), the monomials."""
         m = self.scip.Model()
-        pairs = list(zip(self.low, self.high, strict=True))
-        self.t = [m.addVar(lb=low, ub=high) for low, high in pairs]
+        low = self.low
+        high = self.high
+        moving = np.flatnonzero(low)
+        t = [m.addVar(lb=low[i], ub=high[i]) for i in range(3)]
         x: list[Any] = [0.0, 0.0, 0.0]
-        for i in np.flatnonzero(self.low):
-            x[i] = m.addVar(lb=1 / self.high[i], ub=1 / self.low[i])
-        for i in np.flatnonzero(self.low):
-            m.addCons(self.t[i] * x[i] == 1)
+        for i in moving:
+            x[i] = m.addVar(lb=1 / high[i], ub=1 / low[i])
+        for i in moving:
+            m.addCons(t[i] * x[i] == 1)
+        self.t = t
 
         # a velocity row is multiplied by x2, a jerk row by t2
         terms = [self._product(m, x[i], x[k]) for i, k in _MONOMIALS]
-        beside = {1: x[1], 2: 1.0, 3: self.t[1]}
+        beside = {1: x[1], 2: 1.0, 3: t[1]}
         for rows, order in self._rows():
             for row in rows[rows.any(axis=1)]:
-                use = self.scip.quicksum(float(c) * z for c, z in zip(row, terms, strict=True))
+                products = [float(c) * z for c, z in zip(row, terms, strict=True)]
+                use = self.scip.quicksum(products)
                 m.addCons(use <= beside[order])
 
-        highest = self.high.sum() if cutoff is None else cutoff
-        duration = self.scip.quicksum(self.t)
+        highest = high.sum() if cutoff is None else cutoff
+        duration = self.scip.quicksum(t)
         m.setObjective(duration)
         m.addCons(duration <= float(highest))
         return m
@@ -192,7 +210,13 @@ class Spline353:
         """Impose the limits where SCIP's best times break them; those times, dilated."""
         if not model.getNSols():
             return None
-        times = np.maximum([model.getVal(t) for t in self.t], _NO_TIME) * self.unit
+        values = [model.getVal(t) for t in self.t]
+        times = np.maximum(values, _NO_TIME) * self.unit
         self.instants.update(self._critical(times))
         k = self.spline.dilation(times)
         return certified(self.problem, spline353.trajectory(self.problem, k * times))
+
+
+def _wider(limits: Array) -> Array:
+    """The larger of both sides' sizes, `(joints, 1)`."""
+    return np.asarray(np.abs(limits).max(axis=1)[:, None])
