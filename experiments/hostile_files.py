@@ -191,11 +191,11 @@ def bomb(file: h5py.File, secret: Path, rng: Rng) -> None:
 
 
 def inflating_chunk(file: h5py.File, secret: Path, rng: Rng) -> None:
-    """A small chunk, stored as what inflates to half a gigabyte."""
+    """A small chunk, stored as what inflates to 400 MB."""
     name = _one_of(file, rng)
     filters = {"compression": 1, "shuffle": True, "fletcher32": True}
     _replaced(file, name, shape=(4,), dtype="f8", chunks=(4,), **filters)
-    stored = _deflated_zeros(512) + b"\0\0\0\0"
+    stored = _deflated_zeros(400) + b"\0\0\0\0"
     file[name].id.write_direct_chunk((0,), stored)
 
 
@@ -391,6 +391,19 @@ def true_numbers(folder: Path) -> pd.DataFrame:
         return _numbers(table)
 
 
+def one(folder: Path, work: Path, seed: int, kind: str, expected: pd.DataFrame) -> dict[str, Any]:
+    """A row of the table: one file, and the faults in reading it."""
+    rng = np.random.default_rng(seed)
+    report = seed % _REPORT_EVERY == 0
+    if kind == _CORRUPTED:
+        path = corrupted(folder, work, rng)
+        found = faults(path, expected=expected, report=report)
+    else:
+        path = crafted(folder, work, _BY_NAME[kind], rng)
+        found = faults(path, expected=None, report=report)
+    return {"kind": kind, "seed": seed, "faults": "; ".join(found)}
+
+
 def main(
     *,
     output: Path = Path("experiments-output/hostile-files"),
@@ -401,29 +414,32 @@ def main(
     """Craft and corrupt files, read them, count the faults."""
     if quick:
         crafts, corruptions = 100, 75
+    kinds = [CRAFTS[i % len(CRAFTS)].__name__ for i in range(crafts)]
+    kinds += [_CORRUPTED] * corruptions
+    order = np.random.default_rng(0).permutation(len(kinds)).tolist()
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
         work = Path(scratch)
         folder = template(work / "template")
         expected = true_numbers(folder)
-        for seed in range(crafts + corruptions):
-            rng = np.random.default_rng(seed)
-            craft = CRAFTS[seed % len(CRAFTS)] if seed < crafts else None
-            if craft is None:
-                path = corrupted(folder, work, rng)
-                found = faults(path, expected=expected, report=seed % 10 == 0)
-            else:
-                path = crafted(folder, work, craft, rng)
-                found = faults(path, expected=None, report=seed % 10 == 0)
-            kind = craft.__name__ if craft else "corrupted"
-            rows.append({"seed": seed, "kind": kind, "faults": "; ".join(found)})
-    table = pd.DataFrame(rows)
-    save_table(table, output / "hostile-files.csv")
-    summary = table.groupby("kind")["faults"].agg(files="size", faulty=lambda f: (f != "").sum())
+        for done, seed in enumerate(order, 1):
+            row = one(folder, work, seed, kinds[seed], expected)
+            rows.append(row)
+            if row["faults"]:
+                print(row, flush=True)
+            if done % _PROGRESS_EVERY == 0:
+                print(f"{done} of {len(order)} files", flush=True)
+    table = pd.DataFrame(rows).sort_values("seed")
+    save_table(table, output / "hostile-files")
+    faulty = table["faults"] != ""
+    summary = faulty.groupby(table["kind"]).agg(files="size", faulty="sum")
     print(summary.to_string())
-    for row in rows:
-        if row["faults"]:
-            print(row)
+
+
+_BY_NAME = {craft.__name__: craft for craft in CRAFTS}
+_CORRUPTED = "corrupted"
+_REPORT_EVERY = 10  # files
+_PROGRESS_EVERY = 100  # files
 
 
 if __name__ == "__main__":

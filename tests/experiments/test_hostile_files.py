@@ -12,7 +12,7 @@ from experiments import hostile_files as hostile
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="a process's memory, by Linux")
 
-EACH = 8  # times each craft: 128 files
+EACH = 6  # times each craft: 96 files
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import PPoly
 from trials import PROBLEM, Stopping, assert_same, datasets, solved
 
-from trajopt import Limits, Problem, Solution, Status
+from trajopt import Limits, Problem, Solution, Status, StoreError
 from trajopt.benchmark.store import results_file
 from trajopt.benchmark.store.columns import COLUMNS
 from trajopt.benchmark.store.folder import Store, read
@@ -195,3 +195,25 @@ def test_a_thousand_trials_take_little_room(tmp_path):
     ]
     assert len(results_file.content(lambda: random)) / 300 < 10_000
     assert trial.problem.joints == 2
+
+
+def test_what_compresses_like_a_bomb_is_stored_so_that_it_can_be_read(tmp_path):
+    """56 MB of zeros, deflated to 56 kB, would be more than such a file may claim."""
+    zeros = np.zeros(7_000_000)
+    trial = solved()
+    trial = replace(trial, solution=replace(trial.solution, stats={"zeros": zeros}))
+    path = write(tmp_path, [trial])
+    assert path.stat().st_size > zeros.nbytes
+    np.testing.assert_array_equal(read(path)[0].solution.stats["zeros"], zeros)
+
+
+def test_every_reader_refuses_a_results_file_with_one_changed_byte(path, tmp_path):
+    whole = path.read_bytes()
+    places = np.random.default_rng(0).integers(len(whole), size=40)
+    for place in places:
+        broken = bytearray(whole)
+        broken[place] ^= 1 << int(place % 8)
+        copy = tmp_path / "results.h5"
+        copy.write_bytes(broken)
+        with pytest.raises(StoreError, match=r"results\.h5: damaged"):
+            read(copy)

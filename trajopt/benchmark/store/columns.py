@@ -53,6 +53,16 @@ class Column:
     pattern: str = ""
     optional: bool = False
 
+    @property
+    def text(self) -> str:
+        """What the files say of it."""
+        return self.description
+
+    @property
+    def lines(self) -> bool:
+        """Whether its text may have several lines."""
+        return self.kind != "name"
+
     def checked(self, value: Any) -> Any:
         """The value; raises `Malformed` if it is not of this column's kind."""
         if value is None and self.optional:
@@ -74,7 +84,7 @@ class Block:
 
     @property
     def text(self) -> str:
-        """The description with the axes."""
+        """What the files say of it: its meaning and its axes."""
         return f"{self.description}: ({', '.join(self.axes)})" if self.axes else self.description
 
 

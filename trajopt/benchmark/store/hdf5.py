@@ -64,7 +64,8 @@ def ends_sealed(path: Path) -> bool:
     """Whether the file ends with a seal, right or wrong: quickly found, and no cut file does."""
     with path.open("rb") as stream:
         tail = _tail(stream)
-    return tail.startswith(_MARK) or tail[-_SEAL_2_BYTES:].startswith(_MARK_2)
+    end = tail[-_SEAL_2_BYTES:]
+    return tail.startswith(_MARK) or end.startswith(_MARK_2)
 
 
 @contextmanager
@@ -80,7 +81,9 @@ def opened(path: Path) -> Iterator[Source]:
     with h5py.File(path, locking=False) as file:  # files are replaced, never changed
         schema = _schema(file)
         if schema not in _READABLE:
-            mend = "upgrade trajopt" if schema > SCHEMA else "run again into another folder"
+            mend = "run again into another folder"
+            if schema > SCHEMA:
+                mend = "upgrade trajopt"
             words = f"written with schema {schema}, this reads {SCHEMA}; {mend}"
             raise WrongSchema(f"{path}: {words}")
         if schema > 2 and not has_seal:
@@ -213,16 +216,18 @@ class Source:
         plan = data.id.get_create_plist()
         if plan.get_layout() == h5d.VIRTUAL or plan.get_external_count():
             raise Malformed(f"{name}: its data lie in another file, which is never read")
-        filters = tuple(plan.get_filter(i)[0] for i in range(plan.get_nfilters()))
+        count = plan.get_nfilters()
+        filters = tuple(plan.get_filter(i)[0] for i in range(count))
         if filters not in _FILTERS:
             raise Malformed(f"{name}: filters {filters} are not this program's")
-        if data.shape is None or (axes is not None and data.ndim != axes):
+        if data.shape is None or axes not in (None, data.ndim):
             raise Malformed(f"{name}: expected {axes} axes, found shape {data.shape}")
         self._spend(name, data.size * data.dtype.itemsize)
         if data.chunks:
             _check_chunk_size(name, data)
         if data.size and h5z.FILTER_DEFLATE in filters:
-            _check_inflation(name, data, skipped=1 << filters.index(h5z.FILTER_DEFLATE))
+            place = filters.index(h5z.FILTER_DEFLATE)
+            _check_inflation(name, data, skipped=1 << place)
         return data
 
     def _spend(self, name: str, size: int) -> None:
@@ -232,7 +237,9 @@ class Source:
 
 
 def _child(group: Any, name: str, path: str) -> Any:
-    link = group.get(name, getlink=True) if isinstance(group, h5py.Group) else None
+    if not isinstance(group, h5py.Group):
+        return None
+    link = group.get(name, getlink=True)
     if link is None:
         return None
     if not isinstance(link, h5py.HardLink):

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +46,17 @@ _BUFFER = 1 << 20  # values kept in memory before they are written
 _PADDED_BYTES = 1 << 22  # of a column's texts, beyond which they are stored one by one
 _PADDED_RATIO = 4  # if they also take as many times what they say
 
-Filters = dict[str, Any]
-_CHECKED: Filters = {"fletcher32": True}
-_COMPRESSED: Filters = _CHECKED | {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+Row = dict[str, Any]
+Numbers = dict[str, Array]  # of a problem, by the names of `PROBLEM`
+Parts = list[Array | None]  # an array per trial or problem
+
+_CHECKED: Row = {"fletcher32": True}
+_COMPRESSED: Row = {
+    "fletcher32": True,
+    "compression": "gzip",
+    "compression_opts": 1,
+    "shuffle": True,
+}
 
 _DESCRIPTION = "trials of minimum-time planners, each judged by the verifier"
 _OFFSETS = Block(None, "1", "where each starts in values, and where the last one ends")
@@ -67,7 +75,7 @@ def content(trials: Callable[[], Iterable[Encoded]]) -> bytes:
         with h5py.File.in_memory(libver=hdf5.LIBRARY) as file:
             file.attrs["schema"] = hdf5.SCHEMA
             file.attrs["description"] = _DESCRIPTION
-            _write(file, trials(), filters)
+            _write(_Writer(file, filters), trials())
             data = hdf5.content(file)
             claimed = hdf5.claimed(file)
         if claimed <= hdf5.allowance(len(data)):
@@ -75,22 +83,39 @@ def content(trials: Callable[[], Iterable[Encoded]]) -> bytes:
     return data
 
 
-def _write(file: h5py.File, trials: Iterable[Encoded], filters: Filters) -> None:
-    rows: dict[str, list[Any]] = {name: [] for name in COLUMNS}
-    problems: dict[str, dict[str, Array]] = {}
-    arrays = {name: _Ragged(file, name, block, filters) for name, block in ARRAYS.items()}
+def _write(writer: _Writer, trials: Iterable[Encoded]) -> None:
+    columns: dict[str, list[Any]] = {name: [] for name in COLUMNS}
+    problems: dict[str, Numbers] = {}
+    arrays = {name: _Ragged(writer, name, block) for name, block in ARRAYS.items()}
     for count, trial in enumerate(trials):
         for name in trial.arrays.keys() - arrays:
-            arrays[name] = _Ragged(file, name, STATS, filters, before=count)
+            arrays[name] = _Ragged(writer, name, STATS, before=count)
         for name, ragged in arrays.items():
             ragged.add(trial.arrays.get(name))
+        for name, values in columns.items():
+            values.append(trial.row[name])
         problems.setdefault(trial.row["digest"], trial.problem)
-        for name in COLUMNS:
-            rows[name].append(trial.row[name])
-    scale = _write_columns(file.create_group("trials"), rows, list(problems), filters)
+    for name, values in columns.items():
+        column = COLUMNS[name]
+        writer.put(f"trials/{name}", _stored(column, values), column)
+    row_of = {digest: row for row, digest in enumerate(problems)}
+    rows = [row_of[digest] for digest in columns["digest"]]
+    writer.put("trials/problem_row", np.array(rows, dtype=int), _PROBLEM_ROW)
+    scale = writer.scaled("trials", "id", "trial")
     for ragged in arrays.values():
         ragged.close(scale)
-    _write_problems(file.create_group("problems"), problems, filters)
+    _write_problems(writer, problems)
+
+
+def _write_problems(writer: _Writer, problems: Mapping[str, Numbers]) -> None:
+    digests = _padded(list(problems))
+    writer.put("problems/digest", digests, _PROBLEM_DIGEST)
+    scale = writer.scaled("problems", "digest", "problem")
+    for name, block in PROBLEM.items():
+        ragged = _Ragged(writer, f"problems/{name}", block)
+        for numbers in problems.values():
+            ragged.add(numbers[name])
+        ragged.close(scale)
 
 
 def read(path: Path) -> Iterator[Encoded]:
@@ -107,141 +132,161 @@ def read(path: Path) -> Iterator[Encoded]:
             if len(values) != count:
                 raise Malformed(f"trials/{name}: {len(values)} entries, but {count} trials")
         problems = _problems(source)
-        names = [*ARRAYS, *(f"stats/{name}" for name in source.names("stats"))]
-        arrays = {name: _parts(source, name, count) for name in names}
+        stats = [f"stats/{name}" for name in source.names("stats")]
+        arrays = {name: _parts(source, name, count) for name in [*ARRAYS, *stats]}
     for i in range(count):
-        row = {name: values[i] for name, values in columns.items()}
-        if row["digest"] not in problems:
-            raise Malformed(f"trials/digest: {row['digest']!r:.80} is not in problems/digest")
-        own = {}
-        for name, parts in arrays.items():
-            part = parts[i]
-            if part is not None:
-                own[name] = part
-        yield Encoded(row, problems[row["digest"]], own)
+        row = _item(columns, i)
+        digest = row["digest"]
+        if digest not in problems:
+            raise Malformed(f"trials/digest: {digest!r:.80} is not in problems/digest")
+        own = _item(arrays, i)
+        present = {name: part for name, part in own.items() if part is not None}
+        yield Encoded(row, problems[digest], present)
+
+
+def _item(table: Mapping[str, list[Any]], i: int) -> Row:
+    return {name: values[i] for name, values in table.items()}
+
+
+@dataclass(frozen=True)
+class _Writer:
+    """An HDF5 file being written, and the filters that its datasets pass."""
+
+    file: h5py.File
+    filters: Row
+
+    def put(self, name: str, values: Any, about: Block | Column) -> h5py.Dataset:
+        """Write values into a dataset that can grow."""
+        rest = values.shape[1:]
+        rows = max(1, min(len(values), _CHUNK))
+        filters = self.filters
+        if values.dtype.kind == "O":  # texts of any length take none
+            filters = {}
+        data = self.file.create_dataset(
+            name,
+            data=values,
+            chunks=(rows, *rest),
+            maxshape=(None, *rest),
+            **filters,
+        )
+        return self.describe(data, about)
+
+    def describe(self, data: h5py.Dataset, about: Block | Column) -> h5py.Dataset:
+        """The dataset with its units and its meaning."""
+        data.attrs["units"] = about.units
+        data.attrs["description"] = about.text
+        return data
+
+    def scaled(self, group: str, name: str, dimension: str) -> h5py.Dataset:
+        """The dataset `name`, made the dimension scale of all others in the group."""
+        members = self.file[group]
+        scale = members[name]
+        scale.make_scale(dimension)
+        for other in members:
+            if other != name:
+                members[other].dims[0].attach_scale(scale)
+        return scale
 
 
 class _Ragged:
     """Arrays of differing shapes, end to end in one dataset."""
 
-    def __init__(
-        self, file: Any, name: str, block: Block, filters: Filters, *, before: int = 0
-    ) -> None:
-        self.group = file.create_group(name)
+    def __init__(self, writer: _Writer, name: str, block: Block, *, before: int = 0) -> None:
+        self.writer = writer
+        self.name = name
         self.block = block
-        self.filters = filters
-        self.value_filters = _CHECKED if name.endswith("coefficients") else filters
         self.buffer: list[Array] = []
         self.waiting = 0
         self.offsets = [0] * (before + 1)
-        self.shapes: list[tuple[int, ...] | None] = [None] * before
+        self.shapes: list[tuple[int, ...]] = [()] * before  # empty where there is no array
 
     def add(self, array: Array | None) -> None:
-        size = 0 if array is None else array.size
-        self.shapes.append(None if array is None else array.shape)
-        self.offsets.append(self.offsets[-1] + size)
-        if array is not None and size:
-            self.buffer.append(array.ravel())
-            self.waiting += size
+        if array is None:
+            self.shapes.append(())
+            self.offsets.append(self.offsets[-1])
+            return
+        self.shapes.append(array.shape)
+        self.offsets.append(self.offsets[-1] + array.size)
+        self.buffer.append(array.ravel())
+        self.waiting += array.size
         if self.waiting > _BUFFER:
             self._flush()
 
-    def close(self, scale: Any) -> None:
+    def close(self, scale: h5py.Dataset) -> None:
         self._flush()
-        axes = max((len(shape) for shape in self.shapes if shape is not None), default=1)
-        table = np.full((len(self.shapes), axes), -1)
+        axes = max(map(len, self.shapes), default=1)
+        table = np.full((len(self.shapes), max(1, axes)), -1)
         for row, shape in zip(table, self.shapes, strict=True):
-            own = shape or ()
-            row[: len(own)] = own
-        data = _put(self.group, "shape", table, _SHAPE, self.filters)
+            row[: len(shape)] = shape
+        data = self.writer.put(f"{self.name}/shape", table, _SHAPE)
         data.dims[0].attach_scale(scale)
-        _put(self.group, "offsets", np.array(self.offsets), _OFFSETS, self.filters)
+        offsets = np.array(self.offsets)
+        self.writer.put(f"{self.name}/offsets", offsets, _OFFSETS)
 
     def _flush(self) -> None:
-        if "values" not in self.group:
-            self._create(chunk=max(1, min(self.waiting, _CHUNK)))
-        if not self.buffer:
+        values = self._values()
+        if not self.waiting:
             return
-        values = self.group["values"]
         start = len(values)
         values.resize((start + self.waiting,))
         values[start:] = np.concatenate(self.buffer)
         self.buffer = []
         self.waiting = 0
 
-    def _create(self, chunk: int) -> None:
-        data = self.group.create_dataset(
-            "values",
+    def _values(self) -> h5py.Dataset:
+        name = f"{self.name}/values"
+        if name in self.writer.file:
+            return self.writer.file[name]
+        filters = self.writer.filters
+        if name.startswith("trajectory/coefficients"):  # they hardly get shorter
+            filters = _CHECKED
+        chunk = max(1, min(self.waiting, _CHUNK))
+        data = self.writer.file.create_dataset(
+            name,
             shape=(0,),
             dtype=float,
             chunks=(chunk,),
             maxshape=(None,),
-            **self.value_filters,
+            **filters,
         )
-        _describe(data, self.block)
+        return self.writer.describe(data, self.block)
 
 
-def _parts(source: hdf5.Source, name: str, count: int) -> list[Array | None]:
+def _parts(source: hdf5.Source, name: str, count: int) -> Parts:
     """The arrays of a `_Ragged`."""
     values = source.numbers(f"{name}/values", 1)
     shapes = source.integers(f"{name}/shape", 2)
     offsets = source.integers(f"{name}/offsets", 1)
-    ends_fit = offsets[:1] == [0] and offsets[-1:] == [len(values)]
-    if not ends_fit or len(offsets) != count + 1 or len(shapes) != count:
-        raise Malformed(f"{name}: offsets, shape and values do not fit together")
-    parts: list[Array | None] = []
-    for (start, end), row in zip(pairwise(offsets), shapes, strict=True):
+    sizes = (len(offsets), len(shapes))
+    if sizes != (count + 1, count):
+        raise Malformed(f"{name}: offsets or shape are not those of {count} arrays")
+    ends = (offsets[0], offsets[-1])
+    if ends != (0, len(values)):
+        raise Malformed(f"{name}: offsets do not reach from 0 to {len(values)}")
+    parts: Parts = []
+    for start, end, row in zip(offsets, offsets[1:], shapes, strict=False):
         if end < start:
             raise Malformed(f"{name}/offsets: they decrease")
-        shape = [n for n in row if n >= 0]
-        parts.append(values[start:end].reshape(shape) if shape else None)
+        shape = [side for side in row if side >= 0]
+        if not shape:
+            parts.append(None)
+            continue
+        with naming(f"{name}/shape"):
+            parts.append(values[start:end].reshape(shape))
     return parts
 
 
-def _problems(source: hdf5.Source) -> dict[str, dict[str, Array]]:
+def _problems(source: hdf5.Source) -> dict[str, Numbers]:
     """Waypoints and limits by the problem's digest."""
     digests = source.texts("problems/digest")
-    tables = {name: _parts(source, f"problems/{name}", len(digests)) for name in PROBLEM}
-    problems: dict[str, dict[str, Array]] = {}
-    for i, digest in enumerate(digests):
-        problems[digest] = {}
-        for name, parts in tables.items():
-            part = parts[i]
+    problems: dict[str, Numbers] = {digest: {} for digest in digests}
+    for name in PROBLEM:
+        parts = _parts(source, f"problems/{name}", len(digests))
+        for digest, part in zip(digests, parts, strict=True):
             if part is None:
-                raise Malformed(f"problems/{name}: none for problem {i}")
+                raise Malformed(f"problems/{name}: none for problem {digest!r:.80}")
             problems[digest][name] = part
     return problems
-
-
-def _write_columns(
-    group: Any, rows: Mapping[str, list[Any]], digests: list[str], filters: Filters
-) -> Any:
-    """Every column of the trials; returns their dimension scale."""
-    for name, column in COLUMNS.items():
-        _put(group, name, _stored(column, rows[name]), column, filters)
-    number = {digest: i for i, digest in enumerate(digests)}
-    owners = [number[digest] for digest in rows["digest"]]
-    _put(group, "problem_row", np.array(owners, dtype=int), _PROBLEM_ROW, filters)
-    return _scaled(group, "id", "trial")
-
-
-def _write_problems(
-    group: Any, problems: Mapping[str, Mapping[str, Array]], filters: Filters
-) -> None:
-    _put(group, "digest", _padded(list(problems)), _PROBLEM_DIGEST, filters)
-    scale = _scaled(group, "digest", "problem")
-    for name, block in PROBLEM.items():
-        ragged = _Ragged(group, name, block, filters)
-        for problem in problems.values():
-            ragged.add(problem[name])
-        ragged.close(scale)
-
-
-def _scaled(group: Any, scale: str, dimension: str) -> Any:
-    group[scale].make_scale(dimension)
-    for name in set(group) - {scale}:
-        group[name].dims[0].attach_scale(group[scale])
-    return group[scale]
 
 
 def _stored(column: Column, values: list[Any]) -> Any:
@@ -274,29 +319,9 @@ def _column(source: hdf5.Source, name: str) -> list[Any]:
 def _padded(texts: list[str]) -> Any:
     """Texts of one length, which compress and which everybody reads, unless they were too long."""
     encoded = [text.encode() for text in texts]
-    longest = max(1, max(map(len, encoded), default=0))
-    padded = longest * len(encoded)
-    if padded > max(_PADDED_BYTES, _PADDED_RATIO * sum(map(len, encoded))):
+    sizes = [len(text) for text in encoded]
+    longest = max(sizes, default=0) or 1
+    allowed = max(_PADDED_BYTES, _PADDED_RATIO * sum(sizes))
+    if longest * len(encoded) > allowed:
         return np.array(encoded, dtype=h5py.string_dtype())
     return np.array(encoded, dtype=h5py.string_dtype("utf-8", longest))
-
-
-def _put(group: Any, name: str, values: Any, about: Block | Column, filters: Filters) -> Any:
-    rest = values.shape[1:]
-    rows = max(1, min(len(values), _CHUNK))
-    if values.dtype.kind == "O":  # texts of any length take none
-        filters = {}
-    data = group.create_dataset(
-        name,
-        data=values,
-        chunks=(rows, *rest),
-        maxshape=(None, *rest),
-        **filters,
-    )
-    _describe(data, about)
-    return data
-
-
-def _describe(data: Any, about: Block | Column) -> None:
-    data.attrs["units"] = about.units
-    data.attrs["description"] = about.text if isinstance(about, Block) else about.description

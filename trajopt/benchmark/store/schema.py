@@ -62,11 +62,14 @@ def encode(trial: Trial) -> Encoded:
     certificate = trial.certificate
     if not 0 <= trial.seed <= SEED_MAX:
         raise StoreError(f"seed {trial.seed} cannot be stored: expected 0 to {SEED_MAX}")
-    stat_arrays = {
-        name: value
-        for name, value in solution.stats.items()
-        if isinstance(value, np.ndarray) and _is_plain(value)
-    }
+    stats = {}
+    stat_arrays = {}
+    for name, value in solution.stats.items():
+        if isinstance(value, np.ndarray) and _is_plain(value):
+            stat_arrays[name] = value
+        else:
+            stats[name] = value
+    options = json.dumps(dict(trial.options), default=str)
     row = {
         "id": trial.id,
         "problem": problem.name,
@@ -74,7 +77,7 @@ def encode(trial: Trial) -> Encoded:
         "digest": problem.digest(),
         "planner": trial.planner,
         "label": trial.label,
-        "options": json.loads(json.dumps(dict(trial.options), default=str)),
+        "options": json.loads(options),
         "seed": trial.seed,
         "relation": trial.relation.name,
         "status": str(trial.status),
@@ -92,12 +95,12 @@ def encode(trial: Trial) -> Encoded:
         "batch": trial.batch,
         "started": trial.started,
         "certificate": _certificate_row(certificate) if certificate else None,
-        "stats": {n: v for n, v in solution.stats.items() if n not in stat_arrays},
+        "stats": stats,
         "provenance": dict(trial.provenance),
     }
     for name, column in COLUMNS.items():
         if column.kind in ("name", "text"):
-            row[name] = harmless(row[name], lines=column.kind == "text")
+            row[name] = harmless(row[name], lines=column.lines)
     numbers = {"waypoints": problem.waypoints}
     for limit in LIMIT_NAMES:
         numbers[limit] = getattr(problem.limits, limit)
@@ -167,7 +170,7 @@ def pack(value: Any) -> Any:
     """The value in JSON's terms; raises `TypeError` where it has none."""
     if value is None or isinstance(value, str | bool):
         return value
-    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
+    if isinstance(value, np.generic):
         return pack(value.item())
     if isinstance(value, Integral):
         return int(value)
@@ -177,7 +180,10 @@ def pack(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(key): pack(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return {"$array": pack(value.tolist()), "dtype": value.dtype.str}
+        items = pack(value.tolist())
+        if value.ndim == 0:
+            return items
+        return {"$array": items, "dtype": value.dtype.str}
     if isinstance(value, list | tuple):
         return [pack(item) for item in value]
     raise TypeError(f"a result cannot hold {value!r:.200}")
@@ -211,7 +217,7 @@ def _checked_row(row: Mapping[str, Any]) -> dict[str, Any]:
     checked = {}
     for name, column in COLUMNS.items():
         with naming(name):
-            value = harmless(row[name], lines=column.kind != "name")
+            value = harmless(row[name], lines=column.lines)
             checked[name] = column.checked(unpack(value))
     if checked["batch"] < 1:
         raise Malformed("batch: expected 1 or more")
@@ -256,7 +262,8 @@ def _history(arrays: Mapping[str, Array]) -> Array | None:
     columns = [arrays[name] for name in names if name in arrays]
     if not columns:
         return None
-    if len(columns) < len(names) or len({column.shape for column in columns}) > 1:
+    lengths = {len(column) for column in columns}
+    if len(columns) < len(names) or len(lengths) > 1:
         raise Malformed(f"{' and '.join(names)}: expected arrays of one length")
     return np.stack(columns, axis=1)
 
@@ -275,11 +282,15 @@ def _nan_if_absent(value: float | None) -> float:
 
 
 def _absent_if_nan(value: float | None) -> float | None:
-    return None if value is None or np.isnan(value) else float(value)
+    if value is None or np.isnan(value):
+        return None
+    return float(value)
 
 
 def _count(value: float | None) -> int | None:
-    return None if value is None or not np.isfinite(value) else int(value)
+    if value is None or not np.isfinite(value):
+        return None
+    return int(value)
 
 
 def _problem(row: Mapping[str, Any], numbers: Mapping[str, Array]) -> Problem:
@@ -295,7 +306,11 @@ def _problem(row: Mapping[str, Any], numbers: Mapping[str, Array]) -> Problem:
 @lru_cache(maxsize=1024)
 def _problem_of(name: str, source: str, *raw: tuple[bytes, int]) -> Problem:
     """One object for the trials of one problem, however many they are."""
-    waypoints, *limits = (np.frombuffer(data).reshape(-1, width) for data, width in raw)
+    tables = []
+    for data, width in raw:
+        numbers = np.frombuffer(data)
+        tables.append(numbers.reshape(-1, width))
+    waypoints, *limits = tables
     return Problem(waypoints, Limits(*limits), name, source)
 
 
@@ -320,32 +335,42 @@ def _certificate(row: Mapping[str, Any] | None, joints: int) -> Certificate | No
     for name in _WORST:
         if values[name] is not None:
             values[name] = _worst(name, values[name], joints)
-    flaws = values["flaws"]
-    if not isinstance(flaws, list) or not all(isinstance(flaw, str) for flaw in flaws):
-        raise Malformed("certificate: flaws: expected a list of texts")
-    values["flaws"] = tuple(flaws)
-    values["tolerance"] = Tolerance(**_numbers("tolerance", values["tolerance"]))
-    scalars = {"duration": values["duration"], "dilation": values["dilation"]}
-    return Certificate(**values | _numbers("", scalars))
+    values["flaws"] = _flaws(values["flaws"])
+    tolerance = _numbers("tolerance", values["tolerance"])
+    values["tolerance"] = Tolerance(**tolerance)
+    for name in ("duration", "dilation"):
+        values[name] = _number(name, values[name])
+    return Certificate(**values)
+
+
+def _flaws(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise Malformed("certificate: flaws: expected a list")
+    for flaw in value:
+        if not isinstance(flaw, str):
+            raise Malformed(f"certificate: flaws: expected texts, found {flaw!r:.80}")
+    return tuple(value)
 
 
 def _worst(name: str, row: Any, joints: int) -> Worst:
     values = _numbers(name, row)
-    if not 1 <= values["joint"] <= joints:
-        raise Malformed(f"certificate: {name}: joint {values['joint']:g} of {joints}")
-    joint = int(values["joint"]) - 1
-    order = int(values["order"])
-    if not 0 <= order <= 2:
-        raise Malformed(f"certificate: {name}: order {order}")
-    return Worst(values["value"], joint, values["time"], order)
+    joint = values["joint"]
+    order = values["order"]
+    if joint not in range(1, joints + 1):
+        raise Malformed(f"certificate: {name}: joint {joint:g} of {joints}")
+    if order not in range(3):
+        raise Malformed(f"certificate: {name}: order {order:g}")
+    return Worst(values["value"], int(joint) - 1, values["time"], int(order))
 
 
 def _numbers(name: str, row: Any) -> dict[str, float]:
     """Values that must all be numbers."""
     if not isinstance(row, Mapping):
         raise Malformed(f"certificate: {name}: expected a JSON object")
-    for key, value in row.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            what = f"{name} {key}".strip()
-            raise Malformed(f"certificate: {what}: expected a number, found {value!r:.80}")
-    return {key: float(value) for key, value in row.items()}
+    return {key: _number(f"{name} {key}", value) for key, value in row.items()}
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise Malformed(f"certificate: {name}: expected a number, found {value!r:.80}")
+    return float(value)

@@ -84,16 +84,20 @@ def _check_keys(record: Any) -> None:
     for name in (*COLUMNS, "numbers", "arrays"):
         if name not in record:
             raise Malformed(f"{name} is missing")
-    if not isinstance(record["numbers"], dict) or not record["numbers"].keys() >= PROBLEM.keys():
-        raise Malformed(f"numbers: expected {', '.join(PROBLEM)}")
-    if not isinstance(record["arrays"], list):
+    numbers = record["numbers"]
+    if not isinstance(numbers, dict) or not numbers.keys() >= PROBLEM.keys():
+        names = ", ".join(PROBLEM)
+        raise Malformed(f"numbers: expected {names}")
+    arrays = record["arrays"]
+    if not isinstance(arrays, list) or not all(isinstance(name, str) for name in arrays):
         raise Malformed("arrays: expected a list of names")
 
 
-def _array(source: hdf5.Source, name: Any) -> Any:
-    group, _, last = name.partition("/") if isinstance(name, str) else ("", "", "")
-    if name in ARRAYS:
-        return source.numbers(name, len(ARRAYS[name].axes or ()))
+def _array(source: hdf5.Source, name: str) -> Array:
+    block = ARRAYS.get(name)
+    if block is not None and block.axes is not None:
+        return source.numbers(name, len(block.axes))
+    group, _, last = name.partition("/")
     if group != "stats" or not last or "/" in last:
         raise Malformed(f"record: arrays: {name!r:.80} is none of a trial's")
     return source.numbers(name)
