@@ -72,11 +72,21 @@ class Limits:
     def only(self, joints: ArrayLike) -> Limits:
         """The limits of some joints, by index (from 0) or mask."""
         chosen = np.asarray(joints)
-        return Limits(**{name: pairs[chosen] for name, pairs in self.by_name().items()})
+        return Limits(
+            velocity=self.velocity[chosen],
+            acceleration=self.acceleration[chosen],
+            jerk=self.jerk[chosen],
+            position=self.position[chosen],
+        )
 
     def scaled(self, factor: float) -> Limits:
         """Every limit times a positive factor, as another unit of angle needs it."""
-        return Limits(**{name: pairs * factor for name, pairs in self.by_name().items()})
+        return Limits(
+            velocity=factor * self.velocity,
+            acceleration=factor * self.acceleration,
+            jerk=factor * self.jerk,
+            position=factor * self.position,
+        )
 
     def by_name(self) -> dict[str, Array]:
         """Every limit, `(joints, 2)`, by its name."""
@@ -223,11 +233,13 @@ def _pairs(name: str, value: Any) -> Array:
     pairs = []
     for joint, item in enumerate(value):
         if _is_number(item):
-            pairs.append((-float(item), float(item)))
-        elif _is_list(item) and len(item) == 2 and all(map(_is_number, item)):
-            pairs.append((float(item[0]), float(item[1])))
-        else:
+            high = float(item)
+            pairs.append((-high, high))
+            continue
+        if not _is_list(item) or len(item) != 2 or not all(map(_is_number, item)):
             raise InvalidInput(key, "a number or a [low, high] pair", value=item, joint=joint)
+        low, high = item
+        pairs.append((float(low), float(high)))
     return np.array(pairs)
 
 
@@ -281,8 +293,12 @@ def _check_waypoints(waypoints: Array, limits: Limits) -> None:
     if len(outside) > 0:
         row, joint = outside[0]
         inside = f"a value inside limits.position [{low[joint]:.9g}, {high[joint]:.9g}] rad"
-        key = f"waypoints, waypoint {row + 1}"
-        raise InvalidInput(key, inside, value=float(waypoints[row, joint]), joint=int(joint))
+        raise InvalidInput(
+            f"waypoints, waypoint {row + 1}",
+            inside,
+            value=float(waypoints[row, joint]),
+            joint=int(joint),
+        )
 
 
 def _is_list(value: Any) -> bool:

@@ -10,6 +10,7 @@ import time
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 from trials import edited
 
@@ -455,6 +456,31 @@ def test_compare_of_many_problems_has_a_line_per_planner_and_a_report(
     assert str(tmp_path / "report.html") in lines[-1]
     assert "</html>" in (tmp_path / "report.html").read_text()
     assert not (tmp_path / "figures").exists()
+
+
+def test_the_table_of_many_problems_says_why_planners_failed(trajopt, tmp_path, monkeypatch):
+    """Straight from 1 to 0 is inside; a cubic through 0, 1, 0, 0 swings below 0."""
+    monkeypatch.setattr(compare, "MANY", 0)
+    corridor = Limits([1.0], [1.0], position=[[0.0, 1.0]])
+    problem = Problem([[0.0], [1.0], [0.0], [0.0005]], corridor, "corridor")
+    file = tmp_path / "corridor.toml"
+    file.write_text(problem.to_toml(), encoding="utf-8")
+    arguments = ("--planner", "unoptimised", "--jobs", 1, "--output", tmp_path / "results")
+    _, out, _ = trajopt("compare", file, *arguments)
+    pattern = r"unoptimised: 1 failed: 1 leave position limits, worst 0\.\d+ rad"
+    assert re.search(pattern, " ".join(out.split()))
+
+
+def test_of_many_kinds_of_failure_three_are_said(monkeypatch):
+    rows = {
+        "kind": ["a", "b", "c", "d", "e"],
+        "count": [9, 8, 7, 6, 5],
+        "worst": [2.06] + [np.nan] * 4,
+    }
+    frame = pd.DataFrame({"label": "p:x=1", **rows, "unit": ["rad", *[""] * 4]}).set_index("label")
+    monkeypatch.setattr(compare, "failures", lambda results: frame)
+    (sentence,) = compare._why_failed(None)
+    assert sentence == "p:x=1: 35 failed: 9 a, worst 2.06 rad; 8 b; 7 c; 11 in other ways"
 
 
 def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):

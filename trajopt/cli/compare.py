@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from math import inf, isfinite, isnan
 from pathlib import Path
@@ -32,6 +32,7 @@ _MEANING = """\
 Problems: as supported. Bounds: answers that ignore a limit on purpose.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
+_KINDS_SHOWN = 3  # of a planner's failures
 _READINGS = ("timing", "fitness")  # options that say how the paper was read
 
 
@@ -260,6 +261,8 @@ def _show_many(results: Results, folder: Path) -> None:
     for row in overview(results).itertuples():
         table.add_row(*_overview_cells(row))
     console.OUT.print(table)
+    for sentence in _why_failed(results):
+        console.paragraph(sentence)
     console.paragraph(_MEANING)
     for label, reasons in failures(results).groupby(level="label", sort=False):
         failed = reasons["count"].sum()
@@ -283,6 +286,17 @@ def _overview_cells(row: Any) -> list[str]:
         _percent(row.worst),
         f"{row.time:.3f}",
     ]
+
+
+def _why_failed(results: Results) -> Iterator[str]:
+    """What kept each planner's trials from being solved, the most frequent kinds by their size."""
+    reasons = failures(results)
+    for label, own in reasons.groupby(level="label", sort=False):
+        sentence = f"{label}: {own['count'].sum()} failed: {in_words(own.head(_KINDS_SHOWN))}"
+        others = own["count"].iloc[_KINDS_SHOWN:].sum()
+        if others:
+            sentence += f"; {others} in other ways"
+        yield sentence
 
 
 def _percent(gap: float) -> str:

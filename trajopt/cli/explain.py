@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -69,30 +69,32 @@ def _sentences(trial: Trial, found: Explanation) -> Iterator[str]:
         yield f"{what}; no optimum to compare with: {found.notes['gap']}."
     else:
         yield f"{what}, {found.gap:.3f} times the best known optimum, {found.exact:.4f} s."
-    steps = {title: dict(own) for title, own in found.steps().items()}
-    yield _path_and_timing(found, steps.get("path and timing"))
-    yield _family(found, steps.get("the 3-5-3 family"))
+    steps = found.steps()
+    yield _path_and_timing(found, dict(steps.get("path and timing", ())))
+    yield _family(found, dict(steps.get("the 3-5-3 family", ())))
     yield _share_at_limits(trial.problem, found)
     yield _active_limits(found)
 
 
-def _path_and_timing(found: Explanation, step: dict[str, float] | None) -> str:
+def _path_and_timing(found: Explanation, step: dict[str, float]) -> str:
     if not step:
         why = found.notes.get("timing_gap") or found.notes.get("route_gap")
         return f"Its timing and its path cannot be told apart: {why}."
-    return (
-        f"The best timing of its own path takes {step['route']:.4f} s: its timing costs "
-        f"{_percent(found.timing_gap)}, its path {_percent(found.route_gap)}."
-    )
+    timing = _percent(found.timing_gap)
+    path = _percent(found.route_gap)
+    own = f"The best timing of its own path takes {step['route']:.4f} s"
+    return f"{own}: its timing costs {timing}, its path {path}."
 
 
-def _family(found: Explanation, step: dict[str, float] | None) -> str:
+def _family(found: Explanation, step: dict[str, float]) -> str:
     if not step:
         return f"No 3-5-3 decomposition: {found.notes.get('shape_gap')}."
+    optimiser = _percent(found.optimiser_gap)
+    shape = _percent(found.shape_gap)
+    smoothness = _percent(found.smoothness_gap)
     return (
-        f"The best 3-5-3 takes {step['shape']:.4f} s: its optimiser costs "
-        f"{_percent(found.optimiser_gap)}, the 3-5-3 shape {_percent(found.shape_gap)}, its "
-        f"smoothness {_percent(found.smoothness_gap)}."
+        f"The best 3-5-3 takes {step['shape']:.4f} s: its optimiser costs {optimiser}, "
+        f"the 3-5-3 shape {shape}, its smoothness {smoothness}."
     )
 
 
@@ -113,17 +115,29 @@ def _active_limits(found: Explanation) -> str:
     """The limits that cost most time, each with its longest interval."""
     if not found.active_limits:
         return "No limit holds it back: none is used to 99 %."
-    longest: dict[tuple[int, str], ActiveLimit] = {}
-    for interval in sorted(found.active_limits, key=lambda b: b.start - b.end):
-        longest.setdefault((interval.joint, interval.limit), interval)
     least = _SAVED_RTOL * found.certified_duration
-    costly = [interval for interval in longest.values() if (interval.saving or 0.0) > least]
+    costly = [interval for interval in _longest(found.active_limits) if _saving(interval) > least]
     if not costly:
         return "It reaches limits, but no single one of them is worth any time."
-    costly.sort(key=lambda b: -(b.saving or 0.0))
-    held = [
-        f"{b.limit} of joint {b.joint + 1} at {b.start:.2f}–{b.end:.2f} s "
-        f"({1000 * (b.saving or 0.0):.1f} ms)"
-        for b in costly[:3]
-    ]
-    return f"Held back by {', '.join(held)}: saved with 1 % more, by {found.notes['worth']}."
+    costly.sort(key=_saving, reverse=True)
+    held = ", ".join(_said(interval) for interval in costly[:3])
+    return f"Held back by {held}: saved with 1 % more, by {found.notes['worth']}."
+
+
+def _longest(intervals: Iterable[ActiveLimit]) -> list[ActiveLimit]:
+    """The longest interval of each joint's each limit."""
+    longest: dict[tuple[int, str], ActiveLimit] = {}
+    for interval in sorted(intervals, key=lambda own: own.start - own.end):
+        longest.setdefault((interval.joint, interval.limit), interval)
+    return list(longest.values())
+
+
+def _saving(interval: ActiveLimit) -> float:
+    """What 1 % more of the limit saves, s."""
+    return interval.saving or 0.0
+
+
+def _said(interval: ActiveLimit) -> str:
+    where = f"{interval.limit} of joint {interval.joint + 1}"
+    when = f"{interval.start:.2f}–{interval.end:.2f} s"
+    return f"{where} at {when} ({1000 * _saving(interval):.1f} ms)"

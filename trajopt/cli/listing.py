@@ -90,9 +90,9 @@ def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
     table = console.table("planner", "what it is, its options, and the limits it cannot keep")
     for planner in planners:
         lines = [console.markup(planner["description"])]
-        settings = [f"{key}={value}" for key, value in planner["options"].items()]
+        settings = ", ".join(f"{key}={value}" for key, value in planner["options"].items())
         if settings:
-            lines.append(f"[dim]{console.markup(', '.join(settings))}[/dim]")
+            lines.append(f"[dim]{console.markup(settings)}[/dim]")
         if planner["lifts"]:
             lifted = " and ".join(planner["lifts"])
             lines.append(f"[dim]lifts {lifted} limits: a lower bound then[/dim]")
@@ -100,16 +100,19 @@ def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
             refused = " and ".join(planner["refuses"])
             lines.append(f"[dim]refuses {refused} limits[/dim]")
         if not planner["available"]:
-            lines.append(f"[red]not available: {console.markup(planner['missing'])}[/red]")
-        table.add_row(f"[bold]{console.markup(planner['name'])}[/bold]", "\n".join(lines))
+            missing = console.markup(planner["missing"])
+            lines.append(f"[red]not available: {missing}[/red]")
+        name = console.markup(planner["name"])
+        table.add_row(f"[bold]{name}[/bold]", "\n".join(lines))
     return table
 
 
 def _problem_table(problems: Sequence[dict[str, Any]]) -> Any:
     table = console.table("problem", "joints", "waypoints", "limits")
     for problem in problems:
+        name = console.markup(problem["name"])
         table.add_row(
-            f"[bold]{console.markup(problem['name'])}[/bold]",
+            f"[bold]{name}[/bold]",
             str(problem["joints"]),
             str(problem["waypoints"]),
             ", ".join(problem["limits"]),

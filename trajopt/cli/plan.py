@@ -103,9 +103,8 @@ def print_trial(trial: Trial, problem: str) -> None:
     if certified is not None:
         passed = ", ".join(f"{t:.6g}" for t in certified.waypoint_times)
         console.paragraph(f"  {'waypoints':<12}{passed} s")
-    console.paragraph(
-        f"  {'computing':<12}{trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
-    )
+    computing = f"{trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
+    console.paragraph(f"  {'computing':<12}{computing}")
     if trial.certificate:
         console.OUT.print(_worst_values(trial.certificate.as_dict()))
 

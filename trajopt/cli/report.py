@@ -30,5 +30,6 @@ def report(
             trajectories=trajectories,
         )
     megabytes = file.stat().st_size / 1e6
-    console.line(f"report: {file} ({megabytes:.1f} MB, {len(results.items)} trials)")
+    trials = len(results.items)
+    console.line(f"report: {file} ({megabytes:.1f} MB, {trials} trials)")
     return 0

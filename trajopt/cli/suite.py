@@ -121,8 +121,9 @@ def _print_list(rows: Sequence[dict[str, Any]]) -> None:
     numbers = ("problems", "joints", "waypoints", "version")
     table = console.table("suite", *numbers, "also limited", numbers=numbers)
     for row in rows:
+        name = console.markup(row["name"])
         table.add_row(
-            f"[bold]{console.markup(row['name'])}[/bold]",
+            f"[bold]{name}[/bold]",
             str(row["problems"]),
             _range(*row["joints"]),
             _range(*row["waypoints"]),
@@ -133,7 +134,8 @@ def _print_list(rows: Sequence[dict[str, Any]]) -> None:
     console.paragraph("\nvelocity and acceleration are always limited")
     for row in rows:
         name = console.markup(row["name"])
-        console.OUT.print(f"[bold]{name}[/bold]: {console.markup(row['description'])}")
+        description = console.markup(row["description"])
+        console.OUT.print(f"[bold]{name}[/bold]: {description}")
 
 
 def _print_show(suite: Suite, rows: Sequence[dict[str, Any]]) -> None:
