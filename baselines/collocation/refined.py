@@ -27,6 +27,7 @@ from baselines.exact import jerk_reach
 from baselines.exact.acceleration import Exact, Scaled, starting_points
 from baselines.exact.jerk import ExactJerk
 from baselines.ipopt import no_start_succeeded, optima
+from baselines.sizes import announce, cells
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, passing_once
 from trajopt.problem import Problem
@@ -39,6 +40,9 @@ Array = NDArray[np.float64]
 # Intervals per segment to begin with, without and with jerk limits.
 _START_INTERVALS = 6
 _START_INTERVALS_JERK = 10
+# Measured up to 30 segments times moving joints, in proportion to them.
+_SECONDS_PER_CELL = 0.1
+_SECONDS_PER_CELL_JERK = 0.5
 # Intervals of all joints and segments: no refinement beyond it but the first.
 _MOST_INTERVALS = 3000
 # Times as many starts where all have failed so far.
@@ -83,7 +87,12 @@ class CollocationRefined(Planner):
         the best of them and its refinements with their intervals per segment; `error_estimate`,
         relative.
         """
-        intervals = _START_INTERVALS_JERK if problem.has("jerk") else _START_INTERVALS
+        intervals = _START_INTERVALS
+        seconds_per_cell = _SECONDS_PER_CELL
+        if problem.has("jerk"):
+            intervals = _START_INTERVALS_JERK
+            seconds_per_cell = _SECONDS_PER_CELL_JERK
+        announce("collocation-refined", problem, seconds_per_cell * cells(problem))
         grid = Grid(problem, intervals)
         began = time.perf_counter()
         transcription(grid, free=True)

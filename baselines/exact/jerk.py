@@ -26,6 +26,7 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk_profiles import Array, Bools, Limit, Profile, risen
 from baselines.exact.jerk_reach import Scaled, repaired
 from baselines.ipopt import Program, flat, no_start_succeeded, optima, program, unflat
+from baselines.sizes import announce, cells
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, Relation, backend, passing_once
 from trajopt.problem import Problem
@@ -42,6 +43,8 @@ _FOLLOW_ROUNDS = 5
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
 _START_DILATION = 1.3  # of the optimum without jerk limits: a start
+# Measured up to 30 segments times moving joints, in proportion to them.
+_SECONDS_PER_CELL = 0.3
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,7 @@ class ExactJerk(Planner):
 
         A start that IPOPT leads where an earlier one led ends where that one ended.
         """
+        announce("exact-jerk", problem, _SECONDS_PER_CELL * cells(problem))
         scaled = Scaled(problem)
         began = time.perf_counter()
         solver = _solver(*scaled.h.shape)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from baselines.lower_bound.free import Free, trivial_bound
 from baselines.lower_bound.program import TOLERANCE, Program
 from baselines.lower_bound.spline353 import Spline353
+from baselines.sizes import described
 from trajopt.exceptions import InvalidInput, TrajoptError
 from trajopt.planner import backend
 from trajopt.problem import Problem
@@ -183,10 +184,9 @@ def _alone(problem: Problem, joint: int) -> Problem:
 
 def _not_begun(problem: Problem, needed: float, time_limit: float) -> Bound:
     """The trivial bound, where a time limit (s) leaves no room for anything else."""
-    size = f"{problem.segments + 1} waypoints and {int(problem.moving.sum())} moving joints"
     message = (
-        f"{size} need about {needed:.0f} s before a proof can begin, more than the limit of "
-        f"{time_limit:g} s: this is the trivial bound"
+        f"{described(problem)} need about {needed:.0f} s before a proof can begin, "
+        f"more than the limit of {time_limit:g} s: this is the trivial bound"
     )
     return Bound(
         lower_bound=trivial_bound(problem),

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from baselines.exact.acceleration import Exact, Scaled, repair
 from baselines.lower_bound.program import TOLERANCE, certified
+from baselines.sizes import cells
 from trajopt.exceptions import TrajoptError
 from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
@@ -65,7 +66,7 @@ class Free:
     @staticmethod
     def expected_seconds(problem: Problem) -> float:
         """What the model and one start of `exact` take about, s."""
-        return (_MODEL_SECONDS + _START_SECONDS) * _cells(problem)
+        return (_MODEL_SECONDS + _START_SECONDS) * cells(problem)
 
     def incumbent(self) -> Trajectory:
         answer = Exact(starts=self.starts).solve(self.problem).trajectory
@@ -181,13 +182,9 @@ def trivial_bound(problem: Problem) -> float:
     return float(_shortest_times(scaled).sum()) * scaled.unit
 
 
-def _cells(problem: Problem) -> int:
-    return problem.segments * int(problem.moving.sum())
-
-
 def _affordable_starts(problem: Problem, seconds: float) -> int:
     """Starts of `exact` in half the time at most, but one at least."""
-    fitting = 0.5 * seconds / (_START_SECONDS * _cells(problem))
+    fitting = 0.5 * seconds / (_START_SECONDS * cells(problem))
     return int(np.clip(fitting, 1, _STARTS))
 
 

@@ -1,0 +1,39 @@
+"""A planner that will take long says so before it begins.
+
+As a warning of the logger `trajopt.sizes`, so that a script sees it and can turn it off.
+"""
+
+from __future__ import annotations
+
+import logging
+
+from trajopt.problem import Problem
+
+# Briefer than that is not worth a word, s.
+ANNOUNCED_SECONDS = 30.0
+
+_LOGGER = logging.getLogger("trajopt.sizes")
+
+
+def cells(problem: Problem) -> int:
+    """Segments times joints that move: what most planners' time grows with."""
+    return problem.segments * int(problem.moving.sum())
+
+
+def described(problem: Problem) -> str:
+    """A problem's size in words."""
+    joints = int(problem.moving.sum())
+    return f"{problem.segments + 1} waypoints and {joints} moving joints"
+
+
+def announce(planner: str, problem: Problem, seconds: float) -> None:
+    """Log about how long a planner will need, if that is long.
+
+    Args:
+        planner: The planner's registered name.
+        problem: What it is about to solve.
+        seconds: What was measured on smaller problems, carried on.
+    """
+    if seconds > ANNOUNCED_SECONDS:
+        size = described(problem)
+        _LOGGER.warning("%s: %s will need about %.0f s or more", planner, size, seconds)
