@@ -37,7 +37,8 @@ imports the script first:
     if __name__ == "__main__":
         results = compare(...)
 
-(or give compare jobs=0: then the trials run in this process, unsupervised). Nothing was stored."""
+(or give compare jobs=0: then the trials run in this process, unsupervised). No trial that waited is
+stored."""
 
 _kept = threading.local()  # of an executor's worker: its pool
 _watchdogs: list[subprocess.Popen[bytes]] = []  # of this process, so that none is collected
@@ -86,12 +87,21 @@ def _stopped(pool: pebble.ProcessPool) -> None:
 
 def _pool(workers: int) -> pebble.ProcessPool:
     """Fresh interpreters: forking a process that has loaded solvers is not safe."""
+    _forget_standard_input()
     return pebble.ProcessPool(
         max_workers=workers,
         context=multiprocessing.get_context("spawn"),
         initializer=_lead_group,
         initargs=(os.getpid(),),
     )
+
+
+def _forget_standard_input() -> None:
+    """Python names a script that it reads from standard input as a file, and workers look for it."""
+    script = vars(sys.modules["__main__"])
+    file = script.get("__file__")
+    if file is not None and not Path(file).exists():
+        del script["__file__"]
 
 
 def _lead_group(run: int) -> None:
@@ -167,7 +177,7 @@ def record_failure(future: Future[None], task: Task, store: Store, allowed: Allo
     if isinstance(error, StoreError | WorkerError):
         raise error
     if isinstance(error, BrokenExecutor):
-        raise WorkerError(_GUARD) from error
+        raise WorkerError(_GUARD) from None
     status, message = _ending(error, task, allowed)
     for seed, trial_id in task.ids.items():
         if seed in task.seeds and not store.has(trial_id):

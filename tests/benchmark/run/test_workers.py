@@ -1,0 +1,177 @@
+"""Worker processes: how they start, and that nothing of them is left."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from trajopt import Planner, Solution, Status, compare
+from trajopt.benchmark.run import workers
+from trajopt.registry import load
+
+SCRIPT = """
+from dataclasses import dataclass
+from trajopt import Planner, Solution, Status, compare
+
+@dataclass(frozen=True)
+class Mine(Planner):
+    def solve(self, problem, *, seed=0):
+        return Solution(Status.FAILED, message="no luck")
+
+{guard}    results = compare(["one-joint"], ["ruckig-stop", Mine()], "kept", jobs=1)
+    print(sorted((trial.planner, str(trial.status)) for trial in results.items))
+"""
+EXPECTED = "[('Mine', 'failed'), ('exact', 'solved'), ('ruckig-stop', 'solved')]"
+
+
+def script(guard: str) -> str:
+    return textwrap.dedent(SCRIPT.format(guard=guard))
+
+
+def run(command: list[str], folder: Path, text: str | None = None):  # type: ignore[no-untyped-def]
+    arguments = {"cwd": folder, "capture_output": True, "text": True, "timeout": 120}
+    return subprocess.run(command, input=text, check=False, **arguments)  # type: ignore[call-overload]
+
+
+def test_without_the_guard_one_error_shows_it_and_nothing_is_stored(tmp_path: Path) -> None:
+    file = tmp_path / "script.py"
+    file.write_text(script(guard="if True:\n"))
+    done = run([sys.executable, str(file)], tmp_path)
+    assert done.returncode != 0
+    assert 'if __name__ == "__main__":' in done.stderr
+    assert done.stderr.count("exceptions.WorkerError:") == 1
+    assert done.stderr.count("Traceback") == 1
+    assert "bootstrapping" not in done.stderr
+    assert not list(tmp_path.rglob("*.h5"))
+    file.write_text(script(guard='if __name__ == "__main__":\n'))
+    done = run([sys.executable, str(file)], tmp_path)
+    assert done.stdout.strip() == EXPECTED, done.stderr
+
+
+def test_standard_input_needs_no_guard(tmp_path: Path) -> None:
+    done = run([sys.executable, "-"], tmp_path, script(guard="if True:\n"))
+    assert done.stdout.strip() == EXPECTED, done.stderr
+
+
+@dataclass(frozen=True)
+class Parent(Planner):
+    """Starts a process that would live for minutes, then does as told."""
+
+    pids: str
+    then: str = "answer"
+
+    def solve(self, problem, *, seed=0):  # type: ignore[no-untyped-def]
+        child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(300)"])
+        with Path(self.pids).open("a") as file:
+            file.write(f"{child.pid}\n")
+        if self.then == "die":
+            os._exit(3)
+        if self.then == "hang":
+            time.sleep(300)
+        return Solution(Status.FAILED, message="no")
+
+
+def lives(pid: int) -> bool:
+    """Whether it runs; a zombie, whose parent has not looked yet, does not."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def outlived(file: Path) -> list[int]:
+    """Those still there after a while."""
+    pids = [int(line) for line in file.read_text().split()]
+    end = time.monotonic() + 10.0
+    while any(map(lives, pids)) and time.monotonic() < end:
+        time.sleep(0.05)
+    return [pid for pid in pids if lives(pid)]
+
+
+needs_groups = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
+
+
+@needs_groups
+def test_what_a_planner_started_ends_with_its_trial_s_process(tmp_path: Path) -> None:
+    pids = tmp_path / "pids"
+    planners = [(then, Parent(str(pids), then)) for then in ("answer", "die", "hang")]
+    results = compare(["one-joint"], planners, tmp_path, jobs=2, timeout=2.0)
+    statuses = {trial.planner: trial.status for trial in results.items}
+    expected = {"answer": Status.FAILED, "die": Status.CRASHED, "hang": Status.TIMEOUT}
+    assert {name: statuses[name] for name in expected} == expected
+    assert len(pids.read_text().split()) == 3
+    assert outlived(pids) == []
+
+
+KILLED = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from test_workers import Parent
+from trajopt import compare
+
+if __name__ == "__main__":
+    compare(["one-joint"], [Parent({pids!r}, "hang")], {folder!r}, jobs=1)
+"""
+
+
+@needs_groups
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL])
+def test_what_a_planner_started_ends_with_the_run(tmp_path: Path, sign: signal.Signals) -> None:
+    pids = tmp_path / "pids"
+    file = tmp_path / "script.py"
+    folder = str(tmp_path / "kept")
+    here = str(Path(__file__).parent)
+    file.write_text(KILLED.format(tests=here, pids=str(pids), folder=folder))
+    running = subprocess.Popen(
+        [sys.executable, str(file)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    end = time.monotonic() + 60.0
+    while not (pids.exists() and pids.read_text()) and time.monotonic() < end:
+        time.sleep(0.05)
+    running.send_signal(sign)
+    running.wait(timeout=60)
+    assert outlived(pids) == []
+
+
+def test_overlapping_blocks_leave_the_environment_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    first, second = workers.single_threaded(), workers.single_threaded()
+    first.__enter__()
+    second.__enter__()
+    first.__exit__(None, None, None)
+    assert os.environ["OMP_NUM_THREADS"] == "1"
+    second.__exit__(None, None, None)
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "MKL_NUM_THREADS" not in os.environ
+
+
+@dataclass(frozen=True)
+class Refusing(Planner):
+    def solve(self, problem, *, seed=0):  # type: ignore[no-untyped-def]
+        return Solution(Status.FAILED, message="no")
+
+
+def test_names_objects_and_pairs_are_one_comparison(tmp_path: Path) -> None:
+    problem = tmp_path / "mine.toml"
+    problem.write_text(
+        'angle_unit = "rad"\nwaypoints = [[0], [1]]\n[limits]\nvelocity = [1]\nacceleration = [1]\n'
+    )
+    planners = ["ruckig-stop", load("unoptimised"), ("mine", Refusing())]
+    results = compare(["one-joint", problem], planners, tmp_path / "kept")
+    found = {(trial.problem.name, trial.planner) for trial in results.items}
+    names = ("ruckig-stop", "Unoptimised", "mine", "exact")
+    assert found == {(problem, name) for problem in ("one-joint", "mine") for name in names}
+    assert results.kept is None
