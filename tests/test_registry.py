@@ -351,6 +351,29 @@ def test_a_ready_made_planner_object_can_be_registered(tmp_path, monkeypatch):
     assert isinstance(entry.load(), SwarmPlanner)
 
 
+def make_straight():
+    return Straight(steps=4)
+
+
+def test_a_function_that_makes_a_planner_can_be_registered(monkeypatch):
+    monkeypatch.setitem(sys.modules, "straight_planners", sys.modules[__name__])
+    entry = Entry("made", EntryPoint("made", "straight_planners:make_straight", GROUP))
+    assert entry.load().options() == options(Straight(steps=4))
+    assert entry.missing() is None
+
+
+@pytest.mark.parametrize("content", ["", "raise SystemError('not ours')"])
+def test_a_folder_that_hides_our_baselines_is_named(tmp_path, content):
+    folder = tmp_path / "baselines"
+    folder.mkdir()
+    (folder / "__init__.py").write_text(content)
+    code = "from trajopt.registry import entries; print(entries()['exact'].missing())"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert f"planner 'exact' cannot be loaded: {folder} hides our package baselines" in done.stdout
+
+
 def test_a_backend_is_imported_when_needed():
     assert backend("numpy") is np
     with pytest.raises(MissingBackend, match="pip install no_such_solver") as caught:

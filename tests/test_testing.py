@@ -157,6 +157,14 @@ class Forgetful(Quintic):
 
 
 @dataclass(frozen=True)
+class Secretive(Quintic):
+    """Knows more than its fields say."""
+
+    def __post_init__(self):
+        object.__setattr__(self, "table", [1, 2])
+
+
+@dataclass(frozen=True)
 class Hollow(Quintic):
     """An option that nobody ever sets."""
 
@@ -287,6 +295,7 @@ BROKEN = [
     (Locked(), "does not survive pickling"),
     (Forgetful(), "its options do not survive pickling"),
     (Hollow(), "option nothing has no value"),
+    (Secretive(), "planner Secretive: table cannot be seen: expected a frozen dataclass"),
     (VagueRelation(), "relation on 'one joint' is not a Relation"),
     (EmptyReason(), "unsupported on 'one joint' is neither None nor a reason"),
     (TrueReason(), "unsupported on 'one joint' is neither None nor a reason"),

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -36,10 +37,12 @@ class Entry:
         try:
             return adapted(_object(self.point.load()))
         except Exception as error:
-            package = error.name if isinstance(error, ModuleNotFoundError) else None
-            if package and package.split(".")[0] != self.point.module.split(".")[0]:
-                raise MissingBackend(package.split(".")[0]) from error
-            raise TrajoptError(f"planner {self.name!r} cannot be loaded: {error}") from error
+            package = self.point.module.partition(".")[0]
+            absent = _missing_package(error)
+            if absent and absent != package:
+                raise MissingBackend(absent) from error
+            why = _shadow(package) or str(error)
+            raise TrajoptError(f"planner {self.name!r} cannot be loaded: {why}") from error
 
     def missing(self) -> str | None:
         """What keeps this planner from running, with the command that mends it; or None."""
@@ -51,6 +54,26 @@ class Entry:
         if not absent:
             return None
         return str(MissingBackend(" ".join(absent)))
+
+
+def _missing_package(error: Exception) -> str:
+    """The package that could not be found, if that is what went wrong."""
+    if not isinstance(error, ModuleNotFoundError):
+        return ""
+    return (error.name or "").partition(".")[0]
+
+
+def _shadow(package: str) -> str:
+    """In words, a folder that hides a package of ours: `baselines` is a frequent name."""
+    ours = Path(__file__).resolve().parents[1] / package
+    found = importlib.util.find_spec(package)
+    if found is None or not ours.is_dir():
+        return ""
+    folders = [Path(folder).resolve() for folder in found.submodule_search_locations or ()]
+    if ours in folders:
+        return ""
+    hiding = folders[0] if folders else found.origin
+    return f"{hiding} hides our package {package}; rename it, or run elsewhere"
 
 
 def _object(target: Any) -> object:
@@ -84,12 +107,14 @@ def named(spec: str) -> tuple[str, Planner]:
 def parse(spec: str) -> tuple[str, dict[str, str]]:
     """`"issa:fitness=scaled,population=50"` to its name and its options as text."""
     name, _, rest = spec.partition(":")
-    pairs = [pair.partition("=") for pair in rest.split(",") if pair]
-    for key, equals, _ in pairs:
+    options = {}
+    for pair in filter(None, rest.split(",")):
+        key, equals, value = pair.partition("=")
         if not equals:
             right = "options as key=value, separated by commas"
-            raise InvalidInput(f"planner {name}", right, value=key)
-    return name.strip(), {key.strip(): value.strip() for key, _, value in pairs}
+            raise InvalidInput(f"planner {name}", right, value=pair)
+        options[key.strip()] = value.strip()
+    return name.strip(), options
 
 
 def options(planner: object) -> dict[str, Any]:
@@ -101,20 +126,21 @@ def label(name: str, planner: object) -> str:
     """A planner's name with the options that differ from the registered ones, or its defaults."""
     own = adapted(planner)
     defaults = entries()[name].load().options() if name in entries() else own.defaults()
-    changed = [
-        f"{key}={value}"
-        for key, value in own.options().items()
-        if key not in defaults or repr(defaults[key]) != repr(value)
-    ]
-    return f"{name}:{','.join(changed)}" if changed else name
+    changed = []
+    for key, value in own.options().items():
+        if key not in defaults or repr(defaults[key]) != repr(value):
+            changed.append(f"{key}={value}")
+    if not changed:
+        return name
+    return f"{name}:{','.join(changed)}"
 
 
 def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") -> PlannerT:
     """A copy of the planner with some options changed; text is converted to the option's type."""
     known = options(planner)
+    listed = ", ".join(known) or "no options"
     for key, value in changes.items():
         if key not in known:
-            listed = ", ".join(known) or "no options"
             raise InvalidInput(f"planner {name}, option {key}", f"one of: {listed}", value=value)
     changed: PlannerT = _replaced(planner, changes, name)
     return changed
@@ -137,25 +163,29 @@ def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
         raise InvalidInput(key, error.expected, value=error.value) from None
 
 
-def _converted(key: str, value: Any, hint: Any) -> Any:
+def _converted(key: str, given: Any, hint: Any) -> Any:
     """A value of the annotated type, from that type or from text; as given, or refused."""
-    text = value
-    if isinstance(text, str):
-        value = _read(text)
+    value = _read(given) if isinstance(given, str) else given
     if get_origin(hint) is Literal:
-        for choice in (text, value):
-            if choice in get_args(hint):
-                return choice
-        raise InvalidInput(key, " or ".join(repr(a) for a in get_args(hint)), value=value)
-    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        return _chosen(key, given, value, get_args(hint))
+    is_union = get_origin(hint) in (Union, UnionType)
+    kinds = get_args(hint) if is_union else (hint,)
     for kind in kinds:
         if kind is float and _is_whole(value) and abs(value) < _LARGEST_FLOAT:
             return float(value)
         if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
             return value
-    if isinstance(text, str) and str in kinds:
-        return text
-    raise InvalidInput(key, " or ".join(k.__name__ for k in kinds), value=value)
+    if isinstance(given, str) and str in kinds:
+        return given
+    raise InvalidInput(key, " or ".join(kind.__name__ for kind in kinds), value=value)
+
+
+def _chosen(key: str, given: Any, value: Any, choices: tuple[Any, ...]) -> Any:
+    """One of the choices: the text as given, or the value that it says."""
+    for candidate in (given, value):
+        if candidate in choices:
+            return candidate
+    raise InvalidInput(key, " or ".join(map(repr, choices)), value=value)
 
 
 def _is_whole(value: Any) -> bool:

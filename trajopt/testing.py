@@ -11,26 +11,27 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Iterable
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 
 import cloudpickle
 import numpy as np
 
-from trajopt.exceptions import InvalidTrajectory, TrajoptError
-from trajopt.planner import Planner, Relation, adapted
+from trajopt.exceptions import InvalidInput, InvalidTrajectory, TrajoptError
+from trajopt.planner import Planner, Relation, adapted, check_visible
 from trajopt.problem import Limits, Problem
 from trajopt.registry import options
 from trajopt.solution import Solution, Status
 from trajopt.verification import verify
 
 _SEEDS = (0, 7)
+_BEATEN_RTOL = 1e-6  # below the optimum by more than this: no rounding
 
 
 class ContractError(TrajoptError, AssertionError):
     """What a planner does that the contract forbids; the message says where."""
 
 
-def check_planner(planner: Planner, problems: Iterable[Problem] | None = None) -> None:
+def check_planner(planner: object, problems: Iterable[Problem] | None = None) -> None:
     """Raise `ContractError` unless the planner keeps the contract on these problems.
 
     It must be a frozen dataclass that survives pickling; say how it relates to the optimum; answer
@@ -39,37 +40,39 @@ def check_planner(planner: Planner, problems: Iterable[Problem] | None = None) -
     the optimum where that is known in closed form.
     """
     _check_object(planner)
-    planner = adapted(planner)
+    own = adapted(planner)
     for problem in problems or examples():
-        _check_on(planner, problem)
+        _check_on(own, problem)
     optimum = 2.0  # rest to rest over 1.5 rad at 1 rad/s and 2 rad/s²: 1.5/1 + 1/2
-    _check_never_beats(planner, examples()[0], optimum)
+    _check_never_beats(own, examples()[0], optimum)
 
 
 def examples() -> list[Problem]:
     """Small problems with edges; the first has the known optimum 2 s."""
     two = Limits([1.0, 1.5], [2.0, 3.0])
+    asymmetric = Limits([[-1, 2], 1.5], [[-2, 1], [-4, 3]])
     return [
         Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint"),
         Problem([[0, 0], [1, -0.5], [0.3, -1], [0.5, 0]], two, "reversal"),
         Problem([[0, 0.2], [0.4, 0.2], [1, 0.2], [1.2, 0.2]], two, "a joint that rests"),
         Problem([[0, 0], [0.5, 0.2], [0.5, 0.2], [0.8, 0.7], [1, 1]], two, "a waypoint twice"),
         Problem([[0, 0], [1, 1]], two, "two waypoints"),
-        Problem(
-            [[0, 0], [0.5, -0.1], [1, 0.4], [0.2, 0.8]],
-            Limits([[-1, 2], 1.5], [[-2, 1], [-4, 3]]),
-            "asymmetric limits",
-        ),
+        Problem([[0, 0], [0.5, -0.1], [1, 0.4], [0.2, 0.8]], asymmetric, "asymmetric limits"),
     ]
 
 
-def _check_object(planner: Planner) -> None:
+def _check_object(planner: object) -> None:
     parameters = getattr(type(planner), "__dataclass_params__", None)
-    _require(is_dataclass(planner) and parameters is not None, "it is not a dataclass")
-    _require(bool(parameters and parameters.frozen), "its dataclass is not frozen")
+    if parameters is None:
+        raise ContractError("it is not a dataclass")
+    _require(parameters.frozen, "its dataclass is not frozen")
     _require(hasattr(planner, "solve"), "it lacks solve")
     for field in fields(planner):  # type: ignore[arg-type]
         _require(hasattr(planner, field.name), f"option {field.name} has no value")
+    try:
+        check_visible(adapted(planner))
+    except InvalidInput as error:
+        raise ContractError(str(error)) from None
     try:
         copy = pickle.loads(cloudpickle.dumps(planner))
     except Exception as error:
@@ -79,27 +82,30 @@ def _check_object(planner: Planner) -> None:
 
 def _check_on(planner: Planner, problem: Problem) -> None:
     where = f" on {problem.name!r}"
-    reason, relation = planner.unsupported(problem), planner.relation(problem)
+    relation = planner.relation(problem)
     _require(isinstance(relation, Relation), f"relation{where} is not a Relation")
-    told = reason is None or (isinstance(reason, str) and bool(reason))
-    _require(told, f"unsupported{where} is neither None nor a reason")
+    reason = planner.unsupported(problem)
+    is_reason = isinstance(reason, str) and bool(reason)
+    _require(reason is None or is_reason, f"unsupported{where} is neither None nor a reason")
     if reason is not None:
         return
     first = [planner.solve(problem, seed=seed) for seed in _SEEDS]
     again = planner.solve(problem, seed=_SEEDS[0])
-    _require(
-        all(isinstance(s, Solution) for s in [*first, again]), f"solve{where} returns no Solution"
-    )
+    for solution in (*first, again):
+        _require(isinstance(solution, Solution), f"solve{where} returns no Solution")
     _require(_same(first[0], again), f"solve{where} differs for the same seed")
     for solution in first:
         _check_solution(solution, problem, relation, where)
     if planner.batched:
-        together = planner.solve_batch(problem, list(_SEEDS))
-        _require(
-            len(together) == len(_SEEDS), f"solve_batch{where} returns another number of solutions"
-        )
-        alike = all(_same(a, b) for a, b in zip(first, together, strict=True))
-        _require(alike, f"solve_batch{where} differs from solve")
+        _check_batch(planner, problem, first, where)
+
+
+def _check_batch(planner: Planner, problem: Problem, alone: list[Solution], where: str) -> None:
+    together = planner.solve_batch(problem, list(_SEEDS))
+    complete = len(together) == len(_SEEDS)
+    _require(complete, f"solve_batch{where} returns another number of solutions")
+    for one, other in zip(alone, together, strict=True):
+        _require(_same(one, other), f"solve_batch{where} differs from solve")
 
 
 def _check_solution(solution: Solution, problem: Problem, relation: Relation, where: str) -> None:
@@ -117,23 +123,30 @@ def _check_solution(solution: Solution, problem: Problem, relation: Relation, wh
 
 
 def _check_never_beats(planner: Planner, problem: Problem, optimum: float) -> None:
-    if planner.unsupported(problem) is not None or planner.relation(problem) is Relation.RELAXATION:
+    if planner.unsupported(problem) is not None:
+        return
+    if planner.relation(problem) is Relation.RELAXATION:
         return
     trajectory = planner.solve(problem).trajectory
-    certified = verify(problem, trajectory).certified_duration if trajectory else None
-    beaten = certified is not None and certified < optimum * (1 - 1e-6)
-    _require(
-        not beaten,
-        f"certified {certified} s where the optimum is {optimum} s: a bug in the verifier",
-    )
+    if trajectory is None:
+        return
+    certified = verify(problem, trajectory).certified_duration
+    if certified is not None and certified < optimum * (1 - _BEATEN_RTOL):
+        raise ContractError(
+            f"certified {certified} s where the optimum is {optimum} s: a bug in the verifier"
+        )
 
 
-def _same(a: Solution, b: Solution) -> bool:
+def _same(one: Solution, other: Solution) -> bool:
     """The same bits, whatever the time they took."""
-    if a.trajectory is None or b.trajectory is None:
-        return a.status is b.status and a.trajectory is b.trajectory
-    arrays = ("breaks", "coefficients", "waypoint_times")
-    return all(np.array_equal(getattr(a.trajectory, n), getattr(b.trajectory, n)) for n in arrays)
+    a, b = one.trajectory, other.trajectory
+    if a is None or b is None:
+        return one.status is other.status and a is b
+    return (
+        np.array_equal(a.breaks, b.breaks)
+        and np.array_equal(a.coefficients, b.coefficients)
+        and np.array_equal(a.waypoint_times, b.waypoint_times)
+    )
 
 
 def _require(condition: bool, what: str) -> None:

@@ -97,7 +97,7 @@ def _pool(workers: int) -> pebble.ProcessPool:
 
 
 def _forget_standard_input() -> None:
-    """Python names a script that it reads from standard input as a file, and workers look for it."""
+    """Python calls standard input a file of the script, which workers then look for in vain."""
     script = vars(sys.modules["__main__"])
     file = script.get("__file__")
     if file is not None and not Path(file).exists():
