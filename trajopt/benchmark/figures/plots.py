@@ -228,7 +228,8 @@ def motion(
     end = trajectory.duration
     if reference:
         end = max(end, reference.duration)
-    grid[0, 0].set_xlim(0, end)
+    for axes in grid.flat:
+        axes.set_xlim(0, end)
     _caption(figure, title, reference_name if reference else None)
     return figure
 
@@ -256,7 +257,7 @@ def _grid(rows: int, columns: int) -> tuple[Figure, NDArray[Any]]:
     height = rows * panel + 1.05
     figure = Figure(figsize=(width, height))
     with matplotlib.rc_context({"axes.titley": 1.0}):  # titles need not look for free space
-        grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+        grid = figure.subplots(rows, columns, squeeze=False)
     figure.subplots_adjust(
         left=0.65 / width,
         right=1 - 0.12 / width,
@@ -271,6 +272,8 @@ def _grid(rows: int, columns: int) -> tuple[Figure, NDArray[Any]]:
         axes.yaxis.set_label_coords(left, 0.5)
         axes.yaxis.set_major_locator(MaxNLocator(3 if rows > 1 else 6))
         axes.yaxis.set_major_formatter(FuncFormatter(plain))
+    for axes in grid[:-1].flat:  # time is written under the last row
+        axes.set_xticks([])
     return figure, grid
 
 
