@@ -33,12 +33,21 @@ TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up 
 def write(
     results: Results, path: Path, *, command: str = "", trajectories: int = TRAJECTORIES
 ) -> Path:
-    """Write the report of the trials to `path` and return it; its links expect `trials/` beside it.
+    """Write the report of the trials to a file; its links expect `trials/` beside it.
 
-    `command` is the command that made the results, to be shown. The median run of each planner has
-    its trajectory in the page, for at most so many
-    problems; the page says which are left out.
-    Raises `InvalidInput` where there is no trial, `OSError` where the file cannot be written.
+    Args:
+        results: the trials.
+        path: the file.
+        command: the command that made the results, to be shown.
+        trajectories: for at most so many problems the median run of each planner has its trajectory
+            in the page, which says which are left out.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInput: there is no trial.
+        OSError: the file cannot be written.
     """
     if not results.items:
         raise InvalidInput("results", "at least one trial")
@@ -46,21 +55,31 @@ def write(
     suites = curves.suites(page)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("trajopt.benchmark.report", "web"),
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
     environment.filters["breaks"] = _breaks
     html = environment.get_template("template.html").render(
-        page=page, columns=lines.COLUMNS, tied=TIE_DIGITS, command=command, kept=trajectories,
-        targets=[f"{100 * t:g} %" for t in TARGETS], whole=suites[0],
-        against=rivals.first(results.items, page.labels), blobs=_blobs(page, suites, trajectories),
-    )  # fmt: skip
+        page=page,
+        columns=lines.COLUMNS,
+        tied=TIE_DIGITS,
+        command=command,
+        kept=trajectories,
+        targets=[f"{100 * target:g} %" for target in TARGETS],
+        whole=suites[0],
+        against=rivals.first(results.items, page.labels),
+        blobs=_blobs(page, suites, trajectories),
+    )
     path.write_text(html, encoding="utf-8")
     return path
 
 
 def _breaks(label: str) -> Markup:
     """A planner's label that may go on to the next line between its options."""
-    return Markup("<span>") + Markup("<wbr>").join(re.split("(?<=[:,])", label)) + Markup("</span>")
+    parts = re.split("(?<=[:,])", label)
+    return Markup("<span>{}</span>").format(Markup("<wbr>").join(parts))
 
 
 def _blobs(page: content.Page, suites: list[dict[str, Any]], trajectories: int) -> dict[str, str]:

@@ -19,10 +19,16 @@ from trajopt.benchmark.trial import Trial
 from trajopt.solution import Status
 
 COLUMNS = {  # of the table of problems and planners: what its heading says, and its unit
-    "solved": "solved", "kept": "kept limits", "median": "certified (s)", "quartiles": "quartiles",
-    "gap": "gap (%)", "dilation": "dilation", "evaluations": "evaluations",
+    "solved": "solved",
+    "kept": "kept limits",
+    "median": "certified (s)",
+    "quartiles": "quartiles",
+    "gap": "gap (%)",
+    "dilation": "dilation",
+    "evaluations": "evaluations",
     "solve_time": "time (s)",
-}  # fmt: skip
+}
+SMALL_DILATION = 1.0001  # below it four decimals would show none
 NUMBER = re.compile(r"(?<![\w.+−-])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w-])")  # not of 3-5-3
 MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
 REASON_LENGTH = 500
@@ -36,43 +42,66 @@ class Cell:
     value: float | None = None
 
 
+NONE = Cell("–")
+
+
 def cells(row: Any) -> dict[str, Cell]:
     """The cells of a row of `Results.summary()`."""
-    some, several = row.median == row.median, row.runs > 1
-    bound = f"≥ {row.lower_bound:.4f}" if row.lower_bound == row.lower_bound else "–"
+    form = "×{:.4f}" if row.dilation > SMALL_DILATION else "×{:.7f}"
     return {
         "solved": Cell(f"{row.solved} of {row.runs}", row.solved / row.runs),
         "kept": Cell(f"{100 * row.kept:.0f} %", float(row.kept)),
-        "median": Cell(f"{row.median:.4f}" if some else bound, _number(row.median)),
-        "quartiles": Cell(f"{row.q1:.4f}–{row.q3:.4f}" if some and several else "–",
-                          _number(row.q3 - row.q1) if several else None),
-        "gap": Cell(percent(row.gap).removesuffix(" %"), row.gap) if row.gap == row.gap
-        else Cell("–"),
-        "dilation": _cell(row.dilation, "×{:.4f}" if row.dilation > 1.0001 else "×{:.7f}"),
+        "median": _median(row),
+        "quartiles": _quartiles(row),
+        "gap": _gap(row.gap),
+        "dilation": _cell(row.dilation, form),
         "evaluations": _cell(row.evaluations, "{:.0f}"),
         "solve_time": _cell(row.solve_time, "{:.3f}"),
-    }  # fmt: skip
+    }
+
+
+def _median(row: Any) -> Cell:
+    """The median certified duration, or the lower bound of what has no duration."""
+    if not np.isnan(row.median):
+        return Cell(f"{row.median:.4f}", float(row.median))
+    if not np.isnan(row.lower_bound):
+        return Cell(f"≥ {row.lower_bound:.4f}")
+    return NONE
+
+
+def _quartiles(row: Any) -> Cell:
+    if row.runs == 1 or np.isnan(row.median):
+        return NONE
+    return Cell(f"{row.q1:.4f}–{row.q3:.4f}", float(row.q3 - row.q1))
+
+
+def _gap(gap: float) -> Cell:
+    if np.isnan(gap):
+        return NONE
+    return Cell(percent(gap).removesuffix(" %"), gap)
 
 
 def _cell(value: float, form: str) -> Cell:
-    return Cell(form.format(value), float(value)) if value == value else Cell("–")
-
-
-def _number(value: float) -> float | None:
-    return float(value) if value == value else None
+    if np.isnan(value):
+        return NONE
+    return Cell(form.format(value), float(value))
 
 
 def reference(row: Any) -> str:
-    reference, proved = row["reference"], row["proved"]
-    within = f"proved within {100 * (reference / proved - 1):.3f} % (nothing is faster than "
-    known = f"{within}{proved:.6f} s)" if proved > 0 else "the best known, not proved"
-    what = {
-        "exact": "Gaps are to the exact optimum, {:.6f} s: {}.",
-        "refined": "Gaps are to refined collocation, {:.6f} s, its own error below 0.01 %: {}.",
-        "lower bound": "Gaps are to a lower bound, {:.6f} s, the optimum without some of the "
-                       "limits, so they may be overstated: {}.",
-    }  # fmt: skip
-    return what[row["kind"]].format(reference, known)
+    """What gaps are measured against, of a row of `Results.references()`, and what is proved."""
+    shortest = row["reference"]
+    proved = row["proved"]
+    known = "the best known, not proved"
+    if proved > 0:
+        within = 100 * (shortest / proved - 1)
+        known = f"proved within {within:.3f} % (nothing is faster than {proved:.6f} s)"
+    kinds = {
+        "exact": f"the exact optimum, {shortest:.6f} s",
+        "refined": f"refined collocation, {shortest:.6f} s, its own error below 0.01 %",
+        "lower bound": f"a lower bound, {shortest:.6f} s, the optimum without some of the limits, "
+        "so they may be overstated",
+    }
+    return f"Gaps are to {kinds[row['kind']]}: {known}."
 
 
 def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
@@ -132,24 +161,37 @@ def _value(number: str) -> float:
     return float(number.replace("−", "-"))
 
 
-def _clipped(text: str, most: int) -> str:
+def _clipped(text: str, length: int) -> str:
     """The end of a text: a traceback says last what happened. Each trial has all of it."""
-    return text if len(text) <= most else f"…{text[-most:]}"
+    if len(text) <= length:
+        return text
+    return f"…{text[-length:]}"
 
 
 def over_all(runs: pd.DataFrame, rank: float | None) -> dict[str, Any]:
     """One planner's line, over the problems that it supports."""
     tried = competing(runs)
-    middle, worst = median_gap(tried), tried["gap"].max()
+    solved = tried["status"] == str(Status.SOLVED)
     return {
-        "problems": tried["digest"].nunique(), "runs": len(tried),
-        "solved": _share(tried["status"] == str(Status.SOLVED)), "kept": _share(tried["feasible"]),
-        "gap": Cell(percent(middle), middle) if np.isfinite(middle)
-        else Cell("–" if np.isnan(middle) else "no answer"),
-        "worst": Cell(percent(worst), float(worst)) if worst == worst else Cell("–"),
-        "rank": Cell("–") if rank is None else Cell(f"{rank:.2f}", rank),
+        "problems": tried["digest"].nunique(),
+        "runs": len(tried),
+        "solved": _share(solved),
+        "kept": _share(tried["feasible"]),
+        "gap": _median_gap(median_gap(tried)),
+        "worst": _worst_gap(tried["gap"].max()),
+        "rank": NONE if rank is None else Cell(f"{rank:.2f}", rank),
         "time": _cell(tried["solve_time"].median(), "{:.3f}"),
-    }  # fmt: skip
+    }
+
+
+def _median_gap(gap: float) -> Cell:
+    if np.isnan(gap):
+        return NONE
+    return Cell("no answer") if np.isinf(gap) else Cell(percent(gap), gap)
+
+
+def _worst_gap(gap: float) -> Cell:
+    return NONE if np.isnan(gap) else Cell(percent(gap), float(gap))
 
 
 def _share(outcomes: pd.Series[bool]) -> dict[str, Any]:
@@ -157,8 +199,11 @@ def _share(outcomes: pd.Series[bool]) -> dict[str, Any]:
     if not len(outcomes):
         return {"text": "–", "interval": "–", "value": np.nan}
     found = statistics.success_rate(outcomes.to_numpy())
-    interval = f"{100 * found.low:.0f}–{100 * found.high:.0f}"
-    return {"text": f"{100 * found.value:.0f} %", "interval": interval, "value": found.value}
+    return {
+        "text": f"{100 * found.value:.0f} %",
+        "interval": f"{100 * found.low:.0f}–{100 * found.high:.0f}",
+        "value": found.value,
+    }
 
 
 def ranks(runs: pd.DataFrame) -> dict[str, float]:
@@ -177,12 +222,15 @@ def provenance(items: Sequence[Trial]) -> list[tuple[str, str]]:
 
 
 def commit(name: str) -> str:
-    return f"commit {name[:10]}{'-dirty' * name.endswith('-dirty')}"
+    """A commit by its first ten digits, and whether the checkout was changed."""
+    changed = "-dirty" if name.endswith("-dirty") else ""
+    return f"commit {name[:10]}{changed}"
 
 
 def _counted(values: Counter[str]) -> str:
-    several = "; ".join(f"{value} ({count} trials)" for value, count in values.items())
-    return several if len(values) > 1 else next(iter(values))
+    if len(values) == 1:
+        return next(iter(values))
+    return "; ".join(f"{value} ({count} trials)" for value, count in values.items())
 
 
 def ranges(seeds: Sequence[int]) -> str:
@@ -193,4 +241,7 @@ def ranges(seeds: Sequence[int]) -> str:
             parts[-1].append(seed)
         else:
             parts.append([seed])
-    return ", ".join(f"{p[0]}–{p[-1]}" if len(p) > 1 else str(p[0]) for p in parts)
+    said = []
+    for part in parts:
+        said.append(f"{part[0]}–{part[-1]}" if len(part) > 1 else str(part[0]))
+    return ", ".join(said)

@@ -31,14 +31,17 @@ TARGET = 1.01  # times the best known of its family: what counts as found
 def suites(page: Page) -> list[dict[str, Any]]:
     """The curves and pairs of all problems, of each suite, and of each kind of limits."""
     problems = dict(zip(page.digests, page.problems, strict=True))
-    found, met = page.results.histories(), pairs_by_problem(competing(page.gaps))
-    return [
-        {"name": name, "problems": len(members)}
-        | _suite(page.gaps[page.gaps["digest"].isin(members)], [found[d] for d in members],
-                 page.labels)
-        | {"paired": rivals.pairs(paired_tests(met[met["digest"].isin(members)]), page.labels)}
-        for name, members in groups(problems).items()
-    ]  # fmt: skip
+    histories = page.results.histories()
+    pairs = pairs_by_problem(competing(page.gaps))
+    found = []
+    for name, members in groups(problems).items():
+        gaps = page.gaps[page.gaps["digest"].isin(members)]
+        tests = paired_tests(pairs[pairs["digest"].isin(members)])
+        suite = {"name": name, "problems": len(members)}
+        suite |= _suite(gaps, [histories[digest] for digest in members], page.labels)
+        suite |= {"paired": rivals.pairs(tests, page.labels)}
+        found.append(suite)
+    return found
 
 
 def groups(problems: Mapping[str, Problem]) -> dict[str, list[str]]:
@@ -48,9 +51,11 @@ def groups(problems: Mapping[str, Problem]) -> dict[str, list[str]]:
         names = [f"limits: {limit_kinds(problem)}", *suites_of(problem)]
         for name in names:
             found.setdefault(name, []).append(digest)
-    return {"all problems": list(problems)} | {
-        name: members for name, members in found.items() if 1 < len(members) < len(problems)
-    }
+    parts = {"all problems": list(problems)}
+    for name, members in found.items():
+        if 1 < len(members) < len(problems):
+            parts[name] = members
+    return parts
 
 
 def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Curve]:
@@ -76,17 +81,22 @@ def _suite(gaps: pd.DataFrame, found: Sequence[Histories], labels: Sequence[str]
     durations = medians(gaps, "certified_duration")
     ran = durations.notna().sum()
     whole = [label for label in labels if ran.get(label) == len(durations)]
-    partly = {label: int(n) for label, n in ran.items() if n < len(durations)}
-    stacked = over_best(found)
-    kinds = gaps.drop_duplicates("digest")["kind"].value_counts()
+    partly = {label: int(count) for label, count in ran.items() if count < len(durations)}
+    relative = over_best(found)
+    problems = gaps.drop_duplicates("digest")
+    kinds = problems["kind"].value_counts()
+    known = [own for own in found if np.isfinite(own.best)]
     return {
-        "partly": partly, "kinds": {str(k): int(n) for k, n in kinds.items()},
-        "unknown": int(gaps.drop_duplicates("digest")["reference"].isna().sum()),
-        "profile": _profile(durations, whole, labels), "ecdf": _ecdf(gaps, whole, labels),
-        "searched": sum(bool(np.isfinite(best)) for best, _ in found),
-        "times": _times(stacked, labels), "convergence": bands(stacked, labels),
-        "ert": rivals.times(running_times(stacked), labels),
-    }  # fmt: skip
+        "partly": partly,
+        "kinds": {str(kind): int(count) for kind, count in kinds.items()},
+        "unknown": int(problems["reference"].isna().sum()),
+        "profile": _profile(durations, whole, labels),
+        "ecdf": _ecdf(gaps, whole, labels),
+        "searched": len(known),
+        "times": _times(relative, labels),
+        "convergence": bands(relative, labels),
+        "ert": rivals.times(running_times(relative), labels),
+    }
 
 
 def _profile(durations: pd.DataFrame, whole: Sequence[str], labels: Sequence[str]) -> list[Curve]:
@@ -96,8 +106,8 @@ def _profile(durations: pd.DataFrame, whole: Sequence[str], labels: Sequence[str
     table = durations[whole].to_numpy()
     with np.errstate(invalid="ignore"):
         ratios = table / table.min(axis=1, keepdims=True)
-    top = ratios[np.isfinite(ratios)].max(initial=1.0)
-    taus = np.geomspace(1, max(1.1, 1.02 * top), POINTS)
+    worst = ratios[np.isfinite(ratios)].max(initial=1.0)
+    taus = np.geomspace(1, max(1.1, 1.02 * worst), POINTS)
     x, shares = statistics.performance_profile(table, taus)
     return [_steps(labels.index(k), x, y) for k, y in zip(whole, shares.T, strict=True)]
 
@@ -105,22 +115,39 @@ def _profile(durations: pd.DataFrame, whole: Sequence[str], labels: Sequence[str
 def _ecdf(gaps: pd.DataFrame, whole: Sequence[str], labels: Sequence[str]) -> list[Curve]:
     """Share of runs within a gap (%); gaps below `GAP_FLOOR` are drawn at it."""
     known = gaps[gaps["reference"].notna()]
-    runs = {k: 100 * known.loc[known["label"] == k, "gap"].to_numpy() for k in whole}
-    runs = {k: np.maximum(v, GAP_FLOOR) for k, v in runs.items() if len(v)}  # NaN stays NaN
-    top = max((np.nanmax(v, initial=1.0) for v in runs.values()), default=1.0)
-    grid = np.geomspace(GAP_FLOOR, 1.1 * top, POINTS)
-    return [_steps(labels.index(k), *statistics.ecdf(v, grid)) for k, v in runs.items()]
+    runs = {}
+    worst = 1.0
+    for label in whole:
+        own = 100 * known.loc[known["label"] == label, "gap"].to_numpy()
+        if len(own):
+            runs[label] = np.maximum(own, GAP_FLOOR)  # NaN stays NaN
+            worst = np.nanmax(runs[label], initial=worst)
+    grid = np.geomspace(GAP_FLOOR, 1.1 * worst, POINTS)
+    return _shares(runs, grid, labels)
 
 
-def _times(stacked: Mapping[str, list[Array]], labels: Sequence[str]) -> list[Curve]:
+def _times(relative: Mapping[str, list[Array]], labels: Sequence[str]) -> list[Curve]:
     """Share of runs within `TARGET` of the best 3-5-3, against evaluations spent."""
-    hits = {k: statistics.evaluations_to_target(runs, TARGET) for k, runs in stacked.items()}
-    top = max((run[-1, 0] for runs in stacked.values() for run in runs), default=2.0)
-    grid = np.geomspace(1, max(2.0, top), POINTS)
-    return [_steps(labels.index(k), *statistics.ecdf(v, grid)) for k, v in hits.items()]
+    hits = {}
+    longest = 2.0
+    for label, runs in relative.items():
+        hits[label] = statistics.evaluations_to_target(runs, TARGET)
+        longest = max(longest, *(run[-1, 0] for run in runs))
+    grid = np.geomspace(1, longest, POINTS)
+    return _shares(hits, grid, labels)
+
+
+def _shares(values: Mapping[str, Array], grid: Array, labels: Sequence[str]) -> list[Curve]:
+    """Per planner the share of its values that are at most those of the grid."""
+    curves = []
+    for label, own in values.items():
+        x, y = statistics.ecdf(own, grid)
+        curves.append(_steps(labels.index(label), x, y))
+    return curves
 
 
 def _steps(planner: int, x: Array, y: Array) -> Curve:
     """A staircase, without the points at which nothing happens."""
-    kept = np.r_[True, np.diff(y) != 0] | (np.arange(len(y)) == len(y) - 1)
-    return {"planner": planner, "x": rounded(x[kept], 7), "y": rounded(y[kept], 4)}
+    changes = np.diff(y, prepend=np.nan) != 0  # the first point too
+    changes[-1] = True
+    return {"planner": planner, "x": rounded(x[changes], 7), "y": rounded(y[changes], 4)}

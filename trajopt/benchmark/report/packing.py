@@ -38,6 +38,8 @@ def finite(value: Any) -> Any:
 def rounded(values: ArrayLike, digits: int = 4) -> list[Any]:
     """Numbers to so many digits of the largest, for curves: they are drawn, never read off."""
     array = np.asarray(values, dtype=float)
-    largest = float(np.abs(array[np.isfinite(array)]).max(initial=0.0)) or 1.0
-    found: list[Any] = np.round(array, digits - int(np.ceil(np.log10(largest)))).tolist()
+    finite_sizes = np.abs(array[np.isfinite(array)])
+    largest = float(finite_sizes.max(initial=0.0)) or 1.0
+    before_point = int(np.ceil(np.log10(largest)))
+    found: list[Any] = np.round(array, digits - before_point).tolist()
     return found

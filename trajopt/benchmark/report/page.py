@@ -22,13 +22,30 @@ from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
 from trajopt.problem import LIMIT_NAMES, Problem
 
+NO_REFERENCE = "No reference: gaps are unknown."
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
 SYMBOLS = {  # Plotly's names, and the same as paths around (15, 5)
-    "circle": "M11.5 5a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0z", "square": "M12 2h6v6h-6z",
-    "triangle-up": "M15 1l4 7h-8z", "diamond": "M15 .5l4.5 4.5l-4.5 4.5l-4.5-4.5z",
-    "triangle-down": "M15 9l4-7h-8z", "cross": "M14 1h2v3h3v2h-3v3h-2v-3h-3v-2h3z",
+    "circle": "M11.5 5a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0z",
+    "square": "M12 2h6v6h-6z",
+    "triangle-up": "M15 1l4 7h-8z",
+    "diamond": "M15 .5l4.5 4.5l-4.5 4.5l-4.5-4.5z",
+    "triangle-down": "M15 9l4-7h-8z",
+    "cross": "M14 1h2v3h3v2h-3v3h-2v-3h-3v-2h3z",
     "x": "M12 1l3 3l3-3l1.2 1.2l-3 3l3 3l-1.2 1.2l-3-3l-3 3l-1.2-1.2l3-3l-3-3z",
-}  # fmt: skip
+}
+TRIAL_COLUMNS = (
+    "id",
+    "seed",
+    "status",
+    "claimed_duration",
+    "certified_duration",
+    "gap",
+    "dilation",
+    "evaluations",
+    "solve_time",
+    "setup_time",
+    "lower_bound",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,24 +59,26 @@ class Page:
     @cached_property
     def labels(self) -> list[str]:
         """Planners by median gap, then name: a planner's look, everywhere, is its place here."""
-        groups = self.gaps.groupby("label")
-        gaps = {label: median_gap(competing(runs)) for label, runs in groups}
-        return sorted(gaps, key=lambda label: (np.nan_to_num(gaps[label], nan=np.inf), label))
+        gaps = {}
+        for label, runs in self.gaps.groupby("label"):
+            gap = median_gap(competing(runs))
+            gaps[label] = np.inf if np.isnan(gap) else gap
+        return sorted(gaps, key=lambda label: (gaps[label], label))
 
     @cached_property
     def problems(self) -> list[Problem]:
         """By name, numbers as numbers, the paper's own first."""
-        found = {t.problem.digest(): t.problem for t in self.results.items}
-        return sorted(found.values(), key=lambda p: (p.name != "six-axis", _natural(p.name)))
+        found = {trial.problem.digest(): trial.problem for trial in self.results.items}
+        return sorted(found.values(), key=_paper_first)
 
     @cached_property
     def names(self) -> list[str]:
         """What the command line calls each problem: its built-in name, or a file."""
         keys = [(p.name, p.digest()) for p in self.problems]
-        files = [f"{name}.toml" for name in distinct_names(keys)]
-        return [
-            p.name if _built_in(p) else file for p, file in zip(self.problems, files, strict=True)
-        ]
+        names = []
+        for problem, file in zip(self.problems, distinct_names(keys), strict=True):
+            names.append(problem.name if _built_in(problem) else f"{file}.toml")
+        return names
 
     @cached_property
     def digests(self) -> dict[str, int]:
@@ -71,9 +90,14 @@ class Page:
         return sorted(rows, key=lambda row: int(row["problem"]))  # stable: the best stay first
 
     def _row(self, row: Any) -> dict[str, Any]:
-        place = {"problem": self.digests[row.digest], "planner": self.labels.index(row.label)}
-        words = {"name": row.problem, "label": row.label, "status": row.status}
-        return place | words | {"cells": lines.cells(row)}
+        return {
+            "problem": self.digests[row.digest],
+            "planner": self.labels.index(row.label),
+            "name": row.problem,
+            "label": row.label,
+            "status": row.status,
+            "cells": lines.cells(row),
+        }
 
     @cached_property
     def trials_by_problem(self) -> list[list[Trial]]:
@@ -86,10 +110,11 @@ class Page:
     def references(self) -> list[str]:
         """Per problem, what its gaps are measured against and how much of it is proved."""
         table = self.results.references()
-        return [
-            lines.reference(table.loc[d]) if d in table.index else "No reference: gaps are unknown."
-            for d in self.digests
-        ]
+        sentences = []
+        for digest in self.digests:
+            known = digest in table.index
+            sentences.append(lines.reference(table.loc[digest]) if known else NO_REFERENCE)
+        return sentences
 
     @cached_property
     def kinds(self) -> list[str]:
@@ -102,10 +127,10 @@ class Page:
     @cached_property
     def critical(self) -> str:
         """How far apart mean ranks must be (Nemenyi), if there are ranks."""
-        count, ranked = len(self.problems), [p for p in self.planners if p["rank"].value]
+        ranked = [planner for planner in self.planners if planner["rank"].value]
         if not ranked:
             return ""
-        apart = statistics.critical_difference(count, len(ranked))
+        apart = statistics.critical_difference(len(self.problems), len(ranked))
         return f"; those less than {apart:.2f} apart are not told apart (Nemenyi, 95 %)"
 
     def drawn(self, most: int) -> set[int]:
@@ -114,16 +139,27 @@ class Page:
         return {i * len(self.problems) // count for i in range(count)}
 
     def left_out(self, most: int) -> list[str]:
-        return [p.name for i, p in enumerate(self.problems) if i not in self.drawn(most)]
+        """The names of the others."""
+        drawn = self.drawn(most)
+        return [problem.name for i, problem in enumerate(self.problems) if i not in drawn]
 
     @cached_property
     def suspicious(self) -> list[dict[str, Any]]:
-        return [
-            {"id": r.id, "label": r.label, "seed": r.seed, "problem": r.problem,
-             "certified": f"{r.certified_duration:.9g}", "reference": f"{r.reference:.9g}",
-             "gap": f"{100 * r.gap:+.3g} %".replace("-", "−")}
-            for r in self.results.suspicious().itertuples()
-        ]  # fmt: skip
+        found = []
+        for row in self.results.suspicious().itertuples():
+            gap = f"{100 * row.gap:+.3g} %"
+            found.append(
+                {
+                    "id": row.id,
+                    "label": row.label,
+                    "seed": row.seed,
+                    "problem": row.problem,
+                    "certified": f"{row.certified_duration:.9g}",
+                    "reference": f"{row.reference:.9g}",
+                    "gap": gap.replace("-", "−"),
+                }
+            )
+        return found
 
     @cached_property
     def failures(self) -> list[dict[str, Any]]:
@@ -133,13 +169,14 @@ class Page:
     def planners(self) -> list[dict[str, Any]]:
         """One line per planner: over all its runs, and over the problems."""
         ranks = lines.ranks(self.gaps)
-        looks = [look(i) for i in range(len(self.labels))]
         runs = dict(list(self.gaps.groupby("label")))
-        return [
-            looks[i] | {"label": label, "options": self._options(label)}
-            | lines.over_all(runs[label], ranks.get(label))
-            for i, label in enumerate(self.labels)
-        ]  # fmt: skip
+        rows = []
+        for place, label in enumerate(self.labels):
+            row = {"label": label, "options": self._options(label)}
+            row |= look(place)
+            row |= lines.over_all(runs[label], ranks.get(label))
+            rows.append(row)
+        return rows
 
     def _options(self, label: str) -> dict[str, Any]:
         options = next(t.options for t in self.results.items if t.label == label)
@@ -148,28 +185,33 @@ class Page:
     @cached_property
     def brief(self) -> str:
         """Seeds, versions, machine and day in a line."""
+        items = self.results.items
         facts = dict(self.facts)
-        commits = {t.provenance.get("commit", "") for t in self.results.items} - {""}
-        several = [f"{len(commits)} commits (see below)"] if len(commits) > 1 else []
-        named = "".join(f", {words}" for words in several or map(lines.commit, commits))
-        day = min(t.started for t in self.results.items)[:10]
-        return (
-            f"Seeds {lines.ranges(sorted({t.seed for t in self.results.items}))}; trajopt "
-            f"{facts.get('trajopt', '')}{named}; {facts.get('machine', '')}; {day}."
-        )
+        seeds = lines.ranges(sorted({trial.seed for trial in items}))
+        commits = {trial.provenance.get("commit", "") for trial in items} - {""}
+        release = f"trajopt {facts.get('trajopt', '')}"
+        if len(commits) > 1:
+            release += f", {len(commits)} commits (see below)"
+        for name in commits if len(commits) == 1 else ():
+            release += f", {lines.commit(name)}"
+        day = min(trial.started for trial in items)[:10]
+        return f"Seeds {seeds}; {release}; {facts.get('machine', '')}; {day}."
 
     @cached_property
     def facts(self) -> list[tuple[str, str]]:
         """What was compared, where and when."""
         items = self.results.items
-        seeds = sorted({t.seed for t in items})
-        limits = "; ".join(f"{kind}: {n}" for kind, n in Counter(self.kinds).items())
-        started = sorted(t.started for t in items)
+        seeds = sorted({trial.seed for trial in items})
+        started = sorted(trial.started for trial in items)
+        kinds = Counter(self.kinds)
+        limits = "; ".join(f"{kind}: {count}" for kind, count in kinds.items())
+        first_and_last = dict.fromkeys([started[0], started[-1]])
         facts = [
-            ("problems", f"{len(self.problems)} ({limits})"), ("planners", str(len(self.labels))),
+            ("problems", f"{len(self.problems)} ({limits})"),
+            ("planners", str(len(self.labels))),
             ("trials", f"{len(items)}, seeds {lines.ranges(seeds)}"),
-            ("run", " to ".join(dict.fromkeys([started[0], started[-1]]))),
-        ]  # fmt: skip
+            ("run", " to ".join(first_and_last)),
+        ]
         return facts + lines.provenance(items)
 
 
@@ -193,34 +235,54 @@ def look(index: int) -> dict[str, str]:
 
 def trial_table(page: Page) -> dict[str, Any]:
     """Every trial at full precision, column by column, and which of them each row is made of."""
-    gaps, items = page.gaps, page.results.items
-    messages = list(dict.fromkeys(t.message for t in items))
-    index = {message: i for i, message in enumerate(messages)}
-    groups = gaps.sort_values("seed", kind="stable").groupby(["digest", "label"], sort=False)
-    members = {key: group.index.tolist() for key, group in groups}
-    keys = list(page.digests)
-    columns = ("id", "seed", "status", "claimed_duration", "certified_duration", "gap", "dilation",
-               "evaluations", "solve_time", "setup_time", "lower_bound")  # fmt: skip
+    gaps = page.gaps
+    texts = [trial.message for trial in page.results.items]
+    messages = list(dict.fromkeys(texts))
+    place = {message: i for i, message in enumerate(messages)}
     return {
-        "planners": [
-            {k: p[k] for k in ("label", "colour", "dash", "symbol", "options")}
-            for p in page.planners
-        ],
-        "problems": [
-            {"name": p.name, "file": n, "toml": "" if n == p.name else p.to_toml()}
-            for p, n in zip(page.problems, page.names, strict=True)
-        ],
-        "rows": [
-            {"problem": r["problem"], "planner": r["planner"],
-             "spec": shlex.join(["trajopt", "plan", page.names[r["problem"]], "--planner",
-                                 r["label"]]),
-             "trials": members[keys[r["problem"]], r["label"]]}
-            for r in page.rows
-        ],
-        "trials": {c: gaps[c].tolist() for c in columns},
+        "planners": [_planner(planner) for planner in page.planners],
+        "problems": _problems(page),
+        "rows": _rows(page),
+        "trials": {column: gaps[column].tolist() for column in TRIAL_COLUMNS},
         "kept": gaps["feasible"].tolist(),
-        "message": [index[t.message] for t in items], "messages": messages,
-    }  # fmt: skip
+        "message": [place[text] for text in texts],
+        "messages": messages,
+    }
+
+
+def _planner(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: row[key] for key in ("label", "colour", "dash", "symbol", "options")}
+
+
+def _problems(page: Page) -> list[dict[str, str]]:
+    """Each problem's name, what the command line calls it, and its file if it is not built in."""
+    problems = []
+    for problem, name in zip(page.problems, page.names, strict=True):
+        file = "" if name == problem.name else problem.to_toml()
+        problems.append({"name": problem.name, "file": name, "toml": file})
+    return problems
+
+
+def _rows(page: Page) -> list[dict[str, Any]]:
+    """Each row's problem and planner, the command of its trials, and their places."""
+    by_seed = page.gaps.sort_values("seed", kind="stable")
+    groups = by_seed.groupby(["digest", "label"], sort=False)
+    members = {key: group.index.tolist() for key, group in groups}
+    digests = list(page.digests)
+    rows = []
+    for row in page.rows:
+        problem = row["problem"]
+        label = row["label"]
+        command = ["trajopt", "plan", page.names[problem], "--planner", label]
+        rows.append(
+            {
+                "problem": problem,
+                "planner": row["planner"],
+                "spec": shlex.join(command),
+                "trials": members[digests[problem], label],
+            }
+        )
+    return rows
 
 
 def limit_kinds(problem: Problem) -> str:
@@ -235,12 +297,21 @@ def _built_in(problem: Problem) -> bool:
         return False
 
 
+def _paper_first(problem: Problem) -> tuple[bool, list[tuple[int, str]]]:
+    return problem.name != "six-axis", _natural(problem.name)
+
+
 def _natural(name: str) -> list[tuple[int, str]]:
-    return [(int(part) if part.isdigit() else -1, part) for part in re.split(r"(\d+)", name)]
+    """A key that sorts numbers in names as numbers."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part) if part.isdigit() else -1, part) for part in parts]
 
 
 def suites_of(problem: Problem) -> list[str]:
     """The suites that a problem says it is of: by its name, or as a built-in edge case."""
-    named = [name for name in suite.suites() if problem.name.startswith(f"{name}-")]
-    edge = _built_in(problem) and problem.name not in suite.suites()
-    return named or ["edges"] * edge
+    suites = suite.suites()
+    named = [name for name in suites if problem.name.startswith(f"{name}-")]
+    if named:
+        return named
+    edge = _built_in(problem) and problem.name not in suites
+    return ["edges"] if edge else []

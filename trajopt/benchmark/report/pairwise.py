@@ -25,10 +25,14 @@ def first(trials: Sequence[Trial], labels: Sequence[str]) -> int:
 
     Of several the one with the most runs, then the first; a search is what keeps a history.
     """
-    searched = [t for t in trials if t.solution.history is not None]
-    runs = Counter(t.label for t in searched)
-    seeds = Counter(label for label, _ in {(t.label, t.seed) for t in searched})
-    return max(range(len(labels)), key=lambda i: (seeds[labels[i]] > 1) * runs[labels[i]])
+    searched = [trial for trial in trials if trial.solution.history is not None]
+    runs = Counter(trial.label for trial in searched)
+    seeds: dict[str, set[int]] = {}
+    for trial in searched:
+        seeds.setdefault(trial.label, set()).add(trial.seed)
+    several = {label: runs[label] for label, own in seeds.items() if len(own) > 1}
+    most = max(labels, key=lambda label: several.get(label, 0))
+    return labels.index(most)
 
 
 def pairs(table: pd.DataFrame, labels: Sequence[str]) -> list[dict[str, Any]]:
@@ -43,18 +47,28 @@ def pairs(table: pd.DataFrame, labels: Sequence[str]) -> list[dict[str, Any]]:
 def _line(row: Any) -> dict[str, Any]:
     """`whisker`: the estimate and the ends of its interval, for the drawing of it."""
     alone = np.isnan(row.low)
-    interval = "[–]" if alone else f"[{row.low:.2f}–{row.high:.2f}]"
-    whisker = [row.a12] * 3 if alone else [row.a12, row.low, row.high]
-    return {
-        "real": bool(row.holm < SURE), "whisker": [round(v, 4) for v in whisker],
-        "cells": [(str(row.problems), ""), (str(row.better), ""), (str(row.tied), ""),
-                  (str(row.worse), ""), (ratio(row.ratio), ""), (f"{row.a12:.2f}", interval),
-                  (probability(row.holm), "")],
-    }  # fmt: skip
+    low = row.a12 if alone else row.low
+    high = row.a12 if alone else row.high
+    interval = "[–]" if alone else f"[{low:.2f}–{high:.2f}]"
+    cells = [
+        (str(row.problems), ""),
+        (str(row.better), ""),
+        (str(row.tied), ""),
+        (str(row.worse), ""),
+        (ratio(row.ratio), ""),
+        (f"{row.a12:.2f}", interval),
+        (probability(row.holm), ""),
+    ]
+    whisker = [round(value, 4) for value in (row.a12, low, high)]
+    return {"real": bool(row.holm < SURE), "whisker": whisker, "cells": cells}
 
 
 def ratio(value: float) -> str:
-    return "–" if np.isnan(value) else "∞" if np.isinf(value) else f"{value:.5f}" if value else "0"
+    if np.isnan(value):
+        return "–"
+    if np.isinf(value):
+        return "∞"
+    return f"{value:.5f}" if value else "0"
 
 
 def probability(value: float) -> str:
@@ -63,13 +77,14 @@ def probability(value: float) -> str:
 
 def times(table: pd.DataFrame, labels: Sequence[str]) -> dict[str, list[Cell]]:
     """Per search, by its place: expected evaluations to each target, and how many runs met it."""
-    return {
-        str(labels.index(label)): [
-            (count(row.ert), f"{row.successes} of {row.runs}") for row in own.itertuples()
-        ]
-        for label, own in table.groupby(level="label")
-    }
+    lines = {}
+    for label, own in table.groupby(level="label"):
+        cells = [(count(row.ert), f"{row.successes} of {row.runs}") for row in own.itertuples()]
+        lines[str(labels.index(label))] = cells
+    return lines
 
 
 def count(value: float) -> str:
-    return f"{value:,.0f}".replace(",", BETWEEN) if np.isfinite(value) else "∞"
+    if not np.isfinite(value):
+        return "∞"
+    return f"{value:,.0f}".replace(",", BETWEEN)

@@ -29,21 +29,26 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
     """One problem's panel, ready for JSON. Joints count from 0 here; the page counts from 1."""
     problem = trials[0].problem
     found = histories(trials)
+    best, histories_by_label = found
     searching = searches([found])
-    runs = {label: own for label, own in found[1].items() if label in searching}
-    groups = by_label(trials)
-    medians = [median_run(own) for own in groups.values()] if with_motions else []
-    kinds = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
+    runs = {label: own for label, own in histories_by_label.items() if label in searching}
+    quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
+    motions = []
+    if with_motions:
+        medians = {label: median_run(own) for label, own in by_label(trials).items()}
+        for place, label in enumerate(labels):
+            if trial := medians.get(label):
+                motions.append(_motion(trial, place, len(quantities)))
     return {
-        "joints": problem.joints, "waypoints": problem.waypoints, "quantities": kinds,
-        "limits": {name: getattr(problem.limits, name) for name, _ in kinds},
-        "source": problem.source, "best": found[0],
+        "joints": problem.joints,
+        "waypoints": problem.waypoints,
+        "quantities": quantities,
+        "limits": {name: getattr(problem.limits, name) for name, _ in quantities},
+        "source": problem.source,
+        "best": best,
         "convergence": curves.bands(runs, labels),
-        "motions": sorted(
-            (_motion(t, labels.index(t.label), len(kinds)) for t in medians if t),
-            key=lambda motion: int(motion["planner"]),
-        ),
-    }  # fmt: skip
+        "motions": motions,
+    }
 
 
 def _motion(trial: Trial, planner: int, orders: int) -> dict[str, Any]:
@@ -52,10 +57,15 @@ def _motion(trial: Trial, planner: int, orders: int) -> dict[str, Any]:
     times, values = sampled(trajectory, orders)
     busy, held = use(trial.problem, trajectory)
     return {
-        "planner": planner, "trial": trial.id, "seed": trial.seed, "t": rounded(times, 5),
+        "planner": planner,
+        "trial": trial.id,
+        "seed": trial.seed,
+        "t": rounded(times, 5),
         "values": [[rounded(joint) for joint in order] for order in values],
-        "passed": trajectory.waypoint_times, "busy": busy, "held": held,
-    }  # fmt: skip
+        "passed": trajectory.waypoint_times,
+        "busy": busy,
+        "held": held,
+    }
 
 
 def sampled(trajectory: Trajectory, orders: int, points: int = POINTS) -> tuple[Array, Array]:
