@@ -7,7 +7,7 @@ Open choices change one at a time from the default (penalty that only ranks, sec
 limits, the intended formulas), some together; each is crossed with every way of making one running
 time of six joints. `readings.csv` and `.md` in `--output` hold every value; `nearest`, what comes
 within 1 % of a published one; `ranking`, which algorithm comes first; `claims`, what follows.
-Searches are kept in `runs/`: running again does only what is missing.
+Searches are stored in `runs/`: running again does only what is missing.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from typing import Any
 import cyclopts
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from experiments.common.output import save_table
 from experiments.paper import figures as paper_figures
@@ -30,8 +31,8 @@ from experiments.paper.searches import (
     NAMES,
     Array,
     interval,
-    kept,
     running_times,
+    stored,
     tool_miss,
 )
 from trajopt import Problem, spline353, verify
@@ -43,24 +44,33 @@ TIMINGS = ("per-joint", "shared")
 NEAR = 0.01  # relative
 
 
+def moving_joints(times: Array) -> NDArray[np.intp]:
+    """The joints (from 0) that have times of their own."""
+    return np.flatnonzero(np.isfinite(times[0]).all(axis=1))
+
+
 def combined(times: Array) -> dict[str, Array]:
     """One running time per seed from the joints' own times `(seeds, joints, 3)`, s."""
-    moving = times[:, np.isfinite(times[0]).all(axis=1)]
+    joints = moving_joints(times)
+    moving = times[:, joints]
     total = moving.sum(axis=2)
-    joints = np.flatnonzero(np.isfinite(times[0]).all(axis=1)) + 1
-    own = {f"joint {j} alone": total[:, i] for i, j in enumerate(joints)}
-    own |= {"mean": total.mean(axis=1), "sum": total.sum(axis=1), "longest": total.max(axis=1)}
-    return own | {"segment-wise maximum": moving.max(axis=1).sum(axis=1)}
+    values = {f"joint {joint + 1} alone": total[:, i] for i, joint in enumerate(joints)}
+    values["mean"] = total.mean(axis=1)
+    values["sum"] = total.sum(axis=1)
+    values["longest"] = total.max(axis=1)
+    values["segment-wise maximum"] = moving.max(axis=1).sum(axis=1)
+    return values
 
 
 def judged(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
-    """What synchronised segment times `(seeds, 3)` are worth under the problem's own limits."""
-    found = [verify(problem, spline353.trajectory(read, own)) for own in times]
-    together = all(c.valid for c in found)
-    certified = float(np.median([c.certified_duration or np.nan for c in found]))
+    """What synchronised segment times `(seeds, 3)` give under the problem's own limits."""
+    certificates = [verify(problem, spline353.trajectory(read, own)) for own in times]
+    together = all(c.valid for c in certificates)
+    within = [c.dilation <= 1 + c.tolerance.limit for c in certificates]
+    certified = np.median([c.certified_duration or np.nan for c in certificates])
     return {
-        "certified s": certified if together else np.nan,
-        "keeps limits": float(np.mean([c.dilation <= 1 + c.tolerance.limit for c in found])),
+        "certified s": float(certified) if together else np.nan,
+        "keeps limits": float(np.mean(within)),
         "passes together": together,
     }
 
@@ -70,36 +80,53 @@ def apart(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
 
     That run is the one whose slowest joint takes the median time.
     """
-    moving = np.flatnonzero(np.isfinite(times[0]).all(axis=1))
+    moving = moving_joints(times)
+    displacements = read.displacements.T[moving]
     limits = problem.limits.only(moving)
-    v, a, _ = spline353.limit_use(read.displacements.T[moving], times[:, moving], limits)
+    v, a, _ = spline353.limit_use(displacements, times[:, moving], limits)
+    within = np.maximum(v, a).max(axis=1) <= 1 + 1e-6
     longest = combined(times)["longest"]
-    median = times[np.argsort(longest)[len(longest) // 2]]
-    at, nearest = tool_miss(suite.robot("six-axis"), read, median)
+    median = np.argsort(longest)[len(longest) // 2]
+    at, nearest = tool_miss(suite.robot("six-axis"), read, times[median])
     return {
-        "keeps limits": float(np.mean(np.maximum(v, a).max(axis=1) <= 1 + 1e-6)),
+        "keeps limits": float(np.mean(within)),
         "passes together": False,
-        **{f"miss at point {k} mm": at[k - 1] for k in (2, 3)},
-        **{f"nearest to point {k} mm": nearest[k - 1] for k in (2, 3)},
+        "miss at point 2 mm": at[1],
+        "miss at point 3 mm": at[2],
+        "nearest to point 2 mm": nearest[1],
+        "nearest to point 3 mm": nearest[2],
     }
 
 
 def rows(reading: Reading, algorithm: str, timing: str, times: Array) -> Iterator[dict[str, Any]]:
     """All the running times that one search can be said to have found."""
     problem = suite.load("six-axis")
-    read, published = reading.problem(problem), running_times()[algorithm]
-    moving = int(np.flatnonzero(problem.moving)[0])
-    values = combined(times) if timing == "per-joint" else {timing: times[:, moving].sum(axis=1)}
-    alone = apart(problem, read, times) if timing == "per-joint" else {}
+    read = reading.problem(problem)
+    published = running_times()[algorithm]
+    if timing == "per-joint":
+        values = combined(times)
+        alone = apart(problem, read, times)
+    else:
+        any_joint = np.flatnonzero(problem.moving)[0]
+        values = {timing: times[:, any_joint].sum(axis=1)}
+        alone = {}
     for combination, seconds in values.items():
-        whole = combination in ("segment-wise maximum", "shared")
-        found = judged(problem, read, np.nanmax(times, axis=1)) if whole else alone
-        e = interval(seconds)
+        marks = alone
+        if combination in ("segment-wise maximum", "shared"):
+            marks = judged(problem, read, np.nanmax(times, axis=1))
+        claimed = interval(seconds)
         yield {
-            "reading": reading.name, "combination": combination, "algorithm": NAMES[algorithm],
-            "seeds": len(seconds), "claimed s": e.value, "low s": e.low, "high s": e.high, **found,
-            "published s": published, "difference s": e.value - published,
-        }  # fmt: skip
+            "reading": reading.name,
+            "combination": combination,
+            "algorithm": NAMES[algorithm],
+            "seeds": len(seconds),
+            "claimed s": claimed.value,
+            "low s": claimed.low,
+            "high s": claimed.high,
+            **marks,
+            "published s": published,
+            "difference s": claimed.value - published,
+        }
 
 
 def nearest(table: pd.DataFrame) -> pd.DataFrame:
@@ -107,16 +134,20 @@ def nearest(table: pd.DataFrame) -> pd.DataFrame:
     hits = []
     for name in ALGORITHMS:
         relative = table["claimed s"] / running_times()[name] - 1
-        hits.append(table[relative.abs() < NEAR].assign(near=NAMES[name], off=100 * relative))
-    kept_columns = ["near", "off", "reading", "combination", "algorithm", "claimed s"]
+        marked = table.assign(**{"near": NAMES[name], "off %": 100 * relative})
+        hits.append(marked[relative.abs() < NEAR])
+    claim = ["near", "off %", "reading", "combination", "algorithm", "claimed s"]
     marks = ["certified s", "keeps limits", "passes together"]
-    return pd.concat(hits)[kept_columns + marks].rename(columns={"off": "off %"})
+    return pd.concat(hits)[claim + marks]
 
 
 def chance(table: pd.DataFrame) -> float:
     """How much of 3–4 s lies within 1 % of some claim: hits that mean nothing."""
-    targets, claims = np.linspace(3, 4, 2001), table["claimed s"].to_numpy()
-    return float((np.abs(claims / targets[:, None] - 1) < NEAR).any(axis=1).mean())
+    targets = np.linspace(3, 4, 2001)
+    claims = table["claimed s"].to_numpy()
+    relative = claims / targets[:, None] - 1
+    hit = (np.abs(relative) < NEAR).any(axis=1)
+    return float(hit.mean())
 
 
 def ranking(table: pd.DataFrame) -> pd.DataFrame:
@@ -124,18 +155,28 @@ def ranking(table: pd.DataFrame) -> pd.DataFrame:
 
     `≈` where the medians' intervals overlap. Readings tried on PSO alone have no rank.
     """
-    own = table.set_index(["reading", "combination", "algorithm"])[["claimed s", "low s", "high s"]]
-    found = []
-    for reading, combination in [(r, c) for r in READINGS for c in table["combination"].unique()]:
+    claimed = table.set_index(["reading", "combination", "algorithm"])
+    claimed = claimed[["claimed s", "low s", "high s"]]
+    published = running_times()
+    ranked = []
+    for reading, combination in itertools.product(READINGS, table["combination"].unique()):
         if reading.algorithms != ALGORITHMS and not reading.beside:
             continue
-        sources = {a: reading.name if a in reading.algorithms else reading.beside
-                   for a in ALGORITHMS}  # fmt: skip
-        cells = {NAMES[a]: own.loc[(name, combination, NAMES[a])] for a, name in sources.items()}
-        off = [cells[NAMES[a]]["claimed s"] / running_times()[a] - 1 for a in ALGORITHMS]
-        found.append({"reading": reading.name, "combination": combination, "order": order(cells),
-                      "worst difference %": 100 * float(np.abs(off).max())})  # fmt: skip
-    return pd.DataFrame(found).sort_values("worst difference %")
+        cells = {}
+        differences = []
+        for algorithm in ALGORITHMS:
+            source = reading.name if algorithm in reading.algorithms else reading.beside
+            cell = claimed.loc[(source, combination, NAMES[algorithm])]
+            cells[NAMES[algorithm]] = cell
+            differences.append(cell["claimed s"] / published[algorithm] - 1)
+        row = {
+            "reading": reading.name,
+            "combination": combination,
+            "order": order(cells),
+            "worst difference %": 100 * float(np.abs(differences).max()),
+        }
+        ranked.append(row)
+    return pd.DataFrame(ranked).sort_values("worst difference %")
 
 
 def order(cells: dict[str, pd.Series[Any]]) -> str:
@@ -143,55 +184,88 @@ def order(cells: dict[str, pd.Series[Any]]) -> str:
     names = sorted(cells, key=lambda name: float(cells[name]["claimed s"]))
     text = names[0]
     for before, after in itertools.pairwise(names):
-        apart_ = cells[before]["high s"] < cells[after]["low s"]
-        text += f" {'<' if apart_ else '≈'} {after}"
+        clear = cells[before]["high s"] < cells[after]["low s"]
+        sign = "<" if clear else "≈"
+        text += f" {sign} {after}"
     return text
 
 
 def claims(table: pd.DataFrame, ranked: pd.DataFrame) -> pd.DataFrame:
     """What all readings together say."""
-    best, published = ranked.iloc[0], running_times()
-    honest = table[table["passes together"] & (table["keeps limits"] == 1)]["claimed s"].min()
+    best = ranked.iloc[0]
+    worst = best["worst difference %"]
+    published = running_times()["issa"]
+    honest = table[table["passes together"] & (table["keeps limits"] == 1)]
+    shortest = honest["claimed s"].min()
     first = int(ranked["order"].str.startswith("ISSA <").sum())
-    where = f"{best['reading']}, {best['combination']}"
     rows = [
-        ("one reading gives all three running times (worst difference, %)", 0.0,
-         best["worst difference %"], best["worst difference %"] < 100 * NEAR, where),
-        (f"readings, of {len(ranked)}, with ISSA before both others", np.nan, first, first > 0,
-         "their intervals apart"),
-        ("ISSA's time, limits kept and points passed together (s)", published["issa"], honest,
-         honest < (1 + NEAR) * published["issa"], "the shortest median of any reading"),
-    ]  # fmt: skip
-    frame = pd.DataFrame(rows, columns=["claim", "paper", "ours", "verdict", "note"])
+        {
+            "claim": "one reading gives all three running times (worst difference, %)",
+            "paper": 0.0,
+            "ours": worst,
+            "verdict": worst < 100 * NEAR,
+            "note": f"{best['reading']}, {best['combination']}",
+        },
+        {
+            "claim": f"readings, of {len(ranked)}, with ISSA before both others",
+            "paper": np.nan,
+            "ours": first,
+            "verdict": first > 0,
+            "note": "their intervals apart",
+        },
+        {
+            "claim": "ISSA's time, limits kept and points passed together (s)",
+            "paper": published,
+            "ours": shortest,
+            "verdict": shortest < (1 + NEAR) * published,
+            "note": "the shortest median of any reading",
+        },
+    ]
+    frame = pd.DataFrame(rows)
     frame["verdict"] = np.where(frame["verdict"], "reproduced", "not reproduced")
     return frame.assign(command="python -m experiments.paper_readings")
 
 
 def main(
-    seeds: int = 50, *, quick: bool = False, output: Path = Path("results/paper_readings")
+    seeds: int = 50,
+    *,
+    quick: bool = False,
+    output: Path = Path("results/paper_readings"),
 ) -> None:
     """Search under every reading, and print what comes near the published running times."""
-    seeds, iterations = (4, 20) if quick else (seeds, 1000)
+    iterations = 1000
+    if quick:
+        seeds = 4
+        iterations = 20
     tasks = [(r, a, t) for r in READINGS for a in r.algorithms for t in TIMINGS]
     found: list[dict[str, Any]] = []
     with console.progress(len(tasks)) as advance:
         for reading, algorithm, timing in tasks:
             file = f"{reading.name}-{algorithm}-{timing}-{seeds}x{iterations}.npz"
             search = partial(reading.search, algorithm, timing, seeds, iterations)
-            runs = kept(output / "runs" / file.replace(" ", "_"), search)
+            runs = stored(output / "runs" / file.replace(" ", "_"), search)
             found += rows(reading, algorithm, timing, runs.times)
             advance(1)
     table = pd.DataFrame(found)
-    tables = {"readings": table, "nearest": nearest(table), "ranking": ranking(table)}
-    tables["claims"] = claims(table, tables["ranking"])
+    ranked = ranking(table)
+    tables = {
+        "readings": table,
+        "nearest": nearest(table),
+        "ranking": ranked,
+        "claims": claims(table, ranked),
+    }
     for name, own in tables.items():
         save_table(own, output / name)
-    plots.save(paper_figures.readings(table, [r.name for r in READINGS]), output / "readings")
+    figure = paper_figures.readings(table, [reading.name for reading in READINGS])
+    plots.save(figure, output / "readings")
     print(tables["nearest"].to_string(index=False, float_format="{:.4f}".format))
-    print(tables["ranking"].head(12).to_string(index=False, float_format="{:.2f}".format))
+    print(ranked.head(12).to_string(index=False, float_format="{:.2f}".format))
     print(tables["claims"].drop(columns="command").to_string(index=False))
-    print(f"{len(table)} values; {100 * chance(table):.0f} % of all times from 3 to 4 s lie within "
-          "1 % of one of them.")  # fmt: skip
+    share = 100 * chance(table)
+    print(
+        f"{len(table)} values; {share:.0f} % of all times from 3 to 4 s lie within "
+        "1 % of one of them."
+    )
 
 
 if __name__ == "__main__":

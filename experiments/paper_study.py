@@ -5,7 +5,7 @@
 
 Defaults of the toolkit where the text says nothing. Every table in `--output` holds ours, the
 paper's and the difference: `table2`, `table4`, `table5`, `running-times`, and `claims` with a
-verdict on each. Searches are kept in `runs/`: running again does only what is missing.
+verdict on each. Searches are stored in `runs/`: running again does only what is missing.
 
 - Accuracy (Table 4): by how much ISSA's final duration of a joint alone is below the other's,
   `100 (1 − T_ISSA / T_other)`, medians over seeds.
@@ -16,6 +16,7 @@ verdict on each. Searches are kept in `runs/`: running again does only what is m
 
 from __future__ import annotations
 
+import itertools
 from functools import partial
 from pathlib import Path
 
@@ -53,8 +54,11 @@ def table2(robot: Robot, problem: Problem) -> pd.DataFrame:
     """Joint angles from the poses of Table 2's points, each the nearest to the one before."""
     poses = robot.forward(problem.waypoints)
     ours = np.degrees(cartesian_problem(robot, poses, problem.limits).waypoints)
-    table = reference("table2").drop(columns="source").rename(columns={"degrees": "paper deg"})
-    table["ours deg"] = ours[table["point"] - 1, table["joint"] - 1].round(9) + 0.0
+    table = reference("table2").drop(columns="source")
+    table = table.rename(columns={"degrees": "paper deg"})
+    point = table["point"] - 1
+    joint = table["joint"] - 1
+    table["ours deg"] = ours[point, joint].round(9) + 0.0  # no −0
     return table.assign(difference=table["ours deg"] - table["paper deg"])
 
 
@@ -62,13 +66,18 @@ def points(robot: Robot, problem: Problem) -> pd.DataFrame:
     """The four Cartesian points, which the paper draws but does not list, mm."""
     rows = paper.MM * robot.forward(problem.waypoints)[:, :3, 3]
     table = pd.DataFrame(rows, columns=["x mm", "y mm", "z mm"])
-    return table.assign(point=range(1, len(rows) + 1)).set_index("point").reset_index()
+    table.insert(0, "point", range(1, len(rows) + 1))
+    return table
 
 
 def settled(curves: list[Array]) -> Array:
     """Evaluations until each run is within 1 % of its own end."""
-    ends = [curve[np.argmax(curve[:, 1] <= SETTLED * curve[-1, 1]), 0] for curve in curves]
-    return np.array(ends)
+    evaluations = []
+    for curve in curves:
+        spent, best = curve.T
+        first = np.argmax(best <= SETTLED * best[-1])
+        evaluations.append(spent[first])
+    return np.array(evaluations)
 
 
 def iterations(evaluations: Array, algorithm: str) -> Array:
@@ -91,18 +100,30 @@ def table5(found: Found, joint: int, algorithm: str) -> dict[str, Array]:
     return {"iterations": iterations(spent, algorithm), "evaluations": spent}
 
 
+MEASURES = {"table4": table4, "table5": table5}
+
+
 def compared(name: str, found: Found) -> pd.DataFrame:
     """Table 4 or 5 beside the paper's, percent; its Table 5 counts iterations."""
-    rows, measured = [], {"table4": table4, "table5": table5}[name]
-    for joint, over, percent in reference(name)[["joint", "over", "percent"]].itertuples(False):
-        ours, others = measured(found, joint, "issa"), measured(found, joint, over)
+    measured = MEASURES[name]
+    rows = []
+    for _, published in reference(name).iterrows():
+        joint = int(published["joint"])
+        other = published["over"]
+        ours = measured(found, joint, "issa")
+        others = measured(found, joint, other)
         for measure in ours:
-            e = statistics.bootstrap(percent_below, ours[measure], others[measure])
-            rows.append({
-                "joint": joint, "ISSA over": NAMES[over], "measure": measure, "ours %": e.value,
-                "low %": e.low, "high %": e.high,
-                "paper %": np.nan if measure == "evaluations" else percent,
-            })  # fmt: skip
+            estimate = statistics.bootstrap(percent_below, ours[measure], others[measure])
+            row = {
+                "joint": joint,
+                "ISSA over": NAMES[other],
+                "measure": measure,
+                "ours %": estimate.value,
+                "low %": estimate.low,
+                "high %": estimate.high,
+                "paper %": np.nan if measure == "evaluations" else published["percent"],
+            }
+            rows.append(row)
     return pd.DataFrame(rows).assign(difference=lambda t: t["ours %"] - t["paper %"])
 
 
@@ -114,63 +135,93 @@ def synchronised(found: Found, problem: Problem, algorithm: str, timing: str) ->
 
 def running_times(found: Found, problem: Problem) -> pd.DataFrame:
     """Claimed and certified durations (medians with intervals, s) beside the paper's."""
-    published, fixed = paper.running_times(), Unoptimised().solve(problem).trajectory
+    published = paper.running_times()
+    fixed = Unoptimised().solve(problem).trajectory
     assert fixed is not None
     cases = {("unoptimised", "shared"): [fixed]}
-    cases |= {(a, t): synchronised(found, problem, a, t) for t in TIMINGS for a in ALGORITHMS}
+    for timing, algorithm in itertools.product(TIMINGS, ALGORITHMS):
+        cases[algorithm, timing] = synchronised(found, problem, algorithm, timing)
     rows = []
     for (algorithm, timing), trajectories in cases.items():
         certificates = [verify(problem, trajectory) for trajectory in trajectories]
         certified = interval([c.certified_duration or np.nan for c in certificates])
         claimed = interval([t.duration for t in trajectories])
-        rows.append({
-            "algorithm": algorithm, "timing": timing, "seeds": len(trajectories),
-            "claimed s": claimed.value, "low s": claimed.low, "high s": claimed.high,
+        row = {
+            "algorithm": algorithm,
+            "timing": timing,
+            "seeds": len(trajectories),
+            "claimed s": claimed.value,
+            "low s": claimed.low,
+            "high s": claimed.high,
             "certified s": certified.value,
             "keeps limits": float(np.mean([c.feasible for c in certificates])),
-            "paper s": published[algorithm], "difference s": claimed.value - published[algorithm],
-        })  # fmt: skip
+            "paper s": published[algorithm],
+            "difference s": claimed.value - published[algorithm],
+        }
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
 def searched(output: Path, problem: Problem, seeds: int, iterations: int) -> Found:
-    """All searches, each kept as soon as it is done."""
-    found, cases = {}, [(a, t) for t in TIMINGS for a in ALGORITHMS]
+    """All searches, each stored as soon as it is done."""
+    found = {}
+    cases = list(itertools.product(TIMINGS, ALGORITHMS))
     with console.progress(len(cases)) as advance:
-        for algorithm, timing in cases:
+        for timing, algorithm in cases:
             options = {"timing": timing, "iterations": iterations}
             planner = configured(load(algorithm), options)
             file = output / "runs" / f"{algorithm}-{timing}-{seeds}x{iterations}.npz"
             search = partial(paper.swarm, planner, problem, seeds)
-            found[algorithm, timing] = paper.kept(file, search)
+            found[algorithm, timing] = paper.stored(file, search)
             advance(1)
     return found
 
 
 def main(
-    seeds: int = 50, *, quick: bool = False, output: Path = Path("results/paper_study")
+    seeds: int = 50,
+    *,
+    quick: bool = False,
+    output: Path = Path("results/paper_study"),
 ) -> None:
     """Run the study, write its tables and figures, and print the claims."""
-    problem, robot = suite.load("six-axis"), suite.robot("six-axis")
-    found = searched(output, problem, *((4, 20) if quick else (seeds, 1000)))
-    tables = {name: compared(name, found) for name in ("table4", "table5")}
-    tables |= {"table2": table2(robot, problem), "points": points(robot, problem)}
-    tables["running-times"] = running_times(found, problem)
+    iterations = 1000
+    if quick:
+        seeds = 4
+        iterations = 20
+    problem = suite.load("six-axis")
+    robot = suite.robot("six-axis")
+    found = searched(output, problem, seeds, iterations)
+    tables = {
+        "table4": compared("table4", found),
+        "table5": compared("table5", found),
+        "table2": table2(robot, problem),
+        "points": points(robot, problem),
+        "running-times": running_times(found, problem),
+    }
     tables["claims"] = claims(estimates(tables) | totals(found, problem))
     for name, table in tables.items():
         save_table(table, output / name)
-    shown = {a: middle(synchronised(found, problem, a, "shared")) for a in ALGORITHMS}
-    plots.save(paper_figures.cartesian_path(robot, problem, shown["issa"]), output / "figure5")
-    alone = {a: found[a, "per-joint"] for a in ALGORITHMS}
-    plots.save(paper_figures.joint_convergence(alone, problem), output / "figure6")
-    plots.save(paper_figures.joint_curves(problem, shown), output / "figure7")
+    draw(found, robot, problem, output)
     columns = ["claim", "paper", "ours", "verdict"]
     print(tables["claims"][columns].to_string(index=False, float_format="{:.5g}".format))
 
 
+def draw(found: Found, robot: Robot, problem: Problem, output: Path) -> None:
+    """The paper's figures 5 to 7."""
+    alone = {name: found[name, "per-joint"] for name in ALGORITHMS}
+    shown = {}
+    for name in ALGORITHMS:
+        shown[name] = middle(synchronised(found, problem, name, "shared"))
+    path = paper_figures.cartesian_path(robot, problem, shown["issa"])
+    plots.save(path, output / "figure5")
+    plots.save(paper_figures.joint_convergence(alone, problem), output / "figure6")
+    plots.save(paper_figures.joint_curves(problem, shown), output / "figure7")
+
+
 def middle(trajectories: list[Trajectory]) -> Trajectory:
     """The one of median duration."""
-    return sorted(trajectories, key=lambda t: t.duration)[len(trajectories) // 2]
+    ordered = sorted(trajectories, key=lambda t: t.duration)
+    return ordered[len(ordered) // 2]
 
 
 if __name__ == "__main__":

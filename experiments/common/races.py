@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -66,38 +67,54 @@ class Outcome:
 
 
 def run(
-    entrants: Mapping[str, SwarmPlanner], field: Sequence[Problem], seeds: int, evaluations: int,
+    entrants: Mapping[str, SwarmPlanner],
+    field: Sequence[Problem],
+    seeds: int,
+    evaluations: int,
     folder: Path,
-) -> Outcome:  # fmt: skip
+) -> Outcome:
     """Every cell that `folder` does not have yet, problem by problem; then all of them.
 
-    Raises `TrajoptError` if a run is below the proved bound: a bug, never a result.
+    Raises:
+        TrajoptError: a run is below the proved bound: a bug, never a result.
     """
-    proofs, cells = [], []
+    proofs = []
+    cells = []
     with console.progress(len(field) * len(entrants)) as advance:
         for problem in field:
-            proofs.append(kept(folder / "optima", problem.name, partial(proved, problem)))
-            bound = float(proofs[-1]["lower_bound"].iloc[0])
+            proof = stored(folder / "optima", problem.name, partial(proved, problem))
+            proofs.append(proof)
+            bound = float(proof["lower_bound"].iloc[0])
             for name, planner in entrants.items():
-                cell = partial(measured, problem, planner, seeds, bound)
-                cells.append(kept(folder / "runs", f"{problem.name} {name}", cell))
+                measure = partial(measured, problem, planner, seeds, bound)
+                cell = stored(folder / "runs", f"{problem.name} {name}", measure)
+                cells.append(cell)
                 advance(1)
-    optima, rows = pd.concat(proofs, ignore_index=True), pd.concat(cells)
-    if (rows["gap"] < 0).any():
-        raise TrajoptError(f"a run is below the proved bound: relative gap {rows['gap'].min():.2g}")
-    shape = len(field), len(entrants), seeds
+    optima = pd.concat(proofs, ignore_index=True)
+    rows = pd.concat(cells)
+    lowest = rows["gap"].min()
+    if lowest < 0:
+        raise TrajoptError(f"a run is below the proved bound: relative gap {lowest:.2g}")
+    shape = (len(field), len(entrants), seeds)
     gaps = rows["gap"].to_numpy().reshape(shape)
-    gaps = np.maximum(gaps, optima["width"].to_numpy()[:, None, None])
-    hits = np.stack([rows[target].to_numpy().reshape(shape) for target in TARGETS])
-    return Outcome(list(entrants), optima, gaps, hits, evaluations)
+    widths = optima["width"].to_numpy()
+    hits = [rows[target].to_numpy().reshape(shape) for target in TARGETS]
+    return Outcome(
+        list(entrants),
+        optima,
+        gaps=np.maximum(gaps, widths[:, None, None]),
+        hits=np.stack(hits),
+        evaluations=evaluations,
+    )
 
 
-def kept(folder: Path, name: str, make: partial[pd.DataFrame]) -> pd.DataFrame:
+def stored(folder: Path, name: str, make: partial[pd.DataFrame]) -> pd.DataFrame:
     """The table that `make` gives, made only once: written to `folder` and renamed into place.
 
     Its file's name ends in a digest of the arguments of `make`: other options, another file.
     """
-    digest = hashlib.sha256(repr(make.args).encode()).hexdigest()[:10]
+    arguments = repr(make.args).encode()
+    digest = hashlib.sha256(arguments).hexdigest()[:10]
     file = folder / f"{name} {digest}.csv"
     if not file.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -110,20 +127,35 @@ def kept(folder: Path, name: str, make: partial[pd.DataFrame]) -> pd.DataFrame:
 def proved(problem: Problem) -> pd.DataFrame:
     """Bounds on the best 3-5-3 (s), their relative width, how they ended, seconds spent."""
     bound = certify(problem, "spline353", gap=1e-6, time_limit=20.0)
-    found = {"problem": problem.name, "joints": problem.joints, "lower_bound": bound.lower_bound}
-    found |= {"upper_bound": bound.upper_bound, "width": bound.upper_bound / bound.lower_bound - 1}
-    return pd.DataFrame([found | {"status": bound.status, "seconds": bound.solve_time}])
+    row = {
+        "problem": problem.name,
+        "joints": problem.joints,
+        "lower_bound": bound.lower_bound,
+        "upper_bound": bound.upper_bound,
+        "width": bound.upper_bound / bound.lower_bound - 1,
+        "status": bound.status,
+        "seconds": bound.solve_time,
+    }
+    return pd.DataFrame([row])
 
 
 def measured(problem: Problem, planner: SwarmPlanner, seeds: int, bound: float) -> pd.DataFrame:
     """A row per seed: the gap to a lower bound (s), and evaluations to each target."""
-    found = planner.solve_batch(problem, range(seeds))
-    histories = [np.asarray(solution.history) for solution in found]
-    feasible = [not np.isnan(history[-1, 1]) for history in histories]
-    durations = [verify(problem, s.trajectory).certified_duration for s in found if s.trajectory]
-    gaps = np.where(feasible, np.array(durations, dtype=float) / bound - 1, np.inf)
-    hits = statistics.evaluations_to_target(histories, bound * (1 + np.array([*TARGETS.values()])))
-    return pd.DataFrame({"seed": range(seeds), "gap": gaps} | dict(zip(TARGETS, hits, strict=True)))
+    histories = []
+    gaps = []
+    for solution in planner.solve_batch(problem, range(seeds)):
+        assert solution.trajectory is not None
+        history = np.asarray(solution.history)
+        histories.append(history)
+        duration = verify(problem, solution.trajectory).certified_duration
+        if duration is None or np.isnan(history[-1, 1]):
+            gaps.append(np.inf)
+        else:
+            gaps.append(duration / bound - 1)
+    targets = bound * (1 + np.array(list(TARGETS.values())))
+    hits = statistics.evaluations_to_target(histories, targets)
+    columns = dict(zip(TARGETS, hits, strict=True))
+    return pd.DataFrame({"seed": range(seeds), "gap": gaps} | columns)
 
 
 def summary(outcome: Outcome) -> pd.DataFrame:
@@ -133,16 +165,21 @@ def summary(outcome: Outcome) -> pd.DataFrame:
     interval over problems; expected evaluations too are over all runs of all problems.
     """
     medians = outcome.medians
-    quartiles = 100 * np.asarray(statistics.quantile(medians, [0.25, 0.5, 0.75, 1]))
-    columns = {"six-axis median gap (%)": 100 * medians[:, 0]}
-    heads = ("first quartile (%)", "median gap (%)", "third quartile (%)", "worst problem (%)")
-    columns |= dict(zip(heads, quartiles.T, strict=True))
+    percent = 100 * np.asarray(statistics.quantile(medians, [0.25, 0.5, 0.75, 1]))
+    first, middle, third, worst = percent.T
+    columns = {
+        "six-axis median gap (%)": 100 * medians[:, 0],
+        "first quartile (%)": first,
+        "median gap (%)": middle,
+        "third quartile (%)": third,
+        "worst problem (%)": worst,
+    }
     for target, hits in zip(TARGETS, outcome.hits, strict=True):
         rates = np.isfinite(hits).mean(axis=-1).T
-        found = [statistics.bootstrap(mean, rate) for rate in rates]
-        columns[f"success {target}"] = np.array([f.value for f in found])
-        columns[f"success {target} low"] = np.array([f.low for f in found])
-        columns[f"success {target} high"] = np.array([f.high for f in found])
+        estimates = [statistics.bootstrap(mean, rate) for rate in rates]
+        columns[f"success {target}"] = np.array([e.value for e in estimates])
+        columns[f"success {target} low"] = np.array([e.low for e in estimates])
+        columns[f"success {target} high"] = np.array([e.high for e in estimates])
     for target, hits in zip(TARGETS, outcome.hits, strict=True):
         flat = hits.swapaxes(0, 1).reshape(len(outcome.names), -1)
         spent = statistics.expected_running_time(flat, outcome.evaluations)
@@ -153,7 +190,8 @@ def summary(outcome: Outcome) -> pd.DataFrame:
 
 def against(outcome: Outcome, reference: str) -> pd.DataFrame:
     """Every other entrant compared with `reference`, as `compared` does."""
-    return compared(outcome, [(n, reference) for n in outcome.names if n != reference])
+    pairs = [(name, reference) for name in outcome.names if name != reference]
+    return compared(outcome, pairs)
 
 
 def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame:
@@ -163,23 +201,37 @@ def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame
     over problems of A12 (all seeds against all), its interval a bootstrap over problems. On the
     six-axis problem: the same test, paired by seed, and A12. Holm's family is a column.
     """
-    rows = [_compared(outcome, *map(outcome.names.index, pair)) for pair in pairs]
-    table = pd.DataFrame(rows, pd.MultiIndex.from_tuples(pairs, names=["entrant", "reference"]))
+    rows = [_compared(outcome, *pair) for pair in pairs]
+    index = pd.MultiIndex.from_tuples(pairs, names=["entrant", "reference"])
+    table = pd.DataFrame(rows, index)
     for head in ("p", "six-axis p"):
         place = list(table).index(head) + 1
         table.insert(place, f"{head} (Holm)", statistics.holm(table[head]))
     return table
 
 
-def _compared(outcome: Outcome, own: int, other: int) -> dict[str, float]:
-    a, b = outcome.gaps[:, own], outcome.gaps[:, other]
-    over = statistics.wilcoxon(outcome.medians[own], outcome.medians[other])
+def _compared(outcome: Outcome, entrant: str, reference: str) -> dict[str, float]:
+    own = outcome.names.index(entrant)
+    other = outcome.names.index(reference)
+    a = outcome.gaps[:, own]
+    b = outcome.gaps[:, other]
+    over_problems = statistics.wilcoxon(outcome.medians[own], outcome.medians[other])
     effect = statistics.bootstrap(mean, np.asarray(statistics.a12(a, b)))
-    six = statistics.bootstrap(statistics.a12, a[0], b[0])
-    row = {"better": over.wins, "equal": over.ties, "worse": over.losses, "p": over.pvalue}
-    row |= {"A12": effect.value, "A12 low": effect.low, "A12 high": effect.high}
-    row |= {"six-axis p": statistics.wilcoxon(a[0], b[0]).pvalue, "six-axis A12": six.value}
-    return row | {"six-axis A12 low": six.low, "six-axis A12 high": six.high}
+    six_axis_test = statistics.wilcoxon(a[0], b[0])
+    six_axis_effect = statistics.bootstrap(statistics.a12, a[0], b[0])
+    return {
+        "better": over_problems.wins,
+        "equal": over_problems.ties,
+        "worse": over_problems.losses,
+        "p": over_problems.pvalue,
+        "A12": effect.value,
+        "A12 low": effect.low,
+        "A12 high": effect.high,
+        "six-axis p": six_axis_test.pvalue,
+        "six-axis A12": six_axis_effect.value,
+        "six-axis A12 low": six_axis_effect.low,
+        "six-axis A12 high": six_axis_effect.high,
+    }
 
 
 def mean(values: Array) -> Array:
@@ -190,34 +242,74 @@ def mean(values: Array) -> Array:
 @plots.styled
 def gap_rows(outcome: Outcome, reference: str) -> Figure:
     """Per entrant, the smallest on top: each problem's median gap, their median, and A12."""
-    order = np.argsort(np.asarray(statistics.median(outcome.medians)))[::-1]
+    medians = np.asarray(statistics.median(outcome.medians))
+    order = np.argsort(medians)[::-1]
+    names = [outcome.names[i] for i in order]
     figure = Figure(figsize=(7.2, 1.3 + 0.19 * len(order)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[3, 2])
     for row, i in enumerate(order):
         _gap_row(left, row, 100 * outcome.medians[i], label=row == 0)
-    table = against(outcome, reference).droplevel("reference")
-    table = table.reindex([outcome.names[i] for i in order])
-    y, effect = np.arange(len(order)), table["A12"].to_numpy(dtype=float)
-    right.hlines(y, table["A12 low"], table["A12 high"], color=style.BLUE, lw=1.2)
-    right.plot(effect, y, "o", ms=3.5, mfc=style.BLUE, mec=style.BLUE)
-    clear = (table["p (Holm)"] < 0.05).to_numpy()
-    right.plot(effect[~clear], y[~clear], "o", ms=3.5, mfc="white", mec=style.BLUE,
-               label="Holm's p ≥ 0.05")  # fmt: skip
-    right.axvline(0.5, color=style.BLACK, lw=0.8, ls=(0, (3, 2)))
-    left.set_yticks(y, [outcome.names[i] for i in order])
-    left.set(xscale="log", xlabel="gap to the proved 3-5-3 optimum (%)", title=outcome.title)
+    left.set_yticks(range(len(names)), names)
+    left.set(
+        xscale="log",
+        xlabel="gap to the proved 3-5-3 optimum (%)",
+        title=outcome.title,
+    )
+    table = against(outcome, reference).droplevel("reference").reindex(names)
+    _effects(right, table)
     right.set(xlim=(-0.03, 1.03), xlabel=f"A12 against {reference} (below ½: better)")
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 
 
+def _effects(axes: Axes, table: pd.DataFrame) -> None:
+    """A12 of each row with its interval, hollow where the difference is not significant."""
+    y = np.arange(len(table))
+    effect = table["A12"].to_numpy(dtype=float)
+    clear = (table["p (Holm)"] < 0.05).to_numpy()
+    look: Any = {"ms": 3.5, "mec": style.BLUE}
+    axes.hlines(y, table["A12 low"], table["A12 high"], color=style.BLUE, lw=1.2)
+    axes.plot(effect, y, "o", mfc=style.BLUE, **look)
+    axes.plot(effect[~clear], y[~clear], "o", mfc="white", label="Holm's p ≥ 0.05", **look)
+    axes.axvline(0.5, color=style.BLACK, lw=0.8, ls=(0, (3, 2)))
+
+
 def _gap_row(axes: Axes, y: int, gaps: Array, label: bool) -> None:
     """A dot per problem, the six-axis one marked, and the median with its bootstrap interval."""
+    six_axis, *others = gaps
     middle = statistics.bootstrap(statistics.median, gaps)
-    names = ["a problem's median", "six-axis", "median of all, 95 %"] if label else [None] * 3
-    axes.plot(gaps[1:], np.full(len(gaps) - 1, y), "o", ms=2.5, mew=0, color=style.GREY,
-              alpha=0.6, label=names[0])  # fmt: skip
-    axes.plot(gaps[0], y, "^", ms=4, mfc="white", mec=style.BLACK, mew=0.8, label=names[1])
-    ends = [[middle.value - middle.low], [middle.high - middle.value]]
-    axes.errorbar(middle.value, y, xerr=np.maximum(ends, 0), fmt="D", ms=3.5, lw=1.2,
-                  color=style.VERMILION, label=names[2])  # fmt: skip
+    below = max(0.0, float(middle.value - middle.low))
+    above = max(0.0, float(middle.high - middle.value))
+    names: list[str | None] = [None, None, None]
+    if label:
+        names = ["a problem's median", "six-axis", "median of all, 95 %"]
+    axes.plot(
+        others,
+        np.full(len(others), y),
+        "o",
+        ms=2.5,
+        mew=0,
+        color=style.GREY,
+        alpha=0.6,
+        label=names[0],
+    )
+    axes.plot(
+        six_axis,
+        y,
+        "^",
+        ms=4,
+        mfc="white",
+        mec=style.BLACK,
+        mew=0.8,
+        label=names[1],
+    )
+    axes.errorbar(
+        middle.value,
+        y,
+        xerr=[[below], [above]],
+        fmt="D",
+        ms=3.5,
+        lw=1.2,
+        color=style.VERMILION,
+        label=names[2],
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -19,6 +20,8 @@ from trajopt.swarm_planner import SwarmPlanner
 
 Excess = Callable[[Array, Array, Limits], Array]
 
+TOGETHER = -1  # instead of a joint's number: all joints at once
+
 
 @dataclass(frozen=True)
 class Fitness:
@@ -34,38 +37,57 @@ class Fitness:
 
     def value(self, displacements: Array, times: Array, limits: Limits, shared: bool) -> Array:
         """Of candidates `(…, 3)` for each joint `(…, joints)`, or for all together `(…, 1)`."""
-        over, total = self.excess(displacements, times, limits), added(times)
-        over = over.sum(axis=-1, keepdims=True) if shared else over
+        total = added(times)
+        over = self.excess(displacements, times, limits)
+        if shared:
+            over = over.sum(axis=-1, keepdims=True)
         if self.weight is not None:
             return np.asarray(total + self.weight * over)
         return np.asarray(np.where(over > 0, 1e3 + over, total))
 
 
 def searched(
-    fitness: Fitness, optimiser: Optimiser, problem: Problem, seeds: int, iterations: int,
+    fitness: Fitness,
+    optimiser: Optimiser,
+    problem: Problem,
+    seeds: int,
+    iterations: int,
     shared: bool,
-) -> Runs:  # fmt: skip
+) -> Runs:
     """Runs with another fitness, all joints together or each alone; `history` is the fitness's."""
-    joints, limits = np.flatnonzero(problem.moving), problem.limits
-    own = limits.only(joints)
-    groups, displacements = [-1] if shared else list(joints), problem.displacements.T[joints]
+    joints = np.flatnonzero(problem.moving)
+    limits = problem.limits.only(joints)
+    displacements = problem.displacements.T[joints]
+    groups = [TOGETHER] if shared else [int(joint) for joint in joints]
 
     def objective(x: Array) -> Array:
         times = x.reshape(seeds, len(groups), -1, 3).swapaxes(1, 2)
-        value = fitness.value(displacements, times, own, shared)
+        value = fitness.value(displacements, times, limits, shared)
         return value.swapaxes(1, 2).reshape(x.shape[:2])
 
-    streams = [SeedSequence(s, spawn_key=(int(g),) if g >= 0 else ()) for s in range(seeds)
-               for g in groups]  # fmt: skip
+    runs = list(itertools.product(range(seeds), groups))
     low, high = fitness.box or (0.008, 8.0)
-    low3, high3 = np.full(3, low), np.full(3, high)
-    found = minimise(optimiser, objective, low3, high3, streams, iterations=iterations)
+    result = minimise(
+        optimiser,
+        objective,
+        np.full(3, low),
+        np.full(3, high),
+        [_stream(seed, group) for seed, group in runs],
+        iterations=iterations,
+    )
     times = np.full((seeds, problem.joints, 3), np.nan)
-    times[:, joints] = found.position.reshape(seeds, len(groups), 3)
-    keys = [[seed, group] for seed in range(seeds) for group in groups]
-    marked = [np.column_stack([np.tile(np.array(k), (len(h), 1)), h])
-              for k, h in zip(keys, found.histories, strict=True)]  # fmt: skip
-    return Runs(times, np.concatenate(marked))
+    times[:, joints] = result.position.reshape(seeds, len(groups), 3)
+    histories = []
+    for run, history in zip(runs, result.histories, strict=True):
+        head = np.tile(np.array(run), (len(history), 1))
+        histories.append(np.column_stack([head, history]))
+    return Runs(times, np.concatenate(histories))
+
+
+def _stream(seed: int, group: int) -> SeedSequence:
+    if group == TOGETHER:
+        return SeedSequence(seed)
+    return SeedSequence(seed, spawn_key=(group,))
 
 
 def exact_excess(displacements: Array, times: Array, limits: Limits) -> Array:
@@ -76,22 +98,30 @@ def exact_excess(displacements: Array, times: Array, limits: Limits) -> Array:
 
 def ends_excess(displacements: Array, times: Array, limits: Limits) -> Array:
     """The same, with limits looked at where segments meet only."""
-    v = np.abs(spline353.velocity_controls(displacements, times)[[0, -1]]).max(axis=0)
-    a = np.abs(spline353.acceleration_controls(displacements, times)[[0, -1]]).max(axis=0)
+    v, a = _at_ends(displacements, times)
     return _beyond(v, a, limits)
 
 
 def printed_excess(displacements: Array, times: Array, limits: Limits) -> Array:
     """The same with the quintic's eq. 28 as printed: `3 a₃ τ³` and `9 a₃ τ²`, at 21 samples."""
-    p5, p4, p3, p2, p1, _ = np.moveaxis(spline353.coefficients(displacements, times)[1], -1, 0)
-    v0, v1 = np.abs(spline353.velocity_controls(displacements, times)[[0, -1]])
-    a0, a1 = np.abs(spline353.acceleration_controls(displacements, times)[[0, -1]])
-    v, a = np.maximum(v0, v1), np.maximum(a0, a1)  # the cubics, whose peaks these are
+    quintic = spline353.coefficients(displacements, times)[1]
+    p5, p4, p3, p2, p1, _ = np.moveaxis(quintic, -1, 0)
+    # The cubics' peaks are at the segments' ends.
+    v, a = _at_ends(displacements, times)
     for share in np.linspace(0, 1, 21):
         t = share * times[..., 1]
-        v = np.maximum(v, np.abs(5 * p5 * t**4 + (4 * p4 + 3 * p3) * t**3 + 2 * p2 * t + p1))
-        a = np.maximum(a, np.abs(20 * p5 * t**3 + (12 * p4 + 9 * p3) * t**2 + 2 * p2))
+        velocity = 5 * p5 * t**4 + (4 * p4 + 3 * p3) * t**3 + 2 * p2 * t + p1
+        acceleration = 20 * p5 * t**3 + (12 * p4 + 9 * p3) * t**2 + 2 * p2
+        v = np.maximum(v, np.abs(velocity))
+        a = np.maximum(a, np.abs(acceleration))
     return _beyond(v, a, limits)
+
+
+def _at_ends(displacements: Array, times: Array) -> tuple[Array, Array]:
+    """The larger velocity and acceleration where the quintic starts and ends."""
+    velocity = spline353.velocity_controls(displacements, times)[[0, -1]]
+    acceleration = spline353.acceleration_controls(displacements, times)[[0, -1]]
+    return np.abs(velocity).max(axis=0), np.abs(acceleration).max(axis=0)
 
 
 def _beyond(velocity: Array, acceleration: Array, limits: Limits) -> Array:
@@ -100,14 +130,35 @@ def _beyond(velocity: Array, acceleration: Array, limits: Limits) -> Array:
     return np.asarray(np.maximum(use_v - 1, 0.0) + np.maximum(use_a - 1, 0.0))
 
 
-def limited(velocity: Callable[[Limits], Array], acceleration: Callable[[Limits], Array]) -> Any:
+Change = Callable[[Problem], Problem]
+
+
+def limited(read: Callable[[Limits], Limits]) -> Change:
     """A problem's limits read in another way."""
-    return lambda p: replace(p, limits=Limits(velocity(p.limits), acceleration(p.limits)))
+
+    def changed(problem: Problem) -> Problem:
+        return replace(problem, limits=read(problem.limits))
+
+    return changed
 
 
-def every(row: int) -> Callable[[Array], Array]:
-    """One joint's limit for all joints."""
-    return lambda pairs: np.tile(pairs[row], (len(pairs), 1))
+def one_joint_for_all(joint: int) -> Change:
+    """One joint's limits (from 0) for all joints."""
+
+    def read(limits: Limits) -> Limits:
+        same = [joint] * limits.joints
+        return Limits(limits.velocity[same], limits.acceleration[same])
+
+    return limited(read)
+
+
+def unchanged(problem: Problem) -> Problem:
+    return problem
+
+
+def printed_order(problem: Problem) -> Problem:
+    """The waypoints in the order of eq. 31's right-hand side."""
+    return replace(problem, waypoints=problem.waypoints[[1, 3, 2, 0]])
 
 
 @dataclass(frozen=True)
@@ -120,14 +171,17 @@ class Reading:
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
     fitness: Fitness | None = None
-    problem: Callable[[Problem], Problem] = lambda p: p
+    problem: Change = unchanged
     algorithms: tuple[str, ...] = ALGORITHMS
     beside: str = ""
 
     def search(self, algorithm: str, timing: str, seeds: int, iterations: int) -> Runs:
-        planner, problem = load(algorithm), self.problem(suite.load("six-axis"))
-        fitting = {k: v for k, v in self.options.items() if k in options(planner)}
-        planner = configured(planner, fitting | {"iterations": iterations, "timing": timing})
+        problem = self.problem(suite.load("six-axis"))
+        planner = load(algorithm)
+        known = options(planner)
+        changes = {key: value for key, value in self.options.items() if key in known}
+        changes |= {"iterations": iterations, "timing": timing}
+        planner = configured(planner, changes)
         assert isinstance(planner, SwarmPlanner)
         if self.fitness is None:
             return swarm(planner, problem, seeds)
@@ -138,39 +192,80 @@ class Reading:
 FREE = 1e6  # times a limit: none
 PRINTED = {"eq41": "printed", "eq43": "printed", "eq49": "printed", "eq50": "printed"}
 FIRST_PSO = {"inertia": 1.0, "cognitive": 2.0, "social": 2.0}  # Kennedy and Eberhart (1995)
-SPARROWS, PSO_ALONE = ("ssa", "issa"), ("pso",)
+SPARROWS = ("ssa", "issa")
+PSO_ALONE = ("pso",)
 
-WIDE = limited(lambda x: every(5)(x.velocity), lambda x: every(5)(x.acceleration))
-SOFT = Fitness(exact_excess, weight=0.5)
-HALF = Fitness(exact_excess, box=(0.5, 4.0))
+
+def _swapped(limits: Limits) -> Limits:
+    return Limits(limits.acceleration, limits.velocity)
+
+
+def _velocity_only(limits: Limits) -> Limits:
+    return Limits(limits.velocity, FREE * limits.acceleration)
+
+
+def _acceleration_only(limits: Limits) -> Limits:
+    return Limits(FREE * limits.velocity, limits.acceleration)
+
+
+def _degrees(limits: Limits) -> Limits:
+    return Limits(np.degrees(limits.velocity), np.degrees(limits.acceleration))
+
+
+DEFAULT = Reading("default")
+# Readings that run with every algorithm.
 BASES = (
-    Reading("default"),
-    Reading("unit box", {"space": "unit"}),
-    Reading("soft penalty 0.5 s", fitness=SOFT),
-    Reading("bounds 0.5–4 s", fitness=HALF),
-    Reading("joint 6's limits for all", problem=WIDE),
+    Reading("unit box", options={"space": "unit"}),
+    Reading("soft penalty 0.5 s", fitness=Fitness(exact_excess, weight=0.5)),
+    Reading("bounds 0.5–4 s", fitness=Fitness(exact_excess, box=(0.5, 4.0))),
+    Reading("joint 6's limits for all", problem=one_joint_for_all(5)),
     Reading("eq. 28 as printed", fitness=Fitness(printed_excess)),
 )
+
+
+def _with_first_pso(base: Reading) -> Reading:
+    return replace(
+        base,
+        name=f"PSO of 1995, {base.name}",
+        options={**base.options, **FIRST_PSO},
+        algorithms=PSO_ALONE,
+        beside=base.name,
+    )
+
+
+def _with_pso(name: str, problem: Change = unchanged, fitness: Fitness | None = None) -> Reading:
+    return Reading(name, fitness=fitness, problem=problem, algorithms=PSO_ALONE)
+
+
 READINGS = (
+    DEFAULT,
     *BASES,
-    Reading("eq. 41, 43, 49, 50 as printed", PRINTED, algorithms=SPARROWS, beside="default"),
-    Reading("always accept", {"acceptance": "always"}, algorithms=SPARROWS, beside="default"),
-    Reading("PSO of 1995", FIRST_PSO, algorithms=PSO_ALONE, beside="default"),
-    *(replace(base, name=f"PSO of 1995, {base.name}", options={**base.options, **FIRST_PSO},
-              algorithms=PSO_ALONE, beside=base.name) for base in BASES[2:]),
-    Reading("eq. 31 as printed", algorithms=PSO_ALONE,
-            problem=lambda p: replace(p, waypoints=p.waypoints[[1, 3, 2, 0]])),
-    Reading("joint 1's limits for all", algorithms=PSO_ALONE, problem=limited(
-        lambda x: every(0)(x.velocity), lambda x: every(0)(x.acceleration))),
-    Reading("velocity and acceleration swapped", algorithms=PSO_ALONE, problem=limited(
-        lambda x: x.acceleration, lambda x: x.velocity)),
-    Reading("velocity limits only", algorithms=PSO_ALONE, problem=limited(
-        lambda x: x.velocity, lambda x: FREE * x.acceleration)),
-    Reading("acceleration limits only", algorithms=PSO_ALONE, problem=limited(
-        lambda x: FREE * x.velocity, lambda x: x.acceleration)),
-    Reading("degrees against radians", algorithms=PSO_ALONE, problem=limited(
-        lambda x: np.degrees(x.velocity), lambda x: np.degrees(x.acceleration))),
-    Reading("limits where segments meet", fitness=Fitness(ends_excess), algorithms=PSO_ALONE),
-    Reading("bounds 0.1–2 s", fitness=Fitness(exact_excess, box=(0.1, 2.0)), algorithms=PSO_ALONE),
-    Reading("soft penalty 1 s", fitness=Fitness(exact_excess, weight=1.0), algorithms=PSO_ALONE),
-)  # fmt: skip
+    Reading(
+        "eq. 41, 43, 49, 50 as printed",
+        options=PRINTED,
+        algorithms=SPARROWS,
+        beside=DEFAULT.name,
+    ),
+    Reading(
+        "always accept",
+        options={"acceptance": "always"},
+        algorithms=SPARROWS,
+        beside=DEFAULT.name,
+    ),
+    Reading(
+        "PSO of 1995",
+        options=FIRST_PSO,
+        algorithms=PSO_ALONE,
+        beside=DEFAULT.name,
+    ),
+    *map(_with_first_pso, BASES[1:]),
+    _with_pso("eq. 31 as printed", printed_order),
+    _with_pso("joint 1's limits for all", one_joint_for_all(0)),
+    _with_pso("velocity and acceleration swapped", limited(_swapped)),
+    _with_pso("velocity limits only", limited(_velocity_only)),
+    _with_pso("acceleration limits only", limited(_acceleration_only)),
+    _with_pso("degrees against radians", limited(_degrees)),
+    _with_pso("limits where segments meet", fitness=Fitness(ends_excess)),
+    _with_pso("bounds 0.1–2 s", fitness=Fitness(exact_excess, box=(0.1, 2.0))),
+    _with_pso("soft penalty 1 s", fitness=Fitness(exact_excess, weight=1.0)),
+)

@@ -54,27 +54,34 @@ class Runs:
 Found = dict[tuple[str, str], Runs]  # by algorithm and timing
 
 
-def kept(file: Path, search: Callable[[], Runs]) -> Runs:
+def stored(file: Path, search: Callable[[], Runs]) -> Runs:
     """The runs in a file, searched for and written whole if it is not there."""
     if not file.exists():
-        found, part = search(), file.with_suffix(".part.npz")
+        runs = search()
+        part = file.with_suffix(".part.npz")
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(part, times=found.times, history=found.history)
+        np.savez_compressed(part, times=runs.times, history=runs.history)
         part.replace(file)
-    with np.load(file) as stored:
-        return Runs(stored["times"], stored["history"])
+    with np.load(file) as arrays:
+        return Runs(arrays["times"], arrays["history"])
 
 
 def swarm(planner: Planner, problem: Problem, seeds: int) -> Runs:
     """Runs of the toolkit's swarm planner, seeds from 0."""
     assert isinstance(planner, SwarmPlanner)
-    times, history = [], []
+    times = []
+    histories = []
     for seed, solution in enumerate(planner.solve_batch(problem, range(seeds))):
-        stats, shared = solution.stats, solution.history
-        curves = stats["joint_history"] if shared is None else np.insert(shared, 0, -1, axis=1)
-        history.append(np.insert(curves, 0, seed, axis=1))
-        times.append(stats.get("joint_times", np.tile(stats["segment_times"], (problem.joints, 1))))
-    return Runs(np.array(times), np.concatenate(history))
+        stats = solution.stats
+        if solution.history is None:
+            curves = stats["joint_history"]
+            own_times = stats["joint_times"]
+        else:
+            curves = np.insert(solution.history, 0, -1, axis=1)
+            own_times = np.tile(stats["segment_times"], (problem.joints, 1))
+        histories.append(np.insert(curves, 0, seed, axis=1))
+        times.append(own_times)
+    return Runs(np.array(times), np.concatenate(histories))
 
 
 def alone(problem: Problem, times: Array, t: Array) -> Array:
@@ -95,21 +102,31 @@ def tool_miss(robot: Robot, problem: Problem, times: Array) -> tuple[Array, Arra
     First when the slowest joint passes that point, then the least of the whole motion (at 2001
     instants).
     """
-    points = robot.forward(problem.waypoints)[:, :3, 3]
-    passed = np.r_[0.0, np.nanmax(np.cumsum(times, axis=1), axis=0)]
+    points = _tool(robot, problem.waypoints)
+    arrivals = np.nanmax(np.cumsum(times, axis=1), axis=0)
+    passed = np.concatenate([[0.0], arrivals])
     instants = np.linspace(0.0, passed[-1], 2001)
-    at = robot.forward(alone(problem, times, passed))[:, :3, 3]
-    path = robot.forward(alone(problem, times, instants))[:, None, :3, 3]
-    nearest = np.linalg.norm(path - points, axis=-1).min(axis=0)
+    at = _tool(robot, alone(problem, times, passed))
+    path = _tool(robot, alone(problem, times, instants))
+    distances = np.linalg.norm(path[:, None] - points, axis=-1)
+    nearest = distances.min(axis=0)
     return MM * np.linalg.norm(at - points, axis=-1), MM * nearest
+
+
+def _tool(robot: Robot, q: Array) -> Array:
+    """The tool's position at joint angles `(m, joints)`, `(m, 3)`, m."""
+    poses = robot.forward(q)
+    return poses[:, :3, 3]
 
 
 def interval(values: Sequence[float] | Array) -> statistics.Estimate:
     """Median over seeds with its 95 % bootstrap interval; of a single value, the value."""
-    return statistics.bootstrap(statistics.median, np.repeat(values, 2 if len(values) == 1 else 1))
+    copies = 2 if len(values) == 1 else 1
+    return statistics.bootstrap(statistics.median, np.repeat(values, copies))
 
 
 def percent_below(ours: Array, others: Array) -> statistics.Values:
     """By how many percent the median of ours `(…, runs)` is below the others'."""
     other = np.maximum(statistics.median(others), 1e-9)
-    return np.asarray(100 * (1 - statistics.median(ours) / other))[()]
+    ratio = statistics.median(ours) / other
+    return np.asarray(100 * (1 - ratio))[()]

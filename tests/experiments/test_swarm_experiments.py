@@ -54,7 +54,7 @@ def test_a_table_is_made_once_and_no_part_of_it_stays(tmp_path: Path) -> None:
         return table
 
     for option in (1, 1, 2, 1):
-        found = races.kept(folder, "cell a=b", partial(make, option))
+        found = races.stored(folder, "cell a=b", partial(make, option))
         pd.testing.assert_frame_equal(found, table, check_exact=True)
     assert made == [1, 2]
     assert len(list(folder.iterdir())) == 2
@@ -65,7 +65,7 @@ def test_what_is_interrupted_leaves_no_table(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        races.kept(tmp_path, "cut", partial(interrupted))
+        races.stored(tmp_path, "cut", partial(interrupted))
     assert list(tmp_path.iterdir()) == []
 
 
