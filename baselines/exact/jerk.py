@@ -40,6 +40,7 @@ IPOPT = acceleration.IPOPT | {"tol": 1e-10}
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
 _PATIENCE = 3  # times as many starts where all have failed so far
 _FOLLOW_ROUNDS = 5
+_FOLLOW_DILATIONS = (1.0, 1.2)  # from where every limit is active IPOPT may fail: then slower
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
 _START_DILATION = 1.3  # of the optimum without jerk limits: a start
@@ -398,7 +399,11 @@ def _followed(solver: Program, scaled: Scaled, best: _Optimum) -> _Optimum:
         if (apart == before).all():
             break
         before = apart
-        optimum = _run(solver, scaled, best.times, best.states, apart)
+        for k in _FOLLOW_DILATIONS:
+            states = best.states / _powers(k)
+            optimum = _run(solver, scaled, k * best.times, states, apart)
+            if optimum.duration < best.duration * (1 + _PROGRESS_RTOL):
+                break
         if not optimum.duration < best.duration * (1 - _PROGRESS_RTOL):
             return best._replace(status=optimum.status)
         best = optimum
@@ -436,7 +441,10 @@ def _run(
     k = np.inf
     if run.success and (times > 0).all():
         k, times, states = repaired(times, states, scaled)
-    # dilated by k: velocities over k, accelerations over k²
-    powers = np.array([k, k**2])[:, None, None]
     duration = k * float(times.sum())
-    return _Optimum(duration, k * times, states / powers, run.status)
+    return _Optimum(duration, k * times, states / _powers(k), run.status)
+
+
+def _powers(k: float) -> Array:
+    """What a dilation by `k` divides states by: velocities by `k`, accelerations by `k²`."""
+    return np.array([k, k**2])[:, None, None]

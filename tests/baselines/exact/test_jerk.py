@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -146,7 +147,7 @@ def test_what_the_soak_found_stays_mended(seed: int) -> None:
         assert exact.duration <= other.duration * (1 + 1e-7)
 
 
-@pytest.mark.parametrize("seed", [158, 181, 370])
+@pytest.mark.parametrize("seed", [181, 370])
 def test_one_joint_one_way_takes_as_long_as_without_waypoints_between(seed: int) -> None:
     """With a segment of a millionth of the others: the search of `experiments/monotone.py`.
 
@@ -157,6 +158,25 @@ def test_one_joint_one_way_takes_as_long_as_without_waypoints_between(seed: int)
     assert ruckig is not None
     exact = solved(problem, ExactJerk(starts=1)).duration
     assert exact == pytest.approx(ruckig.duration, rel=2e-7)
+
+
+def test_where_ipopt_fails_from_an_optimum_it_starts_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = exact_jerk_nlp._run
+    tried: list[object] = []
+
+    def failing_once(*args: Any) -> Any:
+        optimum = run(*args)
+        apart = args[-1]
+        if not apart.any():
+            return optimum
+        tried.append(optimum)
+        return optimum._replace(duration=np.inf) if len(tried) == 1 else optimum
+
+    monkeypatch.setattr(exact_jerk_nlp, "_run", failing_once)
+    problem = one_joint(0, 0.1, 1.0, 1.5)
+    optimum = 1.5 / 1 + 1 / 2 + 2 / 5  # waypoints on the way cost nothing
+    assert solved(problem, ExactJerk(starts=1)).duration == pytest.approx(optimum, rel=1e-8)
+    assert len(tried) > 1
 
 
 def test_scaling_permuting_mirroring_and_reversing() -> None:
