@@ -264,9 +264,6 @@ def _show_many(results: Results, folder: Path) -> None:
     for sentence in _why_failed(results):
         console.paragraph(sentence)
     console.paragraph(_MEANING)
-    for label, reasons in failures(results).groupby(level="label", sort=False):
-        failed = reasons["count"].sum()
-        console.paragraph(f"{label}: {failed} failed: {in_words(reasons)}")
     console.paragraph()
     _warn(results)
     trials = len(results.items)

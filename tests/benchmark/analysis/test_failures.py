@@ -14,15 +14,16 @@ from trajopt.benchmark import report
 from trajopt.benchmark.analysis.failures import failures, in_words
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.trial import Trial, failed, judge
+from trajopt.benchmark.trial import Configuration, Trial, judge, unanswered
 from trajopt.cli import compare
-from trajopt.unoptimised import Unoptimised
+from trajopt.swarm_planner import Unoptimised
 
 LIMITED = Problem([[0.0], [0.4], [0.5]], Limits([10.0], [100.0], position=[[-1.0, 0.5]]), "limited")
 
 
 def message(status: Status, text: str) -> Trial:
-    return failed(Unoptimised(), PROBLEM, 0, "own", status, text)
+    own = Configuration.of(Unoptimised(), "own")
+    return unanswered(own, PROBLEM, 0, status, text)
 
 
 def piecewise(*values: float) -> list[Trial]:
@@ -77,7 +78,7 @@ def test_messages_that_differ_in_numbers_are_one_kind() -> None:
 def test_failures_are_those_of_the_overview() -> None:
     items = [
         *run("mine", 2.0, -1, -1), *run("mine", -1, problem=OTHER), *run("bound", -1, bound=1.0),
-        failed(Unoptimised(), PROBLEM, 0, "picky", Status.UNSUPPORTED, "not for me"),
+        message(Status.UNSUPPORTED, "not for me"),
     ]  # fmt: skip
     results = Results(items)
     table = failures(results)
