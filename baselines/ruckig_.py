@@ -169,7 +169,8 @@ def section(
     Returns its duration with all joints arriving together, and the least time of each joint that
     moves, s. Infinite and NaN where Ruckig refuses. Raises `InvalidInput` where no joint moves.
     """
-    sections = Sections(Problem(np.array([start[0], end[0]]), limits))
+    waypoints = np.array([start[0], end[0]])
+    sections = Sections(Problem(waypoints, limits))
     leaving = np.array(start[1:])[:, sections.moving]
     arriving = np.array(end[1:])[:, sections.moving]
     minima = sections.minima(0, leaving, arriving)
@@ -210,7 +211,8 @@ def _guesses(sections: Sections) -> list[Array]:
     times = np.array([np.nanmax(minima) for minima in _minima(sections, rest)])
     means = sections.at_rest
     ways = sections.waypoints[2:] - sections.waypoints[:-2]
-    means[0, 1:-1] = ways / (times[1:] + times[:-1])[:, None]
+    spans = times[1:] + times[:-1]
+    means[0, 1:-1] = ways / spans[:, None]
     lower, upper = _bounds(sections, rest, 1.0)
     return [np.clip(share * means, lower, upper) for share in _MEAN_SHARES]
 
@@ -239,7 +241,7 @@ def _descended(sections: Sections, states: Array, evaluations: int) -> tuple[Arr
 
 def _total(sections: Sections, states: Array) -> float:
     """The duration of all segments, s."""
-    return sum(sections.duration(k, *_ends(states, k)) for k in range(states.shape[1] - 1))
+    return sum(sections.duration(k, *ends) for k, ends in _each_segment(states))
 
 
 def _bounds(sections: Sections, states: Array, radius: float) -> tuple[Array, Array]:
@@ -306,7 +308,9 @@ def _model(
     down = _slopes(sections, states, times, -below)
     mean = 0.5 * (up + down)
     dent = up < down
-    return np.nan_to_num(times), np.where(dent, mean, up), np.where(dent, mean, down)
+    up = np.where(dent, mean, up)
+    down = np.where(dent, mean, down)
+    return np.nan_to_num(times), up, down
 
 
 def _slopes(sections: Sections, states: Array, times: Array, room: Array) -> Array:
@@ -327,7 +331,14 @@ def _slopes(sections: Sections, states: Array, times: Array, room: Array) -> Arr
 
 def _minima(sections: Sections, states: Array) -> list[Array]:
     """Each segment's least times, `(joints,)` each."""
-    return [sections.minima(k, *_ends(states, k)) for k in range(states.shape[1] - 1)]
+    return [sections.minima(k, *ends) for k, ends in _each_segment(states)]
+
+
+def _each_segment(states: Array) -> Iterator[tuple[int, Array]]:
+    """Every segment's number and the states at its ends."""
+    segments = states.shape[1] - 1
+    for k in range(segments):
+        yield k, _ends(states, k)
 
 
 def _ends(states: Array, k: int) -> Array:
@@ -378,7 +389,7 @@ def _solution(
     problem: Problem, sections: Sections, states: Array, history: list[tuple[int, float]]
 ) -> Solution:
     try:
-        parts = [sections.profiles(k, *_ends(states, k)) for k in range(problem.segments)]
+        parts = [sections.profiles(k, *ends) for k, ends in _each_segment(states)]
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
     low, high = problem.limits.jerk.T

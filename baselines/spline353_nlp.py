@@ -4,8 +4,8 @@ Three variables (the logarithms of the segment times) and limits that hold at ev
 are imposed at a few instants of each joint, the true worst instants of the answer replace the idle
 ones among them, and the solver runs again until no limit is broken in between (the exchange method
 of semi-infinite programming). The answer is dilated by its exact factor, which by then is 1 to
-rounding. Only the ratios of the times matter (mathematics, section 2), so the starts are the local
-minima of a grid over both ratios.
+rounding. Only the ratios of the times matter (docs/mathematics.md, section 2), so the starts are
+the local minima of a grid over both ratios.
 
     from baselines.spline353_nlp import Spline353NLP
     solution = Spline353NLP().solve(problem)

@@ -144,7 +144,12 @@ def along(
     if end_speed is None:
         trajectory = _reversed(_straightened(_reversed(trajectory)))
     speeds = (start_speed, end_speed)
-    for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER)):
+    attempts = [
+        (gridpoints, 1.0),
+        (gridpoints, _WIDER),
+        (3 * gridpoints, _WIDER),
+    ]
+    for size, wider in attempts:
         solution = _along(problem.limits, trajectory, size, speeds, scale, wider)
         if solution.trajectory is not None:
             break
@@ -205,14 +210,16 @@ def _straightened(path: Trajectory) -> Trajectory:
     length = path.breaks[1]
     piece = polynomials.stretched(path.coefficients[:, 0], length)
     sizes = np.abs(piece)[:-1].max(axis=1)
-    powers = len(sizes) - np.flatnonzero(sizes > _STRAIGHT_RTOL * sizes.max())
+    present = sizes > _STRAIGHT_RTOL * sizes.max()
+    powers = len(sizes) - np.flatnonzero(present)
     if len(powers) != 1 or powers[0] < 3:
         return path
 
     # the line's slope is the curve's where it ends, m d s^(m−1), so it is m times as short
     m = int(powers[0])
     coefficients = np.array(path.coefficients)
-    coefficients[-2, 0] = coefficients[-1 - m, 0] * m * length ** (m - 1)
+    slope = coefficients[-1 - m, 0] * m * length ** (m - 1)
+    coefficients[-2, 0] = slope
     coefficients[:-2, 0] = 0.0
     saved = length - length / m
     breaks = np.r_[0.0, path.breaks[1:] - saved]
@@ -356,8 +363,10 @@ def _constraint(grid: _Grid, limits: Limits) -> Any:
 
     # q'² (x + Δ u) ≤ V² in the middle of the step
     slope = polynomials.evaluate(first, np.array(0.5))
-    top = np.where(slope > 0, limits.velocity[:, 1], limits.velocity[:, 0])
-    rows.append(_normalised(step * slope**2, slope**2, -(top**2)))
+    backward_limit, forward_limit = limits.velocity.T
+    top = np.where(slope > 0, forward_limit, backward_limit)
+    square = slope**2
+    rows.append(_normalised(step * square, square, -(top**2)))
 
     a, b, c = (_with_last_twice(parts) for parts in zip(*rows, strict=True))
     bounds = _speed_bounds(first, limits.velocity)
@@ -406,7 +415,8 @@ def _timed(grid: _Grid, speeds: Array, waypoints: Array) -> Trajectory:
     i = np.searchsorted(grid.at[1:-1], waypoints, side="right")
     squared = np.interp(waypoints, grid.at, speeds**2)
     speed_sums = np.maximum(speeds[i] + np.sqrt(squared), 1e-300)
-    times = breaks[i] + 2 * (waypoints - grid.at[i]) / speed_sums
+    inside = waypoints - grid.at[i]
+    times = breaks[i] + 2 * inside / speed_sums
     coefficients = polynomials.stretched(composed, 1 / durations)
     return Trajectory(breaks, coefficients, times)
 

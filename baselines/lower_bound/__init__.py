@@ -1,4 +1,4 @@
-"""Proved lower bounds on the minimum time, by SCIP (mathematics, section 5).
+"""Proved lower bounds on the minimum time, by SCIP (docs/mathematics.md, section 5).
 
     from baselines.lower_bound import certify
     bound = certify(problem)

@@ -1,7 +1,7 @@
-"""Any trajectory under velocity and acceleration limits (mathematics, section 3), nearly convex.
+"""Any trajectory under velocity and acceleration limits, nearly convex.
 
-With `r ≤ 1/T`, both conditions of a joint with displacement `h ≥ 0` (mirror the joint if `h < 0`)
-are convex cones, because `D_up ≥ h` and `D_lo ≤ h` read
+With `r ≤ 1/T`, both conditions of docs/mathematics.md, section 3, for a joint with displacement
+`h ≥ 0` (mirror the joint if `h < 0`) are convex cones, because `D_up ≥ h` and `D_lo ≤ h` read
 
     p_up T ≥ h + (p_up − u)²/(2 A2) + (p_up − w)²/(2 A1),
     (h r − p_lo) T ≥ (p_lo − u)²/(2 A1) + (p_lo − w)²/(2 A2).
@@ -90,16 +90,15 @@ class Free:
         # t = T/S and r ≤ 1/t
         low = shortest / stop
         high = longest / stop
-        self.t = [m.addVar(lb=low[k], ub=high[k]) for k in range(segments)]
-        self.r = [m.addVar(lb=1 / high[k], ub=1 / low[k]) for k in range(segments)]
+        self.t = _variables(m, low, high)
+        self.r = _variables(m, 1 / high, 1 / low)
 
         # waypoint velocities, at rest at both ends
         slowest, fastest = self.scaled.v
         rest: list[Any] = [0.0] * joints
         self.ends = [rest]
         for _ in range(segments - 1):
-            inner = [m.addVar(lb=slowest[j], ub=fastest[j]) for j in range(joints)]
-            self.ends.append(inner)
+            self.ends.append(_variables(m, slowest, fastest))
         self.ends.append(rest)
 
         for t, r in zip(self.t, self.r, strict=True):
@@ -147,10 +146,11 @@ class Free:
             m.addCons(row >= 0)
 
         # (A1 + A2) p_up ≤ A1 A2 T + A1 u + A2 w
+        sum_a = a1 + a2
         both = a1 * a2 * stop * t
-        m.addCons((a1 + a2) * up <= both + a1 * u + a2 * w)
+        m.addCons(sum_a * up <= both + a1 * u + a2 * w)
         # (A1 + A2) p_lo ≥ A2 u + A1 w − A1 A2 T
-        m.addCons((a1 + a2) * lo >= a2 * u + a1 * w - both)
+        m.addCons(sum_a * lo >= a2 * u + a1 * w - both)
 
         # both cones of the module's docstring, over S²
         root2 = np.sqrt(2 * a2) * stop
@@ -158,8 +158,10 @@ class Free:
         h_scaled = h / stop**2
         above = up / stop
         below = h_scaled * r - lo / stop
-        _cone(m, above, t, [up_u / root2, up_w / root1], h_scaled)
-        _cone(m, below, t, [lo_u / root1, lo_w / root2], 0.0)
+        upper_ramps = [up_u / root2, up_w / root1]
+        lower_ramps = [lo_u / root1, lo_w / root2]
+        _cone(m, above, t, upper_ramps, h_scaled)
+        _cone(m, below, t, lower_ramps, 0.0)
 
     def improved(self, model: Any) -> Trajectory | None:
         """SCIP's best solution, dilated until it is exactly reachable."""
@@ -182,6 +184,11 @@ def trivial_bound(problem: Problem) -> float:
     return float(_shortest_times(scaled).sum()) * scaled.unit
 
 
+def _variables(m: Any, low: Array, high: Array) -> list[Any]:
+    """A variable of SCIP's for each pair of bounds."""
+    return [m.addVar(lb=lb, ub=ub) for lb, ub in zip(low, high, strict=True)]
+
+
 def _affordable_starts(problem: Problem, seconds: float) -> int:
     """Starts of `exact` in half the time at most, but one at least."""
     fitting = 0.5 * seconds / (_START_SECONDS * cells(problem))
@@ -201,12 +208,15 @@ def _from_rest(scaled: Scaled) -> Array:
         h = np.abs(scaled.h[k])
         forwards = scaled.h[k] >= 0
         towards = np.where(forwards, side, 1 - side)
-        a = np.abs(scaled.a)[towards, np.arange(len(h))]
-        v = np.where(forwards, scaled.v[1], -scaled.v[0])
+        every_joint = np.arange(len(h))
+        a = np.abs(scaled.a)[towards, every_joint]
+        backward_limit, forward_limit = np.abs(scaled.v)
+        v = np.where(forwards, forward_limit, backward_limit)
         # h = a T²/2 while a T ≤ v, else h = v T − v²/(2a)
         parabola = np.sqrt(2 * h / a)
         ramp = h / v + v / (2 * a)
-        times = np.where(2 * a * h <= v**2, parabola, ramp)
+        slow = 2 * a * h <= v**2
+        times = np.where(slow, parabola, ramp)
         least[k] = max(least[k], times.max())
     return least
 

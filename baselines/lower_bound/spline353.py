@@ -1,4 +1,4 @@
-"""The best 3-5-3 spline with shared times, by cutting planes (mathematics, section 5).
+"""The best 3-5-3 spline with shared times, by cutting planes (docs/mathematics.md, section 5).
 
 Every limit is linear in `x1², x1x2, x2², x2x3, x3²` beside `x2`, 1 and `t2` (`x = 1/t`); it is
 imposed at finitely many normalised times, and those of the worst violations are added until bound
@@ -134,7 +134,8 @@ class Spline353:
         h = d[:, 1:2]
         braking = 3 * d[:, ::2] / (total * a)
         stop = np.where(h == 0, braking, 0)
-        middle = max(float((h / v).max()), float(stop.max()))
+        cruising = h / v
+        middle = max(float(cruising.max()), float(stop.max()))
 
         first, _, last = outer.max(axis=0)
         low = np.array([first, middle, last])
@@ -162,8 +163,9 @@ class Spline353:
             for side in bounds.T[:, None, :, None]:
                 finite = np.isfinite(side[0, :, 0])
                 if finite.any():
-                    use = values / side
-                    rows.append((use[:, finite].reshape(-1, 5), order))
+                    use = (values / side)[:, finite]
+                    table = use.reshape(-1, 5)
+                    rows.append((table, order))
         return rows
 
     def incumbent(self) -> Trajectory:
@@ -175,12 +177,15 @@ class Spline353:
         low = self.low
         high = self.high
         moving = np.flatnonzero(low)
-        t = [m.addVar(lb=low[i], ub=high[i]) for i in range(3)]
+        t = [m.addVar(lb=lb, ub=ub) for lb, ub in zip(low, high, strict=True)]
         x: list[Any] = [0.0, 0.0, 0.0]
         for i in moving:
-            x[i] = m.addVar(lb=1 / high[i], ub=1 / low[i])
+            smallest = 1 / high[i]
+            largest = 1 / low[i]
+            x[i] = m.addVar(lb=smallest, ub=largest)
         for i in moving:
-            m.addCons(t[i] * x[i] == 1)
+            reciprocal = t[i] * x[i]
+            m.addCons(reciprocal == 1)
         self.t = t
 
         # a velocity row is multiplied by x2, a jerk row by t2
@@ -219,4 +224,5 @@ class Spline353:
 
 def _wider(limits: Array) -> Array:
     """The larger of both sides' sizes, `(joints, 1)`."""
-    return np.asarray(np.abs(limits).max(axis=1)[:, None])
+    sizes = np.abs(limits).max(axis=1)
+    return np.asarray(sizes[:, None])
