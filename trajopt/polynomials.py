@@ -21,7 +21,8 @@ _BISECTIONS = 42
 
 def evaluate(coefficients: Array, s: Array) -> Array:
     """Horner's rule: `(degree + 1, …)` coefficients at points that broadcast against `…`."""
-    value = np.zeros(np.broadcast_shapes(coefficients.shape[1:], np.shape(s)))
+    shape = np.broadcast_shapes(coefficients.shape[1:], np.shape(s))
+    value = np.zeros(shape)
     for c in coefficients:
         value = value * s + c
     return value
@@ -29,40 +30,57 @@ def evaluate(coefficients: Array, s: Array) -> Array:
 
 def derivative(coefficients: Array, order: int = 1) -> Array:
     """Coefficients of the derivative; of a constant, one row of zeros."""
+    trailing = (1,) * (coefficients.ndim - 1)
     for _ in range(order):
-        powers = np.arange(len(coefficients) - 1, 0, -1.0)
-        coefficients = coefficients[:-1] * powers.reshape((-1,) + (1,) * (coefficients.ndim - 1))
-    return coefficients if len(coefficients) else np.zeros((1, *coefficients.shape[1:]))
+        degree = len(coefficients) - 1
+        # d/ds c_p s^p = p c_p s^(p − 1)
+        powers = np.arange(degree, 0, -1.0)
+        without_constant = coefficients[:-1]
+        coefficients = without_constant * powers.reshape(-1, *trailing)
+    if len(coefficients):
+        return coefficients
+    return np.zeros((1, *coefficients.shape[1:]))
 
 
 def stretched(coefficients: Array, length: Array | float) -> Array:
     """Coefficients of `p(length · s)`: a piece in local time, moved to the unit interval."""
-    powers = np.arange(len(coefficients) - 1, -1, -1)
-    factors = np.asarray(length, dtype=float) ** powers.reshape((-1,) + (1,) * np.ndim(length))
-    shape = factors.shape + (1,) * (coefficients.ndim - factors.ndim)
-    return np.asarray(coefficients * factors.reshape(shape))
+    length = np.asarray(length, dtype=float)
+    degree = len(coefficients) - 1
+    # c_p (length s)^p = (c_p length^p) s^p
+    powers = np.arange(degree, -1, -1)
+    shared = (1,) * length.ndim
+    factors = length ** powers.reshape(-1, *shared)
+    trailing = (1,) * (coefficients.ndim - factors.ndim)
+    factors = factors.reshape(*factors.shape, *trailing)
+    return np.asarray(coefficients * factors)
 
 
 def shifted(coefficients: Array, offset: Array) -> Array:
     """Coefficients of `p(offset + t)` (Taylor shift), one offset per polynomial."""
     shifted = np.array(coefficients)
-    for row in range(len(shifted) - 1):  # repeated synthetic division
-        for i in range(1, len(shifted) - row):
+    rows = len(shifted)
+    for row in range(rows - 1):  # repeated synthetic division
+        for i in range(1, rows - row):
             shifted[i] += offset * shifted[i - 1]
     return shifted
 
 
 @cache
 def _to_bernstein(degree: int) -> Array:
-    rows = [
-        [comb(i, p) / comb(degree, p) for p in range(degree, -1, -1)] for i in range(degree + 1)
-    ]
-    return np.array(rows)
+    """`b_i = Σ_p C(i, p) / C(degree, p) c_p`."""
+    matrix = np.empty((degree + 1, degree + 1))
+    for i in range(degree + 1):
+        for column in range(degree + 1):
+            p = degree - column
+            share = comb(i, p) / comb(degree, p)
+            matrix[i, column] = share
+    return matrix
 
 
 def bernstein(coefficients: Array) -> Array:
     """Bernstein coefficients on `[0, 1]`; the polynomial stays within their range."""
-    return np.tensordot(_to_bernstein(len(coefficients) - 1), coefficients, axes=1)
+    degree = len(coefficients) - 1
+    return np.tensordot(_to_bernstein(degree), coefficients, axes=1)
 
 
 def unit_roots(coefficients: Array) -> Array:
@@ -71,18 +89,28 @@ def unit_roots(coefficients: Array) -> Array:
     Between neighbouring roots of the derivative a polynomial is monotone, so each such interval
     holds at most one root, found by bisection.
     """
-    if len(coefficients) < 2:
+    degree = len(coefficients) - 1
+    if degree < 1:
         return np.empty((0, *coefficients.shape[1:]))
-    if len(coefficients) == 3:
+    if degree == 2:
         return _unit_quadratic(coefficients)
-    inner = np.nan_to_num(unit_roots(derivative(coefficients)), nan=1.0)
-    ends = np.zeros_like(coefficients[:1])
-    knots = np.sort(np.concatenate([ends, inner, ends + 1.0]), axis=0)
+    turns = unit_roots(derivative(coefficients))
+    turns = np.nan_to_num(turns, nan=1.0)
+    start = np.zeros_like(coefficients[:1])
+    knots = np.concatenate([start, turns, start + 1.0])
+    knots = np.sort(knots, axis=0)
     values = evaluate(coefficients[:, None], knots)
-    row, column = np.nonzero((values[:-1] < 0) != (values[1:] < 0))
-    roots = np.full((len(coefficients) - 1, *coefficients.shape[1:]), np.nan)
+    negative = values < 0
+    crosses = np.diff(negative, axis=0)
+    row, column = np.nonzero(crosses)
+    low = knots[row, column]
+    high = knots[row + 1, column]
+    roots = np.full((degree, *coefficients.shape[1:]), np.nan)
     roots[row, column] = _bisect(
-        coefficients[:, column], knots[row, column], knots[row + 1, column], values[row, column] < 0
+        coefficients[:, column],
+        low,
+        high,
+        negative[row, column],
     )
     return roots
 
@@ -91,34 +119,55 @@ def _unit_quadratic(coefficients: Array) -> Array:
     """The same in closed form for degree 2, which saves most of the bisections."""
     size = np.abs(coefficients).max(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        roots = quadratic_roots(*(coefficients / size))
-        crossed = (roots >= 0) & (roots <= 1) & (roots[0] != roots[1])
-        return np.where(crossed, roots, np.nan)
+        a, b, c = coefficients / size
+        roots = quadratic_roots(a, b, c)
+        inside = (roots >= 0) & (roots <= 1)
+        crosses = roots[0] != roots[1]
+        return np.where(inside & crosses, roots, np.nan)
 
 
-def _bisect(coefficients: Array, low: Array, high: Array, negative: NDArray[np.bool_]) -> Array:
+def _bisect(
+    coefficients: Array,
+    low: Array,
+    high: Array,
+    negative: NDArray[np.bool_],
+) -> Array:
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        left = (evaluate(coefficients, middle) < 0) == negative
-        low, high = np.where(left, middle, low), np.where(left, high, middle)
+        below = evaluate(coefficients, middle) < 0
+        left = below == negative
+        low = np.where(left, middle, low)
+        high = np.where(left, high, middle)
     return 0.5 * (low + high)
 
 
 def critical_points(coefficients: Array) -> Array:
     """Where an extremum can lie on `[0, 1]`: both ends and the inner critical points, `(k, N)`."""
     inner = unit_roots(derivative(coefficients))
-    ends = np.zeros((1, *inner.shape[1:]))
-    return np.concatenate([ends, ends + 1.0, np.nan_to_num(inner, nan=0.0)])
+    inner = np.nan_to_num(inner, nan=0.0)
+    start = np.zeros((1, *inner.shape[1:]))
+    return np.concatenate([start, start + 1.0, inner])
 
 
-def quadratic_roots(a: Array, b: Array, c: Array) -> Array:
+def quadratic_roots(
+    a: Array,
+    b: Array,
+    c: Array,
+) -> Array:
     """Real roots of `a s² + b s + c`, `(2, …)`; NaN where there are none, no cancellation."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        q = -0.5 * (b + np.copysign(np.sqrt(b * b - 4 * a * c), b))
+        discriminant = b * b - 4 * a * c
+        root = np.copysign(np.sqrt(discriminant), b)
+        q = -0.5 * (b + root)
         return np.stack([q / a, c / q])
 
 
-def cubic_roots(a: Array, b: Array, c: Array, d: Array) -> Array:
+def cubic_roots(
+    a: Array,
+    b: Array,
+    c: Array,
+    d: Array,
+) -> Array:
     """Real roots of `a s³ + b s² + c s + d`, `(3, …)`; NaN where fewer.
 
     The root that stands most apart from the others, in closed form and polished; then the quadratic
@@ -126,36 +175,68 @@ def cubic_roots(a: Array, b: Array, c: Array, d: Array) -> Array:
     others the quadratic's roots are returned. Meant for roots of moderate size, such as those in
     the unit interval.
     """
-    size = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.maximum(np.abs(c), np.abs(d)))
+    terms = np.stack(np.broadcast_arrays(a, b, c, d))
+    size = np.abs(terms).max(axis=0)
     flat = np.abs(a) <= 1e-12 * size
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        lone = _newton(_lone_root(b / a, c / a, d / a), a, b, c, d)
-        # Divide it out from the end of the cubic where nothing cancels.
+        lone = _lone_root(b / a, c / a, d / a)
+        lone = _newton(lone, a, b, c, d)
+        # a s³ + b s² + c s + d = (s − lone) (a s² + linear s + constant), divided out from the end
+        # of the cubic where nothing cancels.
         far = np.abs(a * lone**3) > np.abs(d)
-        linear = np.where(far, (-d / lone - c) / lone, a * lone + b)
-        constant = np.where(far, -d / lone, (a * lone + b) * lone + c)
-        pair = quadratic_roots(
-            np.asarray(np.where(flat, b, a)),
-            np.asarray(np.where(flat, c, linear)),
-            np.asarray(np.where(flat, d, constant)),
-        )
-    return np.concatenate([np.where(flat, np.nan, lone)[None], pair])
+        forwards = a * lone + b
+        backwards = -d / lone
+        linear = np.where(far, (backwards - c) / lone, forwards)
+        constant = np.where(far, backwards, forwards * lone + c)
+        square = np.where(flat, b, a)
+        linear = np.where(flat, c, linear)
+        constant = np.where(flat, d, constant)
+        pair = quadratic_roots(square, linear, constant)
+    lone = np.where(flat, np.nan, lone)
+    return np.concatenate([lone[None], pair])
 
 
-def _newton(roots: Array, a: Array, b: Array, c: Array, d: Array) -> Array:
+def _newton(
+    roots: Array,
+    a: Array,
+    b: Array,
+    c: Array,
+    d: Array,
+) -> Array:
     """Two steps, each kept only where it comes nearer: at a multiple root none may."""
     for _ in range(2):
         value = ((a * roots + b) * roots + c) * roots + d
-        nearer = roots - value / ((3 * a * roots + 2 * b) * roots + c)
+        slope = (3 * a * roots + 2 * b) * roots + c
+        nearer = roots - value / slope
         left = ((a * nearer + b) * nearer + c) * nearer + d
-        roots = np.where(np.abs(left) < np.abs(value), nearer, roots)
+        better = np.abs(left) < np.abs(value)
+        roots = np.where(better, nearer, roots)
     return roots
 
 
-def _lone_root(b: Array, c: Array, d: Array) -> Array:
+def _lone_root(
+    b: Array,
+    c: Array,
+    d: Array,
+) -> Array:
     """The root of `s³ + b s² + c s + d` farthest from the mean of all three (Viète, Cardano)."""
-    q, r = (b * b - 3 * c) / 9, (2 * b**3 - 9 * b * c + 27 * d) / 54
-    three = 2 * np.sqrt(q) * np.cos(np.arccos(np.minimum(np.abs(r) / np.sqrt(q**3), 1.0)) / 3)
-    big = np.cbrt(np.abs(r) + np.sqrt(r * r - q**3))
-    one = big + np.where(big != 0, q / big, 0.0)
-    return np.asarray(-np.copysign(np.where(r * r < q**3, three, one), r) - b / 3)
+    # q = (b² − 3c) / 9,  r = (2b³ − 9bc + 27d) / 54
+    q = (b * b - 3 * c) / 9
+    r = (2 * b**3 - 9 * b * c + 27 * d) / 54
+    q3 = q**3
+    size = np.abs(r)
+
+    # Three real roots where r² < q³ (Viète): 2 √q cos(arccos(r / √q³) / 3)
+    cosine = np.minimum(size / np.sqrt(q3), 1.0)
+    angle = np.arccos(cosine) / 3
+    three = 2 * np.sqrt(q) * np.cos(angle)
+
+    # else one (Cardano): u + q/u with u = ∛(r + √(r² − q³))
+    square = r * r
+    u = np.cbrt(size + np.sqrt(square - q3))
+    partner = np.where(u != 0, q / u, 0.0)
+    one = u + partner
+
+    distance = np.where(square < q3, three, one)
+    mean = b / 3
+    return np.asarray(-np.copysign(distance, r) - mean)

@@ -64,6 +64,12 @@ class Limits:
     def joints(self) -> int:
         return len(self.velocity)
 
+    @property
+    def jerk_limited(self) -> NDArray[np.bool_]:
+        """Which joints have a jerk limit, on one side at least, `(joints,)`."""
+        finite = np.isfinite(self.jerk)
+        return np.asarray(finite.any(axis=1))
+
     def without(self, *names: LimitName) -> Limits:
         """The same limits with the named ones lifted (only jerk and position can be)."""
         remaining = {name: pairs for name, pairs in self.by_name().items() if name not in names}

@@ -62,8 +62,9 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
         if layout is None:
             return None
         coefficients = _rebased(layout)
-        jerk_limited = np.asarray(np.isfinite(problem.limits.jerk).any(axis=1))
-        for order, joints in ((1, ~jerk_limited), (2, jerk_limited)):
+        jerk_limited = problem.limits.jerk_limited
+        by_order = {1: ~jerk_limited, 2: jerk_limited}
+        for order, joints in by_order.items():
             if joints.any():
                 added = _corrections(layout, joints, order)
                 coefficients = _with_added(coefficients, added, joints)
@@ -110,11 +111,12 @@ def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
         return None
     first = at[:-1][lasting]
     after = at[1:][lasting]
+    segments = np.arange(len(first))
     return _Layout(
         trajectory=refined,
         travel=refined.pieces()[:-1].sum(axis=0),
         waypoint_breaks=at,
-        segment=np.repeat(np.arange(len(first)), after - first),
+        segment=np.repeat(segments, after - first),
         first=first,
         start=breaks[first],
         end=breaks[after],
@@ -132,7 +134,8 @@ def _rebased(layout: _Layout) -> Array:
     before = np.cumsum(layout.travel, axis=0) - layout.travel
     within = before - before[layout.first][layout.segment]
     coefficients = np.array(layout.trajectory.coefficients)
-    coefficients[-1] = layout.origins[layout.segment] + within
+    origin = layout.origins[layout.segment]
+    coefficients[-1] = origin + within
     return coefficients
 
 
@@ -142,19 +145,25 @@ def _corrections(layout: _Layout, joints: Bools, order: int) -> Array | None:
     `order` is the highest derivative that may not jump.
     """
     missed = _missed(layout)[:, joints]
-    jumps = [_jumps(layout, joints, derivative) for derivative in range(1, order + 1)]
-    if not missed.any() and not any(jump.any() for jump in jumps):
+    jumps = []
+    for derivative in range(1, order + 1):
+        jumps.append(_jumps(layout, joints, derivative))
+    if not any(amiss.any() for amiss in (missed, *jumps)):
         return None
     growing, dying = _jump_corrections(layout, jumps)
-    growing += (_BLEND[order] * missed[..., None])[layout.segment]
+    blends = missed[..., None] * _BLEND[order]
+    growing += blends[layout.segment]
     # From powers of σ and 1 − σ to powers of the time since the piece's start.
     start = layout.start[layout.segment]
     end = layout.end[layout.segment]
     length = end - start
     breaks = layout.trajectory.breaks[:-1]
-    risen = polynomials.shifted(_rows(growing, order), ((breaks - start) / length)[:, None])
-    fallen = polynomials.shifted(_rows(dying, order), ((end - breaks) / length)[:, None])
-    return polynomials.stretched(risen, 1 / length) + polynomials.stretched(fallen, -1 / length)
+    elapsed = (breaks - start) / length  # σ at the piece's start
+    left = (end - breaks) / length  # 1 − σ there
+    grown = polynomials.shifted(_rows(growing), elapsed[:, None])
+    died = polynomials.shifted(_rows(dying), left[:, None])
+    rate = 1 / length
+    return polynomials.stretched(grown, rate) + polynomials.stretched(died, -rate)
 
 
 def _missed(layout: _Layout) -> Array:
@@ -164,26 +173,34 @@ def _missed(layout: _Layout) -> Array:
     joint flies by so fast that it is worth next to nothing: mended within a segment of 1e-7 s, the
     last digit of a coordinate would cost a tenth of the acceleration limit.
     """
-    short = layout.displacements - np.add.reduceat(layout.travel, layout.first)
+    reached = np.add.reduceat(layout.travel, layout.first)
+    short = layout.displacements - reached
     size = np.abs(short)
-    way = np.add.reduceat(np.abs(layout.travel), layout.first)
+    distances = np.abs(layout.travel)
+    way = np.add.reduceat(distances, layout.first)
     of_travel = size <= TRAVEL_RTOL * way
     if of_travel.all():
         return np.zeros_like(short)
     destinations = layout.origins + layout.displacements
-    coordinates = np.maximum(np.abs(layout.origins), np.abs(destinations))
+    ends = np.stack([layout.origins, destinations])
+    coordinates = np.abs(ends).max(axis=0)
     of_coordinates = size <= COORDINATE_RTOL * coordinates
     worth = size / _slowest(layout)  # s
-    negligible = worth <= FLY_BY_RTOL * layout.trajectory.duration / len(layout.first)
-    return np.where(of_travel | (of_coordinates & negligible), 0.0, short)
+    mean_duration = layout.trajectory.duration / len(layout.first)
+    flies_by = worth <= FLY_BY_RTOL * mean_duration
+    rounding = of_travel | (of_coordinates & flies_by)
+    return np.where(rounding, 0.0, short)
 
 
 def _slowest(layout: _Layout) -> Array:
     """A speed that each joint never falls below in each segment, rad/s, `(segments, joints)`."""
     velocity = polynomials.bernstein(layout.trajectory.pieces(1))
-    least = np.minimum.reduceat(velocity.min(axis=0), layout.first)
-    greatest = np.maximum.reduceat(velocity.max(axis=0), layout.first)
-    return np.maximum(np.maximum(least, -greatest), 0.0)
+    lowest = velocity.min(axis=0)
+    highest = velocity.max(axis=0)
+    forwards = np.minimum.reduceat(lowest, layout.first)
+    backwards = -np.maximum.reduceat(highest, layout.first)
+    speed = np.maximum(forwards, backwards)
+    return np.maximum(speed, 0.0)
 
 
 def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array]:
@@ -194,25 +211,30 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     order = len(jumps)
     breaks = layout.trajectory.breaks
     # The room on both sides of each break, within its segment; none before and after the motion.
+    start = layout.start[layout.segment]
+    end = layout.end[layout.segment]
     room_before = np.full(len(breaks), -1.0)
     room_after = np.full(len(breaks), -1.0)
-    room_before[1:] = breaks[1:] - layout.start[layout.segment]
-    room_after[:-1] = layout.end[layout.segment] - breaks[:-1]
+    room_before[1:] = breaks[1:] - start
+    room_after[:-1] = end - breaks[:-1]
     dies = room_after > room_before
     room = np.where(dies, room_after, room_before)
-    segment = np.where(dies, np.r_[layout.segment, -1], np.r_[-1, layout.segment])
-    share = room / (layout.end - layout.start)[segment]
+    length_before = np.r_[np.inf, end - start]
+    length_after = np.r_[end - start, np.inf]
+    share = room / np.where(dies, length_after, length_before)
 
     # What the correction's derivatives must be at the break, in units of its room; what dies out
     # runs backwards in time and takes the jump away after the break instead of before it.
-    sign = np.where(dies, -1.0, 1.0)[:, None]
-    slopes = [
-        sign * jump * (sign * room[:, None]) ** derivative
-        for derivative, jump in enumerate(jumps, start=1)
-    ]
+    sign = np.where(dies, -1.0, 1.0)
+    unit = (sign * room)[:, None]
+    slopes = []
+    for derivative, jump in enumerate(jumps, start=1):
+        cancelled = sign[:, None] * jump
+        slopes.append(cancelled * unit**derivative)
     # x^(r+1) … x^(2r+1), in x = σ / share.
     powers = np.arange(order + 1, 2 * order + 2)
-    coefficients = _ending(*slopes) * share[:, None, None] ** -powers
+    scale = share[:, None, None] ** -powers
+    coefficients = _ending(*slopes) * scale
     dying = np.where(dies[:, None, None], coefficients, 0.0)
     growing = coefficients - dying
 
@@ -220,13 +242,14 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     # of its own segment: differences of sums over all breaks.
     died = np.cumsum(dying, axis=0)
     grown = np.cumsum(growing, axis=0)
-    before_segment = (died - dying)[layout.first]
-    after = np.r_[layout.first[1:], len(breaks) - 1]
-    to_segment_end = grown[after]
-    return (
-        to_segment_end[layout.segment] - grown[:-1],
-        died[:-1] - before_segment[layout.segment],
-    )
+    before = died - dying
+    before_segment = before[layout.first]
+    last_break = len(breaks) - 1
+    segment_ends = np.r_[layout.first[1:], last_break]
+    to_segment_end = grown[segment_ends]
+    still_growing = to_segment_end[layout.segment] - grown[:-1]
+    still_dying = died[:-1] - before_segment[layout.segment]
+    return still_growing, still_dying
 
 
 def _jumps(layout: _Layout, joints: Bools, order: int) -> Array:
@@ -239,15 +262,20 @@ def _jumps(layout: _Layout, joints: Bools, order: int) -> Array:
     before = np.vstack([rest, unit.sum(axis=0)])
     after = np.vstack([unit[-1], rest])
     jumps = after - before
-    largest = np.maximum(np.abs(before), np.abs(after)).max(axis=0)
-    rounding = np.abs(jumps) <= JUMP_RTOL * largest
-    forgiven = np.where(rounding, np.abs(jumps), 0.0).sum(axis=0)
-    few = forgiven <= JUMPS_SUM_RTOL * largest
+    values = np.stack([before, after])
+    largest = np.abs(values).max(axis=(0, 1))
+    size = np.abs(jumps)
+    rounding = size <= JUMP_RTOL * largest
+    forgiven = np.where(rounding, size, 0.0)
+    few = forgiven.sum(axis=0) <= JUMPS_SUM_RTOL * largest
     return np.where(rounding & few, 0.0, jumps)
 
 
 # From 0 to 1 with as many derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
-_BLEND = {1: np.array([3.0, -2.0]), 2: np.array([10.0, -15.0, 6.0])}
+_BLEND = {
+    1: np.array([3.0, -2.0]),
+    2: np.array([10.0, -15.0, 6.0]),
+}
 
 
 def _ending(slope: Array, curvature: Array | None = None) -> Array:
@@ -260,13 +288,17 @@ def _ending(slope: Array, curvature: Array | None = None) -> Array:
         return np.stack([-slope, slope], axis=-1)  # s (x³ − x²)
     # x³ (s (x − 1) + c (x − 1)²), whose curvature at 1 is 6 s + 2 c.
     c = curvature / 2 - 3 * slope
-    return np.stack([c - slope, slope - 2 * c, c], axis=-1)
+    cubic = c - slope
+    quartic = slope - 2 * c
+    return np.stack([cubic, quartic, c], axis=-1)
 
 
-def _rows(powers: Array, order: int) -> Array:
+def _rows(factors: Array) -> Array:
     """Factors `(…, order + 1)` of x^(r+1) … x^(2r+1), in the layout of `Trajectory`."""
-    highest_first = np.moveaxis(powers, -1, 0)[::-1]
-    return np.concatenate([highest_first, np.zeros_like(highest_first)])
+    lowest_first = np.moveaxis(factors, -1, 0)
+    highest_first = lowest_first[::-1]
+    lower_powers = np.zeros_like(highest_first)
+    return np.concatenate([highest_first, lower_powers])
 
 
 def _with_added(coefficients: Array, added: Array | None, joints: Bools) -> Array:
@@ -276,5 +308,6 @@ def _with_added(coefficients: Array, added: Array | None, joints: Bools) -> Arra
     missing_rows = max(0, len(added) - len(coefficients))
     padding = np.zeros((missing_rows, *coefficients.shape[1:]))
     total = np.concatenate([padding, coefficients])
-    total[len(total) - len(added) :, :, joints] += added
+    rows = len(added)
+    total[-rows:, :, joints] += added
     return total

@@ -66,11 +66,12 @@ class Trajectory:
         Times outside `[0, duration]` are moved to the nearer end. At a break the later piece
         counts.
         """
-        time = np.clip(np.asarray(t, dtype=float), 0.0, self.duration)
+        wanted = np.asarray(t, dtype=float)
+        time = np.clip(wanted, 0.0, self.duration)
         piece = self._piece_at(time)
-        local = (time - self.breaks[piece])[..., None]
+        local = time - self.breaks[piece]
         derivative = polynomials.derivative(self.coefficients, order)
-        return polynomials.evaluate(derivative[:, piece], local)
+        return polynomials.evaluate(derivative[:, piece], local[..., None])
 
     def pieces(self, order: int = 0) -> Array:
         """The derivative of `order`, every piece on the unit interval `[0, 1]`.
@@ -113,7 +114,8 @@ class Trajectory:
         """
         wanted = np.asarray(times, dtype=float)
         slack = BREAK_RTOL * self.duration
-        distance = np.abs(wanted - self.breaks[nearest(self.breaks, wanted)])
+        own = self.breaks[nearest(self.breaks, wanted)]
+        distance = np.abs(wanted - own)
         missing = distance > slack
         if not missing.any():
             return self
@@ -168,16 +170,21 @@ class Trajectory:
 
 
 def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
-    increasing = breaks.ndim == 1 and len(breaks) >= 2 and bool((np.diff(breaks) > 0).all())
-    if not increasing or breaks[0] != 0:
+    if breaks.ndim != 1 or len(breaks) < 2 or not _increasing_from_zero(breaks):
         raise InvalidTrajectory("breaks must be strictly increasing times from 0")
     pieces = len(breaks) - 1
     shape = coefficients.shape
-    if coefficients.ndim != 3 or shape[1] != pieces or 0 in shape:
+    fits = len(shape) == 3 and shape[1] == pieces
+    if not fits or 0 in shape:
         expected = f"(degree + 1, {pieces}, joints)"
         raise InvalidTrajectory(f"coefficients are {shape}, expected {expected}")
     if not _fit(waypoint_times, breaks):
         raise InvalidTrajectory("waypoint_times must not decrease, from 0 to the last break")
+
+
+def _increasing_from_zero(times: Array) -> bool:
+    steps = np.diff(times)
+    return bool(times[0] == 0 and (steps > 0).all())
 
 
 def _fit(waypoint_times: Array, breaks: Array) -> bool:
@@ -186,23 +193,28 @@ def _fit(waypoint_times: Array, breaks: Array) -> bool:
         return False
     if (np.diff(waypoint_times) < 0).any():
         return False
-    ends = np.abs(waypoint_times[[0, -1]] - breaks[[0, -1]])
-    return bool((ends <= 1e-12 * breaks[-1]).all())
+    slack = 1e-12 * breaks[-1]
+    early = abs(waypoint_times[0])
+    late = abs(waypoint_times[-1] - breaks[-1])
+    return bool(early <= slack and late <= slack)
 
 
 def nearest(sorted_times: Array, wanted: Array) -> NDArray[np.intp]:
     """The index of the nearest of some sorted times to each wanted one."""
-    after = np.searchsorted(sorted_times, wanted).clip(1, len(sorted_times) - 1)
-    to_before = np.abs(wanted - sorted_times[after - 1])
+    after = np.searchsorted(sorted_times, wanted)
+    after = after.clip(1, len(sorted_times) - 1)
+    before = after - 1
+    to_before = np.abs(wanted - sorted_times[before])
     to_after = np.abs(wanted - sorted_times[after])
-    return np.where(to_before <= to_after, after - 1, after)
+    return np.where(to_before <= to_after, before, after)
 
 
 def _union(all_breaks: Sequence[Array], times: Array) -> Array:
     """All breaks, those that rounding split counted once; waypoint times win over neighbours."""
     slack = BREAK_RTOL * times[-1]
     others = np.concatenate(all_breaks)
-    distance = np.abs(others - times[nearest(times, others)])
+    waypoint = times[nearest(times, others)]
+    distance = np.abs(others - waypoint)
     within = (others > 0) & (others < times[-1])
     inside = others[within & (distance > slack)]
     merged = np.unique(np.concatenate([times, inside]))
@@ -215,6 +227,8 @@ def _resampled(own: Array, coefficients: Array, breaks: Array, degree: int) -> A
     middle = 0.5 * (breaks[:-1] + breaks[1:])
     after = np.searchsorted(own, middle, side="right")
     piece = np.clip(after - 1, 0, len(own) - 2)
-    moved = polynomials.shifted(coefficients[:, piece], breaks[:-1] - own[piece])
-    padding = np.zeros((degree - len(moved), moved.shape[1]))
+    offset = breaks[:-1] - own[piece]
+    moved = polynomials.shifted(coefficients[:, piece], offset)
+    missing_rows = degree - len(moved)
+    padding = np.zeros((missing_rows, moved.shape[1]))
     return np.concatenate([padding, moved])

@@ -9,8 +9,8 @@ and only the pieces whose bound exceeds the worst use so far need their roots.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,13 +108,15 @@ class Certificate:
     def feasible(self) -> bool:
         """Whether the trajectory keeps every limit as it stands, within tolerance."""
         peaks = [self.velocity, self.acceleration, self.jerk]
-        ratios = [worst.value for worst in peaks if worst]
-        return self.valid and max(ratios) <= 1 + self.tolerance.limit
+        highest = max(worst.value for worst in peaks if worst)
+        return self.valid and highest <= 1 + self.tolerance.limit
 
     @property
     def certified_duration(self) -> float | None:
         """`max(1, dilation) · duration` in seconds, or `None` if nothing can mend it."""
-        return max(1.0, self.dilation) * self.duration if self.valid else None
+        if not self.valid:
+            return None
+        return max(1.0, self.dilation) * self.duration
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: joints count from 1, limits give a `ratio`, misses an `error`."""
@@ -174,9 +176,9 @@ def _judged(
     """The verdict, and the trajectory whose peaks it tells: repaired where that can be."""
     allowed = _allowed(problem, tolerance)
     waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
-    jumps = [
-        _worst_jump(problem, trajectory, order, jump) for order, jump in enumerate(allowed.jumps)
-    ]
+    jumps = []
+    for order, jump in enumerate(allowed.jumps):
+        jumps.append(_worst_jump(problem, trajectory, order, jump))
     continuity, _ = max(jumps, key=lambda jump: jump[1])
     blurred, blur = _worst_blur(trajectory, allowed.blur)
     flaws = []
@@ -193,8 +195,12 @@ def _judged(
     limits = problem.limits
     velocity = _peak(judged, 1, limits.velocity, _ratio)
     acceleration = _peak(judged, 2, limits.acceleration, _ratio)
-    jerk = _peak(judged, 3, limits.jerk, _ratio) if problem.has("jerk") else None
-    position = _peak(judged, 0, limits.position, _excess) if problem.has("position") else None
+    jerk = None
+    if problem.has("jerk"):
+        jerk = _peak(judged, 3, limits.jerk, _ratio)
+    position = None
+    if problem.has("position"):
+        position = _peak(judged, 0, limits.position, _excess)
     dilation = _dilation(velocity, acceleration, jerk)
     if position and position.value > allowed.position_limit[position.joint]:
         flaws.insert(0, _say(position, "leaves its position limits by", "rad"))
@@ -249,11 +255,12 @@ def _allowed(problem: Problem, tolerance: Tolerance) -> _Allowed:
     A = np.abs(limits.acceleration).min(axis=1)
     J = np.abs(limits.jerk).min(axis=1)
     reached_velocity = np.minimum(V, np.sqrt(A * largest))
-    reached_acceleration = np.minimum(A, np.cbrt(J) ** 2 * np.cbrt(largest))
-    jerk_limited = np.isfinite(limits.jerk).any(axis=1)
+    from_jerk = np.cbrt(J) ** 2 * np.cbrt(largest)
+    reached_acceleration = np.minimum(A, from_jerk)
     position_jump = tolerance.position * largest + coordinates
     velocity_jump = tolerance.jump * reached_velocity
-    acceleration_jump = np.where(jerk_limited, tolerance.jump * reached_acceleration, np.inf)
+    acceleration_jump = tolerance.jump * reached_acceleration
+    acceleration_jump = np.where(limits.jerk_limited, acceleration_jump, np.inf)
     return _Allowed(
         waypoint=tolerance.position * smallest + coordinates,
         position_limit=tolerance.position_limit * largest + coordinates,
@@ -270,16 +277,30 @@ def _distances(problem: Problem) -> tuple[Array, Array]:
     distances = np.abs(problem.displacements)
     moving = problem.moving
     largest = np.where(moving, distances.max(axis=0), distances.max())
-    smallest = np.where(distances > 0, distances, np.inf).min(axis=0)
-    return np.where(moving, smallest, largest), largest
+    not_zero = np.where(distances > 0, distances, np.inf)
+    smallest = np.where(moving, not_zero.min(axis=0), largest)
+    return smallest, largest
 
 
 def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
-    return np.maximum((values + rounding) / high, (values - rounding) / low)
+    upwards = (values + rounding) / high
+    downwards = (values - rounding) / low
+    return np.maximum(upwards, downwards)
 
 
 def _excess(values: Array, rounding: Array, low: Array, high: Array) -> Array:
-    return np.maximum(values + rounding - high, low - values + rounding)
+    above = values + rounding - high
+    below = low - values + rounding
+    return np.maximum(above, below)
+
+
+class _Peak(NamedTuple):
+    """A measured value, and where: `share` of the piece has passed. Tuples order by value."""
+
+    value: float
+    piece: int
+    joint: int
+    share: float
 
 
 def _peak(trajectory: Trajectory, order: int, limits: Array, measure: Measure) -> Worst:
@@ -289,25 +310,31 @@ def _peak(trajectory: Trajectory, order: int, limits: Array, measure: Measure) -
     """
     low, high = limits.T
     unit = trajectory.pieces(order)
-    rounding = _EVALUATION_RTOL * len(unit) * np.abs(unit).sum(axis=0)
+    rounding = _evaluation_rounding(unit)
     if not np.isfinite(rounding).all():
-        piece, joint = np.argwhere(~np.isfinite(rounding))[0]
-        return Worst(np.nan, int(joint), float(trajectory.breaks[piece]))
-    bounds = measure(polynomials.bernstein(unit), rounding, low, high).max(axis=0)
-    ends = measure(np.stack([unit[-1], unit.sum(axis=0)]), rounding, low, high)
+        beyond = np.where(np.isfinite(rounding), 0.0, np.inf)
+        worst, _ = _worst_of(beyond, np.ones(unit.shape[2]), trajectory.breaks, order)
+        return replace(worst, value=np.nan)
+    starts = unit[-1]
+    stops = unit.sum(axis=0)
+    ends = measure(np.stack([starts, stops]), rounding, low, high)
     side, piece, joint = np.unravel_index(np.argmax(ends), ends.shape)
-    best = (float(ends[side, piece, joint]), int(piece), int(joint), float(side))
+    best = _Peak(float(ends.max()), int(piece), int(joint), float(side))
+
+    # No piece exceeds its bound, so those whose bound does not exceed the best need no roots.
+    bounds = measure(polynomials.bernstein(unit), rounding, low, high)
+    bounds = bounds.max(axis=0)
     by_bound = np.argsort(-bounds, axis=None)
     for start in range(0, bounds.size, _CHUNK_PIECES):
         chunk = by_bound[start : start + _CHUNK_PIECES]
-        chunk = chunk[bounds.ravel()[chunk] > best[0]]
-        if not len(chunk):
+        promising = chunk[bounds.ravel()[chunk] > best.value]
+        if not len(promising):
             break
-        where = np.unravel_index(chunk, bounds.shape)
+        where = np.unravel_index(promising, bounds.shape)
         best = max(best, _peak_among(unit, rounding, where, limits, measure))
-    value, piece_, joint_, share = best
-    time = trajectory.breaks[piece_] + share * trajectory.lengths[piece_]
-    return Worst(value + 0.0, joint_, float(time))
+    elapsed = best.share * trajectory.lengths[best.piece]
+    time = trajectory.breaks[best.piece] + elapsed
+    return Worst(best.value + 0.0, best.joint, float(time))
 
 
 def _peak_among(
@@ -316,8 +343,8 @@ def _peak_among(
     where: tuple[NDArray[np.intp], ...],
     limits: Array,
     measure: Measure,
-) -> tuple[float, int, int, float]:
-    """The worst of some pieces: its value, piece, joint and place in the unit interval."""
+) -> _Peak:
+    """The worst of some pieces, from their critical points."""
     pieces, joints = where
     candidates = unit[:, pieces, joints]
     points = polynomials.critical_points(candidates)
@@ -325,20 +352,36 @@ def _peak_among(
     low, high = limits[joints].T
     measured = measure(values, rounding[pieces, joints], low, high)
     row, i = np.unravel_index(np.argmax(measured), measured.shape)
-    return float(measured[row, i]), int(pieces[i]), int(joints[i]), float(points[row, i])
+    return _Peak(
+        value=float(measured[row, i]),
+        piece=int(pieces[i]),
+        joint=int(joints[i]),
+        share=float(points[row, i]),
+    )
 
 
-def _worst_miss(problem: Problem, trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
+def _evaluation_rounding(unit: Array) -> Array:
+    """How much evaluating each polynomial on `[0, 1]` may round, `(pieces, joints)`."""
+    terms = np.abs(unit).sum(axis=0)
+    return _EVALUATION_RTOL * len(unit) * terms
+
+
+def _worst_miss(
+    problem: Problem,
+    trajectory: Trajectory,
+    allowed: Array,
+) -> tuple[Worst, float]:
     """The worst miss of a waypoint, and its size over what is allowed."""
-    errors = np.abs(trajectory(trajectory.waypoint_times) - problem.waypoints)
-    excess = errors / allowed
-    row, joint = np.unravel_index(np.argmax(excess), excess.shape)
-    time = float(trajectory.waypoint_times[row])
-    return Worst(float(errors[row, joint]), int(joint), time), _size(excess[row, joint])
+    passed = trajectory(trajectory.waypoint_times)
+    errors = np.abs(passed - problem.waypoints)
+    return _worst_of(errors, allowed, trajectory.waypoint_times)
 
 
 def _worst_jump(
-    problem: Problem, trajectory: Trajectory, order: int, allowed: Array
+    problem: Problem,
+    trajectory: Trajectory,
+    order: int,
+    allowed: Array,
 ) -> tuple[Worst, float]:
     """The worst jump of a derivative at any break, and its size over what is allowed.
 
@@ -351,25 +394,35 @@ def _worst_jump(
     before = np.vstack([still[:1], unit.sum(axis=0)])
     after = np.vstack([unit[-1], still[1:]])
     jumps = np.abs(after - before)
-    excess = jumps / allowed
-    at, joint = np.unravel_index(np.argmax(excess), excess.shape)
-    worst = Worst(float(jumps[at, joint]), int(joint), float(trajectory.breaks[at]), order)
-    return worst, _size(excess[at, joint])
+    return _worst_of(jumps, allowed, trajectory.breaks, order)
 
 
 def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     """Where rounding alone moves a joint most, and by how much over what is allowed."""
-    unit = trajectory.pieces()
-    rounding = _EVALUATION_RTOL * len(unit) * np.abs(unit).sum(axis=0)
-    excess = rounding / allowed
-    piece, joint = np.unravel_index(np.argmax(excess), excess.shape)
-    worst = Worst(float(rounding[piece, joint]), int(joint), float(trajectory.breaks[piece]))
-    return worst, _size(excess[piece, joint])
+    rounding = _evaluation_rounding(trajectory.pieces())
+    return _worst_of(rounding, allowed, trajectory.breaks)
 
 
-def _size(excess: np.float64) -> float:
-    """What is not a number (NumPy's `argmax` finds it) is beyond all bounds."""
-    return np.inf if np.isnan(excess) else float(excess)
+def _worst_of(
+    errors: Array,
+    allowed: Array,
+    times: Array,
+    order: int = 0,
+) -> tuple[Worst, float]:
+    """The error `(times, joints)` that is worst beside what is allowed `(joints,)`, and that ratio.
+
+    What is not a number (which `argmax` finds) is beyond all bounds.
+    """
+    excess = errors / allowed
+    row, joint = np.unravel_index(np.argmax(excess), excess.shape)
+    worst = Worst(
+        value=float(errors[row, joint]),
+        joint=int(joint),
+        time=float(times[row]),
+        order=order,
+    )
+    ratio = float(excess[row, joint])
+    return worst, np.inf if np.isnan(ratio) else ratio
 
 
 _JUMP_WORDS = (
@@ -380,4 +433,5 @@ _JUMP_WORDS = (
 
 
 def _say(worst: Worst, what: str, unit: str) -> str:
-    return f"joint {worst.joint + 1} at {worst.time:.6g} s: {what} {worst.value:.3g} {unit}"
+    where = f"joint {worst.joint + 1} at {worst.time:.6g} s"
+    return f"{where}: {what} {worst.value:.3g} {unit}"
