@@ -363,7 +363,7 @@ def _peak_among(
 def _evaluation_rounding(unit: Array) -> Array:
     """How much evaluating each polynomial on `[0, 1]` may round, `(pieces, joints)`."""
     terms = np.abs(unit).sum(axis=0)
-    return _EVALUATION_RTOL * len(unit) * terms
+    return np.asarray(_EVALUATION_RTOL * len(unit) * terms)
 
 
 def _worst_miss(
