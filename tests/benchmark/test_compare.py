@@ -4,7 +4,8 @@ import os
 import signal
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -195,6 +196,11 @@ def test_the_second_time_nothing_runs_and_fresh_runs_everything(tmp_path):
     again = compare([planner], tmp_path)
     assert lines(tmp_path / "log") == ["2.0:0"]
     assert [t.as_dict() for t in again.items] == [t.as_dict() for t in first.items]
+    assert first.kept is None
+    assert (again.kept.count, again.kept.total) == (2, 2)
+    assert again.kept.since == min(datetime.fromisoformat(t.started) for t in first.items)
+    more = compare([planner, ("new", Mine(segment_time=3.0))], tmp_path)
+    assert str(more.kept).startswith("2 of 3 trials kept from ")
     compare([planner], tmp_path, fresh=True)
     assert lines(tmp_path / "log") == ["2.0:0", "2.0:0"]
 
@@ -262,14 +268,24 @@ def test_a_crash_whose_cause_is_gone_leaves_only_the_answer(tmp_path):
     assert len(list((tmp_path / "trials").glob("*.h5"))) == 2
 
 
-def test_a_longer_timeout_tries_again_and_a_shorter_one_does_not(tmp_path):
-    planners = [("hang", Mine("hang", str(tmp_path / "log")))]
+def test_a_longer_timeout_tries_again(tmp_path):
     messages = []
-    for timeout in (1.0, 1.0, 0.5, 1.5):
-        results = compare(planners, tmp_path, jobs=1, timeout=timeout)
-        (hang,) = [t for t in results.items if t.planner == "hang"]
-        messages.append((hang.message, len(lines(tmp_path / "log"))))
-    assert messages == [("stopped after 1 s", 1)] * 3 + [("stopped after 1.5 s", 2)]
+    for timeout in (0.5, 1.0):
+        results = compare([("hang", Mine("hang"))], tmp_path, jobs=1, timeout=timeout)
+        messages += [t.message for t in results.items if t.planner == "hang"]
+    assert messages == ["stopped after 0.5 s", "stopped after 1 s"]
+
+
+def test_the_same_or_a_shorter_timeout_does_not():
+    limits = Allowance(60.0).as_dict()
+    mine = Configuration.of(Mine())
+    stopped = unanswered(mine, PROBLEM, 0, Status.TIMEOUT, "stopped after 60 s", limits)
+    assert Allowance(60.0).would_stop(stopped)
+    assert Allowance(1.0).would_stop(stopped)
+    assert not Allowance(61.0).would_stop(stopped)
+    assert not Allowance().would_stop(stopped)
+    earlier = replace(stopped, provenance={"trajopt": "0.1.0"})  # did not say its limit
+    assert not Allowance(1.0).would_stop(earlier)
 
 
 def test_only_more_memory_tries_a_trial_again_that_had_too_little():

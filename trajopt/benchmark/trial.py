@@ -309,7 +309,8 @@ def _well_formed(answer: Any) -> Solution:
         message = f"solve must return a Solution, got {answer!r:.200}"
         return Solution(Status.CRASHED, message=message)
     for name, kinds in _KINDS.items():
-        if not isinstance(value := getattr(answer, name), kinds):
+        value = getattr(answer, name)
+        if not isinstance(value, kinds):
             message = f"Solution.{name} cannot be {value!r:.200}"
             return Solution(Status.CRASHED, message=message)
     if answer.history is not None and answer.history.shape[1:] != (2,):
@@ -318,7 +319,13 @@ def _well_formed(answer: Any) -> Solution:
     return answer
 
 
-_KINDS: dict[str, Any] = {
-    "status": Status, "trajectory": Trajectory | None, "message": str, "lower_bound": Real | None,
-    "evaluations": Real | None, "history": np.ndarray | None, "setup_time": Real, "stats": Mapping,
-}  # fmt: skip
+_KINDS: dict[str, Any] = {  # of the fields of a `Solution`
+    "status": Status,
+    "trajectory": Trajectory | None,
+    "message": str,
+    "lower_bound": Real | None,
+    "evaluations": Real | None,
+    "history": np.ndarray | None,
+    "setup_time": Real,
+    "stats": Mapping,
+}

@@ -51,9 +51,6 @@ def test_without_the_guard_one_error_shows_it_and_nothing_is_stored(tmp_path: Pa
     assert done.stderr.count("Traceback") == 1
     assert "bootstrapping" not in done.stderr
     assert not list(tmp_path.rglob("*.h5"))
-    file.write_text(script(guard='if __name__ == "__main__":\n'))
-    done = run([sys.executable, str(file)], tmp_path)
-    assert done.stdout.strip() == EXPECTED, done.stderr
 
 
 def test_standard_input_needs_no_guard(tmp_path: Path) -> None:

@@ -179,9 +179,9 @@ def record_failure(future: Future[None], task: Task, store: Store, allowed: Allo
     if isinstance(error, BrokenExecutor):
         raise WorkerError(_GUARD) from None
     status, message = _ending(error, task, allowed)
+    limits = allowed.as_dict()
     for seed, trial_id in task.ids.items():
-        if seed in task.seeds and not store.has(trial_id):
-            limits = allowed.as_dict()
+        if not store.has(trial_id):
             lost = unanswered(task.configuration, task.problem, seed, status, message, limits)
             store.write(lost)
 
