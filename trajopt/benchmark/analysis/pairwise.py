@@ -114,8 +114,9 @@ def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
     for digest, planners in problems.items():
         middle = {label: _median(values) for label, values in planners.items()}
         for a, b in combinations(sorted(planners), 2):
-            shorter = float(statistics.a12(planners[b], planners[a]))
-            rows.append((digest, a, b, middle[a], middle[b], shorter))
+            shorter = statistics.a12(planners[b], planners[a])
+            row = (digest, a, b, middle[a], middle[b], float(shorter))
+            rows.append(row)
     return pd.DataFrame(rows, columns=_PROBLEM_COLUMNS)
 
 
@@ -168,7 +169,10 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
     for label, own in durations.groupby(runs["label"]):
         if len(own) > 1:
             samples[label] = own.to_numpy()
-    rows = {(a, b): _seed_row(samples[a], samples[b]) for a, b in combinations(samples, 2)}
+    rows = {}
+    for pair in combinations(samples, 2):
+        own, theirs = (samples[label] for label in pair)
+        rows[pair] = _seed_row(own, theirs)
     return _both_ways(rows, _SEED_COLUMNS)
 
 
