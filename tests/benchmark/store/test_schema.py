@@ -14,7 +14,7 @@ from trials import PROBLEM, assert_same, solved
 from trajopt import Limits, Problem, Solution, Status, StoreError
 from trajopt.benchmark.store.columns import COLUMNS, SEED_MAX
 from trajopt.benchmark.store.folder import Store, read, save
-from trajopt.benchmark.store.schema import encode, pack, unpack
+from trajopt.benchmark.store.schema import decode, encode, pack, unpack
 from trajopt.benchmark.trial import judge, trial_id
 from trajopt.registry import load, options
 
@@ -203,3 +203,11 @@ def test_every_option_of_every_registered_planner_is_in_the_identity():
             trial_id(PROBLEM, "p", options(load(s)), 0, "0") for s in (spec, f"{spec}:{change}")
         )
         assert a != b
+
+
+@pytest.mark.parametrize("odd", [{"trajopt": 3}, {}, {"trajopt": "0", "planner_digest": []}])
+def test_a_provenance_that_makes_no_identity_is_refused(trial, odd):
+    kept = encode(trial)
+    kept.row["provenance"] = odd
+    with pytest.raises(ValueError, match="provenance: "):
+        decode(kept)

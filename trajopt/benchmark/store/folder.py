@@ -3,7 +3,8 @@
 A trial file is written under a temporary name, synced and renamed into place, so it exists whole
 or not at all; the folder is the index of what is finished. `results.h5` is rebuilt from the trial
 files and renamed into place, never appended to. `trial_file.py` and `results_file.py` show how to
-read them with plain h5py. A trial that lacked a backend is `<id>.missing.h5`, and runs again.
+read them with plain h5py. A trial without an answer, for reasons that may be gone the next time (it
+crashed, was stopped, or lacked a backend), is `<id>.missing.h5`, and runs again.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from trajopt.exceptions import StoreError
 
 T = TypeVar("T")
 
-_MISSING = ".missing.h5"
+_UNANSWERED = ".missing.h5"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.h5")
 _REASON_CHARACTERS = 300  # of what HDF5 or JSON say
 
@@ -59,18 +60,18 @@ class Store:
     def results(self) -> Path:
         return self.folder / "results.h5"
 
-    def path(self, trial_id: str, *, missing: bool = False) -> Path:
-        """The file of one trial; one that lacked a backend has another name."""
-        ending = _MISSING if missing else ".h5"
+    def path(self, trial_id: str, *, unanswered: bool = False) -> Path:
+        """The file of one trial; one without an answer has another name."""
+        ending = _UNANSWERED if unanswered else ".h5"
         return self.folder / "trials" / f"{trial_id}{ending}"
 
     def finished(self) -> set[str]:
         """Identities of the trials that need not run again.
 
-        Not those that lacked a backend (installing it is how a user mends them), nor those that
-        were cut short. Raises `StoreError` if another version filled this folder.
+        Not those without an answer (the next run may give one), nor those that were cut short.
+        Raises `StoreError` if another version filled this folder.
         """
-        files = [file for file in _trial_files(self.folder) if not _lacked_backend(file)]
+        files = [file for file in _trial_files(self.folder) if not _is_unanswered(file)]
         return {file.stem for file in files if _is_whole(file)}
 
     def has(self, trial_id: str) -> bool:
@@ -82,10 +83,10 @@ class Store:
 
         Raises `StoreError` where the disk refuses; what was stored before stays as it was.
         """
-        missing = trial.runs_again
-        path = save(self.path(trial.id, missing=missing), trial)
-        if not missing:
-            self.path(trial.id, missing=True).unlink(missing_ok=True)
+        unanswered = trial.runs_again
+        path = save(self.path(trial.id, unanswered=unanswered), trial)
+        if not unanswered:
+            self.path(trial.id, unanswered=True).unlink(missing_ok=True)
         return path
 
     def consolidate(self) -> Path:
@@ -107,7 +108,7 @@ class Store:
 
     def unanswered(self) -> list[Trial]:
         """The trials that ended without an answer, for reasons that may be gone."""
-        files = [file for file in _trial_files(self.folder) if file.name.endswith(_MISSING)]
+        files = [file for file in _trial_files(self.folder) if _is_unanswered(file)]
         return list(_each(files, decode, _warn))
 
     def read(self) -> list[Trial]:
@@ -189,14 +190,14 @@ def _used(kept: Encoded, use: Callable[[Encoded], T]) -> T:
 
 
 def _trial_files(folder: Path) -> list[Path]:
-    """One file per trial: those that lacked a backend only until they are finished."""
+    """One file per trial: those without an answer only until there is one."""
     files = sorted((folder / "trials").glob("*.h5"))
-    done = {file.stem for file in files if not _lacked_backend(file)}
-    return [file for file in files if not _lacked_backend(file) or _id(file) not in done]
+    done = {file.stem for file in files if not _is_unanswered(file)}
+    return [file for file in files if not _is_unanswered(file) or _id(file) not in done]
 
 
-def _lacked_backend(path: Path) -> bool:
-    return path.name.endswith(_MISSING)
+def _is_unanswered(path: Path) -> bool:
+    return path.name.endswith(_UNANSWERED)
 
 
 def _id(path: Path) -> str:
@@ -240,7 +241,7 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 def _load(path: Path) -> Encoded:
-    if _lacked_backend(path) and not path.exists():  # another run has finished it meanwhile
+    if _is_unanswered(path) and not path.exists():  # another run has finished it meanwhile
         path = path.with_name(f"{_id(path)}.h5")
     return trial_file.read(path)
 

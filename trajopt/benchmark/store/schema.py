@@ -221,7 +221,17 @@ def _checked_row(row: Mapping[str, Any]) -> dict[str, Any]:
             checked[name] = column.checked(unpack(value))
     if checked["batch"] < 1:
         raise Malformed("batch: expected 1 or more")
+    _check_provenance(checked["provenance"])
     return checked
+
+
+def _check_provenance(provenance: Mapping[str, Any]) -> None:
+    """A trial's identity is made from it."""
+    for name, text in provenance.items():
+        if not isinstance(text, str):
+            raise Malformed(f"provenance: {name}: expected text, found {text!r:.80}")
+    if "trajopt" not in provenance:
+        raise Malformed("provenance: trajopt, the package's version, is missing")
 
 
 def _is_plain(array: NDArray[Any]) -> bool:
