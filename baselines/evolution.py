@@ -33,7 +33,8 @@ from trajopt.swarm_planner import SwarmPlanner
 Array = NDArray[np.float64]
 Run = Generator[Array, Array, None]
 
-_WORST = 1e100  # stands for an infinite or missing fitness: its square is still finite
+# Stands for an infinite or missing fitness: its square is still finite.
+_INFINITE_FITNESS = 1e100
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,8 @@ class CMAES(Evolution):
         while not strategy.stop():
             asked: list[Array] = strategy.ask()
             told: list[float] = []
-            for batch in np.reshape(asked, (-1, self.population, dim)):
+            batches = np.reshape(asked, (-1, self.population, dim))
+            for batch in batches:
                 told.extend((yield batch))
             strategy.tell(asked, told)
 
@@ -125,9 +127,19 @@ class DE(Evolution):
     """
 
     strategy: Literal[
-        "best1bin", "best1exp", "best2bin", "best2exp", "rand1bin", "rand1exp", "rand2bin",
-        "rand2exp", "randtobest1bin", "randtobest1exp", "currenttobest1bin", "currenttobest1exp",
-    ] = "best1bin"  # fmt: skip
+        "best1bin",
+        "best1exp",
+        "best2bin",
+        "best2exp",
+        "rand1bin",
+        "rand1exp",
+        "rand2bin",
+        "rand2exp",
+        "randtobest1bin",
+        "randtobest1exp",
+        "currenttobest1bin",
+        "currenttobest1exp",
+    ] = "best1bin"
     recombination: float = 0.7
     tolerance: float = 1e-10
 
@@ -146,7 +158,8 @@ class DE(Evolution):
                 x, f, trials = self._trials(x, f, random)
                 told = yield trials
                 better = told <= f
-                x, f = np.where(better[:, None], trials, x), np.where(better, told, f)
+                x = np.where(better[:, None], trials, x)
+                f = np.where(better, told, f)
 
     def _trials(self, x: Array, f: Array, random: Random) -> tuple[Array, Array, Array]:
         """The population, its fitness (SciPy moves the best to the front) and their rivals.
@@ -160,17 +173,26 @@ class DE(Evolution):
             seen.append(columns.T.copy())
             return f if len(seen) == 1 else np.full(len(f), np.inf)
 
-        found = scipy.optimize.differential_evolution(
-            objective, [(0.0, 1.0)] * x.shape[1], init=x, maxiter=1, rng=random,
-            strategy=self.strategy, recombination=self.recombination,
-            vectorized=True, updating="deferred", polish=False, tol=0.0,
-        )  # fmt: skip
-        return found.population, found.population_energies, seen[1]
+        generation = scipy.optimize.differential_evolution(
+            objective,
+            [(0.0, 1.0)] * x.shape[1],
+            init=x,
+            maxiter=1,
+            rng=random,
+            strategy=self.strategy,
+            recombination=self.recombination,
+            vectorized=True,
+            updating="deferred",
+            polish=False,
+            tol=0.0,
+        )
+        return generation.population, generation.population_energies, seen[1]
 
 
 def _finite(fitness: Array) -> Array:
     """Fitness with NaN as bad as infinity, and both as bad as a large number."""
-    return np.clip(np.where(np.isnan(fitness), np.inf, fitness), -_WORST, _WORST)
+    known = np.where(np.isnan(fitness), np.inf, fitness)
+    return np.clip(known, -_INFINITE_FITNESS, _INFINITE_FITNESS)
 
 
 @dataclass(frozen=True)
@@ -195,4 +217,5 @@ class CMAESPlanner(EvolutionPlanner):
         return [replace(s, setup_time=setup_time) for s in super().solve_batch(problem, seeds)]
 
 
-cmaes, de = CMAESPlanner(), EvolutionPlanner(DE())
+cmaes = CMAESPlanner()
+de = EvolutionPlanner(DE())

@@ -109,8 +109,8 @@ class Free:
             for j in range(joints):
                 self._reach(m, k, j, between)
 
-        terms = [stop[k] * self.t[k] for k in range(segments)]
-        duration = self.scip.quicksum(terms)
+        times = [s * t for s, t in zip(stop, self.t, strict=True)]
+        duration = self.scip.quicksum(times)
         m.setObjective(duration)
         m.addCons(duration <= total)
         return m
@@ -125,8 +125,10 @@ class Free:
         displacement = scaled.h[k, j]
         h = abs(displacement)
         sign = 1 if displacement >= 0 else -1
-        v1, v2 = np.abs(scaled.v[::sign, j])
-        a1, a2 = np.abs(scaled.a[::sign, j])
+        velocity = np.abs(scaled.v[::sign, j])
+        acceleration = np.abs(scaled.a[::sign, j])
+        v1, v2 = velocity
+        a1, a2 = acceleration
         stop = float(scaled.stop[k])
         t = self.t[k]
         r = self.r[k]
@@ -148,9 +150,11 @@ class Free:
         # (A1 + A2) p_up ≤ A1 A2 T + A1 u + A2 w
         sum_a = a1 + a2
         both = a1 * a2 * stop * t
-        m.addCons(sum_a * up <= both + a1 * u + a2 * w)
+        highest = both + a1 * u + a2 * w
+        m.addCons(sum_a * up <= highest)
         # (A1 + A2) p_lo ≥ A2 u + A1 w − A1 A2 T
-        m.addCons(sum_a * lo >= a2 * u + a1 * w - both)
+        lowest = a2 * u + a1 * w - both
+        m.addCons(sum_a * lo >= lowest)
 
         # both cones of the module's docstring, over S²
         root2 = np.sqrt(2 * a2) * stop
@@ -167,14 +171,17 @@ class Free:
         """SCIP's best solution, dilated until it is exactly reachable."""
         if not model.getNSols():
             return None
-        times = self.scaled.stop * [model.getVal(t) for t in self.t]
-        values = [model.getVal(v) for row in self.ends[1:-1] for v in row]
-        segments, joints = self.scaled.h.shape
+        scaled = self.scaled
+        segments, joints = scaled.h.shape
+        inner = self.ends[1:-1]
+        shares = [model.getVal(t) for t in self.t]
+        values = [model.getVal(v) for row in inner for v in row]
+        times = scaled.stop * shares
         velocities = np.reshape(values, (segments - 1, joints))
-        k = repair(times, velocities, self.scaled)
+        k = repair(times, velocities, scaled)
         if not np.isfinite(k):
             return None
-        reachable = self.scaled.trajectory(k * times, velocities / k)
+        reachable = scaled.trajectory(k * times, velocities / k)
         return certified(self.problem, reachable)
 
 
@@ -232,7 +239,8 @@ def _margin(stop: Array, shortest: Array, slowest: float) -> float:
     ratio = stop / shortest
 
     # acceleration of a bump that stays in its segment: ε S/T for the step, 4ε S²/T² for the way
-    own = slack * (ratio + 4 * ratio**2)
+    bending = ratio + 4 * ratio**2
+    own = slack * bending
 
     # of one that fades in the neighbours: 4c/T, where nothing fades if the motion rests
     bump = 2 * slack * stop * (1 + ratio)
@@ -242,7 +250,8 @@ def _margin(stop: Array, shortest: Array, slowest: float) -> float:
         faded = 4 * bump / briefer
 
     # a dilation by 1 + ρ gives acceleration 2ρ and velocity ρ
-    acceleration = 3 * np.minimum(own, faded).max()
+    easier = np.minimum(own, faded)
+    acceleration = 3 * easier.max()
     velocity = (slack + 3 * bump.max()) / slowest
     return float(max(acceleration / 2, velocity))
 
