@@ -122,6 +122,25 @@ class Extremes(NamedTuple):
         below_highest = h - self.d_up <= self.upper.displacement_rounding
         return within & above_lowest & below_highest
 
+    def narrow(
+        self,
+        start: State,
+        end: State,
+        t: Array,
+        h: Array,
+    ) -> Bools:
+        """Whether the motion is one of constant jerk, and all that jerk can change is rounding."""
+        u, a = start
+        w, b = end
+        rounding = 4 * (self.upper.displacement_rounding + self.lower.displacement_rounding)
+        # h = u T + a T²/2 + (b − a) T²/6, w = u + (a + b) T/2
+        displacement = u * t + a * t**2 / 2 + (b - a) * t**2 / 6
+        velocity = u + (a + b) * t / 2
+        missed = np.abs(displacement - h)
+        gained = np.abs(velocity - w) * t
+        width = self.d_up - self.d_lo
+        return np.asarray(np.maximum(np.maximum(missed, gained), width) <= rounding)
+
     def share(self, h: Array) -> Array:
         """The share of the upper profile that covers `h`; any will do where both are one."""
         # λ = (h − D_lo) / (D_up − D_lo)
@@ -334,8 +353,11 @@ def combined(
     Returns:
         Breaks `(pieces + 1,)`, from 0 to `t`, and position coefficients `(4, pieces)`.
     """
-    u = states[0, 0]
+    u, w = states[0]
     a, b = states[1]
+    if both.narrow((u, a), (w, b), np.array(t), h):
+        jerk = (b - a) / t
+        return np.array([0.0, t]), np.array([[jerk / 6], [a / 2], [u], [0.0]])
     upper_side, lower_side = sides
     upper = _phases(both.upper, (u, a), -b, upper_side)
     lower = _phases(both.lower, (-u, -a), b, lower_side)

@@ -94,6 +94,7 @@ class Scaled:
         for waypoints in self.problem.waypoints.T:
             rest = np.array([waypoints[:1]])
             joints.append((whole, rest))
+        states = self._through_narrow(times, np.diff(breaks) / self.unit, states)
         both = self.extremes(times, states)
         for i, joint in enumerate(np.flatnonzero(self.moving)):
             starts = []
@@ -105,6 +106,30 @@ class Scaled:
             own_breaks = np.concatenate([*starts, breaks[-1:]])
             joints[joint] = (own_breaks, np.hstack(parts))
         return Trajectory.joined(joints, breaks)
+
+    def _through_narrow(self, times: Array, rounded: Array, states: Array) -> Array:
+        """The states, those after a narrow segment where constant jerk leads.
+
+        A break is rounded. Over a segment of 1e-6 s the velocity that acceleration gains within
+        rounding of a break, 1e-15 rad/s, is worth a percent of the jerk limit, over a long one
+        nothing: so the long one has to make up for it.
+        """
+        states = states.copy()
+        both = self.extremes(times, states)
+        velocity, acceleration = states
+        narrow = self.jerky & both.narrow(
+            (velocity[:-1], acceleration[:-1]),
+            (velocity[1:], acceleration[1:]),
+            times[:, None],
+            self.h,
+        )
+        for k in range(len(times) - 1):
+            joints = narrow[k]
+            u = states[0, k, joints]
+            a, b = states[1, k : k + 2, joints].T
+            # w = u + (a + b) T/2
+            states[0, k + 1, joints] = u + (a + b) / 2 * rounded[k]
+        return states
 
     def _piece(
         self,
