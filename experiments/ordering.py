@@ -1,4 +1,4 @@
-"""Does the ordering of mathematics.md, section 8, hold on random problems?
+"""Does the ordering of docs/mathematics.md, section 8, hold on random problems?
 
     python -m experiments.ordering                    # 300 problems, about ten minutes on two cores
     python -m experiments.ordering --problems 5       # a quick look
@@ -35,11 +35,13 @@ RELAXED = 1e-6  # of the limits, or of the waypoint velocities: keeps rounding o
 def orderings(results: Results) -> Iterator[tuple[str, str, float]]:
     """`(relation, problem, excess)` for every pair of trials whose durations must be ordered."""
     for _, rows in results.trials().groupby("digest"):
-        problem, best = rows["problem"].iloc[0], rows.groupby("planner")["certified_duration"].min()
+        problem = rows["problem"].iloc[0]
+        best = rows.groupby("planner")["certified_duration"].min().dropna()
         pairs = [("exact", name) for name in best.index if name != "exact"]
-        pairs += [("ruckig", "ruckig-stop"), *(("spline353-nlp", name) for name in SPLINES)]
+        pairs.append(("ruckig", "ruckig-stop"))
+        pairs += [("spline353-nlp", name) for name in SPLINES]
         for low, high in pairs:
-            if {low, high} <= set(best.dropna().index):
+            if low in best.index and high in best.index:
                 yield f"{low} <= {high}", problem, best[low] / best[high] - 1
 
 
@@ -49,20 +51,22 @@ def identities(problem: Problem) -> Iterator[tuple[str, str, float]]:
     if trajectory is None:
         yield "exact finds an answer", problem.name, np.inf
         return
-    velocity, acceleration = problem.limits.velocity, problem.limits.acceleration
-    wider = Limits(velocity * (1 + RELAXED), acceleration * (1 + RELAXED))
+    limits = problem.limits
+    wider = Limits(limits.velocity * (1 + RELAXED), limits.acceleration * (1 + RELAXED))
     relaxed = Problem(problem.waypoints, wider)
     own = along(relaxed, trajectory, start_speed=1.0, end_speed=1.0).trajectory
     yield "TOPP-RA along exact = exact", problem.name, _difference(own, trajectory)
     certificate = verify(problem, trajectory)
     yield "exact is exact to 1e-6", problem.name, certificate.dilation - 1
     times = _section_times(problem, trajectory)
-    excess = np.abs(times - np.diff(trajectory.waypoint_times)).max() / trajectory.duration
-    yield "Ruckig by segments = exact", problem.name, float(excess)
+    difference = np.abs(times - np.diff(trajectory.waypoint_times)).max()
+    yield "Ruckig by segments = exact", problem.name, float(difference / trajectory.duration)
 
 
 def _difference(a: Trajectory | None, b: Trajectory) -> float:
-    return np.inf if a is None else abs(a.duration / b.duration - 1)
+    if a is None:
+        return np.inf
+    return abs(a.duration / b.duration - 1)
 
 
 def _section_times(problem: Problem, trajectory: Trajectory) -> np.ndarray:
@@ -76,8 +80,12 @@ def table(found: list[tuple[str, str, float]]) -> pd.DataFrame:
     frame = pd.DataFrame(found, columns=["relation", "problem", "excess"])
     groups = frame.groupby("relation")["excess"]
     worst = frame.loc[groups.idxmax()].set_index("relation")
-    above = {f"above {t:g}": groups.apply(lambda x, t=t: int((x > t).sum())) for t in (1e-6, 1e-5)}
-    columns = {"checked": groups.size(), **above, "worst": worst["excess"], "at": worst["problem"]}
+    columns = {"checked": groups.size()}
+    for threshold in (1e-6, 1e-5):
+        above = frame["excess"] > threshold
+        columns[f"above {threshold:g}"] = above.groupby(frame["relation"]).sum()
+    columns["worst"] = worst["excess"]
+    columns["at"] = worst["problem"]
     return pd.DataFrame(columns)
 
 
