@@ -253,6 +253,7 @@ def test_file_names_are_portable_and_never_clash() -> None:
     assert len(figures.distinct_names([("n" * 500, "0" * 64)])[0]) < 100
 
 
+@dataclass(frozen=True)
 class Sleepy:
     """A stochastic planner: the unoptimised answer, later with every seed; seed 3 fails."""
 

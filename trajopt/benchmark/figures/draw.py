@@ -49,7 +49,9 @@ def draw(results: Results, folder: Path, *, processes: int = 1) -> list[Path]:
     names = distinct_names(list(trials))
     drawings: list[Drawing] = []
     for (key, own), name in zip(trials.items(), names, strict=True):
-        drawings += _of_problem(own, _of(summary, key), _of(gaps, key), folder / name)
+        rows = _of(summary, key)
+        runs = _of(gaps, key)
+        drawings += _of_problem(own, rows, runs, folder / name)
     draw_all(drawings, processes)
     return [file for drawing in drawings for file in drawing.files]
 
@@ -64,8 +66,9 @@ def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:
     name = f"{trial.problem.name}: {trial.label}"
     files: list[Path] = []
     if steps := found.steps():
-        panels = [(headline(name, f", {title}"), own) for title, own in steps.items()]
-        files += plots.save(explanation.waterfalls(panels), folder / f"{stem}-waterfall")
+        panels = [(headline(name, f", {which}"), own) for which, own in steps.items()]
+        climb = explanation.waterfalls(panels)
+        files += plots.save(climb, folder / f"{stem}-waterfall")
     title = headline(name, f", {found.certified_duration:#.4g} s")
     use = explanation.limit_use(trial.problem, found.trajectory, found.optimum, title)
     return files + plots.save(use, folder / f"{stem}-limit-use")
@@ -73,7 +76,9 @@ def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:
 
 def _of(table: pd.DataFrame, key: tuple[str, str]) -> pd.DataFrame:
     name, digest = key
-    return table[(table["problem"] == name) & (table["digest"] == digest)]
+    named = table["problem"] == name
+    same = table["digest"] == digest
+    return table[named & same]
 
 
 def _of_problem(
@@ -124,10 +129,11 @@ def _title(trial: Trial, runs: int) -> str:
 
 def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     """The exact planners' shortest trajectory, and what it is an optimum of."""
-    exact = [t for t in trials if t.planner in REFERENCES and t.solution.trajectory is not None]
-    if not exact:
+    asked = [trial for trial in trials if trial.planner in REFERENCES]
+    answered = [trial for trial in asked if trial.solution.trajectory is not None]
+    if not answered:
         return None, ""
-    best = min(exact, key=lambda t: (t.certified_duration or np.inf, t.claimed_duration))
+    best = min(answered, key=lambda t: (t.certified_duration or np.inf, t.claimed_duration))
     if best.certified_trajectory is not None:
         return best.certified_trajectory, "exact optimum"
     limits: list[LimitName] = ["jerk", "position"]
@@ -140,7 +146,10 @@ def _convergence(trials: Sequence[Trial]) -> dict[str, Any]:
     found = histories(trials)
     best, runs = found
     searching = searches([found])
-    curves = {label: sampling.over_runs(own) for label, own in runs.items() if label in searching}
+    curves = {}
+    for label, own in runs.items():
+        if label in searching:
+            curves[label] = sampling.over_runs(own)
     if not curves:
         return {}
     return {"curves": curves, "best": best if np.isfinite(best) else None}

@@ -21,6 +21,8 @@ Steps = Sequence[tuple[str, float]]  # what was added, and the duration it leads
 
 _SAMPLES = 1500
 _BAR_WIDTH = 0.62
+_SHORT_DASHES = (0, (3, 2))
+_LONG_DASHES = (0, (4, 1.5))
 _KINDS: tuple[tuple[LimitName, int, str], ...] = (
     ("velocity", 1, "vel."),
     ("acceleration", 2, "acc."),
@@ -33,8 +35,11 @@ def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2) -> Figure:
     """One waterfall per `(title, steps)`, from the optimum up to a planner's duration (s)."""
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(3.5 * columns, 2.5 * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharey="row").ravel()
+    width = 3.5 * columns
+    height = 2.5 * rows
+    figure = Figure(figsize=(width, height), layout="constrained")
+    panes = figure.subplots(rows, columns, squeeze=False, sharey="row")
+    grid = panes.ravel()
     for axes, (title, steps) in zip(grid, panels, strict=False):
         _waterfall(axes, steps)
         axes.set_title(text(title), wrap=True)
@@ -47,25 +52,39 @@ def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2) -> Figure:
 
 def _waterfall(axes: Axes, steps: Steps) -> None:
     """A bar up from the end of the one before for every step, and a whole one for the planner."""
-    names = [name for name, _ in steps]
+    added = len(steps) - 1
     ends = np.array([end for _, end in steps])
     starts = np.r_[0.0, ends[:-1]]
-    x = np.arange(len(steps) + 1)
+    heights = ends - starts
+    x = np.arange(len(steps))
+    planner = len(steps)
+    colours = [GREY, *[VERMILION] * added]
     bar: Look = {"width": _BAR_WIDTH, "ec": BLACK, "lw": 0.6}
-    added = [VERMILION] * (len(steps) - 1)
-    axes.bar(x[:-1], ends - starts, bottom=starts, color=[GREY, *added], **bar)
-    axes.bar(x[-1], ends[-1], color=BLUE, **bar)
+    axes.bar(x, heights, bottom=starts, color=colours, **bar)
+    axes.bar(planner, ends[-1], color=BLUE, **bar)
     half = _BAR_WIDTH / 2
-    axes.hlines(ends, x[:-1] + half, x[1:] - half, color=BLACK, lw=0.6, ls=(0, (3, 2)))
-    differences = [f"{b - a:+.3g} s\n×{b / a:.4f}" for a, b in pairwise(ends)]
-    labels = [f"{ends[0]:.4g} s", *differences, f"{ends[-1]:.4g} s"]
-    style: Look = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7}
-    for at, top, label in zip(x, [*ends, ends[-1]], labels, strict=True):
-        axes.annotate(label, (at, top), (0, 2), linespacing=1.0, **style)
-    steps_up = [f"+ {name}" for name in names[1:]]
-    axes.set_xticks(x, [names[0], *steps_up, "planner"])
+    axes.hlines(ends, x + half, x + 1 - half, color=BLACK, lw=0.6, ls=_SHORT_DASHES)
+    _numbers(axes, ends)
+    names = [f"+ {name}" for name, _ in steps]
+    names[0], _ = steps[0]
+    axes.set_xticks([*x, planner], [*names, "planner"])
     axes.margins(y=0.2)
     axes.set_ylim(bottom=0)
+
+
+def _numbers(axes: Axes, ends: Array) -> None:
+    """Over the first and the last bar its duration, over each other what it adds."""
+    shortest = ends[0]
+    longest = ends[-1]
+    labels = [f"{shortest:.4g} s"]
+    for before, after in pairwise(ends):
+        added = after - before
+        labels.append(f"{added:+.3g} s\n×{after / before:.4f}")
+    labels.append(f"{longest:.4g} s")
+    style: Look = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7}
+    tops = [*ends, longest]
+    for x, label in enumerate(labels):
+        axes.annotate(label, (x, tops[x]), (0, 2), linespacing=1.0, **style)
 
 
 @styled
@@ -80,11 +99,13 @@ def limit_use(
     shown = {"planner": trajectory}
     if optimum:
         shown["optimum"] = optimum
-    names, _ = _use(problem, trajectory, np.zeros(1))
+    start = np.zeros(1)
+    names, _ = _use(problem, trajectory, start)
     tall = 0.13 * len(names) + 0.35
     heights = [1.2, *[tall] * len(shown)]
-    figure = Figure(figsize=(7.0, 1.5 + tall * len(shown)), layout="constrained")
-    top, *maps = figure.subplots(len(heights), 1, sharex=True, height_ratios=heights, squeeze=True)
+    height = 0.3 + sum(heights)
+    figure = Figure(figsize=(7.0, height), layout="constrained")
+    top, *maps = figure.subplots(len(heights), sharex=True, height_ratios=heights)
     end = max(own.duration for own in shown.values())
     _highest(top, problem, trajectory, optimum)
     top.set_title(text(title), loc="left", wrap=True)
@@ -107,7 +128,7 @@ def _highest(
     axes.plot(t, use, color=BLUE, lw=0.9, label="planner")
     if optimum:
         t, use = _highest_use(problem, optimum)
-        axes.plot(t, use, color=VERMILION, ls=(0, (4, 1.5)), lw=1.0, label="optimum")
+        axes.plot(t, use, color=VERMILION, ls=_LONG_DASHES, lw=1.0, label="optimum")
     axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
@@ -125,7 +146,8 @@ def _heat(axes: Axes, problem: Problem, trajectory: Trajectory) -> QuadMesh:
     mesh = axes.pcolormesh(edges, rows, use, vmin=0, vmax=1, cmap="cividis", rasterized=True)
     axes.set_yticks(rows[:-1] + 0.5, names, fontsize=6)
     axes.tick_params(axis="y", length=0)
-    axes.vlines(trajectory.waypoint_times[1:-1], 0, len(names), color="white", lw=0.8)
+    passing = trajectory.waypoint_times[1:-1]
+    axes.vlines(passing, 0, len(names), color="white", lw=0.8)
     axes.invert_yaxis()
     return mesh
 

@@ -62,6 +62,7 @@ _RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alph
 _PNG_DPI = 200
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
+_SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # of a decade of durations: where ticks are
 _ROUNDING = 1e-9  # relative: changes below it are not worth magnifying
 
 styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings are left alone
@@ -207,6 +208,7 @@ def motion(
         reference_name: what the legend calls the reference.
     """
     quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
+    passing = trajectory.waypoint_times
     figure, grid = _grid(problem.joints, len(quantities))
     for order, (quantity, unit) in enumerate(quantities):
         limits = getattr(problem.limits, quantity)
@@ -218,13 +220,14 @@ def motion(
             axes.plot(times, values[:, joint], **_OWN)
             _limit(axes, limits[joint])
             every_height = axes.get_xaxis_transform()
-            passing = trajectory.waypoint_times
             axes.vlines(passing, 0, 1, transform=every_height, zorder=0.5, **_PASSING)
-            axes.set_ylabel(f"joint {joint + 1} ({unit})" if order == 0 else unit)
+            axes.set_ylabel(unit)
         grid[0, order].set_title(quantity)
         grid[-1, order].set_xlabel("time (s)")
-    for axes, positions in zip(grid[:, 0], problem.waypoints.T, strict=True):
-        axes.plot(trajectory.waypoint_times, positions, ls="", zorder=3, clip_on=False, **_DOT)
+    for joint, axes in enumerate(grid[:, 0]):
+        coordinates = problem.waypoints[:, joint]
+        axes.plot(passing, coordinates, ls="", zorder=3, clip_on=False, **_DOT)
+        axes.set_ylabel(f"joint {joint + 1} (rad)")
     end = trajectory.duration
     if reference:
         end = max(end, reference.duration)
@@ -316,7 +319,8 @@ def convergence(
         title: over the figure.
     """
     labels = {label: wrapped(label) for label in curves}
-    legend = 0.5 + sum(0.17 + 0.11 * label.count("\n") for label in labels.values())
+    breaks = sum(label.count("\n") for label in labels.values())
+    legend = 0.5 + 0.17 * len(labels) + 0.11 * breaks  # inches
     panels = 2 if best else 1
     height = max(2.2 * panels, 2.8, legend)
     figure = Figure(figsize=(7.2, height), layout="constrained")
@@ -335,8 +339,9 @@ def convergence(
     above.set(xscale="log", yscale="log")
     above.set_ylabel("best certified duration (s)")
     above.set_title(text(title))
-    above.set_xlim(1, 1.1 * max(spent[-1] for spent, _ in curves.values()))
-    above.yaxis.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 4, 5, 6, 8)))
+    longest = max(spent[-1] for spent, _ in curves.values())
+    above.set_xlim(1, 1.1 * longest)
+    above.yaxis.set_major_locator(LogLocator(subs=_SUBDIVISIONS))
     above.yaxis.set_major_formatter(FuncFormatter(plain))
     above.yaxis.set_minor_formatter(NullFormatter())
     if best:
@@ -382,8 +387,7 @@ def gap_distribution(gaps: pd.DataFrame, title: str = "") -> Figure:
     _strips(right, [np.maximum(runs - best, GAP_FLOOR) for runs in values])
     run = Line2D([], [], label="one run", **_RUN)
     box = Patch(label="quartiles and range", **_BOX)
-    once = {label: runs[0] for label, runs in groups.items() if len(runs) == 1}
-    lines = _once(left, once)
+    lines = _once(left, groups)
     left.set_xlabel("gap (%)")
     left.set_title(text(title))
     _log_percent(right.xaxis)
@@ -392,14 +396,15 @@ def gap_distribution(gaps: pd.DataFrame, title: str = "") -> Figure:
     return figure
 
 
-def _once(axes: Axes, gaps: Mapping[str, float]) -> list[Line2D]:
-    """A line at each gap that is in view."""
+def _once(axes: Axes, groups: Mapping[str, Array]) -> list[Line2D]:
+    """A line at the gap of each planner that ran once, where it is in view."""
     low, high = axes.get_xlim()
-    shown = {label: gap for label, gap in gaps.items() if low <= gap <= high}
+    dashes = cycle(DASHES[1:])
     look: Look = {"color": VERMILION, "lw": 0.9, "zorder": 0.5}
     lines = []
-    for (label, gap), dash in zip(shown.items(), cycle(DASHES[1:]), strict=False):
-        lines.append(axes.axvline(gap, ls=dash, label=wrapped(label), **look))
+    for label, runs in groups.items():
+        if len(runs) == 1 and low <= runs[0] <= high:
+            lines.append(axes.axvline(runs[0], ls=next(dashes), label=wrapped(label), **look))
     return lines
 
 
@@ -445,8 +450,10 @@ def _log_percent(axis: XAxis | YAxis) -> None:
     """A log axis from `GAP_FLOOR` up, its end labelled as what is there: that or less."""
     low, high = np.maximum(axis.get_data_interval(), (0, 100 * GAP_FLOOR))
     limits = (0.8 * min(low, high / 100), 1.5 * high)
-    name = axis.axis_name
-    axis.axes.set(**{f"{name}scale": "log", f"{name}lim": limits})
+    if axis.axis_name == "x":
+        axis.axes.set(xscale="log", xlim=limits)
+    else:
+        axis.axes.set(yscale="log", ylim=limits)
     axis.set_major_locator(LogLocator(numticks=8))
     axis.set_major_formatter(FuncFormatter(_floored))
     axis.set_minor_formatter(NullFormatter())

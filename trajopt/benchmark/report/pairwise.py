@@ -30,7 +30,10 @@ def first(trials: Sequence[Trial], labels: Sequence[str]) -> int:
     seeds: dict[str, set[int]] = {}
     for trial in searched:
         seeds.setdefault(trial.label, set()).add(trial.seed)
-    several = {label: runs[label] for label, own in seeds.items() if len(own) > 1}
+    several: dict[str, int] = {}
+    for label, own in seeds.items():
+        if len(own) > 1:
+            several[label] = runs[label]
     most = max(labels, key=lambda label: several.get(label, 0))
     return labels.index(most)
 
@@ -40,7 +43,9 @@ def pairs(table: pd.DataFrame, labels: Sequence[str]) -> list[dict[str, Any]]:
     place = {label: i for i, label in enumerate(labels)}
     found: list[dict[str, Any]] = [{} for _ in labels]
     for row in table.reset_index().itertuples():
-        found[place[row.against]][str(place[row.planner])] = _line(row)
+        against = found[place[row.against]]
+        own = str(place[row.planner])
+        against[own] = _line(row)
     return found
 
 
@@ -79,7 +84,10 @@ def times(table: pd.DataFrame, labels: Sequence[str]) -> dict[str, list[Cell]]:
     """Per search, by its place: expected evaluations to each target, and how many runs met it."""
     lines = {}
     for label, own in table.groupby(level="label"):
-        cells = [(count(row.ert), f"{row.successes} of {row.runs}") for row in own.itertuples()]
+        cells = []
+        for row in own.itertuples():
+            met = f"{row.successes} of {row.runs}"
+            cells.append((count(row.ert), met))
         lines[str(labels.index(label))] = cells
     return lines
 
