@@ -85,7 +85,8 @@ class Free:
 
         # the longest a segment may take: the total, less the others' shortest times
         shortest = self.shortest
-        longest = np.maximum(total - (shortest.sum() - shortest), shortest)
+        others = shortest.sum() - shortest
+        longest = np.maximum(total - others, shortest)
 
         # t = T/S and r ≤ 1/t
         low = shortest / stop
@@ -104,8 +105,8 @@ class Free:
         for t, r in zip(self.t, self.r, strict=True):
             m.chgVarBranchPriority(t, _TIME_PRIORITY)
             m.addCons(r <= t**-1)
-        for k in range(segments):
-            between = (float(shortest[k]), float(longest[k]))
+        spans = np.stack([shortest, longest], axis=1).tolist()
+        for k, between in enumerate(spans):
             for j in range(joints):
                 self._reach(m, k, j, between)
 
@@ -115,7 +116,7 @@ class Free:
         m.addCons(duration <= total)
         return m
 
-    def _reach(self, m: Any, k: int, j: int, between: tuple[float, float]) -> None:
+    def _reach(self, m: Any, k: int, j: int, between: list[float]) -> None:
         """Joint `j` can cover segment `k`, seen in the direction it moves.
 
         `between` are the segment's shortest and longest times.
@@ -137,7 +138,8 @@ class Free:
 
         # the mean velocity h/T lies between both peaks
         up = m.addVar(lb=h / longest, ub=v2)
-        lo = m.addVar(lb=-v1, ub=min(v2, h / shortest))
+        highest_mean = h / shortest
+        lo = m.addVar(lb=-v1, ub=min(v2, highest_mean))
 
         # max(u, w) ≤ p_up and p_lo ≤ min(u, w)
         up_u = up - u
@@ -245,8 +247,10 @@ def _margin(stop: Array, shortest: Array, slowest: float) -> float:
     # of one that fades in the neighbours: 4c/T, where nothing fades if the motion rests
     bump = 2 * slack * stop * (1 + ratio)
     padded = np.r_[0.0, shortest, 0.0]
+    before = padded[:-2]
+    after = padded[2:]
+    briefer = np.minimum(before, after)
     with np.errstate(divide="ignore"):
-        briefer = np.minimum(padded[:-2], padded[2:])
         faded = 4 * bump / briefer
 
     # a dilation by 1 + ρ gives acceleration 2ρ and velocity ρ
