@@ -10,7 +10,7 @@ import numpy as np
 
 from baselines.exact import acceleration as acceleration_profile
 from baselines.exact import jerk_profiles as jerk_profile
-from baselines.exact.jerk_profiles import Array, Extremes, Limit, Pieces, Sides
+from baselines.exact.jerk_profiles import Array, Extremes, Limit, Pieces, Sides, State
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.trajectory import Trajectory
@@ -55,7 +55,8 @@ class Scaled:
         acceleration = problem.limits.acceleration[self.moving].T
         jerk = problem.limits.jerk[self.moving].T
         # the acceleration that is reached: at its limit, or as far as jerk allows
-        reached = np.minimum(np.abs(acceleration), np.abs(jerk) * self.unit)
+        by_jerk = np.abs(jerk) * self.unit
+        reached = np.minimum(np.abs(acceleration), by_jerk)
         powers = np.arange(-1.0, 3.0)[:, None]
         self.units = reached.min(axis=0) * self.unit**powers
         self.r = self.units[0] / np.abs(jerk)
@@ -80,9 +81,7 @@ class Scaled:
 
     def extremes(self, times: Array, states: Array, k: float = 1.0) -> Extremes:
         """The extreme profiles of every segment and joint."""
-        velocity, acceleration = states
-        start = (velocity[:-1], acceleration[:-1])
-        end = (velocity[1:], acceleration[1:])
+        start, end = _ends(states)
         return jerk_profile.extremes(start, end, times[:, None], self.sides(k))
 
     def trajectory(self, times: Array, states: Array) -> Trajectory:
@@ -116,19 +115,15 @@ class Scaled:
         """
         states = states.copy()
         both = self.extremes(times, states)
-        velocity, acceleration = states
-        narrow = self.jerky & both.narrow(
-            (velocity[:-1], acceleration[:-1]),
-            (velocity[1:], acceleration[1:]),
-            times[:, None],
-            self.h,
-        )
+        start, end = _ends(states)
+        narrow = self.jerky & both.narrow(start, end, times[:, None], self.h)
         for k in range(len(times) - 1):
             joints = narrow[k]
             u = states[0, k, joints]
             a, b = states[1, k : k + 2, joints].T
             # w = u + (a + b) T/2
-            states[0, k + 1, joints] = u + (a + b) / 2 * rounded[k]
+            w = u + (a + b) / 2 * rounded[k]
+            states[0, k + 1, joints] = w
         return states
 
     def _piece(
@@ -145,7 +140,8 @@ class Scaled:
         if self.jerky[i]:
             upper, lower = self.sides()
             sides = (upper.at(i), lower.at(i))
-            local, part = jerk_profile.combined(ends, t, h, both.at(k, i), sides)
+            own = both.at(k, i)
+            local, part = jerk_profile.combined(ends, t, h, own, sides)
         else:
             u, w = ends[0]
             v = self.v[:, i]
@@ -156,6 +152,14 @@ class Scaled:
         waypoint = self.problem.waypoints[k, self.moving]
         part[-1] += waypoint[i]
         return local * self.unit, part
+
+
+def _ends(states: Array) -> tuple[State, State]:
+    """Velocities and accelerations at the start, and at the end, of every segment."""
+    velocity, acceleration = states
+    start = (velocity[:-1], acceleration[:-1])
+    end = (velocity[1:], acceleration[1:])
+    return start, end
 
 
 def repaired(times: Array, states: Array, scaled: Scaled) -> tuple[float, Array, Array]:
