@@ -162,7 +162,11 @@ def _ends(states: Array) -> tuple[State, State]:
     return start, end
 
 
-def repaired(times: Array, states: Array, scaled: Scaled) -> tuple[float, Array, Array]:
+def repaired(
+    times: Array,
+    states: Array,
+    scaled: Scaled,
+) -> tuple[float, Array, Array]:
     """The smallest dilation that makes times and waypoint states reachable, and those.
 
     In a segment so brief that what its states reach is narrower than IPOPT's tolerance, no dilation
@@ -179,7 +183,11 @@ def repaired(times: Array, states: Array, scaled: Scaled) -> tuple[float, Array,
     return k, times, states
 
 
-def _smoothed(times: Array, states: Array, scaled: Scaled) -> tuple[Array, Array]:
+def _smoothed(
+    times: Array,
+    states: Array,
+    scaled: Scaled,
+) -> tuple[Array, Array]:
     """Times and states, where a brief segment is not reachable those of constant jerk through it.
 
     Its time becomes the one that changes the velocities least: a rounding error of the time is
@@ -235,7 +243,12 @@ def repair(times: Array, states: Array, scaled: Scaled) -> float:
     return high
 
 
-def _reachable(times: Array, states: Array, scaled: Scaled, k: float) -> bool:
+def _reachable(
+    times: Array,
+    states: Array,
+    scaled: Scaled,
+    k: float,
+) -> bool:
     """Whether limits widened by a dilation by `k` admit these times and states."""
     velocity, acceleration = states
     v1, v2 = scaled.v * k
