@@ -17,7 +17,7 @@ FOLDERS = ("trajopt", "baselines", "experiments")
 
 # Limits that only ever go down: to 4.5, 6.5, 0 and 0.
 MEAN_NODES_PER_LINE = 5.2
-MODULE_NODES_PER_LINE = 9.5
+MODULE_NODES_PER_LINE = 7.0
 PACKED_ASSIGNMENTS = 12
 UNFORMATTED_STATEMENTS = 8
 
