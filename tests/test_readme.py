@@ -26,7 +26,7 @@ def test_the_python_examples_run_in_order(
     gaps = dict(re.findall(r"^(\S+): .* s, ([+-][\d.]+) %$", printed, flags=re.MULTILINE))
     assert len(gaps) == 5
     assert all(float(gap) >= 0 for gap in gaps.values())
-    assert "even-cubic" in printed
+    assert "EvenCubic" in printed
     assert vars(module)["fastest"].x[0] == 0
 
 
