@@ -57,13 +57,14 @@ class Told(Store):
 
 def told(folder: Path) -> Told:
     """Makes this process tell, be it the child or, where the store is unpickled, a worker."""
-    vars(run)["Store"], vars(workers)["judge"] = told, _judge
+    vars(run)["Store"] = told
+    vars(workers)["run"] = _run
     return Told(folder)
 
 
-def _judge(*args: Any) -> list[Trial]:
+def _run(*args: Any) -> list[Trial]:
     _tell("solving")
-    return trial.judge(*args)
+    return trial.run(*args)
 
 
 def _tell(words: str) -> None:
