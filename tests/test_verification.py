@@ -131,7 +131,7 @@ ROOM = Limits([9.0] * 3, [9.0] * 3)
 
 
 def jerk_limited(joints=(0, 1, 2)) -> Limits:
-    return Limits([9.0] * 3, [9.0] * 3, [9e9 if j in joints else INF for j in range(3)])
+    return Limits([9.0] * 3, [9.0] * 3, [9e4 if j in joints else INF for j in range(3)])
 
 
 def within(position, waypoints=WAITING) -> Problem:
@@ -313,7 +313,7 @@ def test_an_acceleration_jump_counts_where_jerk_is_limited(place, joint, times, 
 
 
 def test_one_sided_jerk_limits_forbid_acceleration_jumps_too():
-    limits = Limits([9.0] * 3, [9.0] * 3, [[-INF, 9e9], [-INF, INF], [-INF, INF]])
+    limits = Limits([9.0] * 3, [9.0] * 3, [[-INF, 9e4], [-INF, INF], [-INF, INF]])
     motion = quintic_motion(WAYPOINTS, 4.0, CUTS)
     problem = Problem(WAYPOINTS, limits)
     assert verify(problem, motion).valid
@@ -345,7 +345,7 @@ def test_every_flaw_is_told_at_once():
         (hump(3, 3) * 640, 6, 1),
     ]:
         motion = bumped(motion, piece, joint, bump)
-    limits = Limits([9.0] * 3, [9.0] * 3, [9e9] * 3, [[-9, 9], [-9, 9], [-9, 9]])
+    limits = Limits([9.0] * 3, [9.0] * 3, [9e4] * 3, [[-9, 9], [-9, 9], [-9, 9]])
     moved = WAYPOINTS + np.array([[0, 0, 0], [0, 1e-3, 0], [0, 0, 0], [0, 0, 0]])
     flaws = " | ".join(verify(Problem(moved, limits), motion).flaws)
     for words in (

@@ -31,8 +31,9 @@ Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
 # Rounding that is not mended, and what it can be worth. A jump of a derivative: relative to the
-# joint's largest value of it; all of them together are worth no more than the second number of the
-# duration, since peak velocity is at most A T / 2.
+# joint's largest value of it, and to what it changes by while the break's time is rounded; all of
+# them together are worth no more than the second number of the duration, since peak velocity is at
+# most A T / 2.
 JUMP_RTOL = 4 * float(np.finfo(float).eps)
 JUMPS_SUM_RTOL = 1e-11
 # A miss: relative to the way travelled in the segment.
@@ -265,7 +266,10 @@ def _jumps(layout: _Layout, joints: Bools, order: int) -> Array:
     values = np.stack([before, after])
     largest = np.abs(values).max(axis=(0, 1))
     size = np.abs(jumps)
-    rounding = size <= JUMP_RTOL * largest
+    # A break's time is rounded too, which moves the value by as much as it changes meanwhile.
+    steepest = np.abs(layout.trajectory.pieces(order + 1)[-1][..., joints]).max(axis=0)
+    in_time = steepest * layout.trajectory.breaks[:, None]
+    rounding = size <= JUMP_RTOL * (largest + in_time)
     forgiven = np.where(rounding, size, 0.0)
     few = forgiven.sum(axis=0) <= JUMPS_SUM_RTOL * largest
     return np.where(rounding & few, 0.0, jumps)

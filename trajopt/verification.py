@@ -27,8 +27,9 @@ Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, lo
 _CHUNK_PIECES = 256  # pieces whose roots are found at once, the most promising first
 # Evaluating a polynomial of degree d rounds by less than this times (d + 1) Σ |coefficients|.
 _EVALUATION_RTOL = 2 * float(np.finfo(float).eps)
-# A coordinate is known to some units in its last place.
+# A coordinate, and the time of a break, are known to some units in their last place.
 _COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
+_TIME_RTOL = 16 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,7 @@ def _judged(
     problem: Problem, trajectory: Trajectory, tolerance: Tolerance
 ) -> tuple[Certificate, Trajectory]:
     """The verdict, and the trajectory whose peaks it tells: repaired where that can be."""
-    allowed = _allowed(problem, tolerance)
+    allowed = _allowed(problem, trajectory.duration, tolerance)
     waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
     jumps = []
     for order, jump in enumerate(allowed.jumps):
@@ -246,7 +247,7 @@ class _Allowed:
     jumps: tuple[Array, Array, Array]
 
 
-def _allowed(problem: Problem, tolerance: Tolerance) -> _Allowed:
+def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowed:
     limits = problem.limits
     smallest, largest = _distances(problem)
     coordinates = _COORDINATE_RTOL * np.abs(problem.waypoints).max(axis=0)
@@ -257,9 +258,11 @@ def _allowed(problem: Problem, tolerance: Tolerance) -> _Allowed:
     reached_velocity = np.minimum(V, np.sqrt(A * largest))
     from_jerk = np.cbrt(J) ** 2 * np.cbrt(largest)
     reached_acceleration = np.minimum(A, from_jerk)
-    position_jump = tolerance.position * largest + coordinates
-    velocity_jump = tolerance.jump * reached_velocity
-    acceleration_jump = tolerance.jump * reached_acceleration
+    # Breaks are rounded, which moves each derivative by as much as it changes meanwhile.
+    rounded = _TIME_RTOL * duration
+    position_jump = tolerance.position * largest + coordinates + rounded * V
+    velocity_jump = tolerance.jump * reached_velocity + rounded * A
+    acceleration_jump = tolerance.jump * reached_acceleration + rounded * J
     acceleration_jump = np.where(limits.jerk_limited, acceleration_jump, np.inf)
     return _Allowed(
         waypoint=tolerance.position * smallest + coordinates,
