@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tricks import Trick, least_time, tricks
 
+from experiments.common.tricks import Trick, least_time, tricks
 from trajopt.benchmark.trial import verdict
 from trajopt.problem import Limits, Problem
 from trajopt.solution import Solution, Status
@@ -23,6 +23,11 @@ from trajopt.verification import Tolerance, certified, verify
 BELOW = 1e-9  # of the optimum
 WIDE = Tolerance(position=1e9, jump=1e9)
 TRICKS = {trick.name: trick for trick in tricks()}
+
+
+@pytest.mark.parametrize("trick", TRICKS.values(), ids=TRICKS)
+def test_every_trick_claims_less_than_the_optimum(trick: Trick):
+    assert trick.trajectory.duration < trick.optimum
 
 
 @pytest.mark.parametrize("tolerance", [Tolerance(), WIDE], ids=["default", "wide"])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from experiments import certificates, explained, ordering, sweep, throughput
+from experiments import certificates, explained, ordering, sweep, throughput, tricks
 from experiments.common.output import save_table
 from trajopt.registry import entries, named
 
@@ -53,6 +54,38 @@ def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path: Path) -> None:
         "|n|a|b|", "|1|1.25|x|", "|2|||"
     ]  # fmt: skip
     assert pd.read_csv(tmp_path / "new" / "table.csv")["a"].tolist()[0] == 1.25
+
+
+def test_the_tricks_table_shows_a_flaw_or_what_is_certified(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tricks.main(output=tmp_path)
+    table = pd.read_csv(tmp_path / "tricks.csv").set_index("trick")
+    assert (table["claimed %"] < 0).all()
+    assert (table["certified %"].isna() == table["flaw"].notna()).all()
+    # Four times the acceleration takes half the optimum, 2 √(h / A) = 2 s.
+    overflow = table.loc["overflow of 1e+308, 1e+308 in a piece of 1e-40 s"]
+    assert overflow["claimed %"] == pytest.approx(-50)
+    assert overflow["optimum s"] == pytest.approx(2)
+    assert "finite" in overflow["flaw"]
+    assert (tmp_path / "tricks.md").read_text().startswith("| trick")
+    assert f"certified below the optimum: 0 of {len(table)}" in capsys.readouterr().out
+
+
+def test_the_tricks_experiment_fails_where_a_trick_succeeds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trick = tricks.tricks()[0]
+    monkeypatch.setattr(tricks, "tricks", lambda: [replace(trick, optimum=1e3)])
+    monkeypatch.setattr(tricks, "verify", lambda *_: Certified(999.0))
+    with pytest.raises(SystemExit, match="1"):
+        tricks.main(output=tmp_path)
+
+
+@dataclass(frozen=True)
+class Certified:
+    certified_duration: float
+    flaws: tuple[str, ...] = ()
 
 
 def test_throughput_times_the_same_trials_at_one_and_two_jobs(tmp_path: Path) -> None:
