@@ -205,6 +205,36 @@ def test_the_second_time_nothing_runs_and_fresh_runs_everything(tmp_path):
     assert lines(tmp_path / "log") == ["2.0:0", "2.0:0"]
 
 
+def test_results_that_hold_every_trial_are_not_built_again(tmp_path):
+    first = run.compare([PROBLEM], FAST, tmp_path)
+    stamp = (tmp_path / "results.h5").stat()
+    again = run.compare([PROBLEM], FAST, tmp_path)
+    assert (tmp_path / "results.h5").stat().st_ino == stamp.st_ino
+    assert [trial.id for trial in again.items] == [trial.id for trial in first.items]
+
+
+@pytest.mark.parametrize("change", ["removed", "damaged", "older than a trial"])
+def test_results_that_may_not_hold_every_trial_are_built_again(tmp_path, change):
+    run.compare([PROBLEM], FAST, tmp_path)
+    results = tmp_path / "results.h5"
+    if change == "removed":
+        results.unlink()
+    elif change == "damaged":
+        results.write_bytes(results.read_bytes()[:-100])
+    else:
+        younger = results.stat().st_mtime_ns + 1
+        (trial,) = (tmp_path / "trials").iterdir()
+        os.utime(trial, ns=(younger, younger))
+    old = results.read_bytes() if results.exists() else b""
+    inode = results.stat().st_ino if results.exists() else 0
+    (trial,) = run.compare([PROBLEM], FAST, tmp_path).items
+    assert trial.status is Status.SOLVED
+    (stored,) = store.read(results)
+    assert stored.id == trial.id
+    assert change != "damaged" or results.read_bytes() != old
+    assert results.stat().st_ino != inode
+
+
 def test_only_new_seeds_options_and_planners_run(tmp_path):
     log = str(tmp_path / "log")
     mine = Mine(log=log, stochastic=True)

@@ -107,7 +107,9 @@ def compare(
     for count in _run(waiting, store, allowed, jobs, executor):
         finished += count
         progress(Progress(len(asked), finished, len(done)))
-    trials = read(store.consolidate(), asked)
+    trials = None if waiting else store.current(asked)
+    if trials is None:
+        trials = read(store.consolidate(), asked)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Results(trials, kept)

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy  # which imports scipy.stats, a second, where it is first used
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from trajopt.exceptions import InvalidInput
 
@@ -80,7 +80,7 @@ def success_rate(successes: ArrayLike, confidence: float = 0.95) -> Estimate:
     _require(binary, "successes", "true or false", outcomes)
     _require_level(confidence)
     successful = int(outcomes.sum())
-    counted = stats.binomtest(successful, outcomes.size)
+    counted = scipy.stats.binomtest(successful, outcomes.size)
     low, high = counted.proportion_ci(confidence, method="wilson")
     return Estimate(
         value=float(outcomes.mean()),
@@ -290,7 +290,7 @@ def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
     below = change < 0
     above = change > 0
     size = np.abs(change)
-    ranks = stats.rankdata(size)
+    ranks = scipy.stats.rankdata(size)
     negative = ranks[below].sum()
     positive = ranks[above].sum()
     rank_sum = float(min(negative, positive))
@@ -320,7 +320,7 @@ def mann_whitney(a: ArrayLike, b: ArrayLike) -> RankSum:
     n = x.size
     m = y.size
     both = np.concatenate([x, y])
-    ranks = stats.rankdata(both)
+    ranks = scipy.stats.rankdata(both)
     rank_sum = ranks[:n].sum()
     # pairs lost: U' = R − n (n + 1) / 2; pairs won: U = n m − U'
     lost = rank_sum - n * (n + 1) / 2
@@ -352,14 +352,14 @@ def friedman(costs: ArrayLike) -> Ranking:
     Ties share their mean rank; the statistic is corrected for them. If all are tied, p = 1.
     """
     table = _costs("costs", costs, 2)
-    ranks = stats.rankdata(table, axis=1)
+    ranks = scipy.stats.rankdata(table, axis=1)
     solvers = table.shape[1]
     _require(solvers > 2, "costs", "3 solvers or more (for 2, wilcoxon)", table.shape)
     mean_ranks = ranks.mean(axis=0)
     spread = np.ptp(ranks, axis=1)
     if not spread.any():
         return Ranking(0.0, 1.0, mean_ranks)
-    statistic, pvalue = stats.friedmanchisquare(*ranks.T)
+    statistic, pvalue = scipy.stats.friedmanchisquare(*ranks.T)
     return Ranking(float(statistic), float(pvalue), mean_ranks)
 
 
@@ -368,7 +368,7 @@ def critical_difference(problems: int, solvers: int, confidence: float = 0.95) -
     _require_level(confidence)
     several = problems > 0 and solvers > 1
     _require(several, "size", "a problem, 2 solvers", (problems, solvers))
-    studentized = stats.studentized_range.ppf(confidence, solvers, np.inf)
+    studentized = scipy.stats.studentized_range.ppf(confidence, solvers, np.inf)
     # CD = q √(k (k + 1) / 6 N), with q the studentized range over √2
     q = studentized / np.sqrt(2)
     orders = solvers * (solvers + 1)
@@ -388,7 +388,7 @@ def a12(a: ArrayLike, b: ArrayLike) -> Values:
     expected = f"shape {(*leading, 'm')}"
     _require(leading == others, "b", expected, y.shape)
     both = np.concatenate([x, y], axis=-1)
-    ranks = stats.rankdata(both, axis=-1)
+    ranks = scipy.stats.rankdata(both, axis=-1)
     own = ranks[..., :n]
     # A12 = (R − n (n + 1) / 2) / (n m), R the sum of its own ranks
     won = own.sum(axis=-1) - n * (n + 1) / 2
@@ -425,7 +425,7 @@ def bootstrap(
         return Estimate(value, np.nan, np.nan)
     batch = max(1, 10**6 // sum(sizes))
     with np.errstate(invalid="ignore"):  # SciPy's own interval is NaN where resamples are inf
-        found = stats.bootstrap(
+        found = scipy.stats.bootstrap(
             arrays,
             lambda *drawn, axis: statistic(*drawn),
             paired=paired,
@@ -461,7 +461,7 @@ def _exact_signed_rank(ranks: Array, rank_sum: float) -> float:
 
 
 def _normal_signed_rank(change: Array) -> float:
-    found = stats.wilcoxon(change, method="asymptotic")
+    found = scipy.stats.wilcoxon(change, method="asymptotic")
     return float(found.pvalue)
 
 
@@ -486,7 +486,7 @@ def _exact_rank_sum(ranks: Array, n: int, rank_sum: float) -> float:
 def _normal_rank_sum(ranks: Array, n: int) -> float:
     first = ranks[:n]
     second = ranks[n:]
-    found = stats.mannwhitneyu(first, second, method="asymptotic")
+    found = scipy.stats.mannwhitneyu(first, second, method="asymptotic")
     return float(found.pvalue)
 
 

@@ -101,14 +101,15 @@ def _of_problem(
 
 def _motions(trials: Sequence[Trial], folder: Path) -> list[Drawing]:
     """One figure per planner, the optimum behind all but its own."""
-    certified = [trial for trial in trials if trial.certified_trajectory is not None]
+    certified = [trial for trial in trials if trial.certified_duration is not None]
     groups = by_label(certified)
     keys = [(label, sha256(label.encode()).hexdigest()) for label in groups]
     reference, reference_name = _optimum(trials)
     drawings = []
     for runs, name in zip(groups.values(), distinct_names(keys), strict=True):
         trial = median_run(runs)
-        assert trial is not None
+        if trial is None:
+            continue
         motion = {
             "problem": trial.problem,
             "trajectory": trial.certified_trajectory,
@@ -157,11 +158,13 @@ def _convergence(trials: Sequence[Trial]) -> dict[str, Any]:
 
 def median_run(runs: Sequence[Trial]) -> Trial | None:
     """The run with the median certified duration (the lower of two), of those that have one."""
-    certified = [trial for trial in runs if trial.certified_trajectory is not None]
+    certified = [trial for trial in runs if trial.certified_duration is not None]
     ordered = sorted(certified, key=lambda t: (t.certified_duration or np.inf, t.seed))
-    if not ordered:
-        return None
-    return ordered[(len(ordered) - 1) // 2]
+    while ordered:
+        middle = ordered.pop((len(ordered) - 1) // 2)
+        if middle.certified_trajectory is not None:  # computed here, for the run that is shown only
+            return middle
+    return None
 
 
 def by_label(trials: Sequence[Trial]) -> dict[str, list[Trial]]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Collection, Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,6 +94,22 @@ class Store:
         atomic.sweep(self.folder, self.folder / "trials")
         atomic.write(self.results, self._rebuild)
         return self.results
+
+    def current(self, ids: Collection[str]) -> list[Trial] | None:
+        """The trials with these identities from `results.h5`, if it need not be rebuilt.
+
+        None where a trial file is younger, where one is not in it, or where it cannot be read.
+        """
+        trials = self.folder / "trials"
+        try:
+            built = self.results.stat().st_mtime_ns
+            changes = [path.stat().st_mtime_ns for path in (trials, *trials.iterdir())]
+            if max(changes) >= built:
+                return None
+            stored = read(self.results, ids)
+        except (OSError, StoreError):
+            return None
+        return stored if len(stored) == len(ids) else None
 
     def _rebuild(self, place: Path) -> None:
         """Again if another run replaced `results.h5` meanwhile: it may know more trials."""
