@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import platform
 import re
 import subprocess
 import sys
@@ -347,3 +348,34 @@ def test_a_planner_that_changes_the_problem_is_judged_on_ours():
     assert trial.id == Configuration.of(Vandal(), "vandal").trial_id(PROBLEM, 0)
     assert trial.status is Status.INVALID
     assert trial.certified_duration is None
+
+
+def test_an_installed_package_tells_its_commit_or_a_digest(monkeypatch):
+    written = {}
+    package = SimpleNamespace(read_text=written.get)
+    monkeypatch.setattr(provenance, "distribution", lambda name: package)
+    assert provenance._installed_commit() == ""
+    written["direct_url.json"] = (  # the example of PEP 610
+        '{"url": "https://github.com/pypa/pip.git", "vcs_info": {"vcs": "git", '
+        '"requested_revision": "1.3.1", "commit_id": "7921be1537eac1e97bc40179a57f0349c2aee67d"}}'
+    )
+    assert provenance._installed_commit() == "7921be1537eac1e97bc40179a57f0349c2aee67d"
+    written["direct_url.json"] = '{"url": "file:///home/a/b", "dir_info": {}}'
+    assert provenance._installed_commit() == ""
+    assert provenance._installed_sources() == ""  # of a checkout
+    monkeypatch.setattr(provenance, "_is_installed", lambda file: True)
+    record = "trajopt/a.py,sha256={},10\n../bin/trajopt,sha256=x,1\ntrajopt/a.pyc,,\n"
+    digests = set()
+    for own in ("one", "two"):
+        written["RECORD"] = record.format(own)
+        digests.add(provenance._installed_sources())
+    written["RECORD"] = record.format("one").replace("=x", "=y")
+    digests.add(provenance._installed_sources())
+    assert len(digests) == 2
+
+
+def test_the_processor_is_the_one_the_system_names():
+    assert provenance.provenance()["cpu"] == provenance._processor()
+    known = Path("/proc/cpuinfo")
+    if known.exists():
+        assert provenance._processor() in known.read_text() + platform.processor()

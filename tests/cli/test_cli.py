@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 from trials import edited
 
 from trajopt import Limits, Problem
+from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
 from trajopt.cli import compare, plan
@@ -658,6 +660,20 @@ def test_report_writes_one_page_that_stands_alone(compared, trajopt):
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert (code, "report.html" in out) == (0, True)
     assert 'src="http' not in page
+
+
+def test_a_mailed_results_file_alone_is_reported_and_exported(compared, trajopt, tmp_path):
+    folder, _, _ = compared
+    mailed = Path(shutil.copy(folder / "results.h5", tmp_path / "from-a-friend.h5"))
+    assert trajopt("report", mailed)[0] == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Every number is a\n    link to the trials" in page
+    for to, name in (("csv", "trials.csv"), ("latex", "summary.tex"), ("pdf", "pdf")):
+        code, out, _ = trajopt("export", mailed, "--to", to)
+        assert (code, name in out) == (0, True)
+        assert (tmp_path / name).exists()
+    assert len(pd.read_csv(tmp_path / "trials.csv")) == len(Results(mailed).items)
+    assert (tmp_path / "pdf" / "one-joint" / "durations.pdf").read_bytes().startswith(b"%PDF-")
 
 
 def test_report_of_nothing_exits_2(trajopt, tmp_path):

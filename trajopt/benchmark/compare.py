@@ -96,7 +96,9 @@ def compare(
     from trajopt.benchmark.analysis.results import Kept, Results
 
     store = Store(Path(folder))
-    allowed = Allowance() if executor is None and jobs == 0 else Allowance(timeout, memory)
+    here = executor is None and jobs == 0
+    side_by_side = jobs if executor is None else 0
+    allowed = Allowance() if here else Allowance(timeout, memory, side_by_side)
     loaded = [p if isinstance(p, Problem) else catalogue.load(str(p)) for p in problems]
     tasks = plan(loaded, [_configuration(planner) for planner in planners], seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}

@@ -53,6 +53,7 @@ _SHOWS_ONLY = ("trajopt/cli/", "trajopt/benchmark/")  # but no trial depends on 
 _JUDGES = ("trajopt/benchmark/trial.py",)
 _SOURCES = (".py", ".so", ".pyd")
 _SHORT_ARRAY = 100  # values that an option shows before it shows their digest instead
+_CPU_MODEL = re.compile(r"^model name\s*:\s*(?P<name>\S.*)$", re.MULTILINE)
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
 
@@ -76,10 +77,13 @@ class Code:
 @cache
 def provenance() -> dict[str, str]:
     """Versions of this package and of every solver, the commit, and the machine."""
-    return {name: _version(name) for name in PACKAGES} | {
+    versions = {name: _version(name) for name in PACKAGES}
+    return versions | {
         "python": platform.python_version(),
         "commit": _commit(),
+        "sources": _installed_sources(),
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs",
+        "cpu": _processor(),
     }
 
 
@@ -364,10 +368,14 @@ def _version(package: str) -> str:
 
 
 def _commit() -> str:
-    """The commit of the checkout this runs from, marked if changed; empty when installed."""
+    """The commit of the checkout this runs from, marked if changed, or of the installed package.
+
+    An installer writes down the commit of what it took from version control (PEP 610); of any other
+    installed package it is empty, and `_installed_sources` tells which code it is.
+    """
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
-        return ""
+        return _installed_commit()
     describe = ["describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
     command = ["git", "-C", str(root), *describe]
     try:
@@ -375,3 +383,39 @@ def _commit() -> str:
     except (OSError, subprocess.TimeoutExpired):
         return ""
     return done.stdout.strip()
+
+
+def _installed_commit() -> str:
+    origin = json.loads(_metadata("direct_url.json") or "{}")
+    commit = origin.get("vcs_info", {}).get("commit_id", "")
+    return str(commit)
+
+
+def _installed_sources() -> str:
+    """A digest of the installed modules, as their RECORD lists them; empty for a checkout."""
+    if not _is_installed(Path(__file__)):
+        return ""
+    hashes = []
+    for line in _metadata("RECORD").splitlines():
+        path, _, rest = line.partition(",")
+        if path.startswith(_OURS) and path.endswith(_SOURCES):
+            hashes.append(f"{path},{rest}")
+    return f"SHA-256 {_sha(json.dumps(sorted(hashes)))}"
+
+
+def _metadata(file: str) -> str:
+    """A file that the installer wrote beside this distribution; empty where it did not."""
+    try:
+        return distribution("trajopt").read_text(file) or ""
+    except PackageNotFoundError:
+        return ""
+
+
+def _processor() -> str:
+    """The processor's model, as Linux or else Python names it; perhaps empty."""
+    try:
+        described = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return platform.processor()
+    model = _CPU_MODEL.search(described)
+    return model["name"] if model else platform.processor()

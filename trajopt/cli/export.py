@@ -1,4 +1,4 @@
-"""`trajopt export`: the trials of a folder for other tools."""
+"""`trajopt export`: the trials of a folder for other tools, and for a paper."""
 
 from __future__ import annotations
 
@@ -9,24 +9,46 @@ from cyclopts import Parameter
 
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.export import all_trials, ioh
+from trajopt.benchmark.figures import draw
 from trajopt.cli import console
+from trajopt.cli.parameters import beside
+
+_NAMES = {
+    "csv": "trials.csv",
+    "parquet": "trials.parquet",
+    "ioh": "ioh",
+    "latex": "summary.tex",
+    "pdf": "pdf",
+}
 
 
 def export(
-    folder: Annotated[Path, Parameter(help="Results folder of a comparison.")],
+    folder: Annotated[
+        Path,
+        Parameter(help="Results folder of a comparison, or its results.h5."),
+    ],
     *,
     to: Annotated[
-        Literal["csv", "parquet", "ioh"],
-        Parameter(help="Trials as CSV or Parquet, or convergence histories for IOHanalyzer."),
+        Literal["csv", "parquet", "ioh", "latex", "pdf"],
+        Parameter(
+            help="Trials as CSV or Parquet, convergence histories for IOHanalyzer, "
+            "the summary as a LaTeX table, or the figures as PDF."
+        ),
     ],
-    out: Annotated[Path | None, Parameter(help="File, or new folder for ioh.")] = None,
+    out: Annotated[
+        Path | None,
+        Parameter(help="File; for pdf a folder, for ioh a new one."),
+    ] = None,
 ) -> int:
     """Write the trials of a folder for other tools."""
     results = Results(folder)
-    name = "ioh" if to == "ioh" else f"trials.{to}"
-    path = out or folder / name
-    all_trials.write(results, to, path)
-    console.line(f"exported: {path} ({len(results.items)} trials)")
+    path = out or beside(folder, _NAMES[to])
+    if to == "pdf":
+        draw.write_pdf(results, path)
+    else:
+        all_trials.write(results, to, path)
+    trials = len(results.items)
+    console.line(f"exported: {path} ({trials} trials)")
     if to == "ioh":
         left_out = ioh.without_history(results)
         if left_out:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter, Token
@@ -36,6 +37,12 @@ def number(
 ) -> Parameter:
     """A parameter that is a finite number above `above`, from `least` to `most`."""
     return Parameter(help=help, converter=_decimal, validator=Number(gt=above, gte=least, lte=most))
+
+
+def beside(results: Path, name: str) -> Path:
+    """Where a file made of results goes: into their folder, or beside their file."""
+    folder = results.parent if results.is_file() else results
+    return folder / name
 
 
 ProblemName = Annotated[str, Parameter(help="Problem file, or the name of a built-in problem.")]

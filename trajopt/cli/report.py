@@ -10,11 +10,14 @@ from cyclopts import Parameter
 from trajopt.benchmark import report as page
 from trajopt.benchmark.analysis.results import Results
 from trajopt.cli import console
-from trajopt.cli.parameters import whole_number
+from trajopt.cli.parameters import beside, whole_number
 
 
 def report(
-    folder: Annotated[Path, Parameter(help="Results folder of a comparison.")],
+    folder: Annotated[
+        Path,
+        Parameter(help="Results folder of a comparison, or its results.h5."),
+    ],
     *,
     trajectories: Annotated[
         int, whole_number("Problems shown with their trajectories.", least=0)
@@ -25,7 +28,7 @@ def report(
         results = Results(folder)
         file = page.write(
             results,
-            folder / "report.html",
+            beside(folder, "report.html"),
             command=f"trajopt report {folder}",
             trajectories=trajectories,
         )

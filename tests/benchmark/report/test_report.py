@@ -20,8 +20,7 @@ from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark import report
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.analysis.searches import histories
-from trajopt.benchmark.report import cells as lines
-from trajopt.benchmark.report import curves, packing
+from trajopt.benchmark.report import curves, origin, packing
 from trajopt.benchmark.report import page as content
 from trajopt.benchmark.report import pairwise as rivals
 from trajopt.benchmark.report import panels as motions
@@ -431,14 +430,14 @@ def test_looks_differ_for_every_planner_of_a_large_comparison() -> None:
 
 
 def test_seeds_are_told_as_ranges() -> None:
-    assert lines.ranges([0, 1, 2, 5, 7, 8]) == "0–2, 5, 7–8"
-    assert lines.ranges([4]) == "4"
+    assert origin.ranges([0, 1, 2, 5, 7, 8]) == "0–2, 5, 7–8"
+    assert origin.ranges([4]) == "4"
 
 
 def test_facts_that_differ_between_trials_are_all_told() -> None:
     one, two = run("mine", 2.0, 3.0)
     other = replace(two, provenance=dict(two.provenance) | {"casadi": "9.9"})
-    facts = dict(lines.provenance([one, other]))
+    facts = dict(origin.facts([one, other]))
     assert facts["casadi"] == f"{one.provenance['casadi']} (1 trials); 9.9 (1 trials)"
     assert facts["python"] == one.provenance["python"]
 
@@ -452,3 +451,40 @@ def test_the_head_names_the_commit_or_says_that_there_are_several() -> None:
     assert ", commit 0123456789-dirty;" in content.page(Results([one, one])).brief
     assert ", 2 commits (see below);" in content.page(Results([one, other])).brief
     assert "commit" not in content.page(Results([by("")])).brief
+
+
+def test_the_command_runs_the_same_comparison_again() -> None:
+    one = suite.load("one-joint")
+    limits = {"timeout_limit": "60", "memory_limit": "1.5", "jobs": "2"}
+    items = [*run("mine", 2.0, 2.1, 2.2, on=one), *run("exact", 2.0, on=problem("own one"))]
+    items = [replace(trial, provenance=trial.provenance | limits) for trial in items]
+    page = content.page(Results(items))
+    assert page.command == (
+        "trajopt compare one-joint own_one.toml --planner exact --planner mine --seeds 3 "
+        "--timeout 60 --memory 1.5 --jobs 2"
+    )
+    facts = dict(page.facts)
+    assert facts["time limit of a trial (s)"] == "60"
+    assert facts["memory limit of a trial (GiB)"] == "1.5"
+    assert facts["trials side by side"] == "2"
+    assert "planner_digest" not in facts
+    differing = [replace(items[0], provenance=items[0].provenance | {"jobs": "1"}), *items[1:]]
+    assert "--jobs" not in content.page(Results(differing)).command
+
+
+def test_a_whole_suite_goes_by_its_name() -> None:
+    edges = suite.suites()["edges"].problems()
+    trials = [run("mine", 2.0)[0]] + [replace(run("mine", 2.0)[0], problem=own) for own in edges]
+    command = content.page(Results(trials)).command
+    assert command == "trajopt compare one.toml --suite edges --planner mine --seeds 1"
+    part = content.page(Results(trials[:-1])).command
+    assert "--suite" not in part
+
+
+def test_planners_are_named_with_the_distribution_that_they_are_of() -> None:
+    (one,) = run("mine", 2.0)
+    (two,) = judge(load("unoptimised"), problem("one"), [0], "unoptimised")
+    stranger = {"planner_distribution": "strangers-planners", "planner_version": "1.2"}
+    one = replace(one, provenance=one.provenance | stranger)
+    told = origin.planners_code([one, two])
+    assert told == f"strangers-planners 1.2: mine; trajopt {two.provenance['trajopt']}: unoptimised"

@@ -1,4 +1,4 @@
-"""All trials in a format that other programs read: CSV, Parquet, IOHprofiler.
+"""All trials in a format that other programs read: CSV, Parquet, IOHprofiler, LaTeX.
 
 write(Results("results"), "csv", Path("trials.csv"))
 write(Results("results"), "ioh", Path("ioh"))        # a folder; zip it for IOHanalyzer's page
@@ -10,12 +10,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.export import ioh, tables
+from trajopt.benchmark.export import ioh, latex, tables
 from trajopt.exceptions import InvalidInput
 
 
 def write(results: Results, to: str, path: Path) -> None:
-    """Write all trials to a file (`csv`, `parquet`: see `tables.table`) or a new folder (`ioh`).
+    """Write all trials to a file or a folder.
+
+    Args:
+        results: the trials.
+        to: `csv` or `parquet`, all trials as `tables.table` has them; `ioh`, a new folder of
+            convergence histories; `latex`, the summary as a table.
+        path: the file or folder.
 
     Raises:
         InvalidInput: for another format.
@@ -33,4 +39,5 @@ _WRITERS: dict[str, Callable[[Results, Path], None]] = {
     "csv": tables.write_csv,
     "parquet": tables.write_parquet,
     "ioh": ioh.write,
+    "latex": latex.write,
 }

@@ -18,6 +18,7 @@ from trajopt.benchmark.figures import sampling
 from trajopt.benchmark.figures.drawing import Drawing, draw_all
 from trajopt.benchmark.figures.style import headline
 from trajopt.benchmark.trial import Trial
+from trajopt.exceptions import StoreError
 from trajopt.explain.decomposition import Explanation
 from trajopt.explain.references import REFERENCES
 from trajopt.problem import LimitName
@@ -40,6 +41,26 @@ def draw(results: Results, folder: Path, *, processes: int = 1) -> list[Path]:
     Returns:
         The files, also of figures that were there already and show the same.
     """
+    drawings = _drawings(results, folder)
+    draw_all(drawings, processes)
+    return [file for drawing in drawings for file in drawing.files]
+
+
+def write_pdf(results: Results, folder: Path) -> None:
+    """Write the figures that `draw` makes into `folder/<problem>/`, as PDF for a paper.
+
+    Raises:
+        StoreError: where the disk refuses.
+    """
+    try:
+        for drawing in _drawings(results, folder):
+            drawing.write_pdf()
+    except OSError as error:
+        raise StoreError(f"{folder}: cannot be written: {error.strerror}") from error
+
+
+def _drawings(results: Results, folder: Path) -> list[Drawing]:
+    """The figures of every problem."""
     summary = results.summary()
     gaps = results.gaps()
     trials: dict[tuple[str, str], list[Trial]] = {}
@@ -52,8 +73,7 @@ def draw(results: Results, folder: Path, *, processes: int = 1) -> list[Path]:
         rows = _of(summary, key)
         runs = _of(gaps, key)
         drawings += _of_problem(own, rows, runs, folder / name)
-    draw_all(drawings, processes)
-    return [file for drawing in drawings for file in drawing.files]
+    return drawings
 
 
 def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:

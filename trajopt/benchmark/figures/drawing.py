@@ -61,15 +61,28 @@ class Drawing:
         """Make the files."""
         from trajopt.benchmark.figures import plots  # Matplotlib: not where nothing is drawn
 
+        self.stem.parent.mkdir(parents=True, exist_ok=True)
+        plots.save(self._figure(), self.stem, self.digest)
+
+    def write_pdf(self) -> None:
+        """Make the same figure as a PDF, beside where its files are."""
+        from trajopt.benchmark.figures import plots
+
+        self.stem.parent.mkdir(parents=True, exist_ok=True)
+        file = self.stem.with_name(f"{self.stem.name}.pdf")
+        plots.save_pdf(self._figure(), file)
+
+    def _figure(self) -> Figure:
+        from trajopt.benchmark.figures import plots
+
         functions: dict[str, Callable[..., Figure]] = {
             "durations": plots.durations,
             "motion": plots.motion,
             "convergence": plots.convergence,
             "gap_distribution": plots.gap_distribution,
         }
-        self.stem.parent.mkdir(parents=True, exist_ok=True)
-        figure = functions[self.figure](**self.arguments)
-        plots.save(figure, self.stem, self.digest)
+        function = functions[self.figure]
+        return function(**self.arguments)
 
 
 def draw_all(drawings: Sequence[Drawing], processes: int) -> None:

@@ -91,6 +91,14 @@ def save(figure: Figure, stem: Path, digest: str = "") -> list[Path]:
     return [png, svg]
 
 
+@styled
+def save_pdf(figure: Figure, file: Path) -> None:
+    """Write a figure as PDF, its text as text; the same figure gives the same bytes."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        _write(figure, file, metadata={"CreationDate": None})
+
+
 def _write(figure: Figure, file: Path, **options: Any) -> None:
     """Write all of it at once, so that a figure that cannot be drawn leaves the old one."""
     content = BytesIO()

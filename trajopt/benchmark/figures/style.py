@@ -51,6 +51,7 @@ STYLE_SHEET: dict[Any, Any] = {
     "lines.markersize": 3.5,
     "svg.fonttype": "none",
     "svg.hashsalt": "trajopt",
+    "pdf.fonttype": 42,  # TrueType: what publishers accept
 }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -210,38 +209,3 @@ def ranks(runs: pd.DataFrame) -> dict[str, float]:
     """Mean ranks of the planners that compete on every problem."""
     found = mean_ranks(competing(runs))
     return dict(zip(found.index, found.tolist(), strict=True))
-
-
-def provenance(items: Sequence[Trial]) -> list[tuple[str, str]]:
-    """Each fact once; where trials differ, every value with its number of trials."""
-    found: dict[str, Counter[str]] = {}
-    for trial in items:
-        for key, value in trial.provenance.items():
-            found.setdefault(key, Counter())[value or "not installed"] += 1
-    return [(key, _counted(values)) for key, values in found.items()]
-
-
-def commit(name: str) -> str:
-    """A commit by its first ten digits, and whether the checkout was changed."""
-    changed = "-dirty" if name.endswith("-dirty") else ""
-    return f"commit {name[:10]}{changed}"
-
-
-def _counted(values: Counter[str]) -> str:
-    if len(values) == 1:
-        return next(iter(values))
-    return "; ".join(f"{value} ({count} trials)" for value, count in values.items())
-
-
-def ranges(seeds: Sequence[int]) -> str:
-    """`0–5, 9`."""
-    parts: list[list[int]] = []
-    for seed in seeds:
-        if parts and parts[-1][-1] == seed - 1:
-            parts[-1].append(seed)
-        else:
-            parts.append([seed])
-    said = []
-    for part in parts:
-        said.append(f"{part[0]}–{part[-1]}" if len(part) > 1 else str(part[0]))
-    return ", ".join(said)

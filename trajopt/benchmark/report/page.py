@@ -17,6 +17,7 @@ from trajopt.benchmark.analysis.results import Results, competing, median_gap
 from trajopt.benchmark.figures.draw import distinct_names
 from trajopt.benchmark.figures.style import BLACK, CURVES
 from trajopt.benchmark.report import cells as lines
+from trajopt.benchmark.report import origin
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
@@ -187,32 +188,38 @@ class Page:
         """Seeds, versions, machine and day in a line."""
         items = self.results.items
         facts = dict(self.facts)
-        seeds = lines.ranges(sorted({trial.seed for trial in items}))
-        commits = {trial.provenance.get("commit", "") for trial in items} - {""}
-        release = f"trajopt {facts.get('trajopt', '')}"
-        if len(commits) > 1:
-            release += f", {len(commits)} commits (see below)"
-        for name in commits if len(commits) == 1 else ():
-            release += f", {lines.commit(name)}"
-        day = min(trial.started for trial in items)[:10]
-        return f"Seeds {seeds}; {release}; {facts.get('machine', '')}; {day}."
+        release = origin.release(items)
+        machine = facts.get("machine", "")
+        first = min(trial.started for trial in items)
+        day = first[:10]
+        return f"Seeds {self.seeds}; {release}; {machine}; {day}."
+
+    @property
+    def seeds(self) -> str:
+        different = {trial.seed for trial in self.results.items}
+        return origin.ranges(sorted(different))
+
+    @cached_property
+    def command(self) -> str:
+        """What runs the same comparison again."""
+        problems = dict(zip(self.names, self.problems, strict=True))
+        return origin.compare_command(self.results.items, self.labels, problems)
 
     @cached_property
     def facts(self) -> list[tuple[str, str]]:
         """What was compared, where and when."""
         items = self.results.items
-        seeds = sorted({trial.seed for trial in items})
         started = sorted(trial.started for trial in items)
+        first_and_last = dict.fromkeys([started[0], started[-1]])
         kinds = Counter(self.kinds)
         limits = "; ".join(f"{kind}: {count}" for kind, count in kinds.items())
-        first_and_last = dict.fromkeys([started[0], started[-1]])
         facts = [
             ("problems", f"{len(self.problems)} ({limits})"),
             ("planners", str(len(self.labels))),
-            ("trials", f"{len(items)}, seeds {lines.ranges(seeds)}"),
+            ("trials", f"{len(items)}, seeds {self.seeds}"),
             ("run", " to ".join(first_and_last)),
         ]
-        return facts + lines.provenance(items)
+        return facts + origin.facts(items)
 
 
 def page(results: Results) -> Page:

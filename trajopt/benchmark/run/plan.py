@@ -22,15 +22,22 @@ class Allowance:
     Args:
         timeout: Seconds of wall time.
         memory: GiB for its process; None: any.
+        jobs: How many trials may run side by side; 0: not known.
     """
 
     timeout: float = float("inf")
     memory: float | None = None
+    jobs: int = 0
 
     def as_dict(self) -> dict[str, str]:
         """As a trial's provenance has it."""
         memory = "" if self.memory is None else f"{self.memory:g}"
-        return {"timeout_limit": f"{self.timeout:g}", "memory_limit": memory}
+        jobs = str(self.jobs) if self.jobs else ""
+        return {
+            "timeout_limit": f"{self.timeout:g}",
+            "memory_limit": memory,
+            "jobs": jobs,
+        }
 
     def would_stop(self, trial: Trial) -> bool:
         """Whether a trial that ran out of time or memory has no more of it now.

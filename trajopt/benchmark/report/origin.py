@@ -1,0 +1,139 @@
+"""How the trials were run: the command that makes them again, its limits, code and machine."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.trial import Trial
+from trajopt.problem import Problem
+
+_LIMITS = {
+    "timeout_limit": ("--timeout", "time limit of a trial (s)"),
+    "memory_limit": ("--memory", "memory limit of a trial (GiB)"),
+    "jobs": ("--jobs", "trials side by side"),
+}  # what provenance calls it, the option that sets it, and what the table of facts calls it
+_NAMES = {"cpu": "processor"} | {key: name for key, (_, name) in _LIMITS.items()}
+_OF_A_PLANNER = ("planner_distribution", "planner_version", "planner_digest")
+_NOTHING = {
+    "commit": "not known",
+    "cpu": "not known",
+    "memory_limit": "none",
+    "jobs": "not known",
+}
+_UNLIMITED = "inf"
+_OWN_SUITE_SIZE = 4  # problems: fewer are named one by one
+
+
+def compare_command(
+    items: Sequence[Trial],
+    labels: Sequence[str],
+    problems: Mapping[str, Problem],
+) -> str:
+    """The `trajopt compare` that runs the same trials again.
+
+    An option is in it where all trials were run with the same value.
+
+    Args:
+        items: the trials.
+        labels: their planners, with options.
+        problems: by what the command line calls each: a name, or a file.
+    """
+    command = ["trajopt", "compare", *_asked(problems)]
+    for label in labels:
+        command += ["--planner", label]
+    seeds = 1 + max(trial.seed for trial in items)
+    command += ["--seeds", str(seeds)]
+    for key, (option, _) in _LIMITS.items():
+        values = {trial.provenance.get(key, "") for trial in items}
+        value = values.pop()
+        same = not values
+        if same and value not in ("", _UNLIMITED):
+            command += [option, value]
+    return shlex.join(command)
+
+
+def _asked(problems: Mapping[str, Problem]) -> list[str]:
+    """The arguments that name the problems: whole suites by their names."""
+    digests = {problem.digest() for problem in problems.values()}
+    suites: list[str] = []
+    covered: set[str] = set()
+    for name in catalogue.suites():
+        members = [key for key in problems if key.startswith(f"{name}-")]
+        if len(members) < _OWN_SUITE_SIZE:
+            continue
+        whole = {problem.digest() for problem in catalogue.problems(name)}
+        if whole <= digests and not whole <= covered:
+            suites += ["--suite", name]
+            covered |= whole
+    named = [key for key, problem in problems.items() if problem.digest() not in covered]
+    return named + suites
+
+
+def facts(items: Sequence[Trial]) -> list[tuple[str, str]]:
+    """Each fact of the trials' provenance once; where they differ, every value with its count."""
+    found: dict[str, Counter[str]] = {}
+    for trial in items:
+        for key, value in trial.provenance.items():
+            left_out = key in _OF_A_PLANNER or (key == "sources" and not value)
+            if not left_out:
+                nothing = _NOTHING.get(key, "not installed")
+                found.setdefault(key, Counter())[value or nothing] += 1
+    told = [("planners' code", planners_code(items))]
+    for key, values in found.items():
+        name = _NAMES.get(key, key)
+        told.append((name, _counted(values)))
+    return told
+
+
+def planners_code(items: Sequence[Trial]) -> str:
+    """`trajopt 0.1.0: exact, pso; strangers-planners 1.2: mine`."""
+    planners: dict[str, dict[str, None]] = {}
+    for trial in items:
+        name = trial.provenance.get("planner_distribution", "")
+        release = trial.provenance.get("planner_version", "")
+        code = f"{name} {release}".strip() or "of no distribution"
+        planners.setdefault(code, {})[trial.planner] = None
+    return "; ".join(f"{code}: {', '.join(names)}" for code, names in planners.items())
+
+
+def release(items: Sequence[Trial]) -> str:
+    """The package's version and commit, or how many commits there are."""
+    versions = dict.fromkeys(trial.provenance.get("trajopt", "") for trial in items)
+    commits = {trial.provenance.get("commit", "") for trial in items} - {""}
+    told = f"trajopt {', '.join(versions)}"
+    if len(commits) > 1:
+        return f"{told}, {len(commits)} commits (see below)"
+    for name in commits:
+        told += f", {_commit(name)}"
+    return told
+
+
+def _commit(name: str) -> str:
+    """A commit by its first ten digits, and whether the checkout was changed."""
+    changed = "-dirty" if name.endswith("-dirty") else ""
+    return f"commit {name[:10]}{changed}"
+
+
+def _counted(values: Counter[str]) -> str:
+    if len(values) == 1:
+        return next(iter(values))
+    return "; ".join(f"{value} ({count} trials)" for value, count in values.items())
+
+
+def ranges(seeds: Sequence[int]) -> str:
+    """`0–5, 9`."""
+    parts: list[list[int]] = []
+    for seed in seeds:
+        if parts and parts[-1][-1] == seed - 1:
+            parts[-1].append(seed)
+        else:
+            parts.append([seed])
+    said = []
+    for part in parts:
+        first = part[0]
+        last = part[-1]
+        said.append(str(first) if first == last else f"{first}–{last}")
+    return ", ".join(said)
