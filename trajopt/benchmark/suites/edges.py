@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from trajopt.problem import Limits, Problem
 EDGES_VERSION = 1
 
 _PREFIX = "edges-"
+# rad/s and rad/s², where a problem has no limits of its own
 _UNIT: dict[str, Any] = {"velocity": 1.0, "acceleration": 2.0}
 
 
@@ -31,102 +33,248 @@ def named(name: str) -> Problem | None:
 
 
 def _made(name: str) -> Problem:
-    description, waypoints, own_limits = _EDGES[name]
-    rows = np.array(waypoints, dtype=float)
+    edge = _EDGES[name]
+    rows = np.array(edge.waypoints, dtype=float)
     joints = rows.shape[1]
-    limits = {kind: _each(value, joints) for kind, value in (_UNIT | own_limits).items()}
+    limits = _UNIT | edge.limits
+    pairs = {kind: _each(value, joints) for kind, value in limits.items()}
     return Problem(
         rows,
-        Limits(**limits),
+        Limits(**pairs),
         name=f"{_PREFIX}{name}",
-        source=f"trajopt.benchmark.suites.edges, degenerate on purpose: {description}",
+        source=f"trajopt.benchmark.suites.edges, degenerate on purpose: {edge.description}",
     )
 
 
 def _each(value: Any, joints: int) -> Any:
     """A single number or pair is every joint's."""
-    return [value] * joints if isinstance(value, float | tuple) else value
+    if isinstance(value, float | tuple):
+        return [value] * joints
+    return value
 
 
-_ABC = [[0.0, 0.0], [1.0, -0.5], [0.4, 0.6]]  # an ordinary path, where the path is not the point
-_STEP = [[0.0, 0.0], [1.0, 1.0]]
+@dataclass(frozen=True)
+class _Edge:
+    """What is degenerate, waypoints in rad, and the limits that differ from `_UNIT`."""
+
+    description: str
+    waypoints: Any
+    limits: dict[str, Any] = field(default_factory=dict)
+
+
+# An ordinary path, where the path is not the point.
+_ABC = [[0.0, 0.0], [1.0, -0.5], [0.4, 0.6]]
 _SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
-_TURN = np.arange(50) % 7  # a sawtooth: six steps one way, one back
+_COUNT = np.arange(50)
+_SAWTOOTH = _COUNT % 7  # six steps one way, one back
+_NEXT_TO_ONE = np.nextafter(1, 2)
 _INF = float("inf")
 
-# What it is, waypoints, and the limits that differ from 1 rad/s and 2 rad/s².
-_EDGES: dict[str, tuple[str, Any, dict[str, Any]]] = {
-    "two-waypoints": ("one segment, from rest to rest", [[0, 0], [1, -0.5]], {}),
-    "one-joint-two-waypoints": ("as little as there can be", [[0], [1]], {}),
-    "twelve-joints": (
+
+def _pattern(joint: int, row: int) -> float:
+    return (joint * row * row + 2 * row) % 13 / 4
+
+
+_EDGES: dict[str, _Edge] = {
+    "two-waypoints": _Edge(
+        "one segment, from rest to rest",
+        waypoints=[[0, 0], [1, -0.5]],
+    ),
+    "one-joint-two-waypoints": _Edge(
+        "as little as there can be",
+        waypoints=[[0], [1]],
+    ),
+    "twelve-joints": _Edge(
         "twelve joints, each with its own pattern",
-        [[(j * k * k + 2 * k) % 13 / 4 for j in range(1, 13)] for k in range(4)],
-        {},
+        waypoints=[[_pattern(joint, row) for joint in range(1, 13)] for row in range(4)],
     ),
-    "fifty-waypoints": ("forty-nine segments", np.stack([_TURN, np.arange(50)], 1) / 4, {}),
-    "repeated-first": ("the first waypoint twice", [_ABC[0], *_ABC], {}),
-    "repeated-last": ("the last waypoint twice", [*_ABC, _ABC[-1]], {}),
-    "repeated-all-but-last": ("one waypoint four times, then another", [[0, 0]] * 4 + [[1, 1]], {}),
-    "out-and-back": ("there and back to the first waypoint", [[0, 0], [1, 0.5], [0, 0]], {}),
-    "palindrome": ("a path and the same one backwards", [*_ABC, *_ABC[1::-1]], {}),
-    "path-twice": ("a closed path twice over", [*_SQUARE, *_SQUARE, [0, 0]], {}),
-    "one-of-six-moves": (
+    "fifty-waypoints": _Edge(
+        "forty-nine segments",
+        waypoints=np.stack([_SAWTOOTH, _COUNT], axis=1) / 4,
+    ),
+    "repeated-first": _Edge(
+        "the first waypoint twice",
+        waypoints=[_ABC[0], *_ABC],
+    ),
+    "repeated-last": _Edge(
+        "the last waypoint twice",
+        waypoints=[*_ABC, _ABC[-1]],
+    ),
+    "repeated-all-but-last": _Edge(
+        "one waypoint four times, then another",
+        waypoints=[[0, 0]] * 4 + [[1, 1]],
+    ),
+    "out-and-back": _Edge(
+        "there and back to the first waypoint",
+        waypoints=[[0, 0], [1, 0.5], [0, 0]],
+    ),
+    "palindrome": _Edge(
+        "a path and the same one backwards",
+        waypoints=[*_ABC, *_ABC[1::-1]],
+    ),
+    "path-twice": _Edge(
+        "a closed path twice over",
+        waypoints=[*_SQUARE, *_SQUARE, [0, 0]],
+    ),
+    "one-of-six-moves": _Edge(
         "five joints never move",
-        [[0.3, -1, q, 0, 2, 0.5] for q in (0, 1, 0.2, 0.7)],
-        {},
+        waypoints=[[0.3, -1, q, 0, 2, 0.5] for q in (0, 1, 0.2, 0.7)],
     ),
-    "one-segment-each": ("each joint moves in one segment only", [[0, 0], [1, 0], [1, 1]], {}),
-    "twins": ("two joints do the same", [[q, q] for q in (0, 1, 0.4)], {}),
-    "mirrored": ("two joints do the opposite", [[q, -q] for q in (0, 1, 0.4)], {}),
-    "straight": ("a straight line in equal steps", [[q, 2 * q] for q in (0, 0.5, 1, 1.5)], {}),
-    "zigzag": ("both joints turn back at every waypoint", [[0, 1], [1, 0]] * 4, {}),
-    "tiny": ("every displacement is 1e-9 rad or less", 1e-9 * np.array(_ABC), {}),
-    "huge": ("displacements of 1e4 rad", 1e4 * np.array(_ABC), {}),
-    "tiny-beside-huge": ("1e-9 rad, then 1e4 rad", [[0, 0], [1e-9, 1e-9], [1e4, 5e3]], {}),
-    "one-ulp": ("a displacement of one rounding unit", [[0], [1], [np.nextafter(1, 2)], [2]], {}),
-    "far-from-zero": ("ordinary displacements, 1e6 rad away", 1e6 + np.array(_ABC), {}),
-    "million-to-one": (
+    "one-segment-each": _Edge(
+        "each joint moves in one segment only",
+        waypoints=[[0, 0], [1, 0], [1, 1]],
+    ),
+    "twins": _Edge(
+        "two joints do the same",
+        waypoints=[[q, q] for q in (0, 1, 0.4)],
+    ),
+    "mirrored": _Edge(
+        "two joints do the opposite",
+        waypoints=[[q, -q] for q in (0, 1, 0.4)],
+    ),
+    "straight": _Edge(
+        "a straight line in equal steps",
+        waypoints=[[q, 2 * q] for q in (0, 0.5, 1, 1.5)],
+    ),
+    "zigzag": _Edge(
+        "both joints turn back at every waypoint",
+        waypoints=[[0, 1], [1, 0]] * 4,
+    ),
+    "tiny": _Edge(
+        "every displacement is 1e-9 rad or less",
+        waypoints=1e-9 * np.array(_ABC),
+    ),
+    "huge": _Edge(
+        "displacements of 1e4 rad",
+        waypoints=1e4 * np.array(_ABC),
+    ),
+    "tiny-beside-huge": _Edge(
+        "1e-9 rad, then 1e4 rad",
+        waypoints=[[0, 0], [1e-9, 1e-9], [1e4, 5e3]],
+    ),
+    "one-ulp": _Edge(
+        "a displacement of one rounding unit",
+        waypoints=[[0], [1], [_NEXT_TO_ONE], [2]],
+    ),
+    "far-from-zero": _Edge(
+        "ordinary displacements, 1e6 rad away",
+        waypoints=1e6 + np.array(_ABC),
+    ),
+    "million-to-one": _Edge(
         "limits a million to one apart",
-        _ABC,
-        {"velocity": [1e-3, 1e3], "acceleration": [1e-3, 1e3]},
+        waypoints=_ABC,
+        limits={
+            "velocity": [1e-3, 1e3],
+            "acceleration": [1e-3, 1e3],
+        },
     ),
-    "slow": ("limits of 1e-6", _ABC, {"velocity": 1e-6, "acceleration": 1e-6}),
-    "fast": ("limits of 1e6", _ABC, {"velocity": 1e6, "acceleration": 1e6}),
-    "velocity-never-reached": ("velocity limits without effect", _ABC, {"velocity": 1e3}),
-    "velocity-always-reached": ("velocity is reached at once", _ABC, {"acceleration": 1e6}),
-    "asymmetric": (
+    "slow": _Edge(
+        "limits of 1e-6",
+        waypoints=_ABC,
+        limits={
+            "velocity": 1e-6,
+            "acceleration": 1e-6,
+        },
+    ),
+    "fast": _Edge(
+        "limits of 1e6",
+        waypoints=_ABC,
+        limits={
+            "velocity": 1e6,
+            "acceleration": 1e6,
+        },
+    ),
+    "velocity-never-reached": _Edge(
+        "velocity limits without effect",
+        waypoints=_ABC,
+        limits={
+            "velocity": 1e3,
+        },
+    ),
+    "velocity-always-reached": _Edge(
+        "velocity is reached at once",
+        waypoints=_ABC,
+        limits={
+            "acceleration": 1e6,
+        },
+    ),
+    "asymmetric": _Edge(
         "limits a hundred times tighter one way",
-        _ABC,
-        {"velocity": (-0.05, 5.0), "acceleration": (-0.1, 10.0)},
+        waypoints=_ABC,
+        limits={
+            "velocity": (-0.05, 5.0),
+            "acceleration": (-0.1, 10.0),
+        },
     ),
-    "jerk-soft": ("jerk limits so soft that no other is reached", _ABC, {"jerk": 0.5}),
-    "jerk-stiff": ("jerk limits almost without effect", _ABC, {"jerk": 2e5}),
-    "jerk-one-joint": ("jerk limits on one joint only", _ABC, {"jerk": [10.0, _INF]}),
-    "jerk-asymmetric": ("jerk limits ten times tighter one way", _ABC, {"jerk": (-4.0, 40.0)}),
-    "jerk-one-side": ("jerk limits one way only: no optimum", _ABC, {"jerk": (-10.0, _INF)}),
-    "jerk-at-rest": (
+    "jerk-soft": _Edge(
+        "jerk limits so soft that no other is reached",
+        waypoints=_ABC,
+        limits={
+            "jerk": 0.5,
+        },
+    ),
+    "jerk-stiff": _Edge(
+        "jerk limits almost without effect",
+        waypoints=_ABC,
+        limits={
+            "jerk": 2e5,
+        },
+    ),
+    "jerk-one-joint": _Edge(
+        "jerk limits on one joint only",
+        waypoints=_ABC,
+        limits={
+            "jerk": [10.0, _INF],
+        },
+    ),
+    "jerk-asymmetric": _Edge(
+        "jerk limits ten times tighter one way",
+        waypoints=_ABC,
+        limits={
+            "jerk": (-4.0, 40.0),
+        },
+    ),
+    "jerk-one-side": _Edge(
+        "jerk limits one way only: no optimum",
+        waypoints=_ABC,
+        limits={
+            "jerk": (-10.0, _INF),
+        },
+    ),
+    "jerk-at-rest": _Edge(
         "a jerk limit on a joint that never moves",
-        [[0, 0], [1, 0], [2, 0]],
-        {"jerk": [_INF, 10.0]},
+        waypoints=[[0, 0], [1, 0], [2, 0]],
+        limits={
+            "jerk": [_INF, 10.0],
+        },
     ),
-    "at-position-limit": (
+    "at-position-limit": _Edge(
         "waypoints on the position limits",
-        _ABC,
-        {"position": [[0.0, 1.0], [-0.5, 0.6]]},
+        waypoints=_ABC,
+        limits={
+            "position": [[0.0, 1.0], [-0.5, 0.6]],
+        },
     ),
-    "corridor": (
+    "corridor": _Edge(
         "position limits so near that no joint can overshoot",
-        [[0, 0], [1, 1e-6], [0.5, 0]],
-        {"position": [[-1e-6, 1 + 1e-6], [-1e-6, 2e-6]]},
+        waypoints=[[0, 0], [1, 1e-6], [0.5, 0]],
+        limits={
+            "position": [[-1e-6, 1 + 1e-6], [-1e-6, 2e-6]],
+        },
     ),
-    "position-one-side": (
+    "position-one-side": _Edge(
         "a position limit one way only",
-        _ABC,
-        {"position": [[-_INF, 1.0], [-_INF, _INF]]},
+        waypoints=_ABC,
+        limits={
+            "position": [[-_INF, 1.0], [-_INF, _INF]],
+        },
     ),
-    "jerk-and-position": (
+    "jerk-and-position": _Edge(
         "every kind of limit",
-        _ABC,
-        {"jerk": 20.0, "position": [[0.0, 1.0], [-0.5, 0.6]]},
+        waypoints=_ABC,
+        limits={
+            "jerk": 20.0,
+            "position": [[0.0, 1.0], [-0.5, 0.6]],
+        },
     ),
 }

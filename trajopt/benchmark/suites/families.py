@@ -73,17 +73,20 @@ def draw(
     _check("index", index, lowest=0)
     _check("joints", joints, lowest=1)
     _check("waypoints", waypoints, lowest=2)
-    rng = np.random.default_rng([VERSION, crc32(family.encode()), index])
+    key = crc32(family.encode())
+    rng = np.random.default_rng([VERSION, key, index])
     # Drawn also where given, so that a size changes nothing else.
     drawn_joints = 1 + int(rng.integers(JOINTS))
-    drawn_waypoints = WAYPOINTS[int(rng.integers(len(WAYPOINTS)))]
+    size = rng.integers(len(WAYPOINTS))
+    drawn_waypoints = WAYPOINTS[size]
     drawn_jerk = bool(rng.integers(2))
     n = joints or drawn_joints
     w = waypoints or drawn_waypoints
     limited = drawn_jerk if jerk is None else jerk
     ending = "-jerk" if limited else ""
-    path = FAMILIES[family].path(rng, w - 1, n)
-    limits = _limits(rng, FAMILIES[family], n, limited)
+    drawn = FAMILIES[family]
+    path = drawn.path(rng, w - 1, n)
+    limits = _limits(rng, drawn, n, limited)
     return Problem(
         path,
         limits,
@@ -128,12 +131,14 @@ def named(name: str) -> Problem | None:
 
 def _between(rng: Generator, low: float, high: float, shape: Any) -> Array:
     # Not Generator.uniform: it may round once or twice, as the compiler likes.
-    return np.asarray(low + (high - low) * rng.random(shape))
+    unit = rng.random(shape)
+    values = low + (high - low) * unit
+    return np.asarray(values)
 
 
 def _signs(rng: Generator, k: int, n: int) -> Array:
-    negative = rng.random((k, n)) < 0.5
-    return np.where(negative, -1.0, 1.0)
+    lots = rng.random((k, n))
+    return np.where(lots < 0.5, -1.0, 1.0)
 
 
 def _steps(rng: Generator, k: int, n: int) -> Array:
@@ -144,24 +149,30 @@ def _steps(rng: Generator, k: int, n: int) -> Array:
 
 def _walk(rng: Generator, h: Array) -> Array:
     """Waypoints `(k + 1, n)` at displacements `h` from a random start."""
-    start = _between(rng, -1.0, 1.0, h.shape[1])
-    return np.vstack([start, start + np.cumsum(h, axis=0)])
+    joints = h.shape[1]
+    start = _between(rng, -1.0, 1.0, joints)
+    travelled = np.cumsum(h, axis=0)
+    return np.vstack([start, start + travelled])
 
 
 def _smooth(rng: Generator, k: int, n: int) -> Array:
     """Along one random cubic, by de Casteljau."""
     control = _between(rng, -np.pi, np.pi, (4, 1, n))
-    s = (np.arange(k + 1) / k)[:, None]
+    even = np.arange(k + 1) / k
+    s = even[:, None]
     while len(control) > 1:
-        control = control[:-1] * (1 - s) + control[1:] * s
+        left = control[:-1]
+        right = control[1:]
+        control = left * (1 - s) + right * s
     return np.asarray(control[0])
 
 
 def _zigzag(rng: Generator, k: int, n: int) -> Array:
     odd = np.arange(k) % 2
-    turns = np.where(odd, -1.0, 1.0)[:, None]
-    signs = turns * _signs(rng, 1, n)
-    return _walk(rng, signs * _between(rng, 0.2, 1.5, (k, n)))
+    turns = np.where(odd, -1.0, 1.0)
+    signs = turns[:, None] * _signs(rng, 1, n)
+    sizes = _between(rng, 0.2, 1.5, (k, n))
+    return _walk(rng, signs * sizes)
 
 
 def _collinear(rng: Generator, k: int, n: int) -> Array:
@@ -169,14 +180,18 @@ def _collinear(rng: Generator, k: int, n: int) -> Array:
     start = _between(rng, -np.pi, np.pi, n)
     h = 3 * _steps(rng, 1, n)
     lengths = _between(rng, 0.5, 1.5, k)
-    along = np.cumsum(np.concatenate([[0.0], lengths]))[:, None]
-    off = _between(rng, 1.0, 10.0, ()) * rng.choice(_TINY_SHARES[-4:])
+    from_start = np.concatenate([[0.0], lengths])
+    along = np.cumsum(from_start)[:, None]
+    digits = _between(rng, 1.0, 10.0, ())
+    off = digits * rng.choice(_TINY_SHARES[-4:])
     straight = start + along / along[-1] * h
-    return np.asarray(straight + off * _between(rng, -1, 1, (k + 1, n)))
+    noise = _between(rng, -1, 1, (k + 1, n))
+    return np.asarray(straight + off * noise)
 
 
 def _ordinary(rng: Generator, k: int, n: int) -> Array:
-    return _walk(rng, _steps(rng, k, n))
+    h = _steps(rng, k, n)
+    return _walk(rng, h)
 
 
 def _tiny(rng: Generator, k: int, n: int) -> Array:
@@ -189,11 +204,15 @@ def _huge(rng: Generator, k: int, n: int) -> Array:
 
 def _scaled(rng: Generator, k: int, n: int, shares: Array) -> Array:
     """Segments times numbers drawn from `shares`, every other one on average."""
-    some = rng.random(k) < 0.5
-    each = np.where(some, rng.choice(shares, k), 1.0)
+    lots = rng.random(k)
+    drawn = rng.choice(shares, k)
+    factors = np.where(lots < 0.5, drawn, 1.0)
     # One at least.
-    each[rng.integers(k)] = rng.choice(shares)
-    return _walk(rng, _steps(rng, k, n) * each[:, None])
+    share = rng.choice(shares)
+    segment = rng.integers(k)
+    factors[segment] = share
+    h = _steps(rng, k, n)
+    return _walk(rng, h * factors[:, None])
 
 
 def _moderate(rng: Generator, n: int) -> tuple[Array, Array]:
@@ -204,7 +223,8 @@ def _moderate(rng: Generator, n: int) -> tuple[Array, Array]:
 
 def _unequal(rng: Generator, n: int) -> tuple[Array, Array]:
     ordinary = _between(rng, 1.0, 10.0, (2, n))
-    velocity, acceleration = ordinary * rng.choice(_LIMIT_SHARES, (2, n))
+    shares = rng.choice(_LIMIT_SHARES, (2, n))
+    velocity, acceleration = ordinary * shares
     return velocity, acceleration
 
 
@@ -212,7 +232,9 @@ def _limits(rng: Generator, family: Family, n: int, jerk: bool) -> Limits:
     high_velocity, high_acceleration = family.limits(rng, n)
     velocity = _pairs(rng, high_velocity)
     acceleration = _pairs(rng, high_acceleration)
-    stiffness = _between(rng, 1.0, 10.0, n) * rng.choice(_JERK_SHARES, n)
+    # Drawn also without jerk limits, as everything else is.
+    digits = _between(rng, 1.0, 10.0, n)
+    stiffness = digits * rng.choice(_JERK_SHARES, n)
     if not jerk:
         return Limits(velocity, acceleration)
     tighter = np.abs(acceleration).min(axis=1)
@@ -221,17 +243,43 @@ def _limits(rng: Generator, family: Family, n: int, jerk: bool) -> Limits:
 
 def _pairs(rng: Generator, high: Array) -> Array:
     """`[low, high]` per joint, one in four asymmetric."""
-    asymmetric = rng.random(len(high)) < 0.25
-    ratio = np.where(asymmetric, _between(rng, 1 / 3, 3.0, len(high)), 1.0)
+    joints = len(high)
+    lots = rng.random(joints)
+    drawn = _between(rng, 1 / 3, 3.0, joints)
+    ratio = np.where(lots < 0.25, drawn, 1.0)
     return np.stack([-high * ratio, high], axis=1)
 
 
 FAMILIES = {
-    "smooth": Family("waypoints along a cubic of each joint", _smooth, _moderate),
-    "zigzag": Family("every joint turns back at every waypoint", _zigzag, _moderate),
-    "collinear": Family("uneven waypoints near a straight line", _collinear, _moderate),
-    "tiny": Family("segments of 1e-9 rad to 1e-3 rad among ordinary ones", _tiny, _moderate),
-    "huge": Family("segments of up to 15 000 rad among ordinary ones", _huge, _moderate),
-    "unequal": Family("limits up to a million to one apart", _ordinary, _unequal),
+    "smooth": Family(
+        "waypoints along a cubic of each joint",
+        path=_smooth,
+        limits=_moderate,
+    ),
+    "zigzag": Family(
+        "every joint turns back at every waypoint",
+        path=_zigzag,
+        limits=_moderate,
+    ),
+    "collinear": Family(
+        "uneven waypoints near a straight line",
+        path=_collinear,
+        limits=_moderate,
+    ),
+    "tiny": Family(
+        "segments of 1e-9 rad to 1e-3 rad among ordinary ones",
+        path=_tiny,
+        limits=_moderate,
+    ),
+    "huge": Family(
+        "segments of up to 15 000 rad among ordinary ones",
+        path=_huge,
+        limits=_moderate,
+    ),
+    "unequal": Family(
+        "limits up to a million to one apart",
+        path=_ordinary,
+        limits=_unequal,
+    ),
 }
 """The random families by name."""

@@ -9,6 +9,8 @@ from trajopt.problem import Array, Limits, Problem
 # Raise it whenever `random_problem` changes what a seed means.
 GENERATOR_VERSION = 1
 
+Generator = np.random.Generator
+
 _LOWEST_VELOCITY = 0.1  # rad/s
 _LOWEST_ACCELERATION = 0.2  # rad/s²
 
@@ -28,56 +30,69 @@ def random_problem(
     3 to 300 times the acceleration.
     """
     rng = np.random.default_rng([GENERATOR_VERSION, seed])
-    n = joints
-    if n is None:
-        n = int(rng.integers(1, 8))
-    count = waypoints
-    if count is None:
-        count = int(rng.integers(3, 9))
-    h = _displacements(rng, count - 1, n)
-    velocity = _limits(rng, n, _LOWEST_VELOCITY)
-    acceleration = _limits(rng, n, _LOWEST_ACCELERATION)
-    stiffness = None
+    if joints is None:
+        joints = int(rng.integers(1, 8))
+    if waypoints is None:
+        waypoints = int(rng.integers(3, 9))
+    h = _displacements(rng, waypoints - 1, joints)
+    velocity = _limits(rng, joints, _LOWEST_VELOCITY)
+    acceleration = _limits(rng, joints, _LOWEST_ACCELERATION)
+    jerk_limits = None
     if jerk:
         tighter = np.abs(acceleration).min(axis=1)
-        stiffness = tighter * 10 ** rng.uniform(0.5, 2.5, n)
-    start = rng.uniform(-1, 1, n)
-    path = np.vstack([start, start + np.cumsum(h, axis=0)])
-    limits = Limits(velocity, acceleration, stiffness)
+        decades = rng.uniform(0.5, 2.5, joints)
+        jerk_limits = tighter * 10**decades
+    start = rng.uniform(-1, 1, joints)
+    travelled = np.cumsum(h, axis=0)
+    path = np.vstack([start, start + travelled])
+    limits = Limits(velocity, acceleration, jerk_limits)
     return Problem(path, limits, name=f"random-{seed}")
 
 
-def _displacements(rng: np.random.Generator, k: int, n: int) -> Array:
-    h = rng.uniform(0.05, 1.5, (k, n))
-    h = h * _signs(rng, k, n)
-    h = h * _shrink(rng, k)[:, None]
-    # One joint in ten rests in a segment, one in ten always; some joint moves in every segment.
-    h *= rng.uniform(size=(k, n)) > 0.1
-    h *= np.where(rng.uniform(size=n) > 0.1, 1.0, 0.0)
+def _displacements(rng: Generator, segments: int, joints: int) -> Array:
+    """Displacements `(segments, joints)`, rad."""
+    shape = (segments, joints)
+    h = rng.uniform(0.05, 1.5, shape)
+    h *= _signs(rng, segments, joints)
+    h *= _shrink(rng, segments)[:, None]
+    # One joint in ten rests in a segment, one in ten always.
+    moves = rng.uniform(size=shape)
+    h *= moves > 0.1
+    ever_moves = rng.uniform(size=joints)
+    h *= ever_moves > 0.1
+    # Some joint moves in every segment.
     still = ~h.any(axis=1)
-    h[still, 0] = 0.1 * rng.uniform(0.5, 1.0)
+    little = rng.uniform(0.5, 1.0)
+    h[still, 0] = 0.1 * little
     return h
 
 
-def _signs(rng: np.random.Generator, k: int, n: int) -> Array:
+def _signs(rng: Generator, segments: int, joints: int) -> Array:
     """Half of the joints go one way, the others turn back at random."""
-    own = rng.choice([-1.0, 1.0], n)
-    one_way = rng.uniform(size=n) < 0.5
-    either = rng.choice([-1.0, 1.0], (k, n))
-    return np.where(one_way, own, either)
+    either = [-1.0, 1.0]
+    own = rng.choice(either, joints)
+    lots = rng.uniform(size=joints)
+    one_way = lots < 0.5
+    each_segment = rng.choice(either, (segments, joints))
+    return np.where(one_way, own, each_segment)
 
 
-def _shrink(rng: np.random.Generator, k: int) -> Array:
+def _shrink(rng: Generator, segments: int) -> Array:
     """One segment in eight is tiny for every joint."""
-    tiny = rng.uniform(size=k) < 0.125
-    scale = 10 ** rng.uniform(-6, -2, k)
+    lots = rng.uniform(size=segments)
+    tiny = lots < 0.125
+    exponent = rng.uniform(-6, -2, segments)
+    scale = 10**exponent
     return np.where(tiny, scale, 1.0)
 
 
-def _limits(rng: np.random.Generator, n: int, low: float) -> Array:
+def _limits(rng: Generator, joints: int, low: float) -> Array:
     """Pairs from `low` to 100 times as much; one joint in four is asymmetric."""
-    high = low * 10 ** rng.uniform(0, 2, n)
-    asymmetric = rng.uniform(size=n) < 0.25
-    drawn = 10 ** rng.uniform(-0.5, 0.5, n)
+    decades = rng.uniform(0, 2, joints)
+    high = low * 10**decades
+    lots = rng.uniform(size=joints)
+    asymmetric = lots < 0.25
+    half_decades = rng.uniform(-0.5, 0.5, joints)
+    drawn = 10**half_decades
     ratio = np.where(asymmetric, drawn, 1.0)
     return np.stack([-high * ratio, high], axis=1)
