@@ -31,7 +31,8 @@ def stop_times(problem: Problem) -> Array:
     )
     jerk_limited = np.isfinite(limits.jerk).any(axis=1)
     times = np.where(jerk_limited, with_jerk, without_jerk)
-    return np.asarray(times.max(axis=1))
+    longest = times.max(axis=1)
+    return np.asarray(longest)
 
 
 def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
@@ -45,24 +46,33 @@ def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
     distance = np.abs(h)
     triangle = np.sqrt(2 * distance / ramps)
     peak = np.minimum(triangle, top)
+    without_cruise = peak * ramps
     # With a cruise at the top: h/V, and half of the ramps' time on top.
-    cruising = distance / top + top * ramps / 2
-    return np.asarray(np.where(peak < top, peak * ramps, cruising))
+    with_cruise = distance / top + top * ramps / 2
+    times = np.where(peak < top, without_cruise, with_cruise)
+    return np.asarray(times)
 
 
-def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
+def seven_phase(
+    h: Array,
+    velocity: Array,
+    acceleration: Array,
+    jerk: Array,
+) -> Array:
     """Rest-to-rest minimum time over `h ≥ 0` `(…, joints)` for symmetric limits `(joints,)`."""
     A = acceleration
     # Time to reach full acceleration, and the speed reached when easing off at once.
     slope = A / jerk
     easing = A * slope
     # No cruise: each half covers h/2 = v/2 (v/A + A/J), so v = A/2 (√(A²/J² + 4 h/A) − A/J);
-    root = np.sqrt(slope**2 + 4 * h / A)
+    square = slope**2 + 4 * h / A
+    root = np.sqrt(square)
     with_plateau = A / 2 * (root - slope)
     # where full acceleration is not reached, h/2 = v √(v/J), so v = ∛(J h²/4).
     finite_jerk = np.where(np.isfinite(jerk), jerk, 0)
     quarter = np.cbrt(finite_jerk / 4)
-    without_plateau = np.cbrt(h) ** 2 * quarter
+    root = np.cbrt(h)
+    without_plateau = root**2 * quarter
     plateau = with_plateau >= easing
     unlimited = np.where(plateau, with_plateau, without_plateau)
     peak = np.minimum(unlimited, velocity)
@@ -74,9 +84,11 @@ def seven_phase(h: Array, velocity: Array, acceleration: Array, jerk: Array) -> 
     positive = np.maximum(peak, 1e-300)
     cruise = h / positive - ramp
     cruise = np.where(peak > 0, cruise, 0)
-    return np.asarray(2 * ramp + np.maximum(cruise, 0))
+    cruise = np.maximum(cruise, 0)
+    return np.asarray(2 * ramp + cruise)
 
 
 def _tighter(pairs: Array) -> Array:
     """The smaller of both sides' sizes, `(joints,)`."""
-    return np.asarray(np.abs(pairs).min(axis=1))
+    sizes = np.abs(pairs)
+    return np.asarray(sizes.min(axis=1))

@@ -45,32 +45,32 @@ def trajectory(problem: Problem, times: Array) -> Trajectory:
         InvalidInput: the times are not three positive numbers.
     """
     times = np.asarray(times, dtype=float)
-    if times.shape != (3,) or not (np.isfinite(times) & (times > 0)).all():
+    usable = np.isfinite(times) & (times > 0)
+    if times.shape != (3,) or not usable.all():
         raise InvalidInput(
             "times",
             "three positive segment times in seconds",
             value=times.tolist(),
         )
     constant_term = np.array([0, 0, 0, 0, 0, 1.0])
-    start = problem.waypoints[:-1, :, None] * constant_term
-    pieces = start + coefficients(problem.displacements.T, times)
-    breaks = np.concatenate([[0.0], np.cumsum(times)])
-    return Trajectory(breaks, np.moveaxis(pieces, -1, 0), waypoint_times=breaks)
+    starts = problem.waypoints[:-1, :, None]
+    pieces = starts * constant_term + coefficients(problem.displacements.T, times)
+    passed = np.cumsum(times)
+    breaks = np.concatenate([[0.0], passed])
+    return Trajectory(
+        breaks,
+        coefficients=np.moveaxis(pieces, -1, 0),
+        waypoint_times=breaks,
+    )
 
 
 def coefficients(displacements: Array, times: Array) -> Array:
     """Each segment relative to its start, `(3, …, 6)`, highest power first, rad/s^power."""
     d1, _, d3 = _columns(displacements)
     t1, _, t3 = _columns(times)
-    h, T, v0, a0, v1, a1 = _quintic(displacements, times)
-    # Quintic Hermite from (0, v0, a0) to (h, v1, a1) in powers of s = t/T: h = p1 + … + p5 at 1.
-    p1 = v0 * T
-    p2 = a0 * T**2 / 2
-    end_v = v1 * T
-    end_a = a1 * T**2 / 2
-    p3 = 10 * h - 6 * p1 - 3 * p2 - 4 * end_v + end_a
-    p4 = -15 * h + 8 * p1 + 3 * p2 + 7 * end_v - 2 * end_a
-    p5 = 6 * h - 3 * p1 - p2 - 3 * end_v + end_a
+    quintic = _quintic(displacements, times)
+    T = quintic.T
+    p1, p2, p3, p4, p5 = _hermite(quintic)
     pieces = np.zeros((3, *p5.shape, 6))
     first, second, third = pieces
     # q = d1 (t/t1)³
@@ -82,10 +82,25 @@ def coefficients(displacements: Array, times: Array) -> Array:
     second[..., 1] = p4 / T**4
     second[..., 0] = p5 / T**5
     # q = d3 (1 − (1 − t/t3)³) = v1 t + a1/2 t² + d3 (t/t3)³
-    third[..., 4] += v1
-    third[..., 3] += a1 / 2
+    third[..., 4] += quintic.v1
+    third[..., 3] += quintic.a1 / 2
     third[..., 2] += d3 / t3**3
     return pieces
+
+
+def _hermite(quintic: _Quintic) -> tuple[Array, ...]:
+    """From `(0, v0, a0)` to `(h, v1, a1)` in powers of `s = t/T`: `p1` to `p5`, h in sum."""
+    h, T, v0, a0, v1, a1 = quintic
+    # In units of s: velocities times T, half the accelerations times T².
+    p1 = v0 * T
+    p2 = a0 * T**2 / 2
+    end_v = v1 * T
+    end_a = a1 * T**2 / 2
+    # p3 = 10 h − 6 p1 − 3 p2 − 4 end_v + end_a, and so on.
+    p3 = 10 * h - 6 * p1 - 3 * p2 - 4 * end_v + end_a
+    p4 = -15 * h + 8 * p1 + 3 * p2 + 7 * end_v - 2 * end_a
+    p5 = 6 * h - 3 * p1 - p2 - 3 * end_v + end_a
+    return p1, p2, p3, p4, p5
 
 
 def velocity_controls(displacements: Array, times: Array) -> Array:
@@ -120,7 +135,8 @@ def limit_use(
     velocity = _velocity_controls(quintic)
     acceleration = _acceleration_controls(quintic)
     # The derivative of a cubic in Bernstein form: three times the differences, over T.
-    jerk = 3 * np.diff(acceleration, axis=0) / quintic.T
+    rises = np.diff(acceleration, axis=0)
+    jerk = 3 * rises / quintic.T
     velocity_use = _use(
         velocity,
         limits.velocity,
@@ -142,14 +158,17 @@ def limit_use(
 def dilation(displacements: Array, times: Array, limits: Limits) -> Array:
     """The exact cheapest dilation that meets all limits of all joints (last axis), `(…)`."""
     use = limit_use(displacements, times, limits)
-    return np.asarray(cheapest_dilation(*use).max(axis=-1))
+    factor = cheapest_dilation(*use)
+    return np.asarray(factor.max(axis=-1))
 
 
 def cheapest_dilation(velocity_use: Array, acceleration_use: Array, jerk_use: Array) -> Array:
     """The dilation that brings these shares of the limits to 1 (section 2), joint by joint."""
     # Dilating by k divides velocity by k, acceleration by k², jerk by k³.
-    factor = np.maximum(velocity_use, np.sqrt(acceleration_use))
-    return np.asarray(np.maximum(factor, np.cbrt(jerk_use)))
+    for_acceleration = np.sqrt(acceleration_use)
+    for_jerk = np.cbrt(jerk_use)
+    factor = np.maximum(velocity_use, for_acceleration)
+    return np.asarray(np.maximum(factor, for_jerk))
 
 
 class _Quintic(NamedTuple):
@@ -181,7 +200,10 @@ def _columns(values: Array) -> tuple[Array, Array, Array]:
     NumPy's powers of numbers and of arrays differ in the last digit.
     """
     values = np.asarray(values, dtype=float)
-    return values[..., 0], values[..., 1], values[..., 2]
+    first = values[..., 0]
+    second = values[..., 1]
+    third = values[..., 2]
+    return first, second, third
 
 
 def _velocity_controls(quintic: _Quintic) -> Array:
@@ -189,9 +211,12 @@ def _velocity_controls(quintic: _Quintic) -> Array:
     # What acceleration adds to velocity in a quarter of T.
     gain = a0 * T / 4
     loss = a1 * T / 4
+    second = v0 + gain
+    fourth = v1 - loss
     # The five must have the mean h/T.
-    middle = 5 * h / T - 2 * (v0 + v1) + (a1 - a0) * T / 4
-    return _stacked(v0, v0 + gain, middle, v1 - loss, v1)
+    bend = (a1 - a0) * T / 4
+    third = 5 * h / T - 2 * (v0 + v1) + bend
+    return _stacked(v0, second, third, fourth, v1)
 
 
 def _acceleration_controls(quintic: _Quintic) -> Array:
@@ -206,7 +231,8 @@ def _acceleration_controls(quintic: _Quintic) -> Array:
 
 
 def _stacked(*controls: Array) -> Array:
-    return np.stack(np.broadcast_arrays(*controls))
+    alike = np.broadcast_arrays(*controls)
+    return np.stack(alike)
 
 
 def _ratio(values: Array, limits: Array) -> Array:
@@ -224,18 +250,22 @@ def _use(
     roots: Roots,
 ) -> Array:
     """Worst ratio of a Bernstein polynomial: at its ends, and where its slope is zero if needed."""
-    ends = controls[[0, -1]]
-    use = np.asarray(_ratio(ends, limits).max(axis=0))
+    ends = _ratio(controls[[0, -1]], limits)
+    use = np.asarray(ends.max(axis=0))
     # The polynomial stays within its controls: where these are low enough, no root is needed.
-    inner = controls[1:-1]
-    bound = _ratio(inner, limits).max(axis=0)
+    inner = _ratio(controls[1:-1], limits)
+    bound = inner.max(axis=0)
     needed = bound > np.maximum(use, exact_above)
     if not needed.any():
         return use
-    at = np.nan_to_num(roots(slope[:, needed]))
-    values = _de_casteljau(controls[:, None, needed], np.clip(at, 0.0, 1.0))
-    own_limits = np.broadcast_to(limits, (*needed.shape, 2))[needed]
-    peak = _ratio(values, own_limits).max(axis=0)
+    turns = roots(slope[:, needed])
+    turns = np.nan_to_num(turns)
+    s = np.clip(turns, 0.0, 1.0)
+    extremes = _de_casteljau(controls[:, None, needed], s)
+    shape = (*needed.shape, 2)
+    own_limits = np.broadcast_to(limits, shape)[needed]
+    ratios = _ratio(extremes, own_limits)
+    peak = ratios.max(axis=0)
     use[needed] = np.maximum(use[needed], peak)
     return use
 
@@ -245,26 +275,36 @@ def _jerk_use(displacements: Array, times: Array, jerk: Array, limits: Array) ->
     if not np.isfinite(limits).any():
         return np.zeros(jerk.shape[1:])
     # j = 6 d/t³
-    d = np.asarray(displacements)[..., [0, 2]]
-    t = np.asarray(times)[..., [0, 2]]
+    ends = [0, 2]
+    d = np.asarray(displacements)[..., ends]
+    t = np.asarray(times)[..., ends]
     cubics = 6 * d / t**3
     # The parabola b0 (1−s)² + 2 b1 s (1−s) + b2 s² turns at s = (b0 − b1)/(b0 − 2 b1 + b2).
     b0, b1, b2 = jerk
     curvature = b0 - 2 * b1 + b2
     with np.errstate(divide="ignore", invalid="ignore"):
-        turn = np.nan_to_num((b0 - b1) / curvature)
+        turn = (b0 - b1) / curvature
+    turn = np.nan_to_num(turn)
     extreme = _de_casteljau(jerk, np.clip(turn, 0.0, 1.0))
-    ends = jerk[[0, -1]]
-    values = np.concatenate([ends, np.moveaxis(cubics, -1, 0), extreme[None]])
-    return np.asarray(_ratio(values, limits).max(axis=0))
+    parts = [
+        jerk[[0, -1]],
+        np.moveaxis(cubics, -1, 0),
+        extreme[None],
+    ]
+    values = np.concatenate(parts)
+    ratios = _ratio(values, limits)
+    return np.asarray(ratios.max(axis=0))
 
 
 def _de_casteljau(controls: Array, s: Array) -> Array:
     """Evaluate Bernstein polynomials `(degree + 1, …)` at `s`."""
     points = list(controls)
     while len(points) > 1:
-        neighbours = itertools.pairwise(points)
-        points = [a + (b - a) * s for a, b in neighbours]
+        between = []
+        for a, b in itertools.pairwise(points):
+            step = (b - a) * s
+            between.append(a + step)
+        points = between
     return np.asarray(points[0])
 
 

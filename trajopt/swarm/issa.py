@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from trajopt.swarm.optimiser import Array, require
+from trajopt.swarm.optimiser import Array, require, require_size
 from trajopt.swarm.ssa import SSA, Flock, Move, Slots
 
 Reading = Literal["intended", "printed"]
@@ -45,12 +45,12 @@ class ISSA(SSA):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require("chaos_a", self.chaos_a, 0 <= self.chaos_a <= 1, "a number from 0 to 1")
+        a = self.chaos_a
+        require("chaos_a", a, 0 <= a <= 1, "a number from 0 to 1")
         exponent = self.levy_exponent
         require("levy_exponent", exponent, 0 < exponent < 2, "a number between 0 and 2")
         for name in ("weight_max", "weight_min"):
-            value = getattr(self, name)
-            require(name, value, 0 <= value < np.inf, "a finite number, 0 or more")
+            require_size(self, name)
 
     @property
     def evaluations_per_iteration(self) -> int:
@@ -63,48 +63,56 @@ class ISSA(SSA):
         """Every dimension follows its own orbit of the map, from its own random point."""
         if not self.chaos:
             return super()._start(flock)
-        x = flock.extra.uniform(flock.box.dim)
-        y = flock.extra.uniform(flock.box.dim)
+        dim = flock.box.dim
+        x = flock.extra.uniform(dim)
+        y = flock.extra.uniform(dim)
         orbit = []
         for _ in range(self.population):
             x, y = chaotic_map(x, y, self.chaos_a, self.eq43)
             orbit.append(x)
-        return flock.box.spread(np.stack(orbit, axis=1))
+        unit = np.stack(orbit, axis=1)
+        return flock.box.spread(unit)
 
     def _calm(self, flock: Flock, shrunk: Array, x: Array) -> Array:
         """Eq. 47, first case: X + X · Lévy, with Mantegna's steps μ / |ν|^(1/λ)."""
         if not self.levy:
             return shrunk
         shape = x.shape[1:]
-        mu = levy_scale(self.levy_exponent) * flock.extra.normal(*shape)
-        nu = np.abs(flock.extra.normal(*shape))
-        levy = mu / nu ** (1 / self.levy_exponent)
+        scale = levy_scale(self.levy_exponent)
+        mu = scale * flock.extra.normal(*shape)
+        nu = flock.extra.normal(*shape)
+        power = 1 / self.levy_exponent
+        levy = mu / np.abs(nu) ** power
         return np.asarray(x + x * levy)
 
     def _weight(self, flock: Flock) -> float:
         if not self.weight:
             return 1.0
-        return falling_weight(flock.t / flock.t_max, self.weight_max, self.weight_min)
+        progress = flock.t / flock.t_max
+        return falling_weight(progress, self.weight_max, self.weight_min)
 
     def _watch(self, flock: Flock) -> Move:
         slots, places = super()._watch(flock)
         if not self.opposition:
             return slots, places
-        return slots, [*places, self._opposite(flock, slots)]
+        opposite = self._opposite(flock, slots)
+        return slots, [*places, opposite]
 
     def _opposite(self, flock: Flock, slots: Slots) -> Array:
         """Eq. 48 and 49."""
         best = flock.best_x
         box = flock.box
         # X* = u + r (l − X_b)
-        r = flock.extra.uniform(slots.shape[-1], box.dim)
+        vigilantes = slots.shape[-1]
+        r = flock.extra.uniform(vigilantes, box.dim)
         opposite = box.high + r * (box.low - best)
         # X* + b1 (X_b − X*), or X_b + b1 (X_b − X*) as printed; b1 can be infinite
         b1 = control(flock.t, flock.t_max, self.eq50)
         with np.errstate(over="ignore", invalid="ignore"):
             step = b1 * (best - opposite)
-            start = opposite if self.eq49 == "intended" else best
-            return np.asarray(start + step)
+            if self.eq49 == "printed":
+                return np.asarray(best + step)
+            return np.asarray(opposite + step)
 
 
 def chaotic_map(
@@ -121,33 +129,42 @@ def chaotic_map(
     logistic_y = 4 * a * y * (1 - y)
     if reading == "intended":
         # x' = sin(π (4 a x (1 − x) + (1 − a) sin πy)), and y' likewise with x'
-        x = np.sin(pi * (logistic_x + (1 - a) * np.sin(pi * y)))
-        y = np.sin(pi * (logistic_y + (1 - a) * np.sin(pi * x)))
+        coupling = (1 - a) * np.sin(pi * y)
+        x = np.sin(pi * (logistic_x + coupling))
+        coupling = (1 - a) * np.sin(pi * x)
+        y = np.sin(pi * (logistic_y + coupling))
         return x, y
     # x' = sin(π · 4 a x (1 − x) + (1 − a) sin πy), and y' with x'²
-    x = np.sin(pi * logistic_x + (1 - a) * np.sin(pi * y))
-    y = np.sin(pi * logistic_y + (1 - a) * np.sin(pi * x**2))
+    coupling = (1 - a) * np.sin(pi * y)
+    x = np.sin(pi * logistic_x + coupling)
+    coupling = (1 - a) * np.sin(pi * x**2)
+    y = np.sin(pi * logistic_y + coupling)
     return x, y
 
 
-def falling_weight(progress: float, weight_max: float, weight_min: float) -> float:
+def falling_weight(
+    progress: float,
+    weight_max: float,
+    weight_min: float,
+) -> float:
     """Eq. 46: ω, where `progress` is `t / t_max`."""
     return weight_max - (weight_max - weight_min) * progress**2
 
 
 def control(t: int, t_max: int, reading: Reading = "intended") -> np.float64:
     """Eq. 50: b1; infinite where the printed form overflows."""
-    if reading == "intended":
-        base = np.float64((t_max - t) / t_max)
-    else:
-        base = np.float64(t_max - t / t_max)
+    base = (t_max - t) / t_max
+    if reading == "printed":
+        base = t_max - t / t_max
     with np.errstate(over="ignore"):
-        return np.float64(base**t)
+        return np.float64(np.float64(base) ** t)
 
 
 def levy_scale(exponent: float) -> float:
     """Eq. 45: σ_μ of Mantegna's algorithm."""
-    top = gamma(1 + exponent) * sin(pi * exponent / 2)
+    wave = sin(pi * exponent / 2)
+    top = gamma(1 + exponent) * wave
+    half = (1 + exponent) / 2
     power = 2 ** ((exponent - 1) / 2)
-    bottom = gamma((1 + exponent) / 2) * exponent * power
+    bottom = gamma(half) * exponent * power
     return float((top / bottom) ** (1 / exponent))

@@ -63,8 +63,12 @@ class Box:
         dim = np.broadcast_shapes(bottom.shape, top.shape)[-1]
         bottom = np.broadcast_to(bottom, (runs, dim))
         top = np.broadcast_to(top, (runs, dim))
-        require("bounds", [low, high], bool((bottom < top).all()), "low < high")
-        return cls(bottom[:, None], top[:, None])
+        ordered = bottom < top
+        require("bounds", [low, high], bool(ordered.all()), "low < high")
+        return cls(
+            low=bottom[:, None],
+            high=top[:, None],
+        )
 
     @property
     def dim(self) -> int:
@@ -76,17 +80,22 @@ class Box:
 
     def spread(self, unit: Array) -> Array:
         """Points of the unit cube `(runs, m, dim)`, moved linearly to this box."""
-        return self.clip(self.low + unit * self.size)
+        x = self.low + unit * self.size
+        return self.clip(x)
 
     def clip(self, x: Array) -> Array:
         """Points outside, moved to the wall."""
-        return np.minimum(np.maximum(x, self.low), self.high)
+        above = np.maximum(x, self.low)
+        return np.minimum(above, self.high)
 
     def reflect(self, x: Array) -> Array:
         """Points outside, mirrored at the walls as often as it takes; infinite ones become NaN."""
+        there_and_back = 2 * self.size
         with np.errstate(invalid="ignore"):
-            beyond = np.mod(x - self.low, 2 * self.size)
-        return self.clip(self.low + self.size - np.abs(self.size - beyond))
+            travelled = np.mod(x - self.low, there_and_back)
+        from_wall = np.abs(self.size - travelled)
+        mirrored = self.low + self.size - from_wall
+        return self.clip(mirrored)
 
 
 class Streams:
@@ -109,15 +118,19 @@ class Streams:
 
     def uniform(self, *shape: int) -> Array:
         """Uniform on `[0, 1)`, `(runs, *shape)`."""
-        return np.stack([g.random(shape) for g in self._generators])
+        draws = [g.random(shape) for g in self._generators]
+        return np.stack(draws)
 
     def normal(self, *shape: int) -> Array:
         """Standard normal, `(runs, *shape)`."""
-        return np.stack([g.standard_normal(shape) for g in self._generators])
+        draws = [g.standard_normal(shape) for g in self._generators]
+        return np.stack(draws)
 
 
 def _sequence(seed: int | SeedSequence) -> SeedSequence:
-    return seed if isinstance(seed, SeedSequence) else SeedSequence(seed)
+    if isinstance(seed, SeedSequence):
+        return seed
+    return SeedSequence(seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,20 +175,24 @@ def minimise(
     Raises:
         InvalidInput: an empty box or budget.
     """
-    require("seeds", list(seeds), len(seeds) > 0, "at least one")
+    runs = len(seeds)
+    require("seeds", list(seeds), runs > 0, "at least one")
     require("iterations", iterations, iterations >= 0, "0 or more")
     first = optimiser.population
     each = optimiser.evaluations_per_iteration
-    budget = first + iterations * each if evaluations is None else evaluations
+    budget = evaluations
+    if budget is None:
+        budget = first + iterations * each
     require("evaluations", budget, budget >= 1, "at least 1")
-    # Rounded up.
-    begun = max(0, -(-(budget - first) // each))
-    box = Box.of(low, high, len(seeds))
+    remaining = max(0, budget - first)
+    begun = -(-remaining // each)  # rounded up
+    box = Box.of(low, high, runs)
     search = optimiser.search(box, Streams(seeds), begun)
-    tally = _Tally(len(seeds))
+    tally = _Tally(runs)
     candidates = next(search)
     while True:
-        candidates = candidates[:, : budget - tally.spent]
+        left = budget - tally.spent
+        candidates = candidates[:, :left]
         fitness = objective(candidates)
         tally.add(candidates, fitness)
         if tally.spent == budget:
@@ -216,13 +233,16 @@ class _Tally:
         """Log every candidate that improved on all before it."""
         so_far = np.column_stack([self.fitness, fitness])
         lowest = np.minimum.accumulate(so_far, axis=1)
-        improved = lowest[:, 1:] < lowest[:, :-1]
-        run, column = np.nonzero(improved)
+        before = lowest[:, :-1]
+        after = lowest[:, 1:]
+        run, column = np.nonzero(after < before)
         spent = self.spent + column + 1
-        self._log.append((run, spent, fitness[run, column]))
+        best = fitness[run, column]
+        self._log.append((run, spent, best))
 
     def histories(self) -> tuple[Array, ...]:
-        run, spent, best = map(np.concatenate, zip(*self._log, strict=True))
+        parts = zip(*self._log, strict=True)
+        run, spent, best = map(np.concatenate, parts)
         points = np.column_stack([spent, best])
         histories = []
         for row in self._rows:
@@ -234,19 +254,26 @@ class _Tally:
         """A run's improvements, and its end unless it ended with one."""
         if points[-1, 0] == self.spent:
             return points
-        end = np.array([[self.spent, self.fitness[row]]])
-        return np.concatenate([points, end])
+        end = np.array([self.spent, self.fitness[row]])
+        return np.concatenate([points, end[None]])
 
 
 def added(values: Array) -> Array:
     """The sum over the last axis, always in the same order: `np.sum`'s depends on the layout."""
-    return reduce(np.add, np.moveaxis(values, -1, 0))
+    columns = np.moveaxis(values, -1, 0)
+    return reduce(np.add, columns)
 
 
 def require(option: str, value: object, holds: bool, expected: str) -> None:
     """Raise `InvalidInput` naming the option, its value and what would be right."""
     if not holds:
         raise InvalidInput(option, expected, value=value)
+
+
+def require_size(options: object, name: str) -> None:
+    """Raise `InvalidInput` unless an option is a finite number, 0 or more."""
+    value = getattr(options, name)
+    require(name, value, 0 <= value < np.inf, "a finite number, 0 or more")
 
 
 def check_choices(options: object) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trajopt.swarm.optimiser import Box, Optimiser, Search, Streams, require
+from trajopt.swarm.optimiser import Box, Optimiser, Search, Streams, require, require_size
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,11 @@ class PSO(Optimiser):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ("inertia", "cognitive", "social"):
-            value = getattr(self, name)
-            require(name, value, 0 <= value < np.inf, "a finite number, 0 or more")
-        require("clamp", self.clamp, 0 < self.clamp < np.inf, "a finite number above 0")
-        require("rebound", self.rebound, -1 <= self.rebound <= 1, "a number from -1 to 1")
+            require_size(self, name)
+        clamp = self.clamp
+        require("clamp", clamp, 0 < clamp < np.inf, "a finite number above 0")
+        rebound = self.rebound
+        require("rebound", rebound, -1 <= rebound <= 1, "a number from -1 to 1")
 
     @property
     def evaluations_per_iteration(self) -> int:
@@ -57,13 +58,15 @@ class PSO(Optimiser):
             # v = χ v + χφ₁ u₁ (p_i − x) + χφ₂ u₂ (p_g − x), within ±v_max
             u1 = streams.uniform(*shape)
             u2 = streams.uniform(*shape)
-            v = self.inertia * v + self.cognitive * u1 * (own_x - x)
-            v = v + self.social * u2 * (swarm_x - x)
-            v = np.clip(v, -v_max, v_max)
+            to_own = self.cognitive * u1 * (own_x - x)
+            to_swarm = self.social * u2 * (swarm_x - x)
+            v = self.inertia * v + to_own
+            v = np.clip(v + to_swarm, -v_max, v_max)
             # x = x + v, on the wall where that is outside, where v is turned back
             flown = x + v
             x = box.clip(flown)
-            v = np.where(x == flown, v, -self.rebound * v)
+            turned = -self.rebound * v
+            v = np.where(x == flown, v, turned)
             f = yield x
             better = f < own_f
             own_x = np.where(better[..., None], x, own_x)

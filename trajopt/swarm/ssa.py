@@ -48,26 +48,40 @@ class Flock:
 
     def sort(self) -> None:
         """Best first."""
-        order = np.argsort(self.f, axis=1, kind="stable")
+        order = self.f.argsort(axis=1, kind="stable")
         self.x, self.f = self.place(order)
 
     def place(self, slots: Slots) -> tuple[Array, Array]:
         """Positions `(runs, m, dim)` and fitness `(runs, m)` of some sparrows."""
-        return self.x[self.rows, slots], self.f[self.rows, slots]
+        x = self.x[self.rows, slots]
+        f = self.f[self.rows, slots]
+        return x, f
 
     def worst(self) -> tuple[Array, Array]:
         """`X_w` `(runs, 1, dim)` and `f_w` `(runs, 1)`."""
         last = self.f.argmax(axis=1)
         return self.place(last[:, None])
 
-    def move(self, slots: Slots, x: Array, f: Array, greedy: bool) -> None:
+    def move(
+        self,
+        slots: Slots,
+        x: Array,
+        f: Array,
+        greedy: bool,
+    ) -> None:
         """Put sparrows in new places; the greedy ones only if they are better off there."""
+        self._remember(x, f)
         rows = self.rows
         old_x, old_f = self.place(slots)
-        moved = f < old_f if greedy else np.full(f.shape, True)
+        moved = f < old_f
+        if not greedy:
+            moved = np.full(f.shape, True)
         self.x[rows, slots] = np.where(moved[..., None], x, old_x)
         self.f[rows, slots] = np.where(moved, f, old_f)
-        # Whatever they do, the best place seen is remembered.
+
+    def _remember(self, x: Array, f: Array) -> None:
+        """The best place seen, whoever goes there."""
+        rows = self.rows
         first = f.argmin(axis=1)[:, None]
         first_x = x[rows, first]
         first_f = f[rows, first]
@@ -108,7 +122,8 @@ class SSA(Optimiser):
             share = getattr(self, name)
             holds = 0 < share < 1 and 1 <= self._count(share) <= most
             require(name, share, holds, some)
-        require("safety", self.safety, 0 <= self.safety <= 1, "a number from 0 to 1")
+        is_share = 0 <= self.safety <= 1
+        require("safety", self.safety, is_share, "a number from 0 to 1")
 
     @property
     def evaluations_per_iteration(self) -> int:
@@ -120,14 +135,13 @@ class SSA(Optimiser):
         f = yield x
         flock.settle(x, f)
         for flock.t in range(1, iterations + 1):
-            flock.sort()
-            yield from self._moved(flock, *self._discover(flock))
-            if self.sorting == "phase":
+            if self.sorting == "iteration":
                 flock.sort()
-            yield from self._moved(flock, *self._follow(flock))
-            if self.sorting == "phase":
-                flock.sort()
-            yield from self._moved(flock, *self._watch(flock))
+            for phase in (self._discover, self._follow, self._watch):
+                if self.sorting == "phase":
+                    flock.sort()
+                slots, places = phase(flock)
+                yield from self._moved(flock, slots, places)
 
     def _start(self, flock: Flock) -> Array:
         unit = flock.streams.uniform(self.population, flock.box.dim)
@@ -140,7 +154,8 @@ class SSA(Optimiser):
         slots = np.arange(m)
         i = slots[:, None] + 1
         x = flock.x[:, slots]
-        r2 = draw.uniform(1, 1)  # one per run
+        # R2: one per run
+        r2 = draw.uniform(1, 1)
         alpha = 1.0 - draw.uniform(m, 1)
         Q = draw.normal(m, 1)
         safe = r2 < self.safety
@@ -148,7 +163,8 @@ class SSA(Optimiser):
         decay = -i / (alpha * flock.t_max)
         shrunk = x * np.exp(decay)
         calm = self._calm(flock, shrunk, x)
-        alarmed = x + Q * self._weight(flock)
+        weight = self._weight(flock)
+        alarmed = x + Q * weight
         places = np.where(safe, calm, alarmed)
         return slots, [places]
 
@@ -168,7 +184,8 @@ class SSA(Optimiser):
         i = slots[:, None] + 1
         x = flock.x[:, slots]
         x_w, _ = flock.worst()
-        leader = flock.f[:, :first].argmin(axis=1)
+        discoverers_f = flock.f[:, :first]
+        leader = discoverers_f.argmin(axis=1)
         x_p, _ = flock.place(leader[:, None])
         _, m, dim = x.shape
         Q = draw.normal(m, 1)
@@ -176,15 +193,18 @@ class SSA(Optimiser):
         A = np.where(coin < 0.5, -1.0, 1.0)
         # The better half: X_p + |X − X_p| A⁺ L
         step = np.abs(x - x_p) * A
-        if self.step == "matrix":  # A⁺ = Aᵀ(AAᵀ)⁻¹ = Aᵀ/d; L spreads the sum over all dimensions
-            step = added(step)[..., None] / dim
+        if self.step == "matrix":
+            # A⁺ = Aᵀ(AAᵀ)⁻¹ = Aᵀ/d; L spreads the sum over all dimensions
+            total = added(step)
+            step = total[..., None] / dim
         gathered = x_p + step
         # The others: Q exp((X_w − X)/i²); in a box hundreds wide the walls stop what overflows
         with np.errstate(over="ignore"):
-            growth = np.exp((x_w - x) / i**2)
-            away = Q * growth
+            exponent = (x_w - x) / i**2
+            away = Q * np.exp(exponent)
         hungry = i > self.population / 2
-        return slots, [np.where(hungry, away, gathered)]
+        places = np.where(hungry, away, gathered)
+        return slots, [places]
 
     def _watch(self, flock: Flock) -> Move:
         """Eq. 41."""
@@ -199,12 +219,16 @@ class SSA(Optimiser):
         # Behind the best, f > f_g: X_b + β |X − X_b|
         home = x_b + beta * np.abs(x - x_b)
         # The best itself: X + K |X − X_w| / ((f − f_w) + ε)
-        fall = f - f_w if self.eq41 == "intended" else (f > f_w).astype(float)
+        fall = f - f_w
+        if self.eq41 == "printed":
+            worse = f > f_w
+            fall = worse.astype(float)
         denominator = fall + _EPSILON
         distance = np.abs(x - x_w) / denominator[..., None]
         flee = x + K * distance
         behind = f > flock.best_f
-        return slots, [np.where(behind[..., None], home, flee)]
+        places = np.where(behind[..., None], home, flee)
+        return slots, [places]
 
     def _vigilantes(self, flock: Flock) -> Slots:
         count = self._count(self.vigilantes)
@@ -218,17 +242,21 @@ class SSA(Optimiser):
         x = [self._inside(flock, slots, place) for place in places]
         f = []
         for place in x:
-            f.append((yield place))
+            fitness = yield place
+            f.append(fitness)
         winner = np.argmin(f, axis=0)
+        best_f = np.min(f, axis=0)
         index = winner[None, ..., None]
         best_x = np.take_along_axis(np.stack(x), index, axis=0)[0]
-        best_f = np.min(f, axis=0)
-        flock.move(slots, best_x, best_f, greedy=self.acceptance == "greedy")
+        greedy = self.acceptance == "greedy"
+        flock.move(slots, best_x, best_f, greedy)
 
     def _inside(self, flock: Flock, slots: Slots, x: Array) -> Array:
-        x = flock.box.clip(x) if self.boundary == "clip" else flock.box.reflect(x)
         own, _ = flock.place(slots)
-        return np.where(np.isnan(x), own, x)
+        inside = flock.box.clip(x)
+        if self.boundary == "reflect":
+            inside = flock.box.reflect(x)
+        return np.where(np.isnan(inside), own, inside)
 
     def _count(self, share: float) -> int:
         return round(share * self.population)

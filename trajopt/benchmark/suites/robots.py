@@ -103,17 +103,24 @@ def robot_problem(arm: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
     From the middle 95 % of each range, and from at most a turn; the same waypoints with its jerk
     limits, if it has any, as without.
     """
-    rng = np.random.default_rng([ROBOTS_VERSION, crc32(arm.name.encode()), waypoints])
+    key = crc32(arm.name.encode())
+    rng = np.random.default_rng([ROBOTS_VERSION, key, waypoints])
     # Some joints turn without end.
-    low, high = np.clip(arm.limits.position, -2 * np.pi, 2 * np.pi).T
+    turn = 2 * np.pi
+    low, high = np.clip(arm.limits.position, -turn, turn).T
     half = _REACH_SHARE * (high - low) / 2
     reach = np.minimum(half, np.pi)
     middle = (low + high) / 2
-    unit = 2 * rng.random((waypoints, len(reach))) - 1
-    ending = "-jerk" if jerk else ""
+    joints = len(reach)
+    unit = 2 * rng.random((waypoints, joints)) - 1
+    ending = "-jerk"
+    limits = arm.limits
+    if not jerk:
+        ending = ""
+        limits = limits.without("jerk")
     return Problem(
         middle + reach * unit,
-        arm.limits if jerk else arm.limits.without("jerk"),
+        limits,
         name=f"robots-{arm.name}-w{waypoints}{ending}",
         source=f"{arm.description}; data/robots/{arm.name}.toml, version {ROBOTS_VERSION}",
     )
