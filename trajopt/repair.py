@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from trajopt import polynomials
 from trajopt.problem import Problem
-from trajopt.trajectory import Trajectory, nearest
+from trajopt.trajectory import EPS, Trajectory, nearest
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -34,13 +34,13 @@ Bools = NDArray[np.bool_]
 # joint's largest value of it, and to what it changes by while the break's time is rounded; all of
 # them together are worth no more than the second number of the duration, since peak velocity is at
 # most A T / 2.
-JUMP_RTOL = 4 * float(np.finfo(float).eps)
+JUMP_RTOL = 4 * EPS
 JUMPS_SUM_RTOL = 1e-11
 # A miss: relative to the way travelled in the segment.
 TRAVEL_RTOL = 1e-13
 # A miss that is rounding of the coordinates, where the joint flies by: relative to the coordinate;
 # all of them together may be worth so much of the duration.
-COORDINATE_RTOL = 4 * float(np.finfo(float).eps)
+COORDINATE_RTOL = 4 * EPS
 FLY_BY_RTOL = 1e-10
 
 
@@ -258,17 +258,21 @@ def _jumps(layout: _Layout, joints: Bools, order: int) -> Array:
 
     Before and after the motion the robot rests.
     """
-    unit = layout.trajectory.pieces(order)[..., joints]
-    rest = np.zeros((1, unit.shape[2]))
-    before = np.vstack([rest, unit.sum(axis=0)])
-    after = np.vstack([unit[-1], rest])
+    pieces = layout.trajectory.pieces(order)
+    unit = pieces[..., joints]
+    starts = unit[-1]
+    stops = unit.sum(axis=0)
+    rest = np.zeros_like(starts[:1])
+    before = np.vstack([rest, stops])
+    after = np.vstack([starts, rest])
     jumps = after - before
     values = np.stack([before, after])
     largest = np.abs(values).max(axis=(0, 1))
     size = np.abs(jumps)
     # A break's time is rounded too, which moves the value by as much as it changes meanwhile.
-    steepest = np.abs(layout.trajectory.pieces(order + 1)[-1][..., joints]).max(axis=0)
-    in_time = steepest * layout.trajectory.breaks[:, None]
+    changes = layout.trajectory.pieces(order + 1)[-1, :, joints]
+    steepest = np.abs(changes).max(axis=1)
+    in_time = np.outer(layout.trajectory.breaks, steepest)
     rounding = size <= JUMP_RTOL * (largest + in_time)
     forgiven = np.where(rounding, size, 0.0)
     few = forgiven.sum(axis=0) <= JUMPS_SUM_RTOL * largest
@@ -309,9 +313,9 @@ def _with_added(coefficients: Array, added: Array | None, joints: Bools) -> Arra
     """The sum, of the higher degree of both."""
     if added is None:
         return coefficients
-    missing_rows = max(0, len(added) - len(coefficients))
+    rows = len(added)
+    missing_rows = max(0, rows - len(coefficients))
     padding = np.zeros((missing_rows, *coefficients.shape[1:]))
     total = np.concatenate([padding, coefficients])
-    rows = len(added)
     total[-rows:, :, joints] += added
     return total

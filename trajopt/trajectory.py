@@ -14,9 +14,10 @@ from trajopt.exceptions import InvalidTrajectory
 
 Array = NDArray[np.float64]
 
+EPS = float(np.finfo(float).eps)
 # Breaks closer than this fraction of the duration are one break: what sums of durations in
 # different orders leave, and no more. A piece dropped although it moves would be a jump.
-BREAK_RTOL = 16 * float(np.finfo(float).eps)
+BREAK_RTOL = 16 * EPS
 
 
 @dataclass(frozen=True, eq=False)

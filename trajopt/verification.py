@@ -19,17 +19,17 @@ from trajopt import polynomials
 from trajopt.exceptions import InvalidTrajectory
 from trajopt.problem import Problem
 from trajopt.repair import repaired
-from trajopt.trajectory import Trajectory
+from trajopt.trajectory import EPS, Trajectory
 
 Array = NDArray[np.float64]
 Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, low, high)
 
 _CHUNK_PIECES = 256  # pieces whose roots are found at once, the most promising first
 # Evaluating a polynomial of degree d rounds by less than this times (d + 1) Σ |coefficients|.
-_EVALUATION_RTOL = 2 * float(np.finfo(float).eps)
+_EVALUATION_RTOL = 2 * EPS
 # A coordinate, and the time of a break, are known to some units in their last place.
-_COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
-_TIME_RTOL = 16 * float(np.finfo(float).eps)
+_COORDINATE_RTOL = 16 * EPS
+_TIME_RTOL = 16 * EPS
 
 
 @dataclass(frozen=True)
