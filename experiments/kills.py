@@ -33,35 +33,61 @@ from trajopt.exceptions import StoreError
 
 FAULTS = ["lost", "torn", "different", "run again", "unequal"]
 
-# worker processes; half the trials and a results.h5 are there already; workers are killed as well
+# Worker processes; half the trials and a results.h5 are there already; workers are killed as well.
 SETTINGS = [
-    (0, False, True), (0, True, True), (1, False, True), (2, True, True),
-    (2, False, False), (1, True, False), (2, False, True), (2, True, False),
-]  # fmt: skip
+    (0, False, True),
+    (0, True, True),
+    (1, False, True),
+    (2, True, True),
+    (2, False, False),
+    (1, True, False),
+    (2, False, True),
+    (2, True, False),
+]
+
+Answer = tuple[Any, ...]
+Answers = dict[str, Answer]  # by a trial's identity
 
 
-def answers(trials: Iterable[Trial]) -> dict[str, tuple[Any, ...]]:
+def answers(trials: Iterable[Trial]) -> Answers:
     """By identity, all of a trial that does not depend on when and how fast it ran."""
-    return {t.id: _answer(t) for t in trials}
+    return {trial.id: _answer(trial) for trial in trials}
 
 
-def _answer(one: Trial) -> tuple[Any, ...]:
-    found = one.solution
-    arrays = [found.history]
-    if found.trajectory:
-        names = ("coefficients", "breaks", "waypoint_times")
-        arrays += [getattr(found.trajectory, name) for name in names]
-    numbers = (one.status, one.message, one.certified_duration, one.lower_bound, found.evaluations)
-    return *numbers, *(None if array is None else array.tobytes() for array in arrays)
+def _answer(trial: Trial) -> Answer:
+    solution = trial.solution
+    answer: list[Any] = [
+        trial.status,
+        trial.message,
+        trial.certified_duration,
+        trial.lower_bound,
+        solution.evaluations,
+    ]
+    if solution.history is not None:
+        answer.append(solution.history.tobytes())
+    if solution.trajectory is not None:
+        arrays = (
+            solution.trajectory.coefficients,
+            solution.trajectory.breaks,
+            solution.trajectory.waypoint_times,
+        )
+        answer += [array.tobytes() for array in arrays]
+    return tuple(answer)
 
 
 @cache
-def reference(output: Path) -> dict[str, tuple[Any, ...]]:
+def reference(output: Path) -> Answers:
     """The answers of the uninterrupted run."""
-    return answers(sweep(output / "reference"))
+    trials = sweep(output / "reference")
+    return answers(trials)
 
 
-def started(output: Path, name: str, jobs: int, half: bool) -> tuple[Path, Child]:
+def started(
+    output: Path,
+    name: str,
+    jobs: int,
+    half: bool,
+) -> tuple[Path, Child]:
     """A child at work in a new folder, empty or with half of the trials and their `results.h5`."""
     folder = output / name
     shutil.rmtree(folder, ignore_errors=True)
@@ -72,7 +98,11 @@ def started(output: Path, name: str, jobs: int, half: bool) -> tuple[Path, Child
 
 
 @cache
-def uninterrupted(output: Path, jobs: int, half: bool) -> Child:
+def uninterrupted(
+    output: Path,
+    jobs: int,
+    half: bool,
+) -> Child:
     """A child that was left alone: it knows how long its phases take."""
     folder, child = started(output, "timeline", jobs, half)
     while child.listen():
@@ -84,22 +114,33 @@ def uninterrupted(output: Path, jobs: int, half: bool) -> Child:
 
 def attempt(output: Path, number: int) -> dict[str, Any]:
     """Kill a run at the moment that this number draws, look, resume it, look again: one row."""
-    rng, wanted = np.random.default_rng([1, number]), PHASES[number % 4]
-    jobs, half, workers_too = SETTINGS[number // 4 % len(SETTINGS)]
-    phase = uninterrupted(output, jobs, half).lengths(wanted)
-    turn, part = int(rng.integers(len(phase))), float(rng.uniform())
+    wanted = PHASES[number % 4]
+    setting = number // 4 % len(SETTINGS)
+    jobs, half, workers_too = SETTINGS[setting]
+    lengths = uninterrupted(output, jobs, half).lengths(wanted)
+    rng = np.random.default_rng([1, number])
+    turn = int(rng.integers(len(lengths)))
+    part = float(rng.uniform())
     folder, child = started(output, f"kill-{number}", jobs, half)
-    stored = {file.stem for file in folder.glob("trials/*.h5")}
+    stored = _trials(folder.glob("trials/*.h5"))
     try:
-        moment = child.entered(wanted, turn + 1) + part * phase[turn]
-        time.sleep(max(0.0, moment - time.monotonic()))
+        moment = child.entered(wanted, turn + 1) + part * lengths[turn]
+        left = moment - time.monotonic()
+        time.sleep(max(0.0, left))
         child.kill(workers_too)
-        promised = stored | {word.trial for word in child.words if word.trial}
+        told = {word.trial for word in child.words if word.trial}
+        promised = stored | told
+        lived = child.died - child.words[0].time
         row: dict[str, Any] = {
-            "kill": number, "jobs": jobs, "half": half, "workers too": workers_too,
-            "wanted": wanted, "hit": child.hit, "promised": len(promised),
-            "moment (s)": round(child.died - child.words[0].time, 4),
-        }  # fmt: skip
+            "kill": number,
+            "jobs": jobs,
+            "half": half,
+            "workers too": workers_too,
+            "wanted": wanted,
+            "hit": child.hit,
+            "promised": len(promised),
+            "moment (s)": round(lived, 4),
+        }
         row |= faults(folder, promised, stored, reference(output))
     finally:
         child.bury()
@@ -109,33 +150,59 @@ def attempt(output: Path, number: int) -> dict[str, Any]:
 
 
 def faults(
-    folder: Path, promised: set[str], stored: set[str], expected: dict[str, Any]
+    folder: Path,
+    promised: set[str],
+    stored: set[str],
+    expected: Answers,
 ) -> dict[str, Any]:
     """What a killed run left behind, and what came of resuming it; zeros where nothing is wrong.
 
     `promised` are the trials that it told to be kept, `stored` those that `results.h5` had before.
     """
-    left, (whole, torn) = len(list(folder.rglob(".*.tmp"))), _whole(folder)
+    temporaries = list(folder.rglob(".*.tmp"))
+    whole, torn = _whole(folder)
     old = whole.pop(folder / "results.h5", {})
-    kept = {file.stem for file in whole}
-    wrong = {i for one in [old, *whole.values()] for i in one if one[i] != expected.get(i)}
-    times = {file: file.stat().st_mtime_ns for file in whole if file.stem in promised}
-    ended = (answers(sweep(folder)), answers(read(folder / "results.h5")))
-    again = [file for file, when in times.items() if file.stat().st_mtime_ns != when]
+    kept = _trials(whole)
+    lost = (promised - kept) | (stored - old.keys())
+    different: set[str] = set()
+    for found in (old, *whole.values()):
+        different |= {i for i in found if found[i] != expected.get(i)}
+
+    written = {}
+    for file in whole:
+        if file.stem in promised:
+            written[file] = file.stat().st_mtime_ns
+    resumed = answers(sweep(folder))
+    again = [file for file, when in written.items() if file.stat().st_mtime_ns != when]
+
+    unequal: set[str] = set()
+    for end in (resumed, answers(read(folder / "results.h5"))):
+        unequal |= {i for i, _ in end.items() ^ expected.items()}
     return {
-        "whole": len(kept), "temporaries": left, "torn": len(torn), "different": len(wrong),
-        "lost": len((promised - kept) | (stored - old.keys())), "run again": len(again),
-        "unequal": len({i for end in ended for i, _ in end.items() ^ expected.items()}),
+        "whole": len(kept),
+        "temporaries": len(temporaries),
+        "torn": len(torn),
+        "different": len(different),
+        "lost": len(lost),
+        "run again": len(again),
+        "unequal": len(unequal),
         "note": "; ".join(torn),
-    }  # fmt: skip
+    }
 
 
-def _whole(folder: Path) -> tuple[dict[Path, dict[str, Any]], list[str]]:
+def _trials(files: Iterable[Path]) -> set[str]:
+    """The identities of the trials in these files."""
+    return {file.stem for file in files}
+
+
+def _whole(folder: Path) -> tuple[dict[Path, Answers], list[str]]:
     """The answers in every file that can be read, and why the others cannot."""
-    whole, torn = {}, []
+    whole = {}
+    torn = []
     for file in sorted(folder.rglob("[!.]*.h5")):
         try:
-            whole[file] = answers(read(file))
+            trials = read(file)
+            whole[file] = answers(trials)
         except StoreError as error:
             torn.append(str(error))
     return whole, torn
@@ -143,25 +210,39 @@ def _whole(folder: Path) -> tuple[dict[Path, dict[str, Any]], list[str]]:
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
     """Per phase hit: kills, of them those that left half-written temporaries, trials, faults."""
-    phases = rows.assign(kills=1, temporaries=rows["temporaries"] > 0).groupby("hit")
+    leaving = rows["temporaries"] > 0
+    counted = rows.assign(kills=1, temporaries=leaving)
     columns = ["kills", "temporaries", "promised", *FAULTS]
-    found = phases[columns].sum().reindex(PHASES, fill_value=0)
-    found.loc["all"] = found.sum()
-    return found.rename_axis("phase hit")
+    sums = counted.groupby("hit")[columns].sum()
+    summary = sums.reindex(PHASES, fill_value=0)
+    summary.loc["all"] = summary.sum()
+    return summary.rename_axis("phase hit")
 
 
-def main(tries: int = 200, output: Path = Path("results/kills"), quick: bool = False) -> None:
+def main(
+    tries: int = 200,
+    output: Path = Path("results/kills"),
+    quick: bool = False,
+) -> None:
     """Kill that often and print the table; `kills-by-phase.csv` and `.md` in `output` too."""
-    tries = min(tries, 10) if quick else tries
+    if quick:
+        tries = min(tries, 10)
     output.mkdir(parents=True, exist_ok=True)
     file = output / "kills.csv"
-    rows = pd.read_csv(file).to_dict("records") if file.exists() else []
+    part = file.with_suffix(".part")
+    rows = []
+    if file.exists():
+        rows = pd.read_csv(file).to_dict("records")
+    done = {row["kill"] for row in rows}
     with console.progress(tries) as advance:
         advance(len(rows))
-        for number in sorted(set(range(tries)) - {row["kill"] for row in rows}):
-            rows.append(attempt(output, number))
-            pd.DataFrame(rows).to_csv(file.with_suffix(".part"), index=False)
-            file.with_suffix(".part").replace(file)
+        for number in range(tries):
+            if number in done:
+                continue
+            row = attempt(output, number)
+            rows.append(row)
+            pd.DataFrame(rows).to_csv(part, index=False)
+            part.replace(file)
             advance(1)
     summary = table(pd.DataFrame(rows))
     save_table(summary, output / "kills-by-phase")

@@ -20,17 +20,28 @@ from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
-from trajopt.registry import load
+from trajopt.registry import named
 
 PHASES = ["start-up", "solving", "writing", "consolidating", "end"]
+SPECS = ("ruckig-stop", "unoptimised", "exact:starts=1", "pso:iterations=20")
 
 
-def sweep(folder: Path, jobs: int = 0, seeds: int = 8) -> list[Trial]:
+def sweep(
+    folder: Path,
+    jobs: int = 0,
+    seeds: int = 8,
+) -> list[Trial]:
     """22 trials in a second: two problems, four planners, one of them with eight seeds."""
-    specs = ("ruckig-stop", "unoptimised", "exact:starts=1", "pso:iterations=20")
-    planners = [(spec.partition(":")[0], load(spec)) for spec in specs]
     problems = [suite.load(name) for name in ("one-joint", "six-axis")]
-    return list(run.compare(problems, planners, folder, jobs=jobs, seeds=seeds).items)
+    planners = [named(spec) for spec in SPECS]
+    results = run.compare(
+        problems,
+        planners,
+        folder,
+        jobs=jobs,
+        seeds=seeds,
+    )
+    return list(results.items)
 
 
 # --- in the child and its workers ---
@@ -68,10 +79,23 @@ def _run(*args: Any) -> list[Trial]:
 
 
 def _tell(words: str) -> None:
-    os.write(1, f"{os.getpid()} {time.monotonic():.6f} {words}\n".encode())  # whole or not at all
+    line = f"{os.getpid()} {time.monotonic():.6f} {words}\n"
+    os.write(1, line.encode())  # whole or not at all
 
 
 # --- the one who kills ---
+
+
+_PROGRAM = """
+import sys
+from pathlib import Path
+
+from experiments.common import killed
+
+folder = Path(sys.argv[1])
+killed.told(folder)
+killed.sweep(folder, jobs=int(sys.argv[2]))
+"""
 
 
 @dataclass(frozen=True)
@@ -88,41 +112,49 @@ class Child:
     """The sweep in a process group of its own, and everything it told so far."""
 
     def __init__(self, folder: Path, jobs: int) -> None:
-        path = folder.absolute()
-        code = (
-            f"from pathlib import *; from experiments.common import killed; killed.told({path!r})\n"
-        )
-        command = [sys.executable, "-c", code + f"killed.sweep({path!r}, {jobs})"]
+        path = str(folder.absolute())
         self.process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+            [sys.executable, "-c", _PROGRAM, path, str(jobs)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )
-        self.words = [Word(self.process.pid, time.monotonic(), "start-up")]
+        birth = Word(self.process.pid, time.monotonic(), "start-up")
+        self.words = [birth]
         self.rest = b""
 
     def listen(self, seconds: float = 60.0) -> bool:
         """Hear what it tells within so many seconds; False if that is nothing."""
-        assert self.process.stdout
-        if not select.select([self.process.stdout], [], [], seconds)[0]:
+        pipe = self.process.stdout
+        assert pipe is not None
+        ready, _, _ = select.select([pipe], [], [], seconds)
+        if not ready:
             return False
-        data = os.read(self.process.stdout.fileno(), 1 << 16)
+        data = os.read(pipe.fileno(), 1 << 16)
         *lines, self.rest = (self.rest + data).split(b"\n")
-        for process, when, *words in (line.decode().split() for line in lines):
-            self.words.append(Word(int(process), float(when), *words))
+        for line in lines:
+            process, when, *words = line.decode().split()
+            word = Word(int(process), float(when), *words)
+            self.words.append(word)
         return bool(data)
 
     def entered(self, phase: str, times: int) -> float:
         """When it entered this phase for the nth time (s); if it never does, its end."""
-        while len(found := self.entries(phase)) < times:
+        while len(self.entries(phase)) < times:
             if not self.listen():
                 return time.monotonic()
-        return found[times - 1].time
+        entry = self.entries(phase)[times - 1]
+        return entry.time
 
     def entries(self, phase: str) -> list[Word]:
         return [word for word in self.words if word.phase == phase and not word.trial]
 
     def kill(self, workers_too: bool) -> None:
         """At once, and hear its last words. Raises `TrajoptError` if it had failed by itself."""
-        (os.killpg if workers_too else os.kill)(self.process.pid, signal.SIGKILL)
+        if workers_too:
+            os.killpg(self.process.pid, signal.SIGKILL)
+        else:
+            os.kill(self.process.pid, signal.SIGKILL)
         self.died = time.monotonic()
         code = self.process.wait()
         while self.listen(0):
@@ -139,14 +171,18 @@ class Child:
     @property
     def hit(self) -> str:
         """The phase in which it died: the furthest that any of its processes was in."""
-        last = {w.process: w.phase for w in self.words if w.time <= self.died}
+        last = {word.process: word.phase for word in self.words if word.time <= self.died}
         return max(last.values(), key=PHASES.index)
 
     def lengths(self, phase: str) -> list[float]:
         """How long it was in this phase each time (s)."""
         if phase == "start-up":
-            return [self.entries("solving")[0].time - self.words[0].time]
-        return [self._next(word).time - word.time for word in self.entries(phase)]
+            birth = self.words[0]
+            first = self.entries("solving")[0]
+            return [first.time - birth.time]
+        return [self._next(entry).time - entry.time for entry in self.entries(phase)]
 
     def _next(self, word: Word) -> Word:
-        return next(w for w in self.words if w.process == word.process and w.time > word.time)
+        """What the same process told next."""
+        own = [other for other in self.words if other.process == word.process]
+        return next(other for other in own if other.time > word.time)

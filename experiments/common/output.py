@@ -13,8 +13,15 @@ def save_table(table: pd.DataFrame, stem: Path) -> None:
     Raises `OSError` where the folder cannot be written.
     """
     stem.parent.mkdir(parents=True, exist_ok=True)
-    shown = table.reset_index() if any(table.index.names) else table
-    shown.to_csv(stem.with_suffix(".csv"), index=False)
-    blank = shown.astype(object).where(shown.notna(), None)
-    text = blank.to_markdown(index=False, floatfmt=".6g", missingval="")
-    stem.with_suffix(".md").write_text(text + "\n")
+    if any(table.index.names):
+        table = table.reset_index()
+    table.to_csv(stem.with_suffix(".csv"), index=False)
+    given = table.notna()
+    blank = table.astype(object).where(given, None)
+    text = blank.to_markdown(
+        index=False,
+        floatfmt=".6g",
+        missingval="",
+    )
+    markdown = stem.with_suffix(".md")
+    markdown.write_text(f"{text}\n")
