@@ -21,22 +21,34 @@ from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
 
 KEYS = ["waypoints", "joints", "seed"]
+GAP = 1e-4  # relative, between the bounds: proved
 
 
-def measured(waypoints: int, joints: int, seed: int, time_limit: float) -> dict[str, object]:
+def measured(
+    waypoints: int,
+    joints: int,
+    seed: int,
+    time_limit: float,
+) -> dict[str, object]:
     """One problem's bounds: gap (relative), status, seconds."""
     problem = random_problem(seed, joints=joints, waypoints=waypoints)
-    bound = certify(problem, gap=1e-4, time_limit=time_limit)
-    found = {"gap": bound.relative_gap, "status": bound.status, "seconds": bound.solve_time}
-    return dict(zip(KEYS, (waypoints, joints, seed), strict=True)) | found
+    bound = certify(problem, gap=GAP, time_limit=time_limit)
+    return {
+        "waypoints": waypoints,
+        "joints": joints,
+        "seed": seed,
+        "gap": bound.relative_gap,
+        "status": bound.status,
+        "seconds": bound.solve_time,
+    }
 
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
     """Per cell: worst gap in % and longest time in seconds."""
     cells = rows.groupby(["waypoints", "joints"])
-    text = cells["gap"].max().mul(100).map("{:.3f} %".format) + cells["seconds"].max().map(
-        " {:.1f} s".format
-    )
+    gaps = 100 * cells["gap"].max()
+    seconds = cells["seconds"].max()
+    text = gaps.map("{:.3f} %".format) + seconds.map(" {:.1f} s".format)
     return text.unstack("joints")
 
 
@@ -50,18 +62,25 @@ def main(
     """Measure every cell up to these sizes and print the table."""
     output.mkdir(parents=True, exist_ok=True)
     file = output / "certificates.csv"
-    rows = pd.read_csv(file) if file.exists() else pd.DataFrame(columns=KEYS)
-    done = set(rows[KEYS].itertuples(index=False, name=None))
-    cells = list(itertools.product(range(3, waypoints + 1), range(1, joints + 1), range(seeds)))
-    with console.progress(len(cells)) as advance:
-        for cell in cells:
-            if cell not in done:
-                row = pd.DataFrame([measured(*cell, time_limit)])
-                rows = pd.concat([rows, row], ignore_index=True) if len(rows) else row
-                rows.to_csv(file, index=False)
+    rows = []
+    if file.exists():
+        rows = pd.read_csv(file).to_dict("records")
+    done = {tuple(row[key] for key in KEYS) for row in rows}
+    cells = itertools.product(
+        range(3, waypoints + 1),
+        range(1, joints + 1),
+        range(seeds),
+    )
+    missing = [cell for cell in cells if cell not in done]
+    with console.progress(len(missing)) as advance:
+        for cell in missing:
+            row = measured(*cell, time_limit)
+            rows.append(row)
+            pd.DataFrame(rows).to_csv(file, index=False)
             advance(1)
-    print(table(rows).to_string())
-    print(rows["status"].value_counts().to_string())
+    every = pd.DataFrame(rows)
+    print(table(every).to_string())
+    print(every["status"].value_counts().to_string())
 
 
 if __name__ == "__main__":

@@ -28,18 +28,33 @@ from trajopt.registry import load
 PLANNERS = ("issa", "ssa", "pso", "toppra", "ruckig")
 
 
-def explained(problem: Problem, name: str, seed: int) -> Explanation:
-    """One planner's explanation; raises `TrajoptError` if it has no trajectory."""
-    solution = load(name).solve(problem, seed=seed)
+def explained(
+    problem: Problem,
+    name: str,
+    seed: int,
+) -> Explanation:
+    """One planner's explanation.
+
+    Raises:
+        TrajoptError: it has no trajectory.
+    """
+    planner = load(name)
+    solution = planner.solve(problem, seed=seed)
     if solution.trajectory is None:
         raise TrajoptError(f"{name} on {problem.name}: {solution.status}: {solution.message}")
-    return explain(problem, load(name), solution.trajectory)
+    return explain(problem, planner, solution.trajectory)
 
 
-def row(problem: Problem, name: str, found: Explanation) -> dict[str, object]:
+def row(
+    problem: Problem,
+    name: str,
+    explanation: Explanation,
+) -> dict[str, object]:
     """Durations in seconds, gaps as ratios, and the share of time at a limit."""
-    values = {k: v for k, v in found.as_dict().items() if k not in ("notes", "binding")}
-    return {"planner": name} | values | {"at_a_limit": share_at_limits(problem, found.trajectory)}
+    values = explanation.as_dict()
+    del values["notes"], values["binding"]
+    share = share_at_limits(problem, explanation.trajectory)
+    return {"planner": name} | values | {"at_a_limit": share}
 
 
 def main(
@@ -50,16 +65,21 @@ def main(
     output: Path = Path("results/explained"),
 ) -> None:
     """Explain every planner on a problem."""
-    loaded, found = suite.load(problem), {}
+    loaded = suite.load(problem)
+    rows = []
+    panels = []
     with console.progress(len(planner)) as advance:
         for name in planner:
-            found[name] = explained(loaded, name, seed)
+            explanation = explained(loaded, name, seed)
+            rows.append(row(loaded, name, explanation))
+            for title, steps in explanation.steps().items():
+                panels.append((f"{name}: {title}", steps))
             advance(1)
-    table = pd.DataFrame([row(loaded, name, e) for name, e in found.items()])
+    table = pd.DataFrame(rows)
     save_table(table, output / "explained")
-    panels = [(f"{n}: {title}", s) for n, e in found.items() for title, s in e.steps().items()]
     if panels:
-        plots.save(gap_plots.waterfalls(panels), output / "waterfalls")
+        figure = gap_plots.waterfalls(panels)
+        plots.save(figure, output / "waterfalls")
     print(table.to_string(index=False, float_format="{:.4f}".format))
 
 

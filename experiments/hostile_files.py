@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import json
 import tempfile
 import traceback
@@ -23,7 +24,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cyclopts
 import h5py
@@ -38,12 +39,57 @@ from trajopt.benchmark.trial import judge
 from trajopt.cli import app
 from trajopt.registry import named
 
+T = TypeVar("T")
 Rng = np.random.Generator
 Craft = Callable[[h5py.File, Path, Rng], None]
 
 SECRET = "what-only-this-machine-knows"
 MEMORY_MB = 300.0
+LONGEST_BLOCK = 4096  # bytes
+REPORT_EVERY = 10  # files
+PROGRESS_EVERY = 100  # files
+
 ESCAPES = ("\x1b[31m", "\x1b]0;title\x07", "\x9b2J", "\r", "\u202e")
+ODD_TEXTS = (
+    b"\xff\xfe",
+    b"\xed\xa0\x80",
+    b"\0",
+    b"",
+    b"[" * 100_000,
+    b"1e999",
+    b"nan",
+    b"null",
+)
+ODD_VALUES: tuple[Any, ...] = (
+    None,
+    True,
+    -1,
+    0.5,
+    1e308,
+    10**30,
+    [],
+    {},
+    "",
+    "text",
+    [1, "a"],
+    {"a": None},
+    {"$float": "inf"},
+    {"$float": "text"},
+    {"$array": [1, 2], "dtype": "O"},
+    {"$array": ["a"], "dtype": "S999999999"},
+    {"$array": [[1], 2], "dtype": "<f8"},
+    {"$array": ["a"], "dtype": "<U999999999"},
+    float("nan"),
+    "\ud800",
+    *ESCAPES,
+)
+ODD_INTEGERS = (-1, 0, 1, 2**62, -(2**62))
+ODD_FLOATS = (np.nan, np.inf, -np.inf, -1.0, 0.0, 1e308, 5e-324)
+
+JSON = ("record", "options", "certificate", "stats", "provenance")  # datasets of it
+FILTERS: dict[str, Any] = {"compression": 1, "shuffle": True, "fletcher32": True}
+CHECKSUM = b"\0\0\0\0"  # of zeros
+
 PLANNERS = ("pso:iterations=20,population=5", "unoptimised", "ruckig-stop", "toppra")
 
 
@@ -62,17 +108,46 @@ def template(folder: Path) -> Path:
 
 def _datasets(file: h5py.File) -> list[str]:
     found: list[str] = []
-    file.visititems(lambda name, item: found.append(name) if hasattr(item, "shape") else None)
+
+    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(item, h5py.Dataset):
+            found.append(name)
+
+    file.visititems(visit)
     return found
+
+
+def _of_kind(file: h5py.File, kinds: str) -> list[str]:
+    """The datasets whose type is of one of NumPy's kinds."""
+    return [name for name in _datasets(file) if file[name].dtype.kind in kinds]
 
 
 def _one_of(file: h5py.File, rng: Rng) -> str:
     return str(rng.choice(_datasets(file)))
 
 
+def _drawn(values: Sequence[T], rng: Rng) -> T:
+    place = int(rng.integers(len(values)))
+    return values[place]
+
+
 def _replaced(file: h5py.File, name: str, **what: Any) -> None:
     del file[name]
     file.create_dataset(name, **what)
+
+
+def _texts(file: h5py.File, name: str) -> list[bytes]:
+    values = np.atleast_1d(file[name][()])
+    return list(values.tolist())
+
+
+def _with_texts(file: h5py.File, name: str, texts: list[bytes]) -> None:
+    """Other texts in a dataset, a scalar where it was one."""
+    width = max(map(len, texts))
+    data = np.array(texts, dtype=f"S{width}")
+    if file[name].ndim == 0:
+        data = data[0]
+    _replaced(file, name, data=data)
 
 
 def another_type(file: h5py.File, secret: Path, rng: Rng) -> None:
@@ -90,22 +165,30 @@ def another_type(file: h5py.File, secret: Path, rng: Rng) -> None:
         np.array([file.ref] * 4, dtype=h5py.ref_dtype),
         np.zeros(4, dtype="V5"),
     ]
-    _replaced(file, _one_of(file, rng), data=values[rng.integers(len(values))])
+    name = _one_of(file, rng)
+    _replaced(file, name, data=_drawn(values, rng))
 
 
 def another_shape(file: h5py.File, secret: Path, rng: Rng) -> None:
     name = _one_of(file, rng)
     values = np.atleast_1d(file[name][()])
-    changed = [values[:-1], values[:0], values[None], np.concatenate([values, values]), values[0]]
     if rng.random() < 0.1:
         _replaced(file, name, data=h5py.Empty("f8"))
-    else:
-        _replaced(file, name, data=changed[rng.integers(len(changed))])
+        return
+    changed = [
+        values[:-1],
+        values[:0],
+        values[None],
+        np.concatenate([values, values]),
+        values[0],
+    ]
+    _replaced(file, name, data=_drawn(changed, rng))
 
 
 def missing(file: h5py.File, secret: Path, rng: Rng) -> None:
     names = [*_datasets(file), *file]
-    del file[str(rng.choice(names))]
+    name = str(rng.choice(names))
+    del file[name]
 
 
 def group_instead(file: h5py.File, secret: Path, rng: Rng) -> None:
@@ -115,123 +198,149 @@ def group_instead(file: h5py.File, secret: Path, rng: Rng) -> None:
 
 
 def odd_text(file: h5py.File, secret: Path, rng: Rng) -> None:
-    names = [name for name in _datasets(file) if file[name].dtype.kind in "SO"]
-    name = str(rng.choice(names))
-    texts = [escape.encode() + b"x" for escape in ESCAPES]
-    texts += [b"\xff\xfe", b"\xed\xa0\x80", b"\0", b"", b"[" * 100_000, b"1e999", b"nan", b"null"]
-    text = texts[rng.integers(len(texts))]
-    values = np.atleast_1d(file[name][()]).tolist()
-    values[rng.integers(len(values))] = text
-    data = np.array(values, dtype=f"S{max(map(len, values))}")
-    _replaced(file, name, data=data if file[name].ndim else data[0])
+    name = str(rng.choice(_of_kind(file, "SO")))
+    odd = [escape.encode() + b"x" for escape in ESCAPES]
+    odd += ODD_TEXTS
+    text = _drawn(odd, rng)
+    texts = _texts(file, name)
+    row = rng.integers(len(texts))
+    texts[row] = text
+    _with_texts(file, name, texts)
 
 
 def odd_json(file: h5py.File, secret: Path, rng: Rng) -> None:
     """Something in a JSON text is made something else."""
-    names = [name for name in _datasets(file) if name.split("/")[-1] in _JSON]
+    names = [name for name in _datasets(file) if name.split("/")[-1] in JSON]
     name = str(rng.choice(names))
-    values = np.atleast_1d(file[name][()]).tolist()
-    row = int(rng.integers(len(values)))
-    value = json.loads(values[row])
-    values[row] = json.dumps(_mutated(value, rng)).encode()
-    data = np.array(values, dtype=f"S{max(map(len, values))}")
-    _replaced(file, name, data=data if file[name].ndim else data[0])
-
-
-_JSON = ("record", "options", "certificate", "stats", "provenance")
+    texts = _texts(file, name)
+    row = int(rng.integers(len(texts)))
+    value = json.loads(texts[row])
+    mutated = json.dumps(_mutated(value, rng))
+    texts[row] = mutated.encode()
+    _with_texts(file, name, texts)
 
 
 def _mutated(value: Any, rng: Rng) -> Any:
     if isinstance(value, dict) and value and rng.random() < 0.9:
         key = str(rng.choice(list(value)))
         if rng.random() < 0.1:
-            return {k: v for k, v in value.items() if k != key}
+            return {other: own for other, own in value.items() if other != key}
         return value | {key: _mutated(value[key], rng)}
     if isinstance(value, list) and value and rng.random() < 0.7:
         place = int(rng.integers(len(value)))
-        return [*value[:place], _mutated(value[place], rng), *value[place + 1 :]]
-    odd: list[Any] = [
-        None, True, -1, 0.5, 1e308, 10**30, [], {}, "", "text", [1, "a"], {"a": None},
-        {"$float": "inf"}, {"$float": "text"}, {"$array": [1, 2], "dtype": "O"},
-        {"$array": ["a"], "dtype": "S999999999"}, {"$array": [[1], 2], "dtype": "<f8"},
-        {"$array": ["a"], "dtype": "<U999999999"}, float("nan"), "\ud800", *ESCAPES,
-    ]  # fmt: skip
-    return odd[rng.integers(len(odd))]
+        changed = [*value]
+        changed[place] = _mutated(value[place], rng)
+        return changed
+    return _drawn(ODD_VALUES, rng)
 
 
 def odd_numbers(file: h5py.File, secret: Path, rng: Rng) -> None:
-    names = [n for n in _datasets(file) if file[n].dtype.kind in "fi" and file[n].size]
+    names = [name for name in _of_kind(file, "fi") if file[name].size]
     name = str(rng.choice(names))
     values = file[name][()]
-    odd: list[float] = [-1, 0, 1, 2**62, -(2**62)]
+    odd: Sequence[float] = ODD_INTEGERS
     if values.dtype.kind == "f":
-        odd = [np.nan, np.inf, -np.inf, -1.0, 0.0, 1e308, 5e-324]
-    values.flat[rng.integers(values.size)] = odd[rng.integers(len(odd))]
+        odd = ODD_FLOATS
+    number = _drawn(odd, rng)
+    place = rng.integers(values.size)
+    values.flat[place] = number
     _replaced(file, name, data=values)
 
 
 def huge_fill(file: h5py.File, secret: Path, rng: Rng) -> None:
     """A terabyte of which the file holds nothing."""
     name = _one_of(file, rng)
-    chunks = (1 << int(rng.integers(10, 28)),)
-    _replaced(file, name, shape=(1 << 37,), dtype=file[name].dtype, chunks=chunks)
+    chunk = 1 << int(rng.integers(10, 28))
+    _replaced(
+        file,
+        name,
+        shape=(1 << 37,),
+        dtype=file[name].dtype,
+        chunks=(chunk,),
+    )
 
 
 def bomb(file: h5py.File, secret: Path, rng: Rng) -> None:
     """Half a gigabyte of zeros, deflated to half a megabyte, in honest chunks."""
     name = _one_of(file, rng)
     chunk = 1 << 20
-    count = 64
-    filters = {"compression": 1, "shuffle": True, "fletcher32": True}
+    size = 64 * chunk
     kind = rng.choice(["f8", "i8", "S8"])
-    _replaced(file, name, shape=(count * chunk,), dtype=kind, chunks=(chunk,), **filters)
-    stored = _deflated_zeros(8) + b"\0\0\0\0"
-    for start in range(0, count * chunk, chunk):
+    _replaced(
+        file,
+        name,
+        shape=(size,),
+        dtype=kind,
+        chunks=(chunk,),
+        **FILTERS,
+    )
+    stored = _deflated_zeros(8) + CHECKSUM
+    for start in range(0, size, chunk):
         file[name].id.write_direct_chunk((start,), stored)
 
 
 def inflating_chunk(file: h5py.File, secret: Path, rng: Rng) -> None:
     """A small chunk, stored as what inflates to 400 MB."""
     name = _one_of(file, rng)
-    filters = {"compression": 1, "shuffle": True, "fletcher32": True}
-    _replaced(file, name, shape=(4,), dtype="f8", chunks=(4,), **filters)
-    stored = _deflated_zeros(400) + b"\0\0\0\0"
+    _replaced(
+        file,
+        name,
+        shape=(4,),
+        dtype="f8",
+        chunks=(4,),
+        **FILTERS,
+    )
+    stored = _deflated_zeros(400) + CHECKSUM
     file[name].id.write_direct_chunk((0,), stored)
 
 
 @cache
 def _deflated_zeros(megabytes: int) -> bytes:
     deflate = zlib.compressobj(1)
-    blocks = [deflate.compress(bytes(1 << 20)) for _ in range(megabytes)]
-    return b"".join([*blocks, deflate.flush()])
+    zeros = bytes(1 << 20)
+    blocks = [deflate.compress(zeros) for _ in range(megabytes)]
+    blocks.append(deflate.flush())
+    return b"".join(blocks)
 
 
 def high_degree(file: h5py.File, secret: Path, rng: Rng) -> None:
     """Roots of a polynomial of degree 20 000 take gigabytes."""
     rows = np.ones((20_001, 1, 1))
     if "record" in file:
+        ends = np.array([0.0, 1.0])
         _replaced(file, "trajectory/coefficients", data=rows)
-        _replaced(file, "trajectory/breaks", data=np.array([0.0, 1.0]))
-        _replaced(file, "trajectory/waypoint_times", data=np.linspace(0.0, 1.0, 2))
+        _replaced(file, "trajectory/breaks", data=ends)
+        _replaced(file, "trajectory/waypoint_times", data=ends)
         return
     count = len(file["trials/id"])
     group = "trajectory/coefficients"
-    _replaced(file, f"{group}/values", data=np.tile(rows.ravel(), count))
-    _replaced(file, f"{group}/shape", data=np.tile(rows.shape, (count, 1)))
-    _replaced(file, f"{group}/offsets", data=rows.size * np.arange(count + 1))
+    values = np.tile(rows.ravel(), count)
+    shapes = np.tile(rows.shape, (count, 1))
+    offsets = rows.size * np.arange(count + 1)
+    _replaced(file, f"{group}/values", data=values)
+    _replaced(file, f"{group}/shape", data=shapes)
+    _replaced(file, f"{group}/offsets", data=offsets)
 
 
 def external_storage(file: h5py.File, secret: Path, rng: Rng) -> None:
     name = _one_of(file, rng)
     size = len(SECRET)
-    _replaced(file, name, shape=(1,), dtype=f"S{size}", external=[(str(secret), 0, size)])
+    elsewhere = (str(secret), 0, size)
+    _replaced(
+        file,
+        name,
+        shape=(1,),
+        dtype=f"S{size}",
+        external=[elsewhere],
+    )
 
 
 def external_link(file: h5py.File, secret: Path, rng: Rng) -> None:
     names = [*_datasets(file), *file]
     name = str(rng.choice(names))
+    other = secret.with_suffix(".h5")
     del file[name]
-    file[name] = h5py.ExternalLink(str(secret.with_suffix(".h5")), "/secret")
+    file[name] = h5py.ExternalLink(str(other), "/secret")
 
 
 def soft_link(file: h5py.File, secret: Path, rng: Rng) -> None:
@@ -243,39 +352,70 @@ def soft_link(file: h5py.File, secret: Path, rng: Rng) -> None:
 
 def virtual(file: h5py.File, secret: Path, rng: Rng) -> None:
     name = _one_of(file, rng)
-    length = len(SECRET)
-    layout = h5py.VirtualLayout(shape=(1,), dtype=f"S{length}")
-    layout[:] = h5py.VirtualSource(secret.with_suffix(".h5"), "secret", shape=(1,))
+    other = secret.with_suffix(".h5")
+    layout = h5py.VirtualLayout(shape=(1,), dtype=f"S{len(SECRET)}")
+    layout[:] = h5py.VirtualSource(other, "secret", shape=(1,))
     del file[name]
     file.create_virtual_dataset(name, layout)
 
 
 def odd_schema(file: h5py.File, secret: Path, rng: Rng) -> None:
-    values: list[Any] = ["3", 3.0, [3], np.arange(1000), -1, 2**40, h5py.Empty("i8"), b"\x1b[31m"]
-    file.attrs["schema"] = values[rng.integers(len(values))]
+    values: list[Any] = [
+        "3",
+        3.0,
+        [3],
+        np.arange(1000),
+        -1,
+        2**40,
+        h5py.Empty("i8"),
+        b"\x1b[31m",
+    ]
+    file.attrs["schema"] = _drawn(values, rng)
 
 
 CRAFTS: tuple[Craft, ...] = (
-    another_type, another_shape, missing, group_instead, odd_text, odd_json, odd_json, odd_numbers,
-    huge_fill, bomb, inflating_chunk, high_degree, external_storage, external_link, soft_link,
-    virtual, odd_schema,
-)  # fmt: skip
+    another_type,
+    another_shape,
+    missing,
+    group_instead,
+    odd_text,
+    odd_json,
+    odd_json,
+    odd_numbers,
+    huge_fill,
+    bomb,
+    inflating_chunk,
+    high_degree,
+    external_storage,
+    external_link,
+    soft_link,
+    virtual,
+    odd_schema,
+)
 
 
-def crafted(folder: Path, work: Path, craft: Craft, rng: Rng) -> Path:
-    """A forged file made from one of the folder's."""
-    files = [folder / "results.h5", *sorted((folder / "trials").glob("*.h5"))]
-    weights = np.array([len(files) - 1.0] + [1.0] * (len(files) - 1))
-    source = files[rng.choice(len(files), p=weights / weights.sum())]
+def crafted(
+    folder: Path,
+    work: Path,
+    craft: Craft,
+    rng: Rng,
+) -> Path:
+    """A forged file: made from `results.h5`, or as often from one of the trial files."""
+    trials = sorted(folder.glob("trials/*.h5"))
+    files = [folder / "results.h5", *trials]
+    weights = np.ones(len(files))
+    weights[0] = len(trials)
+    source = rng.choice(len(files), p=weights / weights.sum())
     secret = work / "secret.txt"
     secret.write_text(SECRET)
     with h5py.File(secret.with_suffix(".h5"), "w") as other:
         other["secret"] = np.array([SECRET.encode()])
     path = work / "results.h5"
-    path.write_bytes(source.read_bytes())
+    path.write_bytes(files[source].read_bytes())
     with h5py.File(path, "r+") as file:
         craft(file, secret, rng)
-    path.write_bytes(sealed(path.read_bytes()))
+    forged = path.read_bytes()
+    path.write_bytes(sealed(forged))
     return path
 
 
@@ -285,20 +425,23 @@ def crafted(folder: Path, work: Path, craft: Craft, rng: Rng) -> Path:
 def corrupted(folder: Path, work: Path, rng: Rng) -> Path:
     """A `results.h5` with bits flipped, a block overwritten, moved or cut off."""
     data = bytearray((folder / "results.h5").read_bytes())
-    start, end = np.sort(rng.integers(len(data), size=2)).tolist()
-    end = min(end, start + 4096)
+    places = rng.integers(len(data), size=2)
+    start, end = np.sort(places).tolist()
+    end = min(end, start + LONGEST_BLOCK)
+    length = end - start
     match int(rng.integers(5)):
         case 0:
-            data[start] ^= 1 << int(rng.integers(8))
+            bit = int(rng.integers(8))
+            data[start] ^= 1 << bit
         case 1:
-            data[start:end] = bytes(end - start)
+            data[start:end] = bytes(length)
         case 2:
-            data[start:end] = rng.bytes(end - start)
+            data[start:end] = rng.bytes(length)
         case 3:
             del data[start:]
         case 4:
-            other = int(rng.integers(len(data) - (end - start)))
-            data[start:end] = data[other : other + end - start]
+            other = int(rng.integers(len(data) - length))
+            data[start:end] = data[other : other + length]
     path = work / "results.h5"
     path.write_bytes(data)
     return path
@@ -323,16 +466,25 @@ def run(arguments: Sequence[str]) -> tuple[int, str, str, str]:
     return code, out.getvalue(), err.getvalue(), trace
 
 
-def faults(path: Path, *, expected: pd.DataFrame | None, report: bool) -> list[str]:
+def faults(
+    path: Path,
+    *,
+    expected: pd.DataFrame | None,
+    report: bool,
+) -> list[str]:
     """What `verify`, `export` and `report` do wrong with a file; `expected`: its true table."""
     table = path.with_name("trials.csv")
     table.unlink(missing_ok=True)
-    commands = [["verify", str(path)], ["export", str(path), "--to", "csv", "--out", str(table)]]
+    commands = [
+        ["verify", str(path)],
+        _export(path, table),
+    ]
     if report:
-        page = path.with_name("folder")
-        (page / "trials").mkdir(parents=True, exist_ok=True)
-        (page / "trials" / f"{0:020x}.h5").write_bytes(path.read_bytes())
-        commands.append(["report", str(page)])
+        folder = path.with_name("folder")
+        trial = folder / "trials" / f"{0:020x}.h5"
+        trial.parent.mkdir(parents=True, exist_ok=True)
+        trial.write_bytes(path.read_bytes())
+        commands.append(["report", str(folder)])
     found = []
     for arguments in commands:
         before = _reset_peak()
@@ -340,9 +492,11 @@ def faults(path: Path, *, expected: pd.DataFrame | None, report: bool) -> list[s
             warnings.simplefilter("ignore", DamagedFile)
             code, out, err, trace = run(arguments)
         wrong = _wrong(code, out, err, trace)
-        if _peak_mb() - before > MEMORY_MB:
-            wrong.append(f"{_peak_mb() - before:.0f} MB more")
-        found += [f"{arguments[0]}: {what}" for what in wrong]
+        more = _peak_mb() - before
+        if more > MEMORY_MB:
+            wrong.append(f"{more:.0f} MB more")
+        command = arguments[0]
+        found += [f"{command}: {what}" for what in wrong]
     if table.exists():
         text = table.read_text(encoding="utf-8")
         if SECRET in text:
@@ -352,17 +506,31 @@ def faults(path: Path, *, expected: pd.DataFrame | None, report: bool) -> list[s
     return found
 
 
-def _wrong(code: int, out: str, err: str, trace: str) -> list[str]:
+def _export(path: Path, table: Path) -> list[str]:
+    return ["export", str(path), "--to", "csv", "--out", str(table)]
+
+
+def _wrong(
+    code: int,
+    out: str,
+    err: str,
+    trace: str,
+) -> list[str]:
     wrong = []
-    if trace or "Traceback" in err:
-        wrong.append(f"traceback: {(trace or err).strip().splitlines()[-1]}")
+    errors = err.strip().splitlines()
+    if trace:
+        last = trace.strip().splitlines()[-1]
+        wrong.append(f"traceback: {last}")
+    elif "Traceback" in err:
+        wrong.append(f"traceback: {errors[-1]}")
     elif code not in (0, 1, 2):
         wrong.append(f"exit code {code}")
-    if code == 2 and len(err.strip().splitlines()) != 1:
-        wrong.append(f"{len(err.strip().splitlines())} lines of error")
-    if any(escape in out + err for escape in ESCAPES):
+    if code == 2 and len(errors) != 1:
+        wrong.append(f"{len(errors)} lines of error")
+    said = out + err
+    if any(escape in said for escape in ESCAPES):
         wrong.append("an escape sequence")
-    if SECRET in out + err:
+    if SECRET in said:
         wrong.append("another file's content")
     return wrong
 
@@ -380,28 +548,42 @@ def _peak_mb() -> float:
 
 
 def _numbers(table: Path) -> pd.DataFrame:
-    return pd.read_csv(table, keep_default_na=False).astype(str)
+    numbers = pd.read_csv(table, keep_default_na=False)
+    return numbers.astype(str)
 
 
 def true_numbers(folder: Path) -> pd.DataFrame:
     """What `export` says of the whole `results.h5`."""
     with tempfile.TemporaryDirectory() as work:
         table = Path(work) / "trials.csv"
-        run(["export", str(folder / "results.h5"), "--to", "csv", "--out", str(table)])
+        run(_export(folder / "results.h5", table))
         return _numbers(table)
 
 
-def one(folder: Path, work: Path, seed: int, kind: str, expected: pd.DataFrame) -> dict[str, Any]:
-    """A row of the table: one file, and the faults in reading it."""
+def one(
+    folder: Path,
+    work: Path,
+    seed: int,
+    craft: Craft | None,
+    numbers: pd.DataFrame,
+) -> dict[str, Any]:
+    """A row of the table: one file, crafted or corrupted, and the faults in reading it."""
     rng = np.random.default_rng(seed)
-    report = seed % _REPORT_EVERY == 0
-    if kind == _CORRUPTED:
+    if craft is None:
+        kind = "corrupted"
         path = corrupted(folder, work, rng)
-        found = faults(path, expected=expected, report=report)
+        expected = numbers
     else:
-        path = crafted(folder, work, _BY_NAME[kind], rng)
-        found = faults(path, expected=None, report=report)
-    return {"kind": kind, "seed": seed, "faults": "; ".join(found)}
+        kind = craft.__name__
+        path = crafted(folder, work, craft, rng)
+        expected = None
+    report = seed % REPORT_EVERY == 0
+    found = faults(path, expected=expected, report=report)
+    return {
+        "kind": kind,
+        "seed": seed,
+        "faults": "; ".join(found),
+    }
 
 
 def main(
@@ -413,33 +595,36 @@ def main(
 ) -> None:
     """Craft and corrupt files, read them, count the faults."""
     if quick:
-        crafts, corruptions = 100, 75
-    kinds = [CRAFTS[i % len(CRAFTS)].__name__ for i in range(crafts)]
-    kinds += [_CORRUPTED] * corruptions
-    order = np.random.default_rng(0).permutation(len(kinds)).tolist()
+        crafts = 100
+        corruptions = 75
+    harms: list[Craft | None] = []
+    harms += itertools.islice(itertools.cycle(CRAFTS), crafts)
+    harms += [None] * corruptions
+    order = np.random.default_rng(0).permutation(len(harms)).tolist()
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
         work = Path(scratch)
         folder = template(work / "template")
-        expected = true_numbers(folder)
+        numbers = true_numbers(folder)
         for done, seed in enumerate(order, 1):
-            row = one(folder, work, seed, kinds[seed], expected)
+            row = one(
+                folder,
+                work,
+                seed,
+                craft=harms[seed],
+                numbers=numbers,
+            )
             rows.append(row)
             if row["faults"]:
                 print(row, flush=True)
-            if done % _PROGRESS_EVERY == 0:
+            if done % PROGRESS_EVERY == 0:
                 print(f"{done} of {len(order)} files", flush=True)
-    table = pd.DataFrame(rows).sort_values("seed")
+    table = pd.DataFrame(rows)
+    table = table.sort_values("seed")
     save_table(table, output / "hostile-files")
     faulty = table["faults"] != ""
     summary = faulty.groupby(table["kind"]).agg(files="size", faulty="sum")
     print(summary.to_string())
-
-
-_BY_NAME = {craft.__name__: craft for craft in CRAFTS}
-_CORRUPTED = "corrupted"
-_REPORT_EVERY = 10  # files
-_PROGRESS_EVERY = 100  # files
 
 
 if __name__ == "__main__":

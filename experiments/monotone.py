@@ -22,7 +22,7 @@ import pandas as pd
 
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop
-from trajopt import Problem, verify
+from trajopt import Problem, Solution, verify
 from trajopt.benchmark.suites.random import random_problem
 
 REFERENCE_STARTS = 24
@@ -31,16 +31,24 @@ BEATEN = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # relative
 
 def drawn(seed: int, joints: int = 1) -> Problem:
     """A random problem whose joints all move one way, under symmetric jerk limits."""
-    waypoints = int(np.random.default_rng([17, seed]).integers(6, 11))
-    problem = random_problem(seed, joints=joints, waypoints=waypoints, jerk=True)
-    passed = np.cumsum(np.abs(problem.displacements), axis=0)
-    rest = np.zeros((1, joints))
-    return Problem(np.vstack([rest, passed]), problem.limits)
+    rng = np.random.default_rng([17, seed])
+    problem = random_problem(
+        seed,
+        joints=joints,
+        waypoints=int(rng.integers(6, 11)),
+        jerk=True,
+    )
+    lengths = np.abs(problem.displacements)
+    passed = np.cumsum(lengths, axis=0)
+    start = np.zeros((1, joints))
+    waypoints = np.vstack([start, passed])
+    return Problem(waypoints, problem.limits)
 
 
 def at_once(problem: Problem) -> Problem:
     """From the first waypoint to the last."""
-    return Problem(problem.waypoints[[0, -1]], problem.limits)
+    ends = problem.waypoints[[0, -1]]
+    return Problem(ends, problem.limits)
 
 
 def reference(problem: Problem) -> float:
@@ -49,10 +57,16 @@ def reference(problem: Problem) -> float:
         solution = RuckigStop().solve(at_once(problem))
     else:
         solution = ExactJerk(starts=REFERENCE_STARTS).solve(problem)
-    return np.inf if solution.trajectory is None else solution.trajectory.duration
+    if solution.trajectory is None:
+        return np.inf
+    return solution.trajectory.duration
 
 
-def rows(problems: int, joints: int, starts: int) -> Iterator[dict[str, float]]:
+def rows(
+    problems: int,
+    joints: int,
+    starts: int,
+) -> Iterator[dict[str, float]]:
     """One row a problem: excess over the reference (infinite without an answer), seconds."""
     for seed in range(problems):
         problem = drawn(seed, joints)
@@ -61,22 +75,38 @@ def rows(problems: int, joints: int, starts: int) -> Iterator[dict[str, float]]:
         began = time.perf_counter()
         solution = ExactJerk(starts).solve(problem)
         seconds = time.perf_counter() - began - solution.setup_time
-        certified = None
-        if solution.trajectory is not None:
-            certified = verify(problem, solution.trajectory).certified_duration
-        excess = np.inf if certified is None else certified / reference(problem) - 1
+        excess = excess_of(problem, solution)
         if excess > BEATEN[0]:
             print(f"problem {seed}: {excess:.1e}", flush=True)
-        yield {"problem": seed, "excess": excess, "seconds": seconds}
+        yield {
+            "problem": seed,
+            "excess": excess,
+            "seconds": seconds,
+        }
 
 
-def main(problems: int = 300, joints: int = 1, starts: int = 4) -> None:
+def excess_of(problem: Problem, solution: Solution) -> float:
+    """How far the certified duration is above the reference, relative; infinite without one."""
+    if solution.trajectory is None:
+        return np.inf
+    certified = verify(problem, solution.trajectory).certified_duration
+    if certified is None:
+        return np.inf
+    return certified / reference(problem) - 1
+
+
+def main(
+    problems: int = 300,
+    joints: int = 1,
+    starts: int = 4,
+) -> None:
     """Solve, compare, and print how often the reference is better by how much."""
     frame = pd.DataFrame(rows(problems, joints, starts))
+    excess = frame["excess"]
     for threshold in BEATEN:
-        beaten = int((frame["excess"] > threshold).sum())
-        print(f"beaten by more than {threshold:.0e}: {beaten} of {len(frame)}")
-    print(f"lowest excess: {frame['excess'].min():.1e}")
+        beaten = excess > threshold
+        print(f"beaten by more than {threshold:.0e}: {beaten.sum()} of {len(frame)}")
+    print(f"lowest excess: {excess.min():.1e}")
     seconds = frame["seconds"]
     print(f"seconds: median {seconds.median():.2f}, mean {seconds.mean():.2f}")
 

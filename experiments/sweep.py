@@ -24,29 +24,44 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
 from trajopt.registry import entries
 
-SUITES = ("six-axis", "edges", "robots", "random")
+SUITES = ("six-axis", "edges", "robots")
 PROOF = "certify:time_limit=15"  # s; a proof on a large problem is endless
 MENDED = [f"{name}:fitness=scaled" for name in ("pso", "ssa", "issa")]  # the paper's, mended
 
 
 def drawn(size: int | None = None) -> dict[str, list[Problem]]:
     """Per suite, a random family each for itself, its problems, or the first `size` of them."""
-    families = [name for name in suite.suites() if name.startswith("random-")]
-    return {name: suite.problems(name, size) for name in (*SUITES[:-1], *families)}
+    names = [*SUITES]
+    names += [name for name in suite.suites() if name.startswith("random-")]
+    return {name: suite.problems(name, size) for name in names}
 
 
 def planners() -> list[str]:
     """Every registered planner, those that wait to be asked for too, and the mended swarms."""
-    return [PROOF if name == "certify" else name for name in entries()] + MENDED
+    names = list(entries())
+    place = names.index("certify")
+    names[place] = PROOF
+    return names + MENDED
 
 
 def sizes(folder: Path, trials: int) -> pd.DataFrame:
     """Size of what there is on the disk, MB, and KB per trial."""
-    files = {name: [folder / name] for name in ("results.h5", "report.html")}
-    files["trials/"] = list((folder / "trials").glob("*.h5"))
-    total = {name: sum(f.stat().st_size for f in own) for name, own in files.items()}
-    rows = [(name, len(files[name]), n / 1e6, n / 1e3 / trials) for name, n in total.items()]
-    return pd.DataFrame(rows, columns=["what", "files", "MB", "KB per trial"])
+    files = {
+        "results.h5": [folder / "results.h5"],
+        "report.html": [folder / "report.html"],
+        "trials/": list(folder.glob("trials/*.h5")),
+    }
+    rows = []
+    for name, own in files.items():
+        size = sum(file.stat().st_size for file in own)
+        row = {
+            "what": name,
+            "files": len(own),
+            "MB": size / 1e6,
+            "KB per trial": size / 1e3 / trials,
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def main(
@@ -58,14 +73,28 @@ def main(
     output: Path = Path("results/sweep"),
 ) -> None:
     """Run what is missing, then write and print the tables."""
-    found, seeds = drawn(2 if quick else None), 2 if quick else seeds
-    problems = [problem for own in found.values() for problem in own]
+    size = None
+    if quick:
+        size = 2
+        seeds = 2
+    problems: list[Problem] = []
+    suite_of = {}
+    for name, own in drawn(size).items():
+        problems += own
+        for problem in own:
+            suite_of[problem.name] = name
     with console.trials() as advance:
         results = run.compare(
-            problems, planners(), output, seeds=seeds, jobs=jobs, timeout=timeout, progress=advance
+            problems,
+            planners(),
+            output,
+            seeds=seeds,
+            jobs=jobs,
+            timeout=timeout,
+            progress=advance,
         )
-    report.write(results, output / "report.html", command="python -m experiments.sweep")
-    suite_of = {problem.name: name for name, own in found.items() for problem in own}
+    page = output / "report.html"
+    report.write(results, page, command="python -m experiments.sweep")
     tables = {
         "sweep": overview(results),
         "suites": overview(results, by=suite_of.__getitem__),

@@ -10,6 +10,7 @@ machine gives meaningful numbers. The table goes to `throughput.csv` and `.md` i
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
 from pathlib import Path
@@ -20,29 +21,50 @@ import pandas as pd
 from experiments.common.output import save_table
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.registry import load
+from trajopt.problem import Problem
+from trajopt.registry import named
 
-SPECS = ("pso", "ssa", "issa")
+SWARMS = ("pso", "ssa", "issa")
 
 
-def timed(trials: int, iterations: int, jobs: int, folder: Path) -> dict[str, float]:
+def four_waypoints() -> list[Problem]:
+    """The built-in problems that the swarms take."""
+    problems = [suite.load(name) for name in suite.problem_files()]
+    return [problem for problem in problems if len(problem.waypoints) == 4]
+
+
+def timed(
+    trials: int,
+    iterations: int,
+    jobs: int,
+    folder: Path,
+) -> dict[str, float]:
     """Wall time of so many trials (or a few more), s; what of it was the planners' own."""
     shutil.rmtree(folder, ignore_errors=True)
-    problems = [p for n in suite.problem_files() if len((p := suite.load(n)).waypoints) == 4]
-    planners = [(name, load(f"{name}:iterations={iterations}")) for name in SPECS]
-    seeds = -(-trials // (len(problems) * len(planners)))
+    problems = four_waypoints()
+    planners = [named(f"{name}:iterations={iterations}") for name in SWARMS]
+    a_seed = len(problems) * len(planners)  # trials
+    seeds = math.ceil(trials / a_seed)
     began = time.perf_counter()
-    results = run.compare(problems, planners, folder, seeds=seeds, jobs=jobs)
+    results = run.compare(
+        problems,
+        planners,
+        folder,
+        seeds=seeds,
+        jobs=jobs,
+    )
     wall = time.perf_counter() - began
     table = results.trials()
-    own = float((table["solve_time"] + table["setup_time"]).sum())
+    spent = table["solve_time"] + table["setup_time"]
+    own = float(spent.sum())
+    overhead = wall * jobs - own
     size = (folder / "results.h5").stat().st_size
     return {
         "jobs": jobs,
         "trials": len(table),
         "wall (s)": wall,
         "planners' own (s)": own,
-        "overhead (ms per trial)": 1000 * (wall * jobs - own) / len(table),
+        "overhead (ms per trial)": 1000 * overhead / len(table),
         "results.h5 (KB per trial)": size / 1000 / len(table),
     }
 
@@ -55,10 +77,16 @@ def main(
     output: Path = Path("results/throughput"),
 ) -> None:
     """Time them at one and at two jobs, and print the table."""
-    trials, iterations = (30, 20) if quick else (trials, iterations)
-    rows = [timed(trials, iterations, jobs, output / f"jobs-{jobs}") for jobs in (1, 2)]
+    if quick:
+        trials = 30
+        iterations = 20
+    rows = []
+    for jobs in (1, 2):
+        row = timed(trials, iterations, jobs, output / f"jobs-{jobs}")
+        rows.append(row)
     table = pd.DataFrame(rows)
-    table["speed-up"] = table["wall (s)"].iloc[0] / table["wall (s)"]
+    wall = table["wall (s)"]
+    table["speed-up"] = wall.iloc[0] / wall
     save_table(table, output / "throughput")
     print(table.to_string(index=False, float_format="{:.2f}".format))
 
