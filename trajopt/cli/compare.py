@@ -20,11 +20,13 @@ from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.figures import draw
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.suites import catalogue
+from trajopt.cli import against as tests
 from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, number, whole_number
 from trajopt.exceptions import InvalidInput, TrajoptError
 from trajopt.problem import Problem
-from trajopt.registry import entries
+from trajopt.registry import entries, named
+from trajopt.registry import label as label_of
 
 MANY = 12  # problems, beyond which there is one page in place of a table and figures each
 
@@ -76,6 +78,10 @@ def compare(
     certify: Annotated[
         bool, Parameter(negative=(), help="Prove lower bounds too: same as --planner certify.")
     ] = False,
+    against: Annotated[
+        str | None,
+        Parameter(help="NAME[:key=value,…] to test all others against; it is run too."),
+    ] = None,
 ) -> int:
     """Run planners on problems; print the table, store every trial, draw the figures."""
     if not problems and not suite:
@@ -85,6 +91,10 @@ def compare(
     specs = planner or _default_planners()
     if certify:
         specs = [*specs, "certify"]
+    rival = None
+    if against is not None:
+        rival = label_of(*named(against))
+        specs = [*specs, against]
     processes = jobs or benchmark.cpus()
     folder = output.resolve()
     _leave_deleted_folder(folder)
@@ -106,9 +116,9 @@ def compare(
         console.line(str(results.kept))
         console.paragraph()
     if len(loaded) > MANY:
-        _show_many(results, output)
+        _show_many(results, output, rival)
     else:
-        _show_each(results, output, processes)
+        _show_each(results, output, processes, rival)
     trials = results.trials()
     answered = (trials["status"] == "solved") | trials["lower_bound"].notna()
     return 0 if answered.any() else 1
@@ -148,7 +158,7 @@ def _default_planners() -> list[str]:
 # --- a table per problem ---
 
 
-def _show_each(results: Results, folder: Path, processes: int) -> None:
+def _show_each(results: Results, folder: Path, processes: int, rival: str | None) -> None:
     """Tables, the readings used, what failed and why, and where everything is."""
     with console.waiting("drawing the figures"):
         figures = draw.draw(results, folder / "figures", processes=processes)
@@ -159,6 +169,8 @@ def _show_each(results: Results, folder: Path, processes: int) -> None:
             console.paragraph(_why_not_solved(row))
         console.paragraph(_caption(rows, readings))
         console.paragraph()
+    if rival is not None:
+        tests.show(results, rival)
     _warn(results)
     trials = len(results.items)
     console.line(f"stored:  {folder / 'results.h5'} ({trials} trials of this comparison)")
@@ -246,7 +258,7 @@ def _reference(row: pd.Series[Any]) -> str:
 # --- one table of many problems ---
 
 
-def _show_many(results: Results, folder: Path) -> None:
+def _show_many(results: Results, folder: Path, rival: str | None) -> None:
     """One line per planner, what is suspicious, and where everything is."""
     from trajopt.benchmark import report  # its page: not where there are few problems
 
@@ -265,6 +277,8 @@ def _show_many(results: Results, folder: Path) -> None:
         console.paragraph(sentence)
     console.paragraph(_MEANING)
     console.paragraph()
+    if rival is not None:
+        tests.show(results, rival)
     _warn(results)
     trials = len(results.items)
     console.line(f"stored:  {folder / 'results.h5'} ({trials} trials)")

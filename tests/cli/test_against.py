@@ -1,0 +1,98 @@
+"""`trajopt compare … --against`: the words and numbers of its tables, from closed forms."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory
+from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.trial import judge
+from trajopt.cli import against, app
+
+PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one step")
+
+
+@dataclass(frozen=True)
+class Quintic(Planner):
+    """Rest to rest within `first + seed` seconds; no answer where the way is `beyond`."""
+
+    first: float = 1.0
+    beyond: float = np.inf
+    stochastic = True
+
+    def solve(self, problem, *, seed=0):
+        way = problem.waypoints[-1, 0] - problem.waypoints[0, 0]
+        if way > self.beyond:
+            return Solution(Status.NOT_CONVERGED, message="too far")
+        t = self.first + seed
+        c = np.zeros((6, 1, 1))
+        c[:3, 0, 0] = way * np.array([6 / t**5, -15 / t**4, 10 / t**3])
+        c[5] = problem.waypoints[0]
+        breaks = np.array([0.0, t])
+        return Solution(Status.SOLVED, Trajectory(breaks, c, breaks))
+
+
+def shown(capsys, trials, rival):
+    against.show(Results(trials), rival)
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80
+    return out
+
+
+def row(out, name):
+    return next(line.split()[1:] for line in out.splitlines() if line.startswith(name))
+
+
+def test_on_one_problem_seeds_are_compared(capsys):
+    """All of 1 … 5 s are shorter than all of 11 … 15 s: exact p is 2 / C(10, 5) = 0.008."""
+    fast = judge(Quintic(1.0), PROBLEM, range(5), "fast")
+    slow = judge(Quintic(11.0), PROBLEM, range(5), "slow")
+    once = judge(Quintic(1.0), PROBLEM, [0], "once")
+    out = shown(capsys, [*fast, *slow, *once], "slow:first=11.0")
+    assert out.startswith("Against slow:first=11.0 (5 runs)")
+    assert row(out, "fast") == ["5", "3.0000", "0.2308", "0.008", "0.008", "1.00", "[1.00–1.00]"]
+    assert "\nonce" not in out
+    assert "Mann and Whitney" in out
+
+
+def test_over_problems_all_and_where_both_answer(capsys):
+    """Half the time on problems up to 2 rad, no answer on the one of 3 rad; the median is 0.5."""
+    trials = []
+    for way in (1.0, 2.0, 3.0):
+        problem = replace(PROBLEM, waypoints=np.array([[0.0], [way]]), name=f"{way}")
+        trials += judge(Quintic(4.0), problem, [0], "slow")
+        trials += judge(Quintic(2.0, beyond=2.5), problem, [0], "some")
+    out = shown(capsys, trials, "slow:first=4.0")
+    assert out.startswith("Against slow:first=4.0, problem by problem")
+    lines = [line.split() for line in out.splitlines()]
+    everywhere = next(line for line in lines if line[:1] == ["some"])
+    assert everywhere[1:6] == ["3", "2", "0", "1", "0.5000"]
+    both = next(line for line in lines if line[:2] == ["both", "answer"])
+    assert both[2:7] == ["2", "2", "0", "0", "0.5000"]
+    assert "signed ranks" in out
+
+
+def test_without_spread_there_is_nothing_to_compare(capsys):
+    trials = [*judge(Quintic(1.0), PROBLEM, [0], "a"), *judge(Quintic(2.0), PROBLEM, [0], "b")]
+    words = shown(capsys, trials, "a").split()
+    assert "it takes two planners with several runs" in " ".join(words)
+
+
+def test_against_runs_that_planner_too(capsys, tmp_path):
+    command = ["compare", "one-joint", "seven-waypoints", "--planner", "exact:starts=1"]
+    command += ["--jobs", "1", "--output", str(tmp_path)]
+    with pytest.raises(SystemExit) as stop:
+        app.main([*command, "--against", "ruckig-stop"])
+    out = capsys.readouterr().out
+    assert stop.value.code == 0
+    assert "Against ruckig-stop, problem by problem" in out
+    assert row(out[out.index("Against") :], "exact")[:4] == ["2", "2", "0", "0"]
+
+
+def test_against_an_unknown_planner_runs_nothing(capsys, tmp_path):
+    with pytest.raises(SystemExit) as stop:
+        app.main(["compare", "one-joint", "--against", "nobody", "--output", str(tmp_path / "no")])
+    assert stop.value.code == 2
+    assert "nobody" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()

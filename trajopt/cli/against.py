@@ -1,0 +1,136 @@
+"""`trajopt compare … --against PLANNER`: every planner against that one.
+
+Over several problems they are paired by problem; on one problem their seeds are compared.
+"""
+
+from __future__ import annotations
+
+from math import isinf, isnan
+from typing import Any
+
+import pandas as pd
+from rich.table import Table
+
+from trajopt.benchmark.analysis.results import Results
+from trajopt.cli import console
+
+_PAIRED_MEANING = (
+    "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "
+    "Both answer: without the problems on which one has no answer. p: Wilcoxon's signed ranks "
+    "over problems, by Holm for every pair of planners. A12: how probable it is that its run is "
+    "the shorter, with the 95 % interval over problems."
+)
+_SEEDS_MEANING = (
+    "Ratio: of the medians. p: Mann and Whitney's, over runs; Holm: the same, adjusted for every "
+    "pair of planners. A12: how probable it is that its run is the shorter, with its 95 % "
+    "interval. Left out are planners with a single run."
+)
+_SMALLEST_P = 0.001  # below it, only that it is below
+
+
+def show(results: Results, rival: str) -> None:
+    """Print every planner against the one with this label.
+
+    Args:
+        results: Trials of one problem or of several.
+        rival: A planner's name with the options that differ from its defaults.
+    """
+    problems = results.trials()["digest"].nunique()
+    one_problem = problems == 1
+    pairs = results.between_seeds() if one_problem else results.paired()
+    if rival not in pairs.index.get_level_values("against"):
+        console.paragraph(_nothing_to_compare(rival, one_problem))
+    elif one_problem:
+        console.OUT.print(_seeds_table(_against(pairs, rival), rival))
+        console.paragraph(_SEEDS_MEANING)
+    else:
+        console.OUT.print(_paired_table(_against(pairs, rival), rival))
+        console.paragraph(_PAIRED_MEANING)
+    console.paragraph()
+
+
+def _against(pairs: pd.DataFrame, rival: str) -> pd.DataFrame:
+    """The rows of all others against one, the fastest first."""
+    rows = pairs.xs(rival, level="against")
+    return rows.sort_values("ratio", kind="stable", na_position="last")
+
+
+def _nothing_to_compare(rival: str, one_problem: bool) -> str:
+    if not one_problem:
+        return f"Against {rival}: no other planner was run on a problem that it supports."
+    return (
+        f"Against {rival}: on one problem planners are compared over seeds, "
+        "and it takes two planners with several runs. Give more problems, or a --suite."
+    )
+
+
+def _paired_table(rows: pd.DataFrame, rival: str) -> Table:
+    numbers = ("problems", "better", "tied", "worse", "ratio", "p", "A12")
+    title = f"Against {rival}, problem by problem"
+    table = console.table("planner", *numbers, numbers=numbers, title=title)
+    for row in rows.itertuples():
+        table.add_row(
+            console.option_lines(row.Index),
+            str(row.problems),
+            str(row.better),
+            str(row.tied),
+            str(row.worse),
+            _ratio(row.ratio),
+            _probability(row.holm),
+            _effect(row),
+        )
+        if row.both < row.problems:
+            table.add_row(*_where_both_answer(row))
+    return table
+
+
+def _where_both_answer(row: Any) -> list[str]:
+    if row.both == 0:
+        return ["  both answer", "0"]
+    return [
+        "  both answer",
+        str(row.both),
+        str(row.both_better),
+        str(row.both_tied),
+        str(row.both_worse),
+        _ratio(row.both_ratio),
+        _probability(row.both_holm),
+    ]
+
+
+def _seeds_table(rows: pd.DataFrame, rival: str) -> Table:
+    numbers = ("runs", "median s", "ratio", "p", "Holm", "A12")
+    runs = rows["rival_runs"].iloc[0]
+    title = f"Against {rival} ({runs} runs)"
+    table = console.table("planner", *numbers, numbers=numbers, title=title)
+    for row in rows.itertuples():
+        median = "none" if isinf(row.median) else f"{row.median:.4f}"
+        table.add_row(
+            console.option_lines(row.Index),
+            str(row.runs),
+            median,
+            _ratio(row.ratio),
+            _probability(row.pvalue),
+            _probability(row.holm),
+            _effect(row),
+        )
+    return table
+
+
+def _ratio(value: float) -> str:
+    if isnan(value):
+        return "–"
+    if isinf(value):
+        return "∞"
+    return f"{value:.4f}"
+
+
+def _probability(value: float) -> str:
+    return f"< {_SMALLEST_P}" if value < _SMALLEST_P else f"{value:.3f}"
+
+
+def _effect(row: Any) -> str:
+    """A12 with its interval, which a single problem does not have."""
+    if isnan(row.low):
+        return f"{row.a12:.2f}"
+    return f"{row.a12:.2f} [{row.low:.2f}–{row.high:.2f}]"
