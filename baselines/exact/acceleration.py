@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple, Protocol
 
@@ -91,30 +91,39 @@ class Exact(Planner):
 
         starts = starting_points(scaled, _PATIENCE * self.starts)
         local = optima(solve_from, starts, self.starts)
-        best = min(local, key=lambda optimum: optimum.duration)
+        statuses = [optimum.status for optimum in local]
         durations = np.array([optimum.duration for optimum in local])
         stats = {
-            "start_status": [optimum.status for optimum in local],
+            "start_status": statuses,
             "start_duration": scaled.unit * durations,
         }
+        solution = self._best(scaled, local)
+        return replace(
+            solution,
+            setup_time=setup_time,
+            stats=stats,
+        )
+
+    def _best(self, scaled: Scaled, local: list[_Optimum]) -> Solution:
+        """The shortest of the local optima, with what it says of the whole problem."""
+        best = min(local, key=lambda optimum: optimum.duration)
         if not np.isfinite(best.duration):
             message = no_start_succeeded(optimum.status for optimum in local)
-            return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
+            return Solution(Status.FAILED, message=message)
+        problem = scaled.problem
         answer = scaled.trajectory(best.times, best.velocities)
-        lower_bound = None
-        message = ""
-        if self.relation(problem) is Relation.RELAXATION:
-            lower_bound = verify(problem.without(*_IGNORED), answer).certified_duration
-            ignored = [name for name in _IGNORED if problem.has(name)]
-            kinds = " and ".join(ignored)
-            message = f"{kinds} limits are ignored: a lower bound (best known, not proved)"
+        if self.relation(problem) is Relation.SAME:
+            return Solution(Status.SOLVED, answer)
+        relaxed = problem.without(*_IGNORED)
+        lower_bound = verify(relaxed, answer).certified_duration
+        ignored = [name for name in _IGNORED if problem.has(name)]
+        kinds = " and ".join(ignored)
+        message = f"{kinds} limits are ignored: a lower bound (best known, not proved)"
         return Solution(
             Status.SOLVED,
             answer,
             message,
             lower_bound,
-            setup_time=setup_time,
-            stats=stats,
         )
 
 
@@ -142,39 +151,56 @@ class Scaled:
     """
 
     def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self.moving = problem.moving
-        stop = stop_times(problem.without(*_IGNORED))
-        self.unit = float(stop.mean())
-        self.stop = stop / self.unit
-        velocity = problem.limits.velocity[self.moving]
-        acceleration = problem.limits.acceleration[self.moving]
+        moving = problem.moving
+        velocity = problem.limits.velocity[moving]
+        acceleration = problem.limits.acceleration[moving]
+        displacements = problem.displacements[:, moving]
+
+        relaxed = problem.without(*_IGNORED)
+        stop = stop_times(relaxed)
+        unit = float(stop.mean())
         tighter = np.abs(acceleration).min(axis=1)
         powers = np.arange(3)[:, None]
-        self.units = tighter * self.unit**powers
-        self.a = acceleration.T / self.units[0]
-        self.v = velocity.T / self.units[1]
-        displacements = problem.displacements[:, self.moving]
-        self.h = displacements / self.units[2]
+        units = tighter * unit**powers
+        a_unit, v_unit, q_unit = units
+
+        self.problem = problem
+        self.moving = moving
+        self.unit = unit
+        self.units = units
+        self.stop = stop / unit
+        self.a = acceleration.T / a_unit
+        self.v = velocity.T / v_unit
+        self.h = displacements / q_unit
         # T >= h / V2 forwards, T >= h / (-V1) backwards
-        forwards = self.h / self.v[1]
-        backwards = self.h / self.v[0]
-        self.shortest = np.maximum(forwards, backwards).max(axis=1)
+        slowest, fastest = self.v
+        forwards = self.h / fastest
+        backwards = self.h / slowest
+        by_joint = np.maximum(forwards, backwards)
+        self.shortest = by_joint.max(axis=1)
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: in each segment a convex combination of both extreme profiles."""
         passages = np.r_[0.0, np.cumsum(times)]
         breaks = passages * self.unit
-        whole = breaks[[0, -1]]
+        ends = _with_rest(velocities)
+        waypoints = self.problem.waypoints
         joints = []
-        for waypoints in self.problem.waypoints.T:
-            rest = np.array([waypoints[:1]])
-            joints.append((whole, rest))
-        velocities = _with_rest(velocities)
         for i, joint in enumerate(np.flatnonzero(self.moving)):
-            waypoints = self.problem.waypoints[:, joint]
-            joints[joint] = self._joint(i, waypoints, breaks, times, velocities[:, i])
-        return Trajectory.joined(joints, breaks)
+            part = self._joint(
+                i,
+                waypoints[:, joint],
+                breaks,
+                times,
+                ends[:, i],
+            )
+            joints.append(part)
+        return Trajectory.of_moving(
+            waypoints[0],
+            self.moving,
+            joints,
+            breaks,
+        )
 
     def _joint(
         self,
@@ -185,22 +211,29 @@ class Scaled:
         ends: Array,
     ) -> tuple[Array, Array]:
         """Breaks (s) and coefficients (rad/s^power) of one moving joint."""
+        h = self.h[:, i]
+        v = self.v[:, i]
+        a = self.a[:, i]
+        units = self.units[:, i, None]
         starts = []
         parts = []
         for k, t in enumerate(times):
+            u, w = ends[k : k + 2]
             local, part = combined(
-                ends[k],
-                ends[k + 1],
+                u,
+                w,
                 t,
-                self.h[k, i],
-                self.v[:, i],
-                self.a[:, i],
+                h[k],
+                v,
+                a,
             )
-            part *= self.units[:, i, None]
+            part *= units
             part[2] += waypoints[k]
-            starts.append(breaks[k] + local[:-1] * self.unit)
+            start = breaks[k] + local[:-1] * self.unit
+            starts.append(start)
             parts.append(part)
-        own_breaks = np.concatenate([*starts, breaks[-1:]])
+        starts.append(breaks[-1:])
+        own_breaks = np.concatenate(starts)
         return own_breaks, np.hstack(parts)
 
 
@@ -241,17 +274,19 @@ def extremes(
     a1 = -a[0]
     a2 = a[1]
 
-    # p_up = min(V2, (A1 A2 T + A1 u + A2 w) / (A1 + A2)): else both ramps fill the segment
-    triangle = (a1 * a2 * t + a1 * u + a2 * w) / (a1 + a2)
-    p_up = np.minimum(v2, triangle)
+    # the peak where both ramps fill the segment: (A1 A2 T + A1 u + A2 w) / (A1 + A2)
+    sum_a = a1 + a2
+    gained = a1 * a2 * t
+    weighted = gained + a1 * u + a2 * w
+    p_up = np.minimum(v2, weighted / sum_a)
     # D_up(p) = p T − (p − u)² / (2 A2) − (p − w)² / (2 A1)
     first = (p_up - u) ** 2 / (2 * a2)
     last = (p_up - w) ** 2 / (2 * a1)
     d_up = p_up * t - first - last
 
-    # p_lo = max(−V1, (A2 u + A1 w − A1 A2 T) / (A1 + A2))
-    triangle = (a2 * u + a1 * w - a1 * a2 * t) / (a1 + a2)
-    p_lo = np.maximum(-v1, triangle)
+    # downwards: (A2 u + A1 w − A1 A2 T) / (A1 + A2)
+    weighted = a2 * u + a1 * w - gained
+    p_lo = np.maximum(-v1, weighted / sum_a)
     # D_lo(p) = p T + (p − u)² / (2 A1) + (p − w)² / (2 A2)
     first = (p_lo - u) ** 2 / (2 * a1)
     last = (p_lo - w) ** 2 / (2 * a2)
@@ -280,56 +315,78 @@ def combined(
     Returns:
         Breaks `(pieces + 1,)`, from 0 to `t`, and position coefficients `(3, pieces)`.
     """
-    both = extremes(np.array(u), np.array(w), np.array(t), v, a)
-    p_up, d_up, p_lo, d_lo = map(float, both)
-    # λ = (h − D_lo) / (D_up − D_lo); any will do where both are one
-    share = 1.0
-    width = d_up - d_lo
-    if width > _WIDTH_RTOL * (abs(d_up) + abs(d_lo)):
-        share = (h - d_lo) / width
-        share = float(np.clip(share, 0.0, 1.0))
-    # where the cruises of the upper and the lower profile begin and end
-    knots = np.array(
-        [
-            (p_up - u) / a[1],
-            t + (p_up - w) / a[0],
-            (p_lo - u) / a[0],
-            t + (p_lo - w) / a[1],
-        ]
+    both = extremes(
+        np.array(u),
+        np.array(w),
+        np.array(t),
+        v,
+        a,
     )
-    knots = np.clip(knots, 0, t)
-    upper_knots = [0, *knots[:2], t]
-    lower_knots = [0, *knots[2:], t]
+    p_up, d_up, p_lo, d_lo = map(float, both)
+    share = _share(h, d_up, d_lo)
+
+    # where the cruises of the upper and the lower profile begin and end
+    braking, speeding = a
+    upper_cruise = [
+        (p_up - u) / speeding,
+        t + (p_up - w) / braking,
+    ]
+    lower_cruise = [
+        (p_lo - u) / braking,
+        t + (p_lo - w) / speeding,
+    ]
+    upper_cruise = np.clip(upper_cruise, 0, t)
+    lower_cruise = np.clip(lower_cruise, 0, t)
+    upper_knots = [0, *upper_cruise, t]
+    lower_knots = [0, *lower_cruise, t]
+    knots = np.r_[upper_cruise, lower_cruise]
     for closest in (_SLIVER * t, 0.0):
         breaks = _apart(knots, t, closest)
         # v(t) = λ v_up(t) + (1 − λ) v_lo(t)
         upper = np.interp(breaks, upper_knots, [u, p_up, p_up, w])
         lower = np.interp(breaks, lower_knots, [u, p_lo, p_lo, w])
         velocity = share * upper + (1 - share) * lower
+        # a = Δv/Δt, Δq = Δt (v0 + v1)/2
         first = velocity[:-1]
         last = velocity[1:]
+        sums = first + last
         lengths = np.diff(breaks)
         slope = np.diff(velocity) / lengths
-        travelled = np.cumsum(lengths * (first + last) / 2)
-        path = lengths @ np.abs(first + last)
-        missed = abs(travelled[-1] - h) > _MISS_RTOL * path
-        steepest = np.where(slope > 0, a[1], a[0])
+        travelled = np.cumsum(lengths * sums / 2)
+
+        path = lengths @ np.abs(sums)
+        miss = abs(travelled[-1] - h)
+        arrived = miss <= _MISS_RTOL * path
+        steepest = np.where(slope > 0, speeding, braking)
         utilisation = slope / steepest
-        if not missed and (utilisation <= 1 + _SLIVER).all():
+        within = (utilisation <= 1 + _SLIVER).all()
+        if arrived and within:
             break  # else what was left out mattered
     slope = np.clip(slope, *a)  # over a brief piece, rounding of the velocities shows
     position = np.r_[0.0, travelled[:-1]]
     return breaks, np.stack([slope / 2, first, position])
 
 
+def _share(h: float, d_up: float, d_lo: float) -> float:
+    """The share of the upper profile that covers `h`; any will do where both are one."""
+    # λ = (h − D_lo) / (D_up − D_lo)
+    width = d_up - d_lo
+    rounding = _WIDTH_RTOL * (abs(d_up) + abs(d_lo))
+    if width <= rounding:
+        return 1.0
+    share = (h - d_lo) / width
+    return float(np.clip(share, 0.0, 1.0))
+
+
 def _apart(knots: Array, end: float, closest: float) -> Array:
     """0, the knots in order and the end, without knots that follow or precede too closely."""
     times = np.unique(np.r_[0.0, knots, end])
     inner = times[1:-1]
-    after_another = np.diff(times)[:-1] > closest
+    gaps = np.diff(times)[:-1]
+    after_another = gaps > closest
     before_the_end = times[-1] - inner > closest
-    kept = inner[after_another & before_the_end]
-    return np.concatenate([times[:1], kept, times[-1:]])
+    apart = inner[after_another & before_the_end]
+    return np.concatenate([times[:1], apart, times[-1:]])
 
 
 def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
@@ -350,14 +407,17 @@ def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
     def reachable(k: float) -> bool:
         v = scaled.v * k
         a = scaled.a * k**2
+        slowest, fastest = v
+        braking, speeding = a
+        step = w - u
         reach = extremes(u, w, t, v, a)
         conditions = [
             # −V1 ≤ v ≤ V2 at the waypoints
-            v[0] <= ends,
-            ends <= v[1],
+            slowest <= ends,
+            ends <= fastest,
             # −A1 T ≤ w − u ≤ A2 T
-            a[0] * t - rounding <= w - u,
-            w - u <= a[1] * t + rounding,
+            braking * t - rounding <= step,
+            step <= speeding * t + rounding,
             # D_lo ≤ h ≤ D_up
             reach.d_lo - h <= rounding * t,
             h - reach.d_up <= rounding * t,
@@ -407,7 +467,8 @@ def _solver(segments: int, joints: int) -> Program:
     limits = [ca.MX.sym(name, 1, joints) for name in names]
 
     # every constraint is a table over segments and joints
-    v1, v2, a1, a2, top = (ca.repmat(limit, segments, 1) for limit in limits)
+    tables = [ca.repmat(limit, segments, 1) for limit in limits]
+    v1, v2, a1, a2, top = tables
     times = stop * ca.exp(log)
     t = ca.repmat(times, 1, joints)
     mean = h / t
@@ -429,10 +490,11 @@ def _solver(segments: int, joints: int) -> Program:
     fall = (p_lo - u) ** 2 / (2 * a1)
     rise = (p_lo - w) ** 2 / (2 * a2)
     minus_d_lo = -p_lo - fall - rise
+    step = w - u
     reach_rows = [
         # w − u ≤ A2 T, −A1 T ≤ w − u
-        a2 - (w - u),
-        a1 + (w - u),
+        a2 - step,
+        a1 + step,
         d_up,
         minus_d_lo,
     ]
@@ -460,13 +522,17 @@ def starting_points(scaled: HasStopTimes, count: int) -> Iterator[Start]:
     """Times and waypoint velocities to start from: generous stopping first, then random ones."""
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)
-    at_rest = np.zeros((segments - 1, joints))
+    inner = (segments - 1, joints)
+    at_rest = np.zeros(inner)
     yield 1.5 * scaled.stop, at_rest
     for _ in range(count - 1):
         times = scaled.stop * rng.uniform(0.5, 1.5, segments)
+        # between the mean velocities before and after the waypoint, times a random speed
         mean = scaled.h / times[:, None]
-        mix = rng.uniform(size=(segments - 1, joints))
-        between = mix * mean[:-1] + (1 - mix) * mean[1:]
+        before = mean[:-1]
+        after = mean[1:]
+        mix = rng.uniform(size=inner)
+        between = mix * before + (1 - mix) * after
         speed = rng.uniform(0, 1.5, (segments - 1, 1))
         yield times, between * speed
 
@@ -479,18 +545,36 @@ def _solve_from(solver: Program, scaled: Scaled, start: Start) -> _Optimum:
     limit = np.abs(scaled.v).max(axis=0)
     top = np.minimum(limit, scaled.stop.sum())
     a1, a2 = np.abs(scaled.a)
-    parameters = flat(scaled.h, scaled.stop, *scaled.v, a1, a2, top)
+    parameters = flat(
+        scaled.h,
+        scaled.stop,
+        *scaled.v,
+        a1,
+        a2,
+        top,
+    )
     # as `_solver` has them: two tables that vanish, six and a number that are not negative
-    equal = np.zeros(2 * scaled.h.size)
-    not_negative = np.full(6 * scaled.h.size + 1, np.inf)
+    size = scaled.h.size
+    equal = np.zeros(2 * size)
+    not_negative = np.full(6 * size + 1, np.inf)
     highest = np.r_[equal, not_negative]
-    run = solver(x0, parameters, (low, high), (0.0, highest))
+    run = solver(
+        start=x0,
+        parameters=parameters,
+        bounds=(low, high),
+        constraint_bounds=(0.0, highest),
+    )
     times, velocities = _read(scaled, run.x)
     if not run.success:
         return _Optimum(np.inf, times, velocities, run.status)
     k = repair(times, velocities, scaled)
     duration = k * float(times.sum())
-    return _Optimum(duration, k * times, velocities / k, run.status)
+    return _Optimum(
+        duration,
+        k * times,
+        velocities / k,
+        run.status,
+    )
 
 
 def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
@@ -500,17 +584,26 @@ def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
     mean = scaled.h / t
     u = (ends[:-1] - mean) / t
     w = (ends[1:] - mean) / t
-    p_up = np.maximum(np.maximum(u, w), 0.0)
-    p_lo = np.minimum(np.minimum(u, w), 0.0)
+    larger = np.maximum(u, w)
+    smaller = np.minimum(u, w)
     log = np.log(times / scaled.stop)
-    return flat(log, velocities, u, w, p_up, p_lo)
+    return flat(
+        log,
+        velocities,
+        u,
+        w,
+        np.maximum(larger, 0.0),
+        np.minimum(smaller, 0.0),
+    )
 
 
 def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
     """Times and waypoint velocities from IPOPT's variables; the briefer segment knows better."""
-    segments, joints = scaled.h.shape
+    every = scaled.h.shape
+    segments, joints = every
     inner = (segments - 1, joints)
-    log, _, u, w = unflat(x, [(segments,), inner, scaled.h.shape, scaled.h.shape])
+    shapes = [(segments,), inner, every, every]
+    log, _, u, w = unflat(x, shapes)
     times = scaled.stop * np.exp(log)
     t = times[:, None]
     mean = scaled.h / t
@@ -529,18 +622,22 @@ def _bounds(scaled: Scaled) -> tuple[Array, Array]:
     stop = scaled.stop
     shortest = np.log(scaled.shortest / stop)
     longest = np.log(stop.sum() / stop)
-    a1 = -scaled.a[0]
-    a2 = scaled.a[1]
+    slowest, fastest = scaled.v
+    a1, a2 = np.abs(scaled.a)
+    half_a1 = a1 / 2
+    half_a2 = a2 / 2
     wide = (a1 + a2) / 2
     zero = 0 * wide
-    u = (-a2 / 2, a1 / 2)
-    w = (-a1 / 2, a2 / 2)
+    u = (-half_a2, half_a1)
+    w = (-half_a1, half_a2)
     p_up = (zero, wide)
     p_lo = (-wide, zero)
+
     segments = np.ones((len(stop), 1))
-    low = [segments[1:] * scaled.v[0]]
-    high = [segments[1:] * scaled.v[1]]
+    inner = segments[1:]
+    low = [shortest, inner * slowest]
+    high = [longest, inner * fastest]
     for lowest, highest in (u, w, p_up, p_lo):
         low.append(segments * lowest)
         high.append(segments * highest)
-    return flat(shortest, *low), flat(longest, *high)
+    return flat(*low), flat(*high)

@@ -44,7 +44,7 @@ _FOLLOW_DILATIONS = (1.0, 1.2)  # from where every limit is active IPOPT may fai
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
 _START_DILATION = 1.3  # of the optimum without jerk limits: a start
-# Measured up to 30 segments times moving joints, in proportion to them.
+# Measured up to 14 segments times moving joints, in proportion to them.
 _SECONDS_PER_CELL = 0.3
 
 
@@ -98,9 +98,10 @@ class ExactJerk(Planner):
         starts = _starts(scaled, _PATIENCE * self.starts)
         first = optima(solve_from, starts, self.starts)
         local = _followed_once(solver, scaled, first)
+        statuses = [optimum.status for optimum in local]
         durations = np.array([optimum.duration for optimum in local])
         stats = {
-            "start_status": [optimum.status for optimum in local],
+            "start_status": statuses,
             "start_duration": scaled.unit * durations,
         }
         solution = self._best(scaled, local)
@@ -170,7 +171,8 @@ def _solver(segments: int, joints: int) -> Program:
     limits = symbols(4, rows=1)
 
     # every constraint is a table over segments and joints
-    v1, v2, r1, r2 = (ca.repmat(limit, segments, 1) for limit in limits)
+    tables = [ca.repmat(limit, segments, 1) for limit in limits]
+    v1, v2, r1, r2 = tables
     times = ca.repmat(t, 1, joints)
     size = ca.repmat(stop, 1, joints)
     # both ends rest, without acceleration
@@ -232,10 +234,25 @@ def _profile_rows(
     rise, fall, rise_hold, cruise, fall_hold = profile
     u, a, w, b = ends
     top, up, down = limits
-    peak, before, ascended = risen(u, a, rise, rise_hold * size, up, down)
-    same_peak, after, descended = risen(w, b, fall, fall_hold * size, up, down)
+    peak, before, ascended = risen(
+        u,
+        a,
+        rise,
+        rise_hold * size,
+        up,
+        down,
+    )
+    same_peak, after, descended = risen(
+        w,
+        b,
+        fall,
+        fall_hold * size,
+        up,
+        down,
+    )
     duration = (before + after) / size + cruise
-    displacement = ascended + descended + peak * cruise * size
+    cruised = peak * cruise * size
+    displacement = ascended + descended + cruised
     rows = [
         # equal: the time is filled, rise and fall meet at one peak
         duration - t,
@@ -252,22 +269,25 @@ def _profile_rows(
 def _bounds(scaled: Scaled, apart: Bools) -> tuple[Array, Array]:
     """Bounds of all variables; no segment takes longer than stopping everywhere does."""
     stop = scaled.stop
+    jerky = scaled.jerky
     zero = np.zeros(scaled.h.shape)
     inner = np.ones((len(stop) - 1, 1))
-    a1, a2 = np.where(scaled.jerky, scaled.a, 0.0)
+    slowest, fastest = scaled.v
+    a1, a2 = np.where(jerky, scaled.a, 0.0)
     upper_side, lower_side = scaled.sides()
-    upper_low, upper_high = _profile_bounds(upper_side, apart[0], scaled.jerky)
-    lower_low, lower_high = _profile_bounds(lower_side, apart[1], scaled.jerky)
+    upper_apart, lower_apart = apart
+    upper_low, upper_high = _profile_bounds(upper_side, upper_apart, jerky)
+    lower_low, lower_high = _profile_bounds(lower_side, lower_apart, jerky)
     low = _Variables(
         times=scaled.shortest / stop,
-        inner=[inner * scaled.v[0], inner * a1],
+        inner=[inner * slowest, inner * a1],
         upper=upper_low,
         lower=lower_low,
         share=zero,
     )
     high = _Variables(
         times=_LONGEST * stop.sum() / stop,
-        inner=[inner * scaled.v[1], inner * a2],
+        inner=[inner * fastest, inner * a2],
         upper=upper_high,
         lower=lower_high,
         share=zero + 1,
@@ -330,17 +350,19 @@ def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
     segments, joints = scaled.h.shape
     inner = (segments - 1, joints)
     times, *states = unflat(x, [(segments,), inner, inner])
-    return times * scaled.stop, _with_rest(np.stack(states))
+    inner_states = np.stack(states)
+    return times * scaled.stop, _with_rest(inner_states)
 
 
 def _starts(scaled: Scaled, count: int) -> list[Start]:
     """Times and waypoint states to start from: stopping, section 3's optimum, then random ones."""
     stopping, *others = acceleration.starting_points(scaled, count)
+    ordered = [stopping, *_relaxed(scaled), *others]
     starts = []
-    for times, velocity in [stopping, *_relaxed(scaled), *others][:count]:
+    for times, velocity in ordered[:count]:
         velocity = np.clip(velocity, *scaled.v)
-        states = _with_rest(np.stack([velocity, 0 * velocity]))
-        starts.append((times, states))
+        inner = np.stack([velocity, 0 * velocity])
+        starts.append((times, _with_rest(inner)))
     return starts
 
 
@@ -357,8 +379,10 @@ def _relaxed(scaled: Scaled) -> list[Start]:
         return []
     passages = answer.waypoint_times
     times = np.diff(passages)
-    velocity = answer(passages, order=1)[1:-1, scaled.moving] / scaled.units[2]
-    return [(_START_DILATION * times / scaled.unit, velocity / _START_DILATION)]
+    velocities = answer(passages, order=1)
+    inner = velocities[1:-1, scaled.moving] / scaled.units[2]
+    slower = _START_DILATION * times / scaled.unit
+    return [(slower, inner / _START_DILATION)]
 
 
 def _followed_once(solver: Program, scaled: Scaled, first: list[_Optimum]) -> list[_Optimum]:
@@ -379,7 +403,8 @@ def _known_end(
 ) -> _Optimum | None:
     """Where an optimum of equal duration led, of those followed so far."""
     for other, end in zip(first, last, strict=False):
-        equal = abs(other.duration / optimum.duration - 1) < _PROGRESS_RTOL
+        excess = other.duration / optimum.duration - 1
+        equal = abs(excess) < _PROGRESS_RTOL
         if equal and end.status in _ENDED:
             return end
     return None
@@ -399,12 +424,19 @@ def _followed(solver: Program, scaled: Scaled, best: _Optimum) -> _Optimum:
         if (apart == before).all():
             break
         before = apart
+        as_good = best.duration * (1 + _PROGRESS_RTOL)
+        better = best.duration * (1 - _PROGRESS_RTOL)
         for k in _FOLLOW_DILATIONS:
-            states = best.states / _powers(k)
-            optimum = _run(solver, scaled, k * best.times, states, apart)
-            if optimum.duration < best.duration * (1 + _PROGRESS_RTOL):
+            optimum = _run(
+                solver,
+                scaled,
+                k * best.times,
+                best.states / _powers(k),
+                apart,
+            )
+            if optimum.duration < as_good:
                 break
-        if not optimum.duration < best.duration * (1 - _PROGRESS_RTOL):
+        if not optimum.duration < better:
             return best._replace(status=optimum.status)
         best = optimum
     return best
@@ -426,23 +458,41 @@ def _run(
 ) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled, apart)
-    x0 = np.clip(_point(scaled, times, states), low, high)
+    point = _point(scaled, times, states)
+    x0 = np.clip(point, low, high)
     v1, v2 = np.abs(scaled.v)
-    parameters = flat(scaled.h, scaled.stop, v1, v2, *scaled.r)
+    parameters = flat(
+        scaled.h,
+        scaled.stop,
+        v1,
+        v2,
+        *scaled.r,
+    )
     # as `_solver` has them: a profile's two rows that vanish and four that are not negative
-    equal = np.zeros(2 * scaled.h.size)
-    not_negative = np.full(4 * scaled.h.size, np.inf)
-    displacement = np.zeros(scaled.h.size)
+    size = scaled.h.size
+    equal = np.zeros(2 * size)
+    not_negative = np.full(4 * size, np.inf)
+    displacement = np.zeros(size)
     spare_time = [np.inf]
     profile = (equal, not_negative)
     highest = np.concatenate([*profile, *profile, displacement, spare_time])
-    run = solver(x0, parameters, (low, high), (0.0, highest))
+    run = solver(
+        start=x0,
+        parameters=parameters,
+        bounds=(low, high),
+        constraint_bounds=(0.0, highest),
+    )
     times, states = _read(scaled, run.x)
     k = np.inf
     if run.success and (times > 0).all():
         k, times, states = repaired(times, states, scaled)
     duration = k * float(times.sum())
-    return _Optimum(duration, k * times, states / _powers(k), run.status)
+    return _Optimum(
+        duration,
+        k * times,
+        states / _powers(k),
+        run.status,
+    )
 
 
 def _powers(k: float) -> Array:

@@ -106,9 +106,8 @@ class Extremes(NamedTuple):
 
     def at(self, *index: int) -> Extremes:
         """One entry of all arrays."""
-        upper = Profile(*(x[index] for x in self.upper))
-        lower = Profile(*(x[index] for x in self.lower))
-        return Extremes(upper, lower)
+        profiles = [Profile(*(x[index] for x in profile)) for profile in self]
+        return Extremes(*profiles)
 
     def reach(self, h: Array, sides: Sides) -> Bools:
         """Whether displacement `h` lies between both, and both keep their limits, to rounding.
@@ -117,10 +116,11 @@ class Extremes(NamedTuple):
         displacement: less than rounding where the terms of a profile cancel.
         """
         upper_side, lower_side = sides
-        within = self.upper.within(upper_side) & self.lower.within(lower_side)
+        upper_within = self.upper.within(upper_side)
+        lower_within = self.lower.within(lower_side)
         above_lowest = self.d_lo - h <= self.lower.displacement_rounding
         below_highest = h - self.d_up <= self.upper.displacement_rounding
-        return within & above_lowest & below_highest
+        return upper_within & lower_within & above_lowest & below_highest
 
     def narrow(
         self,
@@ -132,14 +132,23 @@ class Extremes(NamedTuple):
         """Whether the motion is one of constant jerk, and all that jerk can change is rounding."""
         u, a = start
         w, b = end
-        rounding = 4 * (self.upper.displacement_rounding + self.lower.displacement_rounding)
-        # h = u T + a T²/2 + (b − a) T²/6, w = u + (a + b) T/2
-        displacement = u * t + a * t**2 / 2 + (b - a) * t**2 / 6
+        # h = u T + a T²/2 + (b − a) T²/6
+        cruised = u * t
+        sped = a * t**2 / 2
+        jerked = (b - a) * t**2 / 6
+        displacement = cruised + sped + jerked
+        # w = u + (a + b) T/2
         velocity = u + (a + b) * t / 2
+
         missed = np.abs(displacement - h)
         gained = np.abs(velocity - w) * t
         width = self.d_up - self.d_lo
-        return np.asarray(np.maximum(np.maximum(missed, gained), width) <= rounding)
+        largest = np.maximum(missed, gained)
+        largest = np.maximum(largest, width)
+        upper_rounding = self.upper.displacement_rounding
+        lower_rounding = self.lower.displacement_rounding
+        rounding = 4 * (upper_rounding + lower_rounding)
+        return np.asarray(largest <= rounding)
 
     def share(self, h: Array) -> Array:
         """The share of the upper profile that covers `h`; any will do where both are one."""
@@ -159,8 +168,21 @@ def extremes(
     u, a = start
     w, b = end
     upper_side, lower_side = sides
-    upper = highest((u, a), (w, -b), t, upper_side)
-    lower = highest((-u, -a), (-w, b), t, lower_side)
+    upper_end = (w, -b)
+    upper = highest(
+        start,
+        upper_end,
+        t,
+        upper_side,
+    )
+    lower_start = (-u, -a)
+    lower_end = (-w, b)
+    lower = highest(
+        lower_start,
+        lower_end,
+        t,
+        lower_side,
+    )
     return Extremes(upper, lower)
 
 
@@ -178,7 +200,8 @@ def highest(
     low = np.full(family.shape, -1.0)
     high = np.full(family.shape, 1.0)
     # the highest candidate of all, where it leaves time
-    low = np.where(family.at(high).slack >= 0, high, low)
+    fits = family.at(high).slack >= 0
+    low = np.where(fits, high, low)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         fits = family.at(middle).slack >= 0
@@ -186,9 +209,10 @@ def highest(
         high = np.where(fits, high, middle)
     profile = family.at(low)
     # too long for a profile through acceleration 0, too short for one that stays below it
-    blocked = (low < 0) & (profile.slack > _BLOCKED * t)
-    slack = np.where(blocked, -profile.slack, profile.slack)
-    return profile._replace(slack=slack)
+    slack = profile.slack
+    left_over = slack > _BLOCKED * t
+    blocked = (low < 0) & left_over
+    return profile._replace(slack=np.where(blocked, -slack, slack))
 
 
 class _Family:
@@ -212,29 +236,37 @@ class _Family:
         self.limit = limit
         u, a = start
         w, b = end
-        # c = r1 + r2
-        self.c = limit.up + limit.down
+        r2 = limit.up
+        c = r2 + limit.down
         # u − r2 a²/2: the peak of a rise that aims at acceleration 0
-        rise_base = u - a**2 * limit.up / 2
-        fall_base = w - b**2 * limit.up / 2
-        self.late = fall_base > rise_base
-        self.base = np.maximum(rise_base, fall_base)
+        rise_base = u - a**2 * r2 / 2
+        fall_base = w - b**2 * r2 / 2
+        late = fall_base > rise_base
+        base = np.maximum(rise_base, fall_base)
         # and (r1 + r2) a²/2 more: the lowest peak of a rise that starts with acceleration a > 0
-        rise_gain = self.c * np.maximum(a, 0) ** 2 / 2
-        fall_gain = self.c * np.maximum(b, 0) ** 2 / 2
-        self.lowest_peak = np.maximum(rise_base + rise_gain, fall_base + fall_gain)
-        self.shape = self.lowest_peak.shape
+        rise_gain = c * np.maximum(a, 0) ** 2 / 2
+        fall_gain = c * np.maximum(b, 0) ** 2 / 2
+        lowest_rise = rise_base + rise_gain
+        lowest_fall = fall_base + fall_gain
+        lowest_peak = np.maximum(lowest_rise, lowest_fall)
+
+        self.c = c
+        self.late = late
+        self.base = base
+        self.lowest_peak = lowest_peak
+        self.shape = lowest_peak.shape
         # below 0: from no rise at all, to where base + (r1 + r2) A²/2 is the lowest peak
-        own = np.where(self.late, b, a)
+        own = np.where(late, b, a)
         self.deep = np.minimum(own, 0.0)
-        finite_c = np.where(self.c > 0, self.c, np.inf)
-        fallen = np.sqrt(2 * (self.lowest_peak - self.base) / finite_c)
+        finite_c = np.where(c > 0, c, np.inf)
+        above_base = 2 * (lowest_peak - base)
+        fallen = np.sqrt(above_base / finite_c)
         self.shallow = np.maximum(-fallen, self.deep)
         # above 0: up to the velocity limit, or as far as time allows
-        steepest = np.where(self.late, limit.fall, limit.rise)
-        spare = limit.velocity - self.lowest_peak
+        steepest = np.where(late, limit.fall, limit.rise)
+        spare = limit.velocity - lowest_peak
         self.span = np.clip(spare, 0.0, steepest * t)
-        self.top = np.maximum(limit.velocity, self.lowest_peak)  # lowest + span, but for rounding
+        self.top = np.maximum(limit.velocity, lowest_peak)  # lowest + span, but for rounding
 
     def at(self, z: Array) -> Profile:
         """The candidate `z`; its slack is negative where it takes longer than `t`."""
@@ -242,8 +274,10 @@ class _Family:
         down = self.limit.down
         negative = np.minimum(z, 0.0)
         positive = np.maximum(z, 0.0)
-        below = self.shallow - negative * (self.deep - self.shallow)
-        raised = np.minimum(self.lowest_peak + positive * self.span, self.top)
+        depth = self.deep - self.shallow
+        below = self.shallow - negative * depth
+        raised = self.lowest_peak + positive * self.span
+        raised = np.minimum(raised, self.top)
         # p = u − r2 a²/2 + (r1 + r2) A²/2
         from_below = self.base + self.c * below**2 / 2
         peak = np.where(z < 0, from_below, raised)
@@ -262,13 +296,29 @@ class _Family:
             apart & self.late,
             below,
         )
-        _, before, ascended = risen(*self.start, rise, rise_hold, up, down)
-        _, after, descended = risen(*self.end, fall, fall_hold, up, down)
+        u, a = self.start
+        w, b = self.end
+        _, before, ascended = risen(
+            u,
+            a,
+            rise,
+            rise_hold,
+            up,
+            down,
+        )
+        _, after, descended = risen(
+            w,
+            b,
+            fall,
+            fall_hold,
+            up,
+            down,
+        )
         slack = self.t - before - after
         cruise = np.maximum(slack, 0.0)
         # a rise to an acceleration below 0 returns in negative time: much may cancel
         times = self.t + np.abs(before) + np.abs(after)
-        speeds = np.abs(self.start[0]) + np.abs(self.end[0]) + np.abs(peak)
+        speeds = np.abs(u) + np.abs(w) + np.abs(peak)
         return Profile(
             rise=rise,
             fall=fall,
@@ -292,18 +342,30 @@ class _Family:
     ) -> State:
         """Acceleration and hold of the quickest rise to `peak`; of one `apart` from 0, `below`."""
         u, a = state
+        c = self.c
         # p − u + r2 a²/2 = (r1 + r2) A²/2 + A d
-        gap = np.maximum(peak - u + a**2 * self.limit.up / 2, 0.0)
-        without_hold = np.sqrt(2 * gap / np.maximum(self.c, _TINY))
-        full = np.where(self.c > 0, without_hold, np.inf)
-        # d = (gap − (r1 + r2) A²/2) / A
-        needed = (gap - steepest**2 * self.c / 2) / steepest
+        lifted = a**2 * self.limit.up / 2
+        gap = np.maximum(peak - u + lifted, 0.0)
+        # without a hold: A = sqrt(2 gap / (r1 + r2))
+        without_hold = np.sqrt(2 * gap / np.maximum(c, _TINY))
+        full = np.where(c > 0, without_hold, np.inf)
+        # with one, at the limit: d = (gap − (r1 + r2) A²/2) / A
+        ramped = steepest**2 * c / 2
+        needed = (gap - ramped) / steepest
         hold = np.where(full > steepest, needed, 0.0)
-        rise = np.where(apart, below, np.minimum(full, steepest))
+        through_zero = np.minimum(full, steepest)
+        rise = np.where(apart, below, through_zero)
         return rise, np.where(apart, 0.0, hold)
 
 
-def risen(u: Any, a: Any, rise: Any, hold: Any, up: Any, down: Any) -> tuple[Any, Any, Any]:
+def risen(
+    u: Any,
+    a: Any,
+    rise: Any,
+    hold: Any,
+    up: Any,
+    down: Any,
+) -> tuple[Any, Any, Any]:
     """A rise: to acceleration `rise` at jerk `1/up`, held, then to 0 at jerk `−1/down`.
 
     Args:
@@ -323,10 +385,14 @@ def risen(u: Any, a: Any, rise: Any, hold: Any, up: Any, down: Any) -> tuple[Any
     # v1 = u + t1 (a + A)/2, v2 = v1 + A d
     v1 = u + first * (a + rise) / 2
     v2 = v1 + rise * hold
-    # x1 = t1 (u + t1 (2a + A)/6), x2 = d (v1 + v2)/2, x3 = t3 (v2 + t3 A/3)
-    ramped = first * (u + first * (2 * a + rise) / 6)
+    # x1 = t1 (u + t1 (2a + A)/6)
+    mean = u + first * (2 * a + rise) / 6
+    ramped = first * mean
+    # x2 = d (v1 + v2)/2
     held = (v1 + v2) / 2 * hold
-    released = last * (v2 + rise * last / 3)
+    # x3 = t3 (v2 + t3 A/3)
+    mean = v2 + rise * last / 3
+    released = last * mean
     # p = v2 + t3 A/2
     peak = v2 + rise * last / 2
     duration = first + hold + last
@@ -353,15 +419,23 @@ def combined(
     Returns:
         Breaks `(pieces + 1,)`, from 0 to `t`, and position coefficients `(4, pieces)`.
     """
-    u, w = states[0]
-    a, b = states[1]
-    if both.narrow((u, a), (w, b), np.array(t), h):
+    velocities, accelerations = states
+    u, w = velocities
+    a, b = accelerations
+    start = (u, a)
+    end = (w, b)
+    if both.narrow(start, end, np.array(t), h):
+        # q(t) = u t + a t²/2 + j t³/6
         jerk = (b - a) / t
-        return np.array([0.0, t]), np.array([[jerk / 6], [a / 2], [u], [0.0]])
+        cubic = [jerk / 6, a / 2, u, 0.0]
+        return np.array([0.0, t]), np.array(cubic)[:, None]
     upper_side, lower_side = sides
-    upper = _phases(both.upper, (u, a), -b, upper_side)
-    lower = _phases(both.lower, (-u, -a), b, lower_side)
-    starts = np.r_[upper[0], lower[0], t]
+    mirrored = (-u, -a)
+    upper = _phases(both.upper, start, -b, upper_side)
+    lower = _phases(both.lower, mirrored, b, lower_side)
+    upper_starts, _ = upper
+    lower_starts, _ = lower
+    starts = np.r_[upper_starts, lower_starts, t]
     breaks = np.unique(np.clip(starts, 0.0, t))
     # q(t) = λ q_up(t) + (1 − λ) q_lo(t), the lower one being mirrored
     share = float(both.share(h))
@@ -377,27 +451,33 @@ def _phases(
     limit: Limit,
 ) -> Pieces:
     """The seven phases of an extreme profile from `start` to acceleration `−b`: starts, cubics."""
+    u, a = start
     rise = float(profile.rise)
     fall = float(profile.fall)
     up = float(limit.up)
     down = float(limit.down)
     # accelerations between the phases, whose jerks are + 0 − 0 − 0 +
     between = float(np.clip(0.0, -fall, rise))
-    levels = np.array([start[1], rise, rise, between, between, -fall, -fall, -b])
-    jerks = np.array([1 / up, 0.0, -1 / down, 0.0, -1 / down, 0.0, 1 / up])
-    ramps = np.abs(np.diff(levels)[::2]) * [up, down, down, up]
-    holds = [float(x) for x in (profile.rise_hold, profile.cruise, profile.fall_hold)]
+    levels = np.array([a, rise, rise, between, between, -fall, -fall, -b])
+    rising = 1 / up
+    falling = -1 / down
+    jerks = np.array([rising, 0.0, falling, 0.0, falling, 0.0, rising])
+    changes = np.diff(levels)[::2]
+    ramps = np.abs(changes) * [up, down, down, up]
+    holds = [profile.rise_hold, profile.cruise, profile.fall_hold]
     lengths = np.zeros(7)
     lengths[::2] = ramps
     lengths[1::2] = holds
+    # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
     first = levels[:-1]
     last = levels[1:]
-    # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
-    velocity = _accumulated(start[0], lengths * (first + last) / 2)
+    gains = lengths * (first + last) / 2
+    velocity = _accumulated(u, gains)
     mean = velocity + lengths * (2 * first + last) / 6
     position = _accumulated(0.0, lengths * mean)
     starts = _accumulated(0.0, lengths)
-    return starts, np.stack([jerks / 6, first / 2, velocity, position])
+    rows = [jerks / 6, first / 2, velocity, position]
+    return starts, np.stack(rows)
 
 
 def _accumulated(start: Array | float, steps: Array) -> Array:
@@ -409,7 +489,8 @@ def _accumulated(start: Array | float, steps: Array) -> Array:
 def _resampled(pieces: Pieces, breaks: Array) -> Array:
     """Coefficients of the same profile between these breaks, its own among them."""
     starts, coefficients = pieces
-    middle = (breaks[:-1] + breaks[1:]) / 2
+    begins = breaks[:-1]
+    middle = (begins + breaks[1:]) / 2
     at = np.searchsorted(starts, middle, side="right") - 1
-    moved = breaks[:-1] - starts[at]
+    moved = begins - starts[at]
     return polynomials.shifted(coefficients[:, at], moved)

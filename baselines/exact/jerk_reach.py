@@ -23,8 +23,9 @@ _DILATION_BISECTIONS = 5
 
 def unsupported(problem: Problem) -> str | None:
     """Why jerk limits as these have no optimum, or None."""
-    finite = np.isfinite(problem.limits.jerk[problem.moving])
-    one_sided = finite[:, 0] != finite[:, 1]
+    jerk = problem.limits.jerk[problem.moving]
+    downwards, upwards = np.isfinite(jerk).T
+    one_sided = downwards != upwards
     if one_sided.any():
         return "a jerk limit on one side only has no optimum, only an infimum"
     return None
@@ -46,29 +47,40 @@ class Scaled:
     """
 
     def __init__(self, problem: Problem) -> None:
-        self.problem = problem
-        self.moving = problem.moving
-        stop = stop_times(problem.without("position"))
-        self.unit = float(stop.mean())
-        self.stop = stop / self.unit
-        velocity = problem.limits.velocity[self.moving].T
-        acceleration = problem.limits.acceleration[self.moving].T
-        jerk = problem.limits.jerk[self.moving].T
+        moving = problem.moving
+        limits = problem.limits
+        velocity = limits.velocity[moving].T
+        acceleration = limits.acceleration[moving].T
+        jerk = limits.jerk[moving].T
+        displacements = problem.displacements[:, moving]
+
+        without_position = problem.without("position")
+        stop = stop_times(without_position)
+        unit = float(stop.mean())
         # the acceleration that is reached: at its limit, or as far as jerk allows
-        by_jerk = np.abs(jerk) * self.unit
+        by_jerk = np.abs(jerk) * unit
         reached = np.minimum(np.abs(acceleration), by_jerk)
+        lowest = reached.min(axis=0)
         powers = np.arange(-1.0, 3.0)[:, None]
-        self.units = reached.min(axis=0) * self.unit**powers
-        self.r = self.units[0] / np.abs(jerk)
-        self.a = acceleration / self.units[1]
-        self.v = velocity / self.units[2]
-        displacements = problem.displacements[:, self.moving]
-        self.h = displacements / self.units[3]
+        units = lowest * unit**powers
+        j_unit, a_unit, v_unit, q_unit = units
+
+        self.problem = problem
+        self.moving = moving
+        self.unit = unit
+        self.units = units
+        self.stop = stop / unit
+        self.r = j_unit / np.abs(jerk)
+        self.a = acceleration / a_unit
+        self.v = velocity / v_unit
+        self.h = displacements / q_unit
         self.jerky = self.r.any(axis=0)
         # T >= h / V2 forwards, T >= h / (-V1) backwards
-        forwards = self.h / self.v[1]
-        backwards = self.h / self.v[0]
-        self.shortest = np.maximum(forwards, backwards).max(axis=1)
+        slowest, fastest = self.v
+        forwards = self.h / fastest
+        backwards = self.h / slowest
+        by_joint = np.maximum(forwards, backwards)
+        self.shortest = by_joint.max(axis=1)
 
     def sides(self, k: float = 1.0) -> Sides:
         """Limits of the upper and the mirrored lower profile, for motions `k` times as fast."""
@@ -88,23 +100,32 @@ class Scaled:
         """The explicit answer: in each segment a convex combination of both extreme profiles."""
         passages = np.r_[0.0, np.cumsum(times)]
         breaks = passages * self.unit
-        whole = breaks[[0, -1]]
-        joints = []
-        for waypoints in self.problem.waypoints.T:
-            rest = np.array([waypoints[:1]])
-            joints.append((whole, rest))
-        states = self._through_narrow(times, np.diff(breaks) / self.unit, states)
+        rounded = np.diff(breaks) / self.unit
+        states = self._through_narrow(times, rounded, states)
         both = self.extremes(times, states)
-        for i, joint in enumerate(np.flatnonzero(self.moving)):
+        joints = []
+        for i in range(len(self.jerky)):
             starts = []
             parts = []
             for k, t in enumerate(times):
-                local, part = self._piece(k, i, t, states, both)
+                local, part = self._piece(
+                    k,
+                    i,
+                    t,
+                    states,
+                    both,
+                )
                 starts.append(breaks[k] + local[:-1])
                 parts.append(part)
-            own_breaks = np.concatenate([*starts, breaks[-1:]])
-            joints[joint] = (own_breaks, np.hstack(parts))
-        return Trajectory.joined(joints, breaks)
+            starts.append(breaks[-1:])
+            own_breaks = np.concatenate(starts)
+            joints.append((own_breaks, np.hstack(parts)))
+        return Trajectory.of_moving(
+            self.problem.waypoints[0],
+            self.moving,
+            joints,
+            breaks,
+        )
 
     def _through_narrow(self, times: Array, rounded: Array, states: Array) -> Array:
         """The states, those after a narrow segment where constant jerk leads.
@@ -114,16 +135,24 @@ class Scaled:
         nothing: so the long one has to make up for it.
         """
         states = states.copy()
+        velocity, acceleration = states
         both = self.extremes(times, states)
         start, end = _ends(states)
-        narrow = self.jerky & both.narrow(start, end, times[:, None], self.h)
+        narrow = both.narrow(
+            start,
+            end,
+            times[:, None],
+            self.h,
+        )
+        narrow &= self.jerky
         for k in range(len(times) - 1):
             joints = narrow[k]
-            u = states[0, k, joints]
-            a, b = states[1, k : k + 2, joints].T
+            u = velocity[k, joints]
+            a = acceleration[k, joints]
+            b = acceleration[k + 1, joints]
             # w = u + (a + b) T/2
             w = u + (a + b) / 2 * rounded[k]
-            states[0, k + 1, joints] = w
+            velocity[k + 1, joints] = w
         return states
 
     def _piece(
@@ -141,12 +170,23 @@ class Scaled:
             upper, lower = self.sides()
             sides = (upper.at(i), lower.at(i))
             own = both.at(k, i)
-            local, part = jerk_profile.combined(ends, t, h, own, sides)
+            local, part = jerk_profile.combined(
+                ends,
+                t,
+                h,
+                own,
+                sides,
+            )
         else:
             u, w = ends[0]
-            v = self.v[:, i]
-            a = self.a[:, i]
-            local, part = acceleration_profile.combined(u, w, t, h, v, a)
+            local, part = acceleration_profile.combined(
+                u,
+                w,
+                t,
+                h,
+                self.v[:, i],
+                self.a[:, i],
+            )
         units = self.units[-len(part) :, i]
         part = part * units[:, None]
         waypoint = self.problem.waypoints[k, self.moving]
@@ -195,29 +235,36 @@ def _smoothed(
     """
     times = times.copy()
     states = states.copy()
+    velocity, acceleration = states
     both = scaled.extremes(times, states)
-    unreachable = ~both.reach(scaled.h, scaled.sides())
+    reachable = both.reach(scaled.h, scaled.sides())
     for k in range(1, len(times) - 1):  # the outer ends of the first and the last rest
-        joints = np.flatnonzero(unreachable[k])
-        if times[k] >= _BRIEF or not joints.size:
-            continue
         t = times[k]
+        joints = np.flatnonzero(~reachable[k])
+        if t >= _BRIEF or not joints.size:
+            continue
         h = scaled.h[k, joints]
-        u, w = states[0, k : k + 2, joints].T
-        a, b = states[1, k : k + 2, joints].T
+        u = velocity[k, joints]
+        w = velocity[k + 1, joints]
+        a = acceleration[k, joints]
+        b = acceleration[k + 1, joints]
         # constant jerk: h = v T with the mean velocity v = (u + w)/2 − (b − a) T/12
-        mean = (u + w) / 2 - (b - a) * t / 12
-        if h @ mean > 0:
+        middle = (u + w) / 2
+        mean = middle - (b - a) * t / 12
+        covered = h @ mean
+        if covered > 0:
             # the T that minimises |h − v T|
-            best = (h @ mean) / (mean @ mean)
+            best = covered / (mean @ mean)
             t = np.clip(best, t / 2, 2 * t)
         # h = u T + a T²/2 + (b − a) T²/6
-        u = h / t - a * t / 2 - (b - a) * t / 6
+        sped = a * t / 2
+        jerked = (b - a) * t / 6
+        u = h / t - sped - jerked
         # w = u + (a + b) T/2
         w = u + (a + b) / 2 * t
         times[k] = t
-        states[0, k, joints] = u
-        states[0, k + 1, joints] = w
+        velocity[k, joints] = u
+        velocity[k + 1, joints] = w
     return times, states
 
 
