@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,8 @@ from trajopt.problem import Limits, Problem
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-BRANCHES = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
+_SIGNS = itertools.product((1.0, -1.0), repeat=3)
+BRANCHES = np.array(list(_SIGNS))
 BRANCHES.setflags(write=False)
 """The eight branches in their order, `(8, 3)`: signs of shoulder (the arm reaches forwards or over
 its back), elbow, and wrist (`s5 ≥ 0` or `s5 ≤ 0` in Table 1's convention)."""
@@ -37,6 +38,7 @@ _TWISTS = np.array([0, -1, 0, -1, 1, -1]) * np.pi / 2  # Table 1's alpha
 _TOUCHING_SHARE = 1e-12  # of the arm's size: a wrist centre this near its reach's boundary is on it
 _ALIGNED_RAD = 1e-10  # below, axes 4 and 6 are one
 _ROUNDING_RAD = 1e-10  # an angle this far outside its range is at its end
+_TWIST_HALF_TURNS = 1e-12  # how far a twist may be from a multiple of a quarter turn
 _ORTHONORMAL = 1e-6  # largest entry of R Rᵀ − 1 that a rotation may have
 
 
@@ -115,23 +117,28 @@ class Robot:
         """Poses `(…, joints + 1, 4, 4)` of the base and every link at `q` `(…, joints)` rad; m."""
         theta = self._angles("q", q) + self.theta
         links = _link(self.a, self.alpha, self.d, theta)
-        base = np.broadcast_to(np.eye(4), (*links.shape[:-3], 4, 4))
-        frames = [base]
+        *batch, _, _, _ = links.shape
+        frame = np.broadcast_to(np.eye(4), (*batch, 4, 4))
+        frames = [frame]
         for link in np.moveaxis(links, -3, 0):
-            frames.append(frames[-1] @ link)
+            frame = frame @ link
+            frames.append(frame)
         return np.stack(frames, axis=-3)
 
     def forward(self, q: ArrayLike) -> Array:
         """Poses `(…, 4, 4)` of the hand at angles `q` `(…, joints)` rad (eq. 2); m."""
-        return np.asarray(self.frames(q)[..., -1, :, :])
+        frames = self.frames(q)
+        return np.asarray(frames[..., -1, :, :])
 
     def jacobian(self, q: ArrayLike) -> Array:
         """The hand's velocity (m) over its turning (rad), base frame, per rad: `(…, 6, joints)`."""
-        links = self.frames(q)[..., 1:, :, :]
+        frames = self.frames(q)
+        links = frames[..., 1:, :, :]
         axes = links[..., :3, 2]
         origins = links[..., :3, 3]
         # Turning about an axis moves the hand by axis × lever.
-        levers = origins[..., -1:, :] - origins
+        hand = origins[..., -1:, :]
+        levers = hand - origins
         linear = np.cross(axes, levers)
         columns = np.concatenate([linear, axes], axis=-1)
         return np.swapaxes(columns, -1, -2)
@@ -150,9 +157,10 @@ class Robot:
         self.check_spherical_wrist()
         before = self._posture("previous", previous)
         signs, base, hand = _flips(self)
-        size = float(np.abs([self.a, self.d]).sum())
-        near = _TOUCHING_SHARE * size
-        target = np.linalg.inv(base) @ _checked(pose) @ hand
+        lengths = np.abs([self.a, self.d])
+        near = _TOUCHING_SHARE * float(lengths.sum())
+        target = np.linalg.inv(base) @ _checked(pose)
+        target = target @ hand
         free = signs * (before + self.theta)
         joints, gap, singular = _solve(
             self.a,
@@ -188,35 +196,48 @@ class Robot:
         """Raise `InvalidInput` naming what keeps this arm from having the analytic inverse."""
         if self.joints != 6:
             raise InvalidInput("a", "six joints, for the analytic inverse", value=self.joints)
-        turns = (self.alpha - _TWISTS) / np.pi
-        square = np.abs(turns - np.round(turns)) < 1e-12
+        half_turns = (self.alpha - _TWISTS) / np.pi
+        off = half_turns - np.round(half_turns)
+        square = np.abs(off) < _TWIST_HALF_TURNS
         for joint in range(1, 6):
             angle = "0 or ±pi" if joint == 2 else "±pi/2"
             self._check_entry("alpha", joint, square[joint], angle)
+        a = self.a
+        d = self.d
         # The last three axes meet in one point.
         meet = "0, as the last three axes meet"
-        self._check_entry("a", 4, self.a[4] == 0, meet)
-        self._check_entry("d", 4, self.d[4] == 0, meet)
-        self._check_entry("a", 5, self.a[5] == 0, meet)
+        self._check_entry("a", 4, a[4] == 0, meet)
+        self._check_entry("d", 4, d[4] == 0, meet)
+        self._check_entry("a", 5, a[5] == 0, meet)
         # Both links of the elbow have a length.
         move = "not 0, as the elbow moves the wrist"
-        self._check_entry("a", 2, self.a[2] != 0, move)
-        self._check_entry("d", 3, bool(self.a[3] or self.d[3]), move)
+        self._check_entry("a", 2, a[2] != 0, move)
+        lower = a[3] != 0 or d[3] != 0
+        self._check_entry("d", 3, lower, move)
 
-    def _check_entry(self, key: str, joint: int, holds: bool, expected: str) -> None:
+    def _check_entry(
+        self,
+        key: Literal["a", "alpha", "d"],
+        joint: int,
+        holds: bool,
+        expected: str,
+    ) -> None:
         if not holds:
+            column = getattr(self, key)
             raise InvalidInput(
                 key,
                 f"{expected}, for the analytic inverse",
-                value=getattr(self, key)[joint],
+                value=column[joint],
                 joint=joint,
             )
 
     def _angles(self, key: str, q: ArrayLike) -> Array:
         expected = f"{self.joints} finite angles in rad, one per joint"
         array = _array(key, q, (self.joints,), expected)
-        for index in np.argwhere(~np.isfinite(array)).tolist():
-            raise InvalidInput(key, expected, value=array[tuple(index)], joint=index[-1])
+        endless = ~np.isfinite(array)
+        for *place, joint in np.argwhere(endless).tolist():
+            value = array[*place, joint]
+            raise InvalidInput(key, expected, value=value, joint=joint)
         return array
 
     def _posture(self, key: str, q: ArrayLike | None) -> Array:
@@ -257,18 +278,26 @@ def _nearest(robot: Robot, poses: ArrayLike, posture: Array, key: str) -> Array:
         key += _numbered(index)
         raise _unreached(robot, inverse, tuple(index), key)
     difference = inverse.joints - posture[..., None, :]
-    length = np.linalg.norm(difference, axis=-1)
-    branch = np.where(inverse.in_range, length, np.inf).argmin(axis=-1)
-    best = np.take_along_axis(inverse.joints, branch[..., None, None], axis=-2)
+    distance = np.linalg.norm(difference, axis=-1)
+    distance = np.where(inverse.in_range, distance, np.inf)
+    branch = distance.argmin(axis=-1)
+    index = branch[..., None, None]
+    best = np.take_along_axis(inverse.joints, index, axis=-2)
     return np.asarray(best[..., 0, :])
 
 
 def _numbered(index: list[int]) -> str:
     """Positions in a batch, counted from 1."""
-    return "".join(f" {i + 1}" for i in index)
+    numbers = [f" {i + 1}" for i in index]
+    return "".join(numbers)
 
 
-def _unreached(robot: Robot, inverse: Inverse, index: tuple[int, ...], key: str) -> InvalidInput:
+def _unreached(
+    robot: Robot,
+    inverse: Inverse,
+    index: tuple[int, ...],
+    key: str,
+) -> InvalidInput:
     exists = inverse.exists[index]
     if not exists.any():
         return InvalidInput(
@@ -277,23 +306,32 @@ def _unreached(robot: Robot, inverse: Inverse, index: tuple[int, ...], key: str)
             value=inverse.distance[index],
         )
     q = inverse.joints[index]
-    low, high = robot.joint_range.T
+    lows, highs = robot.joint_range.T
     # The branch whose worst joint is least outside of its range, and that joint.
-    outside = np.maximum(low - q, q - high)
+    outside = np.maximum(lows - q, q - highs)
     excess = np.where(exists[:, None], outside, np.inf)
-    branch = int(excess.max(axis=-1).argmin())
+    worst = excess.max(axis=-1)
+    branch = int(worst.argmin())
     joint = int(excess[branch].argmax())
+    low = lows[joint]
+    high = highs[joint]
     return InvalidInput(
         f"{key}, best branch",
-        f"an angle in joint_range [{low[joint]:.9g}, {high[joint]:.9g}] rad",
+        f"an angle in joint_range [{low:.9g}, {high:.9g}] rad",
         value=q[branch, joint],
         joint=joint,
     )
 
 
-def _link(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) -> Array:
+def _link(
+    a: ArrayLike,
+    alpha: ArrayLike,
+    d: ArrayLike,
+    theta: ArrayLike,
+) -> Array:
     """Eq. 1, batched: `(…, 4, 4)`."""
-    a, alpha, d, theta = np.broadcast_arrays(a, alpha, d, theta)
+    alike = np.broadcast_arrays(a, alpha, d, theta)
+    a, alpha, d, theta = alike
     c = np.cos(theta)
     s = np.sin(theta)
     ca = np.cos(alpha)
@@ -311,7 +349,8 @@ def _link(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) -> Arr
 
 def _matrix(rows: list[list[Array]]) -> Array:
     """Matrices `(…, rows, columns)` from their entries `(…)`."""
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    stacked = [np.stack(row, axis=-1) for row in rows]
+    return np.stack(stacked, axis=-2)
 
 
 def _flips(robot: Robot) -> tuple[Array, Array, Array]:
@@ -319,11 +358,14 @@ def _flips(robot: Robot) -> tuple[Array, Array, Array]:
 
     Half a turn about x flips every joint after it: `Rx(π) Rz(θ) Tz(d) = Rz(−θ) Tz(−d) Rx(π)`.
     """
-    halves = np.round((robot.alpha - _TWISTS) / np.pi) % 2
-    halves[0] = 0.0  # the base frame takes the first twist, whatever it is
-    signs = (-1.0) ** np.cumsum(halves)
+    half_turns = np.round((robot.alpha - _TWISTS) / np.pi)
+    flips = half_turns % 2
+    flips[0] = 0.0  # the base frame takes the first twist, whatever it is
+    signs = (-1.0) ** np.cumsum(flips)
     last = signs[-1]
-    base = _link(robot.a[0], robot.alpha[0], 0, 0)
+    first_a = robot.a[0]
+    first_alpha = robot.alpha[0]
+    base = _link(first_a, first_alpha, d=0, theta=0)
     hand = np.diag([1, last, last, 1])
     return signs, base, hand
 
@@ -355,7 +397,13 @@ class _Wrist(NamedTuple):
     singular: Mask
 
 
-def _solve(a: Array, d: Array, pose: Array, free: Array, near: float) -> tuple[Array, Array, Mask]:
+def _solve(
+    a: Array,
+    d: Array,
+    pose: Array,
+    free: Array,
+    near: float,
+) -> tuple[Array, Array, Mask]:
     """Angles `(…, 8, 6)`, each branch's distance from its pose `(…, 8)` m, and singularities."""
     # The wrist's centre lies d6 behind the hand.
     hand = pose[..., :3, 3]
@@ -398,9 +446,15 @@ def _solve(a: Array, d: Array, pose: Array, free: Array, near: float) -> tuple[A
         wrist.third,
     )
     joints = np.stack(angles, axis=-1)
-    singular = np.broadcast_arrays(shoulder.singular, elbow.singular, wrist.singular)
     gap = np.hypot(shoulder.short, elbow.short)
-    return joints, np.broadcast_to(gap, joints.shape[:-1]), np.stack(singular, axis=-1)
+    gap = np.broadcast_to(gap, joints.shape[:-1])
+    singularities = np.broadcast_arrays(
+        shoulder.singular,
+        elbow.singular,
+        wrist.singular,
+    )
+    singular = np.stack(singularities, axis=-1)
+    return joints, gap, singular
 
 
 def _shoulder(
@@ -416,10 +470,12 @@ def _shoulder(
     inner = abs(offset)
     singular = np.abs(r - inner) <= near
     # reach = ±√(r² − offset²), as a product: precise where the difference is small.
-    beyond = np.where(singular, 0.0, np.maximum(r - inner, 0.0))
+    beyond = np.maximum(r - inner, 0.0)
+    beyond = np.where(singular, 0.0, beyond)
     reach = sign * np.sqrt(beyond) * np.sqrt(r + inner)
     # θ1 = atan2(y, x) − atan2(offset, reach)   (eq. 6)
-    heading = np.where(r > near, np.arctan2(y, x), free)
+    heading = np.arctan2(y, x)
+    heading = np.where(r > near, heading, free)
     angle = heading - np.arctan2(offset, reach)
     short = np.maximum(inner - r, 0.0)
     return _Shoulder(angle, reach, short, singular)
@@ -440,30 +496,42 @@ def _elbow(
     outer = abs(upper) + lower_length
     rho = np.hypot(u, w)
     # Within the annulus, and on its rims where rounding would leave them.
+    touches_outer = np.abs(rho - outer) <= near
+    touches_inner = np.abs(rho - inner) <= near
     rim = np.clip(rho, inner, outer)
-    rim = np.where(np.abs(rho - outer) <= near, outer, rim)
-    rim = np.where(np.abs(rho - inner) <= near, inner, rim)
+    rim = np.where(touches_outer, outer, rim)
+    rim = np.where(touches_inner, inner, rim)
     # tan²(bend/2) = (outer² − ρ²)/(ρ² − inner²), factored: precise up to the stretched arm.
     beyond = (outer - rim) * (outer + rim)
     within = (rim - inner) * (rim + inner)
-    half = np.arctan2(np.sqrt(beyond), np.sqrt(within))
+    root_beyond = np.sqrt(beyond)
+    root_within = np.sqrt(within)
+    half = np.arctan2(root_beyond, root_within)
     straight = 0.0 if upper > 0 else np.pi
     bend = straight + 2 * sign * half
     # θ2 = atan2(w, u) − the angle at the shoulder between upper link and wrist centre
     opposite = lower_length * np.sin(bend)
     adjacent = upper + lower_length * np.cos(bend)
-    lift = np.arctan2(w, u) - np.arctan2(opposite, adjacent)
+    elevation = np.arctan2(w, u)
+    lift = elevation - np.arctan2(opposite, adjacent)
     # θ3 counts from the lower link's x axis.
     along, across = lower
+    outside = np.maximum(rho - outer, inner - rho)
     return _Elbow(
         upper_angle=np.where(rho > near, lift, free),
         lower_angle=bend - np.arctan2(across, along),
-        short=np.maximum(np.maximum(rho - outer, inner - rho), 0.0),
+        short=np.maximum(outside, 0.0),
         singular=(rim == inner) | (rim == outer),
     )
 
 
-def _wrist(rotation: Array, t1: Array, t23: Array, sign: Array, free: Array) -> _Wrist:
+def _wrist(
+    rotation: Array,
+    t1: Array,
+    t23: Array,
+    sign: Array,
+    free: Array,
+) -> _Wrist:
     """θ4, θ5, θ6 from `N = Rx(π/2) R36 = Rz(θ4) Ry(−θ5) Rz(θ6)`."""
     c1 = np.cos(t1)
     s1 = np.sin(t1)
@@ -476,38 +544,50 @@ def _wrist(rotation: Array, t1: Array, t23: Array, sign: Array, free: Array) -> 
         [-c1 * s, -s1 * s, -c],
     ]
     product = _matrix(rows) @ rotation
-    n = np.moveaxis(product, (-2, -1), (0, 1))
+    first_row, second_row, _ = np.moveaxis(product, (-2, -1), (0, 1))
+    n11, n12, n13 = first_row
+    n21, n22, n23 = second_row
+    n33 = product[..., 2, 2]
     # Its last column is (−c4 s5, −s4 s5, c5): θ4 from the first two, unless they vanish.
-    singular = np.hypot(n[0, 2], n[1, 2]) <= _ALIGNED_RAD
+    singular = np.hypot(n13, n23) <= _ALIGNED_RAD
     flip = np.where(sign > 0, 0.0, np.pi)
-    turned = np.arctan2(-sign * n[1, 2], -sign * n[0, 2])
+    turned = np.arctan2(-sign * n23, -sign * n13)
     t4 = np.where(singular, free + flip, turned)
     # Rz(−θ4) N = Ry(−θ5) Rz(θ6)
     c4 = np.cos(t4)
     s4 = np.sin(t4)
-    s5 = -c4 * n[0, 2] - s4 * n[1, 2]
-    t5 = np.arctan2(s5, n[2, 2])
-    s6 = c4 * n[1, 0] - s4 * n[0, 0]
-    c6 = c4 * n[1, 1] - s4 * n[0, 1]
+    s5 = -c4 * n13 - s4 * n23
+    t5 = np.arctan2(s5, n33)
+    s6 = c4 * n21 - s4 * n11
+    c6 = c4 * n22 - s4 * n12
     t6 = np.arctan2(s6, c6)
     return _Wrist(t4, t5, t6, singular)
 
 
-def _representative(q: Array, joint_range: Array, previous: Array) -> tuple[Array, Mask]:
+def _representative(
+    q: Array,
+    joint_range: Array,
+    previous: Array,
+) -> tuple[Array, Mask]:
     """Angles `(…, 8, 6)` plus multiples of 2π as `Robot.inverse` promises; if all are in range."""
     low, high = joint_range.T
     turn = 2 * np.pi
     # q + m · 2π is in range for every whole m from `first` to `last`.
-    first = np.ceil((low - _ROUNDING_RAD - q) / turn)
-    last = np.floor((high + _ROUNDING_RAD - q) / turn)
+    to_low = low - _ROUNDING_RAD - q
+    to_high = high + _ROUNDING_RAD - q
+    first = np.ceil(to_low / turn)
+    last = np.floor(to_high / turn)
     inside = first <= last
     above = q + first * turn - high
     below = low - q - last * turn
     outside = np.where(above < below, first, last)
-    nearest = np.round((previous[..., None, :] - q) / turn)
+    to_previous = previous[..., None, :] - q
+    nearest = np.round(to_previous / turn)
     wanted = np.clip(nearest, first, last)
-    q = q + turn * np.where(inside, wanted, outside)
-    return np.where(inside, np.clip(q, low, high), q), inside.all(axis=-1)
+    turns = np.where(inside, wanted, outside)
+    q = q + turn * turns
+    clipped = np.clip(q, low, high)
+    return np.where(inside, clipped, q), inside.all(axis=-1)
 
 
 def _checked(poses: Any) -> Array:
@@ -515,30 +595,41 @@ def _checked(poses: Any) -> Array:
     expected = "a finite 4 x 4 matrix: a rotation and a position over a row 0, 0, 0, 1"
     given = poses.as_matrix() if hasattr(poses, "as_matrix") else poses
     array = _array("pose", given, (4, 4), expected)
-    finite = np.isfinite(array).all(axis=(-1, -2))
-    rotation = np.nan_to_num(np.clip(array[..., :3, :3], -2, 2))
+    entries = (-1, -2)
+    finite = np.isfinite(array).all(axis=entries)
+    rotation = np.clip(array[..., :3, :3], -2, 2)
+    rotation = np.nan_to_num(rotation)
     # R Rᵀ = 1, det R > 0
     gram = rotation @ np.swapaxes(rotation, -1, -2)
-    deviation = np.abs(gram - np.eye(3)).max(axis=(-1, -2))
+    deviation = np.abs(gram - np.eye(3))
+    orthonormal = deviation.max(axis=entries) < _ORTHONORMAL
     right_handed = np.linalg.det(rotation) > 0
-    last_row = (array[..., 3, :] == [0, 0, 0, 1]).all(axis=-1)
-    right = finite & last_row & right_handed & (deviation < _ORTHONORMAL)
+    last_row = array[..., 3, :] == [0, 0, 0, 1]
+    right = finite & orthonormal & right_handed & last_row.all(axis=-1)
     for index in np.argwhere(~right).tolist():
         key = "pose" + _numbered(index)
-        raise InvalidInput(key, expected, value=array[tuple(index)].tolist())
+        wrong = array[tuple(index)]
+        raise InvalidInput(key, expected, value=wrong.tolist())
     return array
 
 
-def _array(key: str, value: Any, shape: tuple[int, ...], expected: str) -> Array:
+def _array(
+    key: str,
+    value: Any,
+    shape: tuple[int, ...],
+    expected: str,
+) -> Array:
     """`value` as a new array `(…, *shape)` of numbers."""
     try:
         array = np.asarray(value)
     except ValueError:  # ragged
         array = np.asarray(None)
-    trailing = array.shape[array.ndim - len(shape) :]
+    batch = array.ndim - len(shape)
+    trailing = array.shape[batch:]
     if array.dtype.kind not in "iuf" or trailing != shape:
-        shown = value.tolist() if isinstance(value, np.ndarray) else value
-        raise InvalidInput(key, expected, value=shown)
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        raise InvalidInput(key, expected, value=value)
     return array.astype(float)
 
 
@@ -547,9 +638,12 @@ def _parsed(table: Mapping[str, Any], stem: str) -> Robot:
     _check_keys(table)
     _check_choice(table, "convention", ("modified-dh",))
     _check_choice(table, "angle_unit", ("deg", "rad"))
-    columns = _columns({key: table[key] for key in _COLUMNS})
+    given = {key: table[key] for key in _COLUMNS}
+    columns = _columns(given)
     # Only after checking, so that errors show what the file says.
-    radians = np.pi / 180 if table["angle_unit"] == "deg" else 1.0
+    radians = 1.0
+    if table["angle_unit"] == "deg":
+        radians = np.pi / 180
     for key in ("alpha", "theta", "joint_range"):
         columns[key] *= radians
     return Robot(**columns, name=table["name"], source=table["source"])
@@ -563,10 +657,15 @@ def _check_keys(table: Mapping[str, Any]) -> None:
         raise InvalidInput(key, f"this key, as all of {known}")
 
 
-def _check_choice(table: Mapping[str, Any], key: str, choices: tuple[str, ...]) -> None:
-    if table[key] not in choices:
-        expected = " or ".join(f'"{choice}"' for choice in choices)
-        raise InvalidInput(key, expected, value=table[key])
+def _check_choice(
+    table: Mapping[str, Any],
+    key: str,
+    choices: tuple[str, ...],
+) -> None:
+    chosen = table[key]
+    if chosen not in choices:
+        quoted = [f'"{choice}"' for choice in choices]
+        raise InvalidInput(key, " or ".join(quoted), value=chosen)
 
 
 def _check_text(key: str, value: object) -> None:
@@ -583,11 +682,14 @@ def _columns(given: Mapping[str, Any]) -> dict[str, Array]:
         _check_types(key, value, expected)
         array = _array(key, value, entry.shape, expected)
         columns[key] = array
-        fits = array.ndim == 1 + len(entry.shape) and 0 < len(array) == len(columns["a"])
-        if not fits:
+        is_column = array.ndim == 1 + len(entry.shape)
+        joints = len(columns["a"])
+        if not is_column or not 0 < len(array) == joints:
             raise InvalidInput(key, f"{expected} of a", value=array.tolist())
-        for joint in np.flatnonzero(~entry.right(array)).tolist():
-            raise InvalidInput(key, expected, value=array[joint].tolist(), joint=joint)
+        wrong = ~entry.right(array)
+        for joint in np.flatnonzero(wrong).tolist():
+            value = array[joint].tolist()
+            raise InvalidInput(key, expected, value=value, joint=joint)
     return columns
 
 
@@ -595,7 +697,8 @@ def _check_types(key: str, value: Any, expected: str) -> None:
     """Numbers only: NumPy would take truth values and texts of digits too."""
     rows = value if isinstance(value, list | tuple) else ()
     for joint, item in enumerate(rows):
-        types = {type(x) for x in np.array(item, dtype=object).flat}
+        entries = np.array(item, dtype=object)
+        types = {type(entry) for entry in entries.flat}
         if types - _NUMBER_TYPES:
             raise InvalidInput(key, expected, value=item, joint=joint)
 
@@ -608,5 +711,18 @@ class _Entry(NamedTuple):
     right: Callable[[Array], Mask]
 
 
-_NUMBER = _Entry("finite number", (), np.isfinite)
-_RANGE = _Entry("[low, high] with low < high", (2,), lambda rows: rows[:, 0] < rows[:, 1])
+def _ordered(rows: Array) -> Mask:
+    low, high = rows.T
+    return np.asarray(low < high)
+
+
+_NUMBER = _Entry(
+    "finite number",
+    shape=(),
+    right=np.isfinite,
+)
+_RANGE = _Entry(
+    "[low, high] with low < high",
+    shape=(2,),
+    right=_ordered,
+)
