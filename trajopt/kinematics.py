@@ -683,8 +683,7 @@ def _columns(given: Mapping[str, Any]) -> dict[str, Array]:
         array = _array(key, value, entry.shape, expected)
         columns[key] = array
         is_column = array.ndim == 1 + len(entry.shape)
-        joints = len(columns["a"])
-        if not is_column or not 0 < len(array) == joints:
+        if not is_column or not 0 < len(array) == len(columns["a"]):
             raise InvalidInput(key, f"{expected} of a", value=array.tolist())
         wrong = ~entry.right(array)
         for joint in np.flatnonzero(wrong).tolist():

@@ -72,7 +72,9 @@ class Limits:
 
     def without(self, *names: LimitName) -> Limits:
         """The same limits with the named ones lifted (only jerk and position can be)."""
-        remaining = {name: pairs for name, pairs in self.by_name().items() if name not in names}
+        remaining = self.by_name()
+        for name in names:
+            remaining.pop(name, None)
         return Limits(**remaining)
 
     def only(self, joints: ArrayLike) -> Limits:
@@ -126,7 +128,8 @@ class Problem:
         name: str = "unnamed",
         source: str = "",
     ) -> None:
-        object.__setattr__(self, "waypoints", _frozen(_table(waypoints)))
+        rows = _table(waypoints)
+        object.__setattr__(self, "waypoints", _frozen(rows))
         object.__setattr__(self, "limits", limits)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "source", source)
@@ -155,9 +158,11 @@ class Problem:
 
         `times[index]` expands the merged problem's waypoint times to this one's.
         """
-        moves = np.r_[True, self.displacements.any(axis=1)]
-        index = np.cumsum(moves) - 1
-        return replace(self, waypoints=self.waypoints[moves]), index
+        moves = self.displacements.any(axis=1)
+        differs = np.concatenate([[True], moves])
+        index = np.cumsum(differs) - 1
+        merged = replace(self, waypoints=self.waypoints[differs])
+        return merged, index
 
     def without(self, *names: LimitName) -> Problem:
         """This problem with the named limits lifted: a relaxation of it."""
@@ -178,12 +183,15 @@ class Problem:
 
     def has(self, name: LimitName) -> bool:
         """Whether any joint has a finite limit of this name."""
-        return bool(np.isfinite(getattr(self.limits, name)).any())
+        pairs = self.limits.by_name()[name]
+        finite = np.isfinite(pairs)
+        return bool(finite.any())
 
     def digest(self) -> str:
         """SHA-256 of the numbers (not of the name): a changed problem has another digest."""
         digest = hashlib.sha256()
-        for array in (self.waypoints, *self.limits.by_name().values()):
+        limits = self.limits.by_name()
+        for array in (self.waypoints, *limits.values()):
             numbers = (array + 0.0).astype("<f8")  # −0.0 is 0.0
             digest.update(repr(array.shape).encode())
             digest.update(numbers.tobytes())
@@ -206,11 +214,16 @@ class Problem:
 
     def to_toml(self) -> str:
         """The problem file, in radians; reading it back gives the same digest."""
-        limits: dict[str, Array] = {}
+        limits = self.limits.by_name()
         for name in LIMIT_NAMES:
-            if self.has(name):
-                limits[name] = getattr(self.limits, name)
-        return problem_file.text(self.name, self.source, self.waypoints, limits)
+            if not self.has(name):
+                del limits[name]
+        return problem_file.text(
+            self.name,
+            self.source,
+            self.waypoints,
+            limits,
+        )
 
 
 def _from_file(path: Path) -> Problem:
@@ -242,11 +255,18 @@ def _pairs(name: str, value: Any) -> Array:
             high = float(item)
             pairs.append((-high, high))
             continue
-        if not _is_list(item) or len(item) != 2 or not all(map(_is_number, item)):
+        if not _is_pair(item):
             raise InvalidInput(key, "a number or a [low, high] pair", value=item, joint=joint)
         low, high = item
         pairs.append((float(low), float(high)))
     return np.array(pairs)
+
+
+def _is_pair(item: Any) -> bool:
+    if not _is_list(item) or len(item) != 2:
+        return False
+    low, high = item
+    return _is_number(low) and _is_number(high)
 
 
 def _check_signs(name: str, pairs: Array) -> None:
@@ -258,15 +278,19 @@ def _check_signs(name: str, pairs: Array) -> None:
     if finite:
         expected += ", finite"
     for joint, (low, high) in enumerate(pairs):
-        ordered = low < high if name == "position" else low < 0 < high
-        if not ordered or (finite and not np.isfinite([low, high]).all()):
+        ordered = low < high
+        if name != "position":
+            ordered = low < 0 < high
+        endless = np.isinf(low) or np.isinf(high)
+        if not ordered or (finite and endless):
             value = _as_written(name, low, high)
             raise InvalidInput(f"limits.{name}", expected, value=value, joint=joint)
 
 
 def _as_written(name: str, low: float, high: float) -> float | list[float]:
     """A pair, or the one number that it was made of."""
-    symmetric = low == -high or np.isnan([low, high]).all()
+    missing = np.isnan(low) and np.isnan(high)
+    symmetric = low == -high or missing
     if symmetric and name != "position":
         return float(high)
     return [float(low), float(high)]
@@ -280,8 +304,9 @@ def _table(rows: Any) -> Array:
         key = f"waypoints, waypoint {number}"
         if not _is_list(row) or len(row) == 0:
             raise InvalidInput(key, "a row of numbers, one per joint", value=row)
-        if len(row) != len(rows[0]):
-            raise InvalidInput(key, f"{len(rows[0])} numbers", value=list(row))
+        joints = len(rows[0])
+        if len(row) != joints:
+            raise InvalidInput(key, f"{joints} numbers", value=list(row))
         for joint, item in enumerate(row):
             if not _is_number(item) or not np.isfinite(float(item)):
                 raise InvalidInput(key, "a finite number", value=item, joint=joint)
@@ -289,19 +314,21 @@ def _table(rows: Any) -> Array:
 
 
 def _check_waypoints(waypoints: Array, limits: Limits) -> None:
-    if waypoints.shape[1] != limits.joints:
-        expected = f"{waypoints.shape[1]} values, one per joint of the waypoints"
+    _, joints = waypoints.shape
+    if limits.joints != joints:
+        expected = f"{joints} values, one per joint of the waypoints"
         raise InvalidInput("limits.velocity", expected, value=limits.joints)
-    if not np.diff(waypoints, axis=0).any():
+    displacements = np.diff(waypoints, axis=0)
+    if not displacements.any():
         raise InvalidInput("waypoints", "at least two different ones; these never move")
-    low, high = limits.position.T
-    outside = np.argwhere((waypoints < low) | (waypoints > high))
-    if len(outside) > 0:
-        row, joint = outside[0]
-        inside = f"a value inside limits.position [{low[joint]:.9g}, {high[joint]:.9g}] rad"
+    lows, highs = limits.position.T
+    outside = (waypoints < lows) | (waypoints > highs)
+    for row, joint in np.argwhere(outside):
+        low = lows[joint]
+        high = highs[joint]
         raise InvalidInput(
             f"waypoints, waypoint {row + 1}",
-            inside,
+            f"a value inside limits.position [{low:.9g}, {high:.9g}] rad",
             value=float(waypoints[row, joint]),
             joint=int(joint),
         )

@@ -65,8 +65,10 @@ class SwarmPlanner(Planner):
         require("iterations", self.iterations, self.iterations >= 0, "0 or more")
         some = self.evaluations is None or self.evaluations >= 1
         require("evaluations", self.evaluations, some, "at least 1, or None")
-        require("upper", self.upper, 0 < self.upper < np.inf, "a finite number above 0")
-        require("lower", self.lower, 0 < self.lower < 1, "a number between 0 and 1")
+        upper = self.upper
+        require("upper", upper, 0 < upper < np.inf, "a finite number above 0")
+        lower = self.lower
+        require("lower", lower, 0 < lower < 1, "a number between 0 and 1")
 
     @property
     def description(self) -> str:
@@ -77,7 +79,8 @@ class SwarmPlanner(Planner):
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The answer of one run."""
-        return self.solve_batch(problem, [seed])[0]
+        solutions = self.solve_batch(problem, [seed])
+        return solutions[0]
 
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
         """One answer per seed, all runs advancing together; each is what `solve` gives alone."""
@@ -112,14 +115,18 @@ class SwarmPlanner(Planner):
         """One run's answer, from the times `(groups, 3)` and the history of each of its groups."""
         longest = times.max(axis=0)
         groups = len(times)
-        stats: dict[str, Any] = {"segment_times": longest, "iterations": result.iterations}
+        stats: dict[str, Any] = {
+            "segment_times": longest,
+            "iterations": result.iterations,
+        }
         history: Array | None = histories[0]
         if self.timing == "per-joint":
             stats |= task.joint_stats(problem.joints, times, histories)
             history = None
-        lost = sum(bool(np.isnan(own[-1, 1])) for own in histories)
+        last = [own[-1, 1] for own in histories]
+        lost = np.isnan(last).sum()
         message = ""
-        if lost:
+        if lost > 0:
             message = f"no candidate kept the limits ({lost} of {groups} searches)"
         return Solution(
             Status.SOLVED,
@@ -151,9 +158,15 @@ class _Task:
         joints = np.flatnonzero(problem.moving)
         free = problem.without("position")
         moving = free.only(joints)
-        groups = [joints] if planner.timing == "shared" else list(joints[:, None])
-        longest = np.array([stop_times(free.only(group)).max() for group in groups])
-        high = np.repeat(planner.upper * longest[:, None], 3, axis=1)
+        groups = [joints]
+        if planner.timing == "per-joint":
+            groups = list(joints[:, None])
+        longest = []
+        for group in groups:
+            times = stop_times(free.only(group))
+            longest.append(times.max())
+        high = planner.upper * np.array(longest)
+        high = np.repeat(high[:, None], 3, axis=1)
         return cls(
             planner,
             joints,
@@ -186,14 +199,19 @@ class _Task:
         keys: list[tuple[int, ...]] = [()]
         if not self.shared:
             keys = [(int(joint),) for joint in self.joints]
-        return [SeedSequence(seed, spawn_key=key) for seed in seeds for key in keys]
+        streams = []
+        for seed in seeds:
+            streams += [SeedSequence(seed, spawn_key=key) for key in keys]
+        return streams
 
     def seconds(self, x: Array) -> Array:
         """Segment times of candidates `(seeds · groups, m, 3)`: `(seeds, m, groups, 3)`, s."""
         groups = len(self.low)
-        times = x.reshape(-1, groups, *x.shape[1:]).swapaxes(1, 2)
+        by_seed = x.reshape(-1, groups, *x.shape[1:])
+        times = by_seed.swapaxes(1, 2)
         if self.planner.space == "unit":
-            return self.low + times * (self.high - self.low)
+            size = self.high - self.low
+            return self.low + times * size
         return times
 
     def fitness(self, x: Array) -> Array:
@@ -201,17 +219,25 @@ class _Task:
         times = self.seconds(x)
         scaled = self.planner.fitness == "scaled"
         value = self._scaled(times) if scaled else self._penalty(times)
-        return value.swapaxes(1, 2).reshape(x.shape[:2])
+        by_group = value.swapaxes(1, 2)
+        return by_group.reshape(x.shape[:2])
 
     def _penalty(self, times: Array) -> Array:
         """Deb's rule as one number: the duration, or more than any by what breaks the limits."""
-        uses = spline353.limit_use(self.displacements, times, self.limits, exact_above=1.0)
+        uses = spline353.limit_use(
+            self.displacements,
+            times,
+            self.limits,
+            exact_above=1.0,
+        )
         excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
         excess = reduce(np.add, excesses)
         if len(self.low) == 1:
             excess = added(excess)[..., None]
-        beyond = np.nextafter(self.ceiling, np.inf) + excess
-        return np.asarray(np.where(excess > 0, beyond, added(times)))
+        above_any = np.nextafter(self.ceiling, np.inf)
+        beyond = above_any + excess
+        duration = added(times)
+        return np.asarray(np.where(excess > 0, beyond, duration))
 
     def _scaled(self, times: Array) -> Array:
         """The duration once dilated to the limits."""
@@ -224,9 +250,11 @@ class _Task:
     def answers(self, result: Result) -> Iterator[tuple[Array, list[Array]]]:
         """Per seed: the best times of each group `(groups, 3)`, s, and each group's history."""
         groups = len(self.low)
-        times = self.seconds(result.position[:, None])[:, 0]
+        one_candidate = result.position[:, None]
+        times = self.seconds(one_candidate)[:, 0]
         if self.planner.fitness == "scaled":
-            factor = result.fitness.reshape(-1, groups) / added(times)
+            duration = result.fitness.reshape(-1, groups)
+            factor = duration / added(times)
             times = times * factor[..., None]
         for row, own in enumerate(times):
             first = row * groups
@@ -242,7 +270,12 @@ class _Task:
         within = np.where(best > ceiling, np.nan, best)
         return np.column_stack([spent, within])
 
-    def joint_stats(self, joints: int, times: Array, histories: list[Array]) -> dict[str, Array]:
+    def joint_stats(
+        self,
+        joints: int,
+        times: Array,
+        histories: list[Array],
+    ) -> dict[str, Array]:
         """What each joint would do alone; NaN for joints that never move."""
         own_times = np.full((joints, 3), np.nan)
         durations = np.full(joints, np.nan)
@@ -251,7 +284,8 @@ class _Task:
             history = histories[row]
             own_times[joint] = times[row]
             durations[joint] = history[-1, 1]
-            curves.append(np.insert(history, 0, joint, axis=1))
+            curve = np.insert(history, 0, joint, axis=1)
+            curves.append(curve)
         return {
             "joint_times": own_times,
             "joint_durations": durations,
@@ -268,7 +302,9 @@ class Unoptimised(Planner):
     def __post_init__(self) -> None:
         if not 1e-9 < self.segment_time < 1e9:
             raise InvalidInput(
-                "segment_time", "a positive time in seconds", value=self.segment_time
+                "segment_time",
+                "a positive time in seconds",
+                value=self.segment_time,
             )
 
     def unsupported(self, problem: Problem) -> str | None:
@@ -277,7 +313,8 @@ class Unoptimised(Planner):
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         times = np.full(3, self.segment_time)
-        return Solution(Status.SOLVED, spline353.trajectory(problem, times), evaluations=0)
+        trajectory = spline353.trajectory(problem, times)
+        return Solution(Status.SOLVED, trajectory, evaluations=0)
 
 
 pso = SwarmPlanner(PSO())

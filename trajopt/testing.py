@@ -49,15 +49,43 @@ def check_planner(planner: object, problems: Iterable[Problem] | None = None) ->
 
 def examples() -> list[Problem]:
     """Small problems with edges; the first has the known optimum 2 s."""
-    two = Limits([1.0, 1.5], [2.0, 3.0])
-    asymmetric = Limits([[-1, 2], 1.5], [[-2, 1], [-4, 3]])
+    one = Limits(velocity=[1.0], acceleration=[2.0])
+    two = Limits(velocity=[1.0, 1.5], acceleration=[2.0, 3.0])
+    asymmetric = Limits(
+        velocity=[[-1, 2], 1.5],
+        acceleration=[[-2, 1], [-4, 3]],
+    )
     return [
-        Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint"),
-        Problem([[0, 0], [1, -0.5], [0.3, -1], [0.5, 0]], two, "reversal"),
-        Problem([[0, 0.2], [0.4, 0.2], [1, 0.2], [1.2, 0.2]], two, "a joint that rests"),
-        Problem([[0, 0], [0.5, 0.2], [0.5, 0.2], [0.8, 0.7], [1, 1]], two, "a waypoint twice"),
-        Problem([[0, 0], [1, 1]], two, "two waypoints"),
-        Problem([[0, 0], [0.5, -0.1], [1, 0.4], [0.2, 0.8]], asymmetric, "asymmetric limits"),
+        Problem(
+            [[0.0], [0.4], [1.0], [1.5]],
+            one,
+            name="one joint",
+        ),
+        Problem(
+            [[0, 0], [1, -0.5], [0.3, -1], [0.5, 0]],
+            two,
+            name="reversal",
+        ),
+        Problem(
+            [[0, 0.2], [0.4, 0.2], [1, 0.2], [1.2, 0.2]],
+            two,
+            name="a joint that rests",
+        ),
+        Problem(
+            [[0, 0], [0.5, 0.2], [0.5, 0.2], [0.8, 0.7], [1, 1]],
+            two,
+            name="a waypoint twice",
+        ),
+        Problem(
+            [[0, 0], [1, 1]],
+            two,
+            name="two waypoints",
+        ),
+        Problem(
+            [[0, 0], [0.5, -0.1], [1, 0.4], [0.2, 0.8]],
+            asymmetric,
+            name="asymmetric limits",
+        ),
     ]
 
 
@@ -68,7 +96,8 @@ def _check_object(planner: object) -> None:
     _require(parameters.frozen, "its dataclass is not frozen")
     _require(hasattr(planner, "solve"), "it lacks solve")
     for field in fields(planner):  # type: ignore[arg-type]
-        _require(hasattr(planner, field.name), f"option {field.name} has no value")
+        has_value = hasattr(planner, field.name)
+        _require(has_value, f"option {field.name} has no value")
     try:
         check_visible(adapted(planner))
     except InvalidInput as error:
@@ -83,34 +112,50 @@ def _check_object(planner: object) -> None:
 def _check_on(planner: Planner, problem: Problem) -> None:
     where = f" on {problem.name!r}"
     relation = planner.relation(problem)
-    _require(isinstance(relation, Relation), f"relation{where} is not a Relation")
+    is_relation = isinstance(relation, Relation)
+    _require(is_relation, f"relation{where} is not a Relation")
     reason = planner.unsupported(problem)
-    is_reason = isinstance(reason, str) and bool(reason)
-    _require(reason is None or is_reason, f"unsupported{where} is neither None nor a reason")
+    says_why = isinstance(reason, str) and bool(reason)
+    as_agreed = reason is None or says_why
+    _require(as_agreed, f"unsupported{where} is neither None nor a reason")
     if reason is not None:
         return
-    first = [planner.solve(problem, seed=seed) for seed in _SEEDS]
+    solutions = [planner.solve(problem, seed=seed) for seed in _SEEDS]
     again = planner.solve(problem, seed=_SEEDS[0])
-    for solution in (*first, again):
-        _require(isinstance(solution, Solution), f"solve{where} returns no Solution")
-    _require(_same(first[0], again), f"solve{where} differs for the same seed")
-    for solution in first:
+    for solution in (*solutions, again):
+        is_solution = isinstance(solution, Solution)
+        _require(is_solution, f"solve{where} returns no Solution")
+    repeated = _same(solutions[0], again)
+    _require(repeated, f"solve{where} differs for the same seed")
+    for solution in solutions:
         _check_solution(solution, problem, relation, where)
     if planner.batched:
-        _check_batch(planner, problem, first, where)
+        _check_batch(planner, problem, solutions, where)
 
 
-def _check_batch(planner: Planner, problem: Problem, alone: list[Solution], where: str) -> None:
+def _check_batch(
+    planner: Planner,
+    problem: Problem,
+    alone: list[Solution],
+    where: str,
+) -> None:
     together = planner.solve_batch(problem, list(_SEEDS))
     complete = len(together) == len(_SEEDS)
     _require(complete, f"solve_batch{where} returns another number of solutions")
     for one, other in zip(alone, together, strict=True):
-        _require(_same(one, other), f"solve_batch{where} differs from solve")
+        alike = _same(one, other)
+        _require(alike, f"solve_batch{where} differs from solve")
 
 
-def _check_solution(solution: Solution, problem: Problem, relation: Relation, where: str) -> None:
+def _check_solution(
+    solution: Solution,
+    problem: Problem,
+    relation: Relation,
+    where: str,
+) -> None:
     if solution.status is not Status.SOLVED:
-        _require(bool(solution.message), f"{solution.status}{where} without a message")
+        says_why = bool(solution.message)
+        _require(says_why, f"{solution.status}{where} without a message")
         return
     if solution.trajectory is None:
         raise ContractError(f"solved{where} without a trajectory")
@@ -119,10 +164,15 @@ def _check_solution(solution: Solution, problem: Problem, relation: Relation, wh
     except InvalidTrajectory as error:
         raise ContractError(f"invalid{where}: {error}") from error
     if relation is not Relation.RELAXATION:
-        _require(certificate.valid, f"invalid{where}: {'; '.join(certificate.flaws)}")
+        flaws = "; ".join(certificate.flaws)
+        _require(certificate.valid, f"invalid{where}: {flaws}")
 
 
-def _check_never_beats(planner: Planner, problem: Problem, optimum: float) -> None:
+def _check_never_beats(
+    planner: Planner,
+    problem: Problem,
+    optimum: float,
+) -> None:
     if planner.unsupported(problem) is not None:
         return
     if planner.relation(problem) is Relation.RELAXATION:
@@ -131,7 +181,8 @@ def _check_never_beats(planner: Planner, problem: Problem, optimum: float) -> No
     if trajectory is None:
         return
     certified = verify(problem, trajectory).certified_duration
-    if certified is not None and certified < optimum * (1 - _BEATEN_RTOL):
+    shortest = optimum * (1 - _BEATEN_RTOL)
+    if certified is not None and certified < shortest:
         raise ContractError(
             f"certified {certified} s where the optimum is {optimum} s: a bug in the verifier"
         )
@@ -139,7 +190,8 @@ def _check_never_beats(planner: Planner, problem: Problem, optimum: float) -> No
 
 def _same(one: Solution, other: Solution) -> bool:
     """The same bits, whatever the time they took."""
-    a, b = one.trajectory, other.trajectory
+    a = one.trajectory
+    b = other.trajectory
     if a is None or b is None:
         return one.status is other.status and a is b
     return (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trajopt import polynomials
 from trajopt.planner import Planner
-from trajopt.problem import LIMIT_NAMES, LimitName, Limits, Problem
+from trajopt.problem import LimitName, Limits, Problem
 from trajopt.trajectory import Trajectory
 from trajopt.verification import certified, verify
 
@@ -22,7 +22,12 @@ RELAXED_SHARE = 0.01  # by which a limit is widened to see what that saves
 _JOINED_SHARE = 0.01  # of the duration: stretches closer than this are one
 _SAVING_RTOL = 1e-6  # of the duration: how precisely two answers of one planner compare
 # Which derivative of position a limit bounds.
-_ORDERS: dict[LimitName, int] = {"position": 0, "velocity": 1, "acceleration": 2, "jerk": 3}
+_ORDERS: dict[LimitName, int] = {
+    "position": 0,
+    "velocity": 1,
+    "acceleration": 2,
+    "jerk": 3,
+}
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,11 @@ def _highest_saving(limit: LimitName) -> float:
     return 1 - 1 / c
 
 
-def _duration(problem: Problem, trajectory: Trajectory, solver: Planner | None) -> float | None:
+def _duration(
+    problem: Problem,
+    trajectory: Trajectory,
+    solver: Planner | None,
+) -> float | None:
     """What the solver takes, or the trajectory dilated (or sped up) to the limits, s."""
     if solver is None:
         return verify(problem, trajectory).dilation * trajectory.duration
@@ -115,7 +124,9 @@ def _duration(problem: Problem, trajectory: Trajectory, solver: Planner | None) 
     if answer is None:
         return None
     judged = certified(problem, answer)
-    return None if judged is None else judged.duration
+    if judged is None:
+        return None
+    return judged.duration
 
 
 def stretches(
@@ -148,12 +159,13 @@ def relaxed(
     by: float = RELAXED_SHARE,
 ) -> Problem:
     """The problem with one limit of one joint wider by a share; a position limit by its range."""
-    limits = {name: np.array(getattr(problem.limits, name)) for name in LIMIT_NAMES}
-    low, high = limits[limit][joint]
-    size = np.array([low, high])
+    limits = {name: pairs.copy() for name, pairs in problem.limits.by_name().items()}
+    pair = limits[limit][joint]
+    low, high = pair
+    size = pair.copy()
     if limit == "position":
         size = np.array([low - high, high - low])
-    limits[limit][joint] += by * size
+    pair += by * size
     return Problem(problem.waypoints, Limits(**limits), problem.name)
 
 
@@ -167,7 +179,8 @@ def share_at_limits(
     motion = [stretch for stretch in found if stretch.limit != "position"]
     start = np.array([stretch.start for stretch in motion])
     end = np.array([stretch.end for stretch in motion])
-    lengths = [b - a for a, b in joined_intervals(start, end)]
+    joined = joined_intervals(start, end)
+    lengths = [b - a for a, b in joined]
     return sum(lengths) / trajectory.duration
 
 
@@ -186,17 +199,17 @@ def _crossings(
     active: float,
 ) -> _Crossings:
     """Where a limit is in use, piece by piece."""
-    derivative = polynomials.derivative(trajectory.coefficients, _ORDERS[limit])
-    lengths = np.diff(trajectory.breaks)
-    unit = polynomials.stretched(derivative, lengths)
-    lower, upper = _sides(problem, limit)
+    unit = trajectory.pieces(_ORDERS[limit])
+    sides = [_excess(unit, side, active) for side in _sides(problem, limit)]
     # Polynomials (degree + 1, side, piece, joint), positive where the limit is in use.
-    excess = np.stack([_excess(unit, lower, active), _excess(unit, upper, active)], axis=1)
+    excess = np.stack(sides, axis=1)
     # Between neighbouring roots the sign is the middle's.
-    roots = polynomials.unit_roots(excess.reshape(len(excess), -1))
-    roots = np.nan_to_num(roots.reshape(-1, *excess.shape[1:]), nan=1.0)
+    flat = excess.reshape(len(excess), -1)
+    roots = polynomials.unit_roots(flat)
+    roots = roots.reshape(-1, *excess.shape[1:])
     zero = np.zeros_like(excess[:1])
-    knots = np.sort(np.concatenate([zero, roots, zero + 1.0]), axis=0)
+    knots = np.concatenate([zero, np.nan_to_num(roots, nan=1.0), zero + 1.0])
+    knots = np.sort(knots, axis=0)
     left = knots[:-1]
     right = knots[1:]
     middle = 0.5 * (left + right)
@@ -204,10 +217,11 @@ def _crossings(
     index = np.nonzero(above & (right > left))
     _, _, piece, joint = index
     at = trajectory.breaks[piece]
+    length = trajectory.lengths[piece]
     return _Crossings(
         joint,
-        start=at + left[index] * lengths[piece],
-        end=at + right[index] * lengths[piece],
+        start=at + left[index] * length,
+        end=at + right[index] * length,
     )
 
 
@@ -219,7 +233,7 @@ class _Side(NamedTuple):
 
 
 def _sides(problem: Problem, limit: LimitName) -> tuple[_Side, _Side]:
-    low, high = getattr(problem.limits, limit).T
+    low, high = problem.limits.by_name()[limit].T
     if limit == "position":
         return _Side(zero=high, full=low), _Side(zero=low, full=high)
     nothing = np.zeros_like(low)
@@ -255,7 +269,9 @@ def joined_intervals(
     start = start[order]
     furthest = np.maximum.accumulate(end[order])
     apart = start[1:] > furthest[:-1] + slack
-    first = np.flatnonzero(np.concatenate([[True], apart]))
-    last = np.flatnonzero(np.concatenate([apart, [True]]))
+    begins = np.concatenate([[True], apart])
+    ends = np.concatenate([apart, [True]])
+    first = np.flatnonzero(begins)
+    last = np.flatnonzero(ends)
     for a, b in zip(first, last, strict=True):
         yield float(start[a]), float(furthest[b])

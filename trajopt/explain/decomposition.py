@@ -81,7 +81,8 @@ class Explanation:
             if self.exact is None or None in ratios:
                 continue
             durations = np.cumprod([1.0, *ratios]) * self.exact
-            found[title] = list(zip(("optimum", *names), durations, strict=True))
+            steps = zip(("optimum", *names), durations, strict=True)
+            found[title] = list(steps)
         return found
 
     def as_dict(self) -> dict[str, Any]:
@@ -113,7 +114,9 @@ class _Answer(NamedTuple):
 
     @property
     def duration(self) -> float | None:
-        return None if self.trajectory is None else self.trajectory.duration
+        if self.trajectory is None:
+            return None
+        return self.trajectory.duration
 
 
 def explain(problem: Problem, planner: Planner, trajectory: Trajectory) -> Explanation:
@@ -270,10 +273,10 @@ def _as_smooth(problem: Problem, spline: _Answer) -> _Answer:
 
 def peaks(trajectory: Trajectory, order: int) -> Array:
     """The exact largest absolute value of a derivative, `(joints,)`, in rad/s^order."""
-    derivative = polynomials.derivative(trajectory.coefficients, order)
-    unit = polynomials.stretched(derivative, np.diff(trajectory.breaks))
+    unit = trajectory.pieces(order)
     flat = unit.reshape(len(unit), -1)
     at = polynomials.critical_points(flat)
-    values = np.abs(polynomials.evaluate(flat[:, None], at))
-    highest = values.max(axis=0).reshape(unit.shape[1:])
-    return np.asarray(highest.max(axis=0))
+    values = polynomials.evaluate(flat[:, None], at)
+    highest = np.abs(values).max(axis=0)
+    by_piece = highest.reshape(unit.shape[1:])
+    return np.asarray(by_piece.max(axis=0))
