@@ -488,3 +488,18 @@ def test_planners_are_named_with_the_distribution_that_they_are_of() -> None:
     one = replace(one, provenance=one.provenance | stranger)
     told = origin.planners_code([one, two])
     assert told == f"strangers-planners 1.2: mine; trajopt {two.provenance['trajopt']}: unoptimised"
+
+
+def test_between_seeds_there_is_a_table_where_problems_are_few() -> None:
+    items = [*run("mine", 2.0, 2.1, 2.2), *run("other", 2.3, 2.4, None), *run("exact", 1.0)]
+    (found,) = curves.between_seeds(content.page(Results(items)))
+    page = content.page(Results(items))
+    mine = page.labels.index("mine")
+    other = page.labels.index("other")
+    line = found["paired"][other][str(mine)]
+    # Every run of "mine" is the shorter: of C(6, 3) = 20 orders, 2 are as extreme.
+    texts = [text for text, _ in line["cells"]]
+    assert texts == ["3", "3", "2.1000", "2.4000", "0.87500", "1.00", "0.1"]
+    assert not found["paired"][page.labels.index("exact")]  # one run
+    many = [t for n in range(curves.SEED_PROBLEMS + 1) for t in run("m", 2.0, on=problem(f"p{n}"))]
+    assert curves.between_seeds(content.page(Results(many))) == []

@@ -78,7 +78,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
 
 @pytest.fixture(scope="module")
 def page(browser: Any, results: Results, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return report.write(results, tmp_path_factory.mktemp("page") / "report.html")
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "trials").mkdir()
+    return report.write(results, folder / "report.html")
 
 
 @pytest.fixture
@@ -305,7 +307,8 @@ def open_rivals(browser: Any, rival_page: Path) -> Script:
 
 
 LINES = """return [...document.querySelectorAll(`#${args[0]} tbody tr`)]
-    .filter((r) => r.checkVisibility()).map((r) => [...r.cells].map((c) => c.innerText.trim()))"""
+    .filter((r) => r.checkVisibility() && !r.dataset.of)
+    .map((r) => [...r.cells].map((c) => c.innerText.trim()))"""
 CHOOSE = """const box = document.getElementById(args[0]);
     box.value = [...box.options].find((o) => o.text.startsWith(args[1])).value;
     box.dispatchEvent(new Event('change'));""" + PAUSE  # fmt: skip
@@ -371,6 +374,47 @@ def test_the_differences_that_are_read_are_those_of_other_programs(
     assert (suite or "all problems") in text
 
 
+BOTH = """const row = [...document.querySelectorAll('#paired-table tbody tr')]
+    .find((r) => !r.dataset.of && r.cells[0].innerText.trim() === args[0]);
+    const both = row.nextElementSibling;
+    return both.checkVisibility() ? [...both.cells].map((c) => c.innerText.trim()) : null"""
+
+
+def test_where_both_answer_is_told_beside_all(open_rivals: Script, rivals: Results) -> None:
+    open_rivals(CHOOSE, "against", "mine")
+    own = durations(rivals)
+    medians = {key: np.median(runs) for key, runs in own.items()}
+    names = [n for n, label in own if label == "other" and np.isfinite(medians[n, label])]
+    ratios = np.array([medians[n, "other"] / medians[n, "mine"] for n in names])
+    _, count, better, tied, worse, ratio, _, _, _ = open_rivals(BOTH, "other")
+    assert int(count) == len(names) == 6
+    counts = [(ratios < 1).sum(), (ratios == 1).sum(), (ratios > 1).sum()]
+    assert [int(better), int(tied), int(worse)] == counts
+    assert float(ratio) == pytest.approx(np.exp(np.median(np.log(ratios))), abs=6e-6)
+    assert open_rivals(BOTH, "slow") is None  # both answer everywhere
+
+
+def test_runs_on_one_problem_are_compared_by_mann_and_whitney(
+    open_rivals: Script, rivals: Results
+) -> None:
+    open_rivals(CHOOSE, "against", "mine")
+    open_rivals(CHOOSE, "seed-problem", "robots-7")
+    own = durations(rivals)
+    mine = own["robots-7", "mine"]
+    other = own["robots-7", "other"]
+    ((name, runs, theirs, *medians, ratio, chance, p, _),) = open_rivals(LINES, "seed-table")
+    assert (name, runs, theirs) == ("other", "4", "4")
+    expected = [np.median(other), np.median(mine)]
+    assert [float(m) for m in medians] == pytest.approx(expected, abs=6e-5)
+    assert float(ratio) == pytest.approx(expected[0] / expected[1], abs=6e-6)
+    test = stats.mannwhitneyu(mine, other, method="exact")
+    assert float(chance.split()[0]) == pytest.approx(test.statistic / 16, abs=0.0051)
+    assert float(p) == pytest.approx(test.pvalue, rel=0.006)  # one pair: nothing to adjust
+    open_rivals(CHOOSE, "against", "slow")
+    assert open_rivals(LINES, "seed-table") == []
+    assert open_rivals("return document.getElementById('no-rival').checkVisibility()")
+
+
 def test_some_differences_are_real_and_some_are_not(open_rivals: Script) -> None:
     seen = set()
     for against in RIVALS:
@@ -413,7 +457,7 @@ def test_the_page_without_scripts_has_what_they_show_first(
     for name in ("paired-table", "ert-table"):
         written = open_rivals("""
             const page = new DOMParser().parseFromString(args[1], 'text/html');
-            return [...page.querySelectorAll(`#${args[0]} tbody tr:not(.out)`)]
+            return [...page.querySelectorAll(`#${args[0]} tbody tr:not(.out):not(.both)`)]
                 .map((r) => [...r.cells].map((c) => c.textContent.trim()))""",
             name, html)  # fmt: skip
         assert written == open_rivals(LINES, name) != []

@@ -33,7 +33,7 @@ TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up 
 def write(
     results: Results, path: Path, *, command: str = "", trajectories: int = TRAJECTORIES
 ) -> Path:
-    """Write the report of the trials to a file; its links expect `trials/` beside it.
+    """Write the report of the trials to a file; it links to `trials/` where that is beside it.
 
     Args:
         results: the trials.
@@ -53,6 +53,12 @@ def write(
         raise InvalidInput("results", "at least one trial")
     page = content.page(results)
     suites = curves.suites(page)
+    seeds = curves.between_seeds(page)
+    tables = {
+        "suites": suites,
+        "seeds": seeds,
+        "files": (path.parent / "trials").is_dir(),
+    }
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("trajopt.benchmark.report", "web"),
         autoescape=True,
@@ -70,7 +76,8 @@ def write(
         targets=[f"{100 * target:g} %" for target in TARGETS],
         whole=suites[0],
         against=rivals.first(results.items, page.labels),
-        blobs=_blobs(page, suites, trajectories),
+        seeds=seeds,
+        blobs=_blobs(page, tables, trajectories),
     )
     path.write_text(html, encoding="utf-8")
     return path
@@ -82,12 +89,16 @@ def _breaks(label: str) -> Markup:
     return Markup("<span>{}</span>").format(Markup("<wbr>").join(parts))
 
 
-def _blobs(page: content.Page, suites: list[dict[str, Any]], trajectories: int) -> dict[str, str]:
+def _blobs(page: content.Page, tables: dict[str, Any], trajectories: int) -> dict[str, str]:
     """What the page unpacks: Plotly and its trials at once, each problem when it is opened."""
-    data = content.trial_table(page) | {"suites": suites}
-    blobs = {"data": packed_json(data), "plotly": packed(get_plotlyjs())}
+    data = content.trial_table(page) | tables
+    blobs = {
+        "data": packed_json(data),
+        "plotly": packed(get_plotlyjs()),
+    }
     drawn = page.drawn(trajectories)
     for number, trials in enumerate(page.trials_by_problem):
-        own = motions.panel(trials, page.labels, with_motions=number in drawn)
+        shown = number in drawn
+        own = motions.panel(trials, page.labels, with_motions=shown)
         blobs[f"problem-{number}"] = packed_json(own)
     return blobs

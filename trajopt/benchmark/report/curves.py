@@ -25,6 +25,7 @@ Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
 
 POINTS = 160
 BAND_POINTS = 60
+SEED_PROBLEMS = 12  # beyond so many, planners are compared over problems only
 TARGET = 1.01  # times the best known of its family: what counts as found
 
 
@@ -41,6 +42,19 @@ def suites(page: Page) -> list[dict[str, Any]]:
         suite |= _suite(gaps, [histories[digest] for digest in members], page.labels)
         suite |= {"paired": rivals.pairs(tests, page.labels)}
         found.append(suite)
+    return found
+
+
+def between_seeds(page: Page) -> list[dict[str, Any]]:
+    """Of a page with few problems: on each, planners with several runs against each other."""
+    if len(page.problems) > SEED_PROBLEMS:
+        return []
+    found = []
+    for problem in page.problems:
+        tests = page.results.between_seeds(problem.digest())
+        if len(tests):
+            lines = rivals.seeds(tests, page.labels)
+            found.append({"name": problem.name, "paired": lines})
     return found
 
 

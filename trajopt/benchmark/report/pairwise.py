@@ -6,7 +6,7 @@ A cell is its text, and what stands small behind it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,33 +39,103 @@ def first(trials: Sequence[Trial], labels: Sequence[str]) -> int:
 
 
 def pairs(table: pd.DataFrame, labels: Sequence[str]) -> list[dict[str, Any]]:
+    """The lines of `Results.paired()`: see `_by_rival`."""
+    return _by_rival(table, labels, _over_problems)
+
+
+def seeds(table: pd.DataFrame, labels: Sequence[str]) -> list[dict[str, Any]]:
+    """The lines of `Results.between_seeds()`: see `_by_rival`."""
+    return _by_rival(table, labels, _over_seeds)
+
+
+def _by_rival(
+    table: pd.DataFrame,
+    labels: Sequence[str],
+    line: Callable[[Any], dict[str, Any]],
+) -> list[dict[str, Any]]:
     """Per planner to compare with, by its place, the line of each other that it met, by its own."""
     place = {label: i for i, label in enumerate(labels)}
     found: list[dict[str, Any]] = [{} for _ in labels]
     for row in table.reset_index().itertuples():
-        against = found[place[row.against]]
+        rival = place[row.against]
         own = str(place[row.planner])
-        against[own] = _line(row)
+        found[rival][own] = line(row)
     return found
 
 
-def _line(row: Any) -> dict[str, Any]:
-    """`whisker`: the estimate and the ends of its interval, for the drawing of it."""
-    alone = np.isnan(row.low)
-    low = row.a12 if alone else row.low
-    high = row.a12 if alone else row.high
-    interval = "[–]" if alone else f"[{low:.2f}–{high:.2f}]"
+def _over_problems(row: Any) -> dict[str, Any]:
+    """`both`: the same where both answer, if they do so on some problems and not on all."""
     cells = [
         (str(row.problems), ""),
         (str(row.better), ""),
         (str(row.tied), ""),
         (str(row.worse), ""),
         (ratio(row.ratio), ""),
-        (f"{row.a12:.2f}", interval),
+        _chance(row),
         (probability(row.holm), ""),
     ]
-    whisker = [round(value, 4) for value in (row.a12, low, high)]
-    return {"real": bool(row.holm < SURE), "whisker": whisker, "cells": cells}
+    both = None
+    if 0 < row.both < row.problems:
+        both = _where_both_answer(row)
+    return {
+        "real": bool(row.holm < SURE),
+        "whisker": _whisker(row),
+        "cells": cells,
+        "both": both,
+    }
+
+
+def _where_both_answer(row: Any) -> dict[str, Any]:
+    cells = [
+        (str(row.both), ""),
+        (str(row.both_better), ""),
+        (str(row.both_tied), ""),
+        (str(row.both_worse), ""),
+        (ratio(row.both_ratio), ""),
+        ("", ""),
+        (probability(row.both_holm), ""),
+    ]
+    return {"real": bool(row.both_holm < SURE), "cells": cells}
+
+
+def _over_seeds(row: Any) -> dict[str, Any]:
+    cells = [
+        (str(row.runs), ""),
+        (str(row.rival_runs), ""),
+        (duration(row.median), ""),
+        (duration(row.rival_median), ""),
+        (ratio(row.ratio), ""),
+        _chance(row),
+        (probability(row.holm), ""),
+    ]
+    return {
+        "real": bool(row.holm < SURE),
+        "whisker": _whisker(row),
+        "cells": cells,
+    }
+
+
+def _interval(row: Any) -> tuple[float, float]:
+    """The ends of the interval of A12: A12 itself where one problem gives none."""
+    if np.isnan(row.low):
+        return row.a12, row.a12
+    return row.low, row.high
+
+
+def _chance(row: Any) -> Cell:
+    if np.isnan(row.low):
+        return f"{row.a12:.2f}", "[–]"
+    return f"{row.a12:.2f}", f"[{row.low:.2f}–{row.high:.2f}]"
+
+
+def _whisker(row: Any) -> list[float]:
+    """The estimate and the ends of its interval, for the drawing of it."""
+    return [round(value, 4) for value in (row.a12, *_interval(row))]
+
+
+def duration(value: float) -> str:
+    """A median, s; of runs half of which have no answer there is none."""
+    return f"{value:.4f}" if np.isfinite(value) else "no answer"
 
 
 def ratio(value: float) -> str:

@@ -104,7 +104,7 @@
     const [traces, layout] = make();
     const height = layout.height ?? HEIGHT;
     drawn.set(element, make);
-    element.style.height = `${height}px`;
+    element.style.height = element.style.minHeight = `${height}px`;
     const whole = {
       font: { family: FAMILY, size: 12, color: tone("ink") }, showlegend: false, hovermode: "closest",
       margin: { l: 55, r: 12, t: 28, b: 45 }, paper_bgcolor: "#0000", plot_bgcolor: "#0000",
@@ -152,24 +152,32 @@
   const write = (cell, [text, small]) => cell.querySelector("a").replaceChildren(text, ...(small ? [" ", make("small", small)] : []));
   const writeRows = (table, lines, more = () => {}) => {
     for (const row of $(table).tBodies[0].rows) {
-      const k = Number(row.dataset.planner), line = lines[k];
+      const k = Number(row.dataset.planner), part = row.dataset.of;
+      const line = part ? lines[k]?.[part] : lines[k];
       row.classList.toggle("out", hidden.has(k) || !line);
       if (!line) continue;
-      (line.cells ?? line).forEach((found, i) => write(row.cells[i + 1], found));
+      (line.cells ?? line).forEach((found, i) => { if (row.cells[i + 1].querySelector("a")) write(row.cells[i + 1], found); });
       more(row, line);
     }
+  };
+  const judged = (row, line) => {
+    ["--at", "--low", "--high"].forEach((name, i) => row.querySelector(".whisker")?.style.setProperty(name, line.whisker[i]));
+    row.classList.toggle("sure", line.real);
+    row.querySelector(".real").textContent = line.real ? "yes" : "not shown";
   };
   const compare = () => {
     const suite = whole(), against = $("against").value;
     $("rival").textContent = planners[against].label;
     $("rival-suite").textContent = `${suite.name} (${suite.problems})`;
     writeRows("ert-table", suite.ert);
-    writeRows("paired-table", suite.paired[against], (row, line) => {
-      ["--at", "--low", "--high"].forEach((name, i) => row.querySelector(".whisker").style.setProperty(name, line.whisker[i]));
-      row.classList.toggle("sure", line.real);
-      row.querySelector(".real").textContent = line.real ? "yes" : "not shown";
-    });
+    writeRows("paired-table", suite.paired[against], judged);
+    if (!data.seeds.length) return;
+    const lines = data.seeds[$("seed-problem").value].paired[against];
+    $("seeds").querySelector(".rival").textContent = planners[against].label;
+    $("no-rival").hidden = Object.keys(lines).length > 0;
+    writeRows("seed-table", lines, judged);
   };
+  if (data.seeds.length) $("seed-problem").onchange = compare;
   $("against").onchange = compare;
   for (const box of all(".suite")) {
     data.suites.forEach((suite, i) => box.append(option(`${suite.name} (${suite.problems})`, i)));
@@ -222,7 +230,7 @@
     const own = $("trial"), file = `trials/${trials.id[i]}.h5`, problem = data.problems[row.problem];
     const options = Object.entries(planners[row.planner].options).map(([name, value]) => `${name}=${value}`).join(", ");
     const stored = make("p"), again = make("p", "Run it again:");
-    stored.append("Trial ", make("code", trials.id[i]), ", stored in ", make("a", file, { href: file }));
+    stored.append("Trial ", make("code", trials.id[i]), ...(data.files ? [", stored in ", make("a", file, { href: file })] : [", stored in the results file"]));
     again.append(make("code", `${row.spec} --seed ${trials.seed[i]}`, { class: "command" }));
     if (problem.toml) again.append(download(problem.file, problem.toml));
     own.replaceChildren(make("h3", `Seed ${trials.seed[i]}: ${trials.status[i]}`), stored, again, make("p", `Options: ${options || "none"}`, { class: "note" }));
