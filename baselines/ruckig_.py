@@ -23,7 +23,7 @@ from baselines.own_units import in_own_units
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import Limits, Problem
+from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 
@@ -57,6 +57,7 @@ class RuckigStop(Planner):
     """Ruckig from waypoint to waypoint, stopping at each."""
 
     requires = ("ruckig",)
+    knows = LIMIT_NAMES
 
     @passing_once
     @in_own_units

@@ -55,6 +55,7 @@ class Spline353NLP(Planner):
     starts: int = 4
 
     requires = ("casadi",)
+    knows = ("velocity", "acceleration", "jerk")
 
     def __post_init__(self) -> None:
         if self.starts < 1:

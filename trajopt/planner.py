@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.exceptions import InvalidInput, MissingBackend
-from trajopt.problem import Problem
+from trajopt.problem import LimitName, Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 
@@ -73,11 +73,14 @@ class Planner(ABC):
         stochastic: Whether the seed matters. If not, a comparison runs it once.
         on_request: Whether it is left out where all planners run, unless asked for by name.
         requires: Packages that `solve` imports, looked for before the planner is listed.
+        knows: Kinds of limits that it plans for. Where it breaks another kind the verifier says
+            so: it dilates the answer, or finds it outside its position limits.
     """
 
     stochastic: bool = False
     on_request: bool = False
     requires: tuple[str, ...] = ()
+    knows: tuple[LimitName, ...] = ("velocity", "acceleration")
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         """A class's own `solve` and `solve_batch` answer `unsupported` what it cannot solve.
@@ -179,6 +182,7 @@ class _Adapted(Planner):
     stochastic: bool
     on_request: bool
     requires: tuple[str, ...]
+    knows: tuple[LimitName, ...]
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         solution: Solution = self.own.solve(problem, seed=seed)
@@ -249,6 +253,7 @@ def adapted(planner: object) -> Planner:
         stochastic=getattr(planner, "stochastic", False),
         on_request=getattr(planner, "on_request", False),
         requires=getattr(planner, "requires", ()),
+        knows=getattr(planner, "knows", Planner.knows),
     )
 
 

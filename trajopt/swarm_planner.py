@@ -59,6 +59,7 @@ class SwarmPlanner(Planner):
     upper: float = 4.0
     lower: float = 1e-3
     stochastic = True
+    knows = ("velocity", "acceleration", "jerk")
 
     def __post_init__(self) -> None:
         check_choices(self)
@@ -298,6 +299,8 @@ class Unoptimised(Planner):
     """The 3-5-3 spline at the same fixed time for every segment (the paper's section 5: 2 s)."""
 
     segment_time: float = 2.0  # s
+
+    knows = ()
 
     def __post_init__(self) -> None:
         if not 1e-9 < self.segment_time < 1e9:

@@ -30,7 +30,7 @@ from baselines.ipopt import no_start_succeeded, optima
 from baselines.sizes import announce, cells
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, passing_once
-from trajopt.problem import Problem
+from trajopt.problem import LIMIT_NAMES, Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 from trajopt.verification import verify
@@ -68,6 +68,7 @@ class CollocationRefined(Planner):
 
     on_request = True
     requires = ("casadi",)
+    knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:
         if not 0 < self.error < np.inf:

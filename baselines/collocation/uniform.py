@@ -27,7 +27,7 @@ from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import Problem
+from trajopt.problem import LIMIT_NAMES, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
@@ -68,6 +68,7 @@ class Collocation(Planner):
     intervals: int = 20
 
     requires = ("casadi",)
+    knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:
         if self.intervals < 2:

@@ -67,6 +67,7 @@ class ExactJerk(Planner):
     starts: int = 4
 
     requires = ("casadi",)
+    knows = ("velocity", "acceleration", "jerk")
 
     def __post_init__(self) -> None:
         if self.starts < 1:

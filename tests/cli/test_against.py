@@ -8,7 +8,7 @@ import pytest
 from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.trial import judge
-from trajopt.cli import against, app
+from trajopt.cli import against, app, compare
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one step")
 
@@ -79,15 +79,27 @@ def test_without_spread_there_is_nothing_to_compare(capsys):
     assert "it takes two planners with several runs" in " ".join(words)
 
 
-def test_against_runs_that_planner_too(capsys, tmp_path):
-    command = ["compare", "one-joint", "seven-waypoints", "--planner", "exact:starts=1"]
-    command += ["--jobs", "1", "--output", str(tmp_path)]
+def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
+    slow = judge(Quintic(11.0), PROBLEM, range(5), "ruckig-stop")
+    fast = judge(Quintic(1.0), PROBLEM, range(5), "exact")
+    asked = []
+
+    def compared(problems, planners, folder, **options):
+        asked.extend(planners)
+        return Results([*fast, *slow])
+
+    monkeypatch.setattr(compare.benchmark, "compare", compared)
+    monkeypatch.setattr(compare.draw, "draw", lambda *arguments, **options: [])
+    rival = "ruckig-stop:first=11.0"
+    monkeypatch.setattr(compare, "label_of", lambda name, planner: rival)
+    command = ["compare", "one-joint", "--planner", "exact", "--output", str(tmp_path)]
     with pytest.raises(SystemExit) as stop:
         app.main([*command, "--against", "ruckig-stop"])
-    out = capsys.readouterr().out
     assert stop.value.code == 0
-    assert "Against ruckig-stop, problem by problem" in out
-    assert row(out[out.index("Against") :], "exact")[:4] == ["2", "2", "0", "0"]
+    assert asked == ["exact", "ruckig-stop"]
+    out = capsys.readouterr().out
+    against_it = out[out.index("Against") :]
+    assert row(against_it, "exact:first=1.0")[0] == "5"
 
 
 def test_against_an_unknown_planner_runs_nothing(capsys, tmp_path):

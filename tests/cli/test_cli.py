@@ -85,6 +85,27 @@ def test_list_says_which_limits_a_planner_cannot_keep(trajopt):
     assert "refuses jerk limits" in out
 
 
+def test_list_says_which_limits_a_planner_knows_as_the_readme_does(trajopt):
+    """The README's table: names in the first column, `*` behind them, limits in the third."""
+    found = {p["name"]: p for p in parsed(trajopt("list", "--json")[1])["planners"]}
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    table = text[text.index("| planner | what it is | limits it knows |") :]
+    lines = table.partition("\n\n")[0].splitlines()[2:]
+    checked = set()
+    for line in lines:
+        names, _, limits = (cell.strip() for cell in line.strip("|").split("|"))
+        known = limits.partition(";")[0].partition(" with ")[0]
+        expected = [] if known == "none" else known.strip(" ,").split(", ")
+        for name in re.findall(r"`([^`]+)`", names):
+            assert found[name]["knows"] == expected, name
+            assert not set(expected) & {*found[name]["lifts"], *found[name]["refuses"]}, name
+            checked.add(name)
+    assert checked >= NAMES
+    out = " ".join(trajopt("list")[1].split())
+    assert "knows velocity, acceleration limits; refuses jerk limits" in out
+    assert "knows no limits" in out
+
+
 def test_list_for_people_names_everything_within_80_columns(trajopt):
     code, out, _ = trajopt("list")
     assert code == 0

@@ -30,18 +30,20 @@ def list_(*, json: Json = False) -> int:
 
 
 def described(entry: Entry) -> dict[str, Any]:
-    """A planner's name, one line, options, limits it lifts or refuses, and what is missing.
+    """A planner's name, one line, options, limits, and what is missing.
 
-    Lifted limits it ignores on purpose: its answer is a lower bound then. All others it either
-    plans for or breaks, which the verifier then says.
+    Limits that it `knows` it plans for. Those that it `lifts` it ignores on purpose: its answer is
+    a lower bound then. Problems with those that it `refuses` it does not solve. Any other it may
+    break, which the verifier then says.
     """
     missing = entry.missing()
     row: dict[str, Any] = {"name": entry.name, "description": "", "options": {}}
-    row |= {"lifts": [], "refuses": []}
+    row |= {"knows": [], "lifts": [], "refuses": []}
     try:
         planner = entry.load()
         row["description"] = planner.description
         row["options"] = planner.options()
+        row["knows"] = list(planner.knows)
         for limit in _OPTIONAL_LIMITS:
             fate = _fate(planner, limit)
             if fate is not None:
@@ -87,24 +89,32 @@ def _problem(name: str) -> dict[str, Any]:
 
 
 def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
-    table = console.table("planner", "what it is, its options, and the limits it cannot keep")
+    table = console.table("planner", "what it is, its options, and the limits it knows")
     for planner in planners:
         lines = [console.markup(planner["description"])]
         settings = ", ".join(f"{key}={value}" for key, value in planner["options"].items())
         if settings:
             lines.append(f"[dim]{console.markup(settings)}[/dim]")
-        if planner["lifts"]:
-            lifted = " and ".join(planner["lifts"])
-            lines.append(f"[dim]lifts {lifted} limits: a lower bound then[/dim]")
-        if planner["refuses"]:
-            refused = " and ".join(planner["refuses"])
-            lines.append(f"[dim]refuses {refused} limits[/dim]")
-        if not planner["available"]:
+        if planner["available"]:
+            lines.append(f"[dim]{_limits_in_words(planner)}[/dim]")
+        else:
             missing = console.markup(planner["missing"])
             lines.append(f"[red]not available: {missing}[/red]")
         name = console.markup(planner["name"])
         table.add_row(f"[bold]{name}[/bold]", "\n".join(lines))
     return table
+
+
+def _limits_in_words(planner: dict[str, Any]) -> str:
+    known = ", ".join(planner["knows"])
+    sentences = [f"knows {known or 'no'} limits"]
+    if planner["lifts"]:
+        lifted = " and ".join(planner["lifts"])
+        sentences.append(f"lifts {lifted} limits: a lower bound then")
+    if planner["refuses"]:
+        refused = " and ".join(planner["refuses"])
+        sentences.append(f"refuses {refused} limits")
+    return "; ".join(sentences)
 
 
 def _problem_table(problems: Sequence[dict[str, Any]]) -> Any:
