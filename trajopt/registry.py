@@ -35,7 +35,8 @@ class Entry:
     def load(self) -> Planner:
         """The planner with its default options; raises `TrajoptError` if it cannot be imported."""
         try:
-            return adapted(_object(self.point.load()))
+            target = self.point.load()
+            return adapted(_object(target))
         except Exception as error:
             package = self.point.module.partition(".")[0]
             absent = _missing_package(error)
@@ -50,7 +51,10 @@ class Entry:
             planner = self.load()
         except TrajoptError as error:
             return str(error)
-        absent = [name for name in planner.requires if not importlib.util.find_spec(name)]
+        absent = []
+        for name in planner.requires:
+            if importlib.util.find_spec(name) is None:
+                absent.append(name)
         if not absent:
             return None
         return str(MissingBackend(" ".join(absent)))
@@ -60,16 +64,19 @@ def _missing_package(error: Exception) -> str:
     """The package that could not be found, if that is what went wrong."""
     if not isinstance(error, ModuleNotFoundError):
         return ""
-    return (error.name or "").partition(".")[0]
+    module = error.name or ""
+    return module.partition(".")[0]
 
 
 def _shadow(package: str) -> str:
     """In words, a folder that hides a package of ours: `baselines` is a frequent name."""
-    ours = Path(__file__).resolve().parents[1] / package
+    root = Path(__file__).resolve().parents[1]
+    ours = root / package
     found = importlib.util.find_spec(package)
     if found is None or not ours.is_dir():
         return ""
-    folders = [Path(folder).resolve() for folder in found.submodule_search_locations or ()]
+    locations = found.submodule_search_locations or ()
+    folders = [Path(folder).resolve() for folder in locations]
     if ours in folders:
         return ""
     hiding = folders[0] if folders else found.origin
@@ -85,7 +92,8 @@ def _object(target: Any) -> object:
 @cache
 def entries() -> dict[str, Entry]:
     """Every registered planner by name."""
-    return {point.name: Entry(point.name, point) for point in entry_points(group=GROUP)}
+    points = entry_points(group=GROUP)
+    return {point.name: Entry(point.name, point) for point in points}
 
 
 def load(spec: str) -> Planner:
@@ -93,15 +101,18 @@ def load(spec: str) -> Planner:
 
     Raises `UnknownName`, or `InvalidInput` naming the option, its value and what would be right.
     """
-    return named(spec)[1]
+    _, planner = named(spec)
+    return planner
 
 
 def named(spec: str) -> tuple[str, Planner]:
     """A planner's registered name, and the planner; raises as `load` does."""
     name, options = parse(spec)
-    if name not in entries():
-        raise UnknownName("planner", name, entries())
-    return name, configured(entries()[name].load(), options, name)
+    registered = entries()
+    if name not in registered:
+        raise UnknownName("planner", name, registered)
+    planner = registered[name].load()
+    return name, configured(planner, options, name)
 
 
 def parse(spec: str) -> tuple[str, dict[str, str]]:
@@ -125,23 +136,28 @@ def options(planner: object) -> dict[str, Any]:
 def label(name: str, planner: object) -> str:
     """A planner's name with the options that differ from the registered ones, or its defaults."""
     own = adapted(planner)
-    defaults = entries()[name].load().options() if name in entries() else own.defaults()
+    entry = entries().get(name)
+    usual = own.defaults()
+    if entry is not None:
+        usual = entry.load().options()
     changed = []
     for key, value in own.options().items():
-        if key not in defaults or repr(defaults[key]) != repr(value):
+        if key not in usual or repr(usual[key]) != repr(value):
             changed.append(f"{key}={value}")
     if not changed:
         return name
-    return f"{name}:{','.join(changed)}"
+    listed = ",".join(changed)
+    return f"{name}:{listed}"
 
 
 def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") -> PlannerT:
     """A copy of the planner with some options changed; text is converted to the option's type."""
     known = options(planner)
     listed = ", ".join(known) or "no options"
-    for key, value in changes.items():
-        if key not in known:
-            raise InvalidInput(f"planner {name}, option {key}", f"one of: {listed}", value=value)
+    for option, value in changes.items():
+        if option not in known:
+            key = f"planner {name}, option {option}"
+            raise InvalidInput(key, f"one of: {listed}", value=value)
     changed: PlannerT = _replaced(planner, changes, name)
     return changed
 
@@ -155,7 +171,8 @@ def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
             new[field.name] = _replaced(value, changes, name)
         elif field.name in changes:
             key = f"planner {name}, option {field.name}"
-            new[field.name] = _converted(key, changes[field.name], hints[field.name])
+            given = changes[field.name]
+            new[field.name] = _converted(key, given, hints[field.name])
     try:
         return replace(planner, **new)
     except InvalidInput as error:
@@ -165,27 +182,40 @@ def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
 
 def _converted(key: str, given: Any, hint: Any) -> Any:
     """A value of the annotated type, from that type or from text; as given, or refused."""
-    value = _read(given) if isinstance(given, str) else given
-    if get_origin(hint) is Literal:
+    value = given
+    if isinstance(given, str):
+        value = _read(given)
+    origin = get_origin(hint)
+    if origin is Literal:
         return _chosen(key, given, value, get_args(hint))
-    is_union = get_origin(hint) in (Union, UnionType)
-    kinds = get_args(hint) if is_union else (hint,)
+    kinds = (hint,)
+    if origin in (Union, UnionType):
+        kinds = get_args(hint)
     for kind in kinds:
         if kind is float and _is_whole(value) and abs(value) < _LARGEST_FLOAT:
             return float(value)
-        if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
+        if isinstance(value, bool) and kind is not bool:
+            continue
+        if isinstance(value, kind):
             return value
     if isinstance(given, str) and str in kinds:
         return given
-    raise InvalidInput(key, " or ".join(kind.__name__ for kind in kinds), value=value)
+    names = [kind.__name__ for kind in kinds]
+    raise InvalidInput(key, " or ".join(names), value=value)
 
 
-def _chosen(key: str, given: Any, value: Any, choices: tuple[Any, ...]) -> Any:
+def _chosen(
+    key: str,
+    given: Any,
+    value: Any,
+    choices: tuple[Any, ...],
+) -> Any:
     """One of the choices: the text as given, or the value that it says."""
     for candidate in (given, value):
         if candidate in choices:
             return candidate
-    raise InvalidInput(key, " or ".join(map(repr, choices)), value=value)
+    names = map(repr, choices)
+    raise InvalidInput(key, " or ".join(names), value=value)
 
 
 def _is_whole(value: Any) -> bool:

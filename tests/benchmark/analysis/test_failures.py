@@ -93,6 +93,6 @@ def test_the_terminal_says_why_planners_failed(
 ) -> None:
     items = [message(Status.TIMEOUT, f"stopped after {seconds} s") for seconds in (1, 2, 600)]
     monkeypatch.setattr(report, "write", lambda *_, **__: tmp_path / "report.html")
-    compare._show_many(Results([*items, message(Status.CRASHED, "boom")]), tmp_path)
+    compare._show_many(Results([*items, message(Status.CRASHED, "boom")]), tmp_path, None)
     said = " ".join(capsys.readouterr().out.split())
     assert "own: 4 failed: 3 timeout: stopped after … s; 1 crashed: boom" in said

@@ -53,13 +53,16 @@ def failures(results: Results) -> pd.DataFrame:
         unit: such as `rad`, or nothing.
     """
     trials = results.trials()
-    failed = competing(trials)["status"] != str(Status.SOLVED)
+    status = competing(trials)["status"]
+    failed = status != str(Status.SOLVED)
     rows = []
     for place in failed.index[failed]:
         trial = results.items[place]
         reason = _reason(trial)
-        rows.append((trial.label, reason.kind, 1, reason.size, reason.unit))
-    table = pd.DataFrame(rows, columns=COLUMNS).astype({"worst": float, "count": int})
+        row = (trial.label, reason.kind, 1, reason.size, reason.unit)
+        rows.append(row)
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    table = table.astype({"worst": float, "count": int})
     groups = table.groupby(["label", "kind", "unit"], sort=False, as_index=False)
     counted = groups.agg({"count": "sum", "worst": "max"})[COLUMNS]
     ordered = counted.sort_values("count", ascending=False, kind="stable")
@@ -93,4 +96,8 @@ def _of_flaw(flaw: str) -> Reason:
     if not found:
         return Reason(_NUMBER.sub("…", flaw))
     what = found["what"]
-    return Reason(_KINDS.get(what, what), float(found["size"]), found["unit"])
+    return Reason(
+        _KINDS.get(what, what),
+        size=float(found["size"]),
+        unit=found["unit"],
+    )

@@ -17,7 +17,10 @@ from trajopt.benchmark.analysis.results import Results, competing, median_gap
 from trajopt.solution import Status
 
 
-def overview(results: Results, by: Callable[[str], str] | None = None) -> pd.DataFrame:
+def overview(
+    results: Results,
+    by: Callable[[str], str] | None = None,
+) -> pd.DataFrame:
     """One line per planner with its options, by median gap.
 
     Args:
@@ -47,15 +50,18 @@ def overview(results: Results, by: Callable[[str], str] | None = None) -> pd.Dat
         names = dict(zip(keys, key, strict=True))
         rows.append(names | _line(runs))
     lines = pd.DataFrame(rows).set_index(keys)
-    return lines.sort_values([*keys[:-1], "gap"], kind="stable")
+    order = [*keys[:-1], "gap"]
+    return lines.sort_values(order, kind="stable")
 
 
 def _line(runs: pd.DataFrame) -> dict[str, Any]:
     refused = runs["status"] == str(Status.UNSUPPORTED)
     tried = runs[~refused]
     answers = competing(runs)
-    solved = answers[answers["status"] == str(Status.SOLVED)]
-    mended = solved[~solved["feasible"]]
+    has_answer = answers["status"] == str(Status.SOLVED)
+    solved = answers[has_answer]
+    kept = solved["feasible"]
+    broke_limits = solved[~kept]
     return {
         "problems": tried["digest"].nunique(),
         "trials": len(tried),
@@ -63,8 +69,8 @@ def _line(runs: pd.DataFrame) -> dict[str, Any]:
         "bounds": len(tried) - len(answers),
         "failed": len(answers) - len(solved),
         "unsupported": int(refused.sum()),
-        "kept": solved["feasible"].mean(),
-        "dilation": mended["dilation"].median(),
+        "kept": kept.mean(),
+        "dilation": broke_limits["dilation"].median(),
         "position_excess": tried["position_excess"].max(),
         "gap": median_gap(answers),
         "worst": solved["gap"].max(),

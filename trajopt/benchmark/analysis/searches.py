@@ -72,12 +72,14 @@ def over_best(problems: Sequence[Histories]) -> dict[str, list[Array]]:
         own = relative.setdefault(label, [])
         for best, runs in known:
             units = [1.0, best]
-            own += [history / units for history in runs.get(label, [])]
+            for history in runs.get(label, []):
+                own.append(history / units)
     return relative
 
 
 def running_times(
-    relative: Mapping[str, Sequence[Array]], targets: ArrayLike = TARGETS
+    relative: Mapping[str, Sequence[Array]],
+    targets: ArrayLike = TARGETS,
 ) -> pd.DataFrame:
     """`Results.running_times()` of histories `over_best`.
 
@@ -87,10 +89,12 @@ def running_times(
     rows = []
     for label, runs in relative.items():
         hits = statistics.evaluations_to_target(runs, 1 + goals)
-        spent = np.array([run[-1, 0] for run in runs])
+        last = [run[-1, 0] for run in runs]
+        spent = np.array(last)
         longest = max(1.0, spent.max())
         budgets = np.where(spent > 0, spent, longest)
-        ert = np.atleast_1d(statistics.expected_running_time(hits, budgets))
+        times = statistics.expected_running_time(hits, budgets)
+        ert = np.atleast_1d(times)
         successes = np.isfinite(hits).sum(axis=-1)
         for goal, time, count in zip(goals, ert, successes, strict=True):
             row = {
@@ -101,12 +105,15 @@ def running_times(
                 "runs": len(runs),
             }
             rows.append(row)
-    table = pd.DataFrame(rows, columns=["label", "target", "ert", "successes", "runs"])
+    columns = ["label", "target", "ert", "successes", "runs"]
+    table = pd.DataFrame(rows, columns=columns)
     return table.set_index(["label", "target"])
 
 
 def data_profile(
-    problems: Sequence[Histories], target: float = 0.01, dimension: float = 3
+    problems: Sequence[Histories],
+    target: float = 0.01,
+    dimension: float = 3,
 ) -> pd.DataFrame:
     """`Results.data_profile()` of histories."""
     known = _known(problems)

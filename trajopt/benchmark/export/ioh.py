@@ -75,12 +75,13 @@ class _Experiment(NamedTuple):
 def _experiments(items: Sequence[Trial]) -> Iterator[_Experiment]:
     """Those with a history, by function and algorithm."""
     names = {trial.problem.digest(): trial.problem.name for trial in items}
-    functions = sorted(names, key=lambda digest: (names[digest], digest))
-    algorithms = sorted({trial.label for trial in items})
     groups: dict[tuple[str, str], list[Trial]] = {}
     for trial in sorted(items, key=lambda trial: (trial.seed, trial.id)):
         key = (trial.problem.digest(), trial.label)
-        groups.setdefault(key, []).append(trial)
+        group = groups.setdefault(key, [])
+        group.append(trial)
+    functions = sorted(names, key=lambda digest: (names[digest], digest))
+    algorithms = sorted({trial.label for trial in items})
     for function, digest in enumerate(functions, 1):
         for algorithm, label in enumerate(algorithms, 1):
             trials = groups.get((digest, label), [])
@@ -100,12 +101,16 @@ def _write_experiment(place: Path, experiment: _Experiment) -> None:
     name = f"IOHprofiler_f{number}"
     trials = experiment.trials
     segments = trials[0].problem.segments
-    curves = [_curve(trial) for trial in trials]
-    runs = [_run(trial, curve) for trial, curve in zip(trials, curves, strict=True)]
-    data = Path(f"data_f{number}", f"{name}_DIM{segments}.dat")
-    (folder / data).parent.mkdir(parents=True)
-    blocks = "".join(_block(curve) for curve in curves)
-    (folder / data).write_text(blocks, encoding="utf-8", newline="\n")
+    runs = []
+    blocks = []
+    for trial in trials:
+        curve = _curve(trial)
+        runs.append(_run(trial, curve))
+        blocks.append(_block(curve))
+    data = Path(f"data_f{number}") / f"{name}_DIM{segments}.dat"
+    file = folder / data
+    file.parent.mkdir(parents=True)
+    file.write_text("".join(blocks), encoding="utf-8", newline="\n")
     scenario = {
         "dimension": segments,
         "path": data.as_posix(),
@@ -130,7 +135,10 @@ def _described(experiment: _Experiment) -> dict[str, Any]:
         "function_id": experiment.function,
         "function_name": first.problem.name,
         "maximization": False,
-        "algorithm": {"name": first.label, "info": options_text(first)},
+        "algorithm": {
+            "name": first.label,
+            "info": options_text(first),
+        },
         "experiment_attributes": [{"provenance": provenance}],
         "run_attributes": ["seed"],
         "attributes": ["evaluations", "raw_y"],
@@ -140,7 +148,8 @@ def _described(experiment: _Experiment) -> dict[str, Any]:
 def _run(trial: Trial, curve: Array) -> dict[str, Any]:
     """One run's summary; JSON knows no infinity, so the largest number stands for no answer."""
     spent, best = curve.T
-    shortest = min(float(best[-1]), sys.float_info.max)
+    last = float(best[-1])
+    shortest = min(last, sys.float_info.max)
     certified = trial.certified_trajectory
     times = []
     if certified is not None:
@@ -149,7 +158,11 @@ def _run(trial: Trial, curve: Array) -> dict[str, Any]:
     return {
         "instance": 1,
         "evals": int(spent[-1]),
-        "best": {"evals": int(reached), "y": shortest, "x": times},
+        "best": {
+            "evals": int(reached),
+            "y": shortest,
+            "x": times,
+        },
         "seed": trial.seed,
     }
 
@@ -174,8 +187,10 @@ def _curve(trial: Trial) -> Array:
     last = np.diff(spent, append=np.inf) > 0
     spent = spent[last]
     best = best[last]
-    shown = np.ones(best.size, dtype=bool)
-    shown[1:-1] = best[1:-1] < best[:-2]
+    before = best[:-1]
+    falls = best[1:] < before
+    shown = np.concatenate([[True], falls])
+    shown[-1] = True
     return np.column_stack([spent[shown], best[shown]])
 
 

@@ -29,12 +29,16 @@ def table(results: Results) -> pd.DataFrame:
     """
     items = results.items
     trials = results.gaps()
-    trials["batch"] = pd.Series([trial.batch for trial in items], dtype=int)
+    batches = [trial.batch for trial in items]
+    trials["batch"] = pd.Series(batches, dtype=int)
     started = [trial.started for trial in items]
-    trials["started"] = pd.to_datetime(started, utc=True, format="ISO8601").as_unit("us")
+    instants = pd.to_datetime(started, utc=True, format="ISO8601")
+    trials["started"] = instants.as_unit("us")
     options = [options_text(trial) for trial in items]
     trials["options"] = pd.Series(options, dtype="str")
-    names = dict.fromkeys(name for trial in items for name in trial.provenance)
+    names: dict[str, None] = {}
+    for trial in items:
+        names |= dict.fromkeys(trial.provenance)
     for name in names:
         values = [str(trial.provenance.get(name, "")) for trial in items]
         trials[f"provenance_{name}"] = pd.Series(values, dtype="str")
@@ -60,7 +64,12 @@ def write_csv(results: Results, path: Path) -> None:
 
     def fill(place: Path) -> None:
         # with \r\n as the end of a line, texts with a lone \r in them are quoted
-        trials.to_csv(place, index=False, lineterminator="\r\n", errors="backslashreplace")
+        trials.to_csv(
+            place,
+            index=False,
+            lineterminator="\r\n",
+            errors="backslashreplace",
+        )
 
     atomic.write(path, fill)
 
@@ -69,7 +78,11 @@ def write_parquet(results: Results, path: Path) -> None:
     """Types included; needs pyarrow."""
     backend("pyarrow")
     trials = table(results)
-    atomic.write(path, lambda place: trials.to_parquet(place, engine="pyarrow", index=False))
+
+    def fill(place: Path) -> None:
+        trials.to_parquet(place, engine="pyarrow", index=False)
+
+    atomic.write(path, fill)
 
 
 def _inert(texts: pd.Series[str]) -> pd.Series[str]:

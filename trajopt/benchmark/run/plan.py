@@ -68,19 +68,22 @@ class Task:
 
 
 def plan(
-    problems: Sequence[Problem], configurations: Sequence[Configuration], seeds: int
+    problems: Sequence[Problem],
+    configurations: Sequence[Configuration],
+    seeds: int,
 ) -> list[Task]:
     """One task per problem and planner with all its seeds, references too; identical ones once."""
     given = {configuration.name for configuration in configurations}
-    needed = {name for problem in problems for name in references(problem)}
-    joining = {
-        name: Configuration.of(entries()[name].load(), name)
-        for name in sorted(needed - given)
-        if name in entries()
-    }
+    joining: dict[str, Configuration] = {}
     tasks: dict[str, Task] = {}
     for problem in problems:
-        also = [joining[name] for name in references(problem) if name in joining]
+        also = []
+        for name in references(problem):
+            if name in given or name not in entries():
+                continue
+            if name not in joining:
+                joining[name] = Configuration.of(entries()[name].load(), name)
+            also.append(joining[name])
         for configuration in [*configurations, *also]:
             runs = seeds if _varies(configuration, problem) else 1
             task = Task(problem, configuration, tuple(range(runs)))
@@ -102,4 +105,5 @@ def missing(task: Task, done: set[str]) -> Iterator[Task]:
     seeds = [seed for seed in task.seeds if task.ids[seed] not in done]
     size = _BATCH if task.configuration.planner.batched else 1
     for start in range(0, len(seeds), size):
-        yield replace(task, seeds=tuple(seeds[start : start + size]))
+        batch = seeds[start : start + size]
+        yield replace(task, seeds=tuple(batch))
