@@ -28,82 +28,120 @@ from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
 from trajopt.registry import entries, load
 
+Check = tuple[str, str, float]  # relation, problem, excess (relative)
+
 SPLINES = ("unoptimised", "pso", "ssa", "issa")
 RELAXED = 1e-6  # of the limits, or of the waypoint velocities: keeps rounding off a longer branch
 
 
-def orderings(results: Results) -> Iterator[tuple[str, str, float]]:
-    """`(relation, problem, excess)` for every pair of trials whose durations must be ordered."""
-    for _, rows in results.trials().groupby("digest"):
+def orderings(results: Results) -> Iterator[Check]:
+    """A check for every pair of trials whose durations must be ordered."""
+    trials = results.trials()
+    for _, rows in trials.groupby("digest"):
         problem = rows["problem"].iloc[0]
-        best = rows.groupby("planner")["certified_duration"].min().dropna()
-        pairs = [("exact", name) for name in best.index if name != "exact"]
+        durations = rows.groupby("planner")["certified_duration"].min()
+        best = dict(durations.dropna())
+        pairs = [("exact", name) for name in best if name != "exact"]
         pairs.append(("ruckig", "ruckig-stop"))
         pairs += [("spline353-nlp", name) for name in SPLINES]
         for low, high in pairs:
-            if low in best.index and high in best.index:
-                yield f"{low} <= {high}", problem, best[low] / best[high] - 1
+            if low in best and high in best:
+                excess = best[low] / best[high] - 1
+                yield f"{low} <= {high}", problem, excess
 
 
-def identities(problem: Problem) -> Iterator[tuple[str, str, float]]:
+def identities(problem: Problem) -> Iterator[Check]:
     """The exact optimum reproduced by TOPP-RA along its path, and by Ruckig segment by segment."""
     trajectory = Exact().solve(problem).trajectory
     if trajectory is None:
         yield "exact finds an answer", problem.name, np.inf
         return
-    limits = problem.limits
-    wider = Limits(limits.velocity * (1 + RELAXED), limits.acceleration * (1 + RELAXED))
-    relaxed = Problem(problem.waypoints, wider)
-    own = along(relaxed, trajectory, start_speed=1.0, end_speed=1.0).trajectory
-    yield "TOPP-RA along exact = exact", problem.name, _difference(own, trajectory)
+    yield "TOPP-RA along exact = exact", problem.name, _retimed(problem, trajectory)
     certificate = verify(problem, trajectory)
     yield "exact is exact to 1e-6", problem.name, certificate.dilation - 1
-    times = _section_times(problem, trajectory)
-    difference = np.abs(times - np.diff(trajectory.waypoint_times)).max()
-    yield "Ruckig by segments = exact", problem.name, float(difference / trajectory.duration)
+    yield "Ruckig by segments = exact", problem.name, _by_segments(problem, trajectory)
 
 
-def _difference(a: Trajectory | None, b: Trajectory) -> float:
-    if a is None:
+def _retimed(problem: Problem, trajectory: Trajectory) -> float:
+    """How far TOPP-RA's duration along the path is from the trajectory's, relative."""
+    limits = Limits(
+        problem.limits.velocity * (1 + RELAXED),
+        problem.limits.acceleration * (1 + RELAXED),
+    )
+    relaxed = Problem(problem.waypoints, limits)
+    solution = along(
+        relaxed,
+        trajectory,
+        start_speed=1.0,
+        end_speed=1.0,
+    )
+    if solution.trajectory is None:
         return np.inf
-    return abs(a.duration / b.duration - 1)
+    ratio = solution.trajectory.duration / trajectory.duration
+    return abs(ratio - 1)
 
 
-def _section_times(problem: Problem, trajectory: Trajectory) -> np.ndarray:
-    velocities = trajectory(trajectory.waypoint_times, order=1) / (1 + RELAXED)
-    states = [(q, v, 0 * v) for q, v in zip(problem.waypoints, velocities, strict=True)]
-    return np.array([section(problem.limits, a, b)[0] for a, b in itertools.pairwise(states)])
+def _by_segments(problem: Problem, trajectory: Trajectory) -> float:
+    """How far Ruckig is from the trajectory's segment times, over its whole duration."""
+    times = trajectory.waypoint_times
+    velocities = trajectory(times, order=1) / (1 + RELAXED)
+    states = []
+    for q, v in zip(problem.waypoints, velocities, strict=True):
+        states.append((q, v, 0 * v))
+    ruckig = []
+    for start, end in itertools.pairwise(states):
+        duration, _ = section(problem.limits, start, end)
+        ruckig.append(duration)
+    differences = np.abs(ruckig - np.diff(times))
+    return float(differences.max() / trajectory.duration)
 
 
-def table(found: list[tuple[str, str, float]]) -> pd.DataFrame:
+def table(checks: list[Check]) -> pd.DataFrame:
     """Per relation: how often checked, how often broken beyond 1e-6 and 1e-5, worst and where."""
-    frame = pd.DataFrame(found, columns=["relation", "problem", "excess"])
+    frame = pd.DataFrame(checks, columns=["relation", "problem", "excess"])
+    excess = frame["excess"]
     groups = frame.groupby("relation")["excess"]
-    worst = frame.loc[groups.idxmax()].set_index("relation")
+    highest = groups.idxmax()
+    worst = frame.loc[highest].set_index("relation")
     columns = {"checked": groups.size()}
     for threshold in (1e-6, 1e-5):
-        above = frame["excess"] > threshold
-        columns[f"above {threshold:g}"] = above.groupby(frame["relation"]).sum()
+        above = excess > threshold
+        count = above.groupby(frame["relation"]).sum()
+        columns[f"above {threshold:g}"] = count
     columns["worst"] = worst["excess"]
     columns["at"] = worst["problem"]
     return pd.DataFrame(columns)
 
 
-def main(problems: int = 300, jobs: int = 2, output: Path = Path("results/ordering")) -> None:
+def main(
+    problems: int = 300,
+    jobs: int = 2,
+    output: Path = Path("results/ordering"),
+) -> None:
     """Run the study and print its table; also written to `ordering.csv` in `output`."""
     drawn = [random_problem(seed) for seed in range(problems)]
-    registered = [(name, load(name)) for name in entries()]
-    planners = [(name, planner) for name, planner in registered if not planner.on_request]
+    planners = []
+    for name in entries():
+        planner = load(name)
+        if not planner.on_request:
+            planners.append((name, planner))
     with console.trials() as advance:
-        results = run.compare(drawn, planners, output, seeds=2, jobs=jobs, progress=advance)
-    found = list(orderings(results))
+        results = run.compare(
+            drawn,
+            planners,
+            output,
+            seeds=2,
+            jobs=jobs,
+            progress=advance,
+        )
+    checks = list(orderings(results))
     with console.progress(problems) as advance:
         for problem in drawn:
-            found += identities(problem)
+            checks += identities(problem)
             advance(1)
-    summary = table(found)
+    summary = table(checks)
     summary.to_csv(output / "ordering.csv")
-    print(summary.to_string(float_format=lambda x: f"{x:.1e}"))
+    print(summary.to_string(float_format="{:.1e}".format))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -31,17 +31,29 @@ from experiments.ordering import RELAXED, identities
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
-from trajopt.registry import load
+from trajopt.registry import named
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Checks = Iterator[tuple[str, float, float]]  # kind, relative excess, tolerance
+Check = tuple[str, float, float]  # kind, relative excess, tolerance
+Checks = Iterator[Check]
+State = tuple[Array, Array, Array]  # position, velocity, acceleration
+Symmetry = tuple[str, float, Problem]  # kind, what undoes the duration's change, problem
 Found = tuple[Trajectory | None, float]  # with its certified duration, NaN where there is none
 
-SPLINES = "spline353-nlp:starts=2 unoptimised pso:fitness=scaled,iterations=40"
-OTHERS = "collocation toppra:gridpoints=300 ruckig:evaluations=600 ruckig-stop"
-SPECS = f"exact:starts=4 exact-jerk:starts=2 {SPLINES} {OTHERS}".split()
-PLANNERS = {spec.partition(":")[0]: load(spec) for spec in SPECS}
+SPECS = (
+    "exact:starts=4",
+    "exact-jerk:starts=2",
+    "spline353-nlp:starts=2",
+    "unoptimised",
+    "pso:fitness=scaled,iterations=40",
+    "collocation",
+    "toppra:gridpoints=300",
+    "ruckig:evaluations=600",
+    "ruckig-stop",
+)
+PLANNERS = dict(named(spec) for spec in SPECS)
+INVARIANT = ("ruckig-stop", "spline353-nlp")  # under the symmetries, as the optimum is
 THEOREM = 1e-6  # what solvers' tolerances are worth
 SECTIONS = 1e-5  # what dividing the states by 1 + 1e-6 is worth
 GRID = 5e-2  # what 300 gridpoints are worth where a joint reaches its velocity within one step
@@ -58,22 +70,31 @@ def drawn(seed: int) -> Problem:
     if seed % 25:
         joints = rng.choice([1, 2, 3], p=[0.5, 0.3, 0.2])
         waypoints = rng.choice([2, 3, 4, 5], p=[0.2, 0.4, 0.25, 0.15])
-    problem = random_problem(seed, joints=joints, waypoints=waypoints, jerk=bool(seed % 2))
+    problem = random_problem(
+        seed,
+        joints=joints,
+        waypoints=waypoints,
+        jerk=seed % 2 == 1,
+    )
+    if seed % 3:
+        return problem
     # Every third problem's jerk limits are asymmetric.
-    upwards = 1.0 if seed % 3 else 0.6
-    jerk = problem.limits.jerk * [1.0, upwards]
-    return replace(problem, limits=replace(problem.limits, jerk=jerk))
+    jerk = problem.limits.jerk * [1.0, 0.6]
+    limits = replace(problem.limits, jerk=jerk)
+    return replace(problem, limits=limits)
 
 
 @lru_cache(maxsize=64)
 def answer(name: str, problem: Problem) -> Found:
-    return certified(problem, PLANNERS[name].solve(problem).trajectory)
+    solution = PLANNERS[name].solve(problem)
+    return certified(problem, solution.trajectory)
 
 
 def certified(problem: Problem, trajectory: Trajectory | None) -> Found:
     if trajectory is None:
         return None, np.nan
-    return trajectory, verify(problem, trajectory).certified_duration or np.nan
+    certificate = verify(problem, trajectory)
+    return trajectory, certificate.certified_duration or np.nan
 
 
 def duration(name: str, problem: Problem) -> float:
@@ -88,25 +109,45 @@ def above(own: float, other: float) -> float:
 
 def relations(problem: Problem, seed: int) -> Checks:
     """No planner beats the optimum, symmetries change nothing, and what only one kind can do."""
-    jerk = problem.has("jerk")
-    best = "exact-jerk" if jerk else "exact"
+    optimum = "exact"
+    if problem.has("jerk"):
+        optimum = "exact-jerk"
     able = [name for name, planner in PLANNERS.items() if not planner.unsupported(problem)]
-    pairs = [(best, name) for name in able if not name.startswith("exact")]
-    pairs += [("spline353-nlp", name) for name in ("unoptimised", "pso") if name in able]
+    yield from ordered(problem, optimum, able)
+    # One of the four symmetries, on every second problem.
+    symmetries = alike(problem, seed)
+    turn = seed // 2 % (2 * len(symmetries))
+    if turn < len(symmetries):
+        invariant = [name for name in able if name in (optimum, *INVARIANT)]
+        yield from unchanged(problem, symmetries[turn], invariant)
+    if problem.has("jerk"):
+        yield from jerky(problem, seed)
+    else:
+        yield from free(problem, able, seed)
+
+
+def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
+    """Nobody is faster than the optimum, nor than a planner that may do more."""
+    pairs = [(optimum, name) for name in able if not name.startswith("exact")]
+    pairs += [("spline353-nlp", name) for name in able if name in ("unoptimised", "pso")]
     pairs.append(("ruckig", "ruckig-stop"))
     for low, high in pairs:
-        excess = above(duration(low, problem), duration(high, problem))
-        yield f"{low} <= {high}", excess, THEOREM
-    # One of the four symmetries, on every second problem.
-    for kind, factor, other in alike(problem, seed)[seed // 2 % 8 :][:1]:
-        for name in {best, "ruckig-stop", "spline353-nlp"} & set(able):
-            change = above(factor * duration(name, other), duration(name, problem))
-            yield f"{kind} {name}", abs(change), THEOREM
-    more = jerky if jerk else free
-    yield from more(problem, able, seed)
+        shorter = duration(low, problem)
+        longer = duration(high, problem)
+        yield f"{low} <= {high}", above(shorter, longer), THEOREM
 
 
-def alike(problem: Problem, seed: int) -> list[tuple[str, float, Problem]]:
+def unchanged(problem: Problem, symmetry: Symmetry, names: list[str]) -> Checks:
+    """A symmetric problem's minimum time, but for the factor, is the problem's own."""
+    kind, factor, other = symmetry
+    for name in names:
+        own = duration(name, problem)
+        undone = factor * duration(name, other)
+        change = above(undone, own)
+        yield f"{kind} {name}", abs(change), THEOREM
+
+
+def alike(problem: Problem, seed: int) -> list[Symmetry]:
     """Problems whose minimum time, times the factor, is this one's."""
     q = problem.waypoints
     v = problem.limits.velocity
@@ -115,49 +156,68 @@ def alike(problem: Problem, seed: int) -> list[tuple[str, float, Problem]]:
     # V c, A c², J c³ divide the duration by c.
     c = 3.7
     scaled = Limits(c * v, c**2 * a, c**3 * j)
-    order = np.random.default_rng(seed).permutation(problem.joints)
+    rng = np.random.default_rng(seed)
+    order = rng.permutation(problem.joints)
     permuted = Limits(v[order], a[order], j[order])
     # Every other joint mirrored: its limits change sides.
     even = np.arange(problem.joints) % 2 == 0
-    mirrored = Limits(_sides_changed(v, even), _sides_changed(a, even), _sides_changed(j, even))
+    signs = 1 - 2 * even
+    mirrored = Limits(
+        _sides_changed(v, even),
+        _sides_changed(a, even),
+        _sides_changed(j, even),
+    )
     # Backwards in time velocity and jerk change signs.
-    reversed_ = Limits(-v[:, ::-1], a, -j[:, ::-1])
+    every = np.ones_like(even)
+    reversed_ = Limits(
+        _sides_changed(v, every),
+        a,
+        _sides_changed(j, every),
+    )
     return [
         ("scaling", c, Problem(q, scaled)),
         ("permuting", 1.0, Problem(q[:, order], permuted)),
-        ("mirroring", 1.0, Problem(q * (1 - 2 * even), mirrored)),
+        ("mirroring", 1.0, Problem(q * signs, mirrored)),
         ("reversing", 1.0, Problem(q[::-1], reversed_)),
     ]
 
 
-def _sides_changed(pairs: Array, some: Mask) -> Array:
-    return np.where(some[:, None], -pairs[:, ::-1], pairs)
+def _sides_changed(limits: Array, joints: Mask) -> Array:
+    """The limits `(joints, 2)`, of these joints with their sides and signs changed."""
+    changed = -limits[:, ::-1]
+    return np.where(joints[:, None], changed, limits)
 
 
 def free(problem: Problem, able: list[str], seed: int) -> Checks:
     """The exact optimum in other ways; paths timed anew, up to the grid; a certificate."""
     for kind, _, excess in identities(problem):
-        tolerance = SECTIONS if kind.startswith("Ruckig") else RELAXED + THEOREM
+        tolerance = RELAXED + THEOREM
+        if kind.startswith("Ruckig"):
+            tolerance = SECTIONS
         yield kind, excess, tolerance
-    for name in set(able) - {"exact-jerk", "toppra", "pso"}:
+    for name in able:
+        if name in ("exact-jerk", "toppra", "pso"):
+            continue
         trajectory, own = answer(name, problem)
         if trajectory is None:
             continue
-        again = along(problem, trajectory, gridpoints=300).trajectory
-        _, retimed = certified(problem, again)
+        again = along(problem, trajectory, gridpoints=300)
+        _, retimed = certified(problem, again.trajectory)
         yield f"TOPP-RA along {name} <= {name}", above(retimed, own), GRID
     if seed % 10 == 0:
-        bound = certify(problem, time_limit=5.0).lower_bound
-        yield "proved bound <= exact", above(bound, duration("exact", problem)), THEOREM
+        exact = duration("exact", problem)
+        bound = certify(problem, time_limit=5.0)
+        yield "proved bound <= exact", above(bound.lower_bound, exact), THEOREM
 
 
-def jerky(problem: Problem, _: list[str], seed: int) -> Checks:
+def jerky(problem: Problem, seed: int) -> Checks:
     """Exact without jerk limits and with ever stiffer ones; Ruckig, whose own are symmetric."""
     exact = duration("exact", problem.without("jerk"))
     trajectory, own = answer("exact-jerk", problem)
     yield "exact <= exact-jerk", above(exact, own), THEOREM
     if seed % 10 == 1:
-        limits = replace(problem.limits, jerk=STIFF * problem.limits.acceleration)
+        jerk = STIFF * problem.limits.acceleration
+        limits = replace(problem.limits, jerk=jerk)
         stiff = duration("exact-jerk", replace(problem, limits=limits))
         # In every segment acceleration may change sign, over at most (1 + 10^0.5)/STIFF seconds.
         slack = 5 * problem.segments / STIFF / exact
@@ -182,11 +242,20 @@ def by_segments(problem: Problem, trajectory: Trajectory) -> float:
     for shift in (RELAXED, 1e-9):
         velocities = trajectory(times, 1) / (1 + shift)
         accelerations = trajectory(times, 2) / (1 + shift)
-        states = list(zip(problem.waypoints, velocities, accelerations, strict=True))
-        ruckig = [section(problem.limits, a, b)[0] for a, b in itertools.pairwise(states)]
+        states = zip(problem.waypoints, velocities, accelerations, strict=True)
+        ruckig = _section_times(problem.limits, states)
         apart.append(np.abs(ruckig - np.diff(times)))
     nearest = np.min(apart, axis=0)
     return float(nearest.max() / times[-1])
+
+
+def _section_times(limits: Limits, states: Iterable[State]) -> Array:
+    """Ruckig's duration from each state to the next, s."""
+    times = []
+    for start, end in itertools.pairwise(states):
+        duration, _ = section(limits, start, end)
+        times.append(duration)
+    return np.array(times)
 
 
 def checked(seed: int) -> pd.DataFrame:
@@ -194,15 +263,24 @@ def checked(seed: int) -> pd.DataFrame:
     began = time.perf_counter()
     problem = drawn(seed)
     rows = []
-    mark = " (jerk)" if problem.has("jerk") else ""
     try:
         for kind, excess, tolerance in relations(problem, seed):
-            failed = "" if np.isfinite(excess) else "failed: "
-            rows.append((seed, f"{failed}{kind}{mark}", excess, tolerance))
+            text = kind
+            if problem.has("jerk"):
+                text = f"{kind} (jerk)"
+            if not np.isfinite(excess):
+                text = f"failed: {text}"
+            rows.append((seed, text, excess, tolerance))
     except Exception as error:
-        rows.append((seed, f"failed: {error!r}", np.inf, 0.0))
-    rows.append((seed, DONE, time.perf_counter() - began, np.inf))
+        rows.append(_failed(seed, error))
+    seconds = time.perf_counter() - began
+    rows.append((seed, DONE, seconds, np.inf))
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _failed(seed: int, error: BaseException) -> tuple[int, str, float, float]:
+    """The row of a problem whose checks did not end."""
+    return seed, f"failed: {error!r}", np.inf, 0.0
 
 
 def run(seeds: list[int], jobs: int) -> Iterator[pd.DataFrame]:
@@ -216,7 +294,7 @@ def run(seeds: list[int], jobs: int) -> Iterator[pd.DataFrame]:
             if error is None:
                 yield future.result()
             else:
-                lost = (seed, f"failed: {error!r}", np.inf, 0.0)
+                lost = _failed(seed, error)
                 done = (seed, DONE, np.nan, np.inf)
                 yield pd.DataFrame([lost, done], columns=COLUMNS)
     finally:
@@ -229,38 +307,48 @@ def known(file: Path) -> pd.DataFrame:
     rows = pd.DataFrame(columns=COLUMNS)
     if file.exists():
         rows = pd.read_csv(file)
-    done = rows.loc[rows["kind"] == DONE, "problem"]
-    rows = rows[rows["problem"].isin(done)]
+    last = rows[rows["kind"] == DONE]
+    finished = rows["problem"].isin(last["problem"])
+    rows = rows[finished]
     rows.to_csv(file, index=False)
     return rows
 
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
     """Per kind: how often checked, how often beyond its tolerance, the worst, and where."""
-    rows = rows[rows["kind"] != DONE].fillna({"excess": np.inf})
-    beyond = rows["excess"] > rows["tolerance"]
-    highest = rows.groupby("kind")["excess"].idxmax()
-    worst = rows.loc[highest].set_index("kind")
+    checks = rows[rows["kind"] != DONE]
+    checks = checks.fillna({"excess": np.inf})
+    kinds = checks["kind"]
+    excess = checks["excess"]
+    beyond = excess > checks["tolerance"]
+    highest = excess.groupby(kinds).idxmax()
+    worst = checks.loc[highest].set_index("kind")
     columns = {
-        "checked": rows["kind"].value_counts(),
-        "violations": beyond.groupby(rows["kind"]).sum(),
+        "checked": kinds.value_counts(),
+        "violations": beyond.groupby(kinds).sum(),
         "worst": worst["excess"],
         "problem": worst["problem"],
     }
     return pd.DataFrame(columns)
 
 
-def main(problems: int = 2000, jobs: int = 1, output: Path = Path("results/relations")) -> None:
+def main(
+    problems: int = 2000,
+    jobs: int = 1,
+    output: Path = Path("results/relations"),
+) -> None:
     """Check the relations on every problem and print the table."""
     output.mkdir(parents=True, exist_ok=True)
     file = output / "relations.csv"
-    missing = sorted(set(range(problems)) - set(known(file)["problem"]))
+    finished = set(known(file)["problem"])
+    missing = [seed for seed in range(problems) if seed not in finished]
     with console.progress(problems) as advance:
         advance(problems - len(missing))
         for rows in run(missing, jobs):
             rows.to_csv(file, mode="a", header=False, index=False)
             advance(1)
-    print(table(known(file)).to_string(float_format=lambda x: f"{x:.1e}"))
+    summary = table(known(file))
+    print(summary.to_string(float_format="{:.1e}".format))
 
 
 if __name__ == "__main__":

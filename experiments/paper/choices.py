@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.random import SeedSequence
 
-from experiments.paper.searches import ALGORITHMS, Array, Runs, swarm
+from experiments.paper.searches import ALGORITHMS, TOGETHER, Array, Runs, swarm
 from trajopt import Limits, Problem, spline353
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.registry import configured, load, options
@@ -19,8 +19,6 @@ from trajopt.swarm.optimiser import added
 from trajopt.swarm_planner import SwarmPlanner
 
 Excess = Callable[[Array, Array, Limits], Array]
-
-TOGETHER = -1  # instead of a joint's number: all joints at once
 
 
 @dataclass(frozen=True)

@@ -11,69 +11,93 @@ from experiments.paper.searches import ALGORITHMS, Found, percent_below, referen
 from trajopt import Problem
 from trajopt.benchmark.analysis import statistics
 
+Estimates = dict[str, statistics.Estimate]  # by the keys of `data/reference/claims.csv`
+
 COMMAND = "python -m experiments.paper_study"
 
 
-def estimates(tables: dict[str, pd.DataFrame]) -> dict[str, statistics.Estimate]:
-    """Our numbers by the keys of `data/reference/claims.csv`."""
+def estimates(tables: dict[str, pd.DataFrame]) -> Estimates:
+    """Our numbers in the study's tables."""
     ours = _angles(tables["table2"])
     for _, row in tables["running-times"].iterrows():
-        prefix = "time" if row["timing"] == "shared" else "segment-wise"
-        key = f"{prefix}-{row['algorithm']}"
-        ours[key] = statistics.Estimate(row["claimed s"], row["low s"], row["high s"])
+        prefix = "segment-wise"
+        if row["timing"] == "shared":
+            prefix = "time"
+        algorithm = row["algorithm"]
+        ours[f"{prefix}-{algorithm}"] = statistics.Estimate(
+            row["claimed s"],
+            row["low s"],
+            row["high s"],
+        )
     for name in ("table4", "table5"):
         for _, row in tables[name].iterrows():
             if row["measure"] == "evaluations":
                 continue
-            key = f"{name}-{row['joint']}-{row['ISSA over'].lower()}"
-            ours[key] = statistics.Estimate(row["ours %"], row["low %"], row["high %"])
+            joint = row["joint"]
+            other = row["ISSA over"].lower()
+            ours[f"{name}-{joint}-{other}"] = statistics.Estimate(
+                row["ours %"],
+                row["low %"],
+                row["high %"],
+            )
     return ours
 
 
-def _angles(table: pd.DataFrame) -> dict[str, statistics.Estimate]:
+def _angles(table: pd.DataFrame) -> Estimates:
     """Table 2: how many angles are the paper's, and the one that a singularity leaves free."""
     free = table.query("point == 2 and joint in (4, 6)")
     fixed = table.drop(free.index)
     same = fixed["difference"].abs() < 1e-6
+    degrees = free["ours deg"].iloc[0]
     return {
         "table2-fixed": exactly(same.sum()),
-        "table2-free": exactly(free["ours deg"].iloc[0]),
+        "table2-free": exactly(degrees),
     }
 
 
-def totals(found: Found, problem: Problem) -> dict[str, statistics.Estimate]:
+def totals(found: Found, problem: Problem) -> Estimates:
     """Claims on shared times: who is how much faster, and the shortest of all runs."""
-    own = {name: found[name, "shared"].times[:, 1].sum(axis=1) for name in ALGORITHMS}
-    issa = own["issa"]
-    medians = {name: np.median(times) for name, times in own.items()}
-    faster = [name for name in ALGORITHMS if medians[name] < medians["issa"]]
-    shortest = min(float(times.min()) for times in own.values())
-    unoptimised = np.full(2, 6.0)
+    durations = {}
+    for name in ALGORITHMS:
+        times = found[name, "shared"].times[:, 1]
+        durations[name] = times.sum(axis=1)
+    issa = durations["issa"]
+    fixed = np.full(2, 6.0)  # s, the unoptimised 3-5-3
+    medians = [np.median(durations[name]) for name in ALGORITHMS]
+    shortest = min(times.min() for times in durations.values())
+    faster = sum(median < np.median(issa) for median in medians)
+    joint1 = 0.0
+    if problem.moving[0]:
+        joint1 = np.nan
     return {
-        "below-ssa": statistics.bootstrap(percent_below, issa, own["ssa"]),
-        "below-pso": statistics.bootstrap(percent_below, issa, own["pso"]),
-        "below-unoptimised": statistics.bootstrap(percent_below, issa, unoptimised),
-        "rank": exactly(1 + len(faster)),
+        "below-ssa": statistics.bootstrap(percent_below, issa, durations["ssa"]),
+        "below-pso": statistics.bootstrap(percent_below, issa, durations["pso"]),
+        "below-unoptimised": statistics.bootstrap(percent_below, issa, fixed),
+        "rank": exactly(1 + faster),
         "shortest-shared": exactly(shortest),
-        "joint1": exactly(np.nan if problem.moving[0] else 0.0),
+        "joint1": exactly(joint1),
     }
 
 
 def exactly(value: float) -> statistics.Estimate:
-    return statistics.Estimate(float(value), float(value), float(value))
+    """A number that no seed changes."""
+    number = float(value)
+    return statistics.Estimate(number, number, number)
 
 
-def verdict(row: dict[str, Any], ours: dict[str, statistics.Estimate]) -> str:
+def verdict(row: dict[str, Any], ours: Estimates) -> str:
     """Whether our interval, widened by the slack, holds the paper's number, and not zero as well.
 
     Undecided: the text contradicts itself or leaves it open, or what misses with shared times is
     met by the segment-wise maximum of joints searched alone, and the text does not say which.
     """
     key = str(row["key"])
+    number = row["paper"]
     held = []
     for read in (key, key.replace("time-", "segment-wise-")):
         if read in ours:
-            held.append(_holds(ours[read], row["paper"], row["slack"]))
+            holds = _holds(ours[read], number, row["slack"])
+            held.append(holds)
     if held and held[0]:
         return "reproduced"
     if any(held) or key not in ours or key == "table2-free":
@@ -81,17 +105,25 @@ def verdict(row: dict[str, Any], ours: dict[str, statistics.Estimate]) -> str:
     return "not reproduced"
 
 
-def _holds(ours: statistics.Estimate, number: float, slack: float) -> bool:
-    nothing = number != 0 and ours.low <= 0 <= ours.high
-    within = ours.low - slack <= number <= ours.high + slack
-    return bool(within and not nothing)
+def _holds(
+    ours: statistics.Estimate,
+    number: float,
+    slack: float,
+) -> bool:
+    low = ours.low - slack
+    high = ours.high + slack
+    if not low <= number <= high:
+        return False
+    nothing = ours.low <= 0 <= ours.high
+    return bool(number == 0 or not nothing)
 
 
-def claims(ours: dict[str, statistics.Estimate]) -> pd.DataFrame:
+def claims(ours: Estimates) -> pd.DataFrame:
     """Every quantitative claim of the paper: its number, ours, the difference, the verdict."""
+    published = reference("claims").fillna({"key": "", "note": ""})
     unknown = exactly(np.nan)
     rows = []
-    for row in reference("claims").fillna({"key": "", "note": ""}).to_dict("records"):
+    for row in published.to_dict("records"):
         own = ours.get(row["key"], unknown)
         claim = {
             "claim": row["claim"],

@@ -21,17 +21,20 @@ Array = NDArray[np.float64]
 
 ALGORITHMS = ("pso", "ssa", "issa")
 NAMES = {"pso": "PSO", "ssa": "SSA", "issa": "ISSA"}
+TOGETHER = -1  # instead of a joint's number: all joints at once
 MM = 1000.0  # per metre
 
 
 def reference(name: str) -> pd.DataFrame:
     """A published table, `data/reference/*.csv`."""
-    return pd.read_csv(built_in.data_folder() / "reference" / f"{name}.csv")
+    folder = built_in.data_folder() / "reference"
+    return pd.read_csv(folder / f"{name}.csv")
 
 
 def running_times() -> dict[str, float]:
     """Published running times, s: `unoptimised`, `pso`, `ssa`, `issa`."""
-    return dict(reference("running-times").set_index("algorithm")["seconds"])
+    table = reference("running-times").set_index("algorithm")
+    return dict(table["seconds"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,19 +42,25 @@ class Runs:
     """All seeds of one search.
 
     - `times` `(seeds, joints, 3)`: segment times, s; NaN for joints that never move;
-    - `history` `(m, 4)`: seed, joint (from 0; −1: all together), evaluations, best duration, s.
+    - `history` `(m, 4)`: seed, joint (from 0, or `TOGETHER`), evaluations, best duration, s.
     """
 
     times: Array
     history: Array
 
-    def curves(self, joint: int = -1) -> list[Array]:
+    def curves(self, joint: int = TOGETHER) -> list[Array]:
         """Per seed `(m, 2)`: evaluations of that joint's search, and its best duration, s."""
-        own = self.history[self.history[:, 1] == joint]
-        return [own[own[:, 0] == seed, 2:] for seed in range(len(self.times))]
+        of_joint = self.history[:, 1] == joint
+        own = self.history[of_joint]
+        curves = []
+        for seed in range(len(self.times)):
+            of_seed = own[:, 0] == seed
+            curves.append(own[of_seed, 2:])
+        return curves
 
 
-Found = dict[tuple[str, str], Runs]  # by algorithm and timing
+Search = tuple[str, str]  # algorithm, timing
+Found = dict[Search, Runs]
 
 
 def stored(file: Path, search: Callable[[], Runs]) -> Runs:
@@ -66,51 +75,70 @@ def stored(file: Path, search: Callable[[], Runs]) -> Runs:
         return Runs(arrays["times"], arrays["history"])
 
 
-def swarm(planner: Planner, problem: Problem, seeds: int) -> Runs:
+def swarm(
+    planner: Planner,
+    problem: Problem,
+    seeds: int,
+) -> Runs:
     """Runs of the toolkit's swarm planner, seeds from 0."""
     assert isinstance(planner, SwarmPlanner)
     times = []
     histories = []
-    for seed, solution in enumerate(planner.solve_batch(problem, range(seeds))):
+    solutions = planner.solve_batch(problem, range(seeds))
+    for seed, solution in enumerate(solutions):
         stats = solution.stats
         if solution.history is None:
             curves = stats["joint_history"]
             own_times = stats["joint_times"]
         else:
-            curves = np.insert(solution.history, 0, -1, axis=1)
+            curves = np.insert(solution.history, 0, TOGETHER, axis=1)
             own_times = np.tile(stats["segment_times"], (problem.joints, 1))
-        histories.append(np.insert(curves, 0, seed, axis=1))
+        history = np.insert(curves, 0, seed, axis=1)
+        histories.append(history)
         times.append(own_times)
     return Runs(np.array(times), np.concatenate(histories))
 
 
-def alone(problem: Problem, times: Array, t: Array) -> Array:
+def alone(
+    problem: Problem,
+    times: Array,
+    t: Array,
+) -> Array:
     """Joint positions `(m, joints)` at `t` `(m,)` s, every joint on its own clock `(joints, 3)`.
 
     All start together; a joint that has arrived waits.
     """
-    q = np.tile(problem.waypoints[0], (len(t), 1))
+    start = problem.waypoints[0]
+    q = np.tile(start, (len(t), 1))
     for joint in np.flatnonzero(problem.moving):
         own = problem.only([joint])
-        q[:, joint] = spline353.trajectory(own, times[joint])(t)[:, 0]
+        trajectory = spline353.trajectory(own, times[joint])
+        q[:, joint] = trajectory(t)[:, 0]
     return q
 
 
-def tool_miss(robot: Robot, problem: Problem, times: Array) -> tuple[Array, Array]:
+def tool_miss(
+    robot: Robot,
+    problem: Problem,
+    times: Array,
+) -> tuple[Array, Array]:
     """How far the tool is from each Cartesian point, mm `(4,)`, joints timed alone `(joints, 3)`.
 
     First when the slowest joint passes that point, then the least of the whole motion (at 2001
     instants).
     """
     points = _tool(robot, problem.waypoints)
-    arrivals = np.nanmax(np.cumsum(times, axis=1), axis=0)
-    passed = np.concatenate([[0.0], arrivals])
+    arrivals = np.cumsum(times, axis=1)
+    slowest = np.nanmax(arrivals, axis=0)
+    passed = np.concatenate([[0.0], slowest])
     instants = np.linspace(0.0, passed[-1], 2001)
+    # `(4, 3)` when each point is passed, and `(2001, 3)` throughout
     at = _tool(robot, alone(problem, times, passed))
     path = _tool(robot, alone(problem, times, instants))
+    misses = np.linalg.norm(at - points, axis=-1)
     distances = np.linalg.norm(path[:, None] - points, axis=-1)
     nearest = distances.min(axis=0)
-    return MM * np.linalg.norm(at - points, axis=-1), MM * nearest
+    return MM * misses, MM * nearest
 
 
 def _tool(robot: Robot, q: Array) -> Array:
@@ -121,12 +149,15 @@ def _tool(robot: Robot, q: Array) -> Array:
 
 def interval(values: Sequence[float] | Array) -> statistics.Estimate:
     """Median over seeds with its 95 % bootstrap interval; of a single value, the value."""
-    copies = 2 if len(values) == 1 else 1
-    return statistics.bootstrap(statistics.median, np.repeat(values, copies))
+    sample = np.asarray(values)
+    if len(sample) == 1:
+        sample = np.repeat(sample, 2)
+    return statistics.bootstrap(statistics.median, sample)
 
 
 def percent_below(ours: Array, others: Array) -> statistics.Values:
     """By how many percent the median of ours `(…, runs)` is below the others'."""
     other = np.maximum(statistics.median(others), 1e-9)
     ratio = statistics.median(ours) / other
-    return np.asarray(100 * (1 - ratio))[()]
+    percent = np.asarray(100 * (1 - ratio))
+    return percent[()]
