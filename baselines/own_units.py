@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import wraps
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,12 @@ class Units:
             position=own.position / length,
         )
         waypoints = problem.waypoints / self.lengths
-        return Problem(waypoints, limits, problem.name, problem.source)
+        return Problem(
+            waypoints,
+            limits,
+            problem.name,
+            problem.source,
+        )
 
     def restored(self, solution: Solution) -> Solution:
         """A solution in these units, in s and rad."""
@@ -56,10 +62,18 @@ class Units:
             history = history * [1.0, self.time]
         if bound is not None:
             bound = bound * self.time
-        return replace(solution, trajectory=trajectory, history=history, lower_bound=bound)
+        return replace(
+            solution,
+            trajectory=trajectory,
+            history=history,
+            lower_bound=bound,
+        )
 
 
-def in_own_units(solve: Callable[..., Solution]) -> Callable[..., Solution]:
+SolveT = TypeVar("SolveT", bound=Callable[..., Solution])
+
+
+def in_own_units(solve: SolveT) -> SolveT:
     """Let a `solve` method see moderate numbers, and the problem's own where all those fail."""
 
     @wraps(solve)
@@ -70,7 +84,7 @@ def in_own_units(solve: Callable[..., Solution]) -> Callable[..., Solution]:
                 return units.restored(solution)
         return solve(self, problem, seed=seed)
 
-    return rescaled_solve
+    return cast(SolveT, rescaled_solve)
 
 
 def candidates(problem: Problem) -> Iterator[Units]:
@@ -78,5 +92,8 @@ def candidates(problem: Problem) -> Iterator[Units]:
     spans = np.ptp(problem.waypoints, axis=0)
     lengths = np.where(spans > 0, spans, 1.0)
     times = stop_times(problem)
-    for time in (times.max(), np.exp(np.log(times).mean()), times.min()):
+    longest = times.max()
+    mean = np.exp(np.log(times).mean())
+    briefest = times.min()
+    for time in (longest, mean, briefest):
         yield Units(float(time), lengths)

@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 # One joint's breaks and coefficients, as `Trajectory.joined` takes them.
 Part = tuple[Array, Array]
+# Evaluations spent, and the best total by then, s.
+History = list[tuple[int, float]]
 
 _LOPSIDED = "Ruckig's jerk limit is symmetric: the tighter side was used"
 # Relative: how far inside its limits a state at a waypoint stays.
@@ -122,7 +124,12 @@ class Sections:
         time = float(self._trajectory.duration)
         return time if self._inside() else np.inf
 
-    def profiles(self, k: int, start: Array, end: Array) -> tuple[float, list[Part]]:
+    def profiles(
+        self,
+        k: int,
+        start: Array,
+        end: Array,
+    ) -> tuple[float, list[Part]]:
         """The duration of segment `k` and every joint's `(breaks, coefficients)`, cubics."""
         if not self._calculate(k, start, end):
             raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
@@ -130,55 +137,74 @@ class Sections:
 
     def _rebuilt(self) -> list[Part]:
         duration = self._trajectory.duration
-        return [_cubics(profile, duration) for profile in self._trajectory.profiles[0]]
+        profiles = self._trajectory.profiles[0]
+        return [_cubics(profile, duration) for profile in profiles]
 
-    def _calculate(self, k: int, start: Array, end: Array, *, checked: bool = False) -> bool:
+    def _calculate(
+        self,
+        k: int,
+        start: Array,
+        end: Array,
+        *,
+        checked: bool = False,
+    ) -> bool:
         """Whether Ruckig solves segment `k`; `checked`, from states that keep their limits."""
+        velocity, acceleration = start
+        target_velocity, target_acceleration = end * _INWARDS
         given = self._input
-        target = end * _INWARDS
         given.current_position = self.waypoints[k].tolist()
         given.target_position = self.waypoints[k + 1].tolist()
-        given.current_velocity = start[0].tolist()
-        given.current_acceleration = start[1].tolist()
-        given.target_velocity = target[0].tolist()
-        given.target_acceleration = target[1].tolist()
+        given.current_velocity = velocity.tolist()
+        given.current_acceleration = acceleration.tolist()
+        given.target_velocity = target_velocity.tolist()
+        given.target_acceleration = target_acceleration.tolist()
         self.evaluations += 1
         try:
             if checked and not self._solver.validate_input(given, True, True):
                 return False
-            return self._solver.calculate(given, self._trajectory) in self._success
+            result = self._solver.calculate(given, self._trajectory)
+            return result in self._success
         except (self._error, ValueError):  # a result code that its own enumeration lacks
             return False
 
     def _inside(self) -> bool:
         """Whether the section just computed keeps the position limits."""
-        if not np.isfinite(self.limits.position).any():
+        position = self.limits.position
+        if not np.isfinite(position).any():
             return True
-        size = np.maximum(np.abs(self.waypoints).max(axis=0), 1)
+        coordinates = np.abs(self.waypoints)
+        size = np.maximum(coordinates.max(axis=0), 1)
         slack = _POSITION_RTOL * size
-        low = self.limits.position[:, 0] - slack
-        high = self.limits.position[:, 1] + slack
-        parts = self._rebuilt()
-        return all(_within(*part, low[j], high[j]) for j, part in enumerate(parts))
+        lowest, highest = position.T
+        low = lowest - slack
+        high = highest + slack
+        for j, (breaks, coefficients) in enumerate(self._rebuilt()):
+            if not _within(breaks, coefficients, low[j], high[j]):
+                return False
+        return True
 
 
 def section(
-    limits: Limits, start: tuple[Array, Array, Array], end: tuple[Array, Array, Array]
+    limits: Limits,
+    start: tuple[Array, Array, Array],
+    end: tuple[Array, Array, Array],
 ) -> tuple[float, Array]:
     """One section between two states (position, velocity, acceleration; each `(joints,)`).
 
     Returns its duration with all joints arriving together, and the least time of each joint that
     moves, s. Infinite and NaN where Ruckig refuses. Raises `InvalidInput` where no joint moves.
     """
-    waypoints = np.array([start[0], end[0]])
+    start_position, *start_rates = start
+    end_position, *end_rates = end
+    waypoints = np.array([start_position, end_position])
     sections = Sections(Problem(waypoints, limits))
-    leaving = np.array(start[1:])[:, sections.moving]
-    arriving = np.array(end[1:])[:, sections.moving]
+    leaving = np.array(start_rates)[:, sections.moving]
+    arriving = np.array(end_rates)[:, sections.moving]
     minima = sections.minima(0, leaving, arriving)
     return sections.duration(0, leaving, arriving), minima
 
 
-def improved(sections: Sections, evaluations: int) -> tuple[Array, list[tuple[int, float]]]:
+def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
     """Better states at the waypoints than rest, and the best total by evaluations spent.
 
     Descends from rest, from the waypoints' mean velocities, and then from random steps away from
@@ -188,13 +214,14 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, list[tuple[in
     shortest = _total(sections, best)
     history = [(sections.evaluations, shortest)]
     refused = not np.isfinite(shortest)
-    nothing_to_choose = best[:, 1:-1].size == 0
-    if refused or nothing_to_choose:
+    inner = best[:, 1:-1]
+    if refused or inner.size == 0:
         return best, history
     generator = np.random.default_rng(0)
     guesses = _guesses(sections)
     while sections.evaluations < evaluations:
-        lower, upper = _bounds(sections, best, generator.choice(_KICK_RADII))
+        radius = generator.choice(_KICK_RADII)
+        lower, upper = _bounds(sections, best, radius)
         start = generator.uniform(lower, upper)
         if guesses:
             start = guesses.pop(0)
@@ -209,16 +236,27 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, list[tuple[in
 def _guesses(sections: Sections) -> list[Array]:
     """Rest, and shares of the mean velocity about each waypoint if one stops at its neighbours."""
     rest = sections.at_rest
-    times = np.array([np.nanmax(minima) for minima in _minima(sections, rest)])
-    means = sections.at_rest
-    ways = sections.waypoints[2:] - sections.waypoints[:-2]
+    minima = _minima(sections, rest)
+    times = np.array([np.nanmax(own) for own in minima])
+    waypoints = sections.waypoints
+    # v_k = (q_(k+1) − q_(k−1)) / (T_k + T_(k+1))
+    ways = waypoints[2:] - waypoints[:-2]
     spans = times[1:] + times[:-1]
+    means = sections.at_rest
     means[0, 1:-1] = ways / spans[:, None]
     lower, upper = _bounds(sections, rest, 1.0)
-    return [np.clip(share * means, lower, upper) for share in _MEAN_SHARES]
+    guesses = []
+    for share in _MEAN_SHARES:
+        guess = np.clip(share * means, lower, upper)
+        guesses.append(guess)
+    return guesses
 
 
-def _descended(sections: Sections, states: Array, evaluations: int) -> tuple[Array, float]:
+def _descended(
+    sections: Sections,
+    states: Array,
+    evaluations: int,
+) -> tuple[Array, float]:
     """A local optimum and its total, by a sequential linear programme.
 
     The total is `Σ_k max_j τ_kj`, and a joint's own least time `τ_kj` depends on its own states at
@@ -242,16 +280,24 @@ def _descended(sections: Sections, states: Array, evaluations: int) -> tuple[Arr
 
 def _total(sections: Sections, states: Array) -> float:
     """The duration of all segments, s."""
-    return sum(sections.duration(k, *ends) for k, ends in _each_segment(states))
+    total = 0.0
+    for k, (start, end) in _each_segment(states):
+        total += sections.duration(k, start, end)
+    return total
 
 
-def _bounds(sections: Sections, states: Array, radius: float) -> tuple[Array, Array]:
+def _bounds(
+    sections: Sections,
+    states: Array,
+    radius: float,
+) -> tuple[Array, Array]:
     """The trust region around the states, inside their limits; ends, and no idle acceleration."""
-    # (order, 1, joints): velocity and acceleration
-    limits = np.stack([sections.limits.velocity, sections.limits.acceleration])
+    own = sections.limits
+    limits = np.stack([own.velocity, own.acceleration])
     boxes = limits * (1 - _INSIDE_MARGIN)
-    jerk_limited = np.isfinite(sections.limits.jerk).any(axis=1)
+    jerk_limited = np.isfinite(own.jerk).any(axis=1)
     boxes[1, ~jerk_limited] = 0
+    # (order, 1, joints): velocity and acceleration
     low = boxes[:, None, :, 0]
     high = boxes[:, None, :, 1]
     reach = radius * np.minimum(high, -low)
@@ -274,10 +320,12 @@ def _proposed(sections: Sections, states: Array, radius: float) -> Array:
     own_segment = np.repeat(np.eye(segments), joints, axis=0)
     rises = up.reshape(len(up), -1)
     falls = down.reshape(len(up), -1)
-    matrix = np.concatenate([rises, -falls, -own_segment], axis=1)
-    cost = np.r_[np.zeros(2 * states.size), np.ones(segments)]
+    columns = [rises, -falls, -own_segment]
+    matrix = np.concatenate(columns, axis=1)
+    free = np.zeros(2 * states.size)
+    cost = np.r_[free, np.ones(segments)]
     unbounded = np.full(segments, np.inf)
-    highest = np.concatenate([above.ravel(), below.ravel(), unbounded])
+    highest = np.r_[above.ravel(), below.ravel(), unbounded]
 
     # milp without integers: linprog spends longer checking its arguments than solving.
     optimize = scipy.optimize
@@ -294,11 +342,15 @@ def _proposed(sections: Sections, states: Array, radius: float) -> Array:
         return states
     steps = answer.x[: 2 * states.size]
     rise, fall = steps.reshape(2, *states.shape)
-    return np.asarray(np.clip(states + rise - fall, lower, upper))
+    proposed = states + rise - fall
+    return np.asarray(np.clip(proposed, lower, upper))
 
 
 def _model(
-    sections: Sections, states: Array, above: Array, below: Array
+    sections: Sections,
+    states: Array,
+    above: Array,
+    below: Array,
 ) -> tuple[Array, Array, Array]:
     """Least times `(segments, joints)`, and their slopes upwards and downwards, a row for each.
 
@@ -314,25 +366,41 @@ def _model(
     return np.nan_to_num(times), up, down
 
 
-def _slopes(sections: Sections, states: Array, times: Array, room: Array) -> Array:
+def _slopes(
+    sections: Sections,
+    states: Array,
+    times: Array,
+    room: Array,
+) -> Array:
     """Differences of the least times towards one side, `(segments · joints, *states.shape)`."""
     _, count, joints = states.shape
-    slopes = np.zeros((count - 1, joints, *states.shape))
+    segments = count - 1
+    slopes = np.zeros((segments, joints, *states.shape))
     own = np.arange(joints)
     for order, waypoint in np.argwhere(room.any(axis=2)):
         step = _PROBE_SHARE * room[order, waypoint]
         moved = states.copy()
         moved[order, waypoint] += step
         for k in (waypoint - 1, waypoint):
-            change = sections.minima(k, *_ends(moved, k)) - times[k]
-            slope = np.divide(change, step, out=np.zeros(joints), where=step != 0)
+            start, end = _ends(moved, k)
+            change = sections.minima(k, start, end) - times[k]
+            slope = np.divide(
+                change,
+                step,
+                out=np.zeros(joints),
+                where=step != 0,
+            )
             slopes[k, own, order, waypoint, own] = np.nan_to_num(slope)
-    return slopes.reshape((count - 1) * joints, *states.shape)
+    return slopes.reshape(segments * joints, *states.shape)
 
 
 def _minima(sections: Sections, states: Array) -> list[Array]:
     """Each segment's least times, `(joints,)` each."""
-    return [sections.minima(k, *ends) for k, ends in _each_segment(states)]
+    minima = []
+    for k, (start, end) in _each_segment(states):
+        own = sections.minima(k, start, end)
+        minima.append(own)
+    return minima
 
 
 def _each_segment(states: Array) -> Iterator[tuple[int, Array]]:
@@ -344,22 +412,33 @@ def _each_segment(states: Array) -> Iterator[tuple[int, Array]]:
 
 def _ends(states: Array, k: int) -> Array:
     """The states where segment `k` starts and ends: `(2, 2, joints)`."""
-    return states[:, k : k + 2].swapaxes(0, 1)
+    both = states[:, k : k + 2]
+    return both.swapaxes(0, 1)
 
 
 def _input(ruckig: Any, limits: Limits) -> Any:
     given = ruckig.InputParameter(limits.joints)
     given.min_velocity, given.max_velocity = limits.velocity.T.tolist()
     given.min_acceleration, given.max_acceleration = limits.acceleration.T.tolist()
-    given.max_jerk = np.abs(limits.jerk).min(axis=1).tolist()
+    tighter = np.abs(limits.jerk).min(axis=1)
+    given.max_jerk = tighter.tolist()
     return given
 
 
 def _phases(profile: Any) -> Iterator[tuple[float, list[float]]]:
     """Every phase that takes time: its duration and its cubic."""
     for part in (profile.brake, profile, profile.accel):
-        for t, j, a, v, p in zip(part.t, part.j, part.a, part.v, part.p, strict=False):
+        states = zip(
+            part.t,
+            part.j,
+            part.a,
+            part.v,
+            part.p,
+            strict=False,
+        )
+        for t, j, a, v, p in states:
             if t > 0:
+                # q(t) = p + v t + a t²/2 + j t³/6
                 yield t, [j / 6, a / 2, v, p]
 
 
@@ -367,15 +446,21 @@ def _cubics(profile: Any, time: float) -> Part:
     """One joint's `(breaks, coefficients)` over a section of that time."""
     phases = list(_phases(profile))
     if not phases:
-        phases = [(time, [0.0, 0.0, profile.vf, profile.pf])]
+        line = [0.0, 0.0, profile.vf, profile.pf]
+        phases = [(time, line)]
     durations = [t for t, _ in phases]
+    cubics = [cubic for _, cubic in phases]
     breaks = np.r_[0.0, np.cumsum(durations)]
     breaks[-1] = time
-    coefficients = np.array([cubic for _, cubic in phases]).T
-    return breaks, coefficients
+    return breaks, np.array(cubics).T
 
 
-def _within(breaks: Array, coefficients: Array, low: float, high: float) -> bool:
+def _within(
+    breaks: Array,
+    coefficients: Array,
+    low: float,
+    high: float,
+) -> bool:
     """Whether one joint's positions lie in `[low, high]`: by their bounds, or by their extremes."""
     unit = polynomials.stretched(coefficients, np.diff(breaks))
     bounds = polynomials.bernstein(unit)
@@ -387,34 +472,56 @@ def _within(breaks: Array, coefficients: Array, low: float, high: float) -> bool
 
 
 def _solution(
-    problem: Problem, sections: Sections, states: Array, history: list[tuple[int, float]]
+    problem: Problem,
+    sections: Sections,
+    states: Array,
+    history: History,
 ) -> Solution:
+    durations = []
+    parts = []
     try:
-        parts = [sections.profiles(k, *ends) for k, ends in _each_segment(states)]
+        for k, (start, end) in _each_segment(states):
+            duration, profiles = sections.profiles(k, start, end)
+            durations.append(duration)
+            parts.append(profiles)
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
+    message = ""
     low, high = problem.limits.jerk.T
-    lopsided = bool((-low != high).any())
+    if (-low != high).any():
+        message = _LOPSIDED
+    table = None
+    if history:
+        table = np.array(history)
     return Solution(
         Status.SOLVED,
-        _assembled(problem, parts),
-        _LOPSIDED if lopsided else "",
+        _assembled(problem, durations, parts),
+        message,
         evaluations=sections.evaluations,
-        history=np.array(history) if history else None,
+        history=table,
     )
 
 
-def _assembled(problem: Problem, parts: list[tuple[float, list[Part]]]) -> Trajectory:
+def _assembled(
+    problem: Problem,
+    durations: list[float],
+    parts: list[list[Part]],
+) -> Trajectory:
     """All sections one after another, every joint on common breaks, resting joints put back."""
-    durations = [duration for duration, _ in parts]
     at = np.r_[0.0, np.cumsum(durations)]
     joints = []
     for column in range(int(problem.moving.sum())):
         breaks = [np.zeros(1)]
         coefficients = []
-        for start, (_, section) in zip(at, parts, strict=False):
+        for start, section in zip(at[:-1], parts, strict=True):
             own_breaks, own_coefficients = section[column]
             breaks.append(start + own_breaks[1:])
             coefficients.append(own_coefficients)
-        joints.append((np.concatenate(breaks), np.concatenate(coefficients, axis=1)))
-    return Trajectory.of_moving(problem.waypoints[0], problem.moving, joints, at)
+        all_breaks = np.concatenate(breaks)
+        joints.append((all_breaks, np.hstack(coefficients)))
+    return Trajectory.of_moving(
+        problem.waypoints[0],
+        problem.moving,
+        joints,
+        at,
+    )

@@ -90,8 +90,12 @@ class ToppRa(Planner):
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        knots = get_args(Knots) if self.knots == "best" else (self.knots,)
-        ends = get_args(Ends) if self.ends == "best" else (self.ends,)
+        knots = get_args(Knots)
+        if self.knots != "best":
+            knots = (self.knots,)
+        ends = get_args(Ends)
+        if self.ends != "best":
+            ends = (self.ends,)
         solutions = {}
         for knot_rule, end_rule in product(knots, ends):
             path = spline(problem, knot_rule, end_rule)
@@ -150,7 +154,14 @@ def along(
         (3 * gridpoints, _WIDER),
     ]
     for size, wider in attempts:
-        solution = _along(problem.limits, trajectory, size, speeds, scale, wider)
+        solution = _along(
+            problem.limits,
+            trajectory,
+            size,
+            speeds,
+            scale,
+            wider,
+        )
         if solution.trajectory is not None:
             break
     return solution
@@ -172,16 +183,24 @@ def _along(
     acceleration = limits.acceleration * unit**2 * wider
     own_limits = Limits(velocity, acceleration)
 
-    slopes = np.abs(path([0.0, path.duration], order=1))
+    both_ends = [0.0, path.duration]
+    slopes = np.abs(path(both_ends, order=1))
     still = slopes <= _STILL_SHARE * velocity[:, 1]
-    start = _speeds(speeds[0], scale, bool(still[0].all()))
-    end = _speeds(speeds[1], scale, bool(still[1].all()))
+    start_speed, end_speed = speeds
+    start = _speeds(start_speed, scale, bool(still[0].all()))
+    end = _speeds(end_speed, scale, bool(still[1].all()))
 
-    path_speeds, reason = _path_speeds(grid, own_limits, start, end)
+    path_speeds, reason = _path_speeds(
+        grid,
+        own_limits,
+        start,
+        end,
+    )
     if path_speeds is None:
         return Solution(Status.FAILED, message=f"TOPP-RA: {reason}")
     retimed = _timed(grid, path_speeds / unit, path.waypoint_times)
-    return Solution(Status.SOLVED, retimed, stats={"gridpoints": len(grid.at)})
+    stats = {"gridpoints": len(grid.at)}
+    return Solution(Status.SOLVED, retimed, stats=stats)
 
 
 def _best(problem: Problem, solutions: dict[str, Solution]) -> Solution:
@@ -208,8 +227,10 @@ def _best(problem: Problem, solutions: dict[str, Solution]) -> Solution:
 def _straightened(path: Trajectory) -> Trajectory:
     """The same path, its first piece `q0 + d s^m`, `m ≥ 3`, as a line; the slope after it stays."""
     length = path.breaks[1]
-    piece = polynomials.stretched(path.coefficients[:, 0], length)
-    sizes = np.abs(piece)[:-1].max(axis=1)
+    first = path.coefficients[:, 0]
+    piece = polynomials.stretched(first, length)
+    curved = np.abs(piece)[:-1]
+    sizes = curved.max(axis=1)
     present = sizes > _STRAIGHT_RTOL * sizes.max()
     powers = len(sizes) - np.flatnonzero(present)
     if len(powers) != 1 or powers[0] < 3:
@@ -218,14 +239,20 @@ def _straightened(path: Trajectory) -> Trajectory:
     # the line's slope is the curve's where it ends, m d s^(m−1), so it is m times as short
     m = int(powers[0])
     coefficients = np.array(path.coefficients)
-    slope = coefficients[-1 - m, 0] * m * length ** (m - 1)
+    d = coefficients[-1 - m, 0]
+    slope = d * m * length ** (m - 1)
     coefficients[-2, 0] = slope
     coefficients[:-2, 0] = 0.0
     saved = length - length / m
-    breaks = np.r_[0.0, path.breaks[1:] - saved]
-    inside = length / m * (path.waypoint_times / length) ** m
-    beyond = path.waypoint_times - saved
-    times = np.where(path.waypoint_times < length, inside, beyond)
+    later = path.breaks[1:] - saved
+    breaks = np.r_[0.0, later]
+
+    # waypoints on the line where the curve reaches them, those after it as much earlier
+    waypoints = path.waypoint_times
+    on_curve = (waypoints / length) ** m
+    inside = length / m * on_curve
+    beyond = waypoints - saved
+    times = np.where(waypoints < length, inside, beyond)
     return Trajectory(breaks, coefficients, times)
 
 
@@ -246,10 +273,12 @@ def _unit(trajectory: Trajectory, length: float) -> Trajectory:
     apart = np.diff(own) > _BREAK_RTOL * own[-1]
     breaks = own[np.r_[True, apart]]
     breaks[-1] = own[-1]
-    middles = 0.5 * (breaks[:-1] + breaks[1:])
+    begins = breaks[:-1]
+    middles = 0.5 * (begins + breaks[1:])
     piece = np.searchsorted(own, middles, side="right") - 1
-    offset = breaks[:-1] - own[piece]
-    coefficients = polynomials.shifted(scaled.coefficients[:, piece], offset[:, None])
+    offset = begins - own[piece]
+    pieces = scaled.coefficients[:, piece]
+    coefficients = polynomials.shifted(pieces, offset[:, None])
     return Trajectory(breaks, coefficients, scaled.waypoint_times)
 
 
@@ -277,32 +306,45 @@ def _cut(path: Trajectory) -> _Grid:
     # of every step: its piece, and its number in it
     piece = np.repeat(np.arange(len(parts)), parts)
     before = np.cumsum(parts) - parts
-    number = np.arange(len(piece)) - np.repeat(before, parts)
+    steps_before = np.repeat(before, parts)
+    number = np.arange(len(piece)) - steps_before
 
-    step = (lengths / parts)[piece]
+    even_steps = lengths / parts
+    step = even_steps[piece]
     offset = number * step
-    moved = polynomials.shifted(path.coefficients[:, piece], offset[:, None])
+    pieces = path.coefficients[:, piece]
+    moved = polynomials.shifted(pieces, offset[:, None])
     starts = path.breaks[piece] + offset
     at = np.r_[starts, path.breaks[-1]]
-    return _Grid(at, step, polynomials.stretched(moved, step))
+    local = polynomials.stretched(moved, step)
+    return _Grid(at, step, local)
 
 
-def _speeds(speed: float | None, scale: float, still: bool) -> tuple[float, float]:
+def _speeds(
+    speed: float | None,
+    scale: float,
+    still: bool,
+) -> tuple[float, float]:
     """The interval of path speeds allowed at an end."""
     if speed is not None:
-        return speed * scale, speed * scale
+        scaled = speed * scale
+        return scaled, scaled
     if still:
         return 0.0, _FREE_SPEED
     return 0.0, 0.0
 
 
 def _path_speeds(
-    grid: _Grid, limits: Limits, start: tuple[float, float], end: tuple[float, float]
+    grid: _Grid,
+    limits: Limits,
+    start: tuple[float, float],
+    end: tuple[float, float],
 ) -> tuple[Array | None, str]:
     """The path speed at every gridpoint, or None and why not."""
+    interval = grid.at[[0, -1]]
     algorithm = backend("toppra").algorithm.TOPPRA(
         [_constraint(grid, limits)],
-        SimpleNamespace(path_interval=grid.at[[0, -1]]),
+        SimpleNamespace(path_interval=interval),
         gridpoints=grid.at,
         solver_wrapper="seidel",
     )
@@ -316,17 +358,23 @@ def _path_speeds(
     if slowest_start > fastest * (1 + _SPEED_RTOL):
         times = slowest_start / fastest
         return None, f"the path cannot be started at {times:.6g} times its top speed"
-    algorithm.compute_parameterization(min(fastest_start, fastest), 0.0)
+    start_speed = min(fastest_start, fastest)
+    algorithm.compute_parameterization(start_speed, 0.0)
     data = algorithm.problem_data
     if data.sd_vec is None or not np.isfinite(data.sd_vec).all():
         return None, data.return_code.value
     speeds = _smoothed(data.sd_vec, data.sdd_vec, grid.step)
-    if (speeds[1:] + speeds[:-1] <= 0).any():
+    sums = speeds[1:] + speeds[:-1]
+    if (sums <= 0).any():
         return None, "the path comes to a standstill"
     return speeds, ""
 
 
-def _smoothed(speeds: Array, accelerations: Array, step: Array) -> Array:
+def _smoothed(
+    speeds: Array,
+    accelerations: Array,
+    step: Array,
+) -> Array:
     """The speeds, with the solver's own path acceleration on very short steps.
 
     The solver lowers squared speeds by 1e-8 here and there, which is a large acceleration there.
@@ -336,7 +384,8 @@ def _smoothed(speeds: Array, accelerations: Array, step: Array) -> Array:
     for i in short[::-1]:
         if 0 < i < len(step) - 1:
             # x_i = x_(i+1) − 2 Δ u
-            before = squared[i + 1] - 2 * step[i] * accelerations[i]
+            gain = 2 * step[i] * accelerations[i]
+            before = squared[i + 1] - gain
             squared[i] = max(0.0, before)
     return np.asarray(np.sqrt(squared))
 
@@ -358,23 +407,28 @@ def _constraint(grid: _Grid, limits: Limits) -> Any:
         slope = polynomials.evaluate(first, np.array(node))
         bend = polynomials.evaluate(second, np.array(node))
         u = slope + 2 * node * step * bend
-        rows.append(_normalised(u, bend, -high))
-        rows.append(_normalised(-u, -bend, low))
+        upper = _normalised(u, bend, -high)
+        lower = _normalised(-u, -bend, low)
+        rows += [upper, lower]
 
     # q'² (x + Δ u) ≤ V² in the middle of the step
     slope = polynomials.evaluate(first, np.array(0.5))
     backward_limit, forward_limit = limits.velocity.T
     top = np.where(slope > 0, forward_limit, backward_limit)
     square = slope**2
-    rows.append(_normalised(step * square, square, -(top**2)))
+    middle = _normalised(step * square, square, -(top**2))
+    rows.append(middle)
 
-    a, b, c = (_with_last_twice(parts) for parts in zip(*rows, strict=True))
+    a, b, c = [_with_last_twice(parts) for parts in zip(*rows, strict=True)]
     bounds = _speed_bounds(first, limits.velocity)
-    f = np.eye(a.shape[1])
-    g = np.zeros(a.shape[1])
+    # toppra's F (a u + b x + c) ≤ g, and no limit on u alone
+    count = a.shape[1]
+    f = np.eye(count)
+    g = np.zeros(count)
+    parameters = (a, b, c, f, g, None, bounds)
     constraint = backend("toppra").constraint.LinearConstraint()
     constraint.identical = True
-    constraint.compute_constraint_params = lambda *_: (a, b, c, f, g, None, bounds)
+    constraint.compute_constraint_params = lambda *_: parameters
     return constraint
 
 
@@ -384,10 +438,15 @@ def _with_last_twice(parts: Sequence[Array]) -> Array:
     return np.concatenate([beside, beside[-1:]])
 
 
-def _normalised(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
+def _normalised(
+    a: Array,
+    b: Array,
+    c: Array,
+) -> tuple[Array, Array, Array]:
     """Each row over its largest coefficient: the solver's tolerances are absolute."""
     largest = np.maximum(np.abs(a), np.abs(b))
-    size = np.maximum(largest, np.abs(c) / _FREE_SPEED**2)
+    constant = np.abs(c) / _FREE_SPEED**2
+    size = np.maximum(largest, constant)
     return a / size, b / size, c / size
 
 
@@ -395,26 +454,36 @@ def _speed_bounds(first: Array, velocity: Array) -> Array:
     """`0 ≤ x ≤ (V / q')²` at the gridpoints, `(N + 1, 2)`."""
     last = first[:, -1:].sum(axis=0)
     slope = np.concatenate([first[-1], last])
-    forwards = slope / velocity[:, 1]
-    backwards = slope / velocity[:, 0]
-    use = np.maximum(forwards, backwards).max(axis=1)
-    top = 1 / np.maximum(use, 1 / _FREE_SPEED) ** 2
+    slowest, fastest = velocity.T
+    forwards = slope / fastest
+    backwards = slope / slowest
+    by_joint = np.maximum(forwards, backwards)
+    use = by_joint.max(axis=1)
+    use = np.maximum(use, 1 / _FREE_SPEED)
+    top = 1 / use**2
     return np.stack([np.zeros_like(top), top], axis=1)
 
 
-def _timed(grid: _Grid, speeds: Array, waypoints: Array) -> Trajectory:
+def _timed(
+    grid: _Grid,
+    speeds: Array,
+    waypoints: Array,
+) -> Trajectory:
     """The path at `s(t)`, quadratic on each interval; `waypoints` are parameters."""
     # a step takes 2 Δ/(v_i + v_(i+1)); over it, s = c w + (1 − c) w² with w = time/step's time
-    sums = speeds[1:] + speeds[:-1]
+    before = speeds[:-1]
+    sums = speeds[1:] + before
     durations = 2 * grid.step / sums
     breaks = np.r_[0.0, np.cumsum(durations)]
-    linear = 2 * speeds[:-1] / sums
+    linear = 2 * before / sums
     composed = _composed(grid.local, linear[:, None])
 
     # to a waypoint inside a step: 2 (s − s_i)/(v_i + v(s)), v² being linear in s
-    i = np.searchsorted(grid.at[1:-1], waypoints, side="right")
+    inner = grid.at[1:-1]
+    i = np.searchsorted(inner, waypoints, side="right")
     squared = np.interp(waypoints, grid.at, speeds**2)
-    speed_sums = np.maximum(speeds[i] + np.sqrt(squared), 1e-300)
+    speed_sums = speeds[i] + np.sqrt(squared)
+    speed_sums = np.maximum(speed_sums, 1e-300)
     inside = waypoints - grid.at[i]
     times = breaks[i] + 2 * inside / speed_sums
     coefficients = polynomials.stretched(composed, 1 / durations)
@@ -426,7 +495,8 @@ def _composed(local: Array, linear: Array) -> Array:
     result = local[:1]
     for row in local[1:]:
         zero = np.zeros_like(result[:1])
-        times_square = np.concatenate([(1 - linear) * result, zero, zero])
+        square = (1 - linear) * result
+        times_square = np.concatenate([square, zero, zero])
         times_linear = np.concatenate([zero, linear * result, zero])
         result = times_square + times_linear
         result[-1] += row

@@ -150,9 +150,12 @@ class Grid:
         self.waypoints = (waypoints - origin) / scale
         self.position = (position - origin) / scale
         # (2, joints): lowest and highest
-        self.velocity = limits.velocity[moving].T / scale * unit
-        self.acceleration = limits.acceleration[moving].T / scale * unit**2
-        self.jerk = limits.jerk[moving].T / scale * unit**3
+        velocity = limits.velocity[moving].T
+        acceleration = limits.acceleration[moving].T
+        jerk = limits.jerk[moving].T
+        self.velocity = velocity / scale * unit
+        self.acceleration = acceleration / scale * unit**2
+        self.jerk = jerk / scale * unit**3
         jerk_limited = np.isfinite(self.jerk).any(axis=0)
         self.smooth = tuple(bool(one) for one in jerk_limited)
         self.boxed = problem.has("position")
@@ -170,7 +173,8 @@ class Grid:
     def stopping(self) -> Nodes:
         """Where IPOPT starts: stopping at every waypoint, in generous time."""
         inner_waypoints = self.waypoints[1:-1]
-        return self.cubics(2 * self.stop, np.zeros_like(inner_waypoints))
+        rest = np.zeros_like(inner_waypoints)
+        return self.cubics(2 * self.stop, rest)
 
     def cubics(self, times: Array, velocities: Array) -> Nodes:
         """Equal intervals of one cubic per segment, `(segments,)` and `(segments - 1, joints)`."""
@@ -190,11 +194,13 @@ class Grid:
         curve = square + s * cube
         slope = 2 * square + 3 * s * cube
         bend = 2 * square + 6 * s * cube
-        q = start + s * (first + s * curve)
+        travelled = s * (first + s * curve)
+        q = start + travelled
         v = (first + s * slope) / t
         a = bend / t**2
 
-        equal = np.repeat(times / self.intervals, self.intervals)
+        brief = times / self.intervals
+        equal = np.repeat(brief, self.intervals)
         return Nodes(
             times,
             equal[:, None] + rest,
@@ -215,18 +221,21 @@ class Grid:
         waypoint at rest one of them is that waypoint (of the single one without jerk limits, on
         either side), and free; at both ends, where acceleration vanishes too, both are.
         """
-        low, high = np.repeat(self.position[:, None], len(self.stop) * self.intervals, axis=1)
+        size = self.intervals
+        pieces = len(self.stop) * size
+        low, high = np.repeat(self.position[:, None], pieces, axis=1)
         first = np.zeros(low.shape, dtype=bool)
         second = np.zeros(low.shape, dtype=bool)
-        first[:: self.intervals] = self.resting[:-1]
-        second[self.intervals - 1 :: self.intervals] = self.resting[1:]
+        first[::size] = self.resting[:-1]
+        second[size - 1 :: size] = self.resting[1:]
         single = ~np.array(self.smooth)
         first |= second & single
         tables = []
         for free in (first, second):
             free[[0, -1]] = True
-            tables.append(np.where(free, -np.inf, low))
-            tables.append(np.where(free, np.inf, high))
+            lowest = np.where(free, -np.inf, low)
+            highest = np.where(free, np.inf, high)
+            tables += [lowest, highest]
         return tables
 
     def slopes(self, nodes: Nodes) -> tuple[Array, Array]:
@@ -244,9 +253,10 @@ class Grid:
         v = nodes.v[:-1]
         # Taylor's formula at half the interval
         bend = slope / 2 + half * jerk / 6
+        mean_v = v + half * bend
         mean_slope = slope + half * jerk / 2
         middle_slope = slope + half * jerk
-        middle_q = q + half * (v + half * bend)
+        middle_q = q + half * mean_v
         middle_v = v + half * mean_slope
         middle_a = np.where(self.smooth, middle_slope, 0.0)
         return Nodes(
@@ -271,8 +281,15 @@ class Grid:
         powers = np.array([3, 2, 1, 0])[:, None, None]
         parts *= self.scale / self.unit**powers
         parts[3] += self.origin
-        joints = [(breaks[:, i], parts[:, :, i]) for i in range(len(self.scale))]
-        return Trajectory.of_moving(self.problem.waypoints[0], self.moving, joints, at)
+        joints = []
+        for i in range(len(self.scale)):
+            joints.append((breaks[:, i], parts[:, :, i]))
+        return Trajectory.of_moving(
+            self.problem.waypoints[0],
+            self.moving,
+            joints,
+            at,
+        )
 
 
 def _from_zero(lengths: Array) -> Array:
@@ -292,7 +309,12 @@ class Transcription:
     """One IPOPT problem for all problems of a kind; numbers and bounds are parameters."""
 
     def __init__(
-        self, segments: int, intervals: int, smooth: tuple[bool, ...], boxed: bool, free: bool
+        self,
+        segments: int,
+        intervals: int,
+        smooth: tuple[bool, ...],
+        boxed: bool,
+        free: bool,
     ) -> None:
         ca = backend("casadi")
         joints = len(smooth)
@@ -303,16 +325,23 @@ class Transcription:
         self.nodes = pieces + 1
         self.intervals = intervals
         self.free = free
-        self.shapes = Nodes((segments, 1), (pieces, joints), states, states, states)
+        self.shapes = Nodes(
+            times=(segments, 1),
+            lengths=(pieces, joints),
+            q=states,
+            v=states,
+            a=states,
+        )
 
         x = Nodes(
             times=ca.MX.sym("t", segments),
             lengths=ca.MX.sym("l", pieces, joints),
-            q=ca.MX.sym("q", pieces + 1, joints),
-            v=ca.MX.sym("v", pieces + 1, joints),
-            a=ca.MX.sym("a", pieces + 1, joints),
+            q=ca.MX.sym("q", *states),
+            v=ca.MX.sym("v", *states),
+            a=ca.MX.sym("a", *states),
         )
-        equal = ca.vec(ca.repmat(x.times.T / intervals, intervals, 1))
+        brief = x.times.T / intervals
+        equal = ca.vec(ca.repmat(brief, intervals, 1))
         limits = {
             "velocity": ca.MX.sym("velocity", 2, joints),
             "acceleration": ca.MX.sym("acceleration", 2, joints),
@@ -326,10 +355,19 @@ class Transcription:
         walls = room if boxed else []
 
         duration = ca.sum1(x.times)
-        rows: list[Row] = [(longest - duration, 0.0, np.inf)]
+        spare_time = longest - duration
+        rows: list[Row] = [(spare_time, 0.0, np.inf)]
         for j, is_smooth in enumerate(smooth):
-            rows += self._joint(motion, j, limits, is_smooth, walls)
+            rows += self._joint(
+                motion,
+                j,
+                limits,
+                is_smooth,
+                walls,
+            )
+        options = _OPTIONS
         if free:
+            options = _WARM_OPTIONS
             rows += self._filling(x, equal)
 
         parameters = [*limits.values(), *room, longest]
@@ -340,7 +378,7 @@ class Transcription:
             parameters=parameters,
             objective=duration,
             constraints=expressions,
-            options=_WARM_OPTIONS if free else _OPTIONS,
+            options=options,
         )
         low = ca.vertcat(*map(ca.vec, lows))
         high = ca.vertcat(*map(ca.vec, highs))
@@ -369,12 +407,18 @@ class Transcription:
         return rows
 
     def _joint(
-        self, x: Nodes, j: int, limits: dict[str, Any], smooth: bool, room: list[Any]
+        self,
+        x: Nodes,
+        j: int,
+        limits: dict[str, Any],
+        smooth: bool,
+        room: list[Any],
     ) -> list[Row]:
         """One joint's constraints, each a row per interval."""
         ca = self.ca
-        zero = ca.DM.zeros(self.nodes - 1)
-        free = ca.DM.inf(self.nodes - 1)
+        pieces = self.nodes - 1
+        zero = ca.DM.zeros(pieces)
+        free = ca.DM.inf(pieces)
         lengths = x.lengths[:, j]
         q0 = x.q[:-1, j]
         q1 = x.q[1:, j]
@@ -384,7 +428,8 @@ class Transcription:
         a1 = x.a[1:, j]
 
         def limit(kind: str, side: int) -> Any:
-            return ca.repmat(limits[kind][side, j], self.nodes - 1, 1)
+            own = limits[kind][side, j]
+            return ca.repmat(own, pieces, 1)
 
         if smooth:
             slowest = limit("jerk", 0) * lengths
@@ -396,6 +441,8 @@ class Transcription:
             weighted = 2 * a0 + a1
             way = lengths**2 * weighted / 6
             middle_v = v0 + lengths * a0 / 2
+            slowest_v = limit("velocity", 0)
+            fastest_v = limit("velocity", 1)
             rows = [
                 # J1 l ≤ a1 − a0 ≤ J2 l
                 (step_a - slowest, zero, free),
@@ -405,9 +452,11 @@ class Transcription:
                 # q1 = q0 + l v0 + l² (2 a0 + a1)/6
                 (step_q - lengths * v0 - way, zero, zero),
                 # the velocity's inner Bernstein coefficient
-                (middle_v, limit("velocity", 0), limit("velocity", 1)),
+                (middle_v, slowest_v, fastest_v),
             ]
-            inner = [q0 + lengths * v0 / 3, q1 - lengths * v1 / 3]
+            early_q = q0 + lengths * v0 / 3
+            late_q = q1 - lengths * v1 / 3
+            inner = [early_q, late_q]
         else:
             slowest = limit("acceleration", 0) * lengths
             fastest = limit("acceleration", 1) * lengths
@@ -421,10 +470,13 @@ class Transcription:
                 # q1 = q0 + l (v0 + v1)/2
                 (step_q - mean_v, zero, zero),
             ]
-            inner = [q0 + lengths * v0 / 2]
+            middle_q = q0 + lengths * v0 / 2
+            inner = [middle_q]
 
         # the position's inner Bernstein coefficients, where positions are limited
-        for coefficient, low, high in zip(inner, room[::2], room[1::2], strict=False):
+        lowest = room[::2]
+        highest = room[1::2]
+        for coefficient, low, high in zip(inner, lowest, highest, strict=False):
             rows.append((coefficient, low[:, j], high[:, j]))
         return rows
 
@@ -439,10 +491,12 @@ class Transcription:
             *grid.room(),
             np.array([grid.longest]),
         ]
+        lowest = flat(*self._varied(low))
+        highest = flat(*self._varied(high))
         run = self.solver(
             start=flat(*self._varied(start)),
             parameters=flat(*parameters),
-            bounds=(flat(*self._varied(low)), flat(*self._varied(high))),
+            bounds=(lowest, highest),
             constraint_bounds=self.edges(*parameters),
         )
         nodes = self._read(run.x)
@@ -454,7 +508,8 @@ class Transcription:
         times = column[:, 0]
         if self.free:
             return Nodes(times, *tables)
-        equal = np.repeat(column / self.intervals, self.intervals, axis=0)
+        brief = column / self.intervals
+        equal = np.repeat(brief, self.intervals, axis=0)
         lengths = np.tile(equal, (1, self.joints))
         return Nodes(times, lengths, *tables)
 
@@ -463,17 +518,33 @@ class Transcription:
         h = np.diff(grid.waypoints, axis=0)
         forwards = h / grid.velocity[1]
         backwards = h / grid.velocity[0]
-        times = np.maximum(forwards, backwards).max(axis=1)
+        by_joint = np.maximum(forwards, backwards)
         lengths = np.zeros(self.shapes.lengths)
-        return self._bounds(grid, 0, times, lengths)
+        return self._bounds(
+            grid,
+            side=0,
+            times=by_joint.max(axis=1),
+            lengths=lengths,
+        )
 
     def _highest(self, grid: Grid) -> Nodes:
         """Upper bounds of all variables."""
         times = np.full_like(grid.stop, grid.longest)
         lengths = np.full(self.shapes.lengths, grid.longest)
-        return self._bounds(grid, 1, times, lengths)
+        return self._bounds(
+            grid,
+            side=1,
+            times=times,
+            lengths=lengths,
+        )
 
-    def _bounds(self, grid: Grid, side: int, times: Array, lengths: Array) -> Nodes:
+    def _bounds(
+        self,
+        grid: Grid,
+        side: int,
+        times: Array,
+        lengths: Array,
+    ) -> Nodes:
         """Bounds of the states; at waypoints and where the motion rests both coincide."""
         every_node = (self.nodes, 1)
         q = np.tile(grid.position[side], every_node)
@@ -490,7 +561,13 @@ class Transcription:
 
 def transcription(grid: Grid, *, free: bool = False) -> Transcription:
     """The IPOPT problem for a grid, built once for its kind; `free`: with free nodes."""
-    return _built(grid.problem.segments, grid.intervals, grid.smooth, grid.boxed, free)
+    return _built(
+        grid.problem.segments,
+        grid.intervals,
+        grid.smooth,
+        grid.boxed,
+        free,
+    )
 
 
 _built = lru_cache(maxsize=32)(Transcription)

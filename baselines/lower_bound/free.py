@@ -60,8 +60,12 @@ class Free:
         self.unit = self.scaled.unit
         self.shortest = _shortest_times(self.scaled)
         self.trivial_bound = float(self.shortest.sum()) * self.unit
-        slowest = float(np.abs(self.scaled.v).min())
-        self.margin = _margin(self.scaled.stop, self.shortest, slowest)
+        speeds = np.abs(self.scaled.v)
+        self.margin = _margin(
+            self.scaled.stop,
+            self.shortest,
+            float(speeds.min()),
+        )
 
     @staticmethod
     def expected_seconds(problem: Problem) -> float:
@@ -69,7 +73,8 @@ class Free:
         return (_MODEL_SECONDS + _START_SECONDS) * cells(problem)
 
     def incumbent(self) -> Trajectory:
-        answer = Exact(starts=self.starts).solve(self.problem).trajectory
+        planner = Exact(starts=self.starts)
+        answer = planner.solve(self.problem).trajectory
         if answer is None:
             raise TrajoptError("no trajectory to start from: IPOPT failed from every start")
         return certified(self.problem, answer)
@@ -105,18 +110,27 @@ class Free:
         for t, r in zip(self.t, self.r, strict=True):
             m.chgVarBranchPriority(t, _TIME_PRIORITY)
             m.addCons(r <= t**-1)
-        spans = np.stack([shortest, longest], axis=1).tolist()
-        for k, between in enumerate(spans):
+        spans = np.stack([shortest, longest], axis=1)
+        for k, between in enumerate(spans.tolist()):
             for j in range(joints):
                 self._reach(m, k, j, between)
 
-        times = [s * t for s, t in zip(stop, self.t, strict=True)]
+        # Σ T = Σ S t
+        times = []
+        for size, t in zip(stop, self.t, strict=True):
+            times.append(size * t)
         duration = self.scip.quicksum(times)
         m.setObjective(duration)
         m.addCons(duration <= total)
         return m
 
-    def _reach(self, m: Any, k: int, j: int, between: list[float]) -> None:
+    def _reach(
+        self,
+        m: Any,
+        k: int,
+        j: int,
+        between: list[float],
+    ) -> None:
         """Joint `j` can cover segment `k`, seen in the direction it moves.
 
         `between` are the segment's shortest and longest times.
@@ -126,19 +140,20 @@ class Free:
         displacement = scaled.h[k, j]
         h = abs(displacement)
         sign = 1 if displacement >= 0 else -1
-        velocity = np.abs(scaled.v[::sign, j])
-        acceleration = np.abs(scaled.a[::sign, j])
-        v1, v2 = velocity
-        a1, a2 = acceleration
+        v1, v2 = np.abs(scaled.v[::sign, j])
+        a1, a2 = np.abs(scaled.a[::sign, j])
         stop = float(scaled.stop[k])
         t = self.t[k]
         r = self.r[k]
-        u = sign * self.ends[k][j]
-        w = sign * self.ends[k + 1][j]
+        start = self.ends[k]
+        end = self.ends[k + 1]
+        u = sign * start[j]
+        w = sign * end[j]
 
         # the mean velocity h/T lies between both peaks
-        up = m.addVar(lb=h / longest, ub=v2)
+        lowest_mean = h / longest
         highest_mean = h / shortest
+        up = m.addVar(lb=lowest_mean, ub=v2)
         lo = m.addVar(lb=-v1, ub=min(v2, highest_mean))
 
         # max(u, w) ≤ p_up and p_lo ≤ min(u, w)
@@ -151,11 +166,11 @@ class Free:
 
         # (A1 + A2) p_up ≤ A1 A2 T + A1 u + A2 w
         sum_a = a1 + a2
-        both = a1 * a2 * stop * t
-        highest = both + a1 * u + a2 * w
+        gained = a1 * a2 * stop * t
+        highest = gained + a1 * u + a2 * w
         m.addCons(sum_a * up <= highest)
         # (A1 + A2) p_lo ≥ A2 u + A1 w − A1 A2 T
-        lowest = a2 * u + a1 * w - both
+        lowest = a2 * u + a1 * w - gained
         m.addCons(sum_a * lo >= lowest)
 
         # both cones of the module's docstring, over S²
@@ -166,8 +181,20 @@ class Free:
         below = h_scaled * r - lo / stop
         upper_ramps = [up_u / root2, up_w / root1]
         lower_ramps = [lo_u / root1, lo_w / root2]
-        _cone(m, above, t, upper_ramps, h_scaled)
-        _cone(m, below, t, lower_ramps, 0.0)
+        _cone(
+            m,
+            above,
+            t,
+            upper_ramps,
+            constant=h_scaled,
+        )
+        _cone(
+            m,
+            below,
+            t,
+            lower_ramps,
+            constant=0.0,
+        )
 
     def improved(self, model: Any) -> Trajectory | None:
         """SCIP's best solution, dilated until it is exactly reachable."""
@@ -175,11 +202,11 @@ class Free:
             return None
         scaled = self.scaled
         segments, joints = scaled.h.shape
-        inner = self.ends[1:-1]
         shares = [model.getVal(t) for t in self.t]
-        values = [model.getVal(v) for row in inner for v in row]
         times = scaled.stop * shares
-        velocities = np.reshape(values, (segments - 1, joints))
+        velocities = np.zeros((segments - 1, joints))
+        for i, row in enumerate(self.ends[1:-1]):
+            velocities[i] = [model.getVal(v) for v in row]
         k = repair(times, velocities, scaled)
         if not np.isfinite(k):
             return None
@@ -190,37 +217,46 @@ class Free:
 def trivial_bound(problem: Problem) -> float:
     """The sum of each segment's shortest time, whatever its ends: needs no solver, s."""
     scaled = Scaled(problem.without("jerk", "position"))
-    return float(_shortest_times(scaled).sum()) * scaled.unit
+    shortest = _shortest_times(scaled)
+    return float(shortest.sum()) * scaled.unit
 
 
 def _variables(m: Any, low: Array, high: Array) -> list[Any]:
     """A variable of SCIP's for each pair of bounds."""
-    return [m.addVar(lb=lb, ub=ub) for lb, ub in zip(low, high, strict=True)]
+    variables = []
+    for lb, ub in zip(low, high, strict=True):
+        variable = m.addVar(lb=lb, ub=ub)
+        variables.append(variable)
+    return variables
 
 
 def _affordable_starts(problem: Problem, seconds: float) -> int:
     """Starts of `exact` in half the time at most, but one at least."""
-    fitting = 0.5 * seconds / (_START_SECONDS * cells(problem))
+    start_seconds = _START_SECONDS * cells(problem)
+    fitting = 0.5 * seconds / start_seconds
     return int(np.clip(fitting, 1, _STARTS))
 
 
 def _shortest_times(scaled: Scaled) -> Array:
     """Least times of all segments with free ends, but rest at the motion's own ends."""
-    return np.asarray(np.maximum(scaled.shortest, _from_rest(scaled)))
+    from_rest = _from_rest(scaled)
+    return np.asarray(np.maximum(scaled.shortest, from_rest))
 
 
 def _from_rest(scaled: Scaled) -> Array:
     """Least times of the first and the last segment, rest at one end and free at the other."""
     least = np.zeros(len(scaled.stop))
+    v1, v2 = np.abs(scaled.v)
+    a1, a2 = np.abs(scaled.a)
     # the first segment speeds up with its own side's limit, the last brakes with the other's
-    for k, side in ((0, 1), (-1, 0)):
-        h = np.abs(scaled.h[k])
-        forwards = scaled.h[k] >= 0
-        towards = np.where(forwards, side, 1 - side)
-        every_joint = np.arange(len(h))
-        a = np.abs(scaled.a)[towards, every_joint]
-        backward_limit, forward_limit = np.abs(scaled.v)
-        v = np.where(forwards, forward_limit, backward_limit)
+    first = (0, a2, a1)
+    last = (-1, a1, a2)
+    for k, forward_limit, backward_limit in (first, last):
+        displacement = scaled.h[k]
+        forwards = displacement >= 0
+        h = np.abs(displacement)
+        a = np.where(forwards, forward_limit, backward_limit)
+        v = np.where(forwards, v2, v1)
         # h = a T²/2 while a T ≤ v, else h = v T − v²/(2a)
         parabola = np.sqrt(2 * h / a)
         ramp = h / v + v / (2 * a)
@@ -245,7 +281,8 @@ def _margin(stop: Array, shortest: Array, slowest: float) -> float:
     own = slack * bending
 
     # of one that fades in the neighbours: 4c/T, where nothing fades if the motion rests
-    bump = 2 * slack * stop * (1 + ratio)
+    longer = 1 + ratio
+    bump = 2 * slack * stop * longer
     padded = np.r_[0.0, shortest, 0.0]
     before = padded[:-2]
     after = padded[2:]
@@ -256,11 +293,18 @@ def _margin(stop: Array, shortest: Array, slowest: float) -> float:
     # a dilation by 1 + ρ gives acceleration 2ρ and velocity ρ
     easier = np.minimum(own, faded)
     acceleration = 3 * easier.max()
-    velocity = (slack + 3 * bump.max()) / slowest
+    lifted = slack + 3 * bump.max()
+    velocity = lifted / slowest
     return float(max(acceleration / 2, velocity))
 
 
-def _cone(m: Any, x: Any, t: Any, parts: list[Any], constant: float) -> None:
+def _cone(
+    m: Any,
+    x: Any,
+    t: Any,
+    parts: list[Any],
+    constant: float,
+) -> None:
     """`x t ≥ Σ parts² + constant` with `x, t ≥ 0`, with variables of its own: SCIP sees a cone."""
     # ((x + t)/2)² − ((x − t)/2)² = x t
     total = m.addVar(lb=0.0)

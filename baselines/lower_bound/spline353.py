@@ -58,9 +58,10 @@ class Spline353:
         self.spline = Spline(self.problem)
         self.instants = set(np.linspace(0, 1, _START_INSTANTS))
         self.times = self._best_times()
-        self.unit = float(self.times.sum()) / 3
+        total = self.times.sum()
+        self.unit = float(total) / 3
         self.instants.update(self._critical(self.times))
-        shortest, longest = self._between(self.times.sum())
+        shortest, longest = self._between(total)
         self.low = shortest / self.unit
         self.high = longest / self.unit
         self.trivial_bound = float(self.low.sum()) * self.unit
@@ -77,41 +78,56 @@ class Spline353:
         So a row (monomials over a limit) is off by ε times its coefficients' sum. Dilated by
         `1 + ρ`, rows gain slack of at least `ρ/t2` (velocity), `ρ` (acceleration), `ρ t2` (jerk).
         """
-        slack = {1: self.high[1], 2: 1.0, 3: 1 / self.low[1]}
+        longest = self.high[1]
+        shortest = self.low[1]
+        slack = {
+            1: longest,
+            2: 1.0,
+            3: 1 / shortest,
+        }
         shares = []
         for coefficients, order in self._rows():
-            largest_sum = (1 + np.abs(coefficients).sum(axis=1)).max()
-            shares.append(slack[order] * largest_sum)
+            sums = np.abs(coefficients).sum(axis=1)
+            largest = (1 + sums).max()
+            shares.append(slack[order] * largest)
         return float(TOLERANCE * (2 + max(shares)))
 
     def _best_times(self) -> Array:
         """IPOPT's; with a segment of no displacement, whose time may tend to 0, a search's."""
         moves = self.problem.displacements.any(axis=1)
         if moves.all():
-            answer = Spline353NLP().solve(self.problem).trajectory
+            planner = Spline353NLP()
+            answer = planner.solve(self.problem).trajectory
             if answer is not None:
                 return np.diff(answer.waypoint_times)
-        return self._searched_times(moves | np.array([False, True, False]))
+        middle = np.array([False, True, False])
+        return self._searched_times(moves | middle)
 
     def _searched_times(self, free: NDArray[np.bool_]) -> Array:
         """The best segment times by Nelder and Mead; those that are not `free` tend to 0."""
 
         def times(y: Array) -> Array:
             own = np.exp(y)
-            t = np.full(3, _NO_TIME * own.sum())
+            vanishing = _NO_TIME * own.sum()
+            t = np.full(3, vanishing)
             t[free] = own
-            return np.asarray(t * self.spline.dilation(t))
+            k = self.spline.dilation(t)
+            return np.asarray(t * k)
 
         def duration(y: Array) -> float:
             return float(times(y).sum())
 
-        options = {"xatol": 1e-12, "fatol": 1e-14, "maxiter": 4000}
         rng = np.random.default_rng(0)
         starts = rng.uniform(-3, 3, (_SEARCHES, free.sum()))
-        optima = [
-            scipy.optimize.minimize(duration, y, method="Nelder-Mead", options=options)
-            for y in starts
-        ]
+        optima = []
+        for start in starts:
+            optimum = scipy.optimize.minimize(
+                duration,
+                start,
+                method="Nelder-Mead",
+                options={"xatol": 1e-12, "fatol": 1e-14, "maxiter": 4000},
+            )
+            optima.append(optimum)
         best = min(optima, key=lambda optimum: float(optimum.fun))
         return times(best.x)
 
@@ -132,10 +148,11 @@ class Spline353:
 
         # a joint back where it was stops at some instant, from ends of 3 d1/t1 and 3 d3/t3
         h = d[:, 1:2]
-        braking = 3 * d[:, ::2] / (total * a)
+        ends = d[:, ::2]
+        braking = 3 * ends / (total * a)
         stop = np.where(h == 0, braking, 0)
         cruising = h / v
-        middle = max(float(cruising.max()), float(stop.max()))
+        middle = max(cruising.max(), stop.max())
 
         first, _, last = outer.max(axis=0)
         low = np.array([first, middle, last])
@@ -145,8 +162,11 @@ class Spline353:
 
     def _critical(self, times: Array) -> Array:
         """The normalised times where a limit can be worst."""
-        rates = self.spline.rates(times)
-        return np.concatenate([polynomials.critical_points(rate).ravel() for rate in rates])
+        instants = []
+        for rate in self.spline.rates(times):
+            points = polynomials.critical_points(rate)
+            instants.append(points.ravel())
+        return np.concatenate(instants)
 
     def _rows(self) -> list[tuple[Array, int]]:
         """Coefficients of the monomials over each limit, `(rows, 5)`, and the limit's order."""
@@ -159,17 +179,24 @@ class Spline353:
         for order, bounds in enumerate(self.spline.bounds, start=1):
             rates = polynomials.derivative(_HERMITE, order)[:, None]
             basis = polynomials.evaluate(rates, instants[:, None])
+            # (instants, joints, 5)
             values = basis[:, None] * weights / self.unit**order
-            for side in bounds.T[:, None, :, None]:
-                finite = np.isfinite(side[0, :, 0])
-                if finite.any():
-                    use = (values / side)[:, finite]
-                    table = use.reshape(-1, 5)
-                    rows.append((table, order))
+            for side in bounds.T:
+                finite = np.isfinite(side)
+                if not finite.any():
+                    continue
+                use = values[:, finite] / side[finite, None]
+                table = use.reshape(-1, 5)
+                rows.append((table, order))
         return rows
 
     def incumbent(self) -> Trajectory:
-        return certified(self.problem, spline353.trajectory(self.problem, self.times))
+        return self._along(self.times)
+
+    def _along(self, times: Array) -> Trajectory:
+        """The spline of these segment times, s, keeping its limits."""
+        spline = spline353.trajectory(self.problem, times)
+        return certified(self.problem, spline)
 
     def model(self, cutoff: float | None) -> Any:
         """Variables: `t`, `x` (0 where it is multiplied by no displacement), the monomials."""
@@ -177,7 +204,10 @@ class Spline353:
         low = self.low
         high = self.high
         moving = np.flatnonzero(low)
-        t = [m.addVar(lb=lb, ub=ub) for lb, ub in zip(low, high, strict=True)]
+        t = []
+        for shortest, longest in zip(low, high, strict=True):
+            variable = m.addVar(lb=shortest, ub=longest)
+            t.append(variable)
         x: list[Any] = [0.0, 0.0, 0.0]
         for i in moving:
             smallest = 1 / high[i]
@@ -189,11 +219,21 @@ class Spline353:
         self.t = t
 
         # a velocity row is multiplied by x2, a jerk row by t2
-        terms = [self._product(m, x[i], x[k]) for i, k in _MONOMIALS]
-        beside = {1: x[1], 2: 1.0, 3: t[1]}
+        terms = []
+        for first, second in _MONOMIALS:
+            term = self._product(m, x[first], x[second])
+            terms.append(term)
+        beside = {
+            1: x[1],
+            2: 1.0,
+            3: t[1],
+        }
         for rows, order in self._rows():
-            for row in rows[rows.any(axis=1)]:
-                products = [float(c) * z for c, z in zip(row, terms, strict=True)]
+            present = rows.any(axis=1)
+            for row in rows[present]:
+                products = []
+                for coefficient, term in zip(row, terms, strict=True):
+                    products.append(float(coefficient) * term)
                 use = self.scip.quicksum(products)
                 m.addCons(use <= beside[order])
 
@@ -219,7 +259,7 @@ class Spline353:
         times = np.maximum(values, _NO_TIME) * self.unit
         self.instants.update(self._critical(times))
         k = self.spline.dilation(times)
-        return certified(self.problem, spline353.trajectory(self.problem, k * times))
+        return self._along(k * times)
 
 
 def _wider(limits: Array) -> Array:
