@@ -75,16 +75,28 @@ class Spline353NLP(Planner):
         starts = _starts(spline, problem, self.starts)
         optima = [_exchange(solver, spline, start) for start in starts]
         statuses = [status for _, status in optima]
-        durations = np.array([times.sum() for times, _ in optima])
-        stats: dict[str, Any] = {"start_status": statuses, "start_duration": durations}
+        totals = [times.sum() for times, _ in optima]
+        durations = np.array(totals)
+        stats: dict[str, Any] = {
+            "start_status": statuses,
+            "start_duration": durations,
+        }
         if not np.isfinite(durations).any():
-            message = no_start_succeeded(statuses)
-            return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
+            return Solution(
+                Status.FAILED,
+                message=no_start_succeeded(statuses),
+                setup_time=setup_time,
+                stats=stats,
+            )
         best = int(np.nanargmin(durations))
         times, _ = optima[best]
         stats["segment_times"] = times
-        answer = spline353.trajectory(problem, times)
-        return Solution(Status.SOLVED, answer, setup_time=setup_time, stats=stats)
+        return Solution(
+            Status.SOLVED,
+            spline353.trajectory(problem, times),
+            setup_time=setup_time,
+            stats=stats,
+        )
 
 
 class Spline:
@@ -102,43 +114,51 @@ class Spline:
         self.displacements = problem.displacements.T[problem.moving]
         self.joints = len(self.displacements)
         self.orders = 3 if problem.has("jerk") else 2
-        rates = (self.limits.velocity, self.limits.acceleration, self.limits.jerk)
+        limits = self.limits
+        rates = (limits.velocity, limits.acceleration, limits.jerk)
         self.bounds = rates[: self.orders]
 
     def dilation(self, times: Array) -> float:
         """The exact cheapest dilation of these segment times."""
-        return float(spline353.dilation(self.displacements, times, self.limits))
+        k = spline353.dilation(self.displacements, times, self.limits)
+        return float(k)
 
     def rates(self, times: Array) -> list[Array]:
         """Velocity, acceleration (and jerk) over the quintic, on the unit interval of time."""
+        t2 = times[1]
         _, quintic, _ = spline353.coefficients(self.displacements, times)
-        unit = polynomials.stretched(quintic.T, times[1])
+        unit = polynomials.stretched(quintic.T, t2)
         rates = []
         for order in range(1, self.orders + 1):
+            # d^k q/dt^k = d^k q/ds^k / t2^k
             rate = polynomials.derivative(unit, order)
-            rates.append(rate / times[1] ** order)
+            rates.append(rate / t2**order)
         return rates
 
     def exchanged(self, times: Array, instants: list[Array]) -> list[Array]:
         """The instants `(k, joints)` of each limit, the idlest replaced by the true worst one."""
         rates = self.rates(times)
-        return [
-            _replace_idlest(rate, bounds.T, old)
-            for rate, bounds, old in zip(rates, self.bounds, instants, strict=True)
-        ]
+        exchanged = []
+        for rate, bounds, old in zip(rates, self.bounds, instants, strict=True):
+            new = _replace_idlest(rate, bounds.T, old)
+            exchanged.append(new)
+        return exchanged
 
 
 def _replace_idlest(rate: Array, bounds: Array, instants: Array) -> Array:
     """Both ends stay; `bounds` is `(2, joints)`."""
 
-    def use(points: Array) -> Array:
+    low, high = bounds
+
+    def utilisation(points: Array) -> Array:
         values = polynomials.evaluate(rate[:, None], points)
-        return np.asarray(np.maximum(values / bounds[1], values / bounds[0]))
+        return np.asarray(np.maximum(values / high, values / low))
 
     joints = np.arange(rate.shape[1])
     points = polynomials.critical_points(rate)
-    worst = use(points).argmax(axis=0)
-    idlest = 1 + use(instants)[1:-1].argmin(axis=0)
+    worst = utilisation(points).argmax(axis=0)
+    inner = utilisation(instants)[1:-1]
+    idlest = 1 + inner.argmin(axis=0)
     new = instants.copy()
     new[idlest, joints] = points[worst, joints]
     return new
@@ -148,23 +168,34 @@ def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
     """Feasible segment times to start from: the best local minima of a grid over their ratios."""
     first, last = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
     middle = np.zeros_like(first)
-    times = np.exp(np.stack([first, middle, last], axis=-1))
+    ratios = np.stack([first, middle, last], axis=-1)
+    times = np.exp(ratios)
     times *= stop_times(problem)
-    dilations = spline353.dilation(spline.displacements, times[..., None, :], spline.limits)
+    dilations = spline353.dilation(
+        spline.displacements,
+        times[..., None, :],
+        spline.limits,
+    )
     times *= dilations[..., None]
     total = times.sum(axis=-1)
     around = scipy.ndimage.minimum_filter(total, size=3, mode="nearest")
     lowest = total <= around
-    best = np.argsort(total[lowest])[:count]
-    return list(times[lowest][best])
+    by_duration = np.argsort(total[lowest])
+    minima = times[lowest]
+    return list(minima[by_duration[:count]])
 
 
-def _exchange(solver: Program, spline: Spline, times: Array) -> tuple[Array, str]:
+def _exchange(
+    solver: Program,
+    spline: Spline,
+    times: Array,
+) -> tuple[Array, str]:
     """Feasible segment times (NaN if none) and IPOPT's last status, from one start."""
     best = np.full(3, np.nan)
     status = ""
     even = np.linspace(0.0, 1.0, _INSTANTS)[:, None]
-    instants = [even + np.zeros(spline.joints) for _ in spline.bounds]
+    every_joint = even + np.zeros(spline.joints)
+    instants = [every_joint for _ in spline.bounds]
     for _ in range(_MOST_ROUNDS):
         instants = spline.exchanged(times, instants)
         run, times = _solve_at(solver, spline, times, instants)
@@ -172,8 +203,9 @@ def _exchange(solver: Program, spline: Spline, times: Array) -> tuple[Array, str
         if not run.success:
             break
         k = spline.dilation(times)
+        duration = k * times.sum()
         # a NaN is no duration yet
-        if not k * times.sum() >= best.sum():
+        if not duration >= best.sum():
             best = k * times
         if k - 1 < _DILATION_TOLERANCE:
             break
@@ -181,13 +213,17 @@ def _exchange(solver: Program, spline: Spline, times: Array) -> tuple[Array, str
 
 
 def _solve_at(
-    solver: Program, spline: Spline, times: Array, instants: list[Array]
+    solver: Program,
+    spline: Spline,
+    times: Array,
+    instants: list[Array],
 ) -> tuple[Run, Array]:
     """One NLP from `times`, its limits imposed at these instants; and the times it ends at."""
     unit = float(times.mean())
     reciprocals = []
     for order, bounds in enumerate(spline.bounds, start=1):
-        reciprocals.append(1 / (bounds * unit**order))
+        limit = bounds * unit**order
+        reciprocals.append(1 / limit)
     y = np.log(times / unit)
     run = solver(
         start=y,
@@ -208,30 +244,40 @@ def _solver(joints: int, orders: int) -> Program:
     ca = backend("casadi")
     d = ca.MX.sym("d", joints, 3)
     y = ca.MX.sym("y", 3)
-    reciprocals = [ca.MX.sym(f"limit{order}", joints, 2) for order in range(1, orders + 1)]
-    instants = [ca.MX.sym(f"s{order}", _INSTANTS, joints) for order in range(1, orders + 1)]
+    reciprocals = []
+    instants = []
+    for order in range(1, orders + 1):
+        reciprocal = ca.MX.sym(f"limit{order}", joints, 2)
+        s = ca.MX.sym(f"s{order}", _INSTANTS, joints)
+        reciprocals.append(reciprocal)
+        instants.append(s)
     t = ca.exp(y)
 
-    uses = []
+    utilisations = []
     displacements = ca.horzsplit(d)
     times = ca.vertsplit(t)
     controls = _controls(displacements, times)
-    for own, limit, s in zip(controls, reciprocals, instants, strict=False):
-        values = _bernstein([ca.repmat(c.T, _INSTANTS, 1) for c in own], s)
+    for own, reciprocal, s in zip(controls, reciprocals, instants, strict=False):
+        # a row per instant, a column per joint
+        tables = [ca.repmat(control.T, _INSTANTS, 1) for control in own]
+        values = _bernstein(tables, s)
         for side in (0, 1):
-            uses.append(values * ca.repmat(limit[:, side].T, _INSTANTS, 1))
+            row = reciprocal[:, side].T
+            limit = ca.repmat(row, _INSTANTS, 1)
+            utilisations.append(values * limit)
     if orders == 3:
         # the cubics' constant jerk, 6 d/t³
         for segment in (0, 2):
             cubic = displacements[segment] / times[segment] ** 3
-            uses.append(6 * ca.repmat(cubic, 1, 2) * reciprocals[2])
+            jerk = 6 * ca.repmat(cubic, 1, 2)
+            utilisations.append(jerk * reciprocals[2])
 
     return program(
         "spline353",
         variables=[y],
         parameters=[d, *reciprocals, *instants],
         objective=ca.sum1(t),
-        constraints=uses,
+        constraints=utilisations,
         options=_OPTIONS,
     )
 
@@ -244,23 +290,31 @@ def _controls(displacements: list[Any], times: list[Any]) -> list[list[Any]]:
     a0 = 6 * d1 / t1**2
     v1 = 3 * d3 / t3
     a1 = -6 * d3 / t3**2
-    rise = 20 * h / t2**2
-    early = (12 * v0 + 8 * v1) / t2
-    late = (8 * v0 + 12 * v1) / t2
+    # 5 h/T − 2 (v0 + v1) + (a1 − a0) T/4
+    mean = 5 * h / t2
+    ends = 2 * (v0 + v1)
+    bent = (a1 - a0) * t2 / 4
     velocity = [
         v0,
         v0 + a0 * t2 / 4,
-        5 * h / t2 - 2 * (v0 + v1) + (a1 - a0) * t2 / 4,
+        mean - ends + bent,
         v1 - a1 * t2 / 4,
         v1,
     ]
+    # ± 20 h/T² ∓ (12 v0 + 8 v1)/T …
+    rise = 20 * h / t2**2
+    early = (12 * v0 + 8 * v1) / t2
+    late = (8 * v0 + 12 * v1) / t2
     acceleration = [
         a0,
         rise - early + a1 - 2 * a0,
         -rise + late - 2 * a1 + a0,
         a1,
     ]
-    jerk = [3 * (b - a) / t2 for a, b in itertools.pairwise(acceleration)]
+    jerk = []
+    for before, after in itertools.pairwise(acceleration):
+        step = after - before
+        jerk.append(3 * step / t2)
     return [velocity, acceleration, jerk]
 
 

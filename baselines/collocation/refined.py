@@ -106,20 +106,34 @@ class CollocationRefined(Planner):
         best = min(levels, key=lambda level: level.duration)
         estimate = _estimate(levels)
 
-        stats = _stats("start", started) | _stats("refinement", levels)
-        stats["refinement_intervals"] = np.array([level.grid.intervals for level in levels])
-        stats["error_estimate"] = estimate
+        intervals_used = [level.grid.intervals for level in levels]
+        stats = {
+            **_stats("start", started),
+            **_stats("refinement", levels),
+            "refinement_intervals": np.array(intervals_used),
+            "error_estimate": estimate,
+        }
         if not best.duration < np.inf:
-            message = no_start_succeeded(level.status for level in started)
-            return Solution(Status.FAILED, message=message, setup_time=setup_time, stats=stats)
-        answer = best.grid.trajectory(best.nodes)
-        message = self._message(estimate)
-        return Solution(Status.SOLVED, answer, message, setup_time=setup_time, stats=stats)
+            return Solution(
+                Status.FAILED,
+                message=no_start_succeeded(level.status for level in started),
+                setup_time=setup_time,
+                stats=stats,
+            )
+        return Solution(
+            Status.SOLVED,
+            best.grid.trajectory(best.nodes),
+            self._message(estimate),
+            setup_time=setup_time,
+            stats=stats,
+        )
 
     def _message(self, estimate: float) -> str:
         if estimate <= self.error:
             return ""
-        reached = f"is {estimate:.1e}" if estimate < np.inf else "is unknown"
+        reached = "is unknown"
+        if estimate < np.inf:
+            reached = f"is {estimate:.1e}"
         return f"the error {reached} after the last refinement; {self.error:.1e} was wanted"
 
     def _refined(self, incumbent: _Level) -> list[_Level]:
@@ -152,9 +166,11 @@ class _Level(NamedTuple):
 
 
 def _stats(kind: str, levels: list[_Level]) -> dict[str, Any]:
+    statuses = [level.status for level in levels]
+    durations = [level.duration for level in levels]
     return {
-        f"{kind}_status": [level.status for level in levels],
-        f"{kind}_duration": np.array([level.duration for level in levels]),
+        f"{kind}_status": statuses,
+        f"{kind}_duration": np.array(durations),
     }
 
 
@@ -163,7 +179,8 @@ def _estimate(levels: list[_Level]) -> float:
     durations = [level.duration for level in levels if level.duration < np.inf]
     if len(durations) < 2:
         return np.inf
-    return max(durations[-2:]) / min(durations[-2:]) - 1
+    last_two = durations[-2:]
+    return max(last_two) / min(last_two) - 1
 
 
 def _solved(grid: Grid, start: Nodes) -> _Level:
@@ -187,8 +204,9 @@ def _starts(grid: Grid, count: int) -> Iterator[Nodes]:
     if relaxed:
         at = relaxed.waypoint_times
         times = np.diff(at) / grid.unit
-        velocities = relaxed(at, order=1)[1:-1, grid.moving]
-        yield grid.cubics(_SLOWER * times, velocities * grid.unit / grid.scale / _SLOWER)
+        velocities = relaxed(at, order=1)
+        inner = velocities[1:-1, grid.moving] * grid.unit / grid.scale
+        yield grid.cubics(_SLOWER * times, inner / _SLOWER)
     scaled = Scaled(grid.problem.without("jerk", "position"))
     random = list(starting_points(scaled, count))[1:]
     # from the units of `exact` to the grid's
@@ -200,9 +218,10 @@ def _starts(grid: Grid, count: int) -> Iterator[Nodes]:
 
 def _relaxed(problem: Problem) -> Trajectory | None:
     """The optimum without position limits."""
-    planner = ExactJerk(starts=2) if problem.has("jerk") else Exact(starts=4)
-    solution: Solution = planner.solve(problem.without("position"))
-    return solution.trajectory
+    without_position = problem.without("position")
+    if problem.has("jerk"):
+        return ExactJerk(starts=2).solve(without_position).trajectory
+    return Exact(starts=4).solve(without_position).trajectory
 
 
 def _placed(grid: Grid, trajectory: Trajectory) -> Nodes:
@@ -212,15 +231,21 @@ def _placed(grid: Grid, trajectory: Trajectory) -> Nodes:
     for i, joint in enumerate(np.flatnonzero(grid.moving)):
         own = _cuts(grid, trajectory, i, int(joint))
         cuts.append(own)
-        states.append([trajectory(own, order)[:, joint] for order in range(3)])
+        rates = [trajectory(own, order)[:, joint] for order in range(3)]
+        states.append(rates)
     # (order, nodes, joints), in the grid's units
-    q, v, a = np.moveaxis(np.array(states), 0, -1) / grid.scale
-    q = np.clip(q - grid.origin / grid.scale, *grid.position)
-    v = v * grid.unit
-    a = a * grid.unit**2
-    times = np.diff(trajectory.waypoint_times) / grid.unit
-    lengths = np.diff(np.stack(cuts, axis=1), axis=0) / grid.unit
-    return Nodes(times, lengths, q, v, a)
+    by_order = np.moveaxis(np.array(states), 0, -1)
+    q, v, a = by_order / grid.scale
+    moved = q - grid.origin / grid.scale
+    times = np.diff(trajectory.waypoint_times)
+    lengths = np.diff(np.stack(cuts, axis=1), axis=0)
+    return Nodes(
+        times=times / grid.unit,
+        lengths=lengths / grid.unit,
+        q=np.clip(moved, *grid.position),
+        v=v * grid.unit,
+        a=a * grid.unit**2,
+    )
 
 
 def _cuts(grid: Grid, trajectory: Trajectory, i: int, joint: int) -> Array:
@@ -230,7 +255,8 @@ def _cuts(grid: Grid, trajectory: Trajectory, i: int, joint: int) -> Array:
     order = 3 if grid.smooth[i] else 2
     rate = trajectory(middles, order)[:, joint]
     jumps = np.abs(np.diff(rate))
-    switches = jumps > _SWITCH_SHARE * np.abs(rate).max()
+    largest_rate = np.abs(rate).max()
+    switches = jumps > _SWITCH_SHARE * largest_rate
 
     inner = breaks[1:-1]
     nodes = [trajectory.waypoint_times[:1]]
@@ -240,7 +266,8 @@ def _cuts(grid: Grid, trajectory: Trajectory, i: int, joint: int) -> Array:
         by_size = np.argsort(-jumps[where], kind="stable")
         largest = where[by_size[: grid.intervals - 1]]
         cuts = [start, *np.sort(inner[largest]), end]
-        nodes.append(_longest_halved(cuts, grid.intervals)[1:])
+        halved = _longest_halved(cuts, grid.intervals)
+        nodes.append(halved[1:])
     return np.concatenate(nodes)
 
 
