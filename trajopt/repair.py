@@ -102,16 +102,21 @@ class _Layout:
 
 
 def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
+    """The segments that take time; None where one without time is not just flown by."""
     refined = trajectory.refined(trajectory.waypoint_times)
     breaks = refined.breaks
     at = nearest(breaks, trajectory.waypoint_times)
     at[0] = 0
     at[-1] = len(breaks) - 1
-    lasting = np.diff(at) > 0
-    if problem.displacements[~lasting].any():
+    if not _flown_by(problem, refined, at):
         return None
-    first = at[:-1][lasting]
-    after = at[1:][lasting]
+    # Of the waypoints at one break the first counts, at the end of the motion the last.
+    _, counted = np.unique(at, return_index=True)
+    counted[-1] = len(at) - 1
+    waypoints = problem.waypoints[counted]
+    own_breaks = at[counted]
+    first = own_breaks[:-1]
+    after = own_breaks[1:]
     segments = np.arange(len(first))
     return _Layout(
         trajectory=refined,
@@ -121,9 +126,35 @@ def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
         first=first,
         start=breaks[first],
         end=breaks[after],
-        displacements=problem.displacements[lasting],
-        origins=problem.waypoints[:-1][lasting],
+        displacements=np.diff(waypoints, axis=0),
+        origins=waypoints[:-1],
     )
+
+
+def _flown_by(problem: Problem, refined: Trajectory, at: Indices) -> bool:
+    """Whether what lies between waypoints at one break is worth next to nothing.
+
+    So it is where every joint flies by in the direction of its displacement: a segment of one unit
+    in the last place takes less time than times can say.
+    """
+    instant = np.diff(at) == 0
+    displacements = problem.displacements[instant]
+    if not displacements.any():
+        return True
+    here = at[1:][instant]
+    velocity = refined.pieces(1)
+    last_piece = len(velocity[0]) - 1
+    arriving = velocity.sum(axis=0)[np.maximum(here - 1, 0)]
+    leaving = velocity[-1][np.minimum(here, last_piece)]
+    sign = np.sign(displacements)
+    speed = np.minimum(sign * arriving, sign * leaving)
+    reach = speed * _fly_by_time(refined, len(at) - 1)
+    return bool((np.abs(displacements) <= np.where(sign == 0, 0.0, reach)).all())
+
+
+def _fly_by_time(trajectory: Trajectory, segments: int) -> float:
+    """What rounding in one segment may be worth, s."""
+    return FLY_BY_RTOL * trajectory.duration / segments
 
 
 def _rebased(layout: _Layout) -> Array:
@@ -187,21 +218,24 @@ def _missed(layout: _Layout) -> Array:
     coordinates = np.abs(ends).max(axis=0)
     of_coordinates = size <= COORDINATE_RTOL * coordinates
     worth = size / _slowest(layout)  # s
-    mean_duration = layout.trajectory.duration / len(layout.first)
-    flies_by = worth <= FLY_BY_RTOL * mean_duration
+    flies_by = worth <= _fly_by_time(layout.trajectory, len(layout.first))
     rounding = of_travel | (of_coordinates & flies_by)
     return np.where(rounding, 0.0, short)
 
 
 def _slowest(layout: _Layout) -> Array:
-    """A speed that each joint never falls below in each segment, rad/s, `(segments, joints)`."""
+    """A speed that each joint never falls below on its way, rad/s, `(segments, joints)`.
+
+    Zero where it does not move in the direction of its displacement all the time.
+    """
     velocity = polynomials.bernstein(layout.trajectory.pieces(1))
     lowest = velocity.min(axis=0)
     highest = velocity.max(axis=0)
     forwards = np.minimum.reduceat(lowest, layout.first)
     backwards = -np.maximum.reduceat(highest, layout.first)
-    speed = np.maximum(forwards, backwards)
-    return np.maximum(speed, 0.0)
+    speed = np.where(layout.displacements > 0, forwards, backwards)
+    moves = (layout.displacements != 0) & (speed > 0)
+    return np.where(moves, speed, 0.0)
 
 
 def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array]:

@@ -42,8 +42,7 @@ class Tolerance:
 
     Attributes:
         limit: for velocity, acceleration and jerk to count as kept, relative.
-        position: of waypoints, relative to the joint's smallest displacement that is not zero; of
-            jumps of position, to its largest.
+        position: of waypoints and jumps of position, relative to the joint's largest displacement.
         position_limit: relative to the joint's largest displacement.
         jump: of velocity and acceleration at the breaks, relative to what the joint can reach:
             `min(V, sqrt(A h))` and `min(A, cbrt(J² h))`, `h` its largest displacement.
@@ -249,7 +248,7 @@ class _Allowed:
 
 def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowed:
     limits = problem.limits
-    smallest, largest = _distances(problem)
+    largest = _largest_distances(problem)
     coordinates = _COORDINATE_RTOL * np.abs(problem.waypoints).max(axis=0)
 
     V = np.abs(limits.velocity).min(axis=1)
@@ -265,24 +264,18 @@ def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowe
     acceleration_jump = tolerance.jump * reached_acceleration + rounded * J
     acceleration_jump = np.where(limits.jerk_limited, acceleration_jump, np.inf)
     return _Allowed(
-        waypoint=tolerance.position * smallest + coordinates,
+        waypoint=tolerance.position * largest + coordinates,
         position_limit=tolerance.position_limit * largest + coordinates,
         blur=tolerance.position * largest + 4 * coordinates,
         jumps=(position_jump, velocity_jump, acceleration_jump),
     )
 
 
-def _distances(problem: Problem) -> tuple[Array, Array]:
-    """The smallest and the largest displacement of each joint that is not zero, rad, `(joints,)`.
-
-    A joint that never moves is measured by those that do.
-    """
+def _largest_distances(problem: Problem) -> Array:
+    """The largest displacement of each joint, rad, `(joints,)`; of one that never moves, of all."""
     distances = np.abs(problem.displacements)
-    moving = problem.moving
-    largest = np.where(moving, distances.max(axis=0), distances.max())
-    not_zero = np.where(distances > 0, distances, np.inf)
-    smallest = np.where(moving, not_zero.min(axis=0), largest)
-    return smallest, largest
+    largest = np.where(problem.moving, distances.max(axis=0), distances.max())
+    return np.asarray(largest)
 
 
 def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
