@@ -56,7 +56,9 @@ def explain(
 
 def _drawn(figures: Sequence[Path]) -> str:
     pictures = [figure.name for figure in figures if figure.suffix == ".png"]
-    return f"figures: {', '.join(pictures)} in {figures[0].parent}"
+    names = ", ".join(pictures)
+    folder = figures[0].parent
+    return f"figures: {names} in {folder}"
 
 
 def _sentences(trial: Trial, found: Explanation) -> Iterator[str]:
@@ -64,7 +66,8 @@ def _sentences(trial: Trial, found: Explanation) -> Iterator[str]:
     seed = ""
     if trial.solution.history is not None:
         seed = f" (seed {trial.seed})"
-    what = f"{trial.label}{seed} takes {found.certified_duration:.4f} s on {trial.problem.name}"
+    where = trial.problem.name
+    what = f"{trial.label}{seed} takes {found.certified_duration:.4f} s on {where}"
     if found.exact is None:
         yield f"{what}; no optimum to compare with: {found.notes['gap']}."
     else:
@@ -99,7 +102,10 @@ def _family(found: Explanation, step: dict[str, float]) -> str:
 
 
 def _percent(ratio: float | None) -> str:
-    return "–" if ratio is None else f"{100 * (ratio - 1):.2f} %"
+    if ratio is None:
+        return "–"
+    gap = 100 * (ratio - 1)
+    return f"{gap:.2f} %"
 
 
 def _share_at_limits(problem: Problem, found: Explanation) -> str:
@@ -116,7 +122,8 @@ def _active_limits(found: Explanation) -> str:
     if not found.active_limits:
         return "No limit holds it back: none is used to 99 %."
     least = _SAVED_RTOL * found.certified_duration
-    costly = [interval for interval in _longest(found.active_limits) if _saving(interval) > least]
+    longest = _longest(found.active_limits)
+    costly = [interval for interval in longest if _saving(interval) > least]
     if not costly:
         return "It reaches limits, but no single one of them is worth any time."
     costly.sort(key=_saving, reverse=True)
@@ -140,4 +147,5 @@ def _saving(interval: ActiveLimit) -> float:
 def _said(interval: ActiveLimit) -> str:
     where = f"{interval.limit} of joint {interval.joint + 1}"
     when = f"{interval.start:.2f}–{interval.end:.2f} s"
-    return f"{where} at {when} ({1000 * _saving(interval):.1f} ms)"
+    milliseconds = 1000 * _saving(interval)
+    return f"{where} at {when} ({milliseconds:.1f} ms)"

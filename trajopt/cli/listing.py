@@ -37,8 +37,14 @@ def described(entry: Entry) -> dict[str, Any]:
     break, which the verifier then says.
     """
     missing = entry.missing()
-    row: dict[str, Any] = {"name": entry.name, "description": "", "options": {}}
-    row |= {"knows": [], "lifts": [], "refuses": []}
+    row: dict[str, Any] = {
+        "name": entry.name,
+        "description": "",
+        "options": {},
+        "knows": [],
+        "lifts": [],
+        "refuses": [],
+    }
     try:
         planner = entry.load()
         row["description"] = planner.description
@@ -72,7 +78,8 @@ def _limited_by(name: LimitName) -> Problem:
     """One joint through four waypoints, as many as a 3-5-3 spline takes."""
     limits = Limits([1.0], [1.0], jerk=[1.0], position=[10.0])
     problem = Problem([[0.0], [1.0], [2.0], [3.0]], limits)
-    return problem.without("position") if name == "jerk" else problem.without("jerk")
+    other: LimitName = "position" if name == "jerk" else "jerk"
+    return problem.without(other)
 
 
 def _problem(name: str) -> dict[str, Any]:
@@ -92,7 +99,8 @@ def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
     table = console.table("planner", "what it is, its options, and the limits it knows")
     for planner in planners:
         lines = [console.markup(planner["description"])]
-        settings = ", ".join(f"{key}={value}" for key, value in planner["options"].items())
+        options = planner["options"]
+        settings = ", ".join(f"{key}={value}" for key, value in options.items())
         if settings:
             lines.append(f"[dim]{console.markup(settings)}[/dim]")
         if planner["available"]:
