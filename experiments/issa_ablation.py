@@ -35,6 +35,7 @@ from trajopt.swarm import ISSA, PSO, SSA, Optimiser, minimise
 from trajopt.swarm.optimiser import Array
 from trajopt.swarm_planner import SwarmPlanner
 
+Subset = tuple[str, ...]  # of the ingredients
 Cell = tuple[str, str, float, str]  # function, where the origin is, place of the minimum, optimiser
 
 INGREDIENTS = ("chaos", "levy", "weight", "opposition")
@@ -50,15 +51,28 @@ CHOICES: dict[str, Any] = {
     "eq49": "printed",
     "eq50": "printed",
 }
-OPTIMISERS: dict[str, Optimiser] = {"PSO": PSO(), "SSA": SSA(), "ISSA": ISSA(), "CMA-ES": CMAES()}
-FUNCTIONS = {"sphere": np.ones(3), "ellipsoid": np.array([1.0, 10.0, 100.0])}
+OPTIMISERS: dict[str, Optimiser] = {
+    "PSO": PSO(),
+    "SSA": SSA(),
+    "ISSA": ISSA(),
+    "CMA-ES": CMAES(),
+}
+FUNCTIONS = {
+    "sphere": np.ones(3),
+    "ellipsoid": np.array([1.0, 10.0, 100.0]),
+}
 WIDTH = 10.0  # of a box
-FRAMES = {"at its low end": 0.0, "in its middle": -5.0, "far away": 100.0}  # where a box begins
+# Where the origin is, and there a box begins.
+FRAMES = {
+    "at its low end": 0.0,
+    "in its middle": -5.0,
+    "far away": 100.0,
+}
 LOWEST_SHOWN = 1e-20  # an error
 PLACES = (0.0, 0.1, 0.37, 0.5, 0.9, 1.0)
 
 
-def subset(switched_on: tuple[str, ...]) -> str:
+def subset(switched_on: Subset) -> str:
     """A subset's name; `issa` and `ssa` for all and none."""
     if not switched_on:
         return "ssa"
@@ -67,10 +81,12 @@ def subset(switched_on: tuple[str, ...]) -> str:
     return "+".join(switched_on)
 
 
-def subsets(names: Sequence[str]) -> list[tuple[str, ...]]:
+def subsets(names: Sequence[str]) -> list[Subset]:
     """Every subset, the smaller first."""
-    sizes = range(len(names) + 1)
-    return [s for size in sizes for s in itertools.combinations(names, size)]
+    found: list[Subset] = []
+    for size in range(len(names) + 1):
+        found += itertools.combinations(names, size)
+    return found
 
 
 def entrants(evaluations: int) -> dict[str, SwarmPlanner]:
@@ -100,9 +116,8 @@ def ingredients(outcome: races.Outcome) -> pd.DataFrame:
     for one in INGREDIENTS:
         others = [name for name in INGREDIENTS if name != one]
         without = subsets(others)
-        with_it = [tuple(n for n in INGREDIENTS if n in (*s, one)) for s in without]
-        on = np.array([logs[subset(s)] for s in with_it])
-        off = np.array([logs[subset(s)] for s in without])
+        on = np.array([logs[subset(_with(one, some))] for some in without])
+        off = np.array([logs[subset(some)] for some in without])
         difference = on - off
         ratio = np.exp(difference.mean(axis=1))
         overall = statistics.bootstrap(races.mean, difference.mean(axis=0))
@@ -123,7 +138,17 @@ def ingredients(outcome: races.Outcome) -> pd.DataFrame:
     return table.assign(**{"p (Holm)": statistics.holm(table["p"])})
 
 
-def origin(seeds: int, evaluations: int, folder: Path) -> pd.DataFrame:
+def _with(ingredient: str, some: Subset) -> Subset:
+    """A subset and one more, in the order of `INGREDIENTS`."""
+    wanted = {ingredient, *some}
+    return tuple(name for name in INGREDIENTS if name in wanted)
+
+
+def origin(
+    seeds: int,
+    evaluations: int,
+    folder: Path,
+) -> pd.DataFrame:
     """Error at the end, per function, box and place of the minimum: quartiles over seeds.
 
     The error is the function's value, 0 at best, with the box's width as the unit of length.
@@ -140,12 +165,17 @@ def origin(seeds: int, evaluations: int, folder: Path) -> pd.DataFrame:
         for cell in cells:
             run = partial(biased, cell, seeds, evaluations)
             name = " ".join(map(str, cell))
-            rows.append(races.stored(folder / "origin", name, run))
+            row = races.stored(folder / "origin", name, run)
+            rows.append(row)
             advance(1)
     return pd.concat(rows, ignore_index=True)
 
 
-def biased(cell: Cell, seeds: int, evaluations: int) -> pd.DataFrame:
+def biased(
+    cell: Cell,
+    seeds: int,
+    evaluations: int,
+) -> pd.DataFrame:
     """One cell of the table `origin`."""
     function, frame, place, name = cell
     low = np.full(3, FRAMES[frame])
@@ -153,7 +183,8 @@ def biased(cell: Cell, seeds: int, evaluations: int) -> pd.DataFrame:
     scales = FUNCTIONS[function]
 
     def error(x: Array) -> Array:
-        return np.asarray((scales * ((x - best) / WIDTH) ** 2).sum(axis=-1))
+        offset = (x - best) / WIDTH
+        return np.asarray((scales * offset**2).sum(axis=-1))
 
     result = minimise(
         OPTIMISERS[name],
@@ -163,7 +194,9 @@ def biased(cell: Cell, seeds: int, evaluations: int) -> pd.DataFrame:
         range(seeds),
         evaluations=evaluations,
     )
-    first, middle, third = np.asarray(statistics.quantile(result.fitness, [0.25, 0.5, 0.75]))
+    quartiles = statistics.quantile(result.fitness, [0.25, 0.5, 0.75])
+    first, middle, third = np.asarray(quartiles)
+    near = result.fitness < 1e-6
     row = {
         "function": function,
         "origin": frame,
@@ -172,7 +205,7 @@ def biased(cell: Cell, seeds: int, evaluations: int) -> pd.DataFrame:
         "first quartile": first,
         "median error": middle,
         "third quartile": third,
-        "share below 1e-6": (result.fitness < 1e-6).mean(),
+        "share below 1e-6": near.mean(),
     }
     return pd.DataFrame([row])
 
@@ -181,10 +214,16 @@ def biased(cell: Cell, seeds: int, evaluations: int) -> pd.DataFrame:
 def origin_figure(table: pd.DataFrame, evaluations: int) -> Figure:
     """Median error against the minimum's place, a row per function, a column per box."""
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
-    grid = figure.subplots(len(FUNCTIONS), len(FRAMES), sharex=True, sharey=True)
+    grid = figure.subplots(
+        len(FUNCTIONS),
+        len(FRAMES),
+        sharex=True,
+        sharey=True,
+    )
     for line, function in enumerate(FUNCTIONS):
         for column, frame in enumerate(FRAMES):
-            cell = (table["function"] == function) & (table["origin"] == frame)
+            of_function = table["function"] == function
+            cell = of_function & (table["origin"] == frame)
             _errors(grid[line, column], table[cell])
     for axes, (frame, low) in zip(grid[0], FRAMES.items(), strict=True):
         box = f"[{low:g}, {low + WIDTH:g}]".replace("-", "−")
@@ -194,7 +233,13 @@ def origin_figure(table: pd.DataFrame, evaluations: int) -> Figure:
     grid[-1, 1].set_xlabel("place of the minimum in the box (0: low end, 1: high end)")
     handles, labels = grid[0, 0].get_legend_handles_labels()
     title = f"median and quartiles after {evaluations} evaluations"
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, title=title)
+    figure.legend(
+        handles,
+        labels,
+        loc="outside lower center",
+        ncols=4,
+        title=title,
+    )
     return figure
 
 
@@ -207,9 +252,17 @@ def _errors(axes: Axes, table: pd.DataFrame) -> None:
         low = np.maximum(rows["first quartile"], LOWEST_SHOWN)
         middle = np.maximum(rows["median error"], LOWEST_SHOWN)
         high = np.maximum(rows["third quartile"], LOWEST_SHOWN)
-        axes.fill_between(rows["place"], low, high, color=colour, alpha=0.15, lw=0)
+        place = rows["place"]
+        axes.fill_between(
+            place,
+            low,
+            high,
+            color=colour,
+            alpha=0.15,
+            lw=0,
+        )
         axes.plot(
-            rows["place"],
+            place,
             middle,
             marker=marker,
             ls=dash,
@@ -230,16 +283,29 @@ def main(
 ) -> None:
     """Race the variants on the six-axis problem and on random ones."""
     if quick:
-        problems, seeds, evaluations = 1, 2, 100
-    field = races.problems(problems)
-    outcome = races.run(entrants(evaluations), field, seeds, evaluations, output)
+        problems = 1
+        seeds = 2
+        evaluations = 100
+    outcome = races.run(
+        entrants(evaluations),
+        races.problems(problems),
+        seeds,
+        evaluations,
+        output,
+    )
     spent = min(evaluations // 2, 2000)
-    report(outcome, origin(seeds, spent, output), spent, output)
+    bias = origin(seeds, spent, output)
+    report(outcome, bias, spent, output)
 
 
-def report(outcome: races.Outcome, bias: pd.DataFrame, spent: int, output: Path) -> None:
+def report(
+    outcome: races.Outcome,
+    bias: pd.DataFrame,
+    spent: int,
+    output: Path,
+) -> None:
     """Write the tables and figures, and print those of the race; `spent` is what `bias` cost."""
-    stem = output / outcome.title.replace(", ", "-").replace(" ", "-")
+    stem = output / outcome.stem
     tables = {
         "summary": races.summary(outcome),
         "ingredients": ingredients(outcome),

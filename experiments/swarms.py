@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import cyclopts
 import numpy as np
@@ -70,58 +70,98 @@ def speed(problem: Problem, evaluations: int, repeats: int) -> pd.DataFrame:
     All in one process, in turns, so that their ratios outlast the machine and its load.
     """
     planners = entrants(evaluations)
-    best: dict[tuple[str, int], float] = {}
-    cells = itertools.product(range(repeats), planners.items(), (1, BATCH))
-    for _, (name, planner), seeds in cells:
-        spent = cpu(partial(planner.solve_batch, problem, range(seeds)))
-        cost = 1e6 * spent / seeds / evaluations
-        best[name, seeds] = min(cost, best.get((name, seeds), np.inf))
-    rows = [(name, best[name, 1], best[name, BATCH]) for name in planners]
-    return pd.DataFrame(rows, columns=["entrant", "alone (µs)", "batched (µs)"])
+    alone = dict.fromkeys(planners, np.inf)
+    batched = dict.fromkeys(planners, np.inf)
+    for _, name in itertools.product(range(repeats), planners):
+        solve = planners[name].solve_batch
+        for best, seeds in ((alone, 1), (batched, BATCH)):
+            spent = cpu(partial(solve, problem, range(seeds)))
+            cost = 1e6 * spent / seeds / evaluations
+            best[name] = min(cost, best[name])
+    columns = {
+        "entrant": list(planners),
+        "alone (µs)": list(alone.values()),
+        "batched (µs)": list(batched.values()),
+    }
+    return pd.DataFrame(columns)
 
 
-def nlp(problem: Problem, bound: float, repeats: int) -> pd.DataFrame:
+def nlp(
+    problem: Problem,
+    bound: float,
+    repeats: int,
+) -> pd.DataFrame:
     """The NLP's gap on one problem and its processor time (s), compiling not counted."""
-    planner = Spline353NLP()
-    row = {"problem": problem.name, "gap": np.inf, "seconds": np.nan}
-    trajectory = planner.solve(problem).trajectory
+    solve = partial(Spline353NLP().solve, problem)
+    gap = np.inf
+    least = np.nan
+    trajectory = solve().trajectory
     if trajectory is not None:
-        duration = verify(problem, trajectory).certified_duration or np.inf
-        row["gap"] = duration / bound - 1
-        row["seconds"] = min(cpu(partial(planner.solve, problem)) for _ in range(repeats))
+        certificate = verify(problem, trajectory)
+        duration = certificate.certified_duration or np.inf
+        gap = duration / bound - 1
+        least = min(cpu(solve) for _ in range(repeats))
+    row = {
+        "problem": problem.name,
+        "gap": gap,
+        "seconds": least,
+    }
     return pd.DataFrame([row])
 
 
-def seconds(outcome: races.Outcome, costs: pd.DataFrame, solved: pd.DataFrame) -> np.ndarray:
+def seconds(
+    outcome: races.Outcome,
+    costs: pd.DataFrame,
+    solved: pd.DataFrame,
+) -> np.ndarray:
     """Expected processor time to 0.1 %, `(problems, solvers)`, the NLP last; +inf where never.
 
     A swarm's is its expected evaluations times what one costs, alone, on the six-axis problem.
     """
-    hits = outcome.hits[list(races.TARGETS).index("0.1 %")]
-    spent = np.asarray(statistics.expected_running_time(hits, outcome.evaluations))
-    swarms = spent * costs["alone (µs)"].to_numpy() / 1e6
+    target = list(races.TARGETS).index("0.1 %")
+    hits = outcome.hits[target]
+    spent = statistics.expected_running_time(hits, outcome.evaluations)
+    cost = costs["alone (µs)"].to_numpy()
+    swarms = np.asarray(spent) * cost / 1e6
     reached = solved["gap"] <= races.TARGETS["0.1 %"]
     own = np.where(reached, solved["seconds"], np.inf)
     return np.column_stack([swarms, own])
 
 
-def summary(outcome: races.Outcome, costs: pd.DataFrame, solved: pd.DataFrame) -> pd.DataFrame:
+def summary(
+    outcome: races.Outcome,
+    costs: pd.DataFrame,
+    solved: pd.DataFrame,
+) -> pd.DataFrame:
     """`races.summary` with costs, and the NLP as its last row."""
     table = races.summary(outcome)
     timed = costs.set_index("entrant")
     alone = timed["alone (µs)"]
     table[list(timed)] = timed
     table["cost ratio, alone"] = alone / alone["pso penalty"]
-    gaps = np.maximum(solved["gap"], outcome.proof["width"]).to_numpy()
-    quartiles = 100 * statistics.summary(gaps)[1:]
-    row = dict(zip(list(table)[1:5], quartiles, strict=True))
-    row["six-axis median gap (%)"] = 100 * gaps[0]
-    for name, target in races.TARGETS.items():
-        row[f"success {name}"] = (gaps <= target).mean()
-    table.loc[NLP] = pd.Series(row)
-    expected = np.asarray(statistics.median(seconds(outcome, costs, solved).T))
-    table["median over problems of expected CPU to 0.1 % (ms)"] = 1e3 * expected
+    table.loc[NLP] = nlp_row(outcome, solved)
+    expected = seconds(outcome, costs, solved)
+    medians = np.asarray(statistics.median(expected.T))
+    table["median over problems of expected CPU to 0.1 % (ms)"] = 1e3 * medians
     return table
+
+
+def nlp_row(outcome: races.Outcome, solved: pd.DataFrame) -> pd.Series[float]:
+    """The NLP's gaps (%) and success rates, in the columns of `races.summary`."""
+    widths = outcome.proof["width"]
+    gaps = np.maximum(solved["gap"], widths).to_numpy()
+    _, first, middle, third, worst = 100 * statistics.summary(gaps)
+    row = {
+        "six-axis median gap (%)": 100 * gaps[0],
+        "first quartile (%)": first,
+        "median gap (%)": middle,
+        "third quartile (%)": third,
+        "worst problem (%)": worst,
+    }
+    for name, target in races.TARGETS.items():
+        successes = gaps <= target
+        row[f"success {name}"] = successes.mean()
+    return pd.Series(row)
 
 
 @plots.styled
@@ -130,7 +170,8 @@ def profiles(outcome: races.Outcome, cost: np.ndarray) -> Figure:
     figure = Figure(figsize=(6.8, 4.8), layout="constrained")
     grid = figure.subplots(2, 2, sharey=True).ravel()
     for axes, target, hits in zip(grid[:3], races.TARGETS, outcome.hits, strict=True):
-        runs = hits.swapaxes(1, 2).reshape(-1, len(outcome.names))
+        by_run = hits.swapaxes(1, 2)
+        runs = by_run.reshape(-1, len(outcome.names))
         spent, shares = statistics.data_profile(runs, DIMENSION)
         _curves(axes, spent, shares, outcome.names)
         axes.set(
@@ -138,9 +179,13 @@ def profiles(outcome: races.Outcome, cost: np.ndarray) -> Figure:
             xlabel="evaluations / 4",
             xlim=(4, outcome.evaluations / 4),
         )
+    solvers = [*outcome.names, NLP]
     ratio, shares = statistics.performance_profile(cost)
-    _curves(grid[3], ratio, shares, [*outcome.names, NLP])
-    grid[3].set(title="to 0.1 %, in processor time", xlabel="time over the quickest's (ratio)")
+    _curves(grid[3], ratio, shares, solvers)
+    grid[3].set(
+        title="to 0.1 %, in processor time",
+        xlabel="time over the quickest's (ratio)",
+    )
     for axes in grid[::2]:
         axes.set_ylabel("share of runs")
     grid[2].set_ylabel("share of runs (right: of problems)")
@@ -150,21 +195,31 @@ def profiles(outcome: races.Outcome, cost: np.ndarray) -> Figure:
     return figure
 
 
-def _curves(axes: Axes, x: np.ndarray, shares: np.ndarray, names: Sequence[str]) -> None:
+def _curves(
+    axes: Axes,
+    x: np.ndarray,
+    shares: np.ndarray,
+    names: Sequence[str],
+) -> None:
     """Colour and marker say which optimiser, dashes which fitness."""
+    solid, dashed, *_ = style.DASHES
+    kinds = [*OPTIMISERS, NLP]
     for name, share in zip(names, shares.T, strict=True):
         kind, _, fitness = name.partition(" ")
-        which = [*OPTIMISERS, NLP].index(kind)
-        solid, dashed, *_ = style.DASHES
+        which = kinds.index(kind)
+        first_mark = 0.05 + 0.02 * which
+        dash: Any = solid
+        if fitness == "penalty":
+            dash = dashed
         axes.step(
             x,
             share,
             where="post",
             color=style.CURVES[which],
             label=name,
-            ls=dashed if fitness == "penalty" else solid,
+            ls=dash,
             marker=style.MARKERS[which],
-            markevery=(0.05 + 0.02 * which, 0.2),
+            markevery=(first_mark, 0.2),
             mfc="white",
         )
     axes.set(xscale="log", ylim=(-0.03, 1.03))
@@ -175,8 +230,10 @@ def pairs() -> list[tuple[str, str]]:
     found = [(f"{name} scaled", f"{name} penalty") for name in OPTIMISERS]
     rivals = [(name, "pso") for name in OPTIMISERS if name != "pso"]
     rivals.append(("issa", "ssa"))
-    for fitness, (own, other) in itertools.product(FITNESS, rivals):
-        found.append((f"{own} {fitness}", f"{other} {fitness}"))
+    for fitness in FITNESS:
+        for own, other in rivals:
+            pair = (f"{own} {fitness}", f"{other} {fitness}")
+            found.append(pair)
     return found
 
 
@@ -191,23 +248,44 @@ def main(
     """Race the optimisers on the six-axis problem and on random ones."""
     repeats = 3
     if quick:
-        problems, seeds, evaluations, repeats = 1, 2, 100, 1
+        problems = 1
+        seeds = 2
+        evaluations = 100
+        repeats = 1
     field = races.problems(problems)
-    outcome = races.run(entrants(evaluations), field, seeds, evaluations, output)
+    outcome = races.run(
+        entrants(evaluations),
+        field,
+        seeds,
+        evaluations,
+        output,
+    )
     solved = []
     with console.progress(len(field)) as advance:
         for problem, bound in zip(field, outcome.proof["lower_bound"], strict=True):
             run = partial(nlp, problem, bound, repeats)
-            solved.append(races.stored(output / "nlp", problem.name, run))
+            row = races.stored(output / "nlp", problem.name, run)
+            solved.append(row)
             advance(1)
-    timing = partial(speed, field[0], min(evaluations, 1000), repeats)
+    timed = min(evaluations, 1000)
+    timing = partial(speed, field[0], timed, repeats)
     costs = races.stored(output, "speed", timing)
-    report(outcome, costs, pd.concat(solved, ignore_index=True), output)
+    report(
+        outcome,
+        costs,
+        pd.concat(solved, ignore_index=True),
+        output,
+    )
 
 
-def report(outcome: races.Outcome, costs: pd.DataFrame, solved: pd.DataFrame, output: Path) -> None:
+def report(
+    outcome: races.Outcome,
+    costs: pd.DataFrame,
+    solved: pd.DataFrame,
+    output: Path,
+) -> None:
     """Write the tables and figures, and print the first two."""
-    stem = output / outcome.title.replace(", ", "-").replace(" ", "-")
+    stem = output / outcome.stem
     tables = {
         "summary": summary(outcome, costs, solved),
         "compared": races.compared(outcome, pairs()),
@@ -217,7 +295,8 @@ def report(outcome: races.Outcome, costs: pd.DataFrame, solved: pd.DataFrame, ou
     save_table(solved, stem / "nlp")
     save_table(costs, stem / "speed")
     save_table(outcome.proof, stem / "optima")
-    plots.save(profiles(outcome, seconds(outcome, costs, solved)), stem / "profiles")
+    figure = profiles(outcome, seconds(outcome, costs, solved))
+    plots.save(figure, stem / "profiles")
     plots.save(races.gap_rows(outcome, "pso penalty"), stem / "gaps")
     for table in tables.values():
         print(table.to_string(float_format="{:.4g}".format))

@@ -61,6 +61,11 @@ class Outcome:
         return f"{problems} problems, {seeds} seeds, {self.evaluations} evaluations"
 
     @property
+    def stem(self) -> str:
+        """The title as a folder's name."""
+        return self.title.replace(", ", "-").replace(" ", "-")
+
+    @property
     def medians(self) -> Array:
         """Over the seeds, `(entrants, problems)`."""
         return np.asarray(statistics.median(self.gaps)).T
@@ -98,17 +103,21 @@ def run(
     shape = (len(field), len(entrants), seeds)
     gaps = rows["gap"].to_numpy().reshape(shape)
     widths = optima["width"].to_numpy()
-    hits = [rows[target].to_numpy().reshape(shape) for target in TARGETS]
+    hits = rows[list(TARGETS)].to_numpy().T
     return Outcome(
         list(entrants),
         optima,
         gaps=np.maximum(gaps, widths[:, None, None]),
-        hits=np.stack(hits),
+        hits=hits.reshape(-1, *shape),
         evaluations=evaluations,
     )
 
 
-def stored(folder: Path, name: str, make: partial[pd.DataFrame]) -> pd.DataFrame:
+def stored(
+    folder: Path,
+    name: str,
+    make: partial[pd.DataFrame],
+) -> pd.DataFrame:
     """The table that `make` gives, made only once: written to `folder` and renamed into place.
 
     Its file's name ends in a digest of the arguments of `make`: other options, another file.
@@ -139,7 +148,12 @@ def proved(problem: Problem) -> pd.DataFrame:
     return pd.DataFrame([row])
 
 
-def measured(problem: Problem, planner: SwarmPlanner, seeds: int, bound: float) -> pd.DataFrame:
+def measured(
+    problem: Problem,
+    planner: SwarmPlanner,
+    seeds: int,
+    bound: float,
+) -> pd.DataFrame:
     """A row per seed: the gap to a lower bound (s), and evaluations to each target."""
     histories = []
     gaps = []
@@ -152,10 +166,15 @@ def measured(problem: Problem, planner: SwarmPlanner, seeds: int, bound: float) 
             gaps.append(np.inf)
         else:
             gaps.append(duration / bound - 1)
-    targets = bound * (1 + np.array(list(TARGETS.values())))
+    gap_targets = np.array(list(TARGETS.values()))
+    targets = bound * (1 + gap_targets)
     hits = statistics.evaluations_to_target(histories, targets)
-    columns = dict(zip(TARGETS, hits, strict=True))
-    return pd.DataFrame({"seed": range(seeds), "gap": gaps} | columns)
+    columns = {
+        "seed": range(seeds),
+        "gap": gaps,
+        **dict(zip(TARGETS, hits, strict=True)),
+    }
+    return pd.DataFrame(columns)
 
 
 def summary(outcome: Outcome) -> pd.DataFrame:
@@ -165,8 +184,8 @@ def summary(outcome: Outcome) -> pd.DataFrame:
     interval over problems; expected evaluations too are over all runs of all problems.
     """
     medians = outcome.medians
-    percent = 100 * np.asarray(statistics.quantile(medians, [0.25, 0.5, 0.75, 1]))
-    first, middle, third, worst = percent.T
+    quartiles = np.asarray(statistics.quantile(medians, [0.25, 0.5, 0.75, 1]))
+    first, middle, third, worst = 100 * quartiles.T
     columns = {
         "six-axis median gap (%)": 100 * medians[:, 0],
         "first quartile (%)": first,
@@ -175,17 +194,20 @@ def summary(outcome: Outcome) -> pd.DataFrame:
         "worst problem (%)": worst,
     }
     for target, hits in zip(TARGETS, outcome.hits, strict=True):
+        # `(entrants, problems)`
         rates = np.isfinite(hits).mean(axis=-1).T
         estimates = [statistics.bootstrap(mean, rate) for rate in rates]
         columns[f"success {target}"] = np.array([e.value for e in estimates])
         columns[f"success {target} low"] = np.array([e.low for e in estimates])
         columns[f"success {target} high"] = np.array([e.high for e in estimates])
     for target, hits in zip(TARGETS, outcome.hits, strict=True):
-        flat = hits.swapaxes(0, 1).reshape(len(outcome.names), -1)
+        by_entrant = hits.swapaxes(0, 1)
+        flat = by_entrant.reshape(len(outcome.names), -1)
         spent = statistics.expected_running_time(flat, outcome.evaluations)
         columns[f"evaluations to {target}"] = np.asarray(spent)
     columns["mean rank"] = statistics.friedman(medians.T).mean_ranks
-    return pd.DataFrame(columns, index=pd.Index(outcome.names, name="entrant"))
+    index = pd.Index(outcome.names, name="entrant")
+    return pd.DataFrame(columns, index=index)
 
 
 def against(outcome: Outcome, reference: str) -> pd.DataFrame:
@@ -206,17 +228,24 @@ def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame
     table = pd.DataFrame(rows, index)
     for head in ("p", "six-axis p"):
         place = list(table).index(head) + 1
-        table.insert(place, f"{head} (Holm)", statistics.holm(table[head]))
+        adjusted = statistics.holm(table[head])
+        table.insert(place, f"{head} (Holm)", adjusted)
     return table
 
 
-def _compared(outcome: Outcome, entrant: str, reference: str) -> dict[str, float]:
+def _compared(
+    outcome: Outcome,
+    entrant: str,
+    reference: str,
+) -> dict[str, float]:
     own = outcome.names.index(entrant)
     other = outcome.names.index(reference)
     a = outcome.gaps[:, own]
     b = outcome.gaps[:, other]
-    over_problems = statistics.wilcoxon(outcome.medians[own], outcome.medians[other])
-    effect = statistics.bootstrap(mean, np.asarray(statistics.a12(a, b)))
+    medians = outcome.medians
+    over_problems = statistics.wilcoxon(medians[own], medians[other])
+    effects = np.asarray(statistics.a12(a, b))
+    effect = statistics.bootstrap(mean, effects)
     six_axis_test = statistics.wilcoxon(a[0], b[0])
     six_axis_effect = statistics.bootstrap(statistics.a12, a[0], b[0])
     return {
@@ -245,19 +274,24 @@ def gap_rows(outcome: Outcome, reference: str) -> Figure:
     medians = np.asarray(statistics.median(outcome.medians))
     order = np.argsort(medians)[::-1]
     names = [outcome.names[i] for i in order]
-    figure = Figure(figsize=(7.2, 1.3 + 0.19 * len(order)), layout="constrained")
+    height = 1.3 + 0.19 * len(order)
+    figure = Figure(figsize=(7.2, height), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=[3, 2])
     for row, i in enumerate(order):
-        _gap_row(left, row, 100 * outcome.medians[i], label=row == 0)
+        percent = 100 * outcome.medians[i]
+        _gap_row(left, row, percent, label=row == 0)
     left.set_yticks(range(len(names)), names)
     left.set(
         xscale="log",
         xlabel="gap to the proved 3-5-3 optimum (%)",
         title=outcome.title,
     )
-    table = against(outcome, reference).droplevel("reference").reindex(names)
-    _effects(right, table)
-    right.set(xlim=(-0.03, 1.03), xlabel=f"A12 against {reference} (below ½: better)")
+    table = against(outcome, reference).droplevel("reference")
+    _effects(right, table.reindex(names))
+    right.set(
+        xlim=(-0.03, 1.03),
+        xlabel=f"A12 against {reference} (below ½: better)",
+    )
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 
@@ -268,13 +302,31 @@ def _effects(axes: Axes, table: pd.DataFrame) -> None:
     effect = table["A12"].to_numpy(dtype=float)
     clear = (table["p (Holm)"] < 0.05).to_numpy()
     look: Any = {"ms": 3.5, "mec": style.BLUE}
-    axes.hlines(y, table["A12 low"], table["A12 high"], color=style.BLUE, lw=1.2)
+    axes.hlines(
+        y,
+        table["A12 low"],
+        table["A12 high"],
+        color=style.BLUE,
+        lw=1.2,
+    )
     axes.plot(effect, y, "o", mfc=style.BLUE, **look)
-    axes.plot(effect[~clear], y[~clear], "o", mfc="white", label="Holm's p ≥ 0.05", **look)
+    axes.plot(
+        effect[~clear],
+        y[~clear],
+        "o",
+        mfc="white",
+        label="Holm's p ≥ 0.05",
+        **look,
+    )
     axes.axvline(0.5, color=style.BLACK, lw=0.8, ls=(0, (3, 2)))
 
 
-def _gap_row(axes: Axes, y: int, gaps: Array, label: bool) -> None:
+def _gap_row(
+    axes: Axes,
+    y: int,
+    gaps: Array,
+    label: bool,
+) -> None:
     """A dot per problem, the six-axis one marked, and the median with its bootstrap interval."""
     six_axis, *others = gaps
     middle = statistics.bootstrap(statistics.median, gaps)

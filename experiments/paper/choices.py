@@ -33,7 +33,13 @@ class Fitness:
     weight: float | None = None
     box: tuple[float, float] | None = None
 
-    def value(self, displacements: Array, times: Array, limits: Limits, shared: bool) -> Array:
+    def value(
+        self,
+        displacements: Array,
+        times: Array,
+        limits: Limits,
+        shared: bool,
+    ) -> Array:
         """Of candidates `(…, 3)` for each joint `(…, joints)`, or for all together `(…, 1)`."""
         total = added(times)
         over = self.excess(displacements, times, limits)
@@ -56,7 +62,9 @@ def searched(
     joints = np.flatnonzero(problem.moving)
     limits = problem.limits.only(joints)
     displacements = problem.displacements.T[joints]
-    groups = [TOGETHER] if shared else [int(joint) for joint in joints]
+    groups = [TOGETHER]
+    if not shared:
+        groups = joints.tolist()
 
     def objective(x: Array) -> Array:
         times = x.reshape(seeds, len(groups), -1, 3).swapaxes(1, 2)
@@ -88,19 +96,36 @@ def _stream(seed: int, group: int) -> SeedSequence:
     return SeedSequence(seed, spawn_key=(group,))
 
 
-def exact_excess(displacements: Array, times: Array, limits: Limits) -> Array:
+def exact_excess(
+    displacements: Array,
+    times: Array,
+    limits: Limits,
+) -> Array:
     """By how much the true peaks of velocity and acceleration exceed their limits."""
-    v, a, _ = spline353.limit_use(displacements, times, limits, exact_above=1.0)
-    return np.maximum(v - 1, 0.0) + np.maximum(a - 1, 0.0)
+    use_v, use_a, _ = spline353.limit_use(
+        displacements,
+        times,
+        limits,
+        exact_above=1.0,
+    )
+    return _excess(use_v, use_a)
 
 
-def ends_excess(displacements: Array, times: Array, limits: Limits) -> Array:
+def ends_excess(
+    displacements: Array,
+    times: Array,
+    limits: Limits,
+) -> Array:
     """The same, with limits looked at where segments meet only."""
     v, a = _at_ends(displacements, times)
     return _beyond(v, a, limits)
 
 
-def printed_excess(displacements: Array, times: Array, limits: Limits) -> Array:
+def printed_excess(
+    displacements: Array,
+    times: Array,
+    limits: Limits,
+) -> Array:
     """The same with the quintic's eq. 28 as printed: `3 a₃ τ³` and `9 a₃ τ²`, at 21 samples."""
     quintic = spline353.coefficients(displacements, times)[1]
     p5, p4, p3, p2, p1, _ = np.moveaxis(quintic, -1, 0)
@@ -108,8 +133,12 @@ def printed_excess(displacements: Array, times: Array, limits: Limits) -> Array:
     v, a = _at_ends(displacements, times)
     for share in np.linspace(0, 1, 21):
         t = share * times[..., 1]
-        velocity = 5 * p5 * t**4 + (4 * p4 + 3 * p3) * t**3 + 2 * p2 * t + p1
-        acceleration = 20 * p5 * t**3 + (12 * p4 + 9 * p3) * t**2 + 2 * p2
+        # v = 5 a₅ τ⁴ + (4 a₄ + 3 a₃) τ³ + 2 a₂ τ + a₁
+        c3 = 4 * p4 + 3 * p3
+        velocity = 5 * p5 * t**4 + c3 * t**3 + 2 * p2 * t + p1
+        # a = 20 a₅ τ³ + (12 a₄ + 9 a₃) τ² + 2 a₂
+        c2 = 12 * p4 + 9 * p3
+        acceleration = 20 * p5 * t**3 + c2 * t**2 + 2 * p2
         v = np.maximum(v, np.abs(velocity))
         a = np.maximum(a, np.abs(acceleration))
     return _beyond(v, a, limits)
@@ -119,13 +148,26 @@ def _at_ends(displacements: Array, times: Array) -> tuple[Array, Array]:
     """The larger velocity and acceleration where the quintic starts and ends."""
     velocity = spline353.velocity_controls(displacements, times)[[0, -1]]
     acceleration = spline353.acceleration_controls(displacements, times)[[0, -1]]
-    return np.abs(velocity).max(axis=0), np.abs(acceleration).max(axis=0)
+    v = np.abs(velocity).max(axis=0)
+    a = np.abs(acceleration).max(axis=0)
+    return v, a
 
 
-def _beyond(velocity: Array, acceleration: Array, limits: Limits) -> Array:
+def _beyond(
+    velocity: Array,
+    acceleration: Array,
+    limits: Limits,
+) -> Array:
     use_v = velocity / limits.velocity[..., 1]
     use_a = acceleration / limits.acceleration[..., 1]
-    return np.asarray(np.maximum(use_v - 1, 0.0) + np.maximum(use_a - 1, 0.0))
+    return _excess(use_v, use_a)
+
+
+def _excess(use_v: Array, use_a: Array) -> Array:
+    """From the shares used of each limit, what is beyond 1, both together."""
+    beyond_v = np.maximum(use_v - 1, 0.0)
+    beyond_a = np.maximum(use_a - 1, 0.0)
+    return np.asarray(beyond_v + beyond_a)
 
 
 Change = Callable[[Problem], Problem]
@@ -156,7 +198,8 @@ def unchanged(problem: Problem) -> Problem:
 
 def printed_order(problem: Problem) -> Problem:
     """The waypoints in the order of eq. 31's right-hand side."""
-    return replace(problem, waypoints=problem.waypoints[[1, 3, 2, 0]])
+    order = [1, 3, 2, 0]
+    return replace(problem, waypoints=problem.waypoints[order])
 
 
 @dataclass(frozen=True)
@@ -173,7 +216,13 @@ class Reading:
     algorithms: tuple[str, ...] = ALGORITHMS
     beside: str = ""
 
-    def search(self, algorithm: str, timing: str, seeds: int, iterations: int) -> Runs:
+    def search(
+        self,
+        algorithm: str,
+        timing: str,
+        seeds: int,
+        iterations: int,
+    ) -> Runs:
         problem = self.problem(suite.load("six-axis"))
         planner = load(algorithm)
         known = options(planner)
@@ -183,12 +232,18 @@ class Reading:
         assert isinstance(planner, SwarmPlanner)
         if self.fitness is None:
             return swarm(planner, problem, seeds)
-        shared = timing == "shared"
-        return searched(self.fitness, planner.optimiser, problem, seeds, iterations, shared)
+        return searched(
+            self.fitness,
+            planner.optimiser,
+            problem,
+            seeds,
+            iterations,
+            shared=timing == "shared",
+        )
 
 
 FREE = 1e6  # times a limit: none
-PRINTED = {"eq41": "printed", "eq43": "printed", "eq49": "printed", "eq50": "printed"}
+PRINTED = dict.fromkeys(("eq41", "eq43", "eq49", "eq50"), "printed")
 FIRST_PSO = {"inertia": 1.0, "cognitive": 2.0, "social": 2.0}  # Kennedy and Eberhart (1995)
 SPARROWS = ("ssa", "issa")
 PSO_ALONE = ("pso",)

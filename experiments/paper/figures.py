@@ -17,20 +17,32 @@ from trajopt import Problem, Trajectory
 from trajopt.benchmark.figures import plots, sampling, style
 from trajopt.kinematics import Robot
 
-MARKS = {"mean": "v", "longest": "s", "segment-wise maximum": "D", "shared": "o"}
+MARKS = {
+    "mean": "v",
+    "longest": "s",
+    "segment-wise maximum": "D",
+    "shared": "o",
+}
 
 
 @plots.styled
-def cartesian_path(robot: Robot, problem: Problem, trajectory: Trajectory) -> Figure:
+def cartesian_path(
+    robot: Robot,
+    problem: Problem,
+    trajectory: Trajectory,
+) -> Figure:
     """The tool's path, and the robot as links at the four points: in space, and from the side."""
     figure = Figure(figsize=(7.2, 3.3))
     space: Any = figure.add_axes((0.0, 0.1, 0.47, 0.92), projection="3d")
     side = figure.add_axes((0.62, 0.24, 0.36, 0.72))
     instants = np.linspace(0, trajectory.duration, 400)
-    path = MM * robot.forward(trajectory(instants))[:, :3, 3]
-    links = MM * robot.frames(problem.waypoints)[..., :3, 3]
+    poses = robot.forward(trajectory(instants))
+    frames = robot.frames(problem.waypoints)
+    path = MM * poses[:, :3, 3]
+    links = MM * frames[..., :3, 3]
+    x_z = [0, 2]
     _links_and_path(space, links, path)
-    _links_and_path(side, links[..., [0, 2]], path[:, [0, 2]])
+    _links_and_path(side, links[..., x_z], path[:, x_z])
     space.set(
         xlabel="x (mm)",
         ylabel="y (mm)",
@@ -50,7 +62,11 @@ def cartesian_path(robot: Robot, problem: Problem, trajectory: Trajectory) -> Fi
     return figure
 
 
-def _links_and_path(axes: Any, links: Array, path: Array) -> None:
+def _links_and_path(
+    axes: Any,
+    links: Array,
+    path: Array,
+) -> None:
     """Links `(points, joints + 1, axes)` and path `(m, axes)`, mm, on two or three axes."""
     looks = zip(links, style.CURVES, style.DASHES, style.MARKERS, strict=False)
     for point, (chain, colour, dash, marker) in enumerate(looks, start=1):
@@ -81,20 +97,39 @@ def joint_convergence(found: Mapping[str, Runs], problem: Problem) -> Figure:
             _convergence(axes, found, joint)
             handles, labels = axes.get_legend_handles_labels()
         else:
-            axes.text(0.5, 0.5, "never moves", transform=axes.transAxes, ha="center", color="0.3")
+            axes.text(
+                0.5,
+                0.5,
+                "never moves",
+                transform=axes.transAxes,
+                ha="center",
+                color="0.3",
+            )
             axes.set(xticks=[], yticks=[])
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
 
 
-def _convergence(axes: Axes, found: Mapping[str, Runs], joint: int) -> None:
+def _convergence(
+    axes: Axes,
+    found: Mapping[str, Runs],
+    joint: int,
+) -> None:
     looks = zip(found.items(), style.CURVES, style.DASHES, style.MARKERS, strict=False)
     ends = []
     for (algorithm, runs), colour, dash, marker in looks:
         curves = runs.curves(joint)
         ends += [curve[-1, 1] for curve in curves]
         spent, (low, median, high) = sampling.over_runs(curves)
-        axes.fill_between(spent, low, high, step="post", color=colour, alpha=0.18, lw=0)
+        axes.fill_between(
+            spent,
+            low,
+            high,
+            step="post",
+            color=colour,
+            alpha=0.18,
+            lw=0,
+        )
         axes.plot(
             spent,
             median,
@@ -115,7 +150,13 @@ def _convergence(axes: Axes, found: Mapping[str, Runs], joint: int) -> None:
 def joint_curves(problem: Problem, trajectories: Mapping[str, Trajectory]) -> Figure:
     """Position, velocity and acceleration of every joint (rows), one column per algorithm."""
     figure = Figure(figsize=(7.2, 5.4), layout="constrained")
-    grid = figure.subplots(3, len(trajectories), sharex=True, sharey="row", squeeze=False)
+    grid = figure.subplots(
+        3,
+        len(trajectories),
+        sharex=True,
+        sharey="row",
+        squeeze=False,
+    )
     for column, (algorithm, trajectory) in zip(grid.T, trajectories.items(), strict=True):
         column[0].set_title(f"{NAMES[algorithm]}, {trajectory.duration:.4f} s")
         column[-1].set_xlabel("time (s)")
@@ -129,13 +170,24 @@ def joint_curves(problem: Problem, trajectories: Mapping[str, Trajectory]) -> Fi
     return figure
 
 
-def _joints(axes: Axes, trajectory: Trajectory, order: int) -> None:
+def _joints(
+    axes: Axes,
+    trajectory: Trajectory,
+    order: int,
+) -> None:
     """One derivative of every joint, degrees, and when the waypoints are passed."""
     t, values = sampling.curve(trajectory, order)
     looks = zip(range(trajectory.joints), style.CURVES, cycle(style.DASHES), strict=False)
     for joint, colour, dash in looks:
         degrees = np.degrees(values[:, joint])
-        axes.plot(t, degrees, color=colour, ls=dash, lw=1.1, label=f"joint {joint + 1}")
+        axes.plot(
+            t,
+            degrees,
+            color=colour,
+            ls=dash,
+            lw=1.1,
+            label=f"joint {joint + 1}",
+        )
     for time in trajectory.waypoint_times:
         axes.axvline(time, color="0.6", lw=0.4, zorder=0.5)
 
@@ -143,7 +195,8 @@ def _joints(axes: Axes, trajectory: Trajectory, order: int) -> None:
 @plots.styled
 def readings(table: pd.DataFrame, names: Sequence[str]) -> Figure:
     """Every reading's running times against the three published ones."""
-    figure = Figure(figsize=(7.2, 1.3 + 0.27 * len(names)), layout="constrained")
+    height = 1.3 + 0.27 * len(names)
+    figure = Figure(figsize=(7.2, height), layout="constrained")
     axes = figure.subplots()
     published = running_times()
     for shift, algorithm, colour, dash in zip(
@@ -159,10 +212,30 @@ def readings(table: pd.DataFrame, names: Sequence[str]) -> Figure:
         heights = own["reading"].map(names.index) + shift
         _claims(axes, own, heights, colour)
     for combination, marker in MARKS.items():
-        axes.plot([], [], marker, ms=4, mfc="white", mec=style.BLACK, label=combination)
-    axes.plot([], [], "o", ms=4, color=style.BLACK, label="keeps Table 3's limits, passes points")
+        axes.plot(
+            [],
+            [],
+            marker,
+            ms=4,
+            mfc="white",
+            mec=style.BLACK,
+            label=combination,
+        )
+    axes.plot(
+        [],
+        [],
+        "o",
+        ms=4,
+        color=style.BLACK,
+        label="keeps Table 3's limits, passes points",
+    )
     axes.set_title("in each row, from the top: PSO, SSA, ISSA", loc="left", color="0.3")
-    axes.set(xlabel="running time claimed (s)", xlim=(0, 8.2), ylim=(len(names) - 0.4, -0.6))
+    lowest = len(names) - 0.4
+    axes.set(
+        xlabel="running time claimed (s)",
+        xlim=(0, 8.2),
+        ylim=(lowest, -0.6),
+    )
     axes.set_yticks(range(len(names)), names)
     axes.tick_params(axis="y", length=0)
     axes.set_axisbelow(True)
@@ -172,7 +245,12 @@ def readings(table: pd.DataFrame, names: Sequence[str]) -> Figure:
     return figure
 
 
-def _claims(axes: Axes, own: pd.DataFrame, heights: pd.Series[float], colour: str) -> None:
+def _claims(
+    axes: Axes,
+    own: pd.DataFrame,
+    heights: pd.Series[float],
+    colour: str,
+) -> None:
     """A mark per claim: its shape the combination, filled where it is honest."""
     honest = own["passes together"] & (own["keeps limits"] > 0.5)
     for combination, marker in MARKS.items():
