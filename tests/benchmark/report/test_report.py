@@ -501,5 +501,16 @@ def test_between_seeds_there_is_a_table_where_problems_are_few() -> None:
     texts = [text for text, _ in line["cells"]]
     assert texts == ["3", "3", "2.1000", "2.4000", "0.87500", "1.00", "0.1"]
     assert not found["paired"][page.labels.index("exact")]  # one run
-    many = [t for n in range(curves.SEED_PROBLEMS + 1) for t in run("m", 2.0, on=problem(f"p{n}"))]
-    assert curves.between_seeds(content.page(Results(many))) == []
+
+
+def test_pairs_of_seeds_are_counted_before_they_are_resampled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    two = problem("two", 0.5)
+    items = [*run("a", 2.0, 2.1), *run("b", 2.0, 2.1), *run("c", 2.0, 2.1), *run("exact", 2.0)]
+    items += [*run("a", 2.0, 2.1, on=two), *run("b", 2.0, 2.1, on=two)]
+    page = content.page(Results(items))
+    monkeypatch.setattr(curves, "SEED_PAIRS", 4)  # 3 on the first problem, 1 on the other
+    assert len(curves.between_seeds(page)) == 2
+    monkeypatch.setattr(curves, "SEED_PAIRS", 3)
+    assert curves.between_seeds(page) == []

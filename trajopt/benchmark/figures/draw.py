@@ -86,7 +86,10 @@ def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:
     name = f"{trial.problem.name}: {trial.label}"
     files: list[Path] = []
     if steps := found.steps():
-        panels = [(headline(name, f", {which}"), own) for which, own in steps.items()]
+        panels = []
+        for which, own in steps.items():
+            over = headline(name, f", {which}")
+            panels.append((over, own))
         climb = explanation.waterfalls(panels)
         files += plots.save(climb, folder / f"{stem}-waterfall")
     title = headline(name, f", {found.certified_duration:#.4g} s")
@@ -102,7 +105,10 @@ def _of(table: pd.DataFrame, key: tuple[str, str]) -> pd.DataFrame:
 
 
 def _of_problem(
-    trials: Sequence[Trial], summary: pd.DataFrame, gaps: pd.DataFrame, folder: Path
+    trials: Sequence[Trial],
+    summary: pd.DataFrame,
+    gaps: pd.DataFrame,
+    folder: Path,
 ) -> list[Drawing]:
     title = headline(trials[0].problem.name)
     durations = {"summary": summary, "title": title}

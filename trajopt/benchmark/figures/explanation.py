@@ -63,7 +63,14 @@ def _waterfall(axes: Axes, steps: Steps) -> None:
     axes.bar(x, heights, bottom=starts, color=colours, **bar)
     axes.bar(planner, ends[-1], color=BLUE, **bar)
     half = _BAR_WIDTH / 2
-    axes.hlines(ends, x + half, x + 1 - half, color=BLACK, lw=0.6, ls=_SHORT_DASHES)
+    axes.hlines(
+        ends,
+        x + half,
+        x + 1 - half,
+        color=BLACK,
+        lw=0.6,
+        ls=_SHORT_DASHES,
+    )
     _numbers(axes, ends)
     names = [f"+ {name}" for name, _ in steps]
     names[0], _ = steps[0]
@@ -81,15 +88,25 @@ def _numbers(axes: Axes, ends: Array) -> None:
         added = after - before
         labels.append(f"{added:+.3g} s\n×{after / before:.4f}")
     labels.append(f"{longest:.4g} s")
-    style: Look = {"textcoords": "offset points", "ha": "center", "va": "bottom", "fontsize": 7}
+    style: Look = {
+        "textcoords": "offset points",
+        "ha": "center",
+        "va": "bottom",
+        "fontsize": 7,
+        "linespacing": 1.0,
+    }
     tops = [*ends, longest]
     for x, label in enumerate(labels):
-        axes.annotate(label, (x, tops[x]), (0, 2), linespacing=1.0, **style)
+        top = (x, tops[x])
+        axes.annotate(label, top, (0, 2), **style)
 
 
 @styled
 def limit_use(
-    problem: Problem, trajectory: Trajectory, optimum: Trajectory | None = None, title: str = ""
+    problem: Problem,
+    trajectory: Trajectory,
+    optimum: Trajectory | None = None,
+    title: str = "",
 ) -> Figure:
     """Each moving joint's velocity and acceleration (jerk) over its limit, against time.
 
@@ -105,11 +122,17 @@ def limit_use(
     heights = [1.2, *[tall] * len(shown)]
     height = 0.3 + sum(heights)
     figure = Figure(figsize=(7.0, height), layout="constrained")
-    top, *maps = figure.subplots(len(heights), sharex=True, height_ratios=heights)
+    top, *maps = figure.subplots(
+        len(heights),
+        sharex=True,
+        height_ratios=heights,
+    )
     end = max(own.duration for own in shown.values())
     _highest(top, problem, trajectory, optimum)
     top.set_title(text(title), loc="left", wrap=True)
-    top.set(ylim=(0, 1.05), ylabel="highest use", xlim=(0, end))
+    top.set_xlim(0, end)
+    top.set_ylim(0, 1.05)
+    top.set_ylabel("highest use")
     for axes, (name, own) in zip(maps, shown.items(), strict=True):
         mesh = _heat(axes, problem, own)
         axes.set_ylabel(name)
@@ -120,7 +143,10 @@ def limit_use(
 
 
 def _highest(
-    axes: Axes, problem: Problem, trajectory: Trajectory, optimum: Trajectory | None
+    axes: Axes,
+    problem: Problem,
+    trajectory: Trajectory,
+    optimum: Trajectory | None,
 ) -> None:
     """The highest use of any limit against time, filled; that of the optimum dashed."""
     t, use = _highest_use(problem, trajectory)
@@ -128,8 +154,20 @@ def _highest(
     axes.plot(t, use, color=BLUE, lw=0.9, label="planner")
     if optimum:
         t, use = _highest_use(problem, optimum)
-        axes.plot(t, use, color=VERMILION, ls=_LONG_DASHES, lw=1.0, label="optimum")
-    axes.legend(loc="lower right", ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+        axes.plot(
+            t,
+            use,
+            color=VERMILION,
+            ls=_LONG_DASHES,
+            lw=1.0,
+            label="optimum",
+        )
+    axes.legend(
+        loc="lower right",
+        ncols=2,
+        bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.2,
+    )
 
 
 def _highest_use(problem: Problem, trajectory: Trajectory) -> tuple[Array, Array]:
@@ -143,7 +181,15 @@ def _heat(axes: Axes, problem: Problem, trajectory: Trajectory) -> QuadMesh:
     middles = 0.5 * (edges[:-1] + edges[1:])
     names, use = _use(problem, trajectory, middles)
     rows = np.arange(len(names) + 1)
-    mesh = axes.pcolormesh(edges, rows, use, vmin=0, vmax=1, cmap="cividis", rasterized=True)
+    mesh = axes.pcolormesh(
+        edges,
+        rows,
+        use,
+        vmin=0,
+        vmax=1,
+        cmap="cividis",
+        rasterized=True,
+    )
     axes.set_yticks(rows[:-1] + 0.5, names, fontsize=6)
     axes.tick_params(axis="y", length=0)
     passing = trajectory.waypoint_times[1:-1]

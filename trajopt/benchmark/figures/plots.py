@@ -60,6 +60,7 @@ _BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
 _RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
 
 _PNG_DPI = 200
+_COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
 _SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # of a decade of durations: where ticks are
@@ -176,21 +177,29 @@ def _columns(axes: Axes, rows: pd.DataFrame, *, gaps: bool) -> None:
     if gaps:
         cells["gap"] = [percent(gap) for gap in rows["gap"]]
     style: Look = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
-    beside = axes.get_yaxis_transform()
-    for (heading, numbers), right in zip(cells.items(), (46, 96), strict=False):
-        axes.annotate(heading, (1, 1), (right, 6), xycoords="axes fraction", color="0.3", **style)
+    over: Look = {"xycoords": "axes fraction", "color": "0.3"}
+    beside: Look = {"xycoords": axes.get_yaxis_transform(), "va": "center"}
+    columns = zip(cells.items(), _COLUMNS, strict=False)
+    for (heading, numbers), right in columns:
+        axes.annotate(heading, (1, 1), (right, 6), **over, **style)
         for y, number in enumerate(numbers):
-            axes.annotate(number, (1, y), (right, 0), xycoords=beside, va="center", **style)
+            axes.annotate(number, (1, y), (right, 0), **beside, **style)
 
 
 def _statuses(axes: Axes, rows: pd.DataFrame) -> None:
     """In place of a duration that is not there, why, and the lower bound if there is one."""
-    style: Look = {"textcoords": "offset points", "va": "center", "fontsize": 7}
+    style: Look = {
+        "textcoords": "offset points",
+        "va": "center",
+        "fontsize": 7,
+        "style": "italic",
+        "color": "0.3",
+    }
     for y, row in rows.iterrows():
         said = str(row["status"])
         if row["lower_bound"] > 0:
             said = f"{said} (lower bound {row['lower_bound']:#.4g} s)"
-        axes.annotate(said, (0, y), (4, 0), style="italic", color="0.3", **style)
+        axes.annotate(said, (0, y), (4, 0), **style)
 
 
 # ---- motion ---------------------------------------------------------------------------------
@@ -300,8 +309,11 @@ def _caption(figure: Figure, title: str, reference: str | None) -> None:
     }
     if reference:
         looks[reference] = _BEHIND
+    keys = []
+    for label, look in looks.items():
+        keys.append(Line2D([], [], label=label, **look))
     figure.legend(
-        handles=[Line2D([], [], label=label, **look) for label, look in looks.items()],
+        handles=keys,
         loc="upper left",
         ncols=4,
         borderpad=0,
@@ -315,7 +327,9 @@ def _caption(figure: Figure, title: str, reference: str | None) -> None:
 
 @styled
 def convergence(
-    curves: Mapping[str, tuple[Array, Array]], best: float | None = None, title: str = ""
+    curves: Mapping[str, tuple[Array, Array]],
+    best: float | None = None,
+    title: str = "",
 ) -> Figure:
     """Best certified duration against evaluations: median and quartiles over seeds.
 
@@ -339,11 +353,17 @@ def convergence(
     for (label, (spent, quartiles)), (colour, dash, marker) in zip(
         curves.items(), looks, strict=False
     ):
-        look = {"marker": marker, "ls": dash, "color": colour, "label": labels[label]}
+        look = {
+            "marker": marker,
+            "ls": dash,
+            "color": colour,
+            "label": labels[label],
+        }
         _band(above, spent, quartiles, shade, look)
         if best:
             excess = 100 * (quartiles / best - 1)
-            _band(grid[1], spent, np.maximum(excess, GAP_FLOOR), shade, look)
+            drawn = np.maximum(excess, GAP_FLOOR)
+            _band(grid[1], spent, drawn, shade, look)
     above.set(xscale="log", yscale="log")
     above.set_ylabel("best certified duration (s)")
     above.set_title(text(title))
@@ -363,10 +383,31 @@ def convergence(
     return figure
 
 
-def _band(axes: Axes, spent: Array, quartiles: Array, shade: float, look: Look) -> None:
+def _band(
+    axes: Axes,
+    spent: Array,
+    quartiles: Array,
+    shade: float,
+    look: Look,
+) -> None:
     first, median, third = quartiles
-    axes.fill_between(spent, first, third, step="post", color=look["color"], alpha=shade, lw=0)
-    axes.plot(spent, median, drawstyle="steps-post", markevery=0.13, mfc="white", **look)
+    axes.fill_between(
+        spent,
+        first,
+        third,
+        step="post",
+        color=look["color"],
+        alpha=shade,
+        lw=0,
+    )
+    axes.plot(
+        spent,
+        median,
+        drawstyle="steps-post",
+        markevery=0.13,
+        mfc="white",
+        **look,
+    )
 
 
 # ---- gaps -----------------------------------------------------------------------------------
@@ -390,9 +431,11 @@ def gap_distribution(gaps: pd.DataFrame, title: str = "") -> Figure:
     labels = sorted(several, key=lambda label: float(np.median(groups[label])))
     values = [groups[label] for label in labels]
     best = min(runs.min() for runs in values)
-    figure, (left, right) = _row_chart([wrapped(label) for label in labels], panels=2)
+    rows = [wrapped(label) for label in labels]
+    figure, (left, right) = _row_chart(rows, panels=2)
     _strips(left, values)
-    _strips(right, [np.maximum(runs - best, GAP_FLOOR) for runs in values])
+    above_best = [np.maximum(runs - best, GAP_FLOOR) for runs in values]
+    _strips(right, above_best)
     run = Line2D([], [], label="one run", **_RUN)
     box = Patch(label="quartiles and range", **_BOX)
     lines = _once(left, groups)
@@ -412,7 +455,9 @@ def _once(axes: Axes, groups: Mapping[str, Array]) -> list[Line2D]:
     lines = []
     for label, runs in groups.items():
         if len(runs) == 1 and low <= runs[0] <= high:
-            lines.append(axes.axvline(runs[0], ls=next(dashes), label=wrapped(label), **look))
+            name = wrapped(label)
+            line = axes.axvline(runs[0], ls=next(dashes), label=name, **look)
+            lines.append(line)
     return lines
 
 

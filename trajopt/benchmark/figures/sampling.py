@@ -17,7 +17,11 @@ POINTS_PER_CURVE = 240
 FEWEST_PER_PIECE = 5
 
 
-def both_sides(trajectory: Trajectory, order: int, per_piece: int) -> tuple[Array, Array]:
+def both_sides(
+    trajectory: Trajectory,
+    order: int,
+    per_piece: int,
+) -> tuple[Array, Array]:
     """Sample every polynomial piece, its ends included, so that jumps at breaks are vertical.
 
     Args:
@@ -33,8 +37,10 @@ def both_sides(trajectory: Trajectory, order: int, per_piece: int) -> tuple[Arra
     durations = np.diff(trajectory.breaks)
     shares = np.linspace(0.0, 1.0, per_piece)
     local = shares[:, None] * durations  # s from the start of each piece
-    values = polynomials.evaluate(coefficients[:, None], local[..., None])
-    times = (trajectory.breaks[:-1] + local).T.ravel()
+    by_joint = local[..., None]
+    values = polynomials.evaluate(coefficients[:, None], by_joint)
+    starts = trajectory.breaks[:-1]
+    times = (starts + local).T.ravel()
     in_order = values.swapaxes(0, 1)  # (pieces, per_piece, joints)
     return times, in_order.reshape(-1, trajectory.joints)
 
@@ -61,7 +67,8 @@ def over_runs(runs: Sequence[Array], points: int = 120) -> tuple[Array, Array]:
         Evaluations `(points,)` and quartiles `(3, points)`. A run without an answer counts as
         infinitely long: a quartile is +inf until enough runs have one.
     """
-    end = max(float(run[-1, 0]) for run in runs)
-    grid = np.geomspace(1.0, max(end, 1.0), points)
+    spent = [float(run[-1, 0]) for run in runs]
+    end = max(*spent, 1.0)
+    grid = np.geomspace(1.0, end, points)
     evaluations = np.unique(grid.round())
     return evaluations, statistics.quartiles_over_runs(runs, evaluations)

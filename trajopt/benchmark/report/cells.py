@@ -71,7 +71,8 @@ def _median(row: Any) -> Cell:
 def _quartiles(row: Any) -> Cell:
     if row.runs == 1 or np.isnan(row.median):
         return NONE
-    return Cell(f"{row.q1:.4f}–{row.q3:.4f}", float(row.q3 - row.q1))
+    spread = row.q3 - row.q1
+    return Cell(f"{row.q1:.4f}–{row.q3:.4f}", float(spread))
 
 
 def _gap(gap: float) -> Cell:
@@ -111,9 +112,12 @@ def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     kinds: dict[tuple[str, str, str], list[Trial]] = {}
     for trial in trials:
         if trial.status is not Status.SOLVED:
-            kind = NUMBER.sub("#", _reason(trial))
-            kinds.setdefault((trial.label, str(trial.status), kind), []).append(trial)
-    rows = [_failure(label, status, own) for (label, status, _), own in kinds.items()]
+            reason = NUMBER.sub("#", _reason(trial))
+            kind = trial.label, str(trial.status), reason
+            kinds.setdefault(kind, []).append(trial)
+    rows = []
+    for (label, status, _), own in kinds.items():
+        rows.append(_failure(label, status, own))
     return sorted(rows, key=lambda row: -int(row["count"]))
 
 
@@ -151,7 +155,8 @@ def spread(reasons: Sequence[str]) -> str:
         ordered = sorted(column, key=_value)
         low = ordered[0]
         high = ordered[-1]
-        said += low if _value(low) == _value(high) else f"{low} to {high}"
+        equal = _value(low) == _value(high)
+        said += low if equal else f"{low} to {high}"
         said += word
     return said
 
@@ -178,19 +183,29 @@ def over_all(runs: pd.DataFrame, rank: float | None) -> dict[str, Any]:
         "kept": _share(tried["feasible"]),
         "gap": _median_gap(median_gap(tried)),
         "worst": _worst_gap(tried["gap"].max()),
-        "rank": NONE if rank is None else Cell(f"{rank:.2f}", rank),
+        "rank": _rank(rank),
         "time": _cell(tried["solve_time"].median(), "{:.3f}"),
     }
+
+
+def _rank(rank: float | None) -> Cell:
+    if rank is None:
+        return NONE
+    return Cell(f"{rank:.2f}", rank)
 
 
 def _median_gap(gap: float) -> Cell:
     if np.isnan(gap):
         return NONE
-    return Cell("no answer") if np.isinf(gap) else Cell(percent(gap), gap)
+    if np.isinf(gap):
+        return Cell("no answer")
+    return Cell(percent(gap), gap)
 
 
 def _worst_gap(gap: float) -> Cell:
-    return NONE if np.isnan(gap) else Cell(percent(gap), float(gap))
+    if np.isnan(gap):
+        return NONE
+    return Cell(percent(gap), float(gap))
 
 
 def _share(outcomes: pd.Series[bool]) -> dict[str, Any]:

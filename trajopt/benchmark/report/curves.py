@@ -25,7 +25,7 @@ Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
 
 POINTS = 160
 BAND_POINTS = 60
-SEED_PROBLEMS = 12  # beyond so many, planners are compared over problems only
+SEED_PAIRS = 30  # of planners on several problems: beyond it they are not compared on each
 TARGET = 1.01  # times the best known of its family: what counts as found
 
 
@@ -36,10 +36,13 @@ def suites(page: Page) -> list[dict[str, Any]]:
     pairs = pairs_by_problem(competing(page.gaps))
     found = []
     for name, members in groups(problems).items():
-        gaps = page.gaps[page.gaps["digest"].isin(members)]
-        tests = paired_tests(pairs[pairs["digest"].isin(members)])
+        ran = page.gaps["digest"].isin(members)
+        met = pairs["digest"].isin(members)
+        gaps = page.gaps[ran]
+        tests = paired_tests(pairs[met])
         suite = {"name": name, "problems": len(members)}
-        suite |= _suite(gaps, [histories[digest] for digest in members], page.labels)
+        own = [histories[digest] for digest in members]
+        suite |= _suite(gaps, own, page.labels)
         suite |= {"paired": rivals.pairs(tests, page.labels)}
         found.append(suite)
     return found
@@ -47,7 +50,7 @@ def suites(page: Page) -> list[dict[str, Any]]:
 
 def between_seeds(page: Page) -> list[dict[str, Any]]:
     """Of a page with few problems: on each, planners with several runs against each other."""
-    if len(page.problems) > SEED_PROBLEMS:
+    if len(page.problems) > 1 and _seed_pairs(page) > SEED_PAIRS:
         return []
     found = []
     for problem in page.problems:
@@ -56,6 +59,15 @@ def between_seeds(page: Page) -> list[dict[str, Any]]:
             lines = rivals.seeds(tests, page.labels)
             found.append({"name": problem.name, "paired": lines})
     return found
+
+
+def _seed_pairs(page: Page) -> int:
+    """How many pairs of planners have several runs each, of all problems: each is resampled."""
+    runs = competing(page.gaps).groupby(["digest", "label"]).size()
+    several = runs[runs > 1]
+    planners = several.groupby("digest").size()
+    pairs = planners * (planners - 1) // 2
+    return int(pairs.sum())
 
 
 def groups(problems: Mapping[str, Problem]) -> dict[str, list[str]]:
@@ -77,21 +89,25 @@ def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Cu
     curves = []
     for label, own in runs.items():
         spent, quartiles = sampling.over_runs(own, BAND_POINTS)
-        low, middle, high = (rounded(quartile, 6) for quartile in quartiles)
+        low, middle, high = quartiles
         curves.append(
             {
                 "planner": labels.index(label),
                 "x": spent.tolist(),
                 "runs": len(own),
-                "low": low,
-                "middle": middle,
-                "high": high,
+                "low": rounded(low, 6),
+                "middle": rounded(middle, 6),
+                "high": rounded(high, 6),
             }
         )
     return curves
 
 
-def _suite(gaps: pd.DataFrame, found: Sequence[Histories], labels: Sequence[str]) -> dict[str, Any]:
+def _suite(
+    gaps: pd.DataFrame,
+    found: Sequence[Histories],
+    labels: Sequence[str],
+) -> dict[str, Any]:
     durations = medians(gaps, "certified_duration")
     ran = durations.notna().sum()
     whole = [label for label in labels if ran.get(label) == len(durations)]
@@ -113,7 +129,11 @@ def _suite(gaps: pd.DataFrame, found: Sequence[Histories], labels: Sequence[str]
     }
 
 
-def _profile(durations: pd.DataFrame, whole: Sequence[str], labels: Sequence[str]) -> list[Curve]:
+def _profile(
+    durations: pd.DataFrame,
+    whole: Sequence[str],
+    labels: Sequence[str],
+) -> list[Curve]:
     """Performance profiles of the median certified durations."""
     if not whole:
         return []
@@ -123,16 +143,25 @@ def _profile(durations: pd.DataFrame, whole: Sequence[str], labels: Sequence[str
     worst = ratios[np.isfinite(ratios)].max(initial=1.0)
     taus = np.geomspace(1, max(1.1, 1.02 * worst), POINTS)
     x, shares = statistics.performance_profile(table, taus)
-    return [_steps(labels.index(k), x, y) for k, y in zip(whole, shares.T, strict=True)]
+    curves = []
+    for label, y in zip(whole, shares.T, strict=True):
+        place = labels.index(label)
+        curves.append(_steps(place, x, y))
+    return curves
 
 
-def _ecdf(gaps: pd.DataFrame, whole: Sequence[str], labels: Sequence[str]) -> list[Curve]:
+def _ecdf(
+    gaps: pd.DataFrame,
+    whole: Sequence[str],
+    labels: Sequence[str],
+) -> list[Curve]:
     """Share of runs within a gap (%); gaps below `GAP_FLOOR` are drawn at it."""
     known = gaps[gaps["reference"].notna()]
     runs = {}
     worst = 1.0
     for label in whole:
-        own = 100 * known.loc[known["label"] == label, "gap"].to_numpy()
+        runs_of_it = known[known["label"] == label]
+        own = 100 * runs_of_it["gap"].to_numpy()
         if len(own):
             runs[label] = np.maximum(own, GAP_FLOOR)  # NaN stays NaN
             worst = np.nanmax(runs[label], initial=worst)
@@ -151,12 +180,17 @@ def _times(relative: Mapping[str, list[Array]], labels: Sequence[str]) -> list[C
     return _shares(hits, grid, labels)
 
 
-def _shares(values: Mapping[str, Array], grid: Array, labels: Sequence[str]) -> list[Curve]:
+def _shares(
+    values: Mapping[str, Array],
+    grid: Array,
+    labels: Sequence[str],
+) -> list[Curve]:
     """Per planner the share of its values that are at most those of the grid."""
     curves = []
     for label, own in values.items():
         x, y = statistics.ecdf(own, grid)
-        curves.append(_steps(labels.index(label), x, y))
+        place = labels.index(label)
+        curves.append(_steps(place, x, y))
     return curves
 
 
@@ -164,4 +198,8 @@ def _steps(planner: int, x: Array, y: Array) -> Curve:
     """A staircase, without the points at which nothing happens."""
     changes = np.diff(y, prepend=np.nan) != 0  # the first point too
     changes[-1] = True
-    return {"planner": planner, "x": rounded(x[changes], 7), "y": rounded(y[changes], 4)}
+    return {
+        "planner": planner,
+        "x": rounded(x[changes], 7),
+        "y": rounded(y[changes], 4),
+    }

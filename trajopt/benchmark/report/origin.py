@@ -77,10 +77,12 @@ def facts(items: Sequence[Trial]) -> list[tuple[str, str]]:
     found: dict[str, Counter[str]] = {}
     for trial in items:
         for key, value in trial.provenance.items():
-            left_out = key in _OF_A_PLANNER or (key == "sources" and not value)
-            if not left_out:
-                nothing = _NOTHING.get(key, "not installed")
-                found.setdefault(key, Counter())[value or nothing] += 1
+            of_a_checkout = key == "sources" and not value
+            if key in _OF_A_PLANNER or of_a_checkout:
+                continue
+            nothing = _NOTHING.get(key, "not installed")
+            counts = found.setdefault(key, Counter())
+            counts[value or nothing] += 1
     told = [("planners' code", planners_code(items))]
     for key, values in found.items():
         name = _NAMES.get(key, key)
@@ -96,13 +98,23 @@ def planners_code(items: Sequence[Trial]) -> str:
         release = trial.provenance.get("planner_version", "")
         code = f"{name} {release}".strip() or "of no distribution"
         planners.setdefault(code, {})[trial.planner] = None
-    return "; ".join(f"{code}: {', '.join(names)}" for code, names in planners.items())
+    told = []
+    for code, names in planners.items():
+        listed = ", ".join(names)
+        told.append(f"{code}: {listed}")
+    return "; ".join(told)
 
 
 def release(items: Sequence[Trial]) -> str:
     """The package's version and commit, or how many commits there are."""
-    versions = dict.fromkeys(trial.provenance.get("trajopt", "") for trial in items)
-    commits = {trial.provenance.get("commit", "") for trial in items} - {""}
+    versions: dict[str, None] = {}
+    commits = set()
+    for trial in items:
+        version = trial.provenance.get("trajopt", "")
+        commit = trial.provenance.get("commit", "")
+        versions[version] = None
+        if commit:
+            commits.add(commit)
     told = f"trajopt {', '.join(versions)}"
     if len(commits) > 1:
         return f"{told}, {len(commits)} commits (see below)"

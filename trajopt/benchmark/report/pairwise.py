@@ -130,7 +130,8 @@ def _chance(row: Any) -> Cell:
 
 def _whisker(row: Any) -> list[float]:
     """The estimate and the ends of its interval, for the drawing of it."""
-    return [round(value, 4) for value in (row.a12, *_interval(row))]
+    low, high = _interval(row)
+    return [round(row.a12, 4), round(low, 4), round(high, 4)]
 
 
 def duration(value: float) -> str:
