@@ -51,7 +51,9 @@ def _refusing(solve: Callable[..., Solution]) -> Callable[..., Solution]:
     return checked_solve
 
 
-def _refusing_batch(solve_batch: Callable[..., list[Solution]]) -> Callable[..., list[Solution]]:
+def _refusing_batch(
+    solve_batch: Callable[..., list[Solution]],
+) -> Callable[..., list[Solution]]:
     """The same for `solve_batch`."""
 
     @wraps(solve_batch)

@@ -90,7 +90,10 @@ def provenance() -> dict[str, str]:
 def code_of(planner: Planner) -> Code:
     """The code that runs when this planner does: its own, its bases', its nested options', ours."""
     own = type(planner.implementation)
-    parts = {f"{cls.__module__}.{cls.__qualname__}": _digest(cls) for cls in _classes(planner)}
+    parts: dict[str, str] = {}
+    for cls in _classes(planner):
+        name = f"{cls.__module__}.{cls.__qualname__}"
+        parts[name] = _digest(cls)
     identity = [own.__qualname__, sorted(parts.values()), _ours()]
     found = _distribution(own.__module__)
     return Code(
@@ -122,10 +125,14 @@ def plain(value: Any, option: str = "option") -> Any:
     if isinstance(value, set | frozenset):
         return sorted((plain(item, option) for item in value), key=repr)
     if isinstance(value, type | FunctionType):
-        return f"{value.__module__}.{value.__qualname__} {_digest(value)[:12]}"
+        name = f"{value.__module__}.{value.__qualname__}"
+        return f"{name} {_digest(value)[:12]}"
     if is_dataclass(value):
-        table = {field.name: plain(getattr(value, field.name), option) for field in fields(value)}
-        return {"class": type(value).__qualname__} | table
+        table = {"class": type(value).__qualname__}
+        for field in fields(value):
+            item = getattr(value, field.name)
+            table[field.name] = plain(item, option)
+        return table
     text = str(value)
     if _ADDRESS.search(text):
         right = "a number, a text, an array, a collection of these, or what says all as text"
@@ -136,7 +143,8 @@ def plain(value: Any, option: str = "option") -> Any:
 def _plain_array(array: np.ndarray[Any, Any]) -> Any:
     if array.size <= _SHORT_ARRAY:
         return plain(array.tolist())
-    return f"array {array.shape} {array.dtype.str} {_sha(array.tobytes())}"
+    numbers = _sha(array.tobytes())
+    return f"array {array.shape} {array.dtype.str} {numbers}"
 
 
 def _classes(planner: Planner) -> Iterator[type]:
@@ -144,13 +152,18 @@ def _classes(planner: Planner) -> Iterator[type]:
     waiting: list[object] = [planner.implementation]
     while waiting:
         value = waiting.pop()
-        yield from (cls for cls in type(value).__mro__ if not _is_standard(cls.__module__))
+        for cls in type(value).__mro__:
+            if not _is_standard(cls.__module__):
+                yield cls
         if is_dataclass(value):
             waiting += [getattr(value, field.name, None) for field in fields(value)]
 
 
 def _is_standard(module: str) -> bool:
-    return module.partition(".")[0] in sys.stdlib_module_names - {"__main__"}
+    package = module.partition(".")[0]
+    if package == "__main__":
+        return False
+    return package in sys.stdlib_module_names
 
 
 def _digest(cls: type | FunctionType) -> str:
@@ -158,10 +171,13 @@ def _digest(cls: type | FunctionType) -> str:
     module = sys.modules.get(cls.__module__)
     file = None if module is None else _file(module)
     if module is None or file is None:
-        return _sha(json.dumps(list(_compiled(cls, set()))))
+        compiled = list(_compiled(cls, set()))
+        return _sha(json.dumps(compiled))
+    sources = _sources(module.__name__)
     if "<locals>" in cls.__qualname__:  # made by a function, perhaps with values of its own
-        return _sha(json.dumps([_sources(module.__name__), *_compiled(cls, set())]))
-    return _sources(module.__name__)
+        compiled = list(_compiled(cls, set()))
+        return _sha(json.dumps([sources, *compiled]))
+    return sources
 
 
 @cache
@@ -180,10 +196,11 @@ def _sources(name: str) -> str:
         return _sha(f"{release} {_sha(file.read_bytes())}")
     if not package:
         return _sha_of({path.name: path for path in _script(file)})
-    roots = [Path(root) for root in sys.modules[package].__path__]
-    return _sha_of(
-        {path.relative_to(root).as_posix(): path for root in roots for path in _files(root)}
-    )
+    sources: dict[str, Path] = {}
+    for folder in sys.modules[package].__path__:
+        root = Path(folder)
+        sources |= _named(_files(root), root)
+    return _sha_of(sources)
 
 
 @cache
@@ -192,10 +209,16 @@ def _ours() -> str:
     root = Path(__file__).resolve().parents[2]
     if _is_installed(Path(__file__)):
         return _version("trajopt")
-    found = {
-        path.relative_to(root).as_posix(): path for name in _OURS for path in _files(root / name)
-    }
-    return _sha_of({name: path for name, path in found.items() if _decides(name)})
+    sources: dict[str, Path] = {}
+    for package in _OURS:
+        sources |= _named(_files(root / package), root)
+    deciding = {name: path for name, path in sources.items() if _decides(name)}
+    return _sha_of(deciding)
+
+
+def _named(files: list[Path], root: Path) -> dict[str, Path]:
+    """Files by their paths below a folder."""
+    return {file.relative_to(root).as_posix(): file for file in files}
 
 
 def _decides(name: str) -> bool:
@@ -204,7 +227,8 @@ def _decides(name: str) -> bool:
 
 
 def _files(folder: Path) -> list[Path]:
-    return [path for path in sorted(folder.rglob("*")) if path.suffix in _SOURCES]
+    paths = sorted(folder.rglob("*"))
+    return [path for path in paths if path.suffix in _SOURCES]
 
 
 def _script(file: Path) -> list[Path]:
@@ -225,7 +249,10 @@ def _beside(folder: Path, name: str) -> list[Path]:
     module = folder / f"{name}.py"
     if module.is_file():
         return [module]
-    return _files(folder / name) if (folder / name).is_dir() else []
+    package = folder / name
+    if package.is_dir():
+        return _files(package)
+    return []
 
 
 def _imported(path: Path) -> set[str]:
@@ -303,7 +330,10 @@ def _used(function: FunctionType) -> Iterator[Any]:
 
 def _names(code: CodeType) -> list[str]:
     nested = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    return [*code.co_names, *(name for inner in nested for name in _names(inner))]
+    names = list(code.co_names)
+    for inner in nested:
+        names += _names(inner)
+    return names
 
 
 def _file(module: ModuleType) -> Path | None:
@@ -328,8 +358,9 @@ def _distribution(module: str) -> Distribution | None:
     if package in _OURS:
         package = "trajopt"
     for entry in entries().values():
-        if entry.point.module.partition(".")[0] == package and entry.point.dist is not None:
-            return entry.point.dist
+        point = entry.point
+        if point.module.partition(".")[0] == package and point.dist is not None:
+            return point.dist
     if _is_script(module):
         return None
     try:

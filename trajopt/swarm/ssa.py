@@ -82,7 +82,8 @@ class Flock:
     def _remember(self, x: Array, f: Array) -> None:
         """The best place seen, whoever goes there."""
         rows = self.rows
-        first = f.argmin(axis=1)[:, None]
+        winner = f.argmin(axis=1)
+        first = winner[:, None]
         first_x = x[rows, first]
         first_f = f[rows, first]
         better = first_f < self.best_f
@@ -215,17 +216,20 @@ class SSA(Optimiser):
         x_w, f_w = flock.worst()
         _, m, dim = x.shape
         beta = draw.normal(m, dim)
-        K = 2 * draw.uniform(m, 1) - 1
+        unit = draw.uniform(m, 1)
+        K = 2 * unit - 1
         # Behind the best, f > f_g: X_b + β |X − X_b|
-        home = x_b + beta * np.abs(x - x_b)
+        from_best = np.abs(x - x_b)
+        home = x_b + beta * from_best
         # The best itself: X + K |X − X_w| / ((f − f_w) + ε)
         fall = f - f_w
         if self.eq41 == "printed":
             worse = f > f_w
             fall = worse.astype(float)
         denominator = fall + _EPSILON
-        distance = np.abs(x - x_w) / denominator[..., None]
-        flee = x + K * distance
+        from_worst = np.abs(x - x_w)
+        step = from_worst / denominator[..., None]
+        flee = x + K * step
         behind = f > flock.best_f
         places = np.where(behind[..., None], home, flee)
         return slots, [places]
@@ -235,7 +239,8 @@ class SSA(Optimiser):
         if self.watch == "first":
             return np.arange(count)
         lots = flock.streams.uniform(self.population)
-        return lots.argsort(axis=1)[:, :count]
+        drawn = lots.argsort(axis=1)
+        return drawn[:, :count]
 
     def _moved(self, flock: Flock, slots: Slots, places: list[Array]) -> Search:
         """Evaluate the places that some sparrows consider; each takes its best, if acceptable."""
@@ -247,7 +252,8 @@ class SSA(Optimiser):
         winner = np.argmin(f, axis=0)
         best_f = np.min(f, axis=0)
         index = winner[None, ..., None]
-        best_x = np.take_along_axis(np.stack(x), index, axis=0)[0]
+        best_x = np.take_along_axis(np.stack(x), index, axis=0)
+        best_x = best_x[0]
         greedy = self.acceptance == "greedy"
         flock.move(slots, best_x, best_f, greedy)
 

@@ -78,6 +78,12 @@ def to_tie_digits(duration: float) -> float:
     return float(f"{duration:.{TIE_DIGITS}g}")
 
 
+def _tie_durations(runs: pd.DataFrame) -> pd.Series[float]:
+    """Certified durations to `TIE_DIGITS` digits, s; +inf for no answer."""
+    durations = runs["certified_duration"].fillna(np.inf)
+    return durations.map(to_tie_digits)
+
+
 def mean_ranks(runs: pd.DataFrame) -> pd.Series[float]:
     """Mean rank over problems of each planner's median certified duration, 1 the best.
 
@@ -106,10 +112,12 @@ def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
         a12: how probable it is that a run of `planner` is shorter than one of `against`, ties
             counting half.
     """
-    durations = runs["certified_duration"].fillna(np.inf).map(to_tie_digits)
+    durations = _tie_durations(runs)
     problems: dict[str, dict[str, Array]] = {}
-    for (digest, label), own in durations.groupby([runs["digest"], runs["label"]]):
-        problems.setdefault(digest, {})[label] = own.to_numpy()
+    cells = durations.groupby([runs["digest"], runs["label"]])
+    for (digest, label), own in cells:
+        planners = problems.setdefault(digest, {})
+        planners[label] = own.to_numpy()
     rows = []
     for digest, planners in problems.items():
         middle = {label: _median(values) for label, values in planners.items()}
@@ -164,7 +172,7 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
         pvalue: of Mann and Whitney's test, two-sided.
         holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
     """
-    durations = runs["certified_duration"].fillna(np.inf).map(to_tie_digits)
+    durations = _tie_durations(runs)
     samples = {}
     for label, own in durations.groupby(runs["label"]):
         if len(own) > 1:
@@ -200,7 +208,8 @@ def _mirrored(table: pd.DataFrame) -> pd.DataFrame:
     for share in ("a12", "low", "high"):
         mirror[share] = 1 - mirror[share]
     if "u" in mirror:
-        mirror["u"] = mirror["runs"] * mirror["rival_runs"] - mirror["u"]
+        all_pairs = mirror["runs"] * mirror["rival_runs"]
+        mirror["u"] = all_pairs - mirror["u"]
     return mirror[table.columns]
 
 

@@ -29,6 +29,7 @@ Values = Array | np.float64  # a number where the runs were the only axis
 
 EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact
 EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's p is exact
+_BOOTSTRAP_VALUES = 10**6  # drawn at a time: they fit into memory
 QUARTILES = (0.25, 0.5, 0.75)
 FIVE_NUMBERS = (0, *QUARTILES, 1)
 
@@ -120,7 +121,11 @@ def summary(gaps: ArrayLike) -> Array:
     return np.asarray(five)
 
 
-def answered_quantiles(values: ArrayLike, groups: ArrayLike, q: ArrayLike) -> Array:
+def answered_quantiles(
+    values: ArrayLike,
+    groups: ArrayLike,
+    q: ArrayLike,
+) -> Array:
     """Quantiles `q` `(k,)` of the answers of each group: `(groups, k)`, NaN where it has none.
 
     Args:
@@ -135,7 +140,8 @@ def answered_quantiles(values: ArrayLike, groups: ArrayLike, q: ArrayLike) -> Ar
     order = np.lexsort([runs, group])
     ordered = runs[order]
     answered = np.isfinite(runs)
-    count = group.max(initial=-1) + 1
+    last_group = group.max(initial=-1)
+    count = last_group + 1
     answers = np.bincount(group, answered, count)
     size = np.bincount(group, minlength=count)
     first = np.cumsum(size) - size
@@ -230,7 +236,8 @@ def expected_running_time(hits: ArrayLike, budgets: ArrayLike) -> Values:
     usable = (limit > 0) & (limit < np.inf)
     _require(usable, "budgets", "positive and finite", limit)
     shape = reached.shape
-    fits = limit.shape in [(), shape[-1:], shape]
+    shapes = [(), shape[-1:], shape]
+    fits = limit.shape in shapes
     _require(fits, "budgets", f"one, or of shape {shape}", limit.shape)
     spent = np.minimum(reached, limit)
     hit = reached <= limit
@@ -240,7 +247,10 @@ def expected_running_time(hits: ArrayLike, budgets: ArrayLike) -> Values:
     return np.asarray(ert)[()]
 
 
-def performance_profile(costs: ArrayLike, taus: ArrayLike | None = None) -> tuple[Array, Array]:
+def performance_profile(
+    costs: ArrayLike,
+    taus: ArrayLike | None = None,
+) -> tuple[Array, Array]:
     """Share of problems each solver solves within `tau` times the best (Dolan & Moré 2002).
 
     `costs` `(problems, solvers)`, positive. Returns `taus` `(k,)` (by default, wherever a profile
@@ -255,7 +265,9 @@ def performance_profile(costs: ArrayLike, taus: ArrayLike | None = None) -> tupl
 
 
 def data_profile(
-    evaluations: ArrayLike, dimension: ArrayLike, alphas: ArrayLike | None = None
+    evaluations: ArrayLike,
+    dimension: ArrayLike,
+    alphas: ArrayLike | None = None,
 ) -> tuple[Array, Array]:
     """Share of problems each solver solves in `alpha` simplex gradients (Moré & Wild 2009).
 
@@ -283,7 +295,8 @@ def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
     x = _costs("a", a, 1)
     y = _costs("b", b, 1)
     pairs = x.size
-    _require(pairs == y.size, "b", f"as many values as in a, {pairs}", y.size)
+    paired = y.size == pairs
+    _require(paired, "b", f"as many values as in a, {pairs}", y.size)
     differ = x != y
     with np.errstate(over="ignore"):
         change = x[differ] - y[differ]
@@ -372,7 +385,8 @@ def critical_difference(problems: int, solvers: int, confidence: float = 0.95) -
     # CD = q √(k (k + 1) / 6 N), with q the studentized range over √2
     q = studentized / np.sqrt(2)
     orders = solvers * (solvers + 1)
-    difference = q * np.sqrt(orders / (6 * problems))
+    spread = orders / (6 * problems)
+    difference = q * np.sqrt(spread)
     return float(difference)
 
 
@@ -391,7 +405,8 @@ def a12(a: ArrayLike, b: ArrayLike) -> Values:
     ranks = scipy.stats.rankdata(both, axis=-1)
     own = ranks[..., :n]
     # A12 = (R − n (n + 1) / 2) / (n m), R the sum of its own ranks
-    won = own.sum(axis=-1) - n * (n + 1) / 2
+    rank_sum = own.sum(axis=-1)
+    won = rank_sum - n * (n + 1) / 2
     share = won / (n * m)
     return np.asarray(share)[()]
 
@@ -412,7 +427,8 @@ def bootstrap(
     """
     arrays = []
     for number, sample in enumerate(samples, 1):
-        array = _costs(f"sample {number}", sample, 1)
+        key = f"sample {number}"
+        array = _costs(key, sample, 1)
         arrays.append(array)
     sizes = [array.size for array in arrays]
     matched = len(set(sizes)) == 1
@@ -423,7 +439,8 @@ def bootstrap(
     value = float(statistic(*arrays))
     if min(sizes) < 2:
         return Estimate(value, np.nan, np.nan)
-    batch = max(1, 10**6 // sum(sizes))
+    values = sum(sizes)
+    batch = max(1, _BOOTSTRAP_VALUES // values)
     with np.errstate(invalid="ignore"):  # SciPy's own interval is NaN where resamples are inf
         found = scipy.stats.bootstrap(
             arrays,
@@ -435,10 +452,16 @@ def bootstrap(
             method="percentile",
             rng=np.random.default_rng(seed),
         )
-    tails = [(1 - confidence) / 2, (1 + confidence) / 2]
+    lower = (1 - confidence) / 2
+    upper = (1 + confidence) / 2
+    tails = [lower, upper]
     interval = quantile(found.bootstrap_distribution, tails)
     low, high = np.asarray(interval)
-    return Estimate(value, float(low), float(high))
+    return Estimate(
+        value,
+        low=float(low),
+        high=float(high),
+    )
 
 
 def _doubled(ranks: Array) -> NDArray[np.int64]:
@@ -473,7 +496,8 @@ def _exact_rank_sum(ranks: Array, n: int, rank_sum: float) -> float:
     ways = np.zeros((n + 1, sums))
     ways[0, 0] = 1.0
     for rank in doubled:
-        without = ways[:-1, : sums - rank].copy()
+        room = sums - rank
+        without = ways[:-1, :room].copy()
         ways[1:, rank:] += without
     chance = ways[n] / ways[n].sum()
     place = round(2 * rank_sum)
@@ -519,12 +543,17 @@ def _curve(history: Array) -> Array:
     finite = np.isfinite(curve)
     rising = spent >= 0
     falling = best <= 0
-    orderly = finite.all() and rising.all() and falling.all()
+    in_order = rising.all() and falling.all()
+    orderly = finite.all() and in_order
     _require(orderly, "history", "evaluations that never fall and a best that never rises")
     return curve
 
 
-def _costs(key: str, values: ArrayLike, axes: int | None = None) -> Array:
+def _costs(
+    key: str,
+    values: ArrayLike,
+    axes: int | None = None,
+) -> Array:
     """At least one number along each axis, +inf for NaN: no answer is the worst of all."""
     array = _numbers(key, values, axes)
     some = array.ndim and array.size
@@ -535,7 +564,13 @@ def _costs(key: str, values: ArrayLike, axes: int | None = None) -> Array:
     return costs
 
 
-def _numbers(key: str, values: ArrayLike, axes: int | None = None, *, nan: bool = True) -> Array:
+def _numbers(
+    key: str,
+    values: ArrayLike,
+    axes: int | None = None,
+    *,
+    nan: bool = True,
+) -> Array:
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
@@ -560,12 +595,21 @@ def _require_level(confidence: float) -> None:
     _require(inside, "confidence", "between 0 and 1", confidence)
 
 
-def _require_shape(key: str, array: NDArray[Any], shape: tuple[int, ...]) -> None:
+def _require_shape(
+    key: str,
+    array: NDArray[Any],
+    shape: tuple[int, ...],
+) -> None:
     alike = array.shape == shape
     _require(alike, key, f"of shape {shape}", array.shape)
 
 
-def _require(holds: ArrayLike, key: str, expected: str, value: object = None) -> None:
+def _require(
+    holds: ArrayLike,
+    key: str,
+    expected: str,
+    value: object = None,
+) -> None:
     """Raise `InvalidInput` unless all hold, with the first value that does not."""
     held = np.asarray(holds)
     if held.all():
