@@ -1,0 +1,181 @@
+"""MoveIt's `joint_limits.yaml`: limits of joints by name, flags that switch them, scaling factors.
+
+    default_velocity_scaling_factor: 0.5       # optional: the share of the limits to plan with
+    default_acceleration_scaling_factor: 0.5
+    joint_limits:
+      elbow_joint:
+        has_velocity_limits: true
+        max_velocity: 3.14                     # rad/s; `!degrees 180` is read too
+        has_acceleration_limits: true
+        max_acceleration: 5.0                  # rad/s²
+        has_jerk_limits: false                 # no jerk limit, whatever another source says
+
+Also read: `min_position` and `max_position` with `has_position_limits`, and
+`max_deceleration`, where a smaller one bounds accelerations of both signs: a limit here knows a
+direction, not whether a joint is braking. What a file does not say is left as it is
+(`RobotLimits.updated`). Keys of other uses (effort, soft limits) are ignored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trajopt.exceptions import InvalidInput
+from trajopt.formats import yaml_file
+from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
+from trajopt.problem import LimitName
+
+_WHAT = "joint limits"
+_RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
+_SCALINGS = ("default_velocity_scaling_factor", "default_acceleration_scaling_factor")
+_KEYS = (
+    "has_position_limits",
+    "min_position",
+    "max_position",
+    "has_velocity_limits",
+    "max_velocity",
+    "has_acceleration_limits",
+    "max_acceleration",
+    "has_deceleration_limits",
+    "max_deceleration",
+    "has_jerk_limits",
+    "max_jerk",
+)
+# Keys that are right as they are, however near they come to one that is read.
+_OTHER_KEYS = ("has_effort_limits", "max_effort", "has_soft_limits", "min_velocity")
+_TYPO_SIMILARITY = 0.85  # from which on a key is a slip of the pen; "max_effort" is at 0.64
+_UNLIMITED = (-np.inf, np.inf)
+
+
+def read(path: str | Path) -> RobotLimits:
+    """The limits of a `joint_limits.yaml`, rad and s.
+
+    Raises:
+        InvalidInput: Names the file, the joint, the key, the value, and what would be right.
+    """
+    file = Path(path)
+    table = _unwrapped(yaml_file.read(file, _WHAT))
+    try:
+        return _limits(table, str(path))
+    except InvalidInput as error:
+        raise error.in_file(str(path)) from None
+
+
+def _unwrapped(table: Any) -> Any:
+    """The table without what launch files and parameter servers wrap around it."""
+    for key in ("/**", "ros__parameters", "robot_description_planning"):
+        if isinstance(table, Mapping) and key in table:
+            table = table[key]
+    return table
+
+
+def _limits(table: Any, source: str) -> RobotLimits:
+    if not isinstance(table, Mapping) or not isinstance(table.get("joint_limits"), Mapping):
+        raise InvalidInput(_WHAT, "a mapping joint_limits: of joints by their names")
+    joints = {}
+    for name, entry in table["joint_limits"].items():
+        key = f"joint_limits.{name}"
+        if not isinstance(entry, Mapping):
+            raise InvalidInput(key, "a mapping with max_velocity: and others", value=entry)
+        joints[str(name)] = _bounds(key, entry)
+    if not joints:
+        raise InvalidInput("joint_limits", "at least one joint")
+    velocity_scaling, acceleration_scaling = [_scaling(table, key) for key in _SCALINGS]
+    return RobotLimits(
+        joints=joints,
+        source=source,
+        ordered=False,
+        velocity_scaling=velocity_scaling,
+        acceleration_scaling=acceleration_scaling,
+    )
+
+
+def _scaling(table: Mapping[str, Any], key: str) -> float:
+    """A scaling factor; 1 where there is none."""
+    if key not in table:
+        return 1.0
+    factor = yaml_file.number(table[key])
+    if factor is None or not 0 < factor <= 1:
+        raise InvalidInput(key, "a number above 0, at most 1", value=table[key])
+    return factor
+
+
+def _bounds(key: str, entry: Mapping[str, Any]) -> JointBounds:
+    """What one joint's entry says, by the kind of limit."""
+    for name in entry:
+        _check_key(key, str(name), entry)
+    bounds: dict[LimitName, Bounds] = {}
+    for kind in _RATES:
+        high = _rate(key, entry, kind)
+        if high is not None:
+            bounds[kind] = (-high, high)
+    braking = _rate(key, entry, "deceleration")
+    if braking is not None and np.isfinite(braking):
+        _, high = bounds.get("acceleration", _UNLIMITED)
+        least = min(high, braking)
+        bounds["acceleration"] = (-least, least)
+    position = _position(key, entry)
+    if position is not None:
+        bounds["position"] = position
+    return bounds
+
+
+def _check_key(key: str, name: str, entry: Mapping[str, Any]) -> None:
+    """Refuse a misspelt key: its limit would be lifted without a word."""
+    if name in _KEYS or name in _OTHER_KEYS:
+        return
+    close = get_close_matches(name, _KEYS, n=1, cutoff=_TYPO_SIMILARITY)
+    if close:
+        raise InvalidInput(f"{key}.{name}", f"the key {close[0]}", value=entry[name])
+
+
+def _has(key: str, entry: Mapping[str, Any], kind: str) -> bool | None:
+    """Whether the joint is limited; None where the file does not say."""
+    flag = f"has_{kind}_limits"
+    value = entry.get(flag)
+    if value is not None and not isinstance(value, bool):
+        raise InvalidInput(f"{key}.{flag}", "true or false", value=value)
+    return value
+
+
+def _rate(key: str, entry: Mapping[str, Any], kind: str) -> float | None:
+    """A symmetric limit's size, infinite where it is switched off, None where nothing is said."""
+    limited = _has(key, entry, kind)
+    if limited is False:
+        return np.inf
+    name = f"max_{kind}"
+    if name not in entry:
+        return None
+    size = yaml_file.number(entry[name])
+    if size is not None and kind == "deceleration":
+        size = abs(size)  # written as negative where it is a change of velocity
+    if size is None or size <= 0:
+        right = f"a positive number, or has_{kind}_limits: false"
+        raise InvalidInput(f"{key}.{name}", right, value=entry[name])
+    return size
+
+
+def _position(key: str, entry: Mapping[str, Any]) -> Bounds | None:
+    limited = _has(key, entry, "position")
+    if limited is False:
+        return _UNLIMITED
+    ends = {}
+    for name in ("min_position", "max_position"):
+        if name in entry:
+            value = yaml_file.number(entry[name])
+            if value is None:
+                raise InvalidInput(f"{key}.{name}", "a finite number", value=entry[name])
+            ends[name] = value
+    if not ends:
+        return None
+    low = ends.get("min_position", -np.inf)
+    high = ends.get("max_position", np.inf)
+    if not low < high:
+        right = "min_position below max_position"
+        raise InvalidInput(f"{key}.min_position", right, value=low)
+    return low, high

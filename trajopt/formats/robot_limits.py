@@ -1,0 +1,150 @@
+"""Limits by the names of joints, put together from several sources: a robot's, then a file's.
+
+    robot = arms.named("ur5e").limits                 # positions and velocities, say
+    own = joint_limits.read(Path("joint_limits.yaml"))
+    limits = robot.updated(own).limits(["elbow_joint", "wrist_1_joint"])
+
+A source may leave kinds of limits unsaid: only what is asked for at the end must be whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+
+from trajopt.exceptions import InvalidInput
+from trajopt.problem import LIMIT_NAMES, LimitName, Limits
+
+Bounds = tuple[float, float]
+JointBounds = Mapping[LimitName, Bounds]
+
+_REQUIRED: tuple[LimitName, ...] = ("velocity", "acceleration")
+_UNLIMITED = (-np.inf, np.inf)
+
+
+@dataclass(frozen=True)
+class RobotLimits:
+    """What is known of each joint's limits, rad and s (metres for a prismatic joint).
+
+    Attributes:
+        joints: Each joint's bounds, `(low, high)` by the kind of limit, under its name, in the
+            robot's order. A kind may be missing (not said) or infinite (said to have no limit).
+        source: Where they come from, for errors and for the problem's own source.
+        ordered: Whether the order of the joints is the robot's: a file of limits often has the
+            alphabet's.
+        velocity_scaling: The share of the velocity limits to plan with.
+        acceleration_scaling: The same of the acceleration limits.
+    """
+
+    joints: Mapping[str, JointBounds]
+    source: str
+    ordered: bool = True
+    velocity_scaling: float = 1.0
+    acceleration_scaling: float = 1.0
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        return tuple(self.joints)
+
+    def updated(self, other: RobotLimits) -> RobotLimits:
+        """These, but for what another source says of the same joints.
+
+        Joints that only the other one has (a gripper's, perhaps) are left out.
+
+        Raises:
+            InvalidInput: The other source has none of these joints.
+        """
+        if not set(self.joints) & set(other.joints):
+            names = ", ".join(self.joints)
+            found = ", ".join(other.joints)
+            raise InvalidInput("joints", f"some of {names}", value=found, file=other.source)
+        joints = {}
+        for name, bounds in self.joints.items():
+            joints[name] = {**bounds, **other.joints.get(name, {})}
+        return RobotLimits(
+            joints=joints,
+            source=f"{self.source}, {other.source}",
+            ordered=self.ordered,
+            velocity_scaling=self.velocity_scaling * other.velocity_scaling,
+            acceleration_scaling=self.acceleration_scaling * other.acceleration_scaling,
+        )
+
+    def limits(self, joint_names: Sequence[str]) -> Limits:
+        """The limits of these joints, in this order, scaled.
+
+        Raises:
+            InvalidInput: A joint is unknown, or has no velocity or acceleration limit.
+        """
+        pairs: dict[LimitName, list[Bounds]] = {kind: [] for kind in LIMIT_NAMES}
+        for name in joint_names:
+            bounds = self._bounds(name)
+            for kind in LIMIT_NAMES:
+                pairs[kind].append(bounds.get(kind, _UNLIMITED))
+        self._check_complete(joint_names, pairs)
+        return Limits(
+            velocity=self.velocity_scaling * np.array(pairs["velocity"]),
+            acceleration=self.acceleration_scaling * np.array(pairs["acceleration"]),
+            jerk=pairs["jerk"],
+            position=pairs["position"],
+        )
+
+    def names_of(self, count: int) -> tuple[str, ...]:
+        """The names of a robot's joints, for `count` columns that carry no names.
+
+        Raises:
+            InvalidInput: There are more or fewer joints than columns, or in no known order.
+        """
+        names = ", ".join(self.joints)
+        if count != len(self.joints):
+            right = f"{len(self.joints)} columns ({names}), or a header with the joints' names"
+            raise InvalidInput("columns", right, value=count)
+        if not self.ordered:
+            right = f"a header with the joints' names ({names}): {self.source} has no order"
+            raise InvalidInput("waypoints", right)
+        return self.joint_names
+
+    def _bounds(self, name: str) -> JointBounds:
+        if name in self.joints:
+            return self.joints[name]
+        known = ", ".join(self.joints)
+        right = f"one of the joints {known}"
+        close = get_close_matches(name, self.joints, n=1)
+        if close:
+            right = f"a joint that is there, perhaps {close[0]}"
+        raise InvalidInput("joint", right, value=name, file=self.source)
+
+    def _check_complete(
+        self,
+        joint_names: Sequence[str],
+        pairs: Mapping[LimitName, Sequence[Bounds]],
+    ) -> None:
+        for kind in _REQUIRED:
+            absent = []
+            for name, pair in zip(joint_names, pairs[kind], strict=True):
+                if not np.isfinite(pair).all():
+                    absent.append(name)
+            if absent:
+                raise _absent(kind, absent, self.source)
+
+
+def _absent(kind: LimitName, joint_names: Sequence[str], source: str) -> InvalidInput:
+    """What to add where a limit is missing that a problem needs."""
+    names = ", ".join(joint_names)
+    right = (
+        f"one for {names}; add --limits joint_limits.yaml with, under joint_limits: "
+        f"{joint_names[0]}:, has_{kind}_limits: true and max_{kind}: a number (per joint)"
+    )
+    why = "no limit"
+    if source.endswith(".urdf") and kind == "acceleration":
+        why = "no limit (a URDF has none)"
+    return InvalidInput(f"{source}: {kind}", right, value=_Words(why))
+
+
+class _Words(str):
+    """Words that an error shows as they are, not as a quoted text."""
+
+    def __repr__(self) -> str:
+        return str(self)
