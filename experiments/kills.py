@@ -1,6 +1,6 @@
 """Is anything lost or torn when a run is killed? `kill -9` at random moments of every phase.
 
-    python -m experiments.kills               # 200 kills, about thirteen minutes
+    python -m experiments.kills               # 200 kills, about ten minutes
     python -m experiments.kills --quick       # 10
 
 A child process runs a small sweep and tells each step to a pipe. A moment is drawn within a phase

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import subprocess
 import sys
 from dataclasses import replace
 from importlib.metadata import EntryPoint
@@ -15,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.random import PCG64
 from numpy.random import Generator as Random
+from objectives import CENTRE, HIGH, LOW, Recorded, digest, said_elsewhere, sphere
 from scipy.optimize import differential_evolution
 
 from baselines.evolution import CMAES, DE, cmaes, de
@@ -28,37 +27,14 @@ from trajopt.testing import check_planner
 
 SIX_AXIS = Problem.from_toml(Path(__file__).parents[2] / "data" / "problems" / "six-axis.toml")
 BEST_353 = 4.310382  # s, by spline353-nlp, from every start
-LOW, HIGH, CENTRE = np.zeros(3), np.full(3, 4.0), np.array([0.3, 1.7, 3.2])
 STRATEGIES = get_args(get_type_hints(DE)["strategy"])
 BOTH = [CMAES(), DE()]
 SMALL = [CMAES(2), CMAES(7, sigma0=1e-6, growth=1), DE(6)]
 
 
-def sphere(x):
-    return ((x - CENTRE) ** 2).sum(-1)
-
-
 def rosenbrock(x):
     """Least, 0, at (1, 1, 1)."""
     return (100 * (x[..., 1:] - x[..., :-1] ** 2) ** 2 + (1 - x[..., :-1]) ** 2).sum(-1)
-
-
-class Recorded:
-    """An objective that remembers what it was asked and what it answered."""
-
-    def __init__(self, function=sphere):
-        self.function, self.x, self.f = function, [], []
-
-    def __call__(self, x):
-        f = self.function(x)
-        self.x.append(x.copy())
-        self.f.append(f.copy())
-        return f
-
-
-def digest(result):
-    arrays = [result.position, result.fitness, *result.histories]
-    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
 
 
 def short(optimiser, seeds):
@@ -185,10 +161,15 @@ def test_a_run_gives_the_same_bits_alone_and_among_others_in_any_order(optimiser
 
 
 def test_a_run_gives_the_same_bits_in_another_process():
-    code = "from tests.baselines.test_evolution import *\n"
-    code += "print(*[digest(short(o, [1, 2])) for o in BOTH])"
-    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert there.stdout.split() == [digest(short(o, [1, 2])) for o in BOTH]
+    there = said_elsewhere(
+        "from baselines.evolution import *",
+        "from objectives import *",
+        "from trajopt.swarm import minimise",
+        "for optimiser in [CMAES(), DE()]:",
+        "    result = minimise(optimiser, sphere, LOW, HIGH, [1, 2], iterations=30)",
+        "    print(digest(result))",
+    )
+    assert there.split() == [digest(short(o, [1, 2])) for o in BOTH]
 
 
 def test_numpys_global_stream_is_left_alone():

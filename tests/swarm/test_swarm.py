@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-import subprocess
-import sys
 from math import pi
 
 import numpy as np
 import pytest
 from numpy.random import SeedSequence
+from objectives import HIGH, LOW, Recorded, digest, said_elsewhere, sphere
 from scipy.special import gamma
 
 from trajopt import InvalidInput
@@ -17,36 +15,12 @@ from trajopt.swarm import ISSA, PSO, SSA, Box, Streams, minimise
 from trajopt.swarm.issa import chaotic_map, control, falling_weight, levy_scale
 from trajopt.swarm.ssa import Flock
 
-LOW, HIGH, CENTRE = np.zeros(3), np.full(3, 4.0), np.array([0.3, 1.7, 3.2])
 PRINTED = ISSA(eq41="printed", eq43="printed", eq49="printed", eq50="printed")
 OTHER = ISSA(
     acceptance="always", boundary="reflect", sorting="phase", watch="first", step="elementwise"
 )
 ALL = [PSO(), SSA(), ISSA(), PRINTED, OTHER]
 PLAIN = ISSA(chaos=False, levy=False, weight=False, opposition=False)
-
-
-def sphere(x):
-    d = x - CENTRE
-    return d[..., 0] ** 2 + d[..., 1] ** 2 + d[..., 2] ** 2
-
-
-class Recorded:
-    """An objective that remembers what it was asked and what it answered."""
-
-    def __init__(self, function=sphere):
-        self.function, self.x, self.f = function, [], []
-
-    def __call__(self, x):
-        f = self.function(x)
-        self.x.append(x.copy())
-        self.f.append(f.copy())
-        return f
-
-
-def digest(result):
-    arrays = [result.position, result.fitness, *result.histories]
-    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e3])
@@ -81,12 +55,12 @@ def test_a_run_gives_the_same_bits_alone_and_among_others(optimiser):
 
 def test_a_run_gives_the_same_bits_in_another_process():
     here = [digest(minimise(o, sphere, LOW, HIGH, range(5), iterations=120)) for o in ALL]
-    code = (
-        "from tests.swarm.test_swarm import *\n"
-        "print(*[digest(minimise(o, sphere, LOW, HIGH, range(5), iterations=120)) for o in ALL])"
+    there = said_elsewhere(
+        "from tests.swarm.test_swarm import *",
+        "for o in ALL:",
+        "    print(digest(minimise(o, sphere, LOW, HIGH, range(5), iterations=120)))",
     )
-    there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert there.stdout.split() == here
+    assert there.split() == here
 
 
 def test_different_seeds_give_different_runs():
