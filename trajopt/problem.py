@@ -17,7 +17,14 @@ from trajopt.exceptions import InvalidInput, UnitWarning
 
 Array = NDArray[np.float64]
 LimitName = Literal["velocity", "acceleration", "jerk", "position"]
-LIMIT_NAMES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk", "position")
+LIMIT_ORDERS: dict[LimitName, int] = {
+    "velocity": 1,
+    "acceleration": 2,
+    "jerk": 3,
+    "position": 0,
+}
+"""Which derivative of position each limit bounds."""
+LIMIT_NAMES: tuple[LimitName, ...] = tuple(LIMIT_ORDERS)
 
 
 @dataclass(frozen=True, eq=False)

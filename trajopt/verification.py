@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from trajopt import polynomials
 from trajopt.exceptions import InvalidTrajectory
-from trajopt.problem import Problem
+from trajopt.problem import LIMIT_ORDERS, Problem
 from trajopt.repair import repaired
 from trajopt.trajectory import EPS, Trajectory
 
@@ -30,6 +30,11 @@ _EVALUATION_RTOL = 2 * EPS
 # A coordinate, and the time of a break, are known to some units in their last place.
 _COORDINATE_RTOL = 16 * EPS
 _TIME_RTOL = 16 * EPS
+
+RATIO_KINDS = tuple(name for name, order in LIMIT_ORDERS.items() if order > 0)
+"""The worst values that are ratios to a limit; slowing down mends them."""
+WORST_KINDS = (*RATIO_KINDS, "position", "waypoint", "continuity")
+"""Every worst value of a certificate; those that are no ratio are errors in SI units."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ class Certificate:
     @property
     def feasible(self) -> bool:
         """Whether the trajectory keeps every limit as it stands, within tolerance."""
-        peaks = [self.velocity, self.acceleration, self.jerk]
+        peaks = [getattr(self, kind) for kind in RATIO_KINDS]
         highest = max(worst.value for worst in peaks if worst)
         return self.valid and highest <= 1 + self.tolerance.limit
 
@@ -121,9 +126,9 @@ class Certificate:
     def as_dict(self) -> dict[str, Any]:
         """For JSON: joints count from 1, limits give a `ratio`, misses an `error`."""
         table: dict[str, Any] = {"feasible": self.feasible, "dilation": self.dilation}
-        for kind in ("velocity", "acceleration", "jerk", "position", "waypoint", "continuity"):
+        for kind in WORST_KINDS:
             worst: Worst | None = getattr(self, kind)
-            word = "ratio" if kind in ("velocity", "acceleration", "jerk") else "error"
+            word = "ratio" if kind in RATIO_KINDS else "error"
             table[kind] = worst and {
                 word: worst.value,
                 "joint": worst.joint + 1,

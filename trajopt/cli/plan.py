@@ -16,6 +16,7 @@ from trajopt.cli import console
 from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed, number
 from trajopt.exceptions import InvalidInput
 from trajopt.registry import named
+from trajopt.verification import WORST_KINDS
 
 _UNITS = ("rad", "rad/s", "rad/s²")  # of a position and its derivatives
 
@@ -111,7 +112,7 @@ def print_trial(trial: Trial, problem: str) -> None:
 
 def _worst_values(certificate: dict[str, Any]) -> Table:
     table = console.table("worst", "value", "joint", "time [s]")
-    for kind in ("velocity", "acceleration", "jerk", "position", "waypoint", "continuity"):
+    for kind in WORST_KINDS:
         worst = certificate[kind]
         if worst is None:
             continue

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trajopt import polynomials
 from trajopt.planner import Planner
-from trajopt.problem import LimitName, Limits, Problem
+from trajopt.problem import LIMIT_ORDERS, LimitName, Limits, Problem
 from trajopt.trajectory import Trajectory
 from trajopt.verification import certified, verify
 
@@ -21,13 +21,6 @@ ACTIVE_SHARE = 0.99  # of a limit: from there on it counts as reached
 RELAXED_SHARE = 0.01  # by which a limit is widened to see what that saves
 _JOINED_SHARE = 0.01  # of the duration: stretches closer than this are one
 _SAVING_RTOL = 1e-6  # of the duration: how precisely two answers of one planner compare
-# Which derivative of position a limit bounds.
-_ORDERS: dict[LimitName, int] = {
-    "position": 0,
-    "velocity": 1,
-    "acceleration": 2,
-    "jerk": 3,
-}
 
 
 @dataclass(frozen=True)
@@ -105,7 +98,7 @@ def scattered(rows: tuple[ActiveLimit, ...], duration: float) -> bool:
 
 def _highest_saving(limit: LimitName) -> float:
     """The share of an optimum's duration that one relaxed limit can save (section 6)."""
-    order = _ORDERS[limit]
+    order = LIMIT_ORDERS[limit]
     if order == 0:
         return 1.0
     c = float((1 + RELAXED_SHARE) ** (1 / order))
@@ -139,7 +132,7 @@ def stretches(
 
     Interruptions shorter than `joined` times the duration are passed over.
     """
-    for limit in _ORDERS:
+    for limit in LIMIT_ORDERS:
         crossings = _crossings(problem, trajectory, limit, active)
         for joint in range(problem.joints):
             own = crossings.joint == joint
@@ -199,7 +192,7 @@ def _crossings(
     active: float,
 ) -> _Crossings:
     """Where a limit is in use, piece by piece."""
-    unit = trajectory.pieces(_ORDERS[limit])
+    unit = trajectory.pieces(LIMIT_ORDERS[limit])
     sides = [_excess(unit, side, active) for side in _sides(problem, limit)]
     # Polynomials (degree + 1, side, piece, joint), positive where the limit is in use.
     excess = np.stack(sides, axis=1)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.figures.plots import Look, styled
 from trajopt.benchmark.figures.style import BLACK, BLUE, GREY, VERMILION, text
-from trajopt.problem import LimitName, Problem
+from trajopt.problem import LIMIT_ORDERS, LimitName, Problem
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -23,11 +23,11 @@ _SAMPLES = 1500
 _BAR_WIDTH = 0.62
 _SHORT_DASHES = (0, (3, 2))
 _LONG_DASHES = (0, (4, 1.5))
-_KINDS: tuple[tuple[LimitName, int, str], ...] = (
-    ("velocity", 1, "vel."),
-    ("acceleration", 2, "acc."),
-    ("jerk", 3, "jerk"),
-)  # the limits of motion, the order of the derivative, and what a row is called
+_SHORT_NAMES: dict[LimitName, str] = {
+    "velocity": "vel.",
+    "acceleration": "acc.",
+    "jerk": "jerk",
+}  # of the limits of motion, as a row is called
 
 
 @styled
@@ -210,9 +210,9 @@ def _use(problem: Problem, trajectory: Trajectory, t: Array) -> tuple[list[str],
         Names, and uses `(names, m)`: 1 is at the limit.
     """
     uses: dict[tuple[int, LimitName], Array] = {}
-    for kind, order, _ in _KINDS:
+    for kind in _SHORT_NAMES:
         low, high = getattr(problem.limits, kind).T
-        values = trajectory(t, order)
+        values = trajectory(t, LIMIT_ORDERS[kind])
         use = np.maximum(values / high, values / low)
         limited = problem.moving & np.isfinite(high - low)
         for joint in range(problem.joints):
@@ -221,7 +221,7 @@ def _use(problem: Problem, trajectory: Trajectory, t: Array) -> tuple[list[str],
     names = []
     rows = []
     for joint in range(problem.joints):
-        for kind, _, short in _KINDS:
+        for kind, short in _SHORT_NAMES.items():
             if (joint, kind) in uses:
                 names.append(f"joint {joint + 1} {short}")
                 rows.append(uses[joint, kind])

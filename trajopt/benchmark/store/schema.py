@@ -33,11 +33,10 @@ from trajopt.planner import Relation
 from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
-from trajopt.verification import Certificate, Tolerance, Worst
+from trajopt.verification import WORST_KINDS, Certificate, Tolerance, Worst
 
 DEGREE_MAX = 100  # of a stored trajectory: finding roots takes memory by the degree's square
 
-_WORST = ("velocity", "acceleration", "jerk", "position", "waypoint", "continuity")
 _TRAJECTORY = ("breaks", "coefficients", "waypoint_times")
 
 
@@ -326,7 +325,7 @@ def _problem_of(name: str, source: str, *raw: tuple[bytes, int]) -> Problem:
 
 def _certificate_row(certificate: Certificate) -> dict[str, Any]:
     row = asdict(certificate)
-    for name in _WORST:
+    for name in WORST_KINDS:
         if row[name] is not None:
             row[name]["joint"] += 1
     return row
@@ -342,7 +341,7 @@ def _certificate(row: Mapping[str, Any] | None, joints: int) -> Certificate | No
             values[field.name] = row[field.name]
         elif field.default is MISSING and field.default_factory is MISSING:
             raise Malformed(f"certificate: {field.name} is missing")
-    for name in _WORST:
+    for name in WORST_KINDS:
         if values[name] is not None:
             values[name] = _worst(name, values[name], joints)
     values["flaws"] = _flaws(values["flaws"])

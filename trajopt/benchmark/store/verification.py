@@ -22,6 +22,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
 from trajopt.problem import Problem
 from trajopt.registry import configured, entries
+from trajopt.verification import RATIO_KINDS, WORST_KINDS
 
 DURATION_RTOL = 1e-9  # a duration computed again is the recorded one within this
 CERTIFICATE_RTOL = 1e-6  # a certificate's uses of limits likewise
@@ -32,9 +33,6 @@ PROVED_AGAIN = "proved again"
 NOT_RECHECKED = "not rechecked"
 UNDECIDED = "not decided in its time"
 REFUTED = "refuted"
-
-_LIMIT_USES = ("velocity", "acceleration", "jerk")
-_MISSES = ("position", "waypoint", "continuity")
 
 
 @runtime_checkable
@@ -207,9 +205,9 @@ def _changed(trial: Trial, recorded: Mapping[str, Any]) -> list[str]:
 def _changed_worst(now: Mapping[str, Any], then: Mapping[str, Any]) -> list[str]:
     """The certificate's worst values that the verifier does not find."""
     found = []
-    for kind in (*_LIMIT_USES, *_MISSES):
-        rtol = CERTIFICATE_RTOL if kind in _LIMIT_USES else 0.0
-        atol = 0.0 if kind in _LIMIT_USES else CERTIFICATE_ATOL
+    for kind in WORST_KINDS:
+        rtol = CERTIFICATE_RTOL if kind in RATIO_KINDS else 0.0
+        atol = 0.0 if kind in RATIO_KINDS else CERTIFICATE_ATOL
         new = _worst_value(now, kind)
         old = _worst_value(then, kind)
         if not _close(new, old, rtol=rtol, atol=atol):
