@@ -110,13 +110,14 @@ def test_what_a_planner_started_ends_with_its_trial_s_process(tmp_path: Path) ->
 
 
 KILLED = """
+import signal
 import sys
-from pathlib import Path
 sys.path.insert(0, {tests!r})
 from test_workers import Parent
 from trajopt import compare
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's `&` had it ignored
     compare(["one-joint"], [Parent({pids!r}, "hang")], {folder!r}, jobs=1)
 """
 
