@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trajopt import interpolation as between
 from trajopt import polynomials
 from trajopt.exceptions import InvalidTrajectory
+from trajopt.interpolation import Interpolation
 
 Array = NDArray[np.float64]
 
@@ -164,6 +166,46 @@ class Trajectory:
         for joint, part in zip(np.flatnonzero(moving), parts, strict=True):
             joints[joint] = part
         return cls.joined(joints, times)
+
+    @classmethod
+    def from_samples(
+        cls,
+        times: ArrayLike,
+        positions: ArrayLike,
+        velocities: ArrayLike | None = None,
+        accelerations: ArrayLike | None = None,
+        *,
+        interpolation: Interpolation = "auto",
+        waypoint_times: ArrayLike | None = None,
+    ) -> Trajectory:
+        """The motion that a controller runs between samples (docs/mathematics.md, section 10).
+
+        Nothing is smoothed or guessed: each piece is the polynomial that the interpolation names,
+        and all samples are met. It starts at time 0, whatever the first sample's time.
+
+        Args:
+            times: strictly increasing, s, `(samples,)`.
+            positions: rad, `(samples, joints)`.
+            velocities: rad/s, `(samples, joints)`, if known.
+            accelerations: rad/s², `(samples, joints)`, if known; only beside velocities.
+            interpolation: by default what `joint_trajectory_controller` of ros2_control does:
+                straight lines, with velocities cubic and with accelerations quintic pieces.
+            waypoint_times: when each waypoint is passed, s since the first sample; by default
+                the start and the end alone.
+
+        Raises:
+            InvalidInput: Samples that are no motion, or lack what the interpolation needs.
+        """
+        t = np.asarray(times, dtype=float)
+        q = np.asarray(positions, dtype=float)
+        v = None if velocities is None else np.asarray(velocities, dtype=float)
+        a = None if accelerations is None else np.asarray(accelerations, dtype=float)
+        between.check(t, q, v, a)
+        coefficients = between.pieces(interpolation, t, q, v, a)
+        breaks = t - t[0]
+        if waypoint_times is None:
+            waypoint_times = breaks[[0, -1]]
+        return cls(breaks, coefficients, np.asarray(waypoint_times, dtype=float))
 
     def _piece_at(self, time: Array) -> NDArray[np.intp]:
         after = np.searchsorted(self.breaks, time, side="right")

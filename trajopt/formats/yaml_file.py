@@ -22,14 +22,31 @@ def read(path: Path, what: str) -> Any:
         what: It should be, in words, as an error says it.
 
     Raises:
+        InvalidInput: It cannot be read, is not YAML, has a key twice, or several documents.
+    """
+    found = documents(path, what)
+    if len(found) > 1:
+        raise InvalidInput(what, "one YAML document", value=len(found), file=str(path))
+    return found[0] if found else None
+
+
+def documents(path: Path, what: str) -> list[Any]:
+    """The documents of a YAML file that are not empty: `ros2 topic echo` ends each with `---`.
+
+    Args:
+        path: The file; JSON is YAML too.
+        what: It should be, in words, as an error says it.
+
+    Raises:
         InvalidInput: It cannot be read, is not YAML, or has a key twice.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
-        return yaml.load(text, Loader=_Loader)
+        found = list(yaml.load_all(text, Loader=_Loader))
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise InvalidInput(what, "a readable YAML file", value=reason, file=str(path)) from None
+    return [document for document in found if document is not None]
 
 
 def number(value: Any) -> float | None:

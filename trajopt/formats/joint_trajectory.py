@@ -1,0 +1,242 @@
+"""`trajectory_msgs/JointTrajectory` of ROS, as JSON or YAML.
+
+    joint_names: [shoulder, elbow]
+    points:
+    - positions: [0.0, 0.0]                     # rad
+      velocities: [0.0, 0.0]                    # rad/s; in every point, or in none
+      time_from_start: {sec: 0, nanosec: 0}     # or {secs, nsecs}, or seconds
+    - ...
+
+Also inside what carries it: a `RobotTrajectory` of MoveIt (`joint_trajectory`), a goal of
+`FollowJointTrajectory` (`trajectory`, perhaps in `goal`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from trajopt.exceptions import InvalidInput
+from trajopt.formats import yaml_file
+from trajopt.formats.samples import Samples
+
+Array = NDArray[np.float64]
+
+_WHAT = "JointTrajectory"
+# What carries the message, from the outside in: action goals, MoveIt's and the controller's.
+_CARRIERS = ("goal", "trajectory", "joint_trajectory")
+_DURATIONS = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2 and ROS 1
+_NANOSECONDS = 10**9  # in a second
+_CUT_SHORT = "..."  # what `ros2 topic echo` prints in place of a long array's rest
+
+
+def read(path: Path) -> Samples:
+    """Read a message; a name ending in .json is JSON, any other YAML, of which JSON is a part.
+
+    Raises:
+        InvalidInput: Names the file, the point, the joint, the value, and what would be right.
+    """
+    try:
+        return from_message(_table(path))
+    except InvalidInput as error:
+        raise error.in_file(error.file or str(path)) from None
+
+
+def write(path: Path, samples: Samples) -> None:
+    """Write a message as JSON (.json) or YAML (.yaml, .yml).
+
+    Times are rounded to nanoseconds, which is what the message holds.
+
+    Raises:
+        InvalidInput: The file's name ends otherwise.
+    """
+    message = to_message(samples)
+    if path.suffix == ".json":
+        text = json.dumps(message, indent=1) + "\n"
+    elif path.suffix in (".yaml", ".yml"):
+        text = yaml.safe_dump(message, sort_keys=False, default_flow_style=None)
+    else:
+        right = "a file ending in .json, .yaml or .yml"
+        raise InvalidInput(_WHAT, right, value=str(path))
+    path.write_text(text, encoding="utf-8")
+
+
+def to_message(samples: Samples) -> dict[str, Any]:
+    """The message as dictionaries and lists."""
+    tables = {
+        "positions": samples.positions,
+        "velocities": samples.velocities,
+        "accelerations": samples.accelerations,
+    }
+    points = []
+    for sample, time in enumerate(samples.times):
+        point: dict[str, Any] = {}
+        for name, table in tables.items():
+            if table is not None:
+                point[name] = table[sample].tolist()
+        total = round(float(time) * _NANOSECONDS)
+        seconds, nanoseconds = divmod(total, _NANOSECONDS)
+        point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
+        points.append(point)
+    return {"joint_names": list(samples.joint_names), "points": points}
+
+
+def from_message(message: Any) -> Samples:
+    """Samples of a message, or of what carries it, given as dictionaries and lists.
+
+    Raises:
+        InvalidInput: Names the point (from 1), the joint, the value, and what would be right.
+    """
+    table = _uncarried(message)
+    names = _names(table.get("joint_names"))
+    points = _points(table["points"])
+    times = _times(points)
+    joints = len(names)
+    positions = _column(points, "positions", joints)
+    if positions is None:
+        raise InvalidInput("points", "positions in every point; there are none")
+    velocities = _column(points, "velocities", joints)
+    accelerations = _column(points, "accelerations", joints)
+    return Samples(
+        names,
+        times,
+        positions,
+        velocities,
+        accelerations,
+    )
+
+
+def is_message(table: Any) -> bool:
+    """Whether this is such a message, or carries one."""
+    try:
+        _uncarried(table)
+    except InvalidInput:
+        return False
+    return True
+
+
+def _table(path: Path) -> Any:
+    if path.suffix != ".json":
+        documents = yaml_file.documents(path, _WHAT)
+        if len(documents) != 1:
+            raise InvalidInput(_WHAT, "one message in the file", value=len(documents))
+        return documents[0]
+    try:
+        return json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InvalidInput(_WHAT, "a readable JSON file", value=reason) from None
+
+
+def _uncarried(message: Any) -> Mapping[str, Any]:
+    """The table that has the points."""
+    table = message
+    for _ in range(len(_CARRIERS) + 1):
+        if _is_list(table) and len(table) == 1:  # a DisplayTrajectory lists its trajectories
+            table = table[0]
+        if not isinstance(table, Mapping):
+            break
+        if "points" in table:
+            return table
+        carried = [table[key] for key in _CARRIERS if key in table]
+        if not carried:
+            break
+        table = carried[0]
+    right = "a JointTrajectory, or a RobotTrajectory or FollowJointTrajectory goal that holds one"
+    raise InvalidInput(_WHAT, f"{right}: joint_names and points")
+
+
+def _names(names: Any) -> tuple[str, ...]:
+    if not _is_list(names) or len(names) == 0:
+        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
+    for joint, name in enumerate(names):
+        if not isinstance(name, str) or not name:
+            raise InvalidInput("joint_names", "a name", value=name, joint=joint)
+    return tuple(names)
+
+
+def _points(points: Any) -> Sequence[Mapping[str, Any]]:
+    if not _is_list(points) or len(points) < 2:
+        right = "at least two points: the first is where the robot starts, at time 0"
+        raise InvalidInput("points", right, value=points)
+    for number, point in enumerate(points, start=1):
+        if not isinstance(point, Mapping):
+            raise InvalidInput(f"points, point {number}", "a table", value=point)
+    checked: Sequence[Mapping[str, Any]] = points
+    return checked
+
+
+def _times(points: Sequence[Mapping[str, Any]]) -> Array:
+    """`time_from_start` of every point, s; the first is 0."""
+    times: list[float] = []
+    for number, point in enumerate(points, start=1):
+        key = f"points, point {number}: time_from_start"
+        if "time_from_start" not in point:
+            raise InvalidInput(key, "this key; it is missing")
+        time = _seconds(key, point["time_from_start"])
+        if times and time <= times[-1]:
+            right = f"a time after {times[-1]:.9g} s, that of the point before"
+            raise InvalidInput(key, right, value=time)
+        times.append(time)
+    if times[0] != 0:
+        right = (
+            "0, with the state that the robot starts from as the first point: the motion before "
+            "the first point depends on it"
+        )
+        raise InvalidInput("points, point 1: time_from_start", right, value=times[0])
+    return np.array(times)
+
+
+def _seconds(key: str, duration: Any) -> float:
+    """A duration as ROS 2 or ROS 1 writes it, or a number of seconds."""
+    if not isinstance(duration, Mapping):
+        return _number(key, duration)
+    for whole, part in _DURATIONS:
+        if duration and duration.keys() <= {whole, part}:
+            seconds = _number(f"{key}.{whole}", duration.get(whole, 0))
+            nanoseconds = _number(f"{key}.{part}", duration.get(part, 0))
+            return seconds + nanoseconds / _NANOSECONDS
+    raise InvalidInput(key, "{sec, nanosec}, {secs, nsecs} or seconds", value=dict(duration))
+
+
+def _column(points: Sequence[Mapping[str, Any]], field: str, joints: int) -> Array | None:
+    """One field of all points, `(points, joints)`; None where no point has it."""
+    given = [number for number, point in enumerate(points, start=1) if point.get(field)]
+    if not given:
+        return None
+    rows = []
+    for number, point in enumerate(points, start=1):
+        key = f"points, point {number}: {field}"
+        if number not in given:
+            right = f"{joints} numbers, as point {given[0]} has: all points have them, or none"
+            raise InvalidInput(key, right, value=point.get(field))
+        rows.append(_row(key, point[field], joints))
+    return np.array(rows)
+
+
+def _row(key: str, row: Any, joints: int) -> list[float]:
+    if not _is_list(row):
+        raise InvalidInput(key, f"a list of {joints} numbers", value=row)
+    if _CUT_SHORT in row:
+        right = "all numbers; `ros2 topic echo --full-length` does not cut arrays short"
+        raise InvalidInput(key, right, value=_CUT_SHORT)
+    if len(row) != joints:
+        raise InvalidInput(key, f"{joints} numbers, one per joint", value=row)
+    return [_number(key, item, joint) for joint, item in enumerate(row)]
+
+
+def _number(key: str, item: Any, joint: int | None = None) -> float:
+    value = yaml_file.number(item)
+    if value is None:
+        raise InvalidInput(key, "a finite number", value=item, joint=joint)
+    return value
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)

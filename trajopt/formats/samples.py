@@ -1,0 +1,80 @@
+"""Samples of a motion: what a CSV file or a ROS message holds of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trajopt import interpolation as between
+from trajopt.exceptions import InvalidInput
+from trajopt.interpolation import Interpolation
+from trajopt.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Positions of named joints at some times, perhaps with their derivatives.
+
+    Attributes:
+        joint_names: one per joint.
+        times: strictly increasing, s, `(samples,)`.
+        positions: rad (metres for a prismatic joint), `(samples, joints)`.
+        velocities: rad/s, `(samples, joints)`, or None.
+        accelerations: rad/s², `(samples, joints)`, or None.
+
+    Raises:
+        InvalidInput: These do not fit together, are not finite, or times do not increase.
+    """
+
+    joint_names: tuple[str, ...]
+    times: Array
+    positions: Array
+    velocities: Array | None = None
+    accelerations: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        for name in ("times", "positions", "velocities", "accelerations"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+        between.check(self.times, self.positions, self.velocities, self.accelerations)
+        _check_names(self.joint_names, self.positions.shape[1])
+
+    def interpolation(self, wanted: Interpolation = "auto") -> Interpolation:
+        """The interpolation that is meant: for `auto`, the controller's.
+
+        Raises:
+            InvalidInput: The samples lack what it needs.
+        """
+        return between.chosen(wanted, self.velocities, self.accelerations)
+
+    def trajectory(self, interpolation: Interpolation = "auto") -> Trajectory:
+        """The motion as executed, from time 0 on (`Trajectory.from_samples`)."""
+        return Trajectory.from_samples(
+            self.times,
+            self.positions,
+            self.velocities,
+            self.accelerations,
+            interpolation=interpolation,
+        )
+
+
+def _frozen(values: ArrayLike | None) -> Array | None:
+    if values is None:
+        return None
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+def _check_names(names: tuple[str, ...], joints: int) -> None:
+    if len(names) != joints:
+        raise InvalidInput("joint_names", f"{joints} names, one per joint", value=len(names))
+    seen = set()
+    for joint, name in enumerate(names):
+        if name in seen:
+            raise InvalidInput("joint_names", "names that differ", value=name, joint=joint)
+        seen.add(name)
