@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trajopt.problem import Limits, Problem
-from trajopt.rest_to_rest import seven_phase, stop_times, trapezoidal
+from trajopt.rest_to_rest import end_to_end_bound, seven_phase, stop_times, trapezoidal
 
 reproducible = settings(deadline=None, derandomize=True, max_examples=150)
 positive = st.floats(1e-3, 1e3)
@@ -179,3 +179,24 @@ def test_the_cubic_root_law_of_small_steps():
     """Far from the other limits, eight times the distance takes twice the time."""
     times = [one(h, Limits([1e6], [1e6], [2.0])) for h in (1e-3, 8e-3, 64e-3)]
     np.testing.assert_allclose(times, 4 * cbrt(1e-3 / 4) * np.array([1, 2, 4]), rtol=1e-12)
+
+
+def test_the_end_to_end_bound_of_two_waypoints_is_the_stopping_time() -> None:
+    limits = Limits([2.0, 3.0], [1.0, [-2.0, 4.0]], jerk=[5.0, np.inf])
+    problem = Problem([[0.0, 1.0], [4.0, -2.0]], limits)
+    assert end_to_end_bound(problem) == pytest.approx(stop_times(problem).sum(), rel=1e-9)
+
+
+def test_the_end_to_end_bound_never_exceeds_stopping_and_counts_full_velocity() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        pairs = rng.uniform(0.5, 3.0, (3, 2, 2)) * [-1, 1]
+        limits = Limits(*pairs)
+        problem = Problem(rng.normal(size=(5, 2)), limits)
+        assert end_to_end_bound(problem) <= stop_times(problem).sum()
+    # there and back: the ends say nothing, 2 · 10/2 s at full velocity do
+    back = Problem([[0.0], [10.0], [0.0]], Limits([2.0], [100.0]))
+    assert end_to_end_bound(back) == pytest.approx(10.0, rel=1e-9)
+    # backwards the velocity limit is another
+    one_way = Problem([[0.0], [10.0], [0.0]], Limits([[-1.0, 2.0]], [100.0]))
+    assert end_to_end_bound(one_way) == pytest.approx(15.0, rel=1e-9)

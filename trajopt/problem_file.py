@@ -11,6 +11,8 @@
     acceleration = [1.6, [-2.1, 2.4]]
     jerk = [20, inf]                     # optional, like position
 
+A table `published` belongs to `trajopt.benchmark.suites.literature` and is left to it.
+
 `angle_unit = "deg"` (or `"rad"`) in place of `units` means both. A prismatic joint is written in
 metres: leave the units at "rad" then, with which every number is taken as it stands.
 """
@@ -18,7 +20,7 @@ metres: leave the units at "rad" then, with which every number is taken as it st
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
@@ -32,7 +34,7 @@ from trajopt.exceptions import InvalidInput
 
 Array = NDArray[np.float64]
 
-_KEYS = ("name", "source", "angle_unit", "units", "waypoints", "limits")
+_KEYS = ("name", "source", "angle_unit", "units", "waypoints", "limits", "published")
 _UNITS = {"deg": pi / 180, "rad": 1.0}  # rad
 
 # What tells degrees from radians in the numbers of an arm's problem (`mixed_units`).
@@ -74,21 +76,34 @@ def read(path: Path, limit_names: tuple[str, ...]) -> ProblemFile:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InvalidInput("problem", "a readable TOML file", value=reason) from None
-    _check_keys("", table, _KEYS, required=("limits", "waypoints"))
+    check_keys("", table, _KEYS, required=("limits", "waypoints"))
     limits = table["limits"]
     if not isinstance(limits, Mapping):
         raise InvalidInput("limits", "a table of limits", value=limits)
-    _check_keys("limits.", limits, limit_names, required=("acceleration", "velocity"))
+    check_keys("limits.", limits, limit_names, required=("acceleration", "velocity"))
     units = _units(table)
     return ProblemFile(
-        name=_text(table, "name", path.stem),
-        source=_text(table, "source", ""),
+        name=text_at(table, "name", path.stem),
+        source=text_at(table, "source", ""),
         waypoints=table["waypoints"],
         limits=limits,
         waypoint_unit=units["waypoints"],
         limit_unit=units["limits"],
         units_said="units" in table,
     )
+
+
+def toml(path: Path, number: Callable[[str], Any] = float) -> dict[str, Any]:
+    """A TOML file as it stands; `number` reads what has a decimal point or an exponent.
+
+    Raises:
+        InvalidInput: It cannot be read, or is no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"), parse_float=number)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InvalidInput("problem", "a readable TOML file", value=reason) from None
 
 
 def text(name: str, source: str, waypoints: Array, limits: Mapping[str, Array]) -> str:
@@ -162,7 +177,7 @@ def _units(table: Mapping[str, Any]) -> dict[str, float]:
     if not isinstance(units, Mapping):
         raise InvalidInput("units", "a table with waypoints and limits", value=units)
     keys = ("waypoints", "limits")
-    _check_keys("units.", units, keys, required=keys)
+    check_keys("units.", units, keys, required=keys)
     return {key: _size(f"units.{key}", units[key]) for key in keys}
 
 
@@ -175,19 +190,21 @@ def _size(key: str, unit: Any) -> float:
     return _UNITS[unit]
 
 
-def _text(table: Mapping[str, Any], key: str, default: str) -> str:
+def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:
+    """The text under a key; raises `InvalidInput` where it is none."""
     value = table.get(key, default)
     if not isinstance(value, str):
         raise InvalidInput(key, "a string", value=value)
     return value
 
 
-def _check_keys(
+def check_keys(
     prefix: str,
     table: Mapping[str, Any],
     known: tuple[str, ...],
-    required: tuple[str, ...],
+    required: tuple[str, ...] = (),
 ) -> None:
+    """Refuse keys that nobody knows, and missing ones; `prefix` stands before them in errors."""
     for key, value in table.items():
         if key not in known:
             names = ", ".join(sorted(known))

@@ -5,12 +5,16 @@ The plainest trajectory that every planner must beat, and the scale of every sea
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.problem import Problem
+from trajopt.problem import Limits, Problem
 
 Array = NDArray[np.float64]
+
+_ROUNDING_RTOL = 1e-12  # what the closed forms can round, with room
 
 
 def stop_times(problem: Problem) -> Array:
@@ -20,19 +24,40 @@ def stop_times(problem: Problem) -> Array:
     for symmetric limits with jerk (seven phases). Asymmetric limits with jerk count as symmetric
     ones at their tighter side, which is an upper bound.
     """
+    times = _alone(problem.displacements, problem.limits, _tighter)
+    longest = times.max(axis=1)
+    return np.asarray(longest)
+
+
+def end_to_end_bound(problem: Problem) -> float:
+    """A duration that no trajectory undercuts, in closed form, s (docs/mathematics.md, section 11).
+
+    The longer of two relaxations: every joint alone, straight from the first to the last waypoint
+    (the optimum itself where there are two waypoints and jerk limits are symmetric); and every
+    segment at full velocity. Position limits are lifted.
+    """
+    way = problem.waypoints[-1] - problem.waypoints[0]
+    straight = _alone(way[None], problem.limits, _wider)
+    # |h|/V, each joint in the direction of its displacement
+    backward, forward = problem.limits.velocity.T
     h = problem.displacements
-    limits = problem.limits
+    top = np.where(h >= 0, forward, -backward)
+    cruising = np.abs(h) / top
+    longest = cruising.max(axis=1)
+    bound = max(straight.max(), longest.sum())
+    return float(bound) * (1 - _ROUNDING_RTOL)
+
+
+def _alone(h: Array, limits: Limits, side: Callable[[Array], Array]) -> Array:
+    """Rest-to-rest times of each joint alone over `h` `(…, joints)`; `side` picks one of a pair."""
     without_jerk = trapezoidal(h, limits.velocity, limits.acceleration)
     with_jerk = seven_phase(
         np.abs(h),
-        velocity=_tighter(limits.velocity),
-        acceleration=_tighter(limits.acceleration),
-        jerk=_tighter(limits.jerk),
+        velocity=side(limits.velocity),
+        acceleration=side(limits.acceleration),
+        jerk=side(limits.jerk),
     )
-    jerk_limited = np.isfinite(limits.jerk).any(axis=1)
-    times = np.where(jerk_limited, with_jerk, without_jerk)
-    longest = times.max(axis=1)
-    return np.asarray(longest)
+    return np.where(limits.jerk_limited, with_jerk, without_jerk)
 
 
 def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
@@ -92,3 +117,9 @@ def _tighter(pairs: Array) -> Array:
     """The smaller of both sides' sizes, `(joints,)`."""
     sizes = np.abs(pairs)
     return np.asarray(sizes.min(axis=1))
+
+
+def _wider(pairs: Array) -> Array:
+    """The larger of both sides' sizes, `(joints,)`."""
+    sizes = np.abs(pairs)
+    return np.asarray(sizes.max(axis=1))

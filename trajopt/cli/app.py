@@ -1,4 +1,5 @@
-"""The command line: list, suite, plan, compare, explain, certify, verify, export, report.
+"""The command line: list, suite, plan, compare, explain, certify, claims, verify,
+export, report.
 
 A command is a file beside this one, imported when it is asked for, so that `--help` answers at
 once. Exit codes: 0 done, 1 nothing could be solved or something does not hold, 2 bad input (one
@@ -55,6 +56,11 @@ app.command(
     "trajopt.cli.certify:certify",
     name="certify",
     help="Prove a lower bound on the minimum time.",
+)
+app.command(
+    "trajopt.cli.claims:claims",
+    name="claims",
+    help="Judge the times that were published for a problem.",
 )
 app.command(
     "trajopt.cli.verify:verify",

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,14 @@ from trajopt.explain.references import (
     BEST_353,
     OPTIMUM_WITH_JERK,
     PATH_TIMING,
+    Answer,
+    asked,
+    judged,
     references,
 )
 from trajopt.planner import Planner
 from trajopt.problem import Limits, Problem
 from trajopt.registry import load
-from trajopt.solution import Solution
 from trajopt.trajectory import Trajectory
 from trajopt.verification import certified, verify
 
@@ -106,19 +108,6 @@ def _row(active: ActiveLimit) -> dict[str, Any]:
     }
 
 
-class _Answer(NamedTuple):
-    """A certified trajectory, or None and why not."""
-
-    trajectory: Trajectory | None
-    reason: str = ""
-
-    @property
-    def duration(self) -> float | None:
-        if self.trajectory is None:
-            return None
-        return self.trajectory.duration
-
-
 def explain(problem: Problem, planner: Planner, trajectory: Trajectory) -> Explanation:
     """Decompose the gap of a planner's certified trajectory, and say which limits are active.
 
@@ -158,10 +147,10 @@ def _solver(planner: Planner, problem: Problem, own: Trajectory) -> tuple[Planne
 def _ratios(
     problem: Problem,
     trajectory: Trajectory,
-    optimum: _Answer,
+    optimum: Answer,
 ) -> tuple[dict[str, float | None], dict[str, str]]:
     """Every gap by name, None with a note where it does not apply."""
-    own = _Answer(trajectory)
+    own = Answer(trajectory)
     retimed = _retimed(problem, trajectory)
     best = _best_spline(problem, trajectory)
     smooth = _as_smooth(problem, best)
@@ -184,61 +173,42 @@ def _ratios(
     return ratios, notes
 
 
-def _optimum(problem: Problem) -> _Answer:
+def _optimum(problem: Problem) -> Answer:
     """The first reference that keeps all limits; `exact` does so also where it ignores some."""
     reason = ""
     for name in references(problem):
-        answer = _asked(name, problem)
+        answer = asked(name, problem)
         if answer.trajectory is not None:
             return answer
         reason = f"{name}: {answer.reason}"
-    return _Answer(None, reason)
+    return Answer(None, reason)
 
 
-def _asked(name: str, problem: Problem) -> _Answer:
-    """A registered planner's certified answer."""
-    try:
-        planner = load(name)
-        reason = planner.unsupported(problem)
-        if reason is not None:
-            return _Answer(None, reason)
-        return _judged(problem, planner.solve(problem))
-    except TrajoptError as error:
-        return _Answer(None, str(error))
-
-
-def _judged(problem: Problem, solution: Solution) -> _Answer:
-    if solution.trajectory is None:
-        return _Answer(None, solution.message or str(solution.status))
-    flaws = "; ".join(verify(problem, solution.trajectory).flaws)
-    return _Answer(certified(problem, solution.trajectory), flaws)
-
-
-def _shorter(own: Trajectory, answer: _Answer) -> _Answer:
+def _shorter(own: Trajectory, answer: Answer) -> Answer:
     """The shorter of two answers to one question; a missing one stays missing."""
     if answer.duration is not None and own.duration <= answer.duration:
-        return _Answer(own)
+        return Answer(own)
     return answer
 
 
-def _retimed(problem: Problem, own: Trajectory) -> _Answer:
+def _retimed(problem: Problem, own: Trajectory) -> Answer:
     """The best timing of the trajectory's own path; its own timing is one, whatever the grid."""
     try:
         planner = load(PATH_TIMING)
         reason = planner.unsupported(problem)
         if reason is not None:
-            return _Answer(None, reason)
-        answer = _judged(problem, planner.along(problem, own))
+            return Answer(None, reason)
+        answer = judged(problem, planner.along(problem, own))
     except TrajoptError as error:
-        return _Answer(None, str(error))
+        return Answer(None, str(error))
     return _shorter(own, answer)
 
 
-def _best_spline(problem: Problem, own: Trajectory) -> _Answer:
+def _best_spline(problem: Problem, own: Trajectory) -> Answer:
     """The best 3-5-3 with shared times, if the trajectory is one."""
     if not _is_spline353(problem, own):
-        return _Answer(None, "not a 3-5-3 spline with segment times shared by all joints")
-    return _shorter(own, _asked(BEST_353, problem))
+        return Answer(None, "not a 3-5-3 spline with segment times shared by all joints")
+    return _shorter(own, asked(BEST_353, problem))
 
 
 def _is_spline353(problem: Problem, own: Trajectory) -> bool:
@@ -256,7 +226,7 @@ def _is_spline353(problem: Problem, own: Trajectory) -> bool:
     return bool(difference <= _SAME_RTOL * scale)
 
 
-def _as_smooth(problem: Problem, spline: _Answer) -> _Answer:
+def _as_smooth(problem: Problem, spline: Answer) -> Answer:
     """The optimum when every joint's jerk may be what it is at most in this spline."""
     if spline.trajectory is None:
         return spline
@@ -268,7 +238,7 @@ def _as_smooth(problem: Problem, spline: _Answer) -> _Answer:
         position=problem.limits.position,
     )
     equal = Problem(problem.waypoints, limits, problem.name)
-    return _shorter(spline.trajectory, _asked(OPTIMUM_WITH_JERK, equal))
+    return _shorter(spline.trajectory, asked(OPTIMUM_WITH_JERK, equal))
 
 
 def peaks(trajectory: Trajectory, order: int) -> Array:

@@ -5,7 +5,14 @@ They are asked for by name, as any planner is, and may be missing.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+from trajopt.exceptions import TrajoptError
 from trajopt.problem import Problem
+from trajopt.registry import load
+from trajopt.solution import Solution
+from trajopt.trajectory import Trajectory
+from trajopt.verification import certified, verify
 
 OPTIMUM = "exact"
 """The optimum under velocity and acceleration limits."""
@@ -25,6 +32,12 @@ PATH_TIMING = "toppra"
 BEST_353 = "spline353-nlp"
 """The best 3-5-3 spline with shared times."""
 
+BEST_OF_FAMILY = {"3-5-3": BEST_353}
+"""The planner of the best member of a family of trajectories, by the family's name."""
+
+THROUGH_WAYPOINTS = "ruckig"
+"""The planner whose certified answers are at or near the optimum, where a reference fails."""
+
 PROOF = "certify"
 """The planner whose lower bound is proved."""
 
@@ -37,3 +50,36 @@ def references(problem: Problem) -> list[str]:
     if problem.has("position"):
         names.append(OPTIMUM_WITH_POSITION)
     return names
+
+
+class Answer(NamedTuple):
+    """A certified trajectory, or None and why not."""
+
+    trajectory: Trajectory | None
+    reason: str = ""
+
+    @property
+    def duration(self) -> float | None:
+        if self.trajectory is None:
+            return None
+        return self.trajectory.duration
+
+
+def asked(name: str, problem: Problem) -> Answer:
+    """A registered planner's certified answer."""
+    try:
+        planner = load(name)
+        reason = planner.unsupported(problem)
+        if reason is not None:
+            return Answer(None, reason)
+        return judged(problem, planner.solve(problem))
+    except TrajoptError as error:
+        return Answer(None, str(error))
+
+
+def judged(problem: Problem, solution: Solution) -> Answer:
+    """What the verifier vouches for in a planner's answer."""
+    if solution.trajectory is None:
+        return Answer(None, solution.message or str(solution.status))
+    flaws = "; ".join(verify(problem, solution.trajectory).flaws)
+    return Answer(certified(problem, solution.trajectory), flaws)

@@ -17,7 +17,7 @@ from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 
-from trajopt.benchmark.suites import built_in, edges, families, robots
+from trajopt.benchmark.suites import built_in, edges, families, literature, robots
 from trajopt.exceptions import InvalidInput, UnknownName
 from trajopt.kinematics import Robot
 from trajopt.problem import Problem
@@ -43,8 +43,9 @@ def find(name_or_path: str) -> Path | None:
         UnknownName: with the names there are.
         InvalidInput: the file does not exist.
     """
-    if name_or_path in problem_files():
-        return problem_files()[name_or_path]
+    named = problem_files() | literature.files()
+    if name_or_path in named:
+        return named[name_or_path]
     path = Path(name_or_path)
     if path.is_file():
         return path
@@ -76,7 +77,8 @@ def _made(name: str) -> Problem:
     if suite in ("robots", "edges"):
         known = [problem.name for problem in problems(suite)]
         raise UnknownName("problem", name, known)
-    raise UnknownName("problem", name, problem_files())
+    literature.refuse_beyond(name)
+    raise UnknownName("problem", name, problem_files() | literature.files())
 
 
 def robot_files() -> dict[str, Path]:
@@ -132,6 +134,12 @@ def suites() -> dict[str, Suite]:
             f"{len(robots.arm_files())} real arms",
             version=robots.ROBOTS_VERSION,
             stream=robots.stream,
+        ),
+        Suite(
+            "literature",
+            "published problems, with the times published for them",
+            version=literature.LITERATURE_VERSION,
+            stream=literature.stream,
         ),
         Suite(
             "random",

@@ -1,0 +1,66 @@
+"""`trajopt claims`: what a person and a script read, and what is refused."""
+
+import json
+
+import pytest
+
+from trajopt.cli import app
+
+
+@pytest.fixture
+def run(capsys, monkeypatch):
+    """Run a command 80 columns wide: exit code, stdout, stderr."""
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as stopped:
+            app.main(["claims", *arguments])
+        out, err = capsys.readouterr()
+        return stopped.value.code, out, err
+
+    return call
+
+
+def test_it_says_what_is_known_and_judges_every_claim(run):
+    code, out, _ = run("fang2020-task1")
+    assert code == 0
+    assert max(map(len, out.splitlines())) <= 80
+    words = " ".join(out.split())
+    assert "optimum: 4 s (ruckig), proved" in words
+    assert "not yet compared with the publisher's page" in words
+    assert "equal: the best known, to the digits printed" in words
+    # 4.7177 s over the 4.0 s that the source itself prints
+    (row,) = [line for line in out.splitlines() if "4.7177" in line]
+    assert row.count("+17.9 %") == 2
+    assert "unproved" not in out
+
+
+def test_json_has_every_claim_with_its_source(run):
+    code, out, _ = run("fang2020-task2", "--json")
+    table = json.loads(out)
+    assert code == 0
+    assert table["doi"] == "10.1016/j.mechmachtheory.2020.103957"
+    assert table["best"] == pytest.approx(1.9299, abs=5e-5)
+    assert [claim["verdict"] for claim in table["claims"]] == ["above"] * 5 + ["equal"]
+    assert all(claim["table"] for claim in table["claims"])
+
+
+def test_a_problem_without_published_times_says_so(run):
+    code, out, _ = run("topico-example3")
+    assert code == 0
+    assert "No time was published, or none was read." in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["pmm-race"], "expected a problem that can be stated here, but its limits are Euclidean"),
+        (["fang"], "no published problem is called 'fang'; known: "),
+        (["fang2020-task1", "--time-limit", "0"], "Must be > 0"),
+    ],
+)
+def test_what_cannot_be_judged_is_one_line(run, arguments, message):
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert len(err.splitlines()) == 1

@@ -1,0 +1,276 @@
+"""Judging a published time (docs/mathematics.md, section 11): a claim without a trajectory.
+
+known = survey(problem, families=["3-5-3"])
+judgement = judge(claim, known)
+print(judgement.verdict, judgement.excess, known.stopping)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.exceptions import InvalidInput, TrajoptError
+from trajopt.explain.references import (
+    BEST_OF_FAMILY,
+    OPTIMUM_WITH_JERK,
+    PROOF,
+    THROUGH_WAYPOINTS,
+    Answer,
+    asked,
+    references,
+)
+from trajopt.problem import Limits, Problem
+from trajopt.registry import load
+from trajopt.rest_to_rest import end_to_end_bound, stop_times
+from trajopt.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+# A best known duration this close to its lower bound is the optimum, proved.
+PROVED_RTOL = 1e-3
+# So close, nobody else need be asked: more than planners and closed forms round.
+_MET_RTOL = 1e-6
+
+
+class Verdict(StrEnum):
+    """What can be said of a claim, its last printed digit rounded in its favour."""
+
+    IMPOSSIBLE = "impossible"
+    UNPROVED = "unproved"
+    EQUAL = "equal"
+    ABOVE = "above"
+    OPEN = "open"
+
+
+MEANINGS = {
+    Verdict.IMPOSSIBLE: "below a proved lower bound: no motion does it under these limits",
+    Verdict.UNPROVED: "below the best known, but not refuted",
+    Verdict.EQUAL: "the best known, to the digits printed",
+    Verdict.ABOVE: "above the best known",
+    Verdict.OPEN: "nothing is known to compare it with",
+}
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A published duration.
+
+    Attributes:
+        method: by which it was found, and whose that is where the source quotes another.
+        duration: s.
+        rounding: half a unit of the last printed digit, s.
+        table: of the source, where it stands.
+        objective: what was optimised to get it.
+        family: of trajectories, where the toolkit knows the family's best (`BEST_OF_FAMILY`).
+        peak_jerk: that the source prints for this trajectory, rad/s³, one per joint.
+    """
+
+    method: str
+    duration: float
+    rounding: float = 0.0
+    table: str = ""
+    objective: str = ""
+    family: str = ""
+    peak_jerk: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.duration < np.inf:
+            raise InvalidInput("time", "a positive duration", value=self.duration)
+        if not 0 <= self.rounding < np.inf:
+            raise InvalidInput("rounding", "0 or more seconds", value=self.rounding)
+        if self.family and self.family not in BEST_OF_FAMILY:
+            known = ", ".join(BEST_OF_FAMILY)
+            raise InvalidInput("family", f"one of {known}, or none", value=self.family)
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of a problem; every duration is the verifier's, s.
+
+    Attributes:
+        problem: what was asked about.
+        best: the shortest certified duration, None if no planner has one.
+        best_by: that planner's name, or why there is none.
+        lower_bound: no trajectory is faster; proved.
+        bound_by: what proved it.
+        stopping: the plan that any user has, at rest at every waypoint.
+        best_of_family: the shortest certified duration within a family, by the family's name.
+        trajectory: of the best.
+    """
+
+    problem: Problem
+    best: float | None
+    best_by: str
+    lower_bound: float
+    bound_by: str
+    stopping: float
+    best_of_family: Mapping[str, float]
+    trajectory: Trajectory | None = field(repr=False, default=None)
+
+    @property
+    def width(self) -> float | None:
+        """How far the best known lies above the lower bound, relative."""
+        if self.best is None:
+            return None
+        return self.best / self.lower_bound - 1
+
+    @property
+    def proved(self) -> bool:
+        """Whether the best known is the optimum, within `PROVED_RTOL`."""
+        return self.width is not None and self.width <= PROVED_RTOL
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """A claim and what is to be said of it; ratios minus 1, None where there is nothing beside it.
+
+    Attributes:
+        claim: the published duration.
+        verdict: by the lower bound first, then by the best known.
+        excess: over the best known.
+        over_stopping: over stopping at every waypoint.
+        over_family: over the best of its own family.
+        over_equal_jerk: over the best known under the peak jerks that the source prints for it.
+    """
+
+    claim: Claim
+    verdict: Verdict
+    excess: float | None
+    over_stopping: float
+    over_family: float | None
+    over_equal_jerk: float | None
+
+
+def survey(
+    problem: Problem,
+    families: Iterable[str] = (),
+    *,
+    time_limit: float = 20.0,
+) -> Known:
+    """Ask every reference about a problem: what claims about it are judged by.
+
+    Args:
+        problem: waypoints and limits.
+        families: whose best member is wanted too.
+        time_limit: for the proof of the lower bound, s.
+    """
+    bound_by = "closed form"
+    bound = end_to_end_bound(problem)
+    best_by, best = _best(problem, bound)
+    if not _met(best, bound):
+        bound_by, bound = _proved(problem, bound, time_limit)
+    segments = stop_times(problem)
+    best_of_family = {}
+    for family in families:
+        answer = asked(BEST_OF_FAMILY[family], problem)
+        if answer.duration is not None:
+            best_of_family[family] = answer.duration
+    return Known(
+        problem,
+        best.duration,
+        best_by,
+        bound,
+        bound_by,
+        stopping=float(segments.sum()),
+        best_of_family=best_of_family,
+        trajectory=best.trajectory,
+    )
+
+
+def judge(claim: Claim, known: Known) -> Judgement:
+    """The verdict on a claim, and the claim beside what is known."""
+    under_jerk = None
+    if claim.peak_jerk is not None:
+        equal = under_peak_jerk(known.problem, claim.peak_jerk)
+        under_jerk = asked(OPTIMUM_WITH_JERK, equal).duration
+    return Judgement(
+        claim,
+        verdict(claim, known),
+        excess=_over(claim, known.best),
+        over_stopping=claim.duration / known.stopping - 1,
+        over_family=_over(claim, known.best_of_family.get(claim.family)),
+        over_equal_jerk=_over(claim, under_jerk),
+    )
+
+
+def verdict(claim: Claim, known: Known) -> Verdict:
+    """Where a claim stands: its longest duration that rounds to what is printed counts."""
+    longest = claim.duration + claim.rounding
+    if longest < known.lower_bound:
+        return Verdict.IMPOSSIBLE
+    if known.best is None:
+        return Verdict.OPEN
+    if longest < known.best:
+        return Verdict.UNPROVED
+    if claim.duration - claim.rounding <= known.best:
+        return Verdict.EQUAL
+    return Verdict.ABOVE
+
+
+def under_peak_jerk(problem: Problem, peak_jerk: Iterable[float]) -> Problem:
+    """The problem as smooth as a trajectory was: each joint's peak jerk is its jerk limit.
+
+    Args:
+        problem: waypoints and limits.
+        peak_jerk: rad/s³, one per joint; 0 for a joint that never moves.
+
+    Raises:
+        InvalidInput: It is not one number per joint.
+    """
+    jerk = np.array(list(peak_jerk), dtype=float)
+    if jerk.shape != (problem.joints,):
+        raise InvalidInput("peak_jerk", f"{problem.joints} numbers, one per joint", value=len(jerk))
+    limits = Limits(
+        problem.limits.velocity,
+        problem.limits.acceleration,
+        jerk=np.where(jerk > 0, jerk, np.inf),
+        position=problem.limits.position,
+    )
+    return Problem(problem.waypoints, limits, problem.name, problem.source)
+
+
+def _best(problem: Problem, bound: float) -> tuple[str, Answer]:
+    """The shortest certified answer and whose it is; or the reasons why there is none.
+
+    Nobody is asked once an answer meets the lower bound.
+    """
+    shortest = Answer(None)
+    by = ""
+    reasons = []
+    for name in (THROUGH_WAYPOINTS, *references(problem)):
+        if _met(shortest, bound):
+            break
+        answer = asked(name, problem)
+        if answer.duration is None:
+            reasons.append(f"{name}: {answer.reason}")
+        elif shortest.duration is None or answer.duration < shortest.duration:
+            shortest = answer
+            by = name
+    return by or "; ".join(reasons), shortest
+
+
+def _met(answer: Answer, bound: float) -> bool:
+    """Whether an answer is at the lower bound."""
+    return answer.duration is not None and answer.duration <= bound * (1 + _MET_RTOL)
+
+
+def _proved(problem: Problem, closed_form: float, time_limit: float) -> tuple[str, float]:
+    """The higher of what the solver proves and what closed forms do, and which it was."""
+    try:
+        proof = load(f"{PROOF}:time_limit={time_limit}").solve(problem)
+    except TrajoptError:
+        return "closed form", closed_form
+    if proof.lower_bound is None or proof.lower_bound < closed_form:
+        return "closed form", closed_form
+    return PROOF, proof.lower_bound
+
+
+def _over(claim: Claim, duration: float | None) -> float | None:
+    if duration is None:
+        return None
+    return claim.duration / duration - 1
