@@ -35,7 +35,12 @@ from trajopt.solution import Solution, Status
 
 Array = NDArray[np.float64]
 
-_OPTIONS: Options = {"tol": 1e-11, "acceptable_tol": 1e-8, "max_iter": 300}
+_OPTIONS: Options = {
+    "tol": 1e-11,
+    "acceptable_tol": 1e-8,
+    "max_iter": 300,
+    "bound_relax_factor": 0.0,  # else every limit is passed by 1e-8, and no round is the last
+}
 # Per joint and limit; evenly spread at first.
 _INSTANTS = 11
 _MOST_ROUNDS = 20

@@ -1,7 +1,7 @@
 """Is anything lost or torn when a run is killed? `kill -9` at random moments of every phase.
 
     python -m experiments.kills               # 200 kills, about ten minutes
-    python -m experiments.kills --quick       # 10
+    python -m experiments.kills --quick       # 5
 
 A child process runs a small sweep and tells each step to a pipe. A moment is drawn within a phase
 (start-up until the first trial, solving, writing a trial, consolidating) of an uninterrupted run;
@@ -226,7 +226,7 @@ def main(
 ) -> None:
     """Kill that often and print the table; `kills-by-phase.csv` and `.md` in `output` too."""
     if quick:
-        tries = min(tries, 10)
+        tries = min(tries, 5)
     output.mkdir(parents=True, exist_ok=True)
     file = output / "kills.csv"
     part = file.with_suffix(".part")

@@ -28,6 +28,7 @@ TOPPRA = ToppRa(gridpoints=300)
 SYMMETRIC = [EXACT, COLLOCATION, STOP, Spline353NLP()]  # whose answers must obey every symmetry
 
 
+@cache
 def certified(planner: Planner, problem: Problem) -> float:
     """Certified duration, NaN where there is none."""
     trajectory = planner.solve(problem).trajectory
@@ -36,13 +37,8 @@ def certified(planner: Planner, problem: Problem) -> float:
 
 
 @cache
-def problem_of(seed: int) -> Problem:
-    return random_problem(seed)
-
-
-@cache
-def exact_of(seed: int) -> float:
-    return certified(EXACT, problem_of(seed))
+def problem_of(seed: int, waypoints: int | None = None) -> Problem:
+    return random_problem(seed, waypoints=waypoints)
 
 
 def rewritten(problem: Problem, waypoints: np.ndarray, **changes: np.ndarray) -> Problem:
@@ -55,15 +51,15 @@ def rewritten(problem: Problem, waypoints: np.ndarray, **changes: np.ndarray) ->
 )
 @pytest.mark.parametrize("seed", SEEDS)
 def test_exact_is_never_above_another_planner(planner: Planner, seed: int) -> None:
-    other = certified(planner, problem_of(seed))
-    assert np.isfinite(exact_of(seed))
-    assert not other < exact_of(seed) * (1 - 1e-6)
+    exact = certified(EXACT, problem_of(seed))
+    assert np.isfinite(exact)
+    assert not certified(planner, problem_of(seed)) < exact * (1 - 1e-6)
 
 
 @pytest.mark.parametrize("planner", [pso, ssa, issa, Spline353NLP()])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_exact_is_never_above_a_spline(planner: Planner, seed: int) -> None:
-    problem = random_problem(seed, waypoints=4)
+    problem = problem_of(seed, waypoints=4)
     quick = configured(planner, {"iterations": 40} if planner in (pso, ssa, issa) else {})
     assert certified(quick, problem) >= certified(EXACT, problem) * (1 - 1e-6)
 
@@ -126,7 +122,7 @@ def test_topp_ra_along_a_spline_is_never_above_its_own_timing(seed: int) -> None
 @pytest.mark.parametrize("fitness", ["penalty", "scaled"])
 @pytest.mark.parametrize("seed", [101, 105, 109])
 def test_the_best_spline_is_never_above_a_swarm(planner: Planner, fitness: str, seed: int) -> None:
-    problem = random_problem(seed, waypoints=4)
+    problem = problem_of(seed, waypoints=4)
     swarm = configured(planner, {"fitness": fitness, "iterations": 200})
     assert certified(swarm, problem) >= certified(Spline353NLP(), problem) * (1 - 1e-8)
 
@@ -142,11 +138,9 @@ class TestSymmetries:
         assert first == pytest.approx(factor * second, rel=1e-6)
 
     def problem(self, planner: Planner, seed: int) -> Problem:
-        return (
-            random_problem(seed, waypoints=4)
-            if planner.unsupported(problem_of(seed))
-            else problem_of(seed)
-        )
+        if planner.unsupported(problem_of(seed)):
+            return problem_of(seed, waypoints=4)
+        return problem_of(seed)
 
     def test_scaling_velocity_and_acceleration(self, planner: Planner, seed: int) -> None:
         problem, c = self.problem(planner, seed), 3.7

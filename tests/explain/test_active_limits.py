@@ -103,11 +103,12 @@ def test_savings_of_an_optimum_add_up_to_what_scaling_all_limits_saves(seed: int
     hard = random_problem(seed, joints=3, waypoints=4)
     optimum = Exact(8).solve(hard).trajectory
     assert optimum is not None
-    savings = {(b.joint, b.limit): b.saving for b in active_limits(hard, optimum, Exact(8))}
+    active = active_limits(hard, optimum, Exact(8))
+    savings = {(b.joint, b.limit): b.saving for b in active}
     factor = {"velocity": 1.0, "acceleration": 2.0}
     total = sum(factor[limit] * (worth or 0.0) for (_, limit), worth in savings.items())
     assert total == pytest.approx(0.01 * optimum.duration, rel=0.1)
-    assert not scattered(active_limits(hard, optimum, Exact(8)), optimum.duration)
+    assert not scattered(active, optimum.duration)
 
 
 def test_a_worth_that_no_optimum_has_is_noticed() -> None:
