@@ -53,7 +53,7 @@ def read(tmp_path: Path, content: str | bytes) -> Problem:
 
 REFUSED = [
     # changes, key, joint (from 1), value, what is right
-    ({"speed": "1"}, "speed", None, "1", "one of the keys angle_unit, limits, name"),
+    ({"speed": "1"}, "speed", None, "1", "one of the keys angle_unit, joint_names, limits, name"),
     ({"velocity": None}, "limits.velocity", None, None, "it is missing"),
     ({"acceleration": None}, "limits.acceleration", None, None, "it is missing"),
     ({"waypoints": None}, "waypoints", None, None, "it is missing"),
@@ -548,3 +548,72 @@ def test_the_six_axis_robot_is_the_papers_table_1():
     assert robot["theta"] == [0] * 6
     ranges = [[-150, 180], [-60, 120], [-45, 45], [-90, 90], [-90, 90], [-180, 180]]
     assert robot["joint_range"] == ranges
+
+
+# --- joint names and robots ---
+
+TWO_OF_UR5E = """
+robot = "ur5e"
+joint_names = ["elbow_joint", "wrist_3_joint"]
+units.waypoints = "deg"
+waypoints = [[0, 0], [90, -45]]
+"""
+
+
+def test_a_file_with_a_robot_has_its_limits_and_names(tmp_path):
+    problem = read(
+        tmp_path,
+        'robot = "ur5e"\nunits.waypoints = "deg"\nwaypoints = [[0,0,0,0,0,0], [9,9,9,9,9,9]]',
+    )
+    assert problem.joint_names[2] == "elbow_joint"
+    assert problem.joint_labels == problem.joint_names
+    assert np.allclose(problem.limits.velocity[:, 1], np.pi)  # 180 deg/s
+    assert np.allclose(problem.limits.acceleration[:, 1], 5)
+    assert np.allclose(problem.limits.position[2], [-np.pi, np.pi])
+    assert np.allclose(problem.waypoints[1], np.deg2rad(9))
+
+
+def test_a_file_chooses_joints_and_replaces_kinds_of_limits(tmp_path):
+    text = TWO_OF_UR5E + 'units.limits = "deg"\n[limits]\nvelocity = [90, [-45, 60]]\n'
+    problem = read(tmp_path, text)
+    assert problem.joint_names == ("elbow_joint", "wrist_3_joint")
+    assert np.allclose(np.rad2deg(problem.limits.velocity), [[-90, 90], [-45, 60]])
+    assert np.allclose(np.rad2deg(problem.limits.position), [[-180, 180], [-360, 360]])
+    again = read(tmp_path, problem.to_toml())
+    assert again.joint_names == problem.joint_names
+    assert again.digest() == problem.digest()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"ur5e"', '"ur5"', "robot is 'ur5': expected one of abb-irb-120, "),
+        ('"elbow_joint"', '"elbow"', "joint 1 is 'elbow': expected a joint of ur5e: shoulder_pan"),
+        (
+            '"wrist_3_joint"',
+            '"elbow_joint"',
+            "joint 2 is 'elbow_joint': expected names that differ",
+        ),
+        ('["elbow_joint", "wrist_3_joint"]', "7", "joint_names is 7"),
+        ('["elbow_joint", "wrist_3_joint"]', "[]", "limits.velocity is 6: expected 2 values"),
+        ('waypoints = "deg"', 'limits = "deg"', "units.waypoints: expected this key"),
+        ("[90, -45]", "[190, -45]", "waypoint 2, joint 1 is 3.3"),
+    ],
+)
+def test_what_is_wrong_with_a_robot_is_named(tmp_path, old, new, words):
+    with pytest.raises(InvalidInput) as caught:
+        read(tmp_path, TWO_OF_UR5E.replace(old, new))
+    assert words in str(caught.value)
+
+
+def test_names_of_joints_belong_to_the_problem_but_not_to_its_digest():
+    limits = Limits([1, 1], [1, 1])
+    plain = Problem([[0, 0], [1, 1]], limits)
+    named = Problem([[0, 0], [1, 1]], limits, joint_names=["a", "b"])
+    assert plain.joint_labels == ("joint 1", "joint 2")
+    assert named.digest() == plain.digest()
+    assert named.only([1]).joint_names == ("b",)
+    assert named.merged()[0].joint_names == ("a", "b")
+    for wrong in (["a"], ["a", "a"], ["a", ""], ["a", 3], ["a", "b\n"]):
+        with pytest.raises(InvalidInput, match="joint_names"):
+            Problem([[0, 0], [1, 1]], limits, joint_names=wrong)

@@ -119,6 +119,7 @@ class Problem:
 
     `waypoints` is `(waypoints, joints)` in radians: one row per waypoint. All joints pass a
     waypoint at the same instant. Consecutive identical waypoints are one waypoint, passed once.
+    `joint_names` are the robot's, one per joint, or empty where nobody said them.
 
     Raises `InvalidInput` where the waypoints do not fit the limits, are not finite, or do not move.
     """
@@ -127,6 +128,7 @@ class Problem:
     limits: Limits
     name: str = "unnamed"
     source: str = ""
+    joint_names: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -134,17 +136,26 @@ class Problem:
         limits: Limits,
         name: str = "unnamed",
         source: str = "",
+        joint_names: Sequence[str] = (),
     ) -> None:
         rows = _table(waypoints)
         object.__setattr__(self, "waypoints", _frozen(rows))
         object.__setattr__(self, "limits", limits)
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "source", source)
+        object.__setattr__(self, "joint_names", tuple(joint_names))
         _check_waypoints(self.waypoints, self.limits)
+        _check_joint_names(joint_names, self.joints)
 
     @property
     def joints(self) -> int:
         return int(self.waypoints.shape[1])
+
+    @property
+    def joint_labels(self) -> tuple[str, ...]:
+        """What to call each joint: by its name, or by its number from 1."""
+        numbered = tuple(f"joint {joint + 1}" for joint in range(self.joints))
+        return self.joint_names or numbered
 
     @property
     def segments(self) -> int:
@@ -182,10 +193,14 @@ class Problem:
             InvalidInput: None of these joints moves.
         """
         chosen = np.asarray(joints)
+        names = np.array(self.joint_names, dtype=object)
+        if self.joint_names:
+            names = names[chosen]
         return replace(
             self,
             waypoints=self.waypoints[:, chosen],
             limits=self.limits.only(chosen),
+            joint_names=tuple(names),
         )
 
     def has(self, name: LimitName) -> bool:
@@ -195,7 +210,7 @@ class Problem:
         return bool(finite.any())
 
     def digest(self) -> str:
-        """SHA-256 of the numbers (not of the name): a changed problem has another digest."""
+        """SHA-256 of the numbers (not of names): a changed problem has another digest."""
         digest = hashlib.sha256()
         limits = self.limits.by_name()
         for array in (self.waypoints, *limits.values()):
@@ -230,25 +245,41 @@ class Problem:
             self.source,
             self.waypoints,
             limits,
+            self.joint_names,
         )
 
 
 def _from_file(path: Path) -> Problem:
     written = problem_file.read(path, LIMIT_NAMES)
-    limits = Limits(**written.limits)  # before scaling: errors show what the file says
     waypoints = _table(written.waypoints)
+    limits = _limits_of(written)
     problem = Problem(
         waypoints * written.waypoint_unit,
-        limits.scaled(written.limit_unit),
+        limits,
         written.name,
         written.source,
+        written.joint_names,
     )
     if not written.units_said:
-        mixed = problem_file.mixed_units(waypoints, limits.velocity, limits.acceleration)
+        as_written = limits.scaled(1 / written.limit_unit)
+        mixed = problem_file.mixed_units(waypoints, as_written.velocity, as_written.acceleration)
         if mixed:
             message = f"{path}: {mixed}; say units.waypoints and units.limits"
             warnings.warn(UnitWarning(message), stacklevel=3)
     return problem
+
+
+def _limits_of(written: problem_file.ProblemFile) -> Limits:
+    """The robot's limits, rad and s, but for the kinds that the file gives itself."""
+    if not written.robot_limits:
+        limits = Limits(**written.limits)  # before scaling: errors show what the file says
+        return limits.scaled(written.limit_unit)
+    pairs = dict(written.robot_limits)
+    for kind, value in written.limits.items():
+        own = _pairs(kind, value)
+        _check_signs(kind, own)
+        pairs[kind] = own * written.limit_unit
+    return Limits(**pairs)
 
 
 def _pairs(name: str, value: Any) -> Array:
@@ -339,6 +370,19 @@ def _check_waypoints(waypoints: Array, limits: Limits) -> None:
             value=float(waypoints[row, joint]),
             joint=int(joint),
         )
+
+
+def _check_joint_names(names: Sequence[str], joints: int) -> None:
+    if len(names) not in (0, joints):
+        right = f"{joints} names, one per joint of the waypoints"
+        raise InvalidInput("joint_names", right, value=list(names))
+    seen = set()
+    for joint, name in enumerate(names):
+        if not isinstance(name, str) or not name.isprintable() or not name.strip():
+            raise InvalidInput("joint_names", "a name", value=name, joint=joint)
+        if name in seen:
+            raise InvalidInput("joint_names", "names that differ", value=name, joint=joint)
+        seen.add(name)
 
 
 def _is_list(value: Any) -> bool:

@@ -11,6 +11,12 @@
     acceleration = [1.6, [-2.1, 2.4]]
     jerk = [20, inf]                     # optional, like position
 
+Known robots bring their limits and their joints' names (`trajopt.arm_file`); what the file says of
+a kind of limit itself counts instead, and joint names choose from the robot's joints:
+
+    robot = "ur5e"                       # in place of some or all limits; `trajopt list` has more
+    joint_names = ["elbow_joint", ...]   # one per column of the waypoints; optional everywhere
+
 A table `published` belongs to `trajopt.benchmark.suites.literature` and is left to it.
 
 `angle_unit = "deg"` (or `"rad"`) in place of `units` means both. A prismatic joint is written in
@@ -20,8 +26,8 @@ metres: leave the units at "rad" then, with which every number is taken as it st
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -30,11 +36,23 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from trajopt import arm_file
+from trajopt.arm_file import ArmFile
 from trajopt.exceptions import InvalidInput
 
 Array = NDArray[np.float64]
 
-_KEYS = ("name", "source", "angle_unit", "units", "waypoints", "limits", "published")
+_KEYS = (
+    "name",
+    "source",
+    "robot",
+    "joint_names",
+    "angle_unit",
+    "units",
+    "waypoints",
+    "limits",
+    "published",
+)
 _UNITS = {"deg": pi / 180, "rad": 1.0}  # rad
 
 # What tells degrees from radians in the numbers of an arm's problem (`mixed_units`).
@@ -53,7 +71,8 @@ class ProblemFile:
     """What a problem file says, not yet checked as a problem.
 
     `waypoints` and `limits` are as written; times `waypoint_unit` and `limit_unit` they are
-    radians. `units_said` tells whether each unit was written on its own.
+    radians. `units_said` tells whether each unit was written on its own. `robot_limits` are a known
+    robot's, rad and s, for those joints that the file means.
     """
 
     name: str
@@ -63,6 +82,8 @@ class ProblemFile:
     waypoint_unit: float
     limit_unit: float
     units_said: bool
+    joint_names: Sequence[Any] = ()
+    robot_limits: Mapping[str, Array] = field(default_factory=dict)
 
 
 def read(path: Path, limit_names: tuple[str, ...]) -> ProblemFile:
@@ -71,25 +92,30 @@ def read(path: Path, limit_names: tuple[str, ...]) -> ProblemFile:
     Raises:
         InvalidInput: It is no TOML file, or a key is missing, unknown or of the wrong type.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InvalidInput("problem", "a readable TOML file", value=reason) from None
-    check_keys("", table, _KEYS, required=("limits", "waypoints"))
-    limits = table["limits"]
+    table = toml(path)
+    arm = _arm(table)
+    required: tuple[str, ...] = ("waypoints",)
+    required_limits: tuple[str, ...] = ()
+    if arm is None:
+        required = ("limits", "waypoints")
+        required_limits = ("acceleration", "velocity")
+    check_keys("", table, _KEYS, required)
+    limits = table.get("limits", {})
     if not isinstance(limits, Mapping):
         raise InvalidInput("limits", "a table of limits", value=limits)
-    check_keys("limits.", limits, limit_names, required=("acceleration", "velocity"))
-    units = _units(table)
+    check_keys("limits.", limits, limit_names, required_limits)
+    units = _units(table, limits_said=bool(limits))
+    joint_names, robot_limits = _chosen_joints(table, arm)
     return ProblemFile(
         name=text_at(table, "name", path.stem),
-        source=text_at(table, "source", ""),
+        source=text_at(table, "source", "" if arm is None else arm.description),
         waypoints=table["waypoints"],
         limits=limits,
         waypoint_unit=units["waypoints"],
         limit_unit=units["limits"],
         units_said="units" in table,
+        joint_names=joint_names,
+        robot_limits=robot_limits,
     )
 
 
@@ -106,17 +132,54 @@ def toml(path: Path, number: Callable[[str], Any] = float) -> dict[str, Any]:
         raise InvalidInput("problem", "a readable TOML file", value=reason) from None
 
 
-def text(name: str, source: str, waypoints: Array, limits: Mapping[str, Array]) -> str:
+def _arm(table: Mapping[str, Any]) -> ArmFile | None:
+    """The robot that the file names, if it does."""
+    if "robot" not in table:
+        return None
+    name = text_at(table, "robot", "")
+    if name not in arm_file.arm_files():
+        known = ", ".join(arm_file.arm_files())
+        raise InvalidInput("robot", f"one of {known}", value=name)
+    return arm_file.read(name)
+
+
+def _chosen_joints(
+    table: Mapping[str, Any],
+    arm: ArmFile | None,
+) -> tuple[Sequence[Any], Mapping[str, Array]]:
+    """The names of the file's joints, and the robot's limits of these."""
+    names = table.get("joint_names", ())
+    if not isinstance(names, list | tuple):
+        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
+    if arm is None:
+        return names, {}
+    if not names:
+        return arm.joint_names, arm.limits
+    rows = []
+    for joint, name in enumerate(names):
+        if name not in arm.joint_names:
+            known = ", ".join(arm.joint_names)
+            right = f"a joint of {arm.name}: {known}"
+            raise InvalidInput("joint_names", right, value=name, joint=joint)
+        rows.append(arm.joint_names.index(name))
+    return names, {kind: values[rows] for kind, values in arm.limits.items()}
+
+
+def text(
+    name: str,
+    source: str,
+    waypoints: Array,
+    limits: Mapping[str, Array],
+    joint_names: Sequence[str],
+) -> str:
     """A problem file in radians; reading it back gives the same numbers to the last bit."""
-    return tomli_w.dumps(
-        {
-            "name": name,
-            "source": source,
-            "waypoints": waypoints.tolist(),
-            "units": {"waypoints": "rad", "limits": "rad"},
-            "limits": {kind: pairs.tolist() for kind, pairs in limits.items()},
-        }
-    )
+    table: dict[str, Any] = {"name": name, "source": source}
+    if joint_names:
+        table["joint_names"] = list(joint_names)
+    table["waypoints"] = waypoints.tolist()
+    table["units"] = {"waypoints": "rad", "limits": "rad"}
+    table["limits"] = {kind: pairs.tolist() for kind, pairs in limits.items()}
+    return tomli_w.dumps(table)
 
 
 def mixed_units(waypoints: Array, velocity: Array, acceleration: Array) -> str | None:
@@ -165,8 +228,11 @@ def _all_within(values: Array, ends: tuple[float, float]) -> bool:
     return bool(np.all((values >= low) & (values <= high)))
 
 
-def _units(table: Mapping[str, Any]) -> dict[str, float]:
-    """The size of a unit, rad, in which waypoints and limits are written."""
+def _units(table: Mapping[str, Any], *, limits_said: bool) -> dict[str, float]:
+    """The size of a unit, rad, in which waypoints and limits are written.
+
+    Limits that a file leaves to the robot need no unit.
+    """
     if "units" not in table:
         size = _size("angle_unit", table.get("angle_unit"))
         return {"waypoints": size, "limits": size}
@@ -177,8 +243,9 @@ def _units(table: Mapping[str, Any]) -> dict[str, float]:
     if not isinstance(units, Mapping):
         raise InvalidInput("units", "a table with waypoints and limits", value=units)
     keys = ("waypoints", "limits")
-    check_keys("units.", units, keys, required=keys)
-    return {key: _size(f"units.{key}", units[key]) for key in keys}
+    required = keys if limits_said else ("waypoints",)
+    check_keys("units.", units, keys, required)
+    return {key: _size(f"units.{key}", units.get(key, "rad")) for key in keys}
 
 
 def _size(key: str, unit: Any) -> float:

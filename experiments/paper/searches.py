@@ -10,9 +10,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trajopt import Problem, spline353
+from trajopt import Problem, built_in, spline353
 from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.suites import built_in
 from trajopt.kinematics import Robot
 from trajopt.planner import Planner
 from trajopt.swarm_planner import SwarmPlanner

@@ -76,7 +76,7 @@ def _sentences(trial: Trial, found: Explanation) -> Iterator[str]:
     yield _path_and_timing(found, dict(steps.get("path and timing", ())))
     yield _family(found, dict(steps.get("the 3-5-3 family", ())))
     yield _share_at_limits(trial.problem, found)
-    yield _active_limits(found)
+    yield _active_limits(trial.problem, found)
 
 
 def _path_and_timing(found: Explanation, step: dict[str, float]) -> str:
@@ -117,7 +117,7 @@ def _share_at_limits(problem: Problem, found: Explanation) -> str:
     return f"{sentence}; in the optimum, for {best:.0f} %."
 
 
-def _active_limits(found: Explanation) -> str:
+def _active_limits(problem: Problem, found: Explanation) -> str:
     """The limits that cost most time, each with its longest interval."""
     if not found.active_limits:
         return "No limit holds it back: none is used to 99 %."
@@ -127,7 +127,7 @@ def _active_limits(found: Explanation) -> str:
     if not costly:
         return "It reaches limits, but no single one of them is worth any time."
     costly.sort(key=_saving, reverse=True)
-    held = ", ".join(_said(interval) for interval in costly[:3])
+    held = ", ".join(_said(problem, interval) for interval in costly[:3])
     return f"Held back by {held}: saved with 1 % more, by {found.notes['worth']}."
 
 
@@ -144,8 +144,8 @@ def _saving(interval: ActiveLimit) -> float:
     return interval.saving or 0.0
 
 
-def _said(interval: ActiveLimit) -> str:
-    where = f"{interval.limit} of joint {interval.joint + 1}"
+def _said(problem: Problem, interval: ActiveLimit) -> str:
+    where = f"{interval.limit} of {problem.joint_labels[interval.joint]}"
     when = f"{interval.start:.2f}–{interval.end:.2f} s"
     milliseconds = 1000 * _saving(interval)
     return f"{where} at {when} ({milliseconds:.1f} ms)"

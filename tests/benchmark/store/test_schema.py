@@ -47,6 +47,14 @@ def test_every_field_comes_back(stored, trial):
     assert back.as_dict() == trial.as_dict()
 
 
+def test_names_of_joints_come_back(stored, trial):
+    names = [f"joint_{letter}²" for letter in "abcdefghij"[: trial.problem.joints]]
+    named = replace(trial.problem, joint_names=tuple(names))
+    back = stored(replace(trial, problem=named))
+    assert back.problem.joint_names == named.joint_names
+    assert stored(trial).problem.joint_names == trial.problem.joint_names == ()
+
+
 @pytest.mark.parametrize("spec", ["pso:iterations=20", "exact:starts=1", "toppra"])
 def test_every_field_of_a_real_planner_comes_back(stored, spec):
     problem = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")

@@ -223,6 +223,6 @@ def _use(problem: Problem, trajectory: Trajectory, t: Array) -> tuple[list[str],
     for joint in range(problem.joints):
         for kind, short in _SHORT_NAMES.items():
             if (joint, kind) in uses:
-                names.append(f"joint {joint + 1} {short}")
+                names.append(f"{text(problem.joint_labels[joint])} {short}")
                 rows.append(uses[joint, kind])
     return names, np.array(rows)

@@ -244,7 +244,7 @@ def motion(
     for joint, axes in enumerate(grid[:, 0]):
         coordinates = problem.waypoints[:, joint]
         axes.plot(passing, coordinates, ls="", zorder=3, clip_on=False, **_DOT)
-        axes.set_ylabel(f"joint {joint + 1} (rad)")
+        axes.set_ylabel(f"{text(problem.joint_labels[joint])} (rad)")
     end = trajectory.duration
     if reference:
         end = max(end, reference.duration)

@@ -44,7 +44,8 @@ class Column:
 
     Kinds: `name` (a line of text), `text`, `time` (UTC, ISO 8601), `integer` (64 bits, 0 or more),
     `number` (float; NaN or `None` where there is none), `object` (a JSON object, or `None` where
-    `optional`). A `name` must match `pattern` where there is one.
+    `optional`). A `name` must match `pattern` where there is one. Files from before there was this
+    column lack it where it is `newer`: a text, empty then.
     """
 
     kind: Kind
@@ -52,6 +53,7 @@ class Column:
     description: str
     pattern: str = ""
     optional: bool = False
+    newer: bool = False
 
     @property
     def text(self) -> str:
@@ -162,6 +164,7 @@ COLUMNS = {
     "id": Column("name", "", "identity: problem, planner, options, seed, code", "[0-9a-f]{20}"),
     "problem": Column("name", "", "problem name"),
     "source": Column("text", "", "where the problem's numbers come from"),
+    "joint_names": Column("text", "", "the joints' names, one a line, if any", newer=True),
     "digest": Column("name", "", "SHA-256 of the problem's numbers", _DIGEST),
     "planner": Column("name", "", "planner name"),
     "label": Column("name", "", "planner name with the options that differ from its defaults"),

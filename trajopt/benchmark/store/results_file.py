@@ -126,8 +126,10 @@ def read(path: Path) -> Iterator[Encoded]:
         Exception: whatever else it raises means that the content is damaged, or not ours.
     """
     with hdf5.opened(path) as source:
-        columns = {name: _column(source, name) for name in COLUMNS}
+        columns = {name: _column(source, name) for name in _present(source)}
         count = len(columns["id"])
+        for name in COLUMNS.keys() - columns:
+            columns[name] = [""] * count
         for name, values in columns.items():
             if len(values) != count:
                 raise Malformed(f"trials/{name}: {len(values)} entries, but {count} trials")
@@ -142,6 +144,12 @@ def read(path: Path) -> Iterator[Encoded]:
         own = _item(arrays, i)
         present = {name: part for name, part in own.items() if part is not None}
         yield Encoded(row, problems[digest], present)
+
+
+def _present(source: hdf5.Source) -> list[str]:
+    """The columns that a file must have, and the newer ones that it has."""
+    there = source.names("trials")
+    return [name for name, column in COLUMNS.items() if not column.newer or name in there]
 
 
 def _item(table: Mapping[str, list[Any]], i: int) -> Row:

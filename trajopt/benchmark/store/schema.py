@@ -73,6 +73,7 @@ def encode(trial: Trial) -> Encoded:
         "id": trial.id,
         "problem": problem.name,
         "source": problem.source,
+        "joint_names": "\n".join(problem.joint_names),
         "digest": problem.digest(),
         "planner": trial.planner,
         "label": trial.label,
@@ -309,18 +310,24 @@ def _problem(row: Mapping[str, Any], numbers: Mapping[str, Array]) -> Problem:
         if array.ndim != 2:
             raise Malformed(f"{name}: expected a table, found shape {array.shape}")
         raw.append((array.tobytes(), array.shape[1]))
-    return _problem_of(row["problem"], row["source"], *raw)
+    names = tuple(row["joint_names"].splitlines())
+    return _problem_of(row["problem"], row["source"], names, *raw)
 
 
 @lru_cache(maxsize=1024)
-def _problem_of(name: str, source: str, *raw: tuple[bytes, int]) -> Problem:
+def _problem_of(
+    name: str,
+    source: str,
+    joint_names: tuple[str, ...],
+    *raw: tuple[bytes, int],
+) -> Problem:
     """One object for the trials of one problem, however many they are."""
     tables = []
     for data, width in raw:
         numbers = np.frombuffer(data)
         tables.append(numbers.reshape(-1, width))
     waypoints, *limits = tables
-    return Problem(waypoints, Limits(*limits), name, source)
+    return Problem(waypoints, Limits(*limits), name, source, joint_names)
 
 
 def _certificate_row(certificate: Certificate) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def read(path: Path) -> Encoded:
             _check_keys(record)
             numbers = {name: _table(record["numbers"][name]) for name in PROBLEM}
         arrays = {name: _array(source, name) for name in record["arrays"]}
-    row = {name: record[name] for name in COLUMNS}
+    row = {name: record.get(name, "") for name in COLUMNS}
     return Encoded(row, numbers, arrays)
 
 
@@ -81,7 +81,8 @@ def _put(file: h5py.File, name: str, array: Any, block: Block) -> None:
 def _check_keys(record: Any) -> None:
     if not isinstance(record, dict):
         raise Malformed("expected a JSON object")
-    for name in (*COLUMNS, "numbers", "arrays"):
+    required = [name for name, column in COLUMNS.items() if not column.newer]
+    for name in (*required, "numbers", "arrays"):
         if name not in record:
             raise Malformed(f"{name} is missing")
     numbers = record["numbers"]

@@ -17,7 +17,8 @@ from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 
-from trajopt.benchmark.suites import built_in, edges, families, literature, robots
+from trajopt import built_in
+from trajopt.benchmark.suites import edges, families, literature, robots
 from trajopt.exceptions import InvalidInput, UnknownName
 from trajopt.kinematics import Robot
 from trajopt.problem import Problem

@@ -20,7 +20,7 @@ from math import pi
 from pathlib import Path
 from typing import Any
 
-from trajopt.benchmark.suites import built_in
+from trajopt import built_in
 from trajopt.exceptions import InvalidInput, UnknownName
 from trajopt.explain.claims import Claim
 from trajopt.problem import Problem

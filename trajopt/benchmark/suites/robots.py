@@ -3,45 +3,24 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal, get_args
 from zlib import crc32
 
 import numpy as np
 
-from trajopt.benchmark.suites import built_in
-from trajopt.exceptions import InvalidInput, UnknownName
-from trajopt.problem import LIMIT_NAMES, Limits, Problem
+from trajopt import arm_file
+from trajopt.arm_file import Origin as Origin
+from trajopt.arm_file import arm_files as arm_files
+from trajopt.exceptions import InvalidInput
+from trajopt.problem import Limits, Problem
 
 # Raise it whenever an arm, or what is drawn for it, changes.
 ROBOTS_VERSION = 1
 
 ROBOT_WAYPOINTS = (4, 8, 16)
 _REACH_SHARE = 0.95  # of a joint's range, around its middle
-_UNITS = {"deg": np.pi / 180, "rad": 1.0}
 _NAME = re.compile(r"robots-(?P<arm>.+)-w(?P<waypoints>\d+)(?P<jerk>-jerk)?")
-
-Status = Literal["published", "configuration", "quoted", "assumed", "memory"]
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Where an arm's limits of one kind come from. `status` is
-
-    - `published`: the maker's own document, which was read;
-    - `configuration`: a robot model or configuration in a public repository, which was read;
-    - `quoted`: a book or paper, as somebody else quotes it;
-    - `assumed`: nobody publishes it, `rule` says what was assumed instead;
-    - `memory`: remembered, not checked.
-    """
-
-    status: Status
-    source: str
-    address: str = ""
-    rule: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,51 +29,20 @@ class Arm:
 
     name: str
     description: str
+    joint_names: tuple[str, ...]
     limits: Limits
     origins: Mapping[str, Origin]
 
 
-def arm_files() -> dict[str, Path]:
-    """Every built-in arm file by name."""
-    return built_in.files("robots")
-
-
 def arm(name_or_path: str) -> Arm:
     """An arm by built-in name or path; raises `UnknownName`, or `InvalidInput` naming the key."""
-    path = arm_files().get(name_or_path, Path(name_or_path))
-    if not path.is_file():
-        raise UnknownName("arm", name_or_path, arm_files())
+    file = arm_file.read(name_or_path)
     try:
-        return _arm(tomllib.loads(path.read_text(encoding="utf-8")))
+        limits = Limits(**file.limits)
     except InvalidInput as error:
+        path = arm_files().get(name_or_path, name_or_path)
         raise error.in_file(str(path)) from None
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InvalidInput(
-            "arm",
-            "an arm file like those in data/robots",
-            value=f"{type(error).__name__}: {error}",
-            file=str(path),
-        ) from None
-
-
-def _arm(table: dict[str, Any]) -> Arm:
-    name = table.pop("name")
-    description = table.pop("description")
-    limits: dict[str, Any] = {}
-    origins = {}
-    for kind in table:
-        if kind not in LIMIT_NAMES:
-            known = ", ".join(("name", "description", *LIMIT_NAMES))
-            raise InvalidInput(kind, f"one of the keys {known}", value=table[kind])
-    for kind, entry in table.items():
-        values = np.array(entry.pop("values"), dtype=float)
-        limits[kind] = values * _UNITS[entry.pop("angle_unit")]
-        origins[kind] = Origin(**entry)
-    for kind, origin in origins.items():
-        statuses = get_args(Status)
-        if origin.status not in statuses:
-            raise InvalidInput(f"{kind}.status", " or ".join(statuses), value=origin.status)
-    return Arm(name, description, Limits(**limits), origins)
+    return Arm(file.name, file.description, file.joint_names, limits, file.origins)
 
 
 def robot_problem(arm: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
@@ -123,6 +71,7 @@ def robot_problem(arm: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
         limits,
         name=f"robots-{arm.name}-w{waypoints}{ending}",
         source=f"{arm.description}; data/robots/{arm.name}.toml, version {ROBOTS_VERSION}",
+        joint_names=arm.joint_names,
     )
 
 

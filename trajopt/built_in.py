@@ -8,7 +8,7 @@ from pathlib import Path
 
 def data_folder() -> Path:
     """Where the data files live: inside the installed package, or beside it in a checkout."""
-    package = Path(__file__).resolve().parents[2]
+    package = Path(__file__).resolve().parent
     inside = package / "data"
     return inside if inside.is_dir() else package.parent / "data"
 
