@@ -6,6 +6,7 @@ import hashlib
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -211,6 +212,10 @@ class Problem:
 
     def digest(self) -> str:
         """SHA-256 of the numbers (not of names): a changed problem has another digest."""
+        return self._digest
+
+    @cached_property
+    def _digest(self) -> str:
         digest = hashlib.sha256()
         limits = self.limits.by_name()
         for array in (self.waypoints, *limits.values()):

@@ -52,7 +52,7 @@ def fresh(tmp_path, monkeypatch):
         for name in [name for name in sys.modules if name.partition(".")[0] in own]:
             monkeypatch.delitem(sys.modules, name)
         importlib.invalidate_caches()
-        for cached in (provenance._sources, provenance._distribution):
+        for cached in (provenance._sources, provenance._release):
             cached.cache_clear()
         return code_of(importlib.import_module(module).Mine()).digest
 
@@ -98,7 +98,8 @@ def test_of_an_installed_planner_the_version_and_its_own_file_count(tmp_path, fr
     def digest():
         monkeypatch.delitem(sys.modules, "stranger", raising=False)
         importlib.invalidate_caches()
-        provenance._sources.cache_clear()
+        for cached in (provenance._sources, provenance._release):
+            cached.cache_clear()
         return code_of(importlib.import_module("stranger").Mine())
 
     first = digest()

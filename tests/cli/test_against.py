@@ -7,6 +7,7 @@ import pytest
 
 from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory
 from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.compare import Comparison
 from trajopt.benchmark.trial import judge
 from trajopt.cli import against, app, compare
 
@@ -86,10 +87,10 @@ def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
 
     def compared(problems, planners, folder, **options):
         asked.extend(planners)
-        return Results([*fast, *slow])
+        return Comparison([*fast, *slow], None)
 
-    monkeypatch.setattr(compare.benchmark, "compare", compared)
-    monkeypatch.setattr(compare.draw, "draw", lambda *arguments, **options: [])
+    monkeypatch.setattr(compare.benchmark, "run", compared)
+    monkeypatch.setattr(compare.drawn, "draw", lambda *arguments, **options: [])
     rival = "slow:first=11.0"
     monkeypatch.setattr(compare, "label_of", lambda name, planner: rival)
     command = ["compare", "one-joint", "--planner", "exact", "--output", str(tmp_path)]

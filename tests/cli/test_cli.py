@@ -19,7 +19,7 @@ from trajopt import Limits, Problem
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
-from trajopt.cli import compare, plan
+from trajopt.cli import compare, overview, plan
 from trajopt.registry import entries, load, options
 
 NAMES = {
@@ -443,19 +443,17 @@ def test_compare_stores_everything_and_draws(compared):
     folder, _, _ = compared
     with h5py.File(folder / "results.h5") as file:
         assert len(file["trials/id"]) == len(list((folder / "trials").iterdir())) == 10
-    suffixes = {p.suffix for p in (folder / "figures").rglob("*") if p.is_file()}
+    suffixes = {p.suffix for p in (folder / "figures").glob("*/*")}
     assert suffixes == {".png", ".svg"}
 
 
 def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
-    from trajopt.benchmark.figures import draw as figures
     from trajopt.benchmark.run import workers
 
     folder, done, command = compared
     before = {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()}
     ran = []
     monkeypatch.setattr(workers, "_work", lambda *a: ran.append(a))
-    monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
     code, out, _ = trajopt(*command[3:])
     assert (code, ran) == (0, [])
     assert {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()} == before
@@ -463,6 +461,23 @@ def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
     assert re.fullmatch(r"10 of 10 trials kept from \d\d \w+ \d\d:\d\d", kept)
     assert blank == ""
     assert table[:8] == done.stdout.splitlines()[:8]
+
+
+def test_a_run_that_computes_nothing_imports_neither_pandas_nor_matplotlib(compared):
+    _, _, command = compared
+    arguments = command[3:]
+    program = (
+        "import sys\n"
+        "from trajopt.cli import main\n"
+        "try:\n"
+        f"    main({arguments!r})\n"
+        "except SystemExit as end:\n"
+        "    assert not end.code\n"
+        "slow = {'asyncio', 'casadi', 'matplotlib', 'pandas', 'scipy.stats'}\n"
+        "assert not slow & set(sys.modules), slow & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_compare_of_many_problems_has_a_line_per_planner_and_a_report(
@@ -501,8 +516,8 @@ def test_of_many_kinds_of_failure_three_are_said(monkeypatch):
         "worst": [2.06] + [np.nan] * 4,
     }
     frame = pd.DataFrame({"label": "p:x=1", **rows, "unit": ["rad", *[""] * 4]}).set_index("label")
-    monkeypatch.setattr(compare, "failures", lambda results: frame)
-    (sentence,) = compare._why_failed(None)
+    monkeypatch.setattr(overview, "failures", lambda results: frame)
+    (sentence,) = overview._why_failed(None)
     assert sentence == "p:x=1: 35 failed: 9 a, worst 2.06 rad; 8 b; 7 c; 11 in other ways"
 
 
@@ -527,8 +542,8 @@ def test_beating_the_reference_is_said_loudly(trajopt, tmp_path, monkeypatch):
     problem = suite.load("one-joint")
     slow = load("unoptimised:segment_time=5")
     planners = [("exact", slow), ("unoptimised", load("unoptimised"))]
-    results = run.compare([problem], planners, tmp_path)
-    monkeypatch.setattr(run, "compare", lambda *a, **k: results)
+    ran = run.run([problem], planners, tmp_path)
+    monkeypatch.setattr(run, "run", lambda *a, **k: ran)
     code, _, err = trajopt("compare", "one-joint", "--output", tmp_path)
     assert code == 0
     assert "BUG" in err

@@ -18,14 +18,15 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from trajopt.benchmark.run import runner, workers
+from trajopt.benchmark.analysis.summary import Kept
 from trajopt.benchmark.run.plan import Allowance, Task, missing, plan
-from trajopt.benchmark.run.runner import cpus as cpus
+from trajopt.benchmark.run.process import cpus as cpus
+from trajopt.benchmark.run.process import refuse_in_starting_worker
 from trajopt.benchmark.store.folder import Store, read
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import Configuration
+from trajopt.benchmark.trial import Configuration, Trial
 from trajopt.planner import Planner
 from trajopt.problem import Problem
 from trajopt.registry import named
@@ -43,6 +44,13 @@ class Progress:
     total: int
     finished: int
     kept: int
+
+
+class Comparison(NamedTuple):
+    """The trials asked for, and how many of them were there before."""
+
+    trials: Sequence[Trial]
+    kept: Kept | None
 
 
 def compare(
@@ -91,10 +99,39 @@ def compare(
         StoreError: if the folder cannot be written.
         WorkerError: if no worker can start.
     """
-    workers.refuse_in_starting_worker()
-    # pandas and SciPy's statistics are not for workers, who import this module too
-    from trajopt.benchmark.analysis.results import Kept, Results
+    ran = run(
+        problems,
+        planners,
+        folder,
+        seeds=seeds,
+        jobs=jobs,
+        fresh=fresh,
+        timeout=timeout,
+        memory=memory,
+        progress=progress,
+        executor=executor,
+    )
+    # pandas: not for workers, who import this module too
+    from trajopt.benchmark.analysis.results import Results
 
+    return Results(ran.trials, ran.kept)
+
+
+def run(
+    problems: Sequence[Problem | str | Path],
+    planners: Sequence[Contestant],
+    folder: Path | str = "results",
+    *,
+    seeds: int = 30,
+    jobs: int = 0,
+    fresh: bool = False,
+    timeout: float = 600.0,
+    memory: float | None = None,
+    progress: Callable[[Progress], None] = lambda _: None,
+    executor: Executor | None = None,
+) -> Comparison:
+    """`compare`, which says what the arguments are, without its tables: pandas takes long."""
+    refuse_in_starting_worker()
     store = Store(Path(folder))
     here = executor is None and jobs == 0
     side_by_side = jobs if executor is None else 0
@@ -114,7 +151,7 @@ def compare(
         trials = read(store.consolidate(), asked)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
-    return Results(trials, kept)
+    return Comparison(trials, kept)
 
 
 def _configuration(planner: Contestant) -> Configuration:
@@ -140,6 +177,11 @@ def _run(
     jobs: int,
     executor: Executor | None,
 ) -> Iterator[int]:
+    if not tasks:
+        return iter(())
+    # asyncio and worker processes: not where nothing is to run
+    from trajopt.benchmark.run import runner
+
     if executor is not None:
         return runner.on_executor(tasks, store, allowed, executor)
     if jobs == 0:

@@ -38,7 +38,7 @@ from importlib.metadata import (
 from numbers import Integral, Real
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -95,12 +95,8 @@ def code_of(planner: Planner) -> Code:
         name = f"{cls.__module__}.{cls.__qualname__}"
         parts[name] = _digest(cls)
     identity = [own.__qualname__, sorted(parts.values()), _ours()]
-    found = _distribution(own.__module__)
-    return Code(
-        distribution="" if found is None else found.name,
-        version="" if found is None else found.version,
-        digest=_sha(json.dumps(identity)),
-    )
+    released = _release(own.__module__)
+    return Code(released.name, released.version, digest=_sha(json.dumps(identity)))
 
 
 def plain(value: Any, option: str = "option") -> Any:
@@ -191,8 +187,7 @@ def _sources(name: str) -> str:
     if package in _OURS:
         return _ours()
     if _is_installed(file):
-        found = _distribution(name)
-        release = "" if found is None else f"{found.name} {found.version}"
+        release = " ".join(_release(name)).strip()
         return _sha(f"{release} {_sha(file.read_bytes())}")
     if not package:
         return _sha_of({path.name: path for path in _script(file)})
@@ -351,7 +346,23 @@ def _is_installed(file: Path) -> bool:
     return any(file.is_relative_to(Path(path).resolve()) for path in paths)
 
 
+class _Release(NamedTuple):
+    """An installed distribution and its version; empty for what belongs to none."""
+
+    name: str
+    version: str
+
+
 @cache
+def _release(module: str) -> _Release:
+    """The distribution that a module belongs to; its metadata, a README in it, is parsed once."""
+    package = module.partition(".")[0]
+    if package in _OURS and module != "trajopt":
+        return _release("trajopt")
+    found = _distribution(module)
+    return _Release("", "") if found is None else _Release(found.name, found.version)
+
+
 def _distribution(module: str) -> Distribution | None:
     """The installed distribution that a module belongs to."""
     package = module.partition(".")[0]

@@ -3,38 +3,32 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
-from math import inf, isfinite, isnan
+from math import isnan
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import pandas as pd
 from cyclopts import Parameter
 from rich.table import Table
 
 from trajopt.benchmark import compare as benchmark
-from trajopt.benchmark.analysis.failures import failures, in_words
-from trajopt.benchmark.analysis.overview import overview
-from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.figures import draw
+from trajopt.benchmark.analysis.summary import Line, Summary
+from trajopt.benchmark.compare import Comparison
+from trajopt.benchmark.figures import drawn
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.suites import catalogue
-from trajopt.cli import against as tests
+from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, number, whole_number
 from trajopt.exceptions import InvalidInput, TrajoptError
 from trajopt.problem import Problem
 from trajopt.registry import entries, named
 from trajopt.registry import label as label_of
+from trajopt.solution import Status
 
 MANY = 12  # problems, beyond which there is one page in place of a table and figures each
 
-_MEANING = """\
-Problems: as supported. Bounds: answers that ignore a limit on purpose.
-Gap: median over problems of the median gap to a known optimum (none: on half of
-them it has no answer). Worst: of any solved trial."""
-_KINDS_SHOWN = 3  # of a planner's failures
 _READINGS = ("timing", "fitness")  # options that say how the paper was read
 
 
@@ -100,7 +94,7 @@ def compare(
     _leave_deleted_folder(folder)
     elsewhere = cluster.executor(dask) if dask else nullcontext()
     with console.trials() as advance, elsewhere as executor:
-        results = benchmark.compare(
+        ran = benchmark.run(
             loaded,
             specs,
             folder,
@@ -112,16 +106,30 @@ def compare(
             progress=advance,
             executor=executor,
         )
-    if results.kept:
-        console.line(str(results.kept))
+    if ran.kept:
+        console.line(str(ran.kept))
         console.paragraph()
+    summary = Summary(ran.trials)
+    trials = f"{len(ran.trials)} trials"
     if len(loaded) > MANY:
-        _show_many(results, output, rival)
+        page = _show_many(ran, output)
+        made = [f"stored:  {output / 'results.h5'} ({trials})", f"report:  {page} ({trials})"]
     else:
-        _show_each(results, output, processes, rival)
-    trials = results.trials()
-    answered = (trials["status"] == "solved") | trials["lower_bound"].notna()
-    return 0 if answered.any() else 1
+        figures = _show_each(summary, output, processes)
+        made = [f"stored:  {output / 'results.h5'} ({trials} of this comparison)"]
+        if figures:
+            made.append(f"figures: {output / 'figures'} ({len(figures)} files)")
+    if rival is not None:
+        _show_against(ran, rival)
+    _warn(summary)
+    for line in made:
+        console.line(line)
+    answered = any(map(_is_answered, ran.trials))
+    return 0 if answered else 1
+
+
+def _is_answered(trial: Trial) -> bool:
+    return trial.status is Status.SOLVED or trial.lower_bound is not None
 
 
 def _leave_deleted_folder(other: Path) -> None:
@@ -155,169 +163,128 @@ def _default_planners() -> list[str]:
     return names
 
 
+def _show_many(ran: Comparison, folder: Path) -> Path:
+    """A line per planner, and a page, whose path is returned."""
+    # pandas: not where there are few problems
+    from trajopt.benchmark.analysis.results import Results
+    from trajopt.cli import overview
+
+    return overview.show(Results(ran.trials, ran.kept), folder)
+
+
+def _show_against(ran: Comparison, rival: str) -> None:
+    """Every planner against one."""
+    # pandas: not where nobody asks for it
+    from trajopt.benchmark.analysis.results import Results
+    from trajopt.cli import against
+
+    against.show(Results(ran.trials, ran.kept), rival)
+
+
+def _warn(summary: Summary) -> None:
+    for trial in summary.suspicious():
+        below = -100 * summary.gap(trial)
+        console.ERR.print(
+            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {console.markup(trial.label)} "
+            f"(seed {trial.seed}) on {console.markup(trial.problem.name)} is {below:.6f} % below "
+            f"the reference; trial {trial.id}"
+        )
+
+
 # --- a table per problem ---
 
 
-def _show_each(results: Results, folder: Path, processes: int, rival: str | None) -> None:
-    """Tables, the readings used, what failed and why, and where everything is."""
+def _show_each(summary: Summary, folder: Path, processes: int) -> list[Path]:
+    """Tables, the readings used, and what failed and why; the figures' paths are returned."""
     with console.waiting("drawing the figures"):
-        figures = draw.draw(results, folder / "figures", processes=processes)
-    readings = _readings(results)
-    for _, rows in results.summary().groupby("digest", sort=False):
-        console.OUT.print(_comparison(rows))
-        for row in rows[rows["solved"] < rows["runs"]].itertuples():
-            console.paragraph(_why_not_solved(row))
-        console.paragraph(_caption(rows, readings))
+        figures = drawn.draw(summary.trials, folder / "figures", processes=processes)
+    readings = _readings(summary.trials)
+    problems: dict[str, list[Line]] = {}
+    for line in summary.lines():
+        problems.setdefault(line.digest, []).append(line)
+    for lines in problems.values():
+        console.OUT.print(_comparison(lines))
+        for line in lines:
+            if line.solved < line.runs:
+                console.paragraph(_why_not_solved(line))
+        console.paragraph(_caption(lines, readings))
         console.paragraph()
-    if rival is not None:
-        tests.show(results, rival)
-    _warn(results)
-    trials = len(results.items)
-    console.line(f"stored:  {folder / 'results.h5'} ({trials} trials of this comparison)")
-    if figures:
-        console.line(f"figures: {folder / 'figures'} ({len(figures)} files)")
+    return figures
 
 
-def _comparison(rows: pd.DataFrame) -> Table:
+def _comparison(lines: Sequence[Line]) -> Table:
     numbers = ("median s", "quartiles s", "gap %", "kept limits", "evals", "time s")
-    title = f"{rows['problem'].iloc[0]}: certified durations"
+    title = f"{lines[0].problem}: certified durations"
     table = console.table("planner", *numbers, numbers=numbers, title=title)
-    for row in rows.itertuples():
-        name = console.option_lines(row.label)
-        time = f"{row.solve_time:.3f}"
-        if isnan(row.median):
-            table.add_row(name, _without_duration(row), "", "", "", "", time)
+    for line in lines:
+        name = console.option_lines(line.label)
+        time = f"{line.solve_time:.3f}"
+        if isnan(line.median):
+            table.add_row(name, _without_duration(line), "", "", "", "", time)
         else:
-            table.add_row(name, *_durations(row), time)
+            table.add_row(name, *_durations(line), time)
     return table
 
 
-def _without_duration(row: Any) -> str:
-    if isnan(row.lower_bound):
-        return console.markup(row.status)
-    return f"≥ {row.lower_bound:.4f}"
+def _without_duration(line: Line) -> str:
+    if isnan(line.lower_bound):
+        return console.markup(line.status)
+    return f"≥ {line.lower_bound:.4f}"
 
 
-def _durations(row: Any) -> list[str]:
+def _durations(line: Line) -> list[str]:
     quartiles = ""
-    if row.runs > 1:
-        quartiles = f"{row.q1:.4f}–{row.q3:.4f}"
-    kept_limits = f"{100 * row.kept:.0f} %"
-    if row.dilation > 1:
-        kept_limits += f" ×{row.dilation:.4f}"
-    gap = "" if isnan(row.gap) else f"{100 * row.gap:+.2f}"
-    evaluations = "" if isnan(row.evaluations) else f"{row.evaluations:.0f}"
-    return [f"{row.median:.4f}", quartiles, gap, kept_limits, evaluations]
+    if line.runs > 1:
+        quartiles = f"{line.q1:.4f}–{line.q3:.4f}"
+    kept_limits = f"{100 * line.kept:.0f} %"
+    if line.dilation > 1:
+        kept_limits += f" ×{line.dilation:.4f}"
+    gap = "" if isnan(line.gap) else f"{100 * line.gap:+.2f}"
+    evaluations = "" if isnan(line.evaluations) else f"{line.evaluations:.0f}"
+    return [f"{line.median:.4f}", quartiles, gap, kept_limits, evaluations]
 
 
-def _why_not_solved(row: Any) -> str:
-    lines = str(row.message).strip().splitlines()
-    message = lines[-1] if lines else ""
-    if not isnan(row.lower_bound):
-        return f"{row.label}: {message}"
-    count = f"{row.runs - row.solved} of {row.runs} runs " if row.runs > 1 else ""
-    return f"{row.label}: {count}{row.status}: {message}"
+def _why_not_solved(line: Line) -> str:
+    rows = line.message.strip().splitlines()
+    message = rows[-1] if rows else ""
+    if not isnan(line.lower_bound):
+        return f"{line.label}: {message}"
+    count = f"{line.runs - line.solved} of {line.runs} runs " if line.runs > 1 else ""
+    return f"{line.label}: {count}{line.status}: {message}"
 
 
-def _readings(results: Results) -> str:
+def _readings(trials: Sequence[Trial]) -> str:
     """The readings of the paper that were run: how joints are combined, and the fitness."""
     readings = set()
-    for trial in results.items:
+    for trial in trials:
         chosen = [f"{n}={trial.options[n]}" for n in _READINGS if n in trial.options]
         readings.add(", ".join(chosen))
     return "; ".join(sorted(filter(None, readings)))
 
 
-def _caption(rows: pd.DataFrame, readings: str) -> str:
-    first = rows.iloc[0]
-    runs = rows["runs"].max()
-    lines = [f"Up to {runs} seeds. Durations are the verifier's: claimed × max(1, dilation)."]
-    if not isnan(first["reference"]):
-        lines.append(_reference(first))
+def _caption(lines: Sequence[Line], readings: str) -> str:
+    first = lines[0]
+    runs = max(line.runs for line in lines)
+    sentences = [f"Up to {runs} seeds. Durations are the verifier's: claimed × max(1, dilation)."]
+    if first.kind is not None:
+        sentences.append(_reference(first))
     if readings:
-        lines.append(f"Reading: {readings}.")
-    lines.append("Kept limits: share of runs that did as claimed; × the others' median dilation.")
-    return "\n".join(lines)
+        sentences.append(f"Reading: {readings}.")
+    sentences.append(
+        "Kept limits: share of runs that did as claimed; × the others' median dilation."
+    )
+    return "\n".join(sentences)
 
 
-def _reference(row: pd.Series[Any]) -> str:
+def _reference(line: Line) -> str:
     """What the gaps are measured against, and how much of it is proved."""
-    reference, proved = row["reference"], row["proved"]
     known = "the best known, not proved (see --certify)"
-    if proved > 0:
-        within = 100 * (reference / proved - 1)
-        known = f"proved within {within:.3f} % (lower bound {proved:.6f} s)"
+    if line.proved > 0:
+        within = 100 * (line.reference / line.proved - 1)
+        known = f"proved within {within:.3f} % (lower bound {line.proved:.6f} s)"
     sentences = {
         "exact": "Gap to the exact optimum, {:.6f} s: {}.",
         "refined": "Gap to refined collocation, {:.6f} s, its own error below 0.01 %: {}.",
         "lower bound": "Gap to a lower bound, {:.6f} s, the optimum without some limits: {}.",
     }
-    return sentences[row["kind"]].format(reference, known)
-
-
-# --- one table of many problems ---
-
-
-def _show_many(results: Results, folder: Path, rival: str | None) -> None:
-    """One line per planner, what is suspicious, and where everything is."""
-    from trajopt.benchmark import report  # its page: not where there are few problems
-
-    with console.waiting("writing the report"):
-        page = report.write(
-            results,
-            folder / "report.html",
-            command=f"trajopt report {folder}",
-        )
-    numbers = ("problems", "solved", "failed", "bounds", "gap %", "worst %", "time s")
-    table = console.table("planner", *numbers, numbers=numbers)
-    for row in overview(results).itertuples():
-        table.add_row(*_overview_cells(row))
-    console.OUT.print(table)
-    for sentence in _why_failed(results):
-        console.paragraph(sentence)
-    console.paragraph(_MEANING)
-    console.paragraph()
-    if rival is not None:
-        tests.show(results, rival)
-    _warn(results)
-    trials = len(results.items)
-    console.line(f"stored:  {folder / 'results.h5'} ({trials} trials)")
-    console.line(f"report:  {page} ({trials} trials)")
-
-
-def _overview_cells(row: Any) -> list[str]:
-    gap = "none" if row.gap == inf else _percent(row.gap)
-    return [
-        console.option_lines(row.Index),
-        str(row.problems),
-        f"{row.solved} of {row.trials}",
-        str(row.failed),
-        str(row.bounds),
-        gap,
-        _percent(row.worst),
-        f"{row.time:.3f}",
-    ]
-
-
-def _why_failed(results: Results) -> Iterator[str]:
-    """What kept each planner's trials from being solved, the most frequent kinds by their size."""
-    reasons = failures(results)
-    for label, own in reasons.groupby(level="label", sort=False):
-        sentence = f"{label}: {own['count'].sum()} failed: {in_words(own.head(_KINDS_SHOWN))}"
-        others = own["count"].iloc[_KINDS_SHOWN:].sum()
-        if others:
-            sentence += f"; {others} in other ways"
-        yield sentence
-
-
-def _percent(gap: float) -> str:
-    return f"{100 * gap:+.2f}" if isfinite(gap) else ""
-
-
-def _warn(results: Results) -> None:
-    for row in results.suspicious().itertuples():
-        console.ERR.print(
-            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {console.markup(row.label)} "
-            f"(seed {row.seed}) on {console.markup(row.problem)} is {-100 * row.gap:.6f} % below "
-            f"the reference; trial {row.id}"
-        )
+    return sentences[line.kind or "exact"].format(line.reference, known)

@@ -15,7 +15,7 @@ from trajopt.benchmark.analysis.failures import failures, in_words
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.trial import Configuration, Trial, judge, unanswered
-from trajopt.cli import compare
+from trajopt.cli.overview import show
 from trajopt.swarm_planner import Unoptimised
 
 LIMITED = Problem([[0.0], [0.4], [0.5]], Limits([10.0], [100.0], position=[[-1.0, 0.5]]), "limited")
@@ -93,6 +93,6 @@ def test_the_terminal_says_why_planners_failed(
 ) -> None:
     items = [message(Status.TIMEOUT, f"stopped after {seconds} s") for seconds in (1, 2, 600)]
     monkeypatch.setattr(report, "write", lambda *_, **__: tmp_path / "report.html")
-    compare._show_many(Results([*items, message(Status.CRASHED, "boom")]), tmp_path, None)
+    show(Results([*items, message(Status.CRASHED, "boom")]), tmp_path)
     said = " ".join(capsys.readouterr().out.split())
     assert "own: 4 failed: 3 timeout: stopped after … s; 1 crashed: boom" in said

@@ -20,7 +20,6 @@ from trajopt.benchmark.analysis.statistics import (
     Estimate,
     Paired,
     a12,
-    answered_quantiles,
     bootstrap,
     critical_difference,
     data_profile,
@@ -103,24 +102,6 @@ def test_summary_by_hand():
     assert_array_equal(summary([nan, inf]), [inf] * 5)
     assert summary(np.zeros((3, 2, 8))).shape == (3, 2, 5)
     assert_allclose(summary([-1e-9, 1e308, 1e308]), [-1e-9, 5e307, 1e308, 1e308, 1e308])
-
-
-@given(st.lists(st.tuples(st.integers(0, 3), few), min_size=1, max_size=20))
-@reproducible
-def test_answered_quantiles_are_numpys_of_each_groups_answers(runs):
-    group, values = map(np.array, zip(*runs, strict=True))
-    shares = [0, 0.25, 0.5, 0.75, 0.9, 1]
-    found = answered_quantiles(values, group, shares)
-    assert found.shape == (group.max() + 1, 6)
-    for number, own in enumerate(found):
-        answers = values[(group == number) & np.isfinite(values)]
-        expected = np.quantile(answers, shares) if answers.size else np.full(6, nan)
-        assert_array_equal(own, expected)  # to the last bit
-
-
-def test_groups_must_be_one_per_run():
-    with pytest.raises(InvalidInput, match="groups"):
-        answered_quantiles([1, 2, 3], [0, 0], [0.5])
 
 
 def test_ecdf_by_hand():

@@ -14,8 +14,7 @@ Durations and times are in seconds, gaps are ratios minus 1.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,17 +24,19 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from trajopt.benchmark.analysis import pairwise, searches, statistics
+from trajopt.benchmark.analysis.summary import (
+    Kept,
+    Line,
+    Summary,
+    is_kept,
+    position_excess,
+)
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import InvalidInput
-from trajopt.explain.references import PROOF, REFERENCES
 from trajopt.solution import Status
 
 Array = NDArray[np.float64]
-
-BUG_RTOL = 1e-6  # a planner below the reference by more than this is a bug to hunt
-REFINED_RTOL = 1e-4  # what refined collocation may itself be above the optimum
-GROUP = ["problem", "digest", "label"]
 
 TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
     "id": "str",
@@ -57,19 +58,8 @@ TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
     "setup_time": float,
     "solve_time": float,
 }
-
-
-@dataclass(frozen=True)
-class Kept:
-    """How many of a comparison's trials an earlier run had left, and when the first of them ran."""
-
-    count: int
-    total: int
-    since: datetime
-
-    def __str__(self) -> str:
-        when = self.since.astimezone().strftime("%d %b %H:%M")
-        return f"{self.count} of {self.total} trials kept from {when}"
+_REFERENCE_COLUMNS: dict[str, Any] = {"duration": float, "kind": "str", "proved": float}
+_LINE_TEXTS = dict.fromkeys(["problem", "digest", "label", "kind", "status", "message"], "str")
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -137,18 +127,11 @@ class Results:
 
     @cached_property
     def _references(self) -> pd.DataFrame:
-        trials = self._trials
-        proof = trials["planner"] == PROOF
-        exact = trials[trials["planner"].isin(REFERENCES) | proof]
-        problems = exact.groupby("digest")
-        certified = problems["certified_duration"].min()
-        bound = problems["lower_bound"].max()
-        columns = {
-            "reference": certified.fillna(bound),
-            "kind": _kinds(exact),
-            "proved": trials[proof].groupby("digest")["lower_bound"].max(),
-        }
-        return pd.DataFrame(columns, index=certified.index).dropna(subset="reference")
+        found = self._in_numbers.references
+        rows = [asdict(reference) for reference in found.values()]
+        index = pd.Index(list(found), name="digest", dtype="str")
+        table = pd.DataFrame(rows, index, list(_REFERENCE_COLUMNS)).astype(_REFERENCE_COLUMNS)
+        return table.rename(columns={"duration": "reference"})
 
     def gaps(self) -> pd.DataFrame:
         """`trials()` with the columns of `references()` and `gap` = certified / reference − 1."""
@@ -186,8 +169,13 @@ class Results:
 
     @cached_property
     def _summary(self) -> pd.DataFrame:
-        table = _summarised(self._gaps)
-        return table.sort_values(["problem", "median"], kind="stable", na_position="last")
+        rows = [asdict(line) for line in self._in_numbers.lines()]
+        columns = [field.name for field in fields(Line)]
+        return pd.DataFrame(rows, columns=columns).astype(_LINE_TEXTS)
+
+    @cached_property
+    def _in_numbers(self) -> Summary:
+        return Summary(self.items)
 
     def profile(self, taus: ArrayLike | None = None) -> pd.DataFrame:
         """Performance profiles: the share of problems solved within `tau` times the best.
@@ -272,12 +260,9 @@ class Results:
 
     def suspicious(self) -> pd.DataFrame:
         """Trials below the reference by more than its tolerance: each is a bug to hunt."""
+        ids = [trial.id for trial in self._in_numbers.suspicious()]
         table = self.gaps()
-        refined = table["kind"] == "refined"
-        tolerance = np.where(refined, REFINED_RTOL, BUG_RTOL)
-        below_reference = table["gap"] < -tolerance
-        below_proof = table["certified_duration"] < table["proved"] * (1 - BUG_RTOL)
-        return table[below_reference | below_proof]
+        return table[table["id"].isin(ids)]
 
 
 def competing(trials: pd.DataFrame) -> pd.DataFrame:
@@ -303,14 +288,6 @@ def median_gap(trials: pd.DataFrame) -> float:
 
 def _row(trial: Trial) -> dict[str, Any]:
     certificate = trial.certificate
-    feasible = False
-    dilation = None
-    excess = None
-    if certificate is not None:
-        feasible = certificate.feasible
-        dilation = certificate.dilation
-        if certificate.position is not None:
-            excess = max(0.0, certificate.position.value)
     return {
         "id": trial.id,
         "problem": trial.problem.name,
@@ -324,64 +301,10 @@ def _row(trial: Trial) -> dict[str, Any]:
         "claimed_duration": trial.claimed_duration,
         "certified_duration": trial.certified_duration,
         "lower_bound": trial.lower_bound,
-        "feasible": feasible,
-        "dilation": dilation,
-        "position_excess": excess,
+        "feasible": is_kept(certificate),
+        "dilation": certificate.dilation if certificate else None,
+        "position_excess": position_excess(certificate),
         "evaluations": trial.solution.evaluations,
         "setup_time": trial.setup_time,
         "solve_time": trial.solve_time,
     }
-
-
-def _kinds(exact: pd.DataFrame) -> pd.Series[str]:
-    """Per problem, what its reference is."""
-    certified = exact.dropna(subset="certified_duration")
-    refined = certified["planner"] == REFERENCES[-1]
-    only_refined = refined.groupby(certified["digest"]).all()
-    kinds = only_refined.map({True: "refined", False: "exact"})
-    return kinds.reindex(exact["digest"].unique(), fill_value="lower bound")
-
-
-def _summarised(gaps: pd.DataFrame) -> pd.DataFrame:
-    """The rows of `Results.summary()`, in the order in which they occur."""
-    number = gaps.groupby(GROUP, sort=False).ngroup()
-    solved = gaps["status"] == str(Status.SOLVED)
-    certified = gaps["certified_duration"]
-    mended = certified.notna() & ~gaps["feasible"]
-    runs = gaps.assign(
-        number=number,
-        solved=solved,
-        mended_dilation=gaps["dilation"].where(mended),
-    )
-    # the first run that is not solved, or the first
-    first = runs.sort_values("solved", kind="stable").drop_duplicates("number")
-    first = first.set_index("number").sort_index()
-    groups = runs.groupby("number")
-    five = statistics.answered_quantiles(certified, number, statistics.FIVE_NUMBERS)
-    low, q1, median, q3, high = five.T
-    columns = {
-        "problem": first["problem"],
-        "digest": first["digest"],
-        "label": first["label"],
-        "median": median,
-        "q1": q1,
-        "q3": q3,
-        "min": low,
-        "max": high,
-        "gap": groups["gap"].median(),
-        "kind": first["kind"],
-        "reference": first["reference"],
-        "proved": first["proved"],
-        "runs": groups.size(),
-        "solved": groups["solved"].sum(),
-        "kept": groups["feasible"].mean(),
-        "dilation": groups["mended_dilation"].median(),
-        "position_excess": groups["position_excess"].max(),
-        "lower_bound": groups["lower_bound"].min(),
-        "evaluations": groups["evaluations"].median(),
-        "solve_time": groups["solve_time"].median(),
-        "setup_time": groups["setup_time"].max(),
-        "status": first["status"],
-        "message": first["message"],
-    }
-    return pd.DataFrame(columns).rename_axis(None)

@@ -121,49 +121,6 @@ def summary(gaps: ArrayLike) -> Array:
     return np.asarray(five)
 
 
-def answered_quantiles(
-    values: ArrayLike,
-    groups: ArrayLike,
-    q: ArrayLike,
-) -> Array:
-    """Quantiles `q` `(k,)` of the answers of each group: `(groups, k)`, NaN where it has none.
-
-    Args:
-        values: `(runs,)`; what is not finite is no answer, and left out.
-        groups: `(runs,)`, the number of each run's group, from 0.
-        q: shares from 0 to 1. Linear between neighbouring answers, as `numpy.quantile`.
-    """
-    runs = _numbers("values", values, 1)
-    group = np.asarray(groups)
-    share = _shares("q", q)
-    _require_shape("groups", group, runs.shape)
-    order = np.lexsort([runs, group])
-    ordered = runs[order]
-    answered = np.isfinite(runs)
-    last_group = group.max(initial=-1)
-    count = last_group + 1
-    answers = np.bincount(group, answered, count)
-    size = np.bincount(group, minlength=count)
-    first = np.cumsum(size) - size
-    start = first[:, np.newaxis]
-    # place = q (answers − 1), between the answers below and above it
-    last = np.maximum(answers - 1, 0)
-    place = np.outer(last, share)
-    below = np.floor(place).astype(int)
-    above = np.ceil(place).astype(int)
-    weight = place - below
-    low = ordered[start + below]
-    high = ordered[start + above]
-    with np.errstate(invalid="ignore"):
-        step = high - low
-        # as NumPy rounds: from the nearer of the two
-        from_low = low + step * weight
-        from_high = high - step * (1 - weight)
-    between: Array = np.where(weight < 0.5, from_low, from_high)
-    between[answers == 0] = np.nan
-    return between
-
-
 def ecdf(values: ArrayLike, at: ArrayLike | None = None) -> tuple[Array, Array]:
     """`x` (`at`, or wherever it steps), and the share of values `(runs,)` that are at most `x`.
 

@@ -47,7 +47,7 @@ class Drawing:
     @cached_property
     def digest(self) -> str:
         """Of all that is shown, and of the code that shows it: 40 hexadecimal digits."""
-        whole = sha256(_code().encode())
+        whole = sha256(code().encode())
         for part in _parts([self.figure, self.arguments]):
             whole.update(part)
         return whole.hexdigest()[:40]
@@ -123,7 +123,7 @@ def _head(file: Path) -> bytes:
 
 
 @cache
-def _code() -> str:
+def code() -> str:
     """What draws: the sources of this package, and Matplotlib's version."""
     sources = sorted(files(__package__).iterdir(), key=lambda file: file.name)
     texts = [file.read_text(encoding="utf-8") for file in sources if file.name.endswith(".py")]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
 
@@ -60,9 +59,3 @@ def _finished(futures: dict[Future[None], Task], store: Store, allowed: Allowanc
         task = futures[future]
         workers.record_failure(future, task, store, allowed)
         yield len(task.seeds)
-
-
-def cpus() -> int:
-    """The CPUs this process may use; all of them where the system does not say."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1

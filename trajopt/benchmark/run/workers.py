@@ -29,7 +29,6 @@ from trajopt.exceptions import StoreError, WorkerError
 from trajopt.solution import Solution, Status
 
 _THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-_UNGUARDED = 77  # exit code of a worker that was about to start the comparison that started it
 _GUARD = """\
 no worker process could start. A script that calls compare does it under a guard, since each worker
 imports the script first:
@@ -42,16 +41,6 @@ stored."""
 
 _kept = threading.local()  # of an executor's worker: its pool
 _watchdogs: list[subprocess.Popen[bytes]] = []  # of this process, so that none is collected
-
-
-def refuse_in_starting_worker() -> None:
-    """End this process if it is a worker that is still importing the script that started it.
-
-    Without a guard that script calls `compare` again, there and in that one's workers. The parent
-    sees them end and explains (`WorkerError`).
-    """
-    if getattr(multiprocessing.current_process(), "_inheriting", False):  # as multiprocessing does
-        sys.exit(_UNGUARDED)
 
 
 def supervised(pickled: bytes, store: Store, allowed: Allowance) -> None:

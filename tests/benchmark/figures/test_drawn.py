@@ -1,0 +1,83 @@
+"""Figures are drawn again where their trials, or the files themselves, have changed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from trajopt import Limits, Problem
+from trajopt.benchmark.figures import draw as figures
+from trajopt.benchmark.figures import drawn
+from trajopt.benchmark.trial import judge
+from trajopt.registry import load
+
+
+@pytest.fixture
+def trials():
+    problem = Problem([[0.0], [1.0], [2.0], [1.5]], Limits([1.0], [2.0]), name="one")
+    return judge(load("unoptimised"), problem, [0], "unoptimised")
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """How often anything was drawn; each time two files, of what the trials are called."""
+    seen = []
+
+    def draw(results, folder, *, processes):
+        seen.append(processes)
+        files = [folder / "one" / "durations.png", folder / "one" / "durations.svg"]
+        for file in files:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(results.items[0].started)
+        return files
+
+    monkeypatch.setattr(figures, "draw", draw)
+    return seen
+
+
+def test_the_same_trials_are_drawn_once(trials, calls, tmp_path):
+    first = drawn.draw(trials, tmp_path, processes=2)
+    again = drawn.draw(trials, tmp_path, processes=2)
+    assert again == first
+    assert calls == [2]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"started": "2026-01-31T12:00:00+00:00"},
+        {"label": "unoptimised:segment_time=2.0"},
+        {"solve_time": 9.0},
+        {"certificate": None},
+    ],
+)
+def test_other_trials_are_drawn_anew(trials, calls, tmp_path, change):
+    drawn.draw(trials, tmp_path)
+    others = [replace(trial, **change) for trial in trials]
+    drawn.draw(others, tmp_path)
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize("spoil", ["edited", "deleted", "damaged note", "foreign note"])
+def test_what_was_touched_is_drawn_anew(trials, calls, tmp_path, spoil):
+    first, _ = drawn.draw(trials, tmp_path)
+    note = tmp_path / drawn.NOTE
+    if spoil == "edited":
+        first.write_text("a drawing of mine")
+    elif spoil == "deleted":
+        first.unlink()
+    elif spoil == "damaged note":
+        note.write_bytes(note.read_bytes()[:40])
+    else:
+        note.write_text('{"trials": 1, "files": [2]}')
+    drawn.draw(trials, tmp_path)
+    assert len(calls) == 2
+    assert first.read_text() == trials[0].started
+
+
+def test_another_code_that_draws_draws_anew(trials, calls, tmp_path, monkeypatch):
+    drawn.draw(trials, tmp_path)
+    monkeypatch.setattr(drawn, "code", lambda: "other")
+    drawn.draw(trials, tmp_path)
+    assert len(calls) == 2

@@ -1,0 +1,69 @@
+"""What `trajopt compare` says of many problems: a line per planner, and why it failed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf, isfinite
+from pathlib import Path
+from typing import Any
+
+from trajopt.benchmark import report
+from trajopt.benchmark.analysis.failures import failures, in_words
+from trajopt.benchmark.analysis.overview import overview
+from trajopt.benchmark.analysis.results import Results
+from trajopt.cli import console
+
+_MEANING = """\
+Problems: as supported. Bounds: answers that ignore a limit on purpose.
+Gap: median over problems of the median gap to a known optimum (none: on half of
+them it has no answer). Worst: of any solved trial."""
+_KINDS_SHOWN = 3  # of a planner's failures
+
+
+def show(results: Results, folder: Path) -> Path:
+    """Write the report, and print a line per planner; returns the report's path."""
+    with console.waiting("writing the report"):
+        page = report.write(
+            results,
+            folder / "report.html",
+            command=f"trajopt report {folder}",
+        )
+    numbers = ("problems", "solved", "failed", "bounds", "gap %", "worst %", "time s")
+    table = console.table("planner", *numbers, numbers=numbers)
+    for row in overview(results).itertuples():
+        table.add_row(*_overview_cells(row))
+    console.OUT.print(table)
+    for sentence in _why_failed(results):
+        console.paragraph(sentence)
+    console.paragraph(_MEANING)
+    console.paragraph()
+    return page
+
+
+def _overview_cells(row: Any) -> list[str]:
+    gap = "none" if row.gap == inf else _percent(row.gap)
+    return [
+        console.option_lines(row.Index),
+        str(row.problems),
+        f"{row.solved} of {row.trials}",
+        str(row.failed),
+        str(row.bounds),
+        gap,
+        _percent(row.worst),
+        f"{row.time:.3f}",
+    ]
+
+
+def _why_failed(results: Results) -> Iterator[str]:
+    """What kept each planner's trials from being solved, the most frequent kinds by their size."""
+    reasons = failures(results)
+    for label, own in reasons.groupby(level="label", sort=False):
+        sentence = f"{label}: {own['count'].sum()} failed: {in_words(own.head(_KINDS_SHOWN))}"
+        others = own["count"].iloc[_KINDS_SHOWN:].sum()
+        if others:
+            sentence += f"; {others} in other ways"
+        yield sentence
+
+
+def _percent(gap: float) -> str:
+    return f"{100 * gap:+.2f}" if isfinite(gap) else ""
