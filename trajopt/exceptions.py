@@ -88,11 +88,16 @@ class UnknownName(TrajoptError, LookupError):
 
 
 class MissingBackend(TrajoptError, ImportError):
-    """A solver that is not installed; the message is the command that mends it."""
+    """A package that is not installed; the message is the command that mends it.
 
-    def __init__(self, package: str) -> None:
+    `extra` is the extra of this package that brings it, if it belongs to one.
+    """
+
+    def __init__(self, package: str, extra: str = "") -> None:
         self.package = package
-        super().__init__(f"{package} is not installed; mend it with: pip install {package}")
+        self.extra = extra
+        wanted = f'"trajopt[{extra}]"' if extra else package
+        super().__init__(f"{package} is not installed; mend it with: pip install {wanted}")
 
 
 class StoreError(TrajoptError, OSError):

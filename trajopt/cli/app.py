@@ -1,4 +1,4 @@
-"""The command line: list, suite, plan, compare, explain, certify, claims, verify,
+"""The command line: list, suite, new, plan, compare, explain, certify, claims, verify,
 export, report.
 
 A command is a file beside this one, imported when it is asked for, so that `--help` answers at
@@ -29,7 +29,7 @@ app = cyclopts.App(
 app.command(
     "trajopt.cli.listing:list_",
     name="list",
-    help="List planners, with their options and defaults, and built-in problems.",
+    help="List planners, with their options and defaults, built-in problems and robots.",
 )
 app.command(
     "trajopt.cli.suite:app",
@@ -37,9 +37,16 @@ app.command(
     help="List benchmark suites, show their problems, write them as problem files.",
 )
 app.command(
+    "trajopt.cli.new:new",
+    name="new",
+    help="Write a commented problem file to start from.",
+)
+app.command(
     "trajopt.cli.plan:plan",
     name="plan",
-    help="Run one planner on one problem and verify its answer.",
+    help="Run one planner on one problem and verify its answer.\n\n"
+    "The problem is a built-in name, a problem file, or a file of waypoints (.csv, .txt, .npy, "
+    ".json) with --robot, --urdf or --limits.",
 )
 app.command(
     "trajopt.cli.compare:compare",

@@ -1,11 +1,11 @@
-"""`trajopt list`: planners with what they know, and built-in problems."""
+"""`trajopt list`: planners with what they know, built-in problems, and robots."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, Literal
 
-from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.suites import catalogue, robots
 from trajopt.cli import console
 from trajopt.cli.parameters import Json
 from trajopt.exceptions import TrajoptError
@@ -17,15 +17,18 @@ _OPTIONAL_LIMITS: tuple[LimitName, ...] = ("jerk", "position")
 
 
 def list_(*, json: Json = False) -> int:
-    """List planners, with their options and defaults, and built-in problems."""
+    """List planners, with their options and defaults, built-in problems and robots."""
     planners = [described(entry) for entry in entries().values()]
     problems = [_problem(name) for name in catalogue.problem_files()]
+    arms = [_arm(name) for name in robots.arm_files()]
     if json:
-        console.print_json({"planners": planners, "problems": problems})
+        console.print_json({"planners": planners, "problems": problems, "robots": arms})
         return 0
     console.OUT.print(_planner_table(planners))
     console.paragraph()
     console.OUT.print(_problem_table(problems))
+    console.paragraph()
+    console.OUT.print(_arm_table(arms))
     return 0
 
 
@@ -95,6 +98,17 @@ def _problem(name: str) -> dict[str, Any]:
     }
 
 
+def _arm(name: str) -> dict[str, Any]:
+    """A built-in robot's joints, kinds of limits, and how well each kind is known."""
+    arm = robots.arm(name)
+    return {
+        "name": name,
+        "description": arm.description,
+        "joint_names": list(arm.joint_names),
+        "limits": {kind: origin.status for kind, origin in arm.origins.items()},
+    }
+
+
 def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
     table = console.table("planner", "what it is, its options, and the limits it knows")
     for planner in planners:
@@ -134,5 +148,19 @@ def _problem_table(problems: Sequence[dict[str, Any]]) -> Any:
             str(problem["joints"]),
             str(problem["waypoints"]),
             ", ".join(problem["limits"]),
+        )
+    return table
+
+
+def _arm_table(arms: Sequence[dict[str, Any]]) -> Any:
+    table = console.table("robot", "joints", "limits, and how they are known")
+    for arm in arms:
+        origins = []
+        for kind, status in arm["limits"].items():
+            origins.append(f"{kind} ({status})")
+        table.add_row(
+            f"[bold]{console.markup(arm['name'])}[/bold]",
+            str(len(arm["joint_names"])),
+            ", ".join(origins),
         )
     return table

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,19 +14,27 @@ from rich.table import Table
 from trajopt.benchmark.export import motion
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, judge
-from trajopt.cli import console
-from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed, number
+from trajopt.cli import asked, console
+from trajopt.cli.asked import Robot
+from trajopt.cli.best import Best, best, sentences
+from trajopt.cli.parameters import Json, ProblemName, Seed, number
 from trajopt.exceptions import InvalidInput
+from trajopt.formats.waypoints import ENDINGS
 from trajopt.registry import named
 from trajopt.verification import WORST_KINDS
 
+_OWN_LIMITS = Robot()
 _UNITS = ("rad", "rad/s", "rad/s²")  # of a position and its derivatives
 
 
 def plan(
     problem: ProblemName,
     *,
-    planner: PlannerSpec,
+    planner: Annotated[
+        str | None,
+        Parameter(help="NAME or NAME:key=value,...; by default the best one for the limits."),
+    ] = None,
+    robot: Annotated[Robot, Parameter(name="*")] = _OWN_LIMITS,
     seed: Seed = 0,
     out: Annotated[
         Path | None,
@@ -34,19 +44,32 @@ def plan(
     rate: Annotated[float, number("Samples per second in a .csv file.", above=0, most=1e6)] = 1e3,
     json: Json = False,
 ) -> int:
-    """Run one planner on one problem and verify its answer."""
+    """Run one planner on one problem and verify its answer.
+
+    The problem is a built-in name, a problem file, or a file of waypoints (.csv, .txt, .npy,
+    .json) with --robot, --urdf or --limits.
+    """
     if out is not None:
         write = motion.writer(out)
         check_target(out, force=force)
-    name, chosen = named(planner)
-    file = catalogue.find(problem)
-    trial = judge(chosen, catalogue.load(problem), [seed], name)[0]
+    asked_for = asked.problem(problem, robot)
+    found = None
+    if planner is None:
+        with console.waiting(f"planning {asked_for.name}"):
+            found = best(asked_for, seed)
+        trial = found.trial
+        if trial.certified_duration is not None:
+            trial = replace(trial, message="")  # of limits that its answer keeps all the same
+    else:
+        name, chosen = named(planner)
+        trial = judge(chosen, asked_for, [seed], name)[0]
     if json:
-        path = None if file is None else str(file)
-        names = {"problem": trial.problem.name, "problem_file": path}
-        console.print_json(names | trial.as_dict())
+        _print_json(trial, problem, found)
     else:
         print_trial(trial, problem)
+        if found is not None:
+            for sentence in sentences(found):
+                console.paragraph(sentence)
     if out is not None:
         if trial.certified_trajectory is None and out.suffix != ".h5":
             console.note(f"{out} is not written: no certified trajectory")
@@ -55,7 +78,15 @@ def plan(
     return 0 if trial.certified_duration or trial.lower_bound else 1
 
 
-def check_target(path: Path, *, force: bool) -> None:
+def _print_json(trial: Trial, problem: str, found: Best | None) -> None:
+    file = Path(problem) if Path(problem).suffix in ENDINGS else catalogue.find(problem)
+    path = None if file is None else str(file)
+    names = {"problem": trial.problem.name, "problem_file": path}
+    choice = {} if found is None else found.as_dict()
+    console.print_json(names | trial.as_dict() | choice)
+
+
+def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
     """Find out before the work that a file cannot be written after it.
 
     Raises:
@@ -63,17 +94,17 @@ def check_target(path: Path, *, force: bool) -> None:
             written or made.
     """
     if path.is_dir():
-        raise InvalidInput("--out", "a file, not a folder", value=str(path))
+        raise InvalidInput(key, "a file, not a folder", value=str(path))
     if path.exists() and not force:
         right = "a file that is not there yet, or --force to overwrite it"
-        raise InvalidInput("--out", right, value=str(path))
+        raise InvalidInput(key, right, value=str(path))
     if path.exists():
         writable = os.access(path, os.W_OK)
     else:
         folder = _nearest_folder(path)
         writable = folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
     if not writable:
-        raise InvalidInput("--out", "a file that can be written", value=str(path))
+        raise InvalidInput(key, "a file that can be written", value=str(path))
 
 
 def _nearest_folder(path: Path) -> Path:
@@ -107,10 +138,12 @@ def print_trial(trial: Trial, problem: str) -> None:
     computing = f"{trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
     console.paragraph(f"  {'computing':<12}{computing}")
     if trial.certificate:
-        console.OUT.print(_worst_values(trial.certificate.as_dict()))
+        labels = trial.problem.joint_labels
+        console.OUT.print(_worst_values(trial.certificate.as_dict(), labels))
 
 
-def _worst_values(certificate: dict[str, Any]) -> Table:
+def _worst_values(certificate: dict[str, Any], labels: Sequence[str]) -> Table:
+    """The worst of each kind; a joint by its name where it has one."""
     table = console.table("worst", "value", "joint", "time [s]")
     for kind in WORST_KINDS:
         worst = certificate[kind]
@@ -120,5 +153,7 @@ def _worst_values(certificate: dict[str, Any]) -> Table:
             value = f"{worst['ratio']:.6f} of limit"
         else:
             value = f"{worst['error']:.2e} {_UNITS[worst.get('order', 0)]}"
-        table.add_row(kind, value, str(worst["joint"]), f"{worst['time']:.6f}")
+        label = labels[worst["joint"] - 1]
+        joint = console.markup(label.removeprefix("joint "))
+        table.add_row(kind, value, joint, f"{worst['time']:.6f}")
     return table

@@ -52,6 +52,20 @@ def references(problem: Problem) -> list[str]:
     return names
 
 
+def best_planners(problem: Problem) -> list[str]:
+    """The planners to ask for the fastest motion, until one keeps every limit.
+
+    Those of fewer limits come first: they are faster, and where their answer keeps the others too,
+    it is the optimum.
+    """
+    names = [OPTIMUM]
+    if problem.has("jerk"):
+        names = [OPTIMUM_WITH_JERK]
+    if problem.has("position"):
+        names.append(OPTIMUM_WITH_POSITION)
+    return [*names, THROUGH_WAYPOINTS]
+
+
 class Answer(NamedTuple):
     """A certified trajectory, or None and why not."""
 

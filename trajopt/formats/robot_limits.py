@@ -110,11 +110,11 @@ class RobotLimits:
         if name in self.joints:
             return self.joints[name]
         known = ", ".join(self.joints)
-        right = f"one of the joints {known}"
+        right = f"one of the joints of {self.source}: {known}"
         close = get_close_matches(name, self.joints, n=1)
         if close:
-            right = f"a joint that is there, perhaps {close[0]}"
-        raise InvalidInput("joint", right, value=name, file=self.source)
+            right = f"a joint of {self.source}, perhaps {close[0]}"
+        raise InvalidInput("joint", right, value=name)
 
     def _check_complete(
         self,

@@ -1,0 +1,144 @@
+"""`trajopt plan` of a stranger's waypoints and robot, the best planner, and `trajopt new`."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from trajopt.cli import main
+from trajopt.cli.best import best, sentences
+from trajopt.problem import Limits, Problem
+
+
+@pytest.fixture
+def trajopt(capsys, monkeypatch, tmp_path):
+    """Runs a command in an empty folder: its exit code, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        captured = capsys.readouterr()
+        return ended.value.code, captured.out, captured.err
+
+    return run
+
+
+LIMITS = """
+joint_limits:
+  elbow_joint: {has_acceleration_limits: true, max_acceleration: 2.0, max_jerk: 30}
+  wrist_1_joint: {has_acceleration_limits: true, max_acceleration: 2.0, max_jerk: 30}
+"""
+URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
+<joint name="wrist_1_joint" type="revolute"><parent link="a"/><child link="b"/>
+<limit lower="-6" upper="6" velocity="2" effort="1"/></joint>
+<joint name="elbow_joint" type="revolute"><parent link="b"/><child link="c"/>
+<limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>
+"""
+
+
+def test_waypoints_of_a_built_in_robot(trajopt, tmp_path):
+    (tmp_path / "w.csv").write_text("elbow_joint,wrist_1_joint\n0,0\n90,-45\n", encoding="utf-8")
+    code, out, err = trajopt("plan", "w.csv", "--robot", "ur5e", "--unit", "deg", "--json")
+    found = json.loads(out)
+    assert (code, err) == (0, "")
+    # 90 degrees at 180 deg/s and 5 rad/s²: a triangle, 2 sqrt(h / A)
+    assert found["certified_duration"] == pytest.approx(2 * np.sqrt(np.pi / 2 / 5), rel=1e-6)
+    assert found["stopping_duration"] == pytest.approx(found["certified_duration"], rel=1e-6)
+    assert found["proved_bound"] == pytest.approx(found["certified_duration"], rel=1e-6)
+    assert found["problem_file"] == "w.csv"
+    shown = trajopt("plan", "w.csv", "--robot", "ur5e", "--unit", "deg")[1]
+    assert "elbow_joint" in shown
+    assert "the optimum, proved" in shown
+    assert "jerk limits too" in shown
+
+
+def test_a_urdf_with_joint_limits_beside_it(trajopt, tmp_path):
+    (tmp_path / "w.csv").write_text("0,0\n-1.0,0.5\n", encoding="utf-8")
+    (tmp_path / "r.urdf").write_text(URDF, encoding="utf-8")
+    (tmp_path / "l.yaml").write_text(LIMITS, encoding="utf-8")
+    code, _, err = trajopt("plan", "w.csv", "--urdf", "r.urdf")
+    assert code == 2
+    assert "acceleration is no limit (a URDF has none)" in err
+    assert "wrist_1_joint, elbow_joint; add --limits" in err
+    arguments = ("plan", "w.csv", "--urdf", "r.urdf", "--limits", "l.yaml", "--planner")
+    code, out, _ = trajopt(*arguments, "ruckig-stop", "--json")
+    # 1 rad, J = 30, A = 2: v/A + A/J each way, no cruise at 2 rad/s
+    slope = 2.0 / 30
+    peak = 2.0 / 2 * (np.sqrt(slope**2 + 4 / 2.0) - slope)
+    assert json.loads(out)["certified_duration"] == pytest.approx(2 * (peak / 2 + slope), rel=1e-6)
+    assert code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["w.csv"], "its robot's limits beside it: --robot NAME, --urdf FILE or --limits"),
+        (["w.csv", "--robot", "ur5"], "did you mean 'ur5e'"),
+        (["w.csv", "--robot", "ur5e", "--urdf", "x"], "--robot or --urdf, not both"),
+        (["w.csv", "--robot", "ur5e", "--unit", "grad"], "--unit"),
+        (["w.csv", "--robot", "ur5e", "--limits", "no.yaml"], "no.yaml: joint limits"),
+        (["w.csv", "--robot", "puma-560"], "6 columns (joint_1"),
+        (["no.csv", "--robot", "ur5e"], "no.csv: problem: expected a file of waypoints that"),
+        (["six-axis", "--robot", "ur5e"], "--robot is 'ur5e': expected no such flag with six-axis"),
+    ],
+)
+def test_what_does_not_go_together_is_one_line(trajopt, tmp_path, arguments, words):
+    (tmp_path / "w.csv").write_text("0,0\n1,1\n", encoding="utf-8")
+    code, out, err = trajopt("plan", *arguments)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert err.count("\n") == 1
+
+
+# --- the best planner ---
+
+
+def test_the_best_planner_is_the_exact_one_and_says_what_it_saves():
+    limits = Limits([1.0, 1.5], [2.0, 3.0])
+    problem = Problem([[0, 0], [1, 1], [2, 1.5]], limits)
+    found = best(problem, 0)
+    text = " ".join(sentences(found))
+    assert found.trial.planner == "exact"
+    # joint 1 cruises past the waypoint: 2/1 + 1/2; stopping: 1/1 + 1/2 twice
+    assert found.trial.certified_duration == pytest.approx(2.5, rel=1e-6)
+    assert found.stopping == pytest.approx(3.0)
+    assert "exact is the best planner under velocity and acceleration limits." in text
+    assert "proved within 0.01 %" in text
+    assert "saves 16.7 %" in text
+
+
+def test_position_limits_that_the_relaxation_leaves_go_to_the_next_planner():
+    limits = Limits([1, 1], [2, 2], position=[[0, 1], [-9, 9]])
+    problem = Problem([[0, 0], [1, -0.5], [0.4, 0.6]], limits)
+    found = best(problem, 0)
+    assert found.trial.planner == "collocation-refined"
+    assert found.trial.certificate.valid
+    assert found.best_known < found.trial.certified_duration
+    assert "the best known under fewer limits" in " ".join(sentences(found))
+
+
+# --- new ---
+
+
+def test_a_new_problem_file_plans_as_it_is(trajopt, tmp_path):
+    code, out, _ = trajopt("new")
+    assert (code, out) == (0, "problem.toml: edit it, then run: trajopt plan problem.toml\n")
+    assert trajopt("plan", "problem.toml", "--planner", "ruckig-stop")[0] == 0
+    (tmp_path / "problem.toml").write_text("mine", encoding="utf-8")
+    code, _, err = trajopt("new")
+    assert code == 2
+    assert "--force" in err
+    assert (tmp_path / "problem.toml").read_text(encoding="utf-8") == "mine"
+    assert trajopt("new", "--force")[0] == 0
+    assert trajopt("new", "cell 7")[0] == 0
+    text = (tmp_path / "cell 7.toml").read_text(encoding="utf-8")
+    head, limits = text.split("# [limits]\n")
+    limits = "\n".join(line.removeprefix("# ") for line in limits.splitlines())
+    own = f'{head}units.limits = "rad"\n[limits]\n{limits}'
+    (tmp_path / "own.toml").write_text(own, encoding="utf-8")
+    assert len(Problem.from_toml(tmp_path / "own.toml").limits.jerk) == 6
+    assert trajopt("list", "--json")[1].count('"shoulder_pan_joint"') == 2

@@ -1,0 +1,103 @@
+"""The problem that a command is asked for: by name, as a problem file, or as waypoints and a robot.
+
+`trajopt plan six-axis`, `trajopt plan mine.toml`, `trajopt plan waypoints.csv --robot ur5e`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from trajopt.benchmark.suites import catalogue
+from trajopt.exceptions import InvalidInput
+from trajopt.formats import arms, joint_limits, urdf, waypoints
+from trajopt.formats.robot_limits import RobotLimits
+from trajopt.formats.waypoints import Unit
+from trajopt.problem import Problem
+
+_SOURCES = "--robot NAME, --urdf FILE or --limits joint_limits.yaml"
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Whose limits waypoints of a file have; none for a problem that has its own.
+
+    Attributes:
+        robot: A built-in arm's name.
+        urdf: A robot description.
+        limits: A `joint_limits.yaml`: it says what the others do not, or other values.
+        unit: Of the waypoints' angles.
+    """
+
+    robot: Annotated[str | None, Parameter(help="Robot of the waypoints; see `trajopt list`.")] = (
+        None
+    )
+    urdf: Annotated[
+        Path | None,
+        Parameter(help="URDF of the waypoints' robot: joint names, positions, velocities."),
+    ] = None
+    limits: Annotated[
+        Path | None,
+        Parameter(help="MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them."),
+    ] = None
+    unit: Annotated[
+        Unit | None, Parameter(help="Unit of the waypoints' angles; by default rad.")
+    ] = None
+
+    @property
+    def said(self) -> dict[str, object]:
+        """The flags that were given, with their values."""
+        flags = {
+            "--robot": self.robot,
+            "--urdf": self.urdf,
+            "--limits": self.limits,
+            "--unit": self.unit,
+        }
+        return {flag: value for flag, value in flags.items() if value is not None}
+
+
+def problem(name_or_path: str, robot: Robot) -> Problem:
+    """The problem that is meant.
+
+    Raises:
+        InvalidInput: The flags do not go with it, or a file cannot be used; it says which, and
+            what would be right.
+        UnknownName: There is no problem or robot of this name.
+    """
+    path = Path(name_or_path)
+    if path.suffix not in waypoints.ENDINGS:
+        _check_unused(name_or_path, robot)
+        return catalogue.load(name_or_path)
+    if not path.is_file():
+        right = "a file of waypoints that exists"
+        raise InvalidInput("problem", right, file=name_or_path)
+    return waypoints.problem(path, _robot_limits(name_or_path, robot), robot.unit)
+
+
+def _check_unused(name: str, robot: Robot) -> None:
+    for flag, value in robot.said.items():
+        endings = ", ".join(waypoints.ENDINGS)
+        right = f"no such flag with {name}, which has its own; it goes with waypoints ({endings})"
+        raise InvalidInput(flag, right, value=str(value))
+
+
+def _robot_limits(name: str, robot: Robot) -> RobotLimits:
+    """The limits of the robot, and of the file of limits over it."""
+    if robot.robot is not None and robot.urdf is not None:
+        raise InvalidInput("--urdf", "--robot or --urdf, not both", value=str(robot.urdf))
+    sources = []
+    if robot.robot is not None:
+        sources.append(arms.named(robot.robot))
+    if robot.urdf is not None:
+        sources.append(urdf.read(robot.urdf))
+    if robot.limits is not None:
+        sources.append(joint_limits.read(robot.limits))
+    if not sources:
+        raise InvalidInput(name, f"its robot's limits beside it: {_SOURCES}")
+    first, *others = sources
+    for other in others:
+        first = first.updated(other)
+    return first

@@ -1,0 +1,121 @@
+"""The best planner for a problem's limits, and in words what its answer is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from trajopt.benchmark.trial import Trial, judge
+from trajopt.exceptions import TrajoptError
+from trajopt.explain.references import THROUGH_WAYPOINTS, best_planners
+from trajopt.problem import LIMIT_NAMES, Problem
+from trajopt.registry import named
+from trajopt.rest_to_rest import end_to_end_bound, stop_times
+
+_SAVED_PERCENT = 0.05  # of the duration; less is none
+_PROVED_RTOL = 1e-4  # from which gap on to the proved bound an answer is called the optimum
+
+
+@dataclass(frozen=True)
+class Best:
+    """The answer of the best planner.
+
+    Attributes:
+        trial: The planner's trial.
+        best_known: What no known motion beats, s: the shortest answer under fewer limits.
+        proved: What no motion beats, proved in closed form, s.
+        stopping: How long it takes to stop at every waypoint, s.
+    """
+
+    trial: Trial
+    best_known: float | None
+    proved: float
+    stopping: float
+
+    def as_dict(self) -> dict[str, float | None]:
+        """For JSON, beside the trial: s."""
+        return {
+            "best_known_bound": self.best_known,
+            "proved_bound": self.proved,
+            "stopping_duration": self.stopping,
+        }
+
+
+def best(problem: Problem, seed: int) -> Best:
+    """Ask the best planners in turn, until an answer is within all limits.
+
+    The first ones lift limits that they do not know. Where their answer keeps those all the same,
+    nothing is faster; where not, its duration is a bound on what the others find.
+    """
+    best_known: float | None = None
+    trial = None
+    reasons = []
+    for name in best_planners(problem):
+        try:
+            own_name, planner = named(name)
+        except TrajoptError as error:
+            reasons.append(str(error))
+            continue
+        trial = judge(planner, problem, [seed], own_name)[0]
+        if best_known is None:
+            best_known = trial.lower_bound
+        if trial.certified_duration is not None:
+            break
+    if trial is None:
+        raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
+    return Best(
+        trial=trial,
+        best_known=best_known,
+        proved=end_to_end_bound(problem),
+        stopping=float(stop_times(problem).sum()),
+    )
+
+
+def sentences(found: Best) -> Iterator[str]:
+    """What the planner is, how good its answer, what it saves; and what limits are missing."""
+    problem = found.trial.problem
+    duration = found.trial.certified_duration
+    if duration is None:
+        return
+    yield f"{_planner(found.trial)} {_quality(found, duration)} {_saving(found, duration)}"
+    if not problem.has("jerk"):
+        yield (
+            "A real controller wants jerk limits too: without them acceleration jumps. Add jerk "
+            "limits (rad/s³) to the problem file, or max_jerk to joint_limits.yaml."
+        )
+
+
+def _planner(trial: Trial) -> str:
+    """What the planner is."""
+    name = trial.planner
+    if name == THROUGH_WAYPOINTS:
+        return f"{name} is what answers where no reference planner does."
+    kinds = [kind for kind in LIMIT_NAMES if trial.problem.has(kind)]
+    limits = f"{', '.join(kinds[:-1])} and {kinds[-1]}"
+    return f"{name} is the best planner under {limits} limits."
+
+
+def _saving(found: Best, duration: float) -> str:
+    """What the answer saves against stopping."""
+    saved = 100 * (1 - duration / found.stopping)
+    if saved < _SAVED_PERCENT:
+        return "Stopping at every waypoint takes as long."
+    return f"Stopping at every waypoint takes {found.stopping:.4f} s: this saves {saved:.1f} %."
+
+
+def _quality(found: Best, duration: float) -> str:
+    """How far the answer is from the optimum, and whether that is proved."""
+    proved_gap = duration / found.proved - 1
+    if proved_gap < _PROVED_RTOL:
+        return "Its answer is the optimum, proved within 0.01 %."
+    known = "No faster motion is known"
+    if found.best_known is not None:
+        known_gap = duration / found.best_known - 1
+        if known_gap >= _PROVED_RTOL:
+            bound = f"{found.best_known:.4f} s, the best known under fewer limits"
+            known = f"It is {100 * known_gap:.2f} % above {bound}"
+    faster = 100 * (1 - found.proved / duration)
+    return (
+        f"{known}; proved is that none is more than {faster:.1f} % faster "
+        "(`trajopt certify` proves more)."
+    )

@@ -1,0 +1,246 @@
+"""Waypoints from a file, a row each: CSV with or without a header, NumPy's .npy, JSON.
+
+    elbow_joint [deg], wrist_1_joint [deg]      # a header names the joints, perhaps with units
+    0, 0
+    90, -45
+
+Cells are separated by commas, semicolons, tabs or spaces; lines that start with # are no rows. JSON
+is a list of rows, or an object with `waypoints` and, if known, `joint_names` and `unit`.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from trajopt import numerals
+from trajopt.exceptions import InvalidInput, UnitWarning
+from trajopt.formats.robot_limits import RobotLimits
+from trajopt.problem import Problem
+from trajopt.problem_file import mixed_units
+
+Unit = Literal["deg", "rad"]
+
+ENDINGS = (".csv", ".txt", ".npy", ".json")
+
+_SIZES = {"deg": pi / 180, "°": pi / 180, "rad": 1.0, "m": 1.0}  # rad or m
+_HEADING = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]")
+_TIMES = ("t", "time", "times", "time_from_start")
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """Rows as a file has them, in its units.
+
+    Attributes:
+        rows: One per waypoint, one number per joint.
+        joint_names: One per column, or empty where the file does not say.
+        units: One per column, or empty.
+    """
+
+    rows: Sequence[Sequence[Any]]
+    joint_names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+    @property
+    def joints(self) -> int:
+        first = self.rows[0] if len(self.rows) else ()
+        return len(first)
+
+
+def read(path: Path) -> Waypoints:
+    """Read a file of waypoints, by its ending.
+
+    Raises:
+        InvalidInput: Names the file, the row, the value, and what would be right.
+    """
+    if path.suffix not in _READERS:
+        endings = ", ".join(ENDINGS)
+        raise InvalidInput("waypoints", f"a file ending in {endings}", value=str(path))
+    try:
+        return _READERS[path.suffix](path)
+    except InvalidInput as error:
+        raise error.in_file(str(path)) from None
+    except (OSError, ValueError, EOFError, RecursionError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        right = f"a readable {path.suffix} file"
+        raise InvalidInput("waypoints", right, value=reason, file=str(path)) from None
+
+
+def problem(path: Path, robot: RobotLimits, unit: Unit | None = None) -> Problem:
+    """The problem of waypoints under a robot's limits.
+
+    Columns belong to the joints that the header names, in any order; without names, to the robot's
+    joints in their order.
+
+    Args:
+        path: The file of waypoints.
+        robot: The limits.
+        unit: Of angles in the file; by default what its header says, or else radians, with a
+            `UnitWarning` where they look like degrees.
+
+    Raises:
+        InvalidInput: Names the file, the row, the joint, the value, and what would be right.
+    """
+    waypoints = read(path)
+    try:
+        return _problem(waypoints, robot, unit, path)
+    except InvalidInput as error:
+        if error.file is not None:
+            raise
+        raise error.in_file(str(path)) from None
+
+
+def _problem(waypoints: Waypoints, robot: RobotLimits, unit: Unit | None, path: Path) -> Problem:
+    names = waypoints.joint_names or robot.names_of(waypoints.joints)
+    limits = robot.limits(names)
+    sizes = _sizes(waypoints, unit)
+    # Before scaling: errors show what the file says.
+    written = Problem(waypoints.rows, limits.without("position"), joint_names=names)
+    if unit is None and not waypoints.units:
+        mixed = mixed_units(written.waypoints, limits.velocity, limits.acceleration)
+        if mixed:
+            message = f"{path}: {mixed}; say --unit deg if they are"
+            warnings.warn(UnitWarning(message), stacklevel=4)
+    return Problem(
+        written.waypoints * np.array(sizes),
+        limits,
+        name=path.stem,
+        source=f"{path.name}, limits of {robot.source}",
+        joint_names=names,
+    )
+
+
+def _sizes(waypoints: Waypoints, unit: Unit | None) -> list[float]:
+    """The size of each column's unit, rad or m."""
+    if not waypoints.units:
+        return [_SIZES[unit or "rad"]] * waypoints.joints
+    sizes = []
+    for joint, own in enumerate(waypoints.units):
+        if own not in _SIZES:
+            raise InvalidInput("unit", "deg, rad or m", value=own, joint=joint)
+        if unit is not None and own != "m" and _SIZES[own] != _SIZES[unit]:
+            right = f"--unit left out, or {own} as the header says"
+            raise InvalidInput("--unit", right, value=unit)
+        sizes.append(_SIZES[own])
+    return sizes
+
+
+def _read_csv(path: Path) -> Waypoints:
+    text = path.read_text(encoding="utf-8-sig")
+    lines = [line for line in text.splitlines() if line.strip() and not _is_comment(line)]
+    if not lines:
+        raise InvalidInput("waypoints", "at least two rows, one per waypoint; it is empty")
+    table = _cells(lines)
+    first = table[0]
+    if any(_number(cell) is not None for cell in first):
+        return Waypoints(_numbers(table))
+    names, units = _header(first)
+    rows = _numbers(table[1:])
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(names):
+            right = f"{len(names)} numbers, one per column of the header"
+            raise InvalidInput(f"waypoints, waypoint {number}", right, value=row)
+    return Waypoints(rows, names, units)
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith("#")
+
+
+def _cells(lines: Sequence[str]) -> list[list[str]]:
+    """The cells of each line, split at what separates those of the first."""
+    separators = [mark for mark in (";", ",", "\t") if mark in lines[0]]
+    if separators:
+        rows = csv.reader(lines, delimiter=separators[0])
+        return [[cell.strip() for cell in row] for row in rows]
+    if _HEADING.search(lines[0]):  # "elbow [deg]" of one joint
+        return [[line.strip()] for line in lines]
+    return [line.split() for line in lines]
+
+
+def _header(cells: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The joints' names, and the units, if all columns have one."""
+    names = []
+    units = []
+    for column, cell in enumerate(cells, start=1):
+        match = _HEADING.fullmatch(cell)
+        name = cell if match is None else match["name"]
+        if name.lower() in _TIMES:
+            right = "waypoints, without times; `trajopt judge` takes motions"
+            raise InvalidInput(f"column {column}", right, value=cell)
+        if not name:
+            raise InvalidInput(f"column {column}", "the name of a joint", value=cell)
+        names.append(name)
+        if match is not None:
+            units.append(match["unit"].strip())
+    if len(units) not in (0, len(names)):
+        right = "a unit in every column, or in none"
+        raise InvalidInput("header", right, value=", ".join(cells))
+    return tuple(names), tuple(units)
+
+
+def _numbers(table: Sequence[Sequence[str]]) -> list[list[float]]:
+    rows = []
+    for number, cells in enumerate(table, start=1):
+        row = []
+        for joint, cell in enumerate(cells):
+            value = _number(cell)
+            if value is None:
+                key = f"waypoints, waypoint {number}"
+                raise InvalidInput(key, "a finite number", value=cell, joint=joint)
+            row.append(value)
+        rows.append(row)
+    return rows
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return numerals.decimal(cell)
+    except ValueError:
+        return None
+
+
+def _read_npy(path: Path) -> Waypoints:
+    array = np.load(path, allow_pickle=False)
+    if array.ndim != 2 or array.dtype.kind not in "iuf":
+        right = "an array of numbers, (waypoints, joints)"
+        raise InvalidInput("waypoints", right, value=f"{array.dtype} {array.shape}")
+    return Waypoints(array.astype(float).tolist())
+
+
+def _read_json(path: Path) -> Waypoints:
+    table = json.loads(path.read_text(encoding="utf-8-sig"))
+    if not isinstance(table, Mapping):
+        table = {"waypoints": table}
+    known = ("waypoints", "joint_names", "unit")
+    for key in table:
+        if key not in known:
+            raise InvalidInput(str(key), f"one of the keys {', '.join(known)}")
+    rows = table.get("waypoints")
+    if not isinstance(rows, list) or not rows or not isinstance(rows[0], list):
+        raise InvalidInput("waypoints", "a list of rows, one per waypoint", value=rows)
+    names = table.get("joint_names", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
+    units: tuple[str, ...] = ()
+    if "unit" in table:
+        units = (str(table["unit"]),) * len(rows[0])
+    return Waypoints(rows, tuple(names), units)
+
+
+_READERS = {
+    ".csv": _read_csv,
+    ".txt": _read_csv,
+    ".npy": _read_npy,
+    ".json": _read_json,
+}
