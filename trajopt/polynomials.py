@@ -7,7 +7,7 @@ vanishing leading coefficient needs no special case.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, reduce
 from math import comb
 
 import numpy as np
@@ -159,7 +159,7 @@ def quadratic_roots(
         discriminant = b * b - 4 * a * c
         root = np.copysign(np.sqrt(discriminant), b)
         q = -0.5 * (b + root)
-        return np.stack([q / a, c / q])
+        return np.array([q / a, c / q])
 
 
 def cubic_roots(
@@ -175,15 +175,15 @@ def cubic_roots(
     others the quadratic's roots are returned. Meant for roots of moderate size, such as those in
     the unit interval.
     """
-    terms = np.stack(np.broadcast_arrays(a, b, c, d))
-    size = np.abs(terms).max(axis=0)
-    flat = np.abs(a) <= 1e-12 * size
+    sizes = [np.abs(term) for term in (a, b, c, d)]
+    largest = reduce(np.maximum, sizes)
+    flat = sizes[0] <= 1e-12 * largest
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         lone = _lone_root(b / a, c / a, d / a)
         lone = _newton(lone, a, b, c, d)
         # a s³ + b s² + c s + d = (s − lone) (a s² + linear s + constant), divided out from the end
         # of the cubic where nothing cancels.
-        far = np.abs(a * lone**3) > np.abs(d)
+        far = np.abs(a * lone * lone * lone) > np.abs(d)
         forwards = a * lone + b
         backwards = -d / lone
         linear = np.where(far, (backwards - c) / lone, forwards)
@@ -222,8 +222,9 @@ def _lone_root(
     """The root of `s³ + b s² + c s + d` farthest from the mean of all three (Viète, Cardano)."""
     # q = (b² − 3c) / 9,  r = (2b³ − 9bc + 27d) / 54
     q = (b * b - 3 * c) / 9
-    r = (2 * b**3 - 9 * b * c + 27 * d) / 54
-    q3 = q**3
+    # products: a power takes as long as thirty of them
+    r = (2 * b * b * b - 9 * b * c + 27 * d) / 54
+    q3 = q * q * q
     size = np.abs(r)
 
     # Three real roots where r² < q³ (Viète): 2 √q cos(arccos(r / √q³) / 3)

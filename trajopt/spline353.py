@@ -25,6 +25,7 @@ from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Roots = Callable[[Array], Array]
+Segments = tuple[Array, Array, Array]  # what the three of them have
 
 WAYPOINTS = 4
 
@@ -66,9 +67,11 @@ def trajectory(problem: Problem, times: Array) -> Trajectory:
 
 def coefficients(displacements: Array, times: Array) -> Array:
     """Each segment relative to its start, `(3, …, 6)`, highest power first, rad/s^power."""
-    d1, _, d3 = _columns(displacements)
-    t1, _, t3 = _columns(times)
-    quintic = _quintic(displacements, times)
+    d = _columns(displacements)
+    t = _columns(times)
+    d1, _, d3 = d
+    t1, _, t3 = t
+    quintic = _quintic(d, t)
     T = quintic.T
     p1, p2, p3, p4, p5 = _hermite(quintic)
     pieces = np.zeros((3, *p5.shape, 6))
@@ -108,7 +111,7 @@ def velocity_controls(displacements: Array, times: Array) -> Array:
 
     The first and last are its ends, which are also the peaks of the two cubics.
     """
-    return _velocity_controls(_quintic(displacements, times))
+    return _velocity_controls(_quintic(_columns(displacements), _columns(times)))
 
 
 def acceleration_controls(displacements: Array, times: Array) -> Array:
@@ -116,7 +119,7 @@ def acceleration_controls(displacements: Array, times: Array) -> Array:
 
     The first and last are its ends, which are also the peaks of the two cubics.
     """
-    return _acceleration_controls(_quintic(displacements, times))
+    return _acceleration_controls(_quintic(_columns(displacements), _columns(times)))
 
 
 def limit_use(
@@ -131,27 +134,33 @@ def limit_use(
     shows that a use stays at or below `exact_above`, the value at the segments' ends is returned
     instead of the peak: enough to know that a limit is met, and much cheaper.
     """
-    quintic = _quintic(displacements, times)
+    axes = max(np.ndim(displacements), np.ndim(times))
+    d = _joints_first(displacements, axes)
+    t = _joints_first(times, axes)
+    quintic = _quintic(d, t)
     velocity = _velocity_controls(quintic)
     acceleration = _acceleration_controls(quintic)
     # The derivative of a cubic in Bernstein form: three times the differences, over T.
-    rises = np.diff(acceleration, axis=0)
-    jerk = 3 * rises / quintic.T
-    velocity_use = _use(
-        velocity,
-        limits.velocity,
-        exact_above,
-        slope=acceleration,
-        roots=_cubic_roots,
-    )
-    acceleration_use = _use(
-        acceleration,
-        limits.acceleration,
-        exact_above,
-        slope=jerk,
-        roots=_quadratic_roots,
-    )
-    jerk_use = _jerk_use(displacements, times, jerk, limits.jerk)
+    jerk = 3 * (acceleration[1:] - acceleration[:-1]) / quintic.T
+    uses = [
+        _use(
+            velocity,
+            limits.velocity,
+            exact_above,
+            slope=acceleration,
+            roots=_cubic_roots,
+        ),
+        _use(
+            acceleration,
+            limits.acceleration,
+            exact_above,
+            slope=jerk,
+            roots=_quadratic_roots,
+        ),
+        _jerk_use(d, t, jerk, limits.jerk),
+    ]
+    joints_last = (*range(1, axes - 1), 0)
+    velocity_use, acceleration_use, jerk_use = (use.transpose(joints_last) for use in uses)
     return velocity_use, acceleration_use, jerk_use
 
 
@@ -182,9 +191,9 @@ class _Quintic(NamedTuple):
     a1: Array
 
 
-def _quintic(displacements: Array, times: Array) -> _Quintic:
-    d1, h, d3 = _columns(displacements)
-    t1, T, t3 = _columns(times)
+def _quintic(displacements: Segments, times: Segments) -> _Quintic:
+    d1, h, d3 = displacements
+    t1, T, t3 = times
     # Segment 1, q = d1 (t/t1)³, ends with
     v0 = 3 * d1 / t1
     a0 = 6 * d1 / t1**2
@@ -194,7 +203,7 @@ def _quintic(displacements: Array, times: Array) -> _Quintic:
     return _Quintic(h, T, v0, a0, v1, a1)
 
 
-def _columns(values: Array) -> tuple[Array, Array, Array]:
+def _columns(values: Array) -> Segments:
     """The values of the three segments, arrays also where they are one number each.
 
     NumPy's powers of numbers and of arrays differ in the last digit.
@@ -203,6 +212,19 @@ def _columns(values: Array) -> tuple[Array, Array, Array]:
     first = values[..., 0]
     second = values[..., 1]
     third = values[..., 2]
+    return first, second, third
+
+
+def _joints_first(values: Array, axes: int) -> Segments:
+    """The same of `(…, joints, 3)`, each `(joints, …)`, with so many axes that all broadcast.
+
+    Side by side in memory lie then the candidates, of which there are many, and not the few joints.
+    """
+    array = np.asarray(values, dtype=float)
+    missing = (1,) * (axes - array.ndim)
+    padded = array.reshape(missing + array.shape)
+    ordered = padded.transpose(axes - 1, axes - 2, *range(axes - 2))
+    first, second, third = np.ascontiguousarray(ordered)
     return first, second, third
 
 
@@ -231,15 +253,25 @@ def _acceleration_controls(quintic: _Quintic) -> Array:
 
 
 def _stacked(*controls: Array) -> Array:
-    alike = np.broadcast_arrays(*controls)
-    return np.stack(alike)
+    shape = np.broadcast_shapes(*[control.shape for control in controls])
+    table = np.empty((len(controls), *shape))
+    for row, control in enumerate(controls):
+        table[row] = control
+    return table
 
 
 def _ratio(values: Array, limits: Array) -> Array:
-    """Values over the limit of their own sign; `limits` `(…, 2)`."""
+    """The worst of several values `(k, …)` over the limit of its own sign; `limits` `(…, 2)`."""
     low = limits[..., 0]
     high = limits[..., 1]
-    return np.maximum(values / high, values / low)
+    forwards = values.max(axis=0) / high
+    backwards = values.min(axis=0) / low
+    return np.asarray(np.maximum(forwards, backwards))
+
+
+def _by_joint(limits: Array, axes: int) -> Array:
+    """`(joints, 2)` as `(joints, 1, …, 2)`, for values with so many axes, joints first."""
+    return limits.reshape(-1, *(1,) * (axes - 1), 2)
 
 
 def _use(
@@ -249,36 +281,47 @@ def _use(
     slope: Array,
     roots: Roots,
 ) -> Array:
-    """Worst ratio of a Bernstein polynomial: at its ends, and where its slope is zero if needed."""
-    ends = _ratio(controls[[0, -1]], limits)
-    use = np.asarray(ends.max(axis=0))
+    """Worst ratio of Bernstein polynomials `(degree + 1, joints, …)`: `(joints, …)`.
+
+    At their ends, and where their slope is zero if needed.
+    """
+    shape = controls.shape[1:]
+    own_limits = _by_joint(limits, len(shape))
+    use = _ratio(controls[:: len(controls) - 1], own_limits)
     # The polynomial stays within its controls: where these are low enough, no root is needed.
-    inner = _ratio(controls[1:-1], limits)
-    bound = inner.max(axis=0)
-    needed = bound > np.maximum(use, exact_above)
-    if not needed.any():
+    bound = _ratio(controls[1:-1], own_limits)
+    enough = np.maximum(use, exact_above)
+    needed = np.flatnonzero(bound > enough)
+    if not needed.size:
         return use
-    turns = roots(slope[:, needed])
-    turns = np.nan_to_num(turns)
-    s = np.clip(turns, 0.0, 1.0)
-    extremes = _de_casteljau(controls[:, None, needed], s)
-    shape = (*needed.shape, 2)
-    own_limits = np.broadcast_to(limits, shape)[needed]
-    ratios = _ratio(extremes, own_limits)
-    peak = ratios.max(axis=0)
-    use[needed] = np.maximum(use[needed], peak)
+    turns = roots(_at(slope, needed))
+    # NaN, no root, becomes 0
+    s = np.fmin(np.fmax(turns, 0.0), 1.0)
+    inner = _at(controls, needed)
+    extremes = _de_casteljau(inner[:, None], s)
+    joint = needed // (use.size // len(use))
+    peak = _ratio(extremes, limits[joint])
+    flat = use.reshape(-1)
+    flat[needed] = np.maximum(flat[needed], peak)
     return use
 
 
-def _jerk_use(displacements: Array, times: Array, jerk: Array, limits: Array) -> Array:
+def _at(controls: Array, places: NDArray[np.intp]) -> Array:
+    """The polynomials at some places of the flattened batch, `(degree + 1, N)`."""
+    flat = controls.reshape(len(controls), -1)
+    return flat[:, places]
+
+
+def _jerk_use(displacements: Segments, times: Segments, jerk: Array, limits: Array) -> Array:
     """Worst ratio of the quintic's parabola `jerk` `(3, …)` and of the cubics' constants."""
+    shape = jerk.shape[1:]
     if not np.isfinite(limits).any():
-        return np.zeros(jerk.shape[1:])
+        return np.zeros(shape)
     # j = 6 d/t³
-    ends = [0, 2]
-    d = np.asarray(displacements)[..., ends]
-    t = np.asarray(times)[..., ends]
-    cubics = 6 * d / t**3
+    d1, _, d3 = displacements
+    t1, _, t3 = times
+    first = 6 * d1 / t1**3
+    third = 6 * d3 / t3**3
     # The parabola b0 (1−s)² + 2 b1 s (1−s) + b2 s² turns at s = (b0 − b1)/(b0 − 2 b1 + b2).
     b0, b1, b2 = jerk
     curvature = b0 - 2 * b1 + b2
@@ -286,14 +329,8 @@ def _jerk_use(displacements: Array, times: Array, jerk: Array, limits: Array) ->
         turn = (b0 - b1) / curvature
     turn = np.nan_to_num(turn)
     extreme = _de_casteljau(jerk, np.clip(turn, 0.0, 1.0))
-    parts = [
-        jerk[[0, -1]],
-        np.moveaxis(cubics, -1, 0),
-        extreme[None],
-    ]
-    values = np.concatenate(parts)
-    ratios = _ratio(values, limits)
-    return np.asarray(ratios.max(axis=0))
+    values = _stacked(b0, b2, first, third, extreme)
+    return _ratio(values, _by_joint(limits, len(shape)))
 
 
 def _de_casteljau(controls: Array, s: Array) -> Array:

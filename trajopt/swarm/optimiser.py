@@ -260,7 +260,7 @@ class _Tally:
 
 def added(values: Array) -> Array:
     """The sum over the last axis, always in the same order: `np.sum`'s depends on the layout."""
-    columns = np.moveaxis(values, -1, 0)
+    columns = [values[..., i] for i in range(values.shape[-1])]
     return reduce(np.add, columns)
 
 

@@ -249,11 +249,12 @@ class SSA(Optimiser):
         for place in x:
             fitness = yield place
             f.append(fitness)
-        winner = np.argmin(f, axis=0)
-        best_f = np.min(f, axis=0)
-        index = winner[None, ..., None]
-        best_x = np.take_along_axis(np.stack(x), index, axis=0)
-        best_x = best_x[0]
+        best_x = x[0]
+        best_f = f[0]
+        for other_x, other_f in zip(x[1:], f[1:], strict=True):
+            better = other_f < best_f
+            best_x = np.where(better[..., None], other_x, best_x)
+            best_f = np.where(better, other_f, best_f)
         greedy = self.acceptance == "greedy"
         flock.move(slots, best_x, best_f, greedy)
 

@@ -12,7 +12,7 @@ from trajopt.problem import Problem
 from trajopt.registry import entries
 from trajopt.solution import Status
 
-_BATCH = 15  # seeds solved together at most: large enough to be fast, small enough to lose little
+_BATCH = 30  # seeds solved together at most: large enough to be fast, small enough to lose little
 
 
 @dataclass(frozen=True)
