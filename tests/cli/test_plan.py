@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from trajopt.benchmark.export import motion
 from trajopt.cli import main
 from trajopt.cli.best import best, sentences
 from trajopt.problem import Limits, Problem
@@ -142,3 +143,78 @@ def test_a_new_problem_file_plans_as_it_is(trajopt, tmp_path):
     (tmp_path / "own.toml").write_text(own, encoding="utf-8")
     assert len(Problem.from_toml(tmp_path / "own.toml").limits.jerk) == 6
     assert trajopt("list", "--json")[1].count('"shoulder_pan_joint"') == 2
+
+
+# --- out ---
+
+OUT = ("plan", "reversal", "--planner", "exact", "--out")
+
+
+@pytest.mark.parametrize(
+    ("name", "flags", "points"),
+    [
+        ("m.yaml", [], None),
+        ("m.yml", ["--points", "cycles", "--rate", 125], "every"),
+        ("m.csv", ["--cycle", 0.008], "every"),
+        ("m.csv", ["--points", "breaks"], None),
+        ("m.json", ["--points", "breaks"], None),
+    ],
+)
+def test_what_is_written_is_verified_as_executed(trajopt, tmp_path, name, flags, points):
+    code, out, err = trajopt(*OUT, name, *flags, "--json")
+    said = json.loads(out)["out"]
+    assert (code, err, said["file"], said["interpolation"]) == (0, "", name, "cubic")
+    assert said["certificate"]["feasible"]
+    assert said["certificate"]["acceleration"]["ratio"] == pytest.approx(1, abs=1e-3)
+    if points == "every":
+        assert said["points"] == round(said["duration"] / 0.008) + 1
+    text = (tmp_path / name).read_text(encoding="utf-8")
+    assert "joint_1" in text
+    if name.endswith(".csv"):
+        assert text.startswith("time [s],joint_1 [rad],")
+    assert list(tmp_path.iterdir()) == [tmp_path / name]
+
+
+def test_pictures_and_everything_else(trajopt, tmp_path):
+    for name, start in {"m.png": b"\x89PNG", "m.pdf": b"%PDF", "m.json": b"{"}.items():
+        assert trajopt(*OUT, name)[0] == 0
+        assert (tmp_path / name).read_bytes().startswith(start)
+    shown = trajopt(*OUT, "m.yaml")[1]
+    assert "executed with cubic pieces it keeps every limit" in " ".join(shown.split())
+    assert trajopt(*OUT, "m.yaml")[0] == 2  # it is there
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["m.csv", "--cycle", 0.001, "--rate", 1000], "--cycle or --rate, not both"),
+        (["m.png", "--points", "breaks"], "--points is 'breaks': expected left out for a .png"),
+        (["m.csv", "--points", "some"], "--points"),
+        (["m.csv", "--cycle", 0], "--cycle"),
+        (["m.csv", "--cycle", 10], "--cycle is 10.0: expected a shorter one"),
+        (["m.doc"], "a file ending in .csv, .json, .yaml"),
+    ],
+)
+def test_what_cannot_be_written_is_one_line(trajopt, tmp_path, flags, words):
+    code, _, err = trajopt(*OUT, *flags)
+    assert code == 2
+    assert words in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_breaks_a_limit_as_executed_is_not_kept(trajopt, tmp_path, monkeypatch):
+    def coarse(file, samples):
+        """The ends alone."""
+        ends = [0, -1]
+        still = np.zeros_like(samples.positions[ends])
+        names = samples.joint_names
+        less = type(samples)(names, samples.times[ends], samples.positions[ends], still)
+        motion.joint_trajectory.write(file, less)
+
+    monkeypatch.setitem(motion._FORMATS, ".yaml", (coarse, motion.joint_trajectory.read))
+    code, _, err = trajopt(*OUT, "m.yaml")
+    assert code == 2
+    assert "m.yaml: not written: executed, " in err
+    assert "misses the waypoint" in err
+    assert not list(tmp_path.iterdir())

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 from rich.table import Table
 
 from trajopt.benchmark.export import motion
+from trajopt.benchmark.export.motion import Executed, Points, Target, peak
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
@@ -24,6 +25,7 @@ from trajopt.registry import named
 from trajopt.verification import WORST_KINDS
 
 _OWN_LIMITS = Robot()
+_CYCLE = 1e-3  # s
 _UNITS = ("rad", "rad/s", "rad/s²")  # of a position and its derivatives
 
 
@@ -38,10 +40,23 @@ def plan(
     seed: Seed = 0,
     out: Annotated[
         Path | None,
-        Parameter(help="Write the certified trajectory (.csv, .json) or the trial (.h5)."),
+        Parameter(
+            help="Write the certified motion: .csv, .yaml (a ROS message), .json, .png, .pdf; or "
+            "the trial: .h5."
+        ),
     ] = None,
     force: Annotated[bool, Parameter(negative=(), help="Overwrite the file of --out.")] = False,
-    rate: Annotated[float, number("Samples per second in a .csv file.", above=0, most=1e6)] = 1e3,
+    cycle: Annotated[
+        float | None,
+        number("Control cycle, s; all points are on it. By default 0.001.", least=1e-6, most=1e3),
+    ] = None,
+    rate: Annotated[
+        float | None, number("The same as cycles per second.", above=0, most=1e6)
+    ] = None,
+    points: Annotated[
+        Points | None,
+        Parameter(help="Points at the motion's breaks (a message's), or every cycle (a CSV's)."),
+    ] = None,
     json: Json = False,
 ) -> int:
     """Run one planner on one problem and verify its answer.
@@ -49,8 +64,9 @@ def plan(
     The problem is a built-in name, a problem file, or a file of waypoints (.csv, .txt, .npy,
     .json) with --robot, --urdf or --limits.
     """
+    target = None
     if out is not None:
-        write = motion.writer(out)
+        target = Target(out, _cycle(cycle, rate), points)
         check_target(out, force=force)
     asked_for = asked.problem(problem, robot)
     found = None
@@ -63,27 +79,58 @@ def plan(
     else:
         name, chosen = named(planner)
         trial = judge(chosen, asked_for, [seed], name)[0]
-    if json:
-        _print_json(trial, problem, found)
-    else:
+    table = _table(trial, problem, found)
+    if not json:
         print_trial(trial, problem)
         if found is not None:
             for sentence in sentences(found):
                 console.paragraph(sentence)
-    if out is not None:
-        if trial.certified_trajectory is None and out.suffix != ".h5":
+    code = 0 if trial.certified_duration or trial.lower_bound else 1
+    if target is not None:
+        if trial.certified_trajectory is None and target.path.suffix != ".h5":
             console.note(f"{out} is not written: no certified trajectory")
-            return 1
-        write(out, trial, rate)
-    return 0 if trial.certified_duration or trial.lower_bound else 1
+            code = 1
+        else:
+            executed = motion.write(target, trial)
+            table["out"] = {"file": str(out)} | (executed.as_dict() if executed else {})
+            if not json:
+                console.paragraph(_written(target, trial, executed))
+    if json:
+        console.print_json(table)
+    return code
 
 
-def _print_json(trial: Trial, problem: str, found: Best | None) -> None:
+def _cycle(cycle: float | None, rate: float | None) -> float:
+    """The control cycle, s, in whole nanoseconds."""
+    if cycle is not None and rate is not None:
+        raise InvalidInput("--rate", "--cycle or --rate, not both", value=rate)
+    seconds = _CYCLE if cycle is None else cycle
+    if rate is not None:
+        seconds = 1 / rate
+    return max(round(seconds, 9), 1e-6)
+
+
+def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
+    """What was written, and what a controller makes of it."""
+    if executed is None:
+        return f"{target.path} is written."
+    certificate = executed.certificate
+    return (
+        f"{target.path}: {executed.points} points, {executed.duration:.6g} s "
+        f"({100 * executed.longer:.2f} % longer, for whole cycles of {target.cycle:g} s). Read "
+        f"again and executed with {executed.pieces} pieces it keeps every limit: "
+        f"{peak(certificate, trial)}. It passes every waypoint (to "
+        f"{certificate.waypoint.value:.0e} rad)."
+    )
+
+
+def _table(trial: Trial, problem: str, found: Best | None) -> dict[str, Any]:
+    """For JSON."""
     file = Path(problem) if Path(problem).suffix in ENDINGS else catalogue.find(problem)
     path = None if file is None else str(file)
     names = {"problem": trial.problem.name, "problem_file": path}
     choice = {} if found is None else found.as_dict()
-    console.print_json(names | trial.as_dict() | choice)
+    return names | trial.as_dict() | choice
 
 
 def check_target(path: Path, *, force: bool, key: str = "--out") -> None:

@@ -64,6 +64,7 @@ _COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
 _SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # of a decade of durations: where ticks are
+_LONG_LABEL = 10  # characters of a joint's name
 _ROUNDING = 1e-9  # relative: changes below it are not worth magnifying
 
 styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings are left alone
@@ -244,7 +245,11 @@ def motion(
     for joint, axes in enumerate(grid[:, 0]):
         coordinates = problem.waypoints[:, joint]
         axes.plot(passing, coordinates, ls="", zorder=3, clip_on=False, **_DOT)
-        axes.set_ylabel(f"{text(problem.joint_labels[joint])} (rad)")
+        name = text(problem.joint_labels[joint])
+        if len(name) > _LONG_LABEL:  # beside a row: a line of its own, and smaller
+            axes.set_ylabel(f"{name}\n(rad)", fontsize="x-small")
+        else:
+            axes.set_ylabel(f"{name} (rad)")
     end = trajectory.duration
     if reference:
         end = max(end, reference.duration)
