@@ -16,7 +16,7 @@ from trajopt.registry import configured, entries, options
 from trajopt.testing import check_planner
 
 # The same planners with less work, where that exists: the contract does not depend on effort.
-_QUICK = {"iterations": 60, "gridpoints": 300, "evaluations": 2000, "starts": 3}
+_QUICK = {"iterations": 60, "gridpoints": 300, "evaluations": 2000, "starts": 3, "rounds": 2}
 
 
 @cache

@@ -1,0 +1,514 @@
+"""The best spline of a family through the waypoints, by CasADi/IPOPT: what a family costs.
+
+Variables are the times of the pieces and their Bernstein coefficients; where the pieces join, and
+rest at both ends, are linear constraints on these (`baselines.spline_family`). Limits hold at every
+instant: they are imposed at a few instants of each piece and joint, the true worst ones of the
+answer replace the idlest among them, and the solver runs again until no limit is broken in between.
+The answer is dilated by its exact factor, which by then is 1 to rounding.
+
+    from baselines.spline import Spline
+    solution = Spline(shape="4-3-4").solve(problem)
+    print(solution.trajectory.duration, solution.stats["piece_times"])
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import cache
+from math import comb
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines import spline_family
+from baselines.ipopt import Program, flat, no_start_succeeded, program, unflat
+from baselines.sizes import announce, cells
+from baselines.spline_family import Family
+from trajopt import polynomials
+from trajopt.exceptions import InvalidInput
+from trajopt.planner import Planner, backend, passing_once
+from trajopt.problem import Problem
+from trajopt.rest_to_rest import stop_times
+from trajopt.solution import Solution, Status
+from trajopt.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+_OPTIONS = {
+    "tol": 1e-11,
+    "acceptable_tol": 1e-8,
+    "max_iter": 300,
+    "bound_relax_factor": 0.0,  # else every limit is passed by 1e-8, and no round is the last
+}
+# Where IPOPT stops close enough to an optimum: what it misses by, the exact dilation mends.
+_ENDED = (
+    "Solve_Succeeded",
+    "Solved_To_Acceptable_Level",
+    "Search_Direction_Becomes_Too_Small",
+)
+# Instants per piece, joint and limit: evenly spread ones that stay, and those that move.
+_STAY = 7
+_MOVE = 9
+_INSTANTS = _STAY + _MOVE
+# Rounds of the exchange that may bring nothing, one after another.
+_PATIENCE = 3
+# From round to round, of what an instant was worth.
+_REMEMBERED = 0.8
+# Excess dilation at which the exchange has converged.
+_DILATION_TOLERANCE = 1e-10
+# The smallest gain that another local optimum is worth.
+_GAIN_RTOL = 1e-8
+# Logarithms: how much briefer or longer than at its start a piece may become in one round.
+_MOST_BRIEFER = 12
+_MOST_LONGER = 5
+# Ratios of times among which the starts are looked for, and the spread of their logarithms.
+_CANDIDATES = 1000
+_LOG_SPREAD = 2.0
+# Logarithms: starts differ at least by that in one ratio.
+_LOG_APART = 2.0
+# Instants of each piece at which a candidate is dilated.
+_CANDIDATE_INSTANTS = 17
+# Candidates whose splines are computed at once: memory, numbers in their matrices.
+_MOST_NUMBERS = 4_000_000
+# Measured on up to 36 segments times moving joints, in proportion to them.
+_SECONDS_PER_CELL = 0.3
+
+
+@dataclass(frozen=True)
+class Spline(Planner):
+    """The best spline of any degrees with free times and knot derivatives (CasADi/IPOPT).
+
+    - `degree`: of every piece;
+    - `shape`: of the pieces one by one, if they differ: `4-3-4`, `3-5-3`; with more than three
+      segments the middle one is repeated;
+    - `ends`: at both ends without velocity and acceleration (`rest`), or without velocity alone
+      (`standstill`; acceleration then jumps, so not where jerk is limited);
+    - `starts`: local optima, of which the best is returned;
+    - `rounds`: of the exchange at most. It ends by itself when no limit is broken any more; fewer
+      leave an answer that is feasible too, but longer.
+
+    Velocity and acceleration are continuous, jerk is only bounded. Degrees too low for rest at the
+    ends, as cubics are, stand still there instead; where jerk is limited the first and the last
+    segment have one more knot each.
+    """
+
+    degree: Literal[3, 5, 7] = 5
+    shape: str = ""
+    ends: Literal["rest", "standstill"] = "rest"
+    starts: int = 4
+    rounds: int = 20
+
+    on_request = True
+    requires = ("casadi",)
+    knows = ("velocity", "acceleration", "jerk")
+
+    def __post_init__(self) -> None:
+        for name in ("starts", "rounds"):
+            if getattr(self, name) < 1:
+                raise InvalidInput(name, "at least 1", value=getattr(self, name))
+        if self.shape:
+            spline_family.degrees(self.shape)
+
+    def unsupported(self, problem: Problem) -> str | None:
+        if self.ends == "standstill" and problem.has("jerk"):
+            return "without rest at its ends acceleration jumps there, and jerk is limited"
+        merged, _ = problem.merged()
+        try:
+            self._family(merged)
+        except InvalidInput as error:
+            return str(error)
+        return None
+
+    def _family(self, problem: Problem) -> Family:
+        shape = self.shape or str(self.degree)
+        return spline_family.family(
+            shape,
+            problem.segments,
+            self.ends,
+            jerk_limited=problem.has("jerk"),
+        )
+
+    @passing_once
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """The best of several local optima. `stats`: times of the pieces, s; each start's outcome.
+
+        The same answer whatever the seed.
+        """
+        announce("spline", problem, _SECONDS_PER_CELL * cells(problem))
+        motion = _Motion(problem, self._family(problem))
+        began = time.perf_counter()
+        solver = _solver(motion.family, motion.joints, motion.orders)
+        setup_time = time.perf_counter() - began
+
+        optima: list[_Optimum] = []
+        for start in _starts(motion, self.starts):
+            shortest = min((optimum.duration for optimum in optima), default=np.inf)
+            optimum = _exchange(solver, motion, start, shortest, self.rounds)
+            optima.append(optimum)
+        statuses = [optimum.status for optimum in optima]
+        durations = [optimum.duration for optimum in optima]
+        stats: dict[str, Any] = {
+            "start_status": statuses,
+            "start_duration": np.array(durations),
+        }
+        best = optima[int(np.argmin(durations))]
+        if not best.duration < np.inf:
+            return Solution(
+                Status.FAILED,
+                message=no_start_succeeded(statuses),
+                setup_time=setup_time,
+                stats=stats,
+            )
+        stats["piece_times"] = best.times
+        return Solution(
+            Status.SOLVED,
+            motion.trajectory(best),
+            setup_time=setup_time,
+            stats=stats,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Optimum:
+    """Where the exchange ended from one start: feasible, or of infinite duration.
+
+    `controls` are all pieces' Bernstein coefficients, `(controls, joints)`, in the joints' spans.
+    """
+
+    times: Array
+    controls: Array
+    status: str
+
+    @property
+    def duration(self) -> float:
+        return float(self.times.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class _Instants:
+    """Where a limit is imposed on each piece, on the unit interval.
+
+    Attributes:
+        at: `(instants, pieces, joints)`; the first ones, evenly spread over all, stay.
+        worth: of each: the utilisation there, or what is left of that of earlier rounds.
+    """
+
+    at: Array
+    worth: Array
+
+    @classmethod
+    def even(cls, pieces: int, joints: int, continuous: bool) -> _Instants:
+        """What is `continuous` is not limited where a piece starts, only where one ends."""
+        stay = np.linspace(0.0, 1.0, _STAY)
+        if continuous:
+            stay = np.linspace(0.0, 1.0, 1 + _STAY)[1:]
+        between = (np.arange(_MOVE) + 0.5) / _MOVE
+        one = np.concatenate([stay, between])[:, None, None]
+        at = np.tile(one, (1, pieces, joints))
+        return cls(at, np.zeros_like(at))
+
+    def refined(self, used: Array, worst: Array, broken: NDArray[np.bool_]) -> _Instants:
+        """The worst instants, and those halfway to their neighbours, for the least worthy.
+
+        So where a limit is reached the distance between instants shrinks to a quarter, and what is
+        broken in between to a sixteenth. An instant that mattered is kept for some rounds: where
+        two matter in turn each would else be dropped when it is needed next.
+
+        Args:
+            used: the utilisation at each instant.
+            worst: the worst of all instants, `(pieces, joints)`.
+            broken: whether the limit is broken there.
+        """
+        below = np.where(self.at <= worst, self.at, 0.0).max(axis=0)
+        above = np.where(self.at >= worst, self.at, 1.0).min(axis=0)
+        added = np.stack([worst, (below + worst) / 2, (above + worst) / 2])
+        worth = np.maximum(used, _REMEMBERED * self.worth)
+        least = _STAY + np.argsort(worth[_STAY:], axis=0)[: len(added)]
+        # where no limit is broken all stay
+        new = np.where(broken, added, np.take_along_axis(self.at, least, axis=0))
+        at = self.at.copy()
+        np.put_along_axis(at, least, new, axis=0)
+        renewed = np.where(broken, 1.0, np.take_along_axis(worth, least, axis=0))
+        np.put_along_axis(worth, least, renewed, axis=0)
+        return _Instants(at, worth)
+
+
+class _Motion:
+    """The moving joints of a problem, each in the span between its extreme waypoints.
+
+    Attributes:
+        bounds: the limits of each derivative, from velocity on, `(joints, 2)`.
+        orders: up to which derivative there are limits: 2, or 3 with jerk.
+        sizes: of the limits of each derivative, `(joints,)`: the wider finite side, or 1.
+    """
+
+    def __init__(self, problem: Problem, family: Family) -> None:
+        self.problem = problem
+        self.family = family
+        self.moving = problem.moving
+        moving = problem.waypoints[:, self.moving]
+        self.span = np.ptp(moving, axis=0)
+        self.displacements = np.diff(moving, axis=0) / self.span
+        self.joints = len(self.span)
+        limits = problem.limits.only(self.moving)
+        pairs = [limits.velocity, limits.acceleration]
+        if problem.has("jerk"):
+            pairs.append(limits.jerk)
+        self.bounds = [pair / self.span[:, None] for pair in pairs]
+        self.orders = len(pairs)
+        self.sizes = [_sizes(bounds) for bounds in self.bounds]
+
+    def stop_times(self) -> Array:
+        """Time of each piece, if all stop at every waypoint, `(pieces,)`, s."""
+        stop = stop_times(self.problem)
+        of_segments = stop / self.family.parts
+        return of_segments[list(self.family.segments)]
+
+    def exchanged(
+        self,
+        times: Array,
+        controls: Array,
+        instants: list[_Instants],
+    ) -> tuple[float, list[_Instants]]:
+        """The exact dilation, and each limit's instants with the true worst among them."""
+        unit = self.family.powers(controls)
+        dilation = 0.0
+        exchanged = []
+        for order, (bounds, old) in enumerate(zip(self.bounds, instants, strict=True), start=1):
+            worst, highest = spline_family.peaks(unit, times, order, bounds)
+            # dilating by k divides a derivative of order r by k^r
+            factor = float(highest.max()) ** (1 / order)
+            dilation = max(dilation, factor)
+            rate = polynomials.derivative(unit, order)
+            used = spline_family.utilisation(rate, old.at, times, order, bounds)
+            new = old.refined(used, worst, highest > 1)
+            exchanged.append(new)
+        return dilation, exchanged
+
+    def estimated(self, times: Array, controls: Array) -> Array:
+        """The dilation of candidates `(candidates, …)`, from instants of each piece only."""
+        unit = self.family.powers(np.moveaxis(controls, 0, 1))
+        points = np.linspace(0.0, 1.0, _CANDIDATE_INSTANTS)
+        dilation = np.zeros(len(times))
+        for order, bounds in enumerate(self.bounds, start=1):
+            rate = polynomials.derivative(unit, order)
+            low, high = bounds.T
+            scale = times.T[:, :, None] ** order
+            for s in points:
+                values = polynomials.evaluate(rate, np.array(s)) / scale
+                used = np.maximum(values / high, values / low)
+                highest = used.max(axis=(0, 2))
+                dilation = np.maximum(dilation, highest ** (1 / order))
+        return dilation
+
+    def trajectory(self, optimum: _Optimum) -> Trajectory:
+        """The spline in s and rad, with the joints that rest."""
+        unit = self.family.powers(optimum.controls)
+        shape = (*unit.shape[:2], len(self.moving))
+        coefficients = np.zeros(shape)
+        coefficients[..., self.moving] = unit * self.span
+        coefficients[-1] += self.problem.waypoints[list(self.family.segments)]
+        coefficients = polynomials.stretched(coefficients, 1 / optimum.times)
+        passed = np.cumsum(optimum.times)
+        breaks = np.concatenate([[0.0], passed])
+        ends = np.cumsum([0, *self.family.parts])
+        return Trajectory(breaks, coefficients, breaks[ends])
+
+
+def _sizes(bounds: Array) -> Array:
+    finite = np.where(np.isfinite(bounds), np.abs(bounds), 0.0)
+    widest = finite.max(axis=1)
+    return np.where(widest > 0, widest, 1.0)
+
+
+def _starts(motion: _Motion, count: int) -> list[tuple[Array, Array]]:
+    """Times and controls to start from: the briefest of many splines whose ratios differ."""
+    pieces = motion.family.pieces
+    size = (sum(motion.family.lengths) + 3 * pieces) ** 2
+    candidates = min(_CANDIDATES, _MOST_NUMBERS // size)
+    rng = np.random.default_rng(pieces)
+    logs = _LOG_SPREAD * rng.standard_normal((max(candidates, count), pieces))
+    logs[0] = 0.0
+    if pieces == 1:
+        logs = logs[:1]
+    times = motion.stop_times() * np.exp(logs)
+    controls = motion.family.smoothest(motion.displacements, times)
+    times *= motion.estimated(times, controls)[:, None]
+    by_duration = np.argsort(times.sum(axis=1), kind="stable")
+
+    # a common factor of all times is no difference
+    ratios = logs - logs.mean(axis=1, keepdims=True)
+    chosen = _apart(ratios, by_duration, count)
+    return [(times[i], controls[i]) for i in chosen]
+
+
+def _apart(ratios: Array, order: NDArray[np.intp], count: int) -> list[int]:
+    """The first ones in this order that lie apart from each other."""
+    chosen: list[int] = []
+    for i in order:
+        distances = [np.abs(ratios[i] - ratios[other]).max() for other in chosen]
+        if min(distances, default=np.inf) > _LOG_APART:
+            chosen.append(int(i))
+        if len(chosen) == count:
+            break
+    return chosen
+
+
+def _exchange(
+    solver: Program,
+    motion: _Motion,
+    start: tuple[Array, Array],
+    shortest: float,
+    most_rounds: int,
+) -> _Optimum:
+    """The local optimum from one start, its limits kept at every instant.
+
+    It ends early where it cannot become shorter than `shortest`: with limits at a few instants a
+    duration is a lower one.
+    """
+    times, controls = start
+    family = motion.family
+    best = _Optimum(np.full(family.pieces, np.inf), controls, "")
+    rounds_without_gain = 0
+    instants = []
+    for order in range(1, motion.orders + 1):
+        continuous = order in spline_family.SMOOTH_ORDERS
+        even = _Instants.even(family.pieces, motion.joints, continuous)
+        instants.append(even)
+    status = ""
+    _, instants = motion.exchanged(times, controls, instants)
+    for _ in range(most_rounds):
+        run = _solve_at(solver, motion, times, controls, instants)
+        status = run.status
+        if not run.success:
+            break
+        times = run.times
+        controls = run.controls
+        dilation, instants = motion.exchanged(times, controls, instants)
+        feasible = dilation * times
+        rounds_without_gain += 1
+        if feasible.sum() < best.duration:
+            best = _Optimum(feasible, controls, status)
+            rounds_without_gain = 0
+        converged = dilation - 1 < _DILATION_TOLERANCE
+        if converged or times.sum() > shortest * (1 - _GAIN_RTOL):
+            break
+        if rounds_without_gain == _PATIENCE:
+            break
+    return _Optimum(best.times, best.controls, status)
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Where IPOPT ended with its limits at given instants."""
+
+    times: Array
+    controls: Array
+    status: str
+    success: bool
+
+
+def _solve_at(
+    solver: Program,
+    motion: _Motion,
+    times: Array,
+    controls: Array,
+    instants: list[_Instants],
+) -> _Round:
+    """One NLP from these times and controls, its limits imposed at these instants."""
+    family = motion.family
+    unit = float(times.mean())
+    sizes = []
+    for order, size in enumerate(motion.sizes, start=1):
+        sizes.append(size * unit**order)
+    y = np.log(times / unit)
+    is_fixed, fixed = family.fixed(motion.displacements)
+    held = is_fixed[:, None]
+    # IPOPT's controls count in what a piece travels, for the briefest to be of order one too
+    reach = times / unit
+    of_controls = np.repeat(reach, family.lengths)[:, None]
+    low = np.where(held, fixed / of_controls, -np.inf)
+    high = np.where(held, fixed / of_controls, np.inf)
+    per_piece = [own.at[:, k] for own in instants for k in range(family.pieces)]
+    run = solver(
+        start=flat(y, controls / of_controls),
+        parameters=flat(reach, *sizes, *per_piece),
+        bounds=(flat(y - _MOST_BRIEFER, low), flat(y + _MOST_LONGER, high)),
+        constraint_bounds=_constraint_bounds(motion),
+    )
+    if run.status not in _ENDED or not np.isfinite(run.x).all():
+        return _Round(times, controls, run.status, success=False)
+    logs, moved = unflat(run.x, [y.shape, controls.shape])
+    new_times = np.exp(logs) * unit
+    joined = family.joined(moved * of_controls, new_times)
+    return _Round(new_times, joined, run.status, success=True)
+
+
+def _constraint_bounds(motion: _Motion) -> tuple[Array, Array]:
+    """In the order of `_solver`: pieces join, and every derivative stays within its limits."""
+    family = motion.family
+    joining = np.zeros(family.joins_count * motion.joints)
+    lows = [joining]
+    highs = [joining]
+    for bounds, size in zip(motion.bounds, motion.sizes, strict=True):
+        low, high = bounds.T / size
+        of_piece = np.repeat(low, _INSTANTS)
+        lows.append(np.tile(of_piece, family.pieces))
+        of_piece = np.repeat(high, _INSTANTS)
+        highs.append(np.tile(of_piece, family.pieces))
+    return np.concatenate(lows), np.concatenate(highs)
+
+
+@cache
+def _solver(family: Family, joints: int, orders: int) -> Program:
+    """IPOPT for a family, with so many joints, limited up to this derivative; built once for all.
+
+    Constraints: differences where pieces join; then every derivative over the size of its limits,
+    at the instants of every piece.
+    """
+    ca = backend("casadi")
+    y = ca.SX.sym("y", family.pieces)
+    b = ca.SX.sym("b", sum(family.lengths), joints)
+    reach = ca.SX.sym("reach", family.pieces)
+    times = ca.vertsplit(ca.exp(y))
+    controls = []
+    begin = 0
+    for piece, length in enumerate(family.lengths):
+        own = b[begin : begin + length, :] * reach[piece]
+        controls.append(ca.vertsplit(own))
+        begin += length
+
+    sizes = []
+    instants = []
+    used = []
+    for order in range(1, orders + 1):
+        size = ca.SX.sym(f"size{order}", joints)
+        sizes.append(size)
+        for own, duration in zip(controls, times, strict=True):
+            s = ca.SX.sym("s", _INSTANTS, joints)
+            instants.append(s)
+            # d^r q/dt^r = d^r q/ds^r / T^r
+            rate = spline_family.derivative(own, order)
+            limit = ca.repmat(size.T, _INSTANTS, 1) * duration**order
+            used.append(_bernstein(rate, s) / limit)
+
+    return program(
+        "spline",
+        variables=[y, b],
+        parameters=[reach, *sizes, *instants],
+        objective=ca.sum1(ca.exp(y)),
+        constraints=[*family.joins(controls, times), *used],
+        options=_OPTIONS,
+    )
+
+
+def _bernstein(controls: list[Any], s: Any) -> Any:
+    """Values at `s` `(instants, joints)` of Bernstein polynomials, a row of joints a control."""
+    n = len(controls) - 1
+    value = 0
+    for i, control in enumerate(controls):
+        basis = comb(n, i) * s**i * (1 - s) ** (n - i)
+        value += basis * backend("casadi").repmat(control, s.shape[0], 1)
+    return value

@@ -1,0 +1,316 @@
+"""Families of splines by the degrees of their pieces: 3-5-3, 4-3-4, cubic, quintic, septic, others.
+
+All joints share the times `T_k` of the pieces. Piece `k` of degree `p` is held by its Bernstein
+coefficients `b_0 … b_p`, its *controls*, relative to where its segment starts: it goes from `b_0`
+to `b_p`, and its derivative of order `r` has the controls `p!/(p − r)! Δ^r b / T^r`. So everything
+that makes a family is linear in the controls: which of them the waypoints and rest fix, and how
+neighbours join.
+
+Positions, velocities and accelerations are continuous; higher derivatives may jump. Pieces of
+degrees `p_k` between waypoints then have `Σ (p_k − 3)` freedoms per joint, two less where both ends
+are without acceleration: none in a 3-5-3 or 4-3-4, four in a 5-5-5 (velocity and acceleration at
+both inner waypoints). Where jerk is limited and that is negative, as for cubics, the first and the
+last segment are cut once more, at positions that are free (Lin, Chang and Luh, IEEE Trans.
+Automatic Control 28, 1983).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import comb, perm
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt import polynomials
+from trajopt.exceptions import InvalidInput
+
+Array = NDArray[np.float64]
+Ends = Literal["rest", "standstill"]
+Controls = Sequence[Any] | Array  # of one piece: numbers, rows of joints or symbols
+
+_LOWEST_DEGREE = 3
+_HIGHEST_DEGREE = 9
+# Derivatives that are continuous where pieces join.
+SMOOTH_ORDERS = (1, 2)
+# Of each other: how much a piece's bending may count where times differ.
+_MOST_WEIGHT = 1e4
+
+
+@dataclass(frozen=True)
+class Family:
+    """What splines of one shape have in common, whatever their times.
+
+    Attributes:
+        degrees: of each piece.
+        segments: to which segment between waypoints each piece belongs, from 0.
+        still_orders: derivatives that vanish at both ends: velocity, or acceleration too.
+    """
+
+    degrees: tuple[int, ...]
+    segments: tuple[int, ...]
+    still_orders: int
+
+    @property
+    def pieces(self) -> int:
+        return len(self.degrees)
+
+    @property
+    def degree(self) -> int:
+        """The highest."""
+        return max(self.degrees)
+
+    @cached_property
+    def parts(self) -> NDArray[np.intp]:
+        """How many pieces each segment has, `(segments,)`."""
+        return np.bincount(self.segments)
+
+    @cached_property
+    def lengths(self) -> list[int]:
+        """How many controls each piece has."""
+        return [degree + 1 for degree in self.degrees]
+
+    @property
+    def joins_count(self) -> int:
+        """How many differences `joins` returns."""
+        knots = self.pieces - 1
+        free_positions = int((self.parts - 1).sum())
+        return knots * len(SMOOTH_ORDERS) + free_positions
+
+    def fixed(self, displacements: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Which controls the waypoints and rest at both ends fix.
+
+        Args:
+            displacements: of the segments, `(segments, joints)`.
+
+        Returns:
+            Of all pieces' controls one after another: which, `(controls,)`, and at which positions
+            relative to the segment's start, `(controls, joints)`, NaN for the others.
+        """
+        values = np.full((sum(self.lengths), displacements.shape[1]), np.nan)
+        firsts = np.cumsum([0, *self.lengths])
+        for piece, segment in enumerate(self.segments):
+            if segment not in self.segments[:piece]:
+                values[firsts[piece]] = 0.0
+            if segment not in self.segments[piece + 1 :]:
+                last = firsts[piece + 1] - 1
+                values[last] = displacements[segment]
+        # a derivative vanishes at an end where one more control equals the last
+        still = 1 + self.still_orders
+        values[:still] = 0.0
+        values[-still:] = displacements[-1]
+        which = np.isfinite(values[:, 0])
+        return which, values
+
+    def joins(self, controls: Sequence[Controls], times: Sequence[Any]) -> list[Any]:
+        """What must vanish where pieces join, for any numbers or symbols with arithmetic.
+
+        Args:
+            controls: of each piece.
+            times: of each piece.
+
+        Returns:
+            Differences of position (only where no waypoint fixes it), velocity, and acceleration
+            times `T_k T_{k+1} / (T_k + T_{k+1})`: also a velocity, however brief a piece.
+        """
+        rows = []
+        for k in range(self.pieces - 1):
+            before = controls[k]
+            after = controls[k + 1]
+            both = times[k] + times[k + 1]
+            if self.segments[k] == self.segments[k + 1]:
+                rows.append(before[-1] - after[0])
+            for order in SMOOTH_ORDERS:
+                end = derivative(before, order)[-1]
+                start = derivative(after, order)[0]
+                earlier = (times[k + 1] / both) ** (order - 1) / times[k]
+                later = (times[k] / both) ** (order - 1) / times[k + 1]
+                rows.append(end * earlier - start * later)
+        return rows
+
+    def smoothest(self, displacements: Array, times: Array) -> Array:
+        """Controls `(…, controls, joints)` for these times `(…, pieces)` that bend little.
+
+        Of all splines of the family through the waypoints that of the least sum of squared third
+        differences over `T^5` (about the integral of squared jerk).
+        """
+        is_fixed, values = self.fixed(displacements)
+        free = ~is_fixed
+        joins, bends = self._matrices(times)
+        held = values[is_fixed]
+        square = np.swapaxes(bends, -1, -2) @ bends
+
+        # the optimum u with multipliers m: H u + Aᵀ m = −H_f x_f,  A u = −A_f x_f
+        a = joins[..., free]
+        top = np.concatenate([square[..., free, :][..., free], np.swapaxes(a, -1, -2)], axis=-1)
+        rows = a.shape[-2]
+        corner = np.zeros((*a.shape[:-2], rows, rows))
+        bottom = np.concatenate([a, corner], axis=-1)
+        matrix = np.concatenate([top, bottom], axis=-2)
+        pull = square[..., free, :][..., is_fixed] @ held
+        target = joins[..., is_fixed] @ held
+        right = -np.concatenate([pull, target], axis=-2)
+        solution = np.linalg.solve(matrix, right)
+
+        controls = np.empty((*times.shape[:-1], *values.shape))
+        controls[..., is_fixed, :] = held
+        controls[..., free, :] = solution[..., : free.sum(), :]
+        return controls
+
+    def joined(self, controls: Array, times: Array) -> Array:
+        """The controls, moved as little as lets the pieces join to rounding.
+
+        Args:
+            controls: `(controls, joints)`, those that are fixed in their places.
+            times: of the pieces, which count the less the briefer they are.
+        """
+        is_fixed, _ = self.fixed(np.zeros((len(self.parts), controls.shape[1])))
+        free = ~is_fixed
+        joins, _ = self._matrices(times)
+        reach = np.repeat(times / times.mean(), self.lengths)[free]
+        misses = joins @ controls
+        step, *_ = np.linalg.lstsq(joins[:, free] * reach, misses)
+        moved = controls.copy()
+        moved[free] -= reach[:, None] * step
+        return moved
+
+    def _matrices(self, times: Array) -> tuple[Array, Array]:
+        """Joins and weighted third differences, as matrices that multiply all controls."""
+        count = sum(self.lengths)
+        each = np.eye(count)
+        controls = self.split(each)
+        relative = times / times.mean(axis=-1, keepdims=True)
+        columns = [relative[..., k, None] for k in range(self.pieces)]
+        nothing = np.zeros((*times.shape[:-1], 1, count))
+        joins = [nothing[..., 0, :] + row for row in self.joins(controls, columns)]
+        weights = np.clip(relative**-2.5, 1 / _MOST_WEIGHT, _MOST_WEIGHT)
+        bends = []
+        for k, own in enumerate(controls):
+            for bend in derivative(own, 3):
+                bends.append(weights[..., k, None] * bend)
+        if not joins:
+            return nothing[..., :0, :], np.stack(bends, axis=-2)
+        return np.stack(joins, axis=-2), np.stack(bends, axis=-2)
+
+    def split(self, controls: Array) -> list[Array]:
+        """All pieces' controls `(controls, …)`, piece by piece."""
+        ends = np.cumsum(self.lengths)
+        return np.split(controls, ends[:-1])
+
+    def powers(self, controls: Array) -> Array:
+        """Every piece on the unit interval, `(degree + 1, pieces, …)`, highest power first."""
+        shape = (self.degree + 1, self.pieces, *controls.shape[1:])
+        coefficients = np.zeros(shape)
+        for k, own in enumerate(self.split(controls)):
+            degree = len(own) - 1
+            for power in range(degree + 1):
+                # C(p, i) Δ^i b_0 multiplies s^i
+                difference = np.diff(own, power, axis=0)[0]
+                coefficients[-1 - power, k] = comb(degree, power) * difference
+        return coefficients
+
+
+def derivative(controls: Controls, order: int) -> list[Any]:
+    """Controls of a derivative over the unit interval: `p!/(p − r)! Δ^r b`."""
+    degree = len(controls) - 1
+    differences = list(controls)
+    for _ in range(order):
+        steps = []
+        for i in range(len(differences) - 1):
+            step = differences[i + 1] - differences[i]
+            steps.append(step)
+        differences = steps
+    factor = perm(degree, order)
+    return [factor * difference for difference in differences]
+
+
+def family(shape: str, segments: int, ends: Ends, jerk_limited: bool) -> Family:
+    """The family of a shape for this many segments.
+
+    Degrees too low for ends without acceleration get one more knot in the first and the last
+    segment where jerk is limited. Where it is not the best such knot is infinitely near the end:
+    the spline is then that of ends at a standstill.
+
+    Args:
+        shape: one degree for all segments ("5"), one for each ("4-3-4"), or three of which the
+            middle one is repeated ("4-3-4" for 4-3-3-4).
+        segments: between waypoints.
+        ends: without velocity ("standstill"), or without acceleration too ("rest").
+        jerk_limited: whether any joint's jerk is.
+
+    Raises:
+        InvalidInput: the shape has no such degrees, or does not fit so many segments.
+    """
+    fitted = _fitted(degrees(shape), segments)
+    if not fitted:
+        right = f"degrees for {segments} segments: one, {segments}, or three of more than three"
+        raise InvalidInput("shape", right, value=shape)
+    numbers = list(range(segments))
+    too_low = sum(fitted) < 3 * segments + 2
+    still_orders = 2
+    if ends == "standstill" or (too_low and not jerk_limited):
+        still_orders = 1
+    elif too_low:
+        # at both ends one more piece, of the same degree in the same segment
+        fitted = [fitted[0], *fitted, fitted[-1]]
+        numbers = [0, *numbers, segments - 1]
+    return Family(tuple(fitted), tuple(numbers), still_orders)
+
+
+def degrees(shape: str) -> list[int]:
+    """The degrees that a shape names; raises `InvalidInput` where they are not degrees."""
+    allowed = range(_LOWEST_DEGREE, _HIGHEST_DEGREE + 1)
+    right = f"degrees from {_LOWEST_DEGREE} to {_HIGHEST_DEGREE}, as in 4-3-4"
+    named = []
+    for word in shape.split("-"):
+        if not word.isdecimal() or int(word) not in allowed:
+            raise InvalidInput("shape", right, value=shape)
+        named.append(int(word))
+    return named
+
+
+def _fitted(named: list[int], segments: int) -> list[int]:
+    """One degree per segment, or none if these do not fit."""
+    if len(named) == segments:
+        return named
+    if len(named) == 1:
+        return named * segments
+    if len(named) == 3 and segments > 3:
+        first, inner, last = named
+        return [first, *[inner] * (segments - 2), last]
+    return []
+
+
+def peaks(unit: Array, times: Array, order: int, bounds: Array) -> tuple[Array, Array]:
+    """Where and by how much each piece comes closest to its limit, or breaks it.
+
+    Args:
+        unit: pieces on the unit interval, `(degree + 1, pieces, joints)`.
+        times: of the pieces.
+        order: of the derivative that is limited.
+        bounds: its limits, `(joints, 2)`.
+
+    Returns:
+        Instants on the unit interval and utilisations there, each `(pieces, joints)`.
+    """
+    rate = polynomials.derivative(unit, order)
+    one_by_one = rate.reshape(len(rate), -1)
+    critical = polynomials.critical_points(one_by_one)
+    points = critical.reshape(-1, *rate.shape[1:])
+    used = utilisation(rate[:, None], points, times, order, bounds)
+    worst = used.argmax(axis=0)[None]
+    instants = np.take_along_axis(points, worst, axis=0)
+    highest = np.take_along_axis(used, worst, axis=0)
+    return instants[0], highest[0]
+
+
+def utilisation(rate: Array, points: Array, times: Array, order: int, bounds: Array) -> Array:
+    """A derivative over its limit at points of the unit interval, `(points, pieces, joints)`."""
+    low, high = bounds.T
+    # d^r q/dt^r = d^r q/ds^r / T^r
+    scale = times[:, None] ** order
+    values = polynomials.evaluate(rate, points) / scale
+    return np.asarray(np.maximum(values / high, values / low))
