@@ -15,16 +15,18 @@ from __future__ import annotations
 
 import importlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cyclopts
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.interpolate import PPoly
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.optimize import differential_evolution
 
 from experiments.common.output import save_table
@@ -33,14 +35,16 @@ from trajopt.planner import Planner
 from trajopt.problem import Problem
 from trajopt.registry import load
 from trajopt.swarm.optimiser import minimise
-from trajopt.swarm_planner import SwarmPlanner, _Task
+from trajopt.swarm_planner import SegmentTimes, SwarmPlanner
 from trajopt.verification import Tolerance, verify
 
 Array = NDArray[np.float64]
 
 POPULATION = 30  # the paper's
-SEEDS_TOGETHER = 15  # as a comparison advances them
-INTERVALS = (20, 80, 160)  # of collocation, per segment
+SEEDS_TOGETHER = 30  # as a comparison advances them
+INTERVALS: tuple[int, ...] = (20, 80, 160)  # of collocation, per segment
+REPEATS = 3  # of long tasks; of short ones ten times as many
+_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6}
 
 
 @dataclass(frozen=True)
@@ -54,15 +58,29 @@ class Row:
     note: str = ""
 
 
-def cpu_seconds(call: Callable[[], object], repeats: int) -> float:
-    """The least CPU time of several calls, after one that is not counted."""
-    call()
-    spent = []
+class Way(NamedTuple):
+    """A call to be timed; it does its task so many times (`times`)."""
+
+    name: str
+    call: Callable[[], object]
+    note: str = ""
+    times: int = 1
+
+
+def side_by_side(task: str, ways: Sequence[Way], unit: str, repeats: int) -> Iterator[Row]:
+    """The least CPU time of each way, all taking turns: a machine is not always equally fast."""
+    for way in ways:
+        way.call()
+    least = [np.inf] * len(ways)
     for _ in range(repeats):
-        began = time.process_time()
-        call()
-        spent.append(time.process_time() - began)
-    return min(spent)
+        for number, way in enumerate(ways):
+            began = time.process_time()
+            way.call()
+            spent = time.process_time() - began
+            least[number] = min(least[number], spent)
+    for way, seconds in zip(ways, least, strict=True):
+        cost = seconds / way.times / _SECONDS[unit]
+        yield Row(task, way.name, cost, unit, way.note)
 
 
 # --- searches ---
@@ -72,11 +90,11 @@ def cpu_seconds(call: Callable[[], object], repeats: int) -> float:
 class Fitness:
     """The 3-5-3 fitness of a problem, as PSO, SSA and ISSA have it: of `(m, 3)` segment times."""
 
-    task: _Task
+    task: SegmentTimes
 
     @classmethod
     def of(cls, problem: Problem) -> Fitness:
-        return cls(_Task.of(problem, load_swarm("pso")))
+        return cls(SegmentTimes.of(problem, load_swarm("pso")))
 
     @property
     def low(self) -> Array:
@@ -103,27 +121,42 @@ def searches(problem: Problem, iterations: int, repeats: int) -> Iterator[Row]:
     """CPU time per evaluation, the fitness included."""
     task = "evaluation of the 3-5-3 fitness"
     fitness = Fitness.of(problem)
-    for seeds in (1, SEEDS_TOGETHER):
+    ways = []
+    for runs in (1, SEEDS_TOGETHER):
         for name in ("pso", "ssa", "issa"):
-            search = _ours(fitness, name, seeds, iterations)
-            yield _per_evaluation(task, f"{name}, {seeds} at a time", search, repeats)
-    scipys = _scipy(fitness, iterations)
-    yield _per_evaluation(task, "SciPy's DE, vectorised", scipys, repeats)
+            search = _ours(fitness, name, runs, iterations)
+            ways.append(_counted(f"{name}, {_in_words(runs)}", search))
+    ways.append(_counted("SciPy's DE, vectorised", _scipy(fitness, iterations)))
+    for runs in (1, SEEDS_TOGETHER):
+        ways.append(_alone(fitness, POPULATION * runs))
+    missing = []
     for package, peer in (("pymoo", _pymoo), ("pygmo", _pygmo)):
         try:
             importlib.import_module(package)
         except ImportError:
-            missing = f"not installed: pip install 'trajopt[bench]' ({package})"
-            yield Row(task, package, np.nan, "µs", missing)
+            note = f"not installed: pip install 'trajopt[bench]' ({package})"
+            missing.append(Row(task, package, np.nan, "µs", note))
         else:
-            yield _per_evaluation(task, f"{package}'s PSO", peer(fitness, iterations), repeats)
+            ways.append(_counted(f"{package}'s PSO", peer(fitness, iterations)))
+    yield from side_by_side(task, ways, "µs", repeats)
+    yield from missing
 
 
-def _per_evaluation(task: str, way: str, search: Callable[[], int], repeats: int) -> Row:
+def _alone(fitness: Fitness, candidates: int) -> Way:
+    """The fitness without a search, of candidates anywhere in the box."""
+    drawn = np.random.default_rng(0).uniform(fitness.low, fitness.high, (candidates, 3))
+    note = f"{candidates} candidates a call"
+    return Way("the fitness alone", lambda: fitness(drawn), note, candidates)
+
+
+def _counted(name: str, search: Callable[[], int]) -> Way:
     """`search` returns how many evaluations it made."""
     evaluations = search()
-    seconds = cpu_seconds(search, repeats)
-    return Row(task, way, 1e6 * seconds / evaluations, "µs", f"{evaluations} evaluations")
+    return Way(name, search, f"{evaluations} evaluations", evaluations)
+
+
+def _in_words(runs: int) -> str:
+    return "one run" if runs == 1 else f"{runs} runs together"
 
 
 def _ours(fitness: Fitness, name: str, seeds: int, iterations: int) -> Callable[[], int]:
@@ -219,11 +252,13 @@ def optima(problem: Problem, intervals: tuple[int, ...], repeats: int) -> Iterat
     task = "minimum time"
     specs = ["exact", *(f"collocation:intervals={count}" for count in intervals)]
     best = certified_duration(problem, load("exact"))
+    ways = []
     for spec in specs:
         planner = load(spec)
         error = certified_duration(problem, planner) / best - 1
-        seconds = cpu_seconds(lambda own=planner: own.solve(problem), repeats)  # type: ignore[misc]
-        yield Row(task, spec, seconds, "s", f"error {100 * error:.4f} %")
+        solve = partial(planner.solve, problem)
+        ways.append(Way(spec, solve, f"error {100 * error:.4f} %"))
+    yield from side_by_side(task, ways, "s", repeats)
 
 
 def certified_duration(problem: Problem, planner: Planner) -> float:
@@ -243,8 +278,6 @@ def verdicts(problem: Problem, repeats: int) -> Iterator[Row]:
     task = "verdict on a 3-5-3"
     trajectory = load("unoptimised").solve(problem).trajectory
     assert trajectory is not None
-    seconds = cpu_seconds(lambda: verify(problem, trajectory), repeats)
-    yield Row(task, "verify", 1e3 * seconds, "ms", "exact, also of waypoints and jumps")
     motion = PPoly(trajectory.coefficients, trajectory.breaks)
     at = np.linspace(0.0, trajectory.duration, 10_000)
     spacing = np.inf
@@ -260,12 +293,21 @@ def verdicts(problem: Problem, repeats: int) -> Iterator[Row]:
         times = np.linspace(0.0, trajectory.duration, count)
         return [abs(motion(times, order)).max(axis=0) for order in (1, 2)]
 
-    seconds = cpu_seconds(sample, repeats)
-    yield Row(task, "sampled, velocity and acceleration", 1e3 * seconds, "ms", f"{count} points")
+    exact = partial(verify, problem, trajectory)
+    ways = [
+        Way("verify", exact, "exact, also of waypoints and jumps"),
+        Way("sampled, velocity and acceleration", sample, f"{count} points"),
+    ]
+    yield from side_by_side(task, ways, "ms", repeats)
 
 
 def topp_ra(problem: Problem, repeats: int) -> Iterator[Row]:
-    """One cubic spline, 1000 grid intervals, with and without this package around it."""
+    """One cubic spline cut into 1000 intervals, with and without this package around it.
+
+    The answer is the same where the limits hold on whole intervals (the package's "interpolation"
+    scheme) and the trajectory is a piecewise polynomial. By itself the package puts a cubic spline
+    through the gridpoints, which keeps the limits there only.
+    """
     import toppra
     import toppra.algorithm
     import toppra.constraint
@@ -273,21 +315,61 @@ def topp_ra(problem: Problem, repeats: int) -> Iterator[Row]:
     planner = load("toppra:knots=chord,ends=clamped")
     chords = np.linalg.norm(problem.displacements, axis=1)
     knots = np.r_[0.0, np.cumsum(chords)]
+    on_intervals = toppra.constraint.DiscretizationType.Interpolation
 
-    def direct() -> object:
+    def timing() -> tuple[Any, Array]:
         path = toppra.SplineInterpolator(knots, problem.waypoints, bc_type="clamped")
         limits = [
             toppra.constraint.JointVelocityConstraint(problem.limits.velocity),
-            toppra.constraint.JointAccelerationConstraint(problem.limits.acceleration),
+            toppra.constraint.JointAccelerationConstraint(
+                problem.limits.acceleration,
+                discretization_scheme=on_intervals,
+            ),
         ]
         grid = np.linspace(0.0, path.duration, 1001)
-        timing = toppra.algorithm.TOPPRA(limits, path, gridpoints=grid)
-        return timing.compute_trajectory(0, 0)
+        return toppra.algorithm.TOPPRA(limits, path, gridpoints=grid), grid
 
-    task = "TOPP-RA on a spline"
-    yield Row(task, "toppra", 1e3 * cpu_seconds(direct, repeats), "ms")
-    ours = cpu_seconds(lambda: planner.solve(problem), repeats)
-    yield Row(task, "our planner", 1e3 * ours, "ms", "with the trajectory as polynomials")
+    def direct() -> object:
+        algorithm, _ = timing()
+        return algorithm.compute_trajectory(0, 0)
+
+    def polynomial() -> object:
+        algorithm, grid = timing()
+        algorithm.compute_parameterization(0, 0)
+        spline = CubicSpline(knots, problem.waypoints, bc_type="clamped")
+        return retimed(spline, grid, algorithm.problem_data.sd_vec)
+
+    solve = partial(planner.solve, problem)
+    ways = [
+        Way("toppra, as polynomials", polynomial, "limits at both ends of every interval"),
+        Way("our planner", solve, "limits at both ends and in the middle, units of its own"),
+        Way("toppra, its own spline", direct, "limits at both ends, a spline through gridpoints"),
+    ]
+    yield from side_by_side("TOPP-RA on a spline", ways, "ms", repeats)
+
+
+def retimed(path: CubicSpline, grid: Array, speeds: Array) -> PPoly:
+    """A cubic path at `s(t)`, quadratic on each interval of the grid: of degree six."""
+    durations = 2 * np.diff(grid) / (speeds[1:] + speeds[:-1])
+    v = speeds[:-1, None]
+    a = (np.diff(speeds) / durations)[:, None]
+    # q = c0 + c1 u + c2 u² + c3 u³ with u = v t + a t²/2
+    begins = grid[:-1]
+    c0 = path(begins)
+    c1 = path(begins, 1)
+    c2 = path(begins, 2) / 2
+    c3 = path(begins, 3) / 6
+    powers = [
+        c3 * a**3 / 8,
+        c3 * 3 / 4 * v * a**2,
+        c2 * a**2 / 4 + c3 * 3 / 2 * v**2 * a,
+        c2 * v * a + c3 * v**3,
+        c1 * a / 2 + c2 * v**2,
+        c1 * v,
+        c0,
+    ]
+    breaks = np.r_[0.0, np.cumsum(durations)]
+    return PPoly(np.array(powers), breaks)
 
 
 def ruckig_stop(problem: Problem, repeats: int) -> Iterator[Row]:
@@ -297,24 +379,51 @@ def ruckig_stop(problem: Problem, repeats: int) -> Iterator[Row]:
     planner = load("ruckig-stop")
     limits = problem.limits
 
-    def direct() -> float:
+    def sections() -> Iterator[Any]:
         generator = ruckig.Ruckig(problem.joints)
-        duration = 0.0
-        for here, there in zip(problem.waypoints, problem.waypoints[1:], strict=False):
+        for here, there in pairwise(problem.waypoints.tolist()):
             given = ruckig.InputParameter(problem.joints)
-            given.current_position = here.tolist()
-            given.target_position = there.tolist()
+            given.current_position = here
+            given.target_position = there
             given.max_velocity = limits.velocity[:, 1].tolist()
             given.max_acceleration = limits.acceleration[:, 1].tolist()
             trajectory = ruckig.Trajectory(problem.joints)
             generator.calculate(given, trajectory)
-            duration += trajectory.duration
-        return duration
+            yield trajectory
 
-    task = "Ruckig, stopping at waypoints"
-    yield Row(task, "ruckig", 1e3 * cpu_seconds(direct, repeats), "ms", "durations only")
-    ours = cpu_seconds(lambda: planner.solve(problem), repeats)
-    yield Row(task, "our planner", 1e3 * ours, "ms", "with the trajectory as polynomials")
+    def durations() -> float:
+        spent = [trajectory.duration for trajectory in sections()]
+        return float(np.sum(spent))
+
+    def polynomials() -> list[PPoly]:
+        profiles = [trajectory.profiles[0] for trajectory in sections()]
+        return [cubics(own) for own in zip(*profiles, strict=True)]
+
+    solve = partial(planner.solve, problem)
+    ways = [
+        Way("ruckig, as polynomials", polynomials, "a joint at a time"),
+        Way("our planner", solve, "all joints on common breaks, input and answer checked"),
+        Way("ruckig, durations only", durations),
+    ]
+    yield from side_by_side("Ruckig, stopping at waypoints", ways, "ms", repeats)
+
+
+def cubics(profiles: Sequence[Any]) -> PPoly:
+    """One joint's motion from Ruckig's profiles of it, one after another."""
+    durations = []
+    pieces = []
+    for profile in profiles:
+        phases = zip(profile.t, profile.j, profile.a, profile.v, profile.p, strict=False)
+        for t, j, a, v, p in phases:
+            if t > 0:
+                durations.append(t)
+                # q = p + v t + a t²/2 + j t³/6
+                pieces.append([j / 6, a / 2, v, p])
+    if not pieces:
+        durations = [1.0]
+        pieces = [[0.0, 0.0, 0.0, profiles[0].pf]]
+    breaks = np.r_[0.0, np.cumsum(durations)]
+    return PPoly(np.array(pieces).T, breaks)
 
 
 def main(
@@ -326,17 +435,17 @@ def main(
     """Measure every task and print the table."""
     loaded = catalogue.load(problem)
     iterations = 200
-    repeats = 3
-    intervals: tuple[int, ...] = INTERVALS
+    intervals = INTERVALS
+    repeats = REPEATS
     if quick:
         iterations = 5
-        repeats = 1
         intervals = ()
+        repeats = 1
     rows = [
         *searches(loaded, iterations, repeats),
-        *verdicts(loaded, repeats),
-        *topp_ra(loaded, repeats),
-        *ruckig_stop(loaded, repeats),
+        *verdicts(loaded, 10 * repeats),
+        *topp_ra(loaded, 10 * repeats),
+        *ruckig_stop(loaded, 10 * repeats),
     ]
     if intervals:
         rows += optima(loaded, intervals, repeats)

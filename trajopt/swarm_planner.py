@@ -88,7 +88,7 @@ class SwarmPlanner(Planner):
         if len(seeds) == 0:
             return []
         merged, index = problem.merged()
-        task = _Task.of(merged, self)
+        task = SegmentTimes.of(merged, self)
         low, high = task.box(len(seeds))
         result = minimise(
             self.optimiser,
@@ -108,7 +108,7 @@ class SwarmPlanner(Planner):
     def _solution(
         self,
         problem: Problem,
-        task: _Task,
+        task: SegmentTimes,
         result: Result,
         times: Array,
         histories: list[Array],
@@ -140,11 +140,15 @@ class SwarmPlanner(Planner):
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class SegmentTimes:
     """What the swarm minimises. A group is a set of joints with common times: all, or each alone.
 
     `displacements` `(joints, 3)` and `limits` of the moving `joints`; box `low`, `high`
     `(groups, 3)`, s.
+
+        search = SegmentTimes.of(problem, SwarmPlanner())
+        low, high = search.box(seeds=1)
+        minimise(PSO(), search.fitness, low, high, seeds=[0], iterations=100)
     """
 
     planner: SwarmPlanner
@@ -155,7 +159,8 @@ class _Task:
     high: Array
 
     @classmethod
-    def of(cls, problem: Problem, planner: SwarmPlanner) -> _Task:
+    def of(cls, problem: Problem, planner: SwarmPlanner) -> SegmentTimes:
+        """Of a problem without consecutive identical waypoints, as a planner's options say."""
         joints = np.flatnonzero(problem.moving)
         free = problem.without("position")
         moving = free.only(joints)
