@@ -8,18 +8,24 @@ A planner is a frozen dataclass whose fields are its options:
 
         def solve(self, problem: Problem, *, seed: int = 0) -> Solution: ...
 
+or a function, whose keywords with their defaults are its options:
+
+    def my_planner(problem: Problem, *, seed: int = 0, samples: int = 100) -> Solution: ...
+
 `trajopt.registry` finds planners by their names; in a script, pass the object itself.
 """
 
 from __future__ import annotations
 
 import importlib
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, dataclass, fields, is_dataclass, make_dataclass, replace
 from enum import Enum
 from functools import cached_property, wraps
-from typing import Any, TypeVar, cast
+from types import FunctionType
+from typing import Any, TypeVar, cast, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,14 +242,85 @@ class _Adapted(Planner):
         return str(getattr(self.own, "description", first_line(self.own)))
 
 
+def is_solve(target: object) -> bool:
+    """Whether this is a function that plans: one whose first argument, the problem, is needed."""
+    if not isinstance(target, FunctionType):
+        return False
+    first = next(iter(inspect.signature(target).parameters.values()), None)
+    return first is not None and first.kind in _POSITIONAL and first.default is first.empty
+
+
+def of_function(function: Callable[..., Solution]) -> Planner:
+    """A planner that calls a function; its options are the function's keywords.
+
+    What a planner may say of itself beyond that (`stochastic`, `requires`, `knows`, `on_request`,
+    `relation`, `unsupported`) a function says by attributes of these names.
+
+    Raises:
+        InvalidInput: An option has no default, or cannot be seen.
+    """
+    name = function.__name__
+    options = _function_options(function)
+    takes_seed = "seed" in inspect.signature(function).parameters
+
+    def solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
+        given = {option: getattr(self, option) for option, _, _ in options}
+        if takes_seed:
+            given["seed"] = seed
+        return function(problem, **given)
+
+    members: dict[str, Any] = {"solve": solve, "__doc__": function.__doc__}
+    for said in _SAID_BY_ATTRIBUTES:
+        if hasattr(function, said):
+            members[said] = getattr(function, said)
+    for said in ("relation", "unsupported"):
+        if hasattr(function, said):
+            members[said] = staticmethod(getattr(function, said))
+    try:
+        made = make_dataclass(name, options, bases=(Planner,), namespace=members, frozen=True)
+    except ValueError as error:  # a list as a default, which all calls would share
+        raise InvalidInput(f"planner {name}", f"other defaults: {error}") from None
+    made.__module__ = function.__module__ or "__main__"
+    made.__qualname__ = function.__qualname__
+    planner: Planner = made()
+    return planner
+
+
+def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any, Any]]:
+    """Name, type and default of each option."""
+    _, *others = inspect.signature(function).parameters.values()
+    try:
+        hints = get_type_hints(function)
+    except NameError:  # of what is imported for type checkers only
+        hints = {}
+    options = []
+    for parameter in others:
+        if parameter.name == "seed":
+            continue
+        key = f"planner {function.__name__}, {parameter.name}"
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            raise InvalidInput(key, "options by their names: what * takes nobody sees")
+        if parameter.kind is parameter.POSITIONAL_ONLY or parameter.default is parameter.empty:
+            raise InvalidInput(key, "a keyword with a default, as every option")
+        hint = hints.get(parameter.name, type(parameter.default))
+        options.append((parameter.name, hint, parameter.default))
+    return options
+
+
+_POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+_SAID_BY_ATTRIBUTES = ("stochastic", "on_request", "requires", "knows")
+
+
 def adapted(planner: object) -> Planner:
-    """The planner itself, or one around an object that has the methods but not the base class.
+    """The planner itself, or one around a function, or around an object with the methods alone.
 
     The one place where an object of a stranger is asked what it has. Raises `InvalidInput` if it
     has no `solve`.
     """
     if isinstance(planner, Planner):
         return planner
+    if is_solve(planner):
+        return of_function(cast(Callable[..., Solution], planner))
     name = type(planner).__name__
     if isinstance(planner, type):
         raise InvalidInput("planner", f"an object, {planner.__name__}()", value=planner)

@@ -1,7 +1,7 @@
 """Names to planners and back: the one door by which every planner enters.
 
 Ours, the baselines and a stranger's register under the entry-point group `trajopt.planners`: a
-class, an object, or a function that returns one.
+class, an object, a function that returns one, or a function that plans: `solve(problem, *, seed)`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from trajopt import numerals
 from trajopt.exceptions import InvalidInput, MissingBackend, TrajoptError, UnknownName
-from trajopt.planner import Planner, adapted
+from trajopt.planner import Planner, adapted, is_solve
 
 GROUP = "trajopt.planners"
 
@@ -84,8 +84,9 @@ def _shadow(package: str) -> str:
 
 
 def _object(target: Any) -> object:
-    """What an entry point names: an object, or what a class or a function makes."""
-    is_planner = hasattr(target, "solve") and not isinstance(target, type)
+    """What an entry point names: an object, a function that plans, or what something makes."""
+    is_object = hasattr(target, "solve") and not isinstance(target, type)
+    is_planner = is_object or is_solve(target)
     return target if is_planner else target()
 
 
