@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 Options = Mapping[str, float | str]
 Bounds = tuple[Array | float, Array | float]  # low, high
 
+# Two local optima whose durations differ by no more are one: both are IPOPT's to its tolerance.
+AGREEMENT_RTOL = 1e-9
+
 _QUIET: Options = {"print_level": 0, "sb": "yes"}
 
 
@@ -138,16 +141,33 @@ Start = TypeVar("Start")
 TimedT = TypeVar("TimedT", bound=Timed)
 
 
-def optima(solve: Callable[[Start], TimedT], starts: Iterable[Start], count: int) -> list[TimedT]:
-    """Local optima: of the first `count` starts, and of further ones while none has succeeded."""
+def optima(
+    solve: Callable[[Start], TimedT],
+    starts: Iterable[Start],
+    count: int,
+    agreeing: int,
+) -> list[TimedT]:
+    """Local optima: of `count` starts, of fewer that agree, of more while none has succeeded.
+
+    Args:
+        solve: leads from a start to a local optimum.
+        starts: where to start from, in order.
+        count: no more starts than these, unless all of them fail.
+        agreeing: no more starts once so many share the shortest duration, to `AGREEMENT_RTOL`.
+
+    Returns:
+        The optima in the order of their starts.
+    """
     results: list[TimedT] = []
-    succeeded = False
     for start in starts:
-        if len(results) >= count and succeeded:
+        durations = np.array([result.duration for result in results])
+        shortest = durations.min(initial=np.inf)
+        succeeded = shortest < np.inf
+        as_short = durations <= shortest * (1 + AGREEMENT_RTOL)
+        agreed = as_short.sum() >= agreeing
+        if succeeded and (agreed or len(results) >= count):
             break
-        result = solve(start)
-        results.append(result)
-        succeeded = succeeded or result.duration < np.inf
+        results.append(solve(start))
     return results
 
 

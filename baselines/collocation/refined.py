@@ -45,6 +45,8 @@ _SECONDS_PER_CELL = 0.1
 _SECONDS_PER_CELL_JERK = 0.5
 # Intervals of all joints and segments: no refinement beyond it but the first.
 _MOST_INTERVALS = 3000
+# Starts that have to lead to the best duration: then there are no more.
+_AGREEING = 2
 # Times as many starts where all have failed so far.
 _PATIENCE = 4
 # Times the relaxation's duration: a start.
@@ -100,7 +102,12 @@ class CollocationRefined(Planner):
         setup_time = time.perf_counter() - began
 
         starts = _starts(grid, _PATIENCE * self.starts)
-        started = optima(lambda nodes: _solved(grid, nodes), starts, self.starts)
+        started = optima(
+            lambda nodes: _solved(grid, nodes),
+            starts,
+            self.starts,
+            agreeing=_AGREEING,
+        )
         incumbent = min(started, key=lambda level: level.duration)
         levels = self._refined(incumbent)
         best = min(levels, key=lambda level: level.duration)

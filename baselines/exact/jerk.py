@@ -65,13 +65,16 @@ class ExactJerk(Planner):
     """
 
     starts: int = 4
+    agreeing: int = 2
 
     requires = ("casadi",)
     knows = ("velocity", "acceleration", "jerk")
 
     def __post_init__(self) -> None:
-        if self.starts < 1:
-            raise InvalidInput("starts", "at least 1", value=self.starts)
+        for name in ("starts", "agreeing"):
+            value = getattr(self, name)
+            if value < 1:
+                raise InvalidInput(name, "at least 1", value=value)
 
     def relation(self, problem: Problem) -> Relation:
         """Position limits are ignored, so with them the answer is a lower bound."""
@@ -97,7 +100,7 @@ class ExactJerk(Planner):
             return _run(solver, scaled, *start, nothing_apart)
 
         starts = _starts(scaled, _PATIENCE * self.starts)
-        first = optima(solve_from, starts, self.starts)
+        first = optima(solve_from, starts, self.starts, self.agreeing)
         local = _followed_once(solver, scaled, first)
         statuses = [optimum.status for optimum in local]
         durations = np.array([optimum.duration for optimum in local])

@@ -55,14 +55,17 @@ class Ended:
 @pytest.mark.parametrize(
     ("durations", "solved"),
     [
-        ([1.0, 2.0, 3.0, 4.0], 2),  # as many as asked for
-        ([np.inf, 2.0, 3.0, 4.0], 2),
-        ([np.inf, np.inf, 3.0, 4.0], 3),  # more while none has succeeded
+        ([1.0, 2.0, 3.0, 4.0], 3),  # as many as asked for
+        ([np.inf, 2.0, 3.0, 4.0], 3),
+        ([np.inf, np.inf, np.inf, 4.0, 5.0], 4),  # more while none has succeeded
         ([np.inf, np.inf, np.inf, np.inf], 4),
+        ([2.0, 2.0 + 1e-9, 1.0], 2),  # two agree
+        ([2.0, 2.0 + 1e-8, 1.0, 1.0], 3),
+        ([2.0, 1.0, 2.0, 1.0], 3),  # on the best so far, not on another
     ],
 )
 def test_several_starts_and_more_while_all_fail(durations: list[float], solved: int) -> None:
-    assert len(optima(Ended, durations, count=2)) == solved
+    assert len(optima(Ended, durations, count=3, agreeing=2)) == solved
 
 
 def test_the_message_names_every_status_once() -> None:

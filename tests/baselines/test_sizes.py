@@ -42,7 +42,7 @@ PLANNERS = [
 
 @pytest.mark.usefixtures("stop_at_the_solver")
 @pytest.mark.parametrize(("name", "planner"), PLANNERS)
-@pytest.mark.parametrize(("waypoints", "joints"), [(1000, 7), (30, 300)])
+@pytest.mark.parametrize(("waypoints", "joints"), [(2000, 7), (30, 600)])
 def test_large_problems_are_announced_first(name, planner: Planner, waypoints, joints, caplog):
     problem = walk(waypoints, joints, 20.0 if name == "exact-jerk" else np.inf)
     with caplog.at_level(logging.WARNING, "trajopt.sizes"), pytest.raises(Begun):

@@ -84,7 +84,7 @@ def test_starts_that_lead_to_one_optimum_are_followed_once(monkeypatch: pytest.M
     once = ExactJerk(starts=1).solve(problem)
     alone = len(runs)
     runs.clear()
-    solution = ExactJerk(starts=4).solve(problem)
+    solution = ExactJerk(starts=4, agreeing=4).solve(problem)
     assert alone > 1
     assert len(runs) == alone + 3
     durations = solution.stats["start_duration"]
