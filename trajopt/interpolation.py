@@ -12,7 +12,6 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
@@ -88,6 +87,8 @@ def pieces(
     """
     kind = chosen(interpolation, velocities, accelerations)
     if kind == "spline":
+        from scipy.interpolate import CubicSpline  # slow to import, and seldom needed
+
         spline = CubicSpline(times, positions, bc_type="clamped")
         return np.asarray(spline.c)
     lengths = np.diff(times)

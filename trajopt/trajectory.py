@@ -5,14 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trajopt import interpolation as between
-from trajopt import polynomials
+from trajopt import piecewise, polynomials
 from trajopt.exceptions import InvalidTrajectory
 from trajopt.interpolation import Interpolation
+from trajopt.piecewise import Pieces
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline, PPoly
 
 Array = NDArray[np.float64]
 
@@ -207,9 +212,79 @@ class Trajectory:
             waypoint_times = breaks[[0, -1]]
         return cls(breaks, coefficients, np.asarray(waypoint_times, dtype=float))
 
+    @classmethod
+    def from_ppoly(cls, ppoly: PPoly, *, waypoint_times: ArrayLike | None = None) -> Trajectory:
+        """The motion that SciPy's piecewise polynomial is, `CubicSpline` and the like too.
+
+        Its own polynomials, on its own breaks; time is moved so that the first break is 0.
+
+        Args:
+            ppoly: of time in seconds, radians, `(joints,)` or one number for one joint.
+            waypoint_times: when each waypoint is passed, s since the first break; by default the
+                start and the end alone.
+
+        Raises:
+            InvalidTrajectory: It is of several axes, complex, not finite, or runs backwards.
+        """
+        return cls._of_pieces(piecewise.of_ppoly(ppoly), waypoint_times)
+
+    @classmethod
+    def from_spline(cls, spline: BSpline, *, waypoint_times: ArrayLike | None = None) -> Trajectory:
+        """The motion that a B-spline of SciPy is, on its own interval `[t[k], t[-k - 1]]`.
+
+        Every piece between two knots as a polynomial, exactly; where knots are repeated it may
+        jump, which is judged like any jump. Time is moved so that the interval starts at 0.
+
+        Args:
+            spline: of time in seconds, radians, `(joints,)` or one number for one joint.
+            waypoint_times: as `from_ppoly` has them.
+
+        Raises:
+            InvalidTrajectory: It is of several axes, complex or not finite.
+        """
+        return cls._of_pieces(piecewise.of_spline(spline), waypoint_times)
+
+    @classmethod
+    def composed(
+        cls,
+        path: Trajectory | PPoly | BSpline,
+        s_of_t: Trajectory | PPoly | BSpline,
+        *,
+        waypoint_times: ArrayLike | None = None,
+    ) -> Trajectory:
+        """The motion `q(s(t))` along a path: a polynomial on every piece, exactly.
+
+        Broken where `s(t)` is, and where `s(t)` crosses a break of the path. `s(t)` may run back
+        and forth, and may stand.
+
+        Args:
+            path: `q(s)`, radians, of any parameter `s`.
+            s_of_t: one function of time in seconds, whose values stay within the path's domain.
+            waypoint_times: as `from_ppoly` has them.
+
+        Raises:
+            InvalidTrajectory: `s(t)` is several functions, or leaves the path's domain.
+        """
+        outer = _pieces_of(path)
+        inner = _pieces_of(s_of_t)
+        return cls._of_pieces(piecewise.composed(outer, inner), waypoint_times)
+
+    @classmethod
+    def _of_pieces(cls, pieces: Pieces, waypoint_times: ArrayLike | None) -> Trajectory:
+        breaks = pieces.breaks - pieces.breaks[0]
+        if waypoint_times is None:
+            waypoint_times = breaks[[0, -1]]
+        return cls(breaks, pieces.coefficients, np.asarray(waypoint_times, dtype=float))
+
     def _piece_at(self, time: Array) -> NDArray[np.intp]:
         after = np.searchsorted(self.breaks, time, side="right")
         return np.clip(after - 1, 0, len(self.breaks) - 2)
+
+
+def _pieces_of(function: Trajectory | PPoly | BSpline) -> Pieces:
+    if isinstance(function, Trajectory):
+        return Pieces(function.breaks, function.coefficients)
+    return piecewise.of_scipy(function)
 
 
 def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
