@@ -123,7 +123,7 @@ def test_what_to_add_where_a_limit_is_missing(tmp_path):
     read = joint_limits.read(written(tmp_path, "joint_limits: {elbow: {max_velocity: 1}}"))
     with pytest.raises(InvalidInput) as caught:
         read.limits(["elbow"])
-    for words in ("acceleration is no limit", "one for elbow", "max_acceleration"):
+    for words in ("acceleration limit is missing", "one for elbow", "max_acceleration"):
         assert words in str(caught.value)
     with pytest.raises(InvalidInput, match="perhaps elbow"):
         read.limits(["elbw"])

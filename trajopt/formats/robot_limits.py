@@ -137,10 +137,10 @@ def _absent(kind: LimitName, joint_names: Sequence[str], source: str) -> Invalid
         f"one for {names}; add --limits joint_limits.yaml with, under joint_limits: "
         f"{joint_names[0]}:, has_{kind}_limits: true and max_{kind}: a number (per joint)"
     )
-    why = "no limit"
+    why = "missing"
     if source.endswith(".urdf") and kind == "acceleration":
-        why = "no limit (a URDF has none)"
-    return InvalidInput(f"{source}: {kind}", right, value=_Words(why))
+        why = "missing (a URDF has none)"
+    return InvalidInput(f"{kind} limit", right, value=_Words(why), file=source)
 
 
 class _Words(str):
