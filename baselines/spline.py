@@ -20,6 +20,7 @@ from math import comb
 from typing import Any, Literal
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines import spline_family
@@ -63,11 +64,12 @@ _GAIN_RTOL = 1e-8
 # Logarithms: how much briefer or longer than at its start a piece may become in one round.
 _MOST_BRIEFER = 12
 _MOST_LONGER = 5
-# Ratios of times among which the starts are looked for, and the spread of their logarithms.
+# Ratios of times among which the starts are looked for, and the spread of their logarithms: most
+# optima lie near the stop times, some far away.
 _CANDIDATES = 1000
-_LOG_SPREAD = 2.0
-# Logarithms: starts differ at least by that in one ratio.
-_LOG_APART = 2.0
+_LOG_SPREADS = (0.6, 2.0)
+# Nearest other candidates that a start has to be briefer than.
+_NEIGHBOURS = 8
 # Instants of each piece at which a candidate is dilated.
 _CANDIDATE_INSTANTS = 17
 # Candidates whose splines are computed at once: memory, numbers in their matrices.
@@ -324,36 +326,33 @@ def _sizes(bounds: Array) -> Array:
 
 
 def _starts(motion: _Motion, count: int) -> list[tuple[Array, Array]]:
-    """Times and controls to start from: the briefest of many splines whose ratios differ."""
+    """Times and controls to start from: local minima among splines of many ratios of times."""
     pieces = motion.family.pieces
     size = (sum(motion.family.lengths) + 3 * pieces) ** 2
     candidates = min(_CANDIDATES, _MOST_NUMBERS // size)
     rng = np.random.default_rng(pieces)
-    logs = _LOG_SPREAD * rng.standard_normal((max(candidates, count), pieces))
+    spreads = np.resize(_LOG_SPREADS, max(candidates, count))
+    logs = spreads[:, None] * rng.standard_normal((len(spreads), pieces))
     logs[0] = 0.0
     if pieces == 1:
         logs = logs[:1]
     times = motion.stop_times() * np.exp(logs)
     controls = motion.family.smoothest(motion.displacements, times)
     times *= motion.estimated(times, controls)[:, None]
-    by_duration = np.argsort(times.sum(axis=1), kind="stable")
-
     # a common factor of all times is no difference
     ratios = logs - logs.mean(axis=1, keepdims=True)
-    chosen = _apart(ratios, by_duration, count)
+    chosen = _local_minima(ratios, times.sum(axis=1))[:count]
     return [(times[i], controls[i]) for i in chosen]
 
 
-def _apart(ratios: Array, order: NDArray[np.intp], count: int) -> list[int]:
-    """The first ones in this order that lie apart from each other."""
-    chosen: list[int] = []
-    for i in order:
-        distances = [np.abs(ratios[i] - ratios[other]).max() for other in chosen]
-        if min(distances, default=np.inf) > _LOG_APART:
-            chosen.append(int(i))
-        if len(chosen) == count:
-            break
-    return chosen
+def _local_minima(points: Array, values: Array) -> NDArray[np.intp]:
+    """Which points have the lowest value among their neighbours, the lowest of all first."""
+    neighbours = min(_NEIGHBOURS, len(points) - 1)
+    tree = scipy.spatial.KDTree(points)
+    _, nearest = tree.query(points, k=np.arange(1, neighbours + 2))
+    around = values[nearest].min(axis=1)
+    lowest = np.flatnonzero(values <= around)
+    return lowest[np.argsort(values[lowest])]
 
 
 def _exchange(

@@ -105,7 +105,7 @@ class Family:
         which = np.isfinite(values[:, 0])
         return which, values
 
-    def joins(self, controls: Sequence[Controls], times: Sequence[Any]) -> list[Any]:
+    def joins(self, controls: Sequence[Controls], times: Controls) -> list[Any]:
         """What must vanish where pieces join, for any numbers or symbols with arithmetic.
 
         Args:
@@ -139,22 +139,25 @@ class Family:
         """
         is_fixed, values = self.fixed(displacements)
         free = ~is_fixed
-        joins, bends = self._matrices(times)
         held = values[is_fixed]
-        square = np.swapaxes(bends, -1, -2) @ bends
+        joins, bends = self._matrices(times)
+        turned = np.swapaxes(bends, -1, -2)
+        squares = turned[..., free, :] @ bends
+        own_joins = joins[..., free]
 
-        # the optimum u with multipliers m: H u + Aᵀ m = −H_f x_f,  A u = −A_f x_f
-        a = joins[..., free]
-        top = np.concatenate([square[..., free, :][..., free], np.swapaxes(a, -1, -2)], axis=-1)
-        rows = a.shape[-2]
-        corner = np.zeros((*a.shape[:-2], rows, rows))
-        bottom = np.concatenate([a, corner], axis=-1)
+        # H u + Aᵀ m = −H_f x_f with multipliers m
+        across = np.swapaxes(own_joins, -1, -2)
+        top = np.concatenate([squares[..., free], across], axis=-1)
+        top_right = squares[..., is_fixed] @ held
+        # A u = −A_f x_f
+        rows = own_joins.shape[-2]
+        corner = np.zeros((*own_joins.shape[:-1], rows))
+        bottom = np.concatenate([own_joins, corner], axis=-1)
+        bottom_right = joins[..., is_fixed] @ held
+
         matrix = np.concatenate([top, bottom], axis=-2)
-        pull = square[..., free, :][..., is_fixed] @ held
-        target = joins[..., is_fixed] @ held
-        right = -np.concatenate([pull, target], axis=-2)
-        solution = np.linalg.solve(matrix, right)
-
+        right = np.concatenate([top_right, bottom_right], axis=-2)
+        solution = np.linalg.solve(matrix, -right)
         controls = np.empty((*times.shape[:-1], *values.shape))
         controls[..., is_fixed, :] = held
         controls[..., free, :] = solution[..., : free.sum(), :]
@@ -182,18 +185,20 @@ class Family:
         count = sum(self.lengths)
         each = np.eye(count)
         controls = self.split(each)
+        batch = times.shape[:-1]
         relative = times / times.mean(axis=-1, keepdims=True)
-        columns = [relative[..., k, None] for k in range(self.pieces)]
-        nothing = np.zeros((*times.shape[:-1], 1, count))
-        joins = [nothing[..., 0, :] + row for row in self.joins(controls, columns)]
-        weights = np.clip(relative**-2.5, 1 / _MOST_WEIGHT, _MOST_WEIGHT)
+        columns = np.moveaxis(relative, -1, 0)[..., None]
+
+        joins = np.zeros((*batch, self.joins_count, count))
+        for i, row in enumerate(self.joins(controls, columns)):
+            joins[..., i, :] = row
+
         bends = []
-        for k, own in enumerate(controls):
+        weights = np.clip(columns**-2.5, 1 / _MOST_WEIGHT, _MOST_WEIGHT)
+        for own, weight in zip(controls, weights, strict=True):
             for bend in derivative(own, 3):
-                bends.append(weights[..., k, None] * bend)
-        if not joins:
-            return nothing[..., :0, :], np.stack(bends, axis=-2)
-        return np.stack(joins, axis=-2), np.stack(bends, axis=-2)
+                bends.append(weight * bend)
+        return joins, np.stack(bends, axis=-2)
 
     def split(self, controls: Array) -> list[Array]:
         """All pieces' controls `(controls, …)`, piece by piece."""

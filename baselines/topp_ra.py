@@ -90,18 +90,23 @@ class ToppRa(Planner):
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        knots = get_args(Knots)
-        if self.knots != "best":
-            knots = (self.knots,)
-        ends = get_args(Ends)
-        if self.ends != "best":
-            ends = (self.ends,)
         solutions = {}
-        for knot_rule, end_rule in product(knots, ends):
+        for knot_rule, end_rule in rules(self.knots, self.ends):
             path = spline(problem, knot_rule, end_rule)
             solution = along(problem, path, gridpoints=self.gridpoints)
             solutions[f"{knot_rule}/{end_rule}"] = solution
-        return _best(problem, solutions)
+        return best_of(problem, solutions)
+
+
+def rules(knots: Knots | Literal["best"], ends: Ends | Literal["best"]) -> list[tuple[Knots, Ends]]:
+    """The knot and end rules that are meant, `best` being all."""
+    all_knots: tuple[Knots, ...] = get_args(Knots)
+    if knots != "best":
+        all_knots = (knots,)
+    all_ends: tuple[Ends, ...] = get_args(Ends)
+    if ends != "best":
+        all_ends = (ends,)
+    return list(product(all_knots, all_ends))
 
 
 def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
@@ -176,8 +181,8 @@ def _along(
     wider: float,
 ) -> Solution:
     """The same on one grid; `scale` is the dilation that the path's own timing needs."""
-    path = _unit(trajectory, gridpoints)
-    grid = _cut(path)
+    path = unit_path(trajectory, gridpoints)
+    grid = cut(path)
     unit = scale * trajectory.duration / gridpoints  # of time, s
     velocity = limits.velocity * unit * wider
     acceleration = limits.acceleration * unit**2 * wider
@@ -198,12 +203,12 @@ def _along(
     )
     if path_speeds is None:
         return Solution(Status.FAILED, message=f"TOPP-RA: {reason}")
-    retimed = _timed(grid, path_speeds / unit, path.waypoint_times)
+    retimed = timed(grid, path_speeds / unit, path.waypoint_times)
     stats = {"gridpoints": len(grid.at)}
     return Solution(Status.SOLVED, retimed, stats=stats)
 
 
-def _best(problem: Problem, solutions: dict[str, Solution]) -> Solution:
+def best_of(problem: Problem, solutions: dict[str, Solution]) -> Solution:
     """The solution of the shortest certified duration, with every candidate's result in `stats`.
 
     A single one is left to the verifier of its trial.
@@ -272,7 +277,7 @@ def _reversed(path: Trajectory) -> Trajectory:
     return Trajectory(breaks, ends[:, ::-1], times)
 
 
-def _unit(trajectory: Trajectory, length: float) -> Trajectory:
+def unit_path(trajectory: Trajectory, length: float) -> Trajectory:
     """The same path over [0, length], without its pieces too short for the solver."""
     scaled = trajectory.dilated(length / trajectory.duration)
     own = scaled.breaks
@@ -288,7 +293,7 @@ def _unit(trajectory: Trajectory, length: float) -> Trajectory:
     return Trajectory(breaks, coefficients, scaled.waypoint_times)
 
 
-class _Grid(NamedTuple):
+class Grid(NamedTuple):
     """A path cut into steps.
 
     Attributes:
@@ -302,7 +307,7 @@ class _Grid(NamedTuple):
     local: Array
 
 
-def _cut(path: Trajectory) -> _Grid:
+def cut(path: Trajectory) -> Grid:
     lengths = np.diff(path.breaks)
     shortest = path.duration * _SHORT_PIECE_SHARE / len(lengths)
     even = np.ceil(np.maximum(lengths, shortest)).astype(int)
@@ -323,7 +328,7 @@ def _cut(path: Trajectory) -> _Grid:
     starts = path.breaks[piece] + offset
     at = np.r_[starts, path.breaks[-1]]
     local = polynomials.stretched(moved, step)
-    return _Grid(at, step, local)
+    return Grid(at, step, local)
 
 
 def _speeds(
@@ -341,7 +346,7 @@ def _speeds(
 
 
 def _path_speeds(
-    grid: _Grid,
+    grid: Grid,
     limits: Limits,
     start: tuple[float, float],
     end: tuple[float, float],
@@ -396,7 +401,7 @@ def _smoothed(
     return np.asarray(np.sqrt(squared))
 
 
-def _constraint(grid: _Grid, limits: Limits) -> Any:
+def _constraint(grid: Grid, limits: Limits) -> Any:
     """Both limits on every grid interval, as toppra's `a u + b x + c ≤ 0` and `x ≤ bound`.
 
     With path acceleration `u`, and path speed squared `x` where the interval starts, the joints'
@@ -474,8 +479,8 @@ def _speed_bounds(first: Array, velocity: Array) -> Array:
     return np.stack([np.zeros_like(top), top], axis=1)
 
 
-def _timed(
-    grid: _Grid,
+def timed(
+    grid: Grid,
     speeds: Array,
     waypoints: Array,
 ) -> Trajectory:

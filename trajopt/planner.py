@@ -81,6 +81,7 @@ class Planner(ABC):
         stochastic: Whether the seed matters. If not, a comparison runs it once.
         on_request: Whether it is left out where all planners run, unless asked for by name.
         requires: Packages that `solve` imports, looked for before the planner is listed.
+        extra: The extra of this package that installs them, if there is one.
         knows: Kinds of limits that it plans for. Where it breaks another kind the verifier says
             so: it dilates the answer, or finds it outside its position limits.
     """
@@ -88,6 +89,7 @@ class Planner(ABC):
     stochastic: bool = False
     on_request: bool = False
     requires: tuple[str, ...] = ()
+    extra: str = ""
     knows: tuple[LimitName, ...] = ("velocity", "acceleration")
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -414,9 +416,15 @@ def expanded(solution: Solution, index: NDArray[np.intp]) -> Solution:
     return replace(solution, trajectory=original)
 
 
-def backend(name: str) -> Any:
-    """Import a solver when it is needed; `MissingBackend` names the command that mends it."""
+def backend(name: str, extra: str = "") -> Any:
+    """Import a solver when it is needed; `MissingBackend` names the command that mends it.
+
+    Args:
+        name: Of the module.
+        extra: Of this package, that installs it.
+    """
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise MissingBackend(name) from error
+        package = name.partition(".")[0]
+        raise MissingBackend(package, extra) from error

@@ -57,7 +57,7 @@ class Entry:
                 absent.append(name)
         if not absent:
             return None
-        return str(MissingBackend(" ".join(absent)))
+        return str(MissingBackend(" ".join(absent), planner.extra))
 
 
 def _missing_package(error: Exception) -> str:

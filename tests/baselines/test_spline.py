@@ -29,7 +29,7 @@ def straight(h: float, jerk: float | None) -> Problem:
     return Problem([[0.0], [h]], limits)
 
 
-@pytest.mark.parametrize("name", ["jerk-limit", "asymmetric", "repeated", "tiny"])
+@pytest.mark.parametrize("name", ["jerk-limit", "asymmetric", "resting-joint", "tiny"])
 def test_the_353_is_a_case_of_it(name: str) -> None:
     problem = load(name)
     own = Spline353NLP().solve(problem).trajectory

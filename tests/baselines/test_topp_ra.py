@@ -64,8 +64,8 @@ def test_the_answer_is_the_path_at_the_parameter(ends, monkeypatch):
     problem = random_problem(3).merged()[0]
     path = spline(problem, "chord", ends)
     seen = []
-    timed = topp_ra._timed
-    monkeypatch.setattr(topp_ra, "_timed", lambda *given: seen.append(given) or timed(*given))
+    timed = topp_ra.timed
+    monkeypatch.setattr(topp_ra, "timed", lambda *given: seen.append(given) or timed(*given))
     answer = along(problem, path, gridpoints=50).trajectory
     grid, speeds, waypoints = seen[0]
     # The package's own evaluation of q(s(t)), of scipy's spline at the same knots.
