@@ -490,6 +490,17 @@ def test_planners_are_named_with_the_distribution_that_they_are_of() -> None:
     assert told == f"strangers-planners 1.2: mine; trajopt {two.provenance['trajopt']}: unoptimised"
 
 
+def test_the_command_line_does_not_know_planners_of_a_script(tmp_path: Path) -> None:
+    (one,) = run("mine", 2.0)
+    (two,) = judge(load("unoptimised"), problem("one"), [0], "unoptimised")
+    one = replace(one, provenance=one.provenance | {"planner_distribution": ""})
+    assert origin.scripted([one, two]) == ["mine"]
+    file = report.write(Results([one, two]), tmp_path / "report.html")
+    about = file.read_text(encoding="utf-8").partition('id="about"')[2]
+    assert "From the script that ran it: mine" in about
+    assert "<span>--planner</span> <span>unoptimised</span>" in about
+
+
 def test_between_seeds_there_is_a_table_where_problems_are_few() -> None:
     items = [*run("mine", 2.0, 2.1, 2.2), *run("other", 2.3, 2.4, None), *run("exact", 1.0)]
     (found,) = curves.between_seeds(content.page(Results(items)))

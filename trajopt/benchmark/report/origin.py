@@ -92,17 +92,26 @@ def facts(items: Sequence[Trial]) -> list[tuple[str, str]]:
 
 def planners_code(items: Sequence[Trial]) -> str:
     """`trajopt 0.1.0: exact, pso; strangers-planners 1.2: mine`."""
-    planners: dict[str, dict[str, None]] = {}
+    planners: dict[str, set[str]] = {}
     for trial in items:
         name = trial.provenance.get("planner_distribution", "")
         release = trial.provenance.get("planner_version", "")
         code = f"{name} {release}".strip() or "of no distribution"
-        planners.setdefault(code, {})[trial.planner] = None
+        planners.setdefault(code, set()).add(trial.planner)
     told = []
     for code, names in planners.items():
-        listed = ", ".join(names)
+        listed = ", ".join(sorted(names))
         told.append(f"{code}: {listed}")
     return "; ".join(told)
+
+
+def scripted(items: Sequence[Trial]) -> list[str]:
+    """Planners that are of no distribution: the command line does not know their names."""
+    names = set()
+    for trial in items:
+        if trial.provenance.get("planner_distribution") == "":
+            names.add(trial.planner)
+    return sorted(names)
 
 
 def release(items: Sequence[Trial]) -> str:

@@ -205,6 +205,11 @@ class Page:
         problems = dict(zip(self.names, self.problems, strict=True))
         return origin.compare_command(self.results.items, self.labels, problems)
 
+    @property
+    def scripted(self) -> list[str]:
+        """Planners that the command line does not know."""
+        return origin.scripted(self.results.items)
+
     @cached_property
     def facts(self) -> list[tuple[str, str]]:
         """What was compared, where and when."""

@@ -225,13 +225,20 @@
     return kept.slice(Math.ceil(kept.length / 2) - 1, Math.floor(kept.length / 2) + 1);
   };
 
+  // not broken at the hyphens within its words
+  const command = (text) => {
+    const code = make("code", "", { class: "command" });
+    for (const word of text.split(" ")) code.append(make("span", word), " ");
+    return code;
+  };
+
   const showTrial = (i, row) => {
     all("#trial-table tr").forEach((r) => r.classList.toggle("chosen", r.dataset.trial === String(i)));
     const own = $("trial"), file = `trials/${trials.id[i]}.h5`, problem = data.problems[row.problem];
     const options = Object.entries(planners[row.planner].options).map(([name, value]) => `${name}=${value}`).join(", ");
     const stored = make("p"), again = make("p", "Run it again:");
     stored.append("Trial ", make("code", trials.id[i]), ...(data.files ? [", stored in ", make("a", file, { href: file })] : [", stored in the results file"]));
-    again.append(make("code", `${row.spec} --seed ${trials.seed[i]}`, { class: "command" }));
+    again.append(command(`${row.spec} --seed ${trials.seed[i]}`));
     if (problem.toml) again.append(download(problem.file, problem.toml));
     own.replaceChildren(make("h3", `Seed ${trials.seed[i]}: ${trials.status[i]}`), stored, again, make("p", `Options: ${options || "none"}`, { class: "note" }));
     const message = data.messages[data.message[i]];
