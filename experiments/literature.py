@@ -1,0 +1,72 @@
+"""How do published running times compare with the optimum? The page docs/literature.md.
+
+    python -m experiments.literature                  # 23 problems, a few minutes
+    python -m experiments.literature --output docs    # the repository's own page
+    python -m experiments.literature fang2020-task1   # some problems
+
+Every published problem is surveyed, and its times judged (mathematics.md, section 11). Written to
+`--output`: `literature.md`, and in `literature/` a figure per problem, `all.png` and the table of
+all verdicts, `verdicts.csv` and `.md`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cyclopts
+from matplotlib.figure import Figure
+
+from experiments.common.output import save_table
+from experiments.published import figures
+from experiments.published.judged import Judged, judged, table
+from experiments.published.page import page
+from trajopt.benchmark.figures import plots
+from trajopt.benchmark.suites import literature
+from trajopt.cli import console
+
+FOLDER = "literature"
+_PNG_DPI = 110
+
+
+def main(
+    *problem: str,
+    time_limit: float = 20.0,
+    output: Path = Path("results/literature"),
+) -> None:
+    """Judge every published time and write the page.
+
+    Args:
+        problem: published problems; all that can be stated if none is named.
+        time_limit: for each proof of a lower bound, s.
+        output: folder of the page.
+    """
+    names = problem or tuple(literature.files())
+    problems = []
+    with console.progress(len(names), "problems") as advance:
+        for name in names:
+            problems.append(judged(name, time_limit))
+            advance(1)
+    write(problems, output)
+    print(table(problems).to_string(index=False, float_format="{:.4f}".format))
+
+
+def write(problems: list[Judged], output: Path) -> None:
+    """The page, its figures and the table of verdicts."""
+    folder = output / FOLDER
+    save_table(table(problems), folder / "verdicts")
+    _save(figures.of_all(problems), folder / "all.png")
+    for own in problems:
+        _save(figures.of_problem(own), folder / f"{own.name}.png")
+    beyond = [literature.published(name) for name in literature.files_beyond()]
+    text = page(problems, beyond, FOLDER)
+    (output / "literature.md").write_text(text, encoding="utf-8")
+
+
+@plots.styled
+def _save(figure: Figure, file: Path) -> None:
+    """As small as a page with a picture per problem needs them."""
+    figure.savefig(file, dpi=_PNG_DPI, metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)

@@ -1,0 +1,1 @@
+"""What `experiments.literature` is made of: its figures and its page."""

@@ -1,0 +1,43 @@
+"""The page of published times: what it says follows from the sources and closed forms."""
+
+import pandas as pd
+import pytest
+
+from experiments import literature
+from trajopt.benchmark.suites import literature as suite
+
+
+@pytest.fixture(scope="module")
+def output(tmp_path_factory):
+    """The page of a problem with claims and of one without, both optima in closed form."""
+    folder = tmp_path_factory.mktemp("page")
+    literature.main("fang2020-task1", "topico-example3", output=folder)
+    return folder
+
+
+def test_the_table_judges_every_claim_and_names_its_command(output):
+    rows = pd.read_csv(output / "literature" / "verdicts.csv")
+    claims = suite.published("fang2020-task1").claims
+    assert list(rows["published s"]) == [claim.duration for claim in claims]
+    # over the 4.0 s that the source itself gives
+    assert list(rows["above best %"]) == pytest.approx([25 * c.duration - 100 for c in claims])
+    assert set(rows["command"]) == {"trajopt claims fang2020-task1"}
+
+
+def test_the_page_says_what_was_optimised_and_how_the_digits_were_read(output):
+    text = (output / "literature.md").read_text(encoding="utf-8")
+    published = suite.published("fang2020-task1")
+    assert published.objective in text
+    assert published.transcription in text
+    assert f"https://doi.org/{published.doi}" in text
+    assert "- **1 equal**" in text
+    assert "`trajopt claims fang2020-task1` says so." in text
+    for name in suite.files_beyond():
+        assert f"**{name}**" in text
+
+
+def test_every_picture_of_the_page_is_there_and_small(output):
+    for name in ("all", "fang2020-task1", "topico-example3"):
+        picture = output / "literature" / f"{name}.png"
+        assert f"(literature/{name}.png)" in (output / "literature.md").read_text(encoding="utf-8")
+        assert 5_000 < picture.stat().st_size < 100_000
