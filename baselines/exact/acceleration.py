@@ -351,7 +351,7 @@ def combined(
     lower_knots = [0, *lower_cruise, t]
     knots = np.r_[upper_cruise, lower_cruise]
     for closest in (_SLIVER * t, 0.0):
-        breaks = _apart(knots, t, closest)
+        breaks = apart(knots, t, closest)
         # v(t) = λ v_up(t) + (1 − λ) v_lo(t)
         upper = np.interp(breaks, upper_knots, [u, p_up, p_up, w])
         lower = np.interp(breaks, lower_knots, [u, p_lo, p_lo, w])
@@ -388,7 +388,7 @@ def _share(h: float, d_up: float, d_lo: float) -> float:
     return float(np.clip(share, 0.0, 1.0))
 
 
-def _apart(knots: Array, end: float, closest: float) -> Array:
+def apart(knots: Array, end: float, closest: float) -> Array:
     """0, the knots in order and the end, without knots that follow or precede too closely."""
     times = np.unique(np.r_[0.0, knots, end])
     inner = times[1:-1]

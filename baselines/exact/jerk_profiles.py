@@ -25,11 +25,13 @@ and all limits their sides. Without a jerk limit (`r = 0`) ramps take no time: s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines.exact.acceleration import apart
 from trajopt import polynomials
 
 Array = NDArray[np.float64]
@@ -37,11 +39,18 @@ Bools = NDArray[np.bool_]
 State = tuple[Array, Array]  # velocity, acceleration
 Pieces = tuple[Array, Array]  # breaks, and position coefficients (4, pieces)
 
+BRIEF = 1e-3  # of the mean stop time: a segment over which jerk may be taken as constant
+
 _BISECTIONS = 50  # of an interval of order one: to rounding
 _BLOCKED = 1e-9  # of a segment: time that a profile without a cruise may leave over
 _NEAR_ZERO = 1e-2  # of a joint's acceleration, and of a segment's time
 _ROUNDING_RTOL = 4e-16  # of the largest term of a sum
 _TINY = 1e-300  # instead of dividing by 0
+# Of a segment: pieces so short are left out, the longest first, where the limits allow it.
+_SLIVERS = (1e-5, 1e-7, 1e-9, 1e-12)
+_BRIEF_PIECES = 4
+_MENDINGS = 2  # the second one mends the rounding of the first
+_MENDED_RTOL = 1e-9  # what leaving slivers out may pass a limit by
 
 
 class Limit(NamedTuple):
@@ -406,15 +415,20 @@ def combined(
     h: Array,
     both: Extremes,
     sides: Sides,
+    rounded: Callable[[Array], Array],
 ) -> Pieces:
     """The convex combination of one segment's extreme profiles that covers exactly `h`.
 
+    Breaks are rounded before the motion is fitted to them: in a segment of 1e-6 s, a break's
+    rounding is worth 1e-9 of the displacement, and mending that later would cost a large jerk.
+
     Args:
         states: velocities, then accelerations, at both ends, `(2, 2)`.
-        t: time of the segment.
+        t: time of the segment, in mean stop times.
         h: displacement.
         both: the extreme profiles.
         sides: the limits of both.
+        rounded: what times since the segment's start become when they are stored.
 
     Returns:
         Breaks `(pieces + 1,)`, from 0 to `t`, and position coefficients `(4, pieces)`.
@@ -435,13 +449,102 @@ def combined(
     lower = _phases(both.lower, mirrored, b, lower_side)
     upper_starts, _ = upper
     lower_starts, _ = lower
-    starts = np.r_[upper_starts, lower_starts, t]
-    breaks = np.unique(np.clip(starts, 0.0, t))
+    knots = np.r_[upper_starts, lower_starts]
+    knots = np.clip(knots, 0.0, t)
+    breaks = np.unique(np.r_[knots, t])
     # q(t) = λ q_up(t) + (1 − λ) q_lo(t), the lower one being mirrored
     share = float(both.share(h))
     high = _resampled(upper, breaks)
     low = _resampled(lower, breaks)
-    return breaks, share * high - (1 - share) * low
+    exact = (breaks, share * high - (1 - share) * low)
+    slope = exact[1][1] * 2
+    grids = [apart(knots, t, closest * t) for closest in _SLIVERS]
+    if t < BRIEF:
+        # one grid for all joints: breaks that differ by rounding would cost a large jerk
+        even = np.linspace(0.0, t, _BRIEF_PIECES + 1)
+        grids.insert(0, even)
+    for kept in grids:
+        levels = np.interp(kept, breaks, np.r_[slope, b])
+        pieces = _through(rounded(kept), levels, (u, w), float(h))
+        if pieces is not None and _within(pieces, upper_side, lower_side):
+            return pieces
+    return exact
+
+
+def _through(
+    breaks: Array,
+    acceleration: Array,
+    velocities: Array | tuple[float, float],
+    h: float,
+) -> Pieces | None:
+    """The motion of such accelerations at the breaks, mended to end with its velocity at `h`.
+
+    Knots that were left out cost some velocity and displacement. The least change of the inner
+    accelerations makes up for both; None where there are too few.
+    """
+    if len(breaks) < 4:
+        return None
+    u, w = velocities
+    lengths = np.diff(breaks)
+    inner_lengths = lengths[:-1] + lengths[1:]
+    # 1 more at an inner break: half of both lengths more velocity, as if at their centroid
+    gained = inner_lengths / 2
+    centroid = (breaks[:-2] + breaks[1:-1] + breaks[2:]) / 3
+    travelled = gained * (breaks[-1] - centroid)
+    effect = np.stack([gained, travelled])
+    mended = acceleration.copy()
+    for _ in range(_MENDINGS):
+        pieces, velocity, position = _integrated(breaks, mended, u)
+        missed = np.array([w - velocity, h - position])
+        change, *_ = np.linalg.lstsq(effect, missed, rcond=None)
+        mended[1:-1] += change
+    pieces, _, _ = _integrated(breaks, mended, u)
+    return pieces
+
+
+def _integrated(
+    breaks: Array,
+    acceleration: Array,
+    u: float,
+) -> tuple[Pieces, float, float]:
+    """The motion of piecewise linear acceleration, and its velocity and displacement at the end."""
+    lengths = np.diff(breaks)
+    first = acceleration[:-1]
+    last = acceleration[1:]
+    jerk = (last - first) / lengths
+    # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
+    gains = lengths * (first + last) / 2
+    velocity = _accumulated(u, gains)
+    mean = velocity + lengths * (2 * first + last) / 6
+    steps = lengths * mean
+    position = _accumulated(0.0, steps)
+    rows = [jerk / 6, first / 2, velocity, position]
+    final_velocity = velocity[-1] + gains[-1]
+    final_position = position[-1] + steps[-1]
+    return (breaks, np.stack(rows)), float(final_velocity), float(final_position)
+
+
+def _within(pieces: Pieces, upper: Limit, lower: Limit) -> bool:
+    """Whether a motion keeps its limits of jerk, acceleration and velocity, to `_MENDED_RTOL`."""
+    breaks, (cubic, square, linear, _) = pieces
+    jerk = 6 * cubic
+    acceleration = 2 * square
+    # where acceleration vanishes velocity is at its extreme
+    lengths = np.diff(breaks)
+    turning = np.clip(-acceleration / np.where(jerk == 0, np.inf, jerk), 0.0, lengths)
+    extreme = linear + turning * (acceleration + turning * jerk / 2)
+    utilisations = [
+        jerk * upper.up,
+        -jerk * upper.down,
+        acceleration / upper.rise,
+        -acceleration / upper.fall,
+        linear / upper.velocity,
+        -linear / lower.velocity,
+        extreme / upper.velocity,
+        -extreme / lower.velocity,
+    ]
+    highest = max(utilisation.max() for utilisation in utilisations)
+    return bool(highest <= 1 + _MENDED_RTOL)
 
 
 def _phases(

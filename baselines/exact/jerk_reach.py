@@ -10,13 +10,12 @@ import numpy as np
 
 from baselines.exact import acceleration as acceleration_profile
 from baselines.exact import jerk_profiles as jerk_profile
-from baselines.exact.jerk_profiles import Array, Extremes, Limit, Pieces, Sides, State
+from baselines.exact.jerk_profiles import BRIEF, Array, Extremes, Limit, Pieces, Sides, State
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.trajectory import Trajectory
 
 _CHEAP = 1e-6  # a dilation below 1 + this is as good as none
-_BRIEF = 1e-3  # of the mean stop time: a segment over which jerk may be taken as constant
 _LARGEST_DILATION = 2.0  # what needs more is no answer
 _DILATION_BISECTIONS = 5
 
@@ -101,19 +100,21 @@ class Scaled:
         passages = np.r_[0.0, np.cumsum(times)]
         breaks = passages * self.unit
         rounded = np.diff(breaks) / self.unit
+        states = self._through_brief(times, rounded, states)
         states = self._through_narrow(times, rounded, states)
-        both = self.extremes(times, states)
+        both = self.extremes(rounded, states)
         joints = []
         for i in range(len(self.jerky)):
             starts = []
             parts = []
-            for k, t in enumerate(times):
+            for k, t in enumerate(rounded):
                 local, part = self._piece(
                     k,
                     i,
                     t,
                     states,
                     both,
+                    breaks[k : k + 2],
                 )
                 starts.append(breaks[k] + local[:-1])
                 parts.append(part)
@@ -126,6 +127,24 @@ class Scaled:
             joints,
             breaks,
         )
+
+    def _through_brief(self, times: Array, rounded: Array, states: Array) -> Array:
+        """The states, with the velocities that pass a brief segment in its rounded time.
+
+        A break is rounded by 1e-15 s. At a constant velocity that is a displacement which jerk
+        could not make up for within 1e-6 s, and a change of the velocity of 1e-9: the long
+        neighbours hardly notice. Of two brief segments in a row the briefer one decides.
+        """
+        states = states.copy()
+        velocity = states[0]
+        given = velocity.copy()
+        by_length = np.argsort(-times)
+        for k in by_length:
+            if times[k] < BRIEF:
+                ends = slice(k, k + 2)
+                quicker = times[k] / rounded[k]
+                velocity[ends] = quicker * given[ends]
+        return states
 
     def _through_narrow(self, times: Array, rounded: Array, states: Array) -> Array:
         """The states, those after a narrow segment where constant jerk leads.
@@ -162,8 +181,20 @@ class Scaled:
         t: float,
         states: Array,
         both: Extremes,
+        passages: Array,
     ) -> Pieces:
-        """Local breaks (s) and coefficients (rad/s^power) of one joint over one segment."""
+        """Local breaks (s) and coefficients (rad/s^power) of one joint over one segment.
+
+        `passages` are the segment's start and end, s.
+        """
+        began, ended = passages
+
+        def rounded(local: Array) -> Array:
+            stored = began + local * self.unit
+            stored[-1] = ended
+            elapsed: Array = stored - began
+            return elapsed / self.unit
+
         h = self.h[k, i]
         ends = states[:, k : k + 2, i]
         if self.jerky[i]:
@@ -176,6 +207,7 @@ class Scaled:
                 h,
                 own,
                 sides,
+                rounded,
             )
         else:
             u, w = ends[0]
@@ -241,7 +273,7 @@ def _smoothed(
     for k in range(1, len(times) - 1):  # the outer ends of the first and the last rest
         t = times[k]
         joints = np.flatnonzero(~reachable[k])
-        if t >= _BRIEF or not joints.size:
+        if t >= BRIEF or not joints.size:
             continue
         h = scaled.h[k, joints]
         u = velocity[k, joints]

@@ -84,7 +84,7 @@ def test_combinations_cover_their_displacement_within_the_limits(factor: float) 
     assert both.reach(h, wider).all()  # wider: peaks at the limit are rounded
     assert not both.reach(most + 1e-6, wider).any()
     for i, ends in enumerate(np.moveaxis(states, 2, 0)):
-        breaks, cubics = combined(ends, t, h[i], both.at(i), sides)
+        breaks, cubics = combined(ends, t, h[i], both.at(i), sides, rounded=np.copy)
         check_ends_and_breaks(breaks, cubics, np.vstack([[0.0, h[i]], ends]))
         check_limits(breaks, cubics, factor)
 
