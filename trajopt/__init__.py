@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from trajopt.exceptions import TrajoptError as TrajoptError
     from trajopt.exceptions import UnitWarning as UnitWarning
     from trajopt.exceptions import UnknownName as UnknownName
+    from trajopt.judgement import judge as judge
     from trajopt.planner import Planner as Planner
     from trajopt.planner import Relation as Relation
     from trajopt.problem import Limits as Limits
@@ -43,6 +44,7 @@ _MODULE = {
     "UnitWarning": "exceptions",
     "UnknownName": "exceptions",
     "compare": "benchmark.compare",
+    "judge": "judgement",
     "verify": "verification",
 }
 __all__ = sorted(_MODULE)

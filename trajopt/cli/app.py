@@ -60,6 +60,11 @@ app.command(
     help="Say what a planner's gap is made of, and which limits hold it back.",
 )
 app.command(
+    "trajopt.cli.judge:judge",
+    name="judge",
+    help="Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
+)
+app.command(
     "trajopt.cli.certify:certify",
     name="certify",
     help="Prove a lower bound on the minimum time.",
@@ -72,7 +77,7 @@ app.command(
 app.command(
     "trajopt.cli.verify:verify",
     name="verify",
-    help="Verify every stored trajectory anew, from the file alone.",
+    help="Verify every stored trajectory anew, from the file alone; or a motion within --limits.",
 )
 app.command(
     "trajopt.cli.export:export",

@@ -164,9 +164,9 @@ def table(*columns: str, numbers: tuple[str, ...] = (), title: str | None = None
         made.title = markup(title)
     for column in columns:
         if column in numbers:
-            made.add_column(column, justify="right", no_wrap=True)
+            made.add_column(markup(column), justify="right", no_wrap=True)
         else:
-            made.add_column(column, overflow="fold")
+            made.add_column(markup(column), overflow="fold")
     return made
 
 

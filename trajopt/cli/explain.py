@@ -62,12 +62,15 @@ def _drawn(figures: Sequence[Path]) -> str:
 
 
 def _sentences(trial: Trial, found: Explanation) -> Iterator[str]:
-    """A gap in five sentences."""
     seed = ""
     if trial.solution.history is not None:
         seed = f" (seed {trial.seed})"
-    where = trial.problem.name
-    what = f"{trial.label}{seed} takes {found.certified_duration:.4f} s on {where}"
+    return sentences(f"{trial.label}{seed}", trial.problem, found)
+
+
+def sentences(subject: str, problem: Problem, found: Explanation) -> Iterator[str]:
+    """The gap of a planner's or anyone's motion in five sentences."""
+    what = f"{subject} takes {found.certified_duration:.4f} s on {problem.name}"
     if found.exact is None:
         yield f"{what}; no optimum to compare with: {found.notes['gap']}."
     else:
@@ -75,8 +78,8 @@ def _sentences(trial: Trial, found: Explanation) -> Iterator[str]:
     steps = found.steps()
     yield _path_and_timing(found, dict(steps.get("path and timing", ())))
     yield _family(found, dict(steps.get("the 3-5-3 family", ())))
-    yield _share_at_limits(trial.problem, found)
-    yield _active_limits(trial.problem, found)
+    yield _share_at_limits(problem, found)
+    yield _active_limits(problem, found)
 
 
 def _path_and_timing(found: Explanation, step: dict[str, float]) -> str:

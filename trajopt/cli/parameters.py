@@ -10,6 +10,7 @@ from cyclopts import Parameter, Token
 from cyclopts.validators import Number
 
 from trajopt import numerals
+from trajopt.interpolation import Interpolation
 
 MAX_SECONDS = 1e8  # three years: beyond, the system's clocks overflow
 _MAX_SEED = 2**63 - 1  # what the store holds
@@ -54,3 +55,10 @@ Seed = Annotated[
     whole_number("Seed of the random stream of stochastic planners.", least=0, most=_MAX_SEED),
 ]
 Json = Annotated[bool, Parameter(negative=(), help="Print one JSON object and nothing else.")]
+MotionFile = Annotated[
+    Path, Parameter(help="Samples (.csv), a JointTrajectory (.yaml, .json) or polynomials (.json).")
+]
+InterpolationName = Annotated[
+    Interpolation,
+    Parameter(help="What joins the samples; auto: what a controller does with what they have."),
+]

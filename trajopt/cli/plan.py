@@ -186,10 +186,10 @@ def print_trial(trial: Trial, problem: str) -> None:
     console.paragraph(f"  {'computing':<12}{computing}")
     if trial.certificate:
         labels = trial.problem.joint_labels
-        console.OUT.print(_worst_values(trial.certificate.as_dict(), labels))
+        console.OUT.print(worst_values(trial.certificate.as_dict(), labels))
 
 
-def _worst_values(certificate: dict[str, Any], labels: Sequence[str]) -> Table:
+def worst_values(certificate: dict[str, Any], labels: Sequence[str]) -> Table:
     """The worst of each kind; a joint by its name where it has one."""
     table = console.table("worst", "value", "joint", "time [s]")
     for kind in WORST_KINDS:

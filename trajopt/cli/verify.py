@@ -1,25 +1,52 @@
-"""`trajopt verify`: claimed against certified, trial by trial, and what does not hold."""
+"""`trajopt verify`: claimed against certified, trial by trial, and what does not hold; or whether
+a motion, as a controller runs it, keeps a robot's limits.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from trajopt.arm_file import arm_files
 from trajopt.benchmark.store.verification import CheckedTrial, Verification, verification
+from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
-from trajopt.cli.parameters import Json
+from trajopt.cli.parameters import InterpolationName, Json
+from trajopt.cli.plan import worst_values
+from trajopt.exceptions import InvalidInput
+from trajopt.formats import arms, joint_limits
+from trajopt.formats.motion import ENDINGS, Motion, motion
+from trajopt.interpolation import Interpolation
+from trajopt.judgement import Execution, as_executed
+from trajopt.problem import Limits
+from trajopt.verification import Certificate
 
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
 def verify(
-    path: Annotated[Path, Parameter(help="Results folder, or a results.h5.")],
+    path: Annotated[Path, Parameter(help="Results folder or results.h5; or a motion's file.")],
     *,
+    limits: Annotated[
+        str | None,
+        Parameter(help="Of a motion: joint_limits.yaml, a robot (`trajopt list`) or a problem."),
+    ] = None,
+    interpolation: InterpolationName = "auto",
     json: Json = False,
 ) -> int:
-    """Verify every stored trajectory anew, from the file alone."""
+    """Verify every stored trajectory anew, from the file alone; or a motion within --limits.
+
+    A motion needs no waypoints: told are its peaks as a controller runs it, the slow-down that it
+    needs, and how fast it may run at most.
+    """
+    if path.suffix in ENDINGS and not path.is_dir():
+        return _verify_motion(path, limits, interpolation, json)
+    if limits is not None or interpolation != "auto":
+        right = f"a motion's file ({', '.join(ENDINGS)}) with --limits and --interpolation"
+        raise InvalidInput("PATH", right, value=str(path))
     found = verification(path)
     if json:
         rows = [trial.as_dict() for trial in found.trials]
@@ -27,6 +54,69 @@ def verify(
     else:
         _print(found)
     return 0 if found.holds else 1
+
+
+def _verify_motion(
+    path: Path,
+    limits: str | None,
+    interpolation: Interpolation,
+    json: bool,
+) -> int:
+    """A motion as a controller runs it, within limits alone."""
+    if limits is None:
+        right = "joint_limits.yaml, a robot or a problem, whose limits the motion is to keep"
+        raise InvalidInput("--limits", right)
+    given = motion(path, interpolation)
+    own, within = _limits(limits, given)
+    found = as_executed(own, within)
+    if json:
+        console.print_json(found.as_dict())
+    else:
+        _print_execution(found, limits)
+    return 0 if found.certificate.feasible else 1
+
+
+def _limits(name: str, given: Motion) -> tuple[Motion, Limits]:
+    """The limits of the motion's joints: a file's, a robot's or a problem's; and the motion.
+
+    Joints are found by their names, or in their order where the motion or the problem has none.
+    """
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml"):
+        if path.is_file() or name not in arm_files():
+            problem = catalogue.load(name)
+            return given.for_joints(problem.joint_names), problem.limits
+        robot = arms.named(name)
+    else:
+        robot = joint_limits.read(path)
+    names = given.joint_names or robot.names_of(given.trajectory.joints)
+    return given, robot.limits(names)
+
+
+def _print_execution(found: Execution, limits: str) -> None:
+    certificate = found.certificate
+    verdict = "feasible" if certificate.feasible else "not feasible"
+    name = console.markup(found.motion.name)
+    title = f"[bold]{name}[/bold] within {console.markup(limits)}: [bold]{verdict}[/bold]"
+    console.OUT.print(title, soft_wrap=True)
+    kind = found.motion.interpolation
+    pieces = len(found.motion.trajectory.lengths)
+    console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")
+    for sentence in _mended(certificate):
+        console.paragraph(sentence)
+    console.OUT.print(worst_values(certificate.as_dict(), found.problem.joint_labels))
+
+
+def _mended(certificate: Certificate) -> Iterator[str]:
+    if certificate.flaws:
+        yield f"No slow-down mends it: {'; '.join(certificate.flaws)}."
+        return
+    fastest = certificate.dilation * certificate.duration
+    if certificate.feasible:
+        faster = 1 / certificate.dilation
+        yield f"Time-scaled it could run {faster:.6f} times as fast, in {fastest:.6f} s."
+    else:
+        yield f"Slowed down {certificate.dilation:.6f} times, to {fastest:.6f} s, it keeps them."
 
 
 def _print(found: Verification) -> None:

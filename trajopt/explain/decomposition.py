@@ -108,8 +108,10 @@ def _row(active: ActiveLimit) -> dict[str, Any]:
     }
 
 
-def explain(problem: Problem, planner: Planner, trajectory: Trajectory) -> Explanation:
+def explain(problem: Problem, planner: Planner | None, trajectory: Trajectory) -> Explanation:
     """Decompose the gap of a planner's certified trajectory, and say which limits are active.
+
+    A motion without a planner, that nobody can plan again, has None for it.
 
     Raises:
         TrajoptError: `trajectory` has no certified duration.
@@ -135,8 +137,14 @@ def explain(problem: Problem, planner: Planner, trajectory: Trajectory) -> Expla
     )
 
 
-def _solver(planner: Planner, problem: Problem, own: Trajectory) -> tuple[Planner | None, str]:
+def _solver(
+    planner: Planner | None,
+    problem: Problem,
+    own: Trajectory,
+) -> tuple[Planner | None, str]:
     """Who solves it again with relaxed limits; a swarm's scatter would drown the saving."""
+    if planner is None:
+        return None, "this trajectory, dilated less"
     if not planner.stochastic:
         return planner, "this planner, planning again"
     if _is_spline353(problem, own):

@@ -11,9 +11,14 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from math import pi
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trajopt import numerals
 from trajopt.exceptions import InvalidInput
@@ -22,7 +27,31 @@ from trajopt.formats.samples import Samples
 TIME = "time [s]"
 UNITS = ("rad", "rad/s", "rad/s^2")  # of positions and their derivatives
 
-_HEADING = re.compile(r"(?P<name>.+) \[(?P<unit>[^\]]+)\]")
+Array = NDArray[np.float64]
+
+_HEADING = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\])]+)[\])]")
+_TIME = -1  # in place of a derivative's order
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_LENGTHS = {"rad": 1.0, "deg": pi / 180, "°": pi / 180, "m": 1.0, "mm": 1e-3}  # rad or m
+_PER_TIME = (("",), ("/s",), ("/s^2", "/s²", "/s2", "/s/s"))  # of each derivative
+_SUFFIXES = {
+    0: ("_position", "_pos"),
+    1: ("_velocity", "_vel"),
+    2: ("_acceleration", "_acc"),
+}
+
+
+def _sizes() -> dict[str, tuple[int, float]]:
+    """The derivative's order and the size in SI units of every unit."""
+    sizes = {unit: (_TIME, size) for unit, size in _SECONDS.items()}
+    for order, rates in enumerate(_PER_TIME):
+        for rate in rates:
+            for unit, size in _LENGTHS.items():
+                sizes[unit + rate] = order, size
+    return sizes
+
+
+_SIZES = _sizes()
 
 
 def write(path: Path, samples: Samples) -> None:
@@ -42,10 +71,15 @@ def write(path: Path, samples: Samples) -> None:
 
 
 def read(path: Path) -> Samples:
-    """Read what `write` wrote.
+    """Read samples: what `write` wrote, and what others write in other units.
+
+    Cells are separated by commas, semicolons or tabs; empty lines and lines that start with # are
+    no samples (but a header may start with it). A column of derivatives may be called as its joint
+    is, or `elbow_velocity`, `elbow_acceleration`. Time may start anywhere; it is read exactly and
+    counted from the first sample.
 
     Raises:
-        InvalidInput: Names the file, the row, the column, the value, and what would be right.
+        InvalidInput: Names the file, the line, the column, the value, and what would be right.
     """
     try:
         return _samples(path.read_text(encoding="utf-8-sig"))
@@ -57,44 +91,134 @@ def read(path: Path) -> Samples:
         raise InvalidInput("samples", right, value=reason, file=str(path)) from None
 
 
+@dataclass(frozen=True)
+class _Column:
+    """A column: its heading as written, the joint's name, the derivative's order, the unit's size.
+
+    Of the column of times the order is `_TIME`.
+    """
+
+    heading: str
+    name: str
+    order: int
+    size: float
+
+
 def _samples(text: str) -> Samples:
-    header, *table = list(csv.reader(text.splitlines())) or [[]]
-    if not header or header[0] != TIME:
-        raise InvalidInput("header", f"{TIME}, then columns like elbow [rad]", value=header)
-    names: dict[str, list[str]] = {unit: [] for unit in UNITS}
-    for heading in header[1:]:
-        match = _HEADING.fullmatch(heading)
-        if match is None or match["unit"] not in names:
-            units = ", ".join(UNITS)
-            raise InvalidInput("header", f"a name and one of [{units}]", value=heading)
-        names[match["unit"]].append(match["name"])
-    values = _values(header, table)
-    joint_names = tuple(names["rad"])
-    tables: list[np.ndarray | None] = []
-    for unit in UNITS:
-        columns = []
-        for name in joint_names:
-            if names[unit]:
-                columns.append(header.index(f"{name} [{unit}]"))
-        tables.append(values[:, columns] if columns else None)
+    number, heading, lines = _split(text)
+    separator = next((own for own in ";\t" if own in heading), ",")
+    cells = _cells(heading.lstrip("# "), separator)
+    columns = []
+    for place, cell in enumerate(cells, start=1):
+        columns.append(_column(f"line {number}, column {place}", cell))
+    layout = _layout(number, columns)
+    rows = []
+    for line, content in lines:
+        rows.append(_row(line, _cells(content, separator), columns))
+    if len(rows) < 2:
+        raise InvalidInput("samples", "at least two lines of numbers", value=len(rows))
+    times = _times(lines, rows, columns)
+    values = np.array(rows, dtype=float)
+    tables: list[Array | None] = []
+    for order in range(len(UNITS)):
+        own = layout[order]
+        sizes = np.array([columns[place].size for place in own])
+        tables.append(values[:, own] * sizes if own else None)
     positions, velocities, accelerations = tables
     if positions is None:
-        raise InvalidInput("header", "positions, like elbow [rad]", value=header)
-    return Samples(joint_names, values[:, 0], positions, velocities, accelerations)
+        raise InvalidInput(f"line {number}", "columns of positions, like elbow [rad]")
+    names = tuple(columns[place].name for place in layout[0])
+    return Samples(names, times, positions, velocities, accelerations)
 
 
-def _values(header: list[str], table: list[list[str]]) -> np.ndarray:
-    rows = []
-    for number, cells in enumerate(table, start=1):
-        if len(cells) != len(header):
-            right = f"{len(header)} numbers, one per column of the header"
-            raise InvalidInput(f"sample {number}", right, value=len(cells))
-        row = []
-        for heading, cell in zip(header, cells, strict=True):
-            try:
-                row.append(numerals.decimal(cell))
-            except ValueError:
-                key = f"sample {number}, {heading}"
-                raise InvalidInput(key, "a finite number", value=cell) from None
-        rows.append(row)
-    return np.array(rows, dtype=float).reshape(len(rows), len(header))
+def _split(text: str) -> tuple[int, str, list[tuple[int, str]]]:
+    """The header with its line's number, and the lines of samples with theirs."""
+    header = None
+    lines = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip(" ,;\t"):
+            continue
+        if header is None:
+            header = number, line
+        elif not line.lstrip().startswith("#"):
+            lines.append((number, line))
+    if header is None:
+        raise InvalidInput("line 1", f"a header: {TIME}, then columns like elbow [rad]")
+    return *header, lines
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    (row,) = csv.reader([line], delimiter=separator)
+    return [cell.strip() for cell in row]
+
+
+def _column(where: str, heading: str) -> _Column:
+    match = _HEADING.fullmatch(heading)
+    unit = "" if match is None else match["unit"].replace(" ", "")
+    if match is None or unit not in _SIZES:
+        right = "a name and a unit, like time [s], elbow [rad] or elbow_velocity [deg/s]"
+        raise InvalidInput(where, right, value=heading)
+    order, size = _SIZES[unit]
+    name = match["name"].strip()
+    for suffix in _SUFFIXES.get(order, ()):
+        name = name.removesuffix(suffix)
+    return _Column(heading, name, order, size)
+
+
+def _layout(line: int, columns: Sequence[_Column]) -> dict[int, list[int]]:
+    """Where each order's columns are, all in the order of the positions' joints."""
+    places: dict[int, dict[str, int]] = {order: {} for order in (_TIME, *range(len(UNITS)))}
+    for place, column in enumerate(columns):
+        own = places[column.order]
+        if column.name in own or (own and column.order == _TIME):
+            where = f"line {line}, column {place + 1}"
+            raise InvalidInput(where, "a column that is not there twice", value=column.heading)
+        own[column.name] = place
+    if not places[_TIME]:
+        raise InvalidInput(f"line {line}", f"a column of times, {TIME}")
+    joints = list(places[0])
+    for order, unit in enumerate(UNITS):
+        own = places[order]
+        if own and set(own) != set(joints):
+            odd = sorted(set(own) ^ set(joints))[0]
+            right = f"a column [{unit}] for each joint that has positions, and no other: {odd}"
+            raise InvalidInput(f"line {line}", right)
+    layout = {_TIME: list(places[_TIME].values())}
+    for order in range(len(UNITS)):
+        layout[order] = [places[order][name] for name in joints if places[order]]
+    return layout
+
+
+def _row(line: int, cells: Sequence[str], columns: Sequence[_Column]) -> list[Decimal]:
+    if len(cells) != len(columns):
+        right = f"{len(columns)} cells, one per column of the header"
+        raise InvalidInput(f"line {line}", right, value=len(cells))
+    numbers = []
+    for place, (cell, column) in enumerate(zip(cells, columns, strict=True), start=1):
+        try:
+            numerals.decimal(cell)
+        except ValueError:
+            key = f"line {line}, column {place}, {column.heading},"
+            raise InvalidInput(key, "a finite number, like -1.5e-3", value=cell) from None
+        numbers.append(Decimal(cell))
+    return numbers
+
+
+def _times(
+    lines: Sequence[tuple[int, str]],
+    rows: Sequence[Sequence[Decimal]],
+    columns: Sequence[_Column],
+) -> Array:
+    """Since the first sample, s: of times like 1.7e9 the difference keeps every digit."""
+    place = next(n for n, column in enumerate(columns) if column.order == _TIME)
+    column = columns[place]
+    first = rows[0][place]
+    times: list[float] = []
+    for (line, _), row in zip(lines, rows, strict=True):
+        time = float(row[place] - first) * column.size
+        if times and time <= times[-1]:
+            key = f"line {line}, column {place + 1}, {column.heading},"
+            right = "a time after that of the line before"
+            raise InvalidInput(key, right, value=float(row[place]))
+        times.append(time)
+    return np.array(times)

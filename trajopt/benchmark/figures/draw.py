@@ -21,6 +21,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 from trajopt.explain.decomposition import Explanation
 from trajopt.explain.references import REFERENCES
+from trajopt.judgement import Judgement
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
 
@@ -95,6 +96,29 @@ def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:
     title = headline(name, f", {found.certified_duration:#.4g} s")
     use = explanation.limit_use(trial.problem, found.trajectory, found.optimum, title)
     return files + plots.save(use, folder / f"{stem}-limit-use")
+
+
+def judged(found: Judgement, folder: Path) -> Path:
+    """Draw a motion as it is, its limits, and the optimum behind: `<problem>-<motion>.png`."""
+    from trajopt.benchmark.figures import plots
+
+    optimum = None if found.explanation is None else found.explanation.optimum
+    verdict = f", {found.claimed_duration:#.4g} s"
+    if not found.certificate.valid:
+        verdict += ", no slow-down mends it"
+    elif not found.certificate.feasible:
+        verdict += f", {found.certified_duration:#.4g} s within the limits"
+    figure = plots.motion(
+        found.problem,
+        found.trajectory,
+        optimum,
+        title=headline(f"{found.problem.name}: {found.motion.name}", verdict),
+        reference_name="best known optimum",
+        own_name="motion as executed",
+    )
+    (stem,) = distinct_names([(f"{found.problem.name}-{found.motion.name}", "")])
+    folder.mkdir(parents=True, exist_ok=True)
+    return plots.save(figure, folder / stem)[0]
 
 
 def _of(table: pd.DataFrame, key: tuple[str, str]) -> pd.DataFrame:

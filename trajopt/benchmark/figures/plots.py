@@ -213,6 +213,7 @@ def motion(
     reference: Trajectory | None = None,
     title: str = "",
     reference_name: str = "exact optimum",
+    own_name: str = "planner",
 ) -> Figure:
     """Every joint against time, with its limits and waypoints.
 
@@ -224,6 +225,7 @@ def motion(
         reference: behind it in grey.
         title: over the figure.
         reference_name: what the legend calls the reference.
+        own_name: what it calls the trajectory.
     """
     quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
     passing = trajectory.waypoint_times
@@ -255,7 +257,7 @@ def motion(
         end = max(end, reference.duration)
     for axes in grid.flat:
         axes.set_xlim(0, end)
-    _caption(figure, title, reference_name if reference else None)
+    _caption(figure, title, reference_name if reference else None, own_name)
     return figure
 
 
@@ -302,13 +304,13 @@ def _grid(rows: int, columns: int) -> tuple[Figure, NDArray[Any]]:
     return figure, grid
 
 
-def _caption(figure: Figure, title: str, reference: str | None) -> None:
+def _caption(figure: Figure, title: str, reference: str | None, name: str) -> None:
     """The title, and under it what the lines mean."""
     width, height = figure.get_size_inches()
     left = 0.65 / width
     figure.text(left, 1 - 0.08 / height, text(title), va="top", fontsize=9)
     looks: dict[str, Look] = {
-        "planner": _OWN,
+        name: _OWN,
         "limit": _LIMIT,
         "waypoint": _PASSING | _DOT,
     }

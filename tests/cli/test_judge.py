@@ -1,0 +1,129 @@
+"""`trajopt judge` and `trajopt verify --limits` as a user types them."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from trajopt import cli
+
+HEADER = "time [s],a [rad],b [rad],a_velocity [rad/s],b_velocity [rad/s]\n"
+FAST = HEADER + "0,0,0,0,0\n0.5,0.5,-0.25,2,-1\n1,1,-0.5,0,0\n"  # 1 rad in 1 s: 4 rad/s²
+SLOW = HEADER + "0,0,0,0,0\n1,0.5,-0.25,1,-0.5\n2,1,-0.5,0,0\n"  # in 2 s: 1 rad/s²
+PROBLEM = """\
+waypoints = [[0, 0], [1, -0.5]]
+units = {waypoints = "rad", limits = "rad"}
+limits = {velocity = [5, 5], acceleration = [1, 1]}
+"""
+OWN = "has_velocity_limits: true, max_velocity: 5, has_acceleration_limits: true"
+LIMITS = f"""\
+joint_limits:
+  b: {{{OWN}, max_acceleration: 1}}
+  a: {{{OWN}, max_acceleration: 1}}
+"""
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fast.csv").write_text(FAST)
+    (tmp_path / "slow.csv").write_text(SLOW)
+    (tmp_path / "p.toml").write_text(PROBLEM)
+    (tmp_path / "limits.yaml").write_text(LIMITS)
+
+    def ran(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(list(arguments))
+        captured = capsys.readouterr()
+        return ended.value.code, captured.out, captured.err
+
+    return ran
+
+
+def test_a_feasible_motion_is_told_with_its_figure(run, tmp_path):
+    code, out, _ = run("judge", "slow.csv", "p.toml")
+    assert code == 0
+    assert "slow.csv on p: feasible" in out
+    assert "Executed with 2 cubic pieces between its samples." in out
+    assert "certified   2.000000 s" in out
+    assert "1.000 times the best known optimum, 2.0000 s" in " ".join(out.split())
+    assert "figure: results/judge/p-slow.csv.png" in out
+    assert (tmp_path / "results/judge/p-slow.csv.png").stat().st_size > 1000
+
+
+def test_an_infeasible_motion_ends_with_1_and_says_what_mends_it(run):
+    code, out, _ = run("judge", "fast.csv", "p.toml")
+    assert code == 1
+    assert "not feasible" in out
+    assert "Slowed down 2.000000 times it keeps every limit." in out
+    assert "4.000000 of limit" in out
+
+
+def test_json_is_one_object(run):
+    code, out, err = run("judge", "fast.csv", "p.toml", "--json")
+    table = json.loads(out)
+    assert (code, err) == (1, "")
+    assert table["motion"] == "fast.csv"
+    assert table["problem"] == "p"
+    assert table["interpolation"] == "cubic"
+    assert table["waypoint_times"] == [0, 1]
+    assert table["certified_duration"] == pytest.approx(2)
+    assert table["certificate"]["acceleration"]["ratio"] == pytest.approx(4)
+
+
+def test_straight_lines_are_told_what_would_help(run):
+    code, out, _ = run("judge", "slow.csv", "p.toml", "--interpolation", "linear")
+    assert code == 1
+    words = " ".join(out.split())
+    assert "No slow-down mends it" in words
+    assert "send velocities too" in words
+    assert "certified" not in words
+
+
+@pytest.mark.parametrize("limits", ["limits.yaml", "p.toml"])
+def test_limits_alone_by_name_or_in_order(run, limits):
+    code, out, _ = run("verify", "fast.csv", "--limits", limits)
+    assert code == 1
+    assert "Slowed down 2.000000 times, to 2.000000 s, it keeps them." in out
+    code, out, _ = run("verify", "slow.csv", "--limits", limits, "--json")
+    table = json.loads(out)
+    assert code == 0
+    assert table["duration"] == 2
+    assert table["dilation"] == pytest.approx(1)
+
+
+def test_an_arms_limits_are_its_joints(run, tmp_path):
+    names = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"]
+    names += ["wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+    points = [
+        {"positions": [0.0] * 6, "velocities": [0.0] * 6, "time_from_start": 0},
+        {"positions": [0.1] * 6, "velocities": [0.0] * 6, "time_from_start": 4},
+    ]
+    message = {"joint_trajectory": {"joint_names": names, "points": points}}
+    (tmp_path / "m.json").write_text(json.dumps(message))
+    code, out, err = run("verify", "m.json", "--limits", "ur5e")
+    assert code == 0, err
+    assert "as fast" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["judge", "none.csv", "p.toml"], "none.csv: samples is 'No such file or directory'"),
+        (["judge", "slow.csv", "none.toml"], "none.toml"),
+        (["judge", "slow.csv", "six-axis"], "joints is 2: expected 6"),
+        (["judge", "slow.csv", "p.toml", "--via-tolerance", "1"], "via_tolerance is 1.0"),
+        (["judge", "slow.csv", "p.toml", "--via-tolerance", "-1"], "via-tolerance"),
+        (["judge", "slow.csv", "p.toml", "--interpolation", "quintic"], "no accelerations"),
+        (["verify", "slow.csv"], "--limits: expected joint_limits.yaml, a robot or a problem"),
+        (["verify", "slow.csv", "--limits", "ur5e"], "joint is 'a'"),
+        (["verify", "slow.csv", "--limits", "nothing"], "nothing"),
+        (["verify", "results", "--limits", "p.toml"], "PATH is 'results': expected a motion's"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, arguments, said):
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert len(err.splitlines()) == 1

@@ -1,0 +1,100 @@
+"""`trajopt judge`: a motion that anyone planned, judged against a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from trajopt import judgement
+from trajopt.benchmark.figures import draw
+from trajopt.cli import console
+from trajopt.cli.explain import sentences
+from trajopt.cli.parameters import InterpolationName, Json, MotionFile, ProblemName, number
+from trajopt.cli.plan import worst_values
+from trajopt.judgement import Judgement
+
+_ADVICE = {
+    "linear": "The samples are positions only, which a controller joins with straight lines: send "
+    "velocities too, or say how else they are joined (--interpolation spline).",
+}
+
+
+def judge(
+    motion: MotionFile,
+    problem: ProblemName,
+    *,
+    interpolation: InterpolationName = "auto",
+    via_tolerance: Annotated[
+        float,
+        number("Rad by which any joint may miss a waypoint that counts as passed.", least=0),
+    ] = 0.0,
+    output: Annotated[Path, Parameter(help="Folder for the figure.")] = Path("results/judge"),
+    json: Json = False,
+) -> int:
+    """Judge a motion that anyone planned: what it claims, what holds, and what it loses.
+
+    Exit code 0: it keeps every limit and passes every waypoint; 1: it does not; 2: bad input.
+    """
+    found = judgement.judge(
+        problem,
+        motion,
+        interpolation=interpolation,
+        via_tolerance=via_tolerance,
+    )
+    with console.waiting("asking the references"):
+        explanation = found.explanation
+    if json:
+        console.print_json(found.as_dict())
+        return 0 if found.certificate.feasible else 1
+    _print(found)
+    if explanation is not None:
+        for sentence in sentences(found.motion.name, found.problem, explanation):
+            console.paragraph(f"- {sentence}")
+    with console.waiting("drawing the figure"):
+        figure = draw.judged(found, output)
+    console.line(f"figure: {figure}")
+    return 0 if found.certificate.feasible else 1
+
+
+def _print(found: Judgement) -> None:
+    certificate = found.certificate
+    verdict = "feasible" if certificate.feasible else "not feasible"
+    name = console.markup(found.motion.name)
+    title = f"[bold]{name}[/bold] on {console.markup(found.problem.name)}: [bold]{verdict}[/bold]"
+    console.OUT.print(title, soft_wrap=True)
+    for sentence in _verdict(found):
+        console.paragraph(sentence)
+    console.paragraph(f"  {'claimed':<12}{found.claimed_duration:.6f} s")
+    if found.certified_duration is not None:
+        console.paragraph(f"  {'certified':<12}{found.certified_duration:.6f} s")
+    passed = ", ".join(f"{t:.6g}" for t in found.trajectory.waypoint_times)
+    console.paragraph(f"  {'waypoints':<12}{passed} s")
+    labels = found.problem.joint_labels
+    console.OUT.print(worst_values(certificate.as_dict(), labels))
+
+
+def _verdict(found: Judgement) -> Iterator[str]:
+    """How it was executed, what is wrong with it, and what mends it."""
+    certificate = found.certificate
+    kind = found.motion.interpolation
+    if kind == "polynomial":
+        yield "Executed as the polynomials that it is."
+    else:
+        pieces = len(found.trajectory.lengths)
+        yield f"Executed with {pieces} {kind} pieces between its samples."
+    if certificate.flaws:
+        yield f"No slow-down mends it: {'; '.join(certificate.flaws)}."
+        if kind in _ADVICE:
+            yield _ADVICE[kind]
+    elif certificate.dilation > 1 and not certificate.feasible:
+        yield f"Slowed down {certificate.dilation:.6f} times it keeps every limit."
+    elif certificate.dilation < 1:
+        yield f"It could run {1 / certificate.dilation:.6f} times as fast within every limit."
+    if found.problem.name.endswith(" rad") and found.via_tolerance > 0:
+        yield (
+            f"It misses the problem's own waypoints, by less than {found.via_tolerance:g} rad: "
+            "judged, and compared, through the points that it passes."
+        )

@@ -1,0 +1,163 @@
+"""A motion from wherever it comes: a file of samples or polynomials, or an object in Python.
+
+- `.csv`, `.txt`: samples, with a header of names and units (`trajopt.formats.samples_csv`);
+- `.json`, `.yaml`: a `trajectory_msgs/JointTrajectory` (`trajopt.formats.joint_trajectory`);
+- `.json` with `breaks` and `coefficients`: polynomials, as `plan --out motion.json` writes them;
+- in Python also a `Trajectory`, `Samples`, and SciPy's `PPoly` and `BSpline`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from trajopt import piecewise
+from trajopt.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.formats import joint_trajectory, samples_csv
+from trajopt.formats.samples import Samples
+from trajopt.interpolation import Interpolation
+from trajopt.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline, PPoly
+
+ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
+_TABLES = (".csv", ".txt")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion as it is executed.
+
+    Attributes:
+        name: Of its file, or what it is.
+        trajectory: From time 0 on; its waypoint times are its start and end.
+        interpolation: What joins its samples; `polynomial` where it has none.
+        joint_names: One per joint, or empty where nobody said them.
+    """
+
+    name: str
+    trajectory: Trajectory
+    interpolation: Interpolation | Literal["polynomial"]
+    joint_names: tuple[str, ...] = ()
+
+    def digest(self) -> str:
+        """SHA-256 of what is executed: 20 hexadecimal digits."""
+        whole = hashlib.sha256()
+        for array in (self.trajectory.breaks, self.trajectory.coefficients):
+            whole.update(repr(array.shape).encode())
+            whole.update(array.astype("<f8").tobytes())
+        return whole.hexdigest()[:20]
+
+    def for_joints(self, joint_names: Sequence[str]) -> Motion:
+        """The same with its joints in this order, where both sides name them.
+
+        Raises:
+            InvalidInput: It has other joints.
+        """
+        if not self.joint_names or not joint_names or self.joint_names == tuple(joint_names):
+            return self
+        if sorted(self.joint_names) != sorted(joint_names):
+            right = f"the joints {', '.join(joint_names)}"
+            raise InvalidInput("joint_names", right, value=list(self.joint_names), file=self.name)
+        order = [self.joint_names.index(name) for name in joint_names]
+        trajectory = self.trajectory
+        own = Trajectory(
+            trajectory.breaks,
+            trajectory.coefficients[..., order],
+            trajectory.waypoint_times,
+        )
+        return replace(self, trajectory=own, joint_names=tuple(joint_names))
+
+
+def motion(
+    given: str | Path | Motion | Samples | Trajectory | PPoly | BSpline,
+    interpolation: Interpolation = "auto",
+) -> Motion:
+    """The motion that is meant by a file or an object.
+
+    Raises:
+        InvalidInput: It cannot be read, or lacks what the interpolation needs; names the file, the
+            place in it, the value, and what would be right.
+        InvalidTrajectory: An object that is no piecewise polynomial.
+    """
+    if isinstance(given, str | Path):
+        return _read(Path(given), interpolation)
+    if isinstance(given, Samples):
+        return _of_samples("samples", given, interpolation)
+    _check_nothing_to_join(interpolation)
+    if isinstance(given, Motion):
+        return given
+    if isinstance(given, Trajectory):
+        return Motion("trajectory", given, "polynomial")
+    pieces = piecewise.of_scipy(given)
+    breaks = pieces.breaks - pieces.breaks[0]
+    trajectory = Trajectory(breaks, pieces.coefficients, breaks[[0, -1]])
+    return Motion(type(given).__name__, trajectory, "polynomial")
+
+
+def _of_samples(name: str, samples: Samples, interpolation: Interpolation) -> Motion:
+    trajectory = samples.trajectory(interpolation)
+    kind = samples.interpolation(interpolation)
+    return Motion(name, trajectory, kind, samples.joint_names)
+
+
+def _check_nothing_to_join(interpolation: Interpolation) -> None:
+    if interpolation != "auto":
+        right = "auto: these are polynomials, there is nothing to interpolate"
+        raise InvalidInput("interpolation", right, value=interpolation)
+
+
+def _read(path: Path, interpolation: Interpolation) -> Motion:
+    if path.suffix not in ENDINGS:
+        right = f"a file ending in {', '.join(ENDINGS)}"
+        raise InvalidInput("motion", right, value=str(path))
+    if path.suffix in _TABLES:
+        return _in_file(path, samples_csv.read(path), interpolation)
+    if path.suffix == ".json":
+        table = _polynomials(path)
+        if table is not None:
+            return _of_polynomials(path, table, interpolation)
+    return _in_file(path, joint_trajectory.read(path), interpolation)
+
+
+def _in_file(path: Path, samples: Samples, interpolation: Interpolation) -> Motion:
+    try:
+        return _of_samples(path.name, samples, interpolation)
+    except InvalidInput as error:
+        raise error.in_file(str(path)) from None
+
+
+def _polynomials(path: Path) -> Mapping[str, Any] | None:
+    """The table of a file of polynomials; None where it is anything else."""
+    try:
+        table = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):
+        return None  # joint_trajectory.read says what is wrong
+    if isinstance(table, Mapping) and {"breaks", "coefficients"} <= set(table):
+        return table
+    return None
+
+
+def _of_polynomials(path: Path, table: Mapping[str, Any], wanted: Interpolation) -> Motion:
+    names = table.get("joint_names") or ()
+    try:
+        _check_nothing_to_join(wanted)
+        breaks = np.array(table["breaks"], dtype=float)
+        coefficients = np.array(table["coefficients"], dtype=float)
+        trajectory = Trajectory(breaks, coefficients, breaks[[0, -1]])
+    except InvalidInput as error:
+        raise error.in_file(str(path)) from None
+    except (ValueError, TypeError, IndexError, InvalidTrajectory) as error:
+        right = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together"
+        raise InvalidInput("motion", right, value=str(error), file=str(path)) from None
+    if names and len(names) != trajectory.joints:
+        right = f"{trajectory.joints} names"
+        raise InvalidInput("joint_names", right, value=len(names), file=str(path))
+    return Motion(path.name, trajectory, "polynomial", tuple(map(str, names)))

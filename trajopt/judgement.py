@@ -1,0 +1,244 @@
+"""Anyone's motion, judged: through a problem's waypoints, or as executed within limits alone.
+
+    judgement = trajopt.judge("six-axis", "theirs.csv")
+    print(judgement.certificate.feasible, judgement.certified_duration, judgement.gap)
+
+The one verifier judges; nothing here forgives. Where the user says that a miss counts as passing
+(`via_tolerance`), another problem is judged: its waypoints are where the motion passes, and the
+optimum that the gap is measured against goes through the same points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.benchmark.suites import catalogue
+from trajopt.exceptions import InvalidInput
+from trajopt.explain import decomposition
+from trajopt.explain.decomposition import Explanation
+from trajopt.formats.motion import Motion
+from trajopt.formats.motion import motion as motion_of
+from trajopt.formats.samples import Samples
+from trajopt.interpolation import Interpolation
+from trajopt.passing import waypoint_times
+from trajopt.problem import Limits, Problem
+from trajopt.solution import Status
+from trajopt.trajectory import Trajectory
+from trajopt.verification import Certificate, verify
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline, PPoly
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What there is to say of a motion.
+
+    Attributes:
+        problem: The problem that is judged. Where the tolerance was needed its waypoints are where
+            the motion passes, and its name says so.
+        motion: What is executed.
+        via_tolerance: Rad, of each joint.
+        trajectory: The motion with the times at which it passes each waypoint.
+        certificate: The verifier's.
+    """
+
+    problem: Problem
+    motion: Motion
+    via_tolerance: float
+    trajectory: Trajectory
+    certificate: Certificate
+
+    @property
+    def status(self) -> Status:
+        return Status.SOLVED if self.certificate.valid else Status.INVALID
+
+    @property
+    def claimed_duration(self) -> float:
+        """Of the motion as it is, s."""
+        return self.trajectory.duration
+
+    @property
+    def certified_duration(self) -> float | None:
+        """With the slow-down that it needs, s; None where none mends it."""
+        return self.certificate.certified_duration
+
+    @cached_property
+    def explanation(self) -> Explanation | None:
+        """What its gap is made of; None without a certified duration. Asks the references once."""
+        if not self.certificate.valid:
+            return None
+        return decomposition.explain(self.problem, None, self.trajectory)
+
+    @property
+    def gap(self) -> float | None:
+        """The certified duration over the best known optimum of `problem`."""
+        return None if self.explanation is None else self.explanation.gap
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: SI units, joints count from 1, None for what does not exist."""
+        return {
+            "motion": self.motion.name,
+            "problem": self.problem.name,
+            "interpolation": self.motion.interpolation,
+            "via_tolerance": self.via_tolerance,
+            "status": str(self.status),
+            "claimed_duration": self.claimed_duration,
+            "certified_duration": self.certified_duration,
+            "feasible": self.certificate.feasible,
+            "dilation": self.certificate.dilation,
+            "gap": self.gap,
+            "waypoint_times": self.trajectory.waypoint_times.tolist(),
+            "flaws": list(self.certificate.flaws),
+            "certificate": self.certificate.as_dict(),
+        }
+
+
+def judge(
+    problem: Problem | str | Path,
+    motion: str | Path | Motion | Samples | Trajectory | PPoly | BSpline,
+    *,
+    interpolation: Interpolation = "auto",
+    via_tolerance: float = 0.0,
+) -> Judgement:
+    """Judge a motion against a problem (docs/mathematics.md, section 10).
+
+    Waypoint times are where it comes closest to each waypoint, in order. With a tolerance, a
+    waypoint that no joint misses by more then is moved to where the motion passes: only where the
+    motion misses the problem's own waypoints, which `problem` of the answer shows by its name.
+
+    Args:
+        problem: or the name of a built-in one, or a problem file.
+        motion: a file of samples or polynomials, or an object (`trajopt.formats.motion`).
+        interpolation: what joins samples; by default what their controller does.
+        via_tolerance: rad, of each joint: a miss that counts as passing. It must be less than half
+            of any segment, or one instant might pass two waypoints.
+
+    Raises:
+        InvalidInput: The motion cannot be read, has other joints than the problem, or the
+            tolerance is too large.
+    """
+    asked = problem if isinstance(problem, Problem) else catalogue.load(str(problem))
+    given = motion_of(motion, interpolation).for_joints(asked.joint_names)
+    _check_joints(given, asked.joints)
+    _check_tolerance(asked, via_tolerance)
+    trajectory = passing(asked, given.trajectory)
+    certificate = verify(asked, trajectory)
+    if via_tolerance > 0 and not certificate.valid:
+        moved = _as_passed(asked, trajectory, via_tolerance)
+        return Judgement(moved, given, via_tolerance, trajectory, verify(moved, trajectory))
+    return Judgement(asked, given, via_tolerance, trajectory, certificate)
+
+
+def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """The motion with the times at which it passes the problem's waypoints."""
+    times = waypoint_times(trajectory, problem.waypoints)
+    return Trajectory(trajectory.breaks, trajectory.coefficients, times)
+
+
+def _check_joints(motion: Motion, joints: int) -> None:
+    own = motion.trajectory.joints
+    if own != joints:
+        raise InvalidInput("joints", f"{joints}, as the problem has", value=own, file=motion.name)
+
+
+def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
+    largest = np.abs(problem.displacements).max(axis=1)
+    shortest = float(largest[largest > 0].min())
+    if not 0 <= via_tolerance < shortest / 2:
+        right = f"a number from 0 to less than half the shortest segment, {shortest:.4g} rad"
+        raise InvalidInput("via_tolerance", right, value=via_tolerance)
+
+
+def _as_passed(problem: Problem, trajectory: Trajectory, via_tolerance: float) -> Problem:
+    """The problem through the points that the motion passes, where they are within tolerance.
+
+    Within its position limits too: a waypoint outside would be no problem's.
+    """
+    passed = trajectory(trajectory.waypoint_times)
+    low, high = problem.limits.position.T
+    inside = np.clip(passed, low, high)
+    miss = np.abs(passed - problem.waypoints).max(axis=1)
+    moved = np.where(miss[:, None] <= via_tolerance, inside, problem.waypoints)
+    return Problem(
+        moved,
+        problem.limits,
+        name=f"{problem.name}, as passed within {via_tolerance:g} rad",
+        source=problem.source,
+        joint_names=problem.joint_names,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Execution:
+    """What there is to say of a motion within limits alone.
+
+    Attributes:
+        motion: What is executed.
+        problem: Its own start, end and turning points as waypoints, and the limits.
+        certificate: The verifier's.
+    """
+
+    motion: Motion
+    problem: Problem
+    certificate: Certificate
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: SI units, joints count from 1, None for what does not exist."""
+        return {
+            "motion": self.motion.name,
+            "interpolation": self.motion.interpolation,
+            "duration": self.certificate.duration,
+            "feasible": self.certificate.feasible,
+            "dilation": self.certificate.dilation,
+            "certified_duration": self.certificate.certified_duration,
+            "certificate": self.certificate.as_dict(),
+        }
+
+
+def as_executed(motion: Motion, limits: Limits) -> Execution:
+    """Whether what a controller runs keeps the limits; no waypoints are asked for.
+
+    The robot is to rest before and after.
+
+    Raises:
+        InvalidInput: It has another number of joints than the limits, or never moves.
+    """
+    _check_joints(motion, limits.joints)
+    trajectory = motion.trajectory
+    at_breaks = trajectory(trajectory.breaks)
+    if not np.ptp(at_breaks, axis=0).any():
+        right = "a motion; at its samples this one stays where it is"
+        raise InvalidInput("motion", right, file=motion.name)
+    times = trajectory.breaks[_own_waypoints(at_breaks, limits)]
+    own = Trajectory(trajectory.breaks, trajectory.coefficients, times)
+    low, high = limits.position.T
+    problem = Problem(
+        np.clip(own(times), low, high),
+        limits,
+        name=motion.name,
+        joint_names=motion.joint_names,
+    )
+    return Execution(motion, problem, verify(problem, own))
+
+
+def _own_waypoints(positions: Array, limits: Limits) -> NDArray[np.intp]:
+    """The start, the end, and where each joint is farthest from its start within its limits.
+
+    So every joint has the displacement that its tolerances are relative to.
+    """
+    low, high = limits.position.T
+    inside = ((positions >= low) & (positions <= high)).all(axis=1)
+    inside[[0, -1]] = True
+    distances = np.abs(positions - positions[0])
+    distances[~inside] = 0.0
+    farthest = np.argmax(distances, axis=0)
+    return np.unique(np.concatenate([[0], farthest, [len(positions) - 1]]))

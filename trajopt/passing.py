@@ -1,0 +1,110 @@
+"""When a motion passes waypoints: where it comes closest to each of them, in order.
+
+The squared distance of a polynomial piece to a waypoint is a polynomial too: its minima are found
+from roots, none is missed between samples. Of all minima and breaks, the times are chosen together
+that do not decrease and miss least in sum, by dynamic programming: a motion that comes by a
+waypoint early, on its way to another, does not mislead it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt import polynomials
+from trajopt.trajectory import EPS, Trajectory, nearest
+
+Array = NDArray[np.float64]
+
+# A break this near to the closest approach is it, where its miss is no worse than rounding.
+_SAME_TIME_RTOL = 1e-9
+_COORDINATE_RTOL = 16 * EPS
+_NEWTON_STEPS = 3
+
+
+def waypoint_times(trajectory: Trajectory, waypoints: Array) -> Array:
+    """When the motion passes each waypoint, s, `(waypoints,)`; the first at 0, the last at its end.
+
+    Args:
+        trajectory: of as many joints as the waypoints.
+        waypoints: rad, `(waypoints, joints)`. Closest is meant in joint space, over all joints.
+    """
+    candidates = [trajectory.breaks]
+    for waypoint in waypoints[1:-1]:
+        candidates.append(_minima(trajectory, waypoint))
+    times = np.unique(np.concatenate(candidates))
+    passed = trajectory(times)
+    misses = []
+    for waypoint in waypoints:
+        misses.append(np.linalg.norm(passed - waypoint, axis=1))
+    chosen = _in_order(np.array(misses))
+    return _at_breaks(trajectory, waypoints, times[chosen])
+
+
+def _minima(trajectory: Trajectory, waypoint: Array) -> Array:
+    """Times within pieces where the distance to a waypoint has a minimum (or maximum), s."""
+    away = np.array(trajectory.pieces())
+    away[-1] -= waypoint
+    terms = len(away)
+    # |q(s) − w|², summed over joints
+    square = np.zeros((2 * terms - 1, away.shape[1]))
+    for power, factor in enumerate(away):
+        products = away * factor
+        square[power : power + terms] += products.sum(axis=2)
+    shares = polynomials.unit_roots(polynomials.derivative(square))
+    row, piece = np.nonzero(np.isfinite(shares))
+    start = trajectory.breaks[piece]
+    elapsed = shares[row, piece] * trajectory.lengths[piece]
+    return _polished(trajectory, waypoint, start + elapsed)
+
+
+def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
+    """Gauss and Newton's steps, each kept only where it comes nearer: squares round too much."""
+    for _ in range(_NEWTON_STEPS):
+        away = trajectory(times) - waypoint
+        velocity = trajectory(times, 1)
+        speed = np.square(velocity).sum(axis=1)
+        along = (away * velocity).sum(axis=1)
+        steps = np.divide(along, speed, out=np.zeros_like(along), where=speed > 0)
+        moved = np.clip(times - steps, 0.0, trajectory.duration)
+        before = np.linalg.norm(away, axis=1)
+        after = np.linalg.norm(trajectory(moved) - waypoint, axis=1)
+        times = np.where(after < before, moved, times)
+    return times
+
+
+def _in_order(misses: Array) -> NDArray[np.intp]:
+    """Which candidate each waypoint has: not decreasing, of the least sum of misses.
+
+    Args:
+        misses: `(waypoints, candidates)`, candidates in the order of time.
+    """
+    count, candidates = misses.shape
+    numbers = np.arange(candidates)
+    total = np.full(candidates, np.inf)
+    total[0] = misses[0, 0]
+    before = []
+    for miss in misses[1:]:
+        # The least sum up to each candidate, and the first candidate that has it.
+        least = np.minimum.accumulate(total)
+        earlier = np.concatenate([[np.inf], least[:-1]])
+        first = np.where(total < earlier, numbers, 0)
+        before.append(np.maximum.accumulate(first))
+        total = least + miss
+    chosen = np.empty(count, dtype=np.intp)
+    chosen[-1] = candidates - 1
+    for waypoint in range(count - 2, -1, -1):
+        chosen[waypoint] = before[waypoint][chosen[waypoint + 1]]
+    return chosen
+
+
+def _at_breaks(trajectory: Trajectory, waypoints: Array, times: Array) -> Array:
+    """The same, at a break where that is as near: no sliver of a piece is cut off for nothing."""
+    breaks = trajectory.breaks[nearest(trajectory.breaks, times)]
+    close = np.abs(breaks - times) <= _SAME_TIME_RTOL * trajectory.duration
+    miss = np.abs(trajectory(times) - waypoints).max(axis=1)
+    at_break = np.abs(trajectory(breaks) - waypoints).max(axis=1)
+    rounding = _COORDINATE_RTOL * np.abs(waypoints).max()
+    as_near = at_break <= miss + rounding
+    found = np.where(close & as_near, breaks, times)
+    return np.asarray(np.maximum.accumulate(found))
