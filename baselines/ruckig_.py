@@ -6,7 +6,7 @@ at every waypoint; `RuckigVia` starts there and improves the states at the waypo
 
 Ruckig knows one jerk limit for both sides: an asymmetric one counts at its tighter side. It ignores
 position limits; here every section is checked against them. With jerk unlimited it ignores
-accelerations. Its tolerances are absolute, so it is given moderate numbers.
+accelerations. Its tolerances are absolute, so every section has units of its own.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
-from baselines.own_units import in_own_units
+from baselines import segment_units
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
@@ -62,7 +62,6 @@ class RuckigStop(Planner):
     knows = LIMIT_NAMES
 
     @passing_once
-    @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
         return _solution(problem, sections, sections.at_rest, [])
@@ -79,7 +78,6 @@ class RuckigVia(RuckigStop):
             raise InvalidInput("evaluations", "at least 1", value=self.evaluations)
 
     @passing_once
-    @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         sections = Sections(problem)
         states, history = improved(sections, self.evaluations)
@@ -102,7 +100,12 @@ class Sections:
         joints = len(self.moving)
         self._solver = ruckig.Ruckig(joints)
         self._trajectory = ruckig.Trajectory(joints)
-        self._input = _input(ruckig, self.limits)
+        self._units = segment_units.of_segments(Problem(self.waypoints, self.limits))
+        self._inputs = self._sections(ruckig)
+        # Units of the whole motion: its longest segment's time, each joint's range.
+        self.longest_stop = max(units.time for units in self._units)
+        speeds = np.ptp(self.waypoints, axis=0) / self.longest_stop
+        self.state_units = np.stack([speeds, speeds / self.longest_stop])[:, None]
         self._success = (ruckig.Result.Working, ruckig.Result.Finished)
         self._error = ruckig.RuckigError
         self.evaluations = 0
@@ -115,14 +118,16 @@ class Sections:
         """Each joint's own least time for segment `k`, NaN where Ruckig refuses, `(joints,)`, s."""
         if not self._calculate(k, start, end):
             return np.full(len(self.moving), np.nan)
-        return np.array(self._trajectory.independent_min_durations)
+        own = np.array(self._trajectory.independent_min_durations)
+        return own * self._units[k].time
 
     def duration(self, k: int, start: Array, end: Array) -> float:
         """Time of segment `k` with all joints together; infinite if the states break a limit, s."""
         if not self._calculate(k, start, end, checked=True):
             return np.inf
-        time = float(self._trajectory.duration)
-        return time if self._inside() else np.inf
+        if not self._inside(k):
+            return np.inf
+        return self._time(k)
 
     def profiles(
         self,
@@ -133,12 +138,35 @@ class Sections:
         """The duration of segment `k` and every joint's `(breaks, coefficients)`, cubics."""
         if not self._calculate(k, start, end):
             raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
-        return self._trajectory.duration, self._rebuilt()
+        return self._time(k), self._rebuilt(k)
 
-    def _rebuilt(self) -> list[Part]:
+    def _time(self, k: int) -> float:
+        """Of segment `k`, just computed, s."""
+        time: float = self._trajectory.duration
+        return time * self._units[k].time
+
+    def _rebuilt(self, k: int) -> list[Part]:
+        """Every joint's motion in segment `k`, just computed, s and rad."""
+        units = self._units[k]
         duration = self._trajectory.duration
-        profiles = self._trajectory.profiles[0]
-        return [_cubics(profile, duration) for profile in profiles]
+        parts = []
+        for joint, profile in enumerate(self._trajectory.profiles[0]):
+            breaks, cubics = _cubics(profile, duration)
+            coefficients = units.in_radians(cubics, joint)
+            coefficients[-1] += self.waypoints[k, joint]
+            parts.append((breaks * units.time, coefficients))
+        return parts
+
+    def _sections(self, ruckig: Any) -> list[Any]:
+        """Ruckig's input for every segment in its units, but for the states at its ends."""
+        inputs = []
+        ways = np.diff(self.waypoints, axis=0)
+        for way, units in zip(ways, self._units, strict=True):
+            given = _input(ruckig, units.limits(self.limits))
+            target = way / units.lengths
+            given.target_position = target.tolist()
+            inputs.append(given)
+        return inputs
 
     def _calculate(
         self,
@@ -149,11 +177,10 @@ class Sections:
         checked: bool = False,
     ) -> bool:
         """Whether Ruckig solves segment `k`; `checked`, from states that keep their limits."""
-        velocity, acceleration = start
-        target_velocity, target_acceleration = end * _INWARDS
-        given = self._input
-        given.current_position = self.waypoints[k].tolist()
-        given.target_position = self.waypoints[k + 1].tolist()
+        units = self._units[k]
+        velocity, acceleration = units.states(start)
+        target_velocity, target_acceleration = units.states(end * _INWARDS)
+        given = self._inputs[k]
         given.current_velocity = velocity.tolist()
         given.current_acceleration = acceleration.tolist()
         given.target_velocity = target_velocity.tolist()
@@ -167,8 +194,8 @@ class Sections:
         except (self._error, ValueError):  # a result code that its own enumeration lacks
             return False
 
-    def _inside(self) -> bool:
-        """Whether the section just computed keeps the position limits."""
+    def _inside(self, k: int) -> bool:
+        """Whether segment `k`, just computed, keeps the position limits."""
         position = self.limits.position
         if not np.isfinite(position).any():
             return True
@@ -178,7 +205,7 @@ class Sections:
         lowest, highest = position.T
         low = lowest - slack
         high = highest + slack
-        for j, (breaks, coefficients) in enumerate(self._rebuilt()):
+        for j, (breaks, coefficients) in enumerate(self._rebuilt(k)):
             if not _within(breaks, coefficients, low[j], high[j]):
                 return False
         return True
@@ -317,15 +344,20 @@ def _proposed(sections: Sections, states: Array, radius: float) -> Array:
     segments, joints = times.shape
 
     # Rows: times + up·rise − down·fall ≤ τ, one per segment and joint; columns: rise, fall, τ.
+    # The solver's tolerances are absolute, so states and times are in units of the whole motion.
+    units = sections.state_units
+    longest = sections.longest_stop
     own_segment = np.repeat(np.eye(segments), joints, axis=0)
-    rises = up.reshape(len(up), -1)
-    falls = down.reshape(len(up), -1)
+    rises = (up * units).reshape(len(up), -1) / longest
+    falls = (down * units).reshape(len(up), -1) / longest
     columns = [rises, -falls, -own_segment]
     matrix = np.concatenate(columns, axis=1)
     free = np.zeros(2 * states.size)
     cost = np.r_[free, np.ones(segments)]
     unbounded = np.full(segments, np.inf)
-    highest = np.r_[above.ravel(), below.ravel(), unbounded]
+    room_above = above / units
+    room_below = below / units
+    highest = np.r_[room_above.ravel(), room_below.ravel(), unbounded]
 
     # milp without integers: linprog spends longer checking its arguments than solving.
     optimize = scipy.optimize
@@ -333,7 +365,7 @@ def _proposed(sections: Sections, states: Array, radius: float) -> Array:
         cost,
         constraints=optimize.LinearConstraint(
             scipy.sparse.csc_array(matrix),
-            ub=-times.ravel(),
+            ub=-times.ravel() / longest,
         ),
         bounds=optimize.Bounds(0, highest),
         options={"presolve": False},
@@ -342,7 +374,7 @@ def _proposed(sections: Sections, states: Array, radius: float) -> Array:
         return states
     steps = answer.x[: 2 * states.size]
     rise, fall = steps.reshape(2, *states.shape)
-    proposed = states + rise - fall
+    proposed = states + (rise - fall) * units
     return np.asarray(np.clip(proposed, lower, upper))
 
 

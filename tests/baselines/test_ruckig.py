@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
+from experiments.relations import drawn
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.problem import Limits, Problem
 from trajopt.rest_to_rest import stop_times
@@ -41,8 +42,7 @@ def random_problem(seed: int, *, jerk: bool = False, asymmetric: bool = True) ->
 def duration(problem, planner):
     certificate = verify(problem, planner.solve(problem).trajectory)
     assert certificate.flaws == ()
-    # Ruckig misses by up to some 1e-8 rad with jerk limits; mended exactly, that has its price.
-    assert certificate.dilation <= 1 + 1e-5
+    assert certificate.dilation <= 1 + 1e-9
     return certificate.duration
 
 
@@ -65,7 +65,7 @@ def test_stopping_takes_the_closed_form(seed, jerk):
 @pytest.mark.parametrize("jerk", [False, True])
 def test_through_the_waypoints_is_never_slower_than_stopping(seed, jerk):
     problem = random_problem(100 + seed, jerk=jerk)
-    assert duration(problem, SHORT) <= duration(problem, RuckigStop()) * (1 + 1e-5)
+    assert duration(problem, SHORT) <= duration(problem, RuckigStop()) * (1 + 1e-12)
 
 
 def test_one_joint_one_way_finds_the_trapezoid():
@@ -220,7 +220,7 @@ def test_stiff_jerk_is_solved_whatever_the_unit_of_time(seed: int, stiffness: fl
     stiff = Limits(own.velocity, own.acceleration, stiffness * own.acceleration)
     for time in (1.0, 1e-3, 1e3):
         moved = in_units(Problem(problem.waypoints, stiff), 1.0, time)
-        # phases of a millionth of a second: mending what rounds their states costs up to 2e-7
+        # phases of a millionth of a second: mending their rounded times costs up to 2e-7
         certified = verify(moved, RuckigStop().solve(moved).trajectory).certified_duration
         assert certified == pytest.approx(stop_times(moved).sum(), rel=1e-6)
 
@@ -239,3 +239,12 @@ def test_other_units_change_nothing(seed: int, length: float, time: float, plann
         there = moved(moved.duration * fraction) / length
         here = original(original.duration * fraction)
         np.testing.assert_allclose(there, here, atol=1e-7 * np.ptp(problem.waypoints))
+
+
+@pytest.mark.parametrize("seed", [25, 77, 1433])
+def test_a_segment_of_a_millionth_is_met_too(seed: int) -> None:
+    """Ruckig's roots are good to 1e-8 of its units: once mending them cost up to 1.4 %."""
+    problem = drawn(seed)
+    certificate = verify(problem, SHORT.solve(problem).trajectory)
+    assert certificate.valid
+    assert certificate.dilation <= 1 + 1e-12
