@@ -46,7 +46,7 @@ class Units:
     def in_radians(self, coefficients: Array, joint: int) -> Array:
         """A joint's polynomials of time `(degree + 1, pieces)` in these units, in rad and s."""
         by_time = polynomials.stretched(coefficients, 1 / self.time)
-        return by_time * self.lengths[joint]
+        return np.asarray(by_time * self.lengths[joint])
 
 
 def of_segments(problem: Problem) -> list[Units]:
