@@ -32,11 +32,11 @@ def waypoint_times(trajectory: Trajectory, waypoints: Array) -> Array:
     candidates = [trajectory.breaks]
     for waypoint in waypoints[1:-1]:
         candidates.append(_minima(trajectory, waypoint))
-    times = np.unique(np.concatenate(candidates))
-    passed = trajectory(times)
+    together = np.concatenate(candidates)
+    times = np.unique(together)
     misses = []
     for waypoint in waypoints:
-        misses.append(np.linalg.norm(passed - waypoint, axis=1))
+        misses.append(_miss(trajectory, waypoint, times))
     chosen = _in_order(np.array(misses))
     return _at_breaks(trajectory, waypoints, times[chosen])
 
@@ -47,14 +47,19 @@ def _minima(trajectory: Trajectory, waypoint: Array) -> Array:
     away[-1] -= waypoint
     terms = len(away)
     # |q(s) − w|², summed over joints
-    square = np.zeros((2 * terms - 1, away.shape[1]))
+    pieces = away.shape[1]
+    degree = 2 * (terms - 1)
+    square = np.zeros((degree + 1, pieces))
     for power, factor in enumerate(away):
         products = away * factor
-        square[power : power + terms] += products.sum(axis=2)
-    shares = polynomials.unit_roots(polynomials.derivative(square))
+        rows = slice(power, power + terms)
+        square[rows] += products.sum(axis=2)
+    slope = polynomials.derivative(square)
+    shares = polynomials.unit_roots(slope)
     row, piece = np.nonzero(np.isfinite(shares))
     start = trajectory.breaks[piece]
-    elapsed = shares[row, piece] * trajectory.lengths[piece]
+    length = trajectory.lengths[piece]
+    elapsed = shares[row, piece] * length
     return _polished(trajectory, waypoint, start + elapsed)
 
 
@@ -63,14 +68,22 @@ def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
     for _ in range(_NEWTON_STEPS):
         away = trajectory(times) - waypoint
         velocity = trajectory(times, 1)
-        speed = np.square(velocity).sum(axis=1)
         along = (away * velocity).sum(axis=1)
-        steps = np.divide(along, speed, out=np.zeros_like(along), where=speed > 0)
-        moved = np.clip(times - steps, 0.0, trajectory.duration)
-        before = np.linalg.norm(away, axis=1)
-        after = np.linalg.norm(trajectory(moved) - waypoint, axis=1)
+        speed = np.square(velocity).sum(axis=1)
+        # where it stands there is no step
+        speed[speed == 0] = np.inf
+        step = along / speed
+        moved = np.clip(times - step, 0.0, trajectory.duration)
+        before = _miss(trajectory, waypoint, times)
+        after = _miss(trajectory, waypoint, moved)
         times = np.where(after < before, moved, times)
     return times
+
+
+def _miss(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
+    """How far it is from the waypoint, rad, over all joints."""
+    away = trajectory(times) - waypoint
+    return np.asarray(np.linalg.norm(away, axis=1))
 
 
 def _in_order(misses: Array) -> NDArray[np.intp]:
@@ -79,7 +92,7 @@ def _in_order(misses: Array) -> NDArray[np.intp]:
     Args:
         misses: `(waypoints, candidates)`, candidates in the order of time.
     """
-    count, candidates = misses.shape
+    candidates = misses.shape[1]
     numbers = np.arange(candidates)
     total = np.full(candidates, np.inf)
     total[0] = misses[0, 0]
@@ -87,24 +100,30 @@ def _in_order(misses: Array) -> NDArray[np.intp]:
     for miss in misses[1:]:
         # The least sum up to each candidate, and the first candidate that has it.
         least = np.minimum.accumulate(total)
-        earlier = np.concatenate([[np.inf], least[:-1]])
+        earlier = np.full(candidates, np.inf)
+        earlier[1:] = least[:-1]
         first = np.where(total < earlier, numbers, 0)
         before.append(np.maximum.accumulate(first))
         total = least + miss
-    chosen = np.empty(count, dtype=np.intp)
-    chosen[-1] = candidates - 1
-    for waypoint in range(count - 2, -1, -1):
-        chosen[waypoint] = before[waypoint][chosen[waypoint + 1]]
-    return chosen
+    last = candidates - 1
+    backwards = [last]
+    for sources in reversed(before):
+        last = int(sources[last])
+        backwards.append(last)
+    return np.array(backwards[::-1])
 
 
 def _at_breaks(trajectory: Trajectory, waypoints: Array, times: Array) -> Array:
     """The same, at a break where that is as near: no sliver of a piece is cut off for nothing."""
     breaks = trajectory.breaks[nearest(trajectory.breaks, times)]
-    close = np.abs(breaks - times) <= _SAME_TIME_RTOL * trajectory.duration
-    miss = np.abs(trajectory(times) - waypoints).max(axis=1)
-    at_break = np.abs(trajectory(breaks) - waypoints).max(axis=1)
-    rounding = _COORDINATE_RTOL * np.abs(waypoints).max()
-    as_near = at_break <= miss + rounding
+    distance = np.abs(breaks - times)
+    close = distance <= _SAME_TIME_RTOL * trajectory.duration
+    missed = trajectory(times) - waypoints
+    missed_there = trajectory(breaks) - waypoints
+    miss = np.abs(missed).max(axis=1)
+    miss_there = np.abs(missed_there).max(axis=1)
+    largest = np.abs(waypoints).max()
+    rounding = _COORDINATE_RTOL * largest
+    as_near = miss_there <= miss + rounding
     found = np.where(close & as_near, breaks, times)
-    return np.asarray(np.maximum.accumulate(found))
+    return np.maximum.accumulate(found)

@@ -71,13 +71,16 @@ def of_spline(spline: BSpline) -> Pieces:
     """
     degree = int(spline.k)
     knots = np.asarray(spline.t, dtype=float)
-    inside = knots[degree : len(knots) - degree]
-    breaks = np.unique(inside)
+    last = len(knots) - degree
+    breaks = np.unique(knots[degree:last])
+    starts = breaks[:-1]
     rows = []
-    for power in range(degree, -1, -1):
-        at_starts = np.moveaxis(spline(breaks[:-1], nu=power), spline.axis, 0)
-        rows.append(np.asarray(at_starts) / factorial(power))
-    return Pieces(breaks, _columns(np.stack(rows), "a B-spline's values"))
+    for power in reversed(range(degree + 1)):
+        derivative = spline(starts, nu=power)
+        pieces_first = np.moveaxis(derivative, spline.axis, 0)
+        rows.append(pieces_first / factorial(power))
+    coefficients = np.stack(rows)
+    return Pieces(breaks, _columns(coefficients, "a B-spline's values"))
 
 
 def _columns(coefficients: Array, what: str) -> Array:
@@ -111,10 +114,11 @@ def composed(path: Pieces, parameter: Pieces) -> Pieces:
 
     # Each piece of s(t) lies within one piece of the path: that of its middle.
     local = s.coefficients[..., 0]
-    half = 0.5 * np.diff(s.breaks)
-    middle = polynomials.evaluate(local, half)
+    lengths = np.diff(s.breaks)
+    middle = polynomials.evaluate(local, 0.5 * lengths)
     after = np.searchsorted(path.breaks, middle, side="right")
-    piece = np.clip(after - 1, 0, len(path.breaks) - 2)
+    last_piece = len(path.breaks) - 2
+    piece = np.clip(after - 1, 0, last_piece)
 
     # s(t) since that piece's start, and Horner's rule with it in place of a number.
     inner = np.array(local)
@@ -128,22 +132,24 @@ def composed(path: Pieces, parameter: Pieces) -> Pieces:
 
 def _product(left: Array, right: Array) -> Array:
     """Of polynomials `(a, pieces, joints)` and `(b, pieces)`: `(a + b − 1, pieces, joints)`."""
-    degrees = len(left) + len(right) - 2
-    product = np.zeros((degrees + 1, *left.shape[1:]))
+    rows = len(left)
+    _, pieces, joints = left.shape
+    product = np.zeros((rows + len(right) - 1, pieces, joints))
     for power, factor in enumerate(right):
-        product[power : power + len(left)] += left * factor[:, None]
+        shifted = slice(power, power + rows)
+        product[shifted] += left * factor[:, None]
     return product
 
 
 def _check_domain(path: Pieces, parameter: Pieces) -> None:
     """Refuse a parameter that leaves the path: its peaks, from roots, lie within the domain."""
-    lengths = np.diff(parameter.breaks)
-    unit = polynomials.stretched(parameter.coefficients, lengths)[..., 0]
+    unit = _unit(parameter)
     at = polynomials.critical_points(unit)
     values = polynomials.evaluate(unit[:, None], at)
     first = path.breaks[0]
     last = path.breaks[-1]
-    slack = _DOMAIN_RTOL * max(last - first, abs(first), abs(last))
+    size = max(last - first, abs(first), abs(last))
+    slack = _DOMAIN_RTOL * size
     lowest = float(values.min())
     highest = float(values.max())
     inside = lowest >= first - slack and highest <= last + slack
@@ -152,30 +158,49 @@ def _check_domain(path: Pieces, parameter: Pieces) -> None:
         raise InvalidTrajectory(f"{reached}; the path from {first:.9g} to {last:.9g}")
 
 
+def _unit(parameter: Pieces) -> Array:
+    """The one function's pieces on the unit interval, `(degree + 1, pieces)`."""
+    lengths = np.diff(parameter.breaks)
+    one = parameter.coefficients[..., 0]
+    return polynomials.stretched(one, lengths)
+
+
 def _split(parameter: Pieces, levels: Array) -> Pieces:
     """The same function with a break wherever it crosses one of the levels, too."""
-    lengths = np.diff(parameter.breaks)
-    unit = polynomials.stretched(parameter.coefficients, lengths)[..., 0]
+    breaks = _with_crossings(parameter, levels)
+    starts = breaks[:-1]
+    after = np.searchsorted(parameter.breaks, starts, side="right")
+    own = after - 1
+    offset = starts - parameter.breaks[own]
+    moved = polynomials.shifted(
+        parameter.coefficients[:, own],
+        offset[:, None],
+    )
+    return Pieces(breaks, moved)
+
+
+def _with_crossings(parameter: Pieces, levels: Array) -> Array:
+    """Its breaks, and the times at which it crosses a level, those at a break left out."""
+    unit = _unit(parameter)
     bounds = polynomials.bernstein(unit)
-    lowest = bounds.min(axis=0)[:, None]
-    highest = bounds.max(axis=0)[:, None]
-    piece, level = np.nonzero((lowest <= levels) & (levels <= highest))
-    shifted = np.array(unit[:, piece])
+    lowest = bounds.min(axis=0)
+    highest = bounds.max(axis=0)
+    above = lowest[:, None] <= levels
+    below = levels <= highest[:, None]
+    piece, level = np.nonzero(above & below)
+    shifted = unit[:, piece]
     shifted[-1] -= levels[level]
     shares = polynomials.unit_roots(shifted)
-    crossings = parameter.breaks[piece] + shares * lengths[piece]
+    lengths = np.diff(parameter.breaks)
+    elapsed = shares * lengths[piece]
+    crossings = parameter.breaks[piece] + elapsed
     found = crossings[np.isfinite(crossings)]
 
-    duration = parameter.breaks[-1] - parameter.breaks[0]
-    slack = _CROSSING_RTOL * duration
     breaks = parameter.breaks
-    for crossing in np.sort(found):
-        nearest = np.abs(breaks - crossing).min()
-        if nearest > slack:
+    duration = breaks[-1] - breaks[0]
+    slack = _CROSSING_RTOL * duration
+    for crossing in found:
+        distance = np.abs(breaks - crossing)
+        if distance.min() > slack:
             breaks = np.append(breaks, crossing)
-    breaks = np.sort(breaks)
-    after = np.searchsorted(parameter.breaks, breaks[:-1], side="right")
-    own = after - 1
-    offset = breaks[:-1] - parameter.breaks[own]
-    moved = polynomials.shifted(parameter.coefficients[:, own], offset[:, None])
-    return Pieces(breaks, moved)
+    return np.sort(breaks)

@@ -63,7 +63,7 @@ HEADER = "time [s],a [rad],b [rad]\n"
         ("0,1,2\n", "line 1, column 1 is '0': expected a name and a unit"),
         ("time [s],a\n", "line 1, column 2 is 'a': expected a name and a unit"),
         ("time [s],a [Nm]\n", "line 1, column 2 is 'a [Nm]'"),
-        ("a [rad]\n", "line 1: expected a column of times"),
+        ("a [rad]\n", "line 1: expected time [s], then"),
         ("time [s]\n0\n1\n", "line 1: expected columns of positions"),
         ("time [s],a [rad],a [deg]\n", "line 1, column 3 is 'a [deg]': expected a column that"),
         ("time [s],t [ms],a [rad]\n", "line 1, column 2 is 't [ms]'"),

@@ -131,12 +131,12 @@ def test_samples_come_back_to_the_last_bit(tmp_path):
     [
         ("", "header"),
         ("a [rad]\n0\n1\n", "time [s], then columns"),
-        ("time [s],a\n0,0\n", "a name and one of"),
-        ("time [s],a [rad/s]\n0,0\n", "positions, like elbow [rad]"),
-        ("time [s],a [rad]\n0\n1,1\n", "sample 1 is 1: expected 2 numbers"),
-        ("time [s],a [rad]\n0,0\n1,x\n", "sample 2, a [rad] is 'x'"),
-        ("time [s],a [rad]\n0,0\n0,1\n", "times, sample 2"),
-        ("time [s],a [rad]\n", "at least two samples"),
+        ("time [s],a\n0,0\n", "a name and a unit"),
+        ("time [s],a [rad/s]\n0,0\n", "positions, and no other: a"),
+        ("time [s],a [rad]\n0\n1,1\n", "line 2 is 1: expected 2 cells"),
+        ("time [s],a [rad]\n0,0\n1,x\n", "line 3, column 2, a [rad], is 'x'"),
+        ("time [s],a [rad]\n0,0\n0,1\n", "line 3, column 1"),
+        ("time [s],a [rad]\n", "at least two lines"),
     ],
 )
 def test_what_is_wrong_with_samples_is_named(tmp_path, text, words):

@@ -175,7 +175,7 @@ def _layout(line: int, columns: Sequence[_Column]) -> dict[int, list[int]]:
             raise InvalidInput(where, "a column that is not there twice", value=column.heading)
         own[column.name] = place
     if not places[_TIME]:
-        raise InvalidInput(f"line {line}", f"a column of times, {TIME}")
+        raise InvalidInput(f"line {line}", f"{TIME}, then columns like elbow [rad]")
     joints = list(places[0])
     for order, unit in enumerate(UNITS):
         own = places[order]
