@@ -109,19 +109,24 @@ def rules(knots: Knots | Literal["best"], ends: Ends | Literal["best"]) -> list[
     return list(product(all_knots, all_ends))
 
 
+def steps_by_rule(problem: Problem) -> dict[Knots, Array]:
+    """By how much the parameter grows in each segment, `(segments,)`, by knot rule."""
+    chords = np.linalg.norm(problem.displacements, axis=1)
+    return {
+        "uniform": np.ones_like(chords),
+        "chord": chords,
+        "centripetal": np.sqrt(chords),
+        "limit": stop_times(problem.without("jerk")),
+    }
+
+
 def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
     """The cubic spline through the waypoints (no two consecutive ones alike), not timed yet.
 
     Its "time" is the path parameter. Not-a-knot is a parabola with three waypoints, a line
     with two.
     """
-    chords = np.linalg.norm(problem.displacements, axis=1)
-    steps = {
-        "uniform": np.ones_like(chords),
-        "chord": chords,
-        "centripetal": np.sqrt(chords),
-        "limit": stop_times(problem.without("jerk")),
-    }
+    steps = steps_by_rule(problem)
     at = np.r_[0.0, np.cumsum(steps[knots])]
     cubics = scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=ends)
     return Trajectory(at, cubics.c, at)

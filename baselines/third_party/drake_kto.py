@@ -1,0 +1,128 @@
+"""Drake's `KinematicTrajectoryOptimization`: the fastest B-spline, from the package `drake`.
+
+A B-spline on uniform knots whose control points and duration are free. It passes each waypoint at a
+share of its duration that the user has to choose: here in the proportions of a rule. Drake keeps
+the limits at the control points of the derivatives, hence everywhere. The B-spline is the answer.
+
+    from baselines.third_party.drake_kto import DrakeKto
+    solution = DrakeKto().solve(problem)
+    print(solution.trajectory.duration, solution.stats["spline"])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PPoly
+
+from baselines.third_party import imported
+from baselines.topp_ra import best_of, steps_by_rule
+from trajopt.exceptions import InvalidInput
+from trajopt.planner import Planner, passing_once
+from trajopt.problem import LIMIT_NAMES, Problem
+from trajopt.rest_to_rest import stop_times
+from trajopt.solution import Solution, Status
+from trajopt.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+# Times the time of stopping at every waypoint: where the solver starts.
+_SLOWER = 1.5
+
+
+@dataclass(frozen=True)
+class DrakeKto(Planner):
+    """Drake's fastest B-spline on uniform knots; by default the best of four passing times.
+
+    - `knots`: the share of the duration from waypoint to waypoint is in proportion to 1, to the
+      distance, to its square root, or to the time from stop to stop;
+    - `order`: of the B-spline, one more than its degree; Drake's own default is 4, cubic;
+    - `controls`: control points per segment, beside those that one polynomial has.
+    """
+
+    knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
+    order: Literal[4, 5, 6, 8] = 4
+    controls: int = 4
+
+    on_request = True
+    requires = ("pydrake",)
+    extra = "drake"
+    knows = LIMIT_NAMES
+
+    def __post_init__(self) -> None:
+        if self.controls < 1:
+            raise InvalidInput("controls", "at least 1", value=self.controls)
+
+    @passing_once
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """The best of its rules. `stats`: the rule, and every rule's result."""
+        planning, seconds = imported("pydrake.planning", self.extra)
+        solvers, more = imported("pydrake.solvers", self.extra)
+        steps = steps_by_rule(problem)
+        rules = [self.knots] if self.knots != "best" else list(steps)
+        solutions: dict[str, Solution] = {}
+        for rule in rules:
+            passed = np.cumsum(steps[rule])
+            shares = np.r_[0.0, passed / passed[-1]]
+            solutions[rule] = self._passing(problem, shares, planning, solvers)
+        return replace(best_of(problem, solutions), setup_time=seconds + more)
+
+    def _passing(self, problem: Problem, shares: Array, planning: Any, solvers: Any) -> Solution:
+        """The B-spline that passes the waypoints at these shares of its duration."""
+        count = self.order + self.controls * problem.segments
+        stopping = _SLOWER * float(stop_times(problem).sum())
+        search = planning.KinematicTrajectoryOptimization(
+            problem.joints,
+            count,
+            self.order,
+            stopping,
+        )
+        for q, share in zip(problem.waypoints, shares, strict=True):
+            search.AddPathPositionConstraint(q, q, share)
+        _limit(search, problem)
+        search.AddDurationConstraint(1e-3 * stopping, None)
+        search.AddDurationCost()
+        program = search.get_mutable_prog()
+        on_the_way = np.linspace(0.0, 1.0, count)
+        guess = [np.interp(on_the_way, shares, column) for column in problem.waypoints.T]
+        program.SetInitialGuess(search.control_points(), np.array(guess))
+        result = solvers.Solve(program)
+        if not result.is_success():
+            solver = result.get_solver_id().name()
+            return Solution(Status.FAILED, message=f"Drake: {solver} found no spline")
+        return Solution(Status.SOLVED, _polynomials(search.ReconstructTrajectory(result), shares))
+
+
+def _limit(search: Any, problem: Problem) -> None:
+    """The problem's limits, and rest at both ends: without acceleration where jerk is limited."""
+    nothing = np.zeros(problem.joints)
+    limits = problem.limits
+    for share in (0.0, 1.0):
+        search.AddPathVelocityConstraint(nothing, nothing, share)
+        if problem.has("jerk"):
+            search.AddPathAccelerationConstraint(nothing, nothing, share)
+    search.AddVelocityBounds(*limits.velocity.T)
+    search.AddAccelerationBounds(*limits.acceleration.T)
+    if problem.has("jerk"):
+        search.AddJerkBounds(*limits.jerk.T)
+    if problem.has("position"):
+        search.AddPositionBounds(*limits.position.T)
+
+
+def _polynomials(answer: Any, shares: Array) -> Trajectory:
+    """Drake's B-spline as polynomials between its knots."""
+    basis = answer.basis()
+    knots = np.array(basis.knots())
+    controls = np.array([point[:, 0] for point in answer.control_points()])
+    degree = basis.order() - 1
+    # the end knots are repeated: pieces without length are left out
+    inside = slice(degree, len(knots) - degree)
+    breaks = knots[inside]
+    columns = []
+    for column in controls.T:
+        pieces = PPoly.from_spline((knots, column, degree))
+        columns.append(pieces.c[:, inside][:, :-1])
+    return Trajectory(breaks, np.stack(columns, axis=-1), shares * breaks[-1])
