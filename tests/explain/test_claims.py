@@ -70,7 +70,7 @@ def test_a_claim_is_a_positive_duration(duration):
 
 
 def test_a_family_is_one_whose_best_is_known():
-    with pytest.raises(InvalidInput, match="one of 3-5-3, or none"):
+    with pytest.raises(InvalidInput, match="one of 3-5-3, quintic spline, septic spline, or none"):
         Claim("m", 1.0, family="4-3-4")
     with pytest.raises(InvalidInput, match="rounding"):
         Claim("m", 1.0, rounding=-1.0)
