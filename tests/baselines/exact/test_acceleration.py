@@ -58,7 +58,7 @@ def test_every_shipped_problem_is_exact_to_rounding(name: str) -> None:
     problem = load(name)
     certificate = verify(problem.without("jerk", "position"), solved(problem))
     assert certificate.valid
-    assert certificate.dilation == pytest.approx(1, abs=1e-7)
+    assert certificate.dilation == pytest.approx(1, abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(20))
