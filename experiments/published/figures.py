@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from experiments.published.judged import Judged, optimised
 from trajopt.benchmark.figures import plots, style
-from trajopt.explain.claims import Judgement, Verdict
+from trajopt.explain.claims import JudgedClaim, Verdict
 from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 
@@ -53,7 +53,7 @@ def of_problem(problem: Judged) -> Figure:
     return figure
 
 
-def _label(judgement: Judgement) -> str:
+def _label(judgement: JudgedClaim) -> str:
     method = style.text(judgement.claim.method)
     return textwrap.fill(method, _LABEL_LENGTH)
 
@@ -61,7 +61,8 @@ def _label(judgement: Judgement) -> str:
 def _claims(axes: Axes, problem: Judged, labels: list[str]) -> None:
     known = problem.known
     durations = [judgement.claim.duration for judgement in problem.judgements]
-    marks = [*durations, known.stopping, known.lower_bound]
+    families = known.best_of_family.values()
+    marks = [*durations, *families, known.stopping, known.lower_bound]
     if known.best is not None:
         marks.append(known.best)
     low = min(marks) / 1.08
@@ -95,7 +96,7 @@ def _claims(axes: Axes, problem: Judged, labels: list[str]) -> None:
     axes.xaxis.set_major_formatter(style.plain)
 
 
-def _mark(problem: Judged, judgement: Judgement) -> dict[str, Any]:
+def _mark(problem: Judged, judgement: JudgedClaim) -> dict[str, Any]:
     """Filled where something was optimised, hollow where nothing was, a cross if impossible."""
     if judgement.verdict is Verdict.IMPOSSIBLE:
         return {"marker": "X", "ms": 7, "color": style.BLACK}

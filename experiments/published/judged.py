@@ -9,7 +9,7 @@ import pandas as pd
 
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
-from trajopt.explain.claims import Judgement, Known, judge, survey
+from trajopt.explain.claims import JudgedClaim, Known, judge, survey
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Judged:
 
     published: Published
     known: Known
-    judgements: tuple[Judgement, ...]
+    judgements: tuple[JudgedClaim, ...]
 
     @property
     def name(self) -> str:
@@ -45,7 +45,7 @@ def judged(name: str, time_limit: float) -> Judged:
     return Judged(published, known, tuple(judgements))
 
 
-def optimised(published: Published, judgement: Judgement) -> bool:
+def optimised(published: Published, judgement: JudgedClaim) -> bool:
     """Whether the source searched for anything to get this time."""
     objective = judgement.claim.objective or published.objective
     return objective != "none"
@@ -60,7 +60,7 @@ def table(problems: list[Judged]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _row(problem: Judged, judgement: Judgement) -> dict[str, Any]:
+def _row(problem: Judged, judgement: JudgedClaim) -> dict[str, Any]:
     claim = judgement.claim
     known = problem.known
     return {

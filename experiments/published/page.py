@@ -41,9 +41,12 @@ _ANSWER = """\
 A published time is half of an answer; the motion is the other half. Send it, and the table shows
 what the verifier certifies in place of the printed number:
 
-1. Write the motion as a file: samples of every joint over time, or a piecewise polynomial.
-2. `trajopt judge NAME your-file` verifies it against the problem as it is stated here: waypoints,
-   limits, rest at both ends, from polynomial roots and not from samples.
+1. Write the motion as a file: samples of every joint over time as CSV or as a JointTrajectory
+   message, or its polynomials as JSON.
+2. `trajopt judge your-motion.csv NAME` judges it against the problem as it is stated here:
+   waypoints, limits and rest at both ends, from polynomial roots. What joins the samples is part of
+   the question (`--interpolation`), and so is by how much a waypoint may be missed
+   (`--via-tolerance`).
 3. Open an issue with the file. If a number, a unit or a reading is wrong, the problem's file in
    `data/literature` is the place to mend it, and its `checked` says who compared it with the
    publisher's page.

@@ -12,7 +12,7 @@ from trajopt.benchmark.suites.literature import Published
 from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, Json, number
 from trajopt.exceptions import InvalidInput
-from trajopt.explain.claims import MEANINGS, Judgement, Known, Verdict, judge, survey
+from trajopt.explain.claims import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
 
 _ZERO = 5e-5  # a ratio minus 1 that would be shown as 0.00 %
 _PROBLEM = "Published problem, or a problem file with claims; see `trajopt suite show literature`."
@@ -41,7 +41,7 @@ def claims(
     return 0
 
 
-def as_dict(published: Published, known: Known, judgements: list[Judgement]) -> dict[str, Any]:
+def as_dict(published: Published, known: Known, judgements: list[JudgedClaim]) -> dict[str, Any]:
     """For JSON: seconds, and ratios minus 1."""
     return {
         "problem": published.name,
@@ -62,7 +62,7 @@ def as_dict(published: Published, known: Known, judgements: list[Judgement]) -> 
     }
 
 
-def _row(judgement: Judgement) -> dict[str, Any]:
+def _row(judgement: JudgedClaim) -> dict[str, Any]:
     claim = judgement.claim
     return {
         "method": claim.method,
@@ -78,7 +78,7 @@ def _row(judgement: Judgement) -> dict[str, Any]:
     }
 
 
-def _print(published: Published, known: Known, judgements: list[Judgement]) -> None:
+def _print(published: Published, known: Known, judgements: list[JudgedClaim]) -> None:
     name = console.markup(published.name)
     source = console.markup(published.source)
     console.OUT.print(f"[bold]{name}[/bold]: {source}")
@@ -118,7 +118,7 @@ def _known(known: Known) -> list[str]:
     return sentences
 
 
-def _table(judgements: list[Judgement]) -> Any:
+def _table(judgements: list[JudgedClaim]) -> Any:
     numbers = ["published s", "above best", "over stopping"]
     beside = {
         "over its family": [own.over_family for own in judgements],

@@ -126,7 +126,7 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class JudgedClaim:
     """A claim and what is to be said of it; ratios minus 1, None where there is nothing beside it.
 
     Attributes:
@@ -182,13 +182,13 @@ def survey(
     )
 
 
-def judge(claim: Claim, known: Known) -> Judgement:
+def judge(claim: Claim, known: Known) -> JudgedClaim:
     """The verdict on a claim, and the claim beside what is known."""
     under_jerk = None
     if claim.peak_jerk is not None:
         equal = under_peak_jerk(known.problem, claim.peak_jerk)
         under_jerk = asked(OPTIMUM_WITH_JERK, equal).duration
-    return Judgement(
+    return JudgedClaim(
         claim,
         verdict(claim, known),
         excess=_over(claim, known.best),
