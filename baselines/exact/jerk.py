@@ -45,8 +45,8 @@ _FOLLOW_DILATIONS = (1.2, 1.05)
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
 _START_DILATION = 1.3  # of the optimum without jerk limits: a start
-# Measured up to 14 segments times moving joints, in proportion to them.
-_SECONDS_PER_CELL = 0.3
+# Measured up to 343 segments times moving joints, in proportion to them.
+_SECONDS_PER_CELL = 0.02
 
 
 @dataclass(frozen=True)

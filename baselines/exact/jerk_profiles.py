@@ -1,4 +1,4 @@
-"""The extreme profiles of one joint under a jerk limit (mathematics, section 4). NumPy alone.
+"""The extreme profiles of one joint under a jerk limit (mathematics, section 4).
 
 Between two states (velocity, acceleration), which profile of time `t` covers most displacement?
 
@@ -25,7 +25,7 @@ and all limits their sides. Without a jerk limit (`r = 0`) ramps take no time: s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -456,19 +456,31 @@ def combined(
     share = float(both.share(h))
     high = _resampled(upper, breaks)
     low = _resampled(lower, breaks)
-    exact = (breaks, share * high - (1 - share) * low)
-    slope = exact[1][1] * 2
-    grids = [apart(knots, t, closest * t) for closest in _SLIVERS]
-    if t < BRIEF:
-        # one grid for all joints: breaks that differ by rounding would cost a large jerk
-        even = np.linspace(0.0, t, _BRIEF_PIECES + 1)
-        grids.insert(0, even)
-    for kept in grids:
-        levels = np.interp(kept, breaks, np.r_[slope, b])
-        pieces = _through(rounded(kept), levels, (u, w), float(h))
+    exact = share * high - (1 - share) * low
+    acceleration = np.r_[2 * exact[1], b]
+    for kept in _grids(knots, t):
+        levels = np.interp(kept, breaks, acceleration)
+        pieces = _through(
+            rounded(kept),
+            levels,
+            (u, w),
+            float(h),
+        )
         if pieces is not None and _within(pieces, upper_side, lower_side):
             return pieces
-    return exact
+    return breaks, exact
+
+
+def _grids(knots: Array, t: float) -> Iterator[Array]:
+    """Breaks to try, the fewest first.
+
+    In a brief segment one grid for all joints: pieces between breaks that differ by rounding would
+    cost a large jerk.
+    """
+    if t < BRIEF:
+        yield np.linspace(0.0, t, _BRIEF_PIECES + 1)
+    for closest in _SLIVERS:
+        yield apart(knots, t, closest * t)
 
 
 def _through(
@@ -485,17 +497,23 @@ def _through(
     if len(breaks) < 4:
         return None
     u, w = velocities
-    lengths = np.diff(breaks)
-    inner_lengths = lengths[:-1] + lengths[1:]
-    # 1 more at an inner break: half of both lengths more velocity, as if at their centroid
-    gained = inner_lengths / 2
-    centroid = (breaks[:-2] + breaks[1:-1] + breaks[2:]) / 3
-    travelled = gained * (breaks[-1] - centroid)
+    t = breaks[-1]
+    # 1 more at an inner break, in units of the segment: half of both lengths more velocity,
+    # as if all of it were gained at their centroid
+    at = breaks / t
+    before = at[:-2]
+    here = at[1:-1]
+    after = at[2:]
+    gained = (after - before) / 2
+    centroid = (before + here + after) / 3
+    travelled = gained * (1 - centroid)
     effect = np.stack([gained, travelled])
     mended = acceleration.copy()
     for _ in range(_MENDINGS):
-        pieces, velocity, position = _integrated(breaks, mended, u)
-        missed = np.array([w - velocity, h - position])
+        _, velocity, position = _integrated(breaks, mended, u)
+        slow = (w - velocity) / t
+        short = (h - position) / t**2
+        missed = np.array([slow, short])
         change, *_ = np.linalg.lstsq(effect, missed, rcond=None)
         mended[1:-1] += change
     pieces, _, _ = _integrated(breaks, mended, u)
@@ -526,25 +544,33 @@ def _integrated(
 
 def _within(pieces: Pieces, upper: Limit, lower: Limit) -> bool:
     """Whether a motion keeps its limits of jerk, acceleration and velocity, to `_MENDED_RTOL`."""
-    breaks, (cubic, square, linear, _) = pieces
+    _, (cubic, square, linear, _) = pieces
     jerk = 6 * cubic
     acceleration = 2 * square
-    # where acceleration vanishes velocity is at its extreme
-    lengths = np.diff(breaks)
-    turning = np.clip(-acceleration / np.where(jerk == 0, np.inf, jerk), 0.0, lengths)
-    extreme = linear + turning * (acceleration + turning * jerk / 2)
+    velocity = np.r_[linear, _turning(pieces)]
     utilisations = [
         jerk * upper.up,
         -jerk * upper.down,
         acceleration / upper.rise,
         -acceleration / upper.fall,
-        linear / upper.velocity,
-        -linear / lower.velocity,
-        extreme / upper.velocity,
-        -extreme / lower.velocity,
+        velocity / upper.velocity,
+        -velocity / lower.velocity,
     ]
-    highest = max(utilisation.max() for utilisation in utilisations)
+    highest = np.concatenate(utilisations).max()
     return bool(highest <= 1 + _MENDED_RTOL)
+
+
+def _turning(pieces: Pieces) -> Array:
+    """Velocity where acceleration vanishes in a piece; where it does not, at the nearer end."""
+    breaks, (cubic, square, linear, _) = pieces
+    jerk = 6 * cubic
+    acceleration = 2 * square
+    changing = np.where(jerk == 0, np.inf, jerk)
+    zero = -acceleration / changing
+    when = np.clip(zero, 0.0, np.diff(breaks))
+    # v + t (a + j t/2)
+    mean = acceleration + when * jerk / 2
+    return np.asarray(linear + when * mean)
 
 
 def _phases(

@@ -1,0 +1,150 @@
+"""How do the exact planners' times grow with the number of waypoints?
+
+    python -m experiments.scaling                # up to 1000 waypoints, some minutes on a core
+    python -m experiments.scaling --most 20      # a quick look
+
+Random walks of seven joints, each a longer walk's beginning. Reported are CPU seconds of a
+planner's first `solve` at a size, which includes building IPOPT's program for it, and up to
+`AGAIN_UP_TO` waypoints those of a second one. The slope is the power of the waypoints that the
+first one's time grows with, fitted from `FITTED_FROM` waypoints on. Rows go to `scaling.csv` in
+`--output` as soon as they are known, and running again does only what is missing; the figure is
+`scaling.png` and `.svg`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cyclopts
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from experiments.common.output import save_table
+from trajopt import Limits, Problem, verify
+from trajopt.benchmark.figures import plots
+from trajopt.benchmark.figures.style import CURVES, MARKERS
+from trajopt.registry import load
+
+JOINTS = 7
+# Waypoints. The jerk limited problem has three times as many variables.
+SIZES = {
+    "exact": (3, 5, 10, 20, 50, 100, 200, 500, 1000),
+    "exact-jerk": (3, 5, 10, 20, 50, 100, 200, 300),
+}
+FITTED_FROM = 10
+AGAIN_UP_TO = 50
+KEY = ["planner", "waypoints"]
+
+
+def walk(waypoints: int, jerk: bool) -> Problem:
+    """Uniform steps of up to 1 rad; limits 1 rad/s, 2 rad/s² and, if any, 20 rad/s³."""
+    rng = np.random.default_rng(0)
+    steps = rng.uniform(-1, 1, (waypoints, JOINTS))
+    each = np.ones(JOINTS)
+    jerk_limits = 20 * each if jerk else None
+    limits = Limits(each, 2 * each, jerk_limits)
+    path = np.cumsum(steps, axis=0)
+    return Problem(path, limits, name=f"walk-{waypoints}")
+
+
+def measured(planner: str, waypoints: int) -> dict[str, object]:
+    """One size's row: CPU seconds, the certified duration (s), and how many starts it took."""
+    problem = walk(waypoints, jerk=planner == "exact-jerk")
+    solve = load(planner).solve
+    began = time.process_time()
+    solution = solve(problem)
+    first = time.process_time() - began
+    again = np.nan
+    if waypoints <= AGAIN_UP_TO:
+        began = time.process_time()
+        solve(problem)
+        again = time.process_time() - began
+    certified = np.nan
+    if solution.trajectory is not None:
+        certified = verify(problem, solution.trajectory).certified_duration or np.nan
+    return {
+        "planner": planner,
+        "waypoints": waypoints,
+        "first s": first,
+        "again s": again,
+        "starts": len(solution.stats["start_status"]),
+        "certified duration s": certified,
+    }
+
+
+def rows(file: Path, most: int) -> Iterator[dict[str, object]]:
+    """The rows that are missing in `file`."""
+    known = set()
+    if file.exists():
+        table = pd.read_csv(file)
+        known = set(table[KEY].itertuples(index=False, name=None))
+    for planner, sizes in SIZES.items():
+        for waypoints in sizes:
+            if waypoints <= most and (planner, waypoints) not in known:
+                yield measured(planner, waypoints)
+
+
+def slope(rows: pd.DataFrame) -> float:
+    """The power of the waypoints that a planner's times grow with; NaN of one size alone."""
+    fitted = rows[rows["waypoints"] >= FITTED_FROM]
+    if len(fitted) < 2:
+        return np.nan
+    powers = np.polyfit(np.log(fitted["waypoints"]), np.log(fitted["first s"]), deg=1)
+    return float(powers[0])
+
+
+@plots.styled
+def drawn(table: pd.DataFrame) -> Figure:
+    """Times against waypoints on logarithmic axes, a curve per planner named at its end."""
+    figure = Figure(figsize=(5.4, 3.6), layout="constrained")
+    axes = figure.subplots()
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    by_planner = table.groupby("planner")
+    for (planner, own), colour, marker in zip(by_planner, CURVES, MARKERS, strict=False):
+        own = own.sort_values("waypoints")
+        x = own["waypoints"]
+        axes.plot(
+            x,
+            own["first s"],
+            color=colour,
+            marker=marker,
+            label=f"{planner}: slope {slope(own):.2f}",
+        )
+        axes.plot(
+            x,
+            own["again s"],
+            color=colour,
+            ls=":",
+            label=f"{planner}, solved again",
+        )
+    axes.set_xlabel("waypoints")
+    axes.set_ylabel("CPU time, s")
+    axes.legend()
+    return figure
+
+
+def main(
+    most: int = 1000,
+    output: Path = Path("results/scaling"),
+) -> None:
+    """Measure every size up to `most` waypoints, print the table and the slopes, draw both."""
+    file = output / "scaling.csv"
+    output.mkdir(parents=True, exist_ok=True)
+    for row in rows(file, most):
+        is_new = not file.exists()
+        pd.DataFrame([row]).to_csv(file, mode="a", header=is_new, index=False)
+        print(f"{row['planner']}, {row['waypoints']} waypoints: {row['first s']:.2f} s", flush=True)
+    table = pd.read_csv(file)
+    save_table(table, output / "scaling")
+    print(table.to_string(index=False, float_format="{:.3g}".format))
+    for planner, own in table.groupby("planner"):
+        print(f"{planner}: time grows as waypoints to the power {slope(own):.2f}")
+    plots.save(drawn(table), output / "scaling")
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)

@@ -1,0 +1,48 @@
+"""The scaling experiment in small: slopes of known powers, rows kept, a figure drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from experiments import scaling
+
+
+@pytest.mark.parametrize("power", [1.0, 1.5, 3.0])
+def test_the_slope_is_the_power(power: float) -> None:
+    waypoints = np.array([3, 10, 100, 1000])
+    seconds = 0.02 * waypoints**power
+    seconds[0] = 7.0  # small problems do not count
+    rows = pd.DataFrame({"waypoints": waypoints, "first s": seconds})
+    assert scaling.slope(rows) == pytest.approx(power)
+
+
+def test_one_size_has_no_slope() -> None:
+    rows = pd.DataFrame({"waypoints": [3, 10], "first s": [0.1, 0.2]})
+    assert np.isnan(scaling.slope(rows))
+
+
+def test_a_walk_is_the_beginning_of_a_longer_one() -> None:
+    short = scaling.walk(3, jerk=True)
+    long = scaling.walk(8, jerk=False)
+    np.testing.assert_array_equal(long.waypoints[:3], short.waypoints)
+    assert short.has("jerk")
+    assert not long.has("jerk")
+
+
+def test_sizes_are_measured_once_and_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scaling.main(most=3, output=tmp_path)
+    table = pd.read_csv(tmp_path / "scaling.csv")
+    assert table["planner"].tolist() == ["exact", "exact-jerk"]
+    # a jerk limit takes time
+    without, limited = table["certified duration s"]
+    assert without < limited
+    assert (tmp_path / "scaling.png").exists()
+    monkeypatch.setattr(scaling, "measured", None)  # again would fail
+    scaling.main(most=3, output=tmp_path)
+    assert "exact-jerk" in capsys.readouterr().out
