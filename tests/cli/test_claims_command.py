@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from trajopt.benchmark.suites import literature
 from trajopt.cli import app
 
 
@@ -43,6 +44,17 @@ def test_json_has_every_claim_with_its_source(run):
     assert table["best"] == pytest.approx(1.9299, abs=5e-5)
     assert [claim["verdict"] for claim in table["claims"]] == ["above"] * 5 + ["equal"]
     assert all(claim["table"] for claim in table["claims"])
+
+
+def test_without_a_problem_it_lists_them(run):
+    code, out, _ = run()
+    assert code == 0
+    assert max(map(len, out.splitlines())) <= 80
+    assert "trajopt claims PROBLEM" in out
+    table = json.loads(run("--json")[1])
+    counts = {row["name"]: row["claims"] for row in table["problems"]}
+    assert list(counts) == list(literature.files())
+    assert counts["fang2020-task1"] == 7
 
 
 def test_a_problem_without_published_times_says_so(run):

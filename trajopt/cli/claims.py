@@ -15,18 +15,20 @@ from trajopt.exceptions import InvalidInput
 from trajopt.explain.claims import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
 
 _ZERO = 5e-5  # a ratio minus 1 that would be shown as 0.00 %
-_PROBLEM = "Published problem, or a problem file with claims; see `trajopt suite show literature`."
+_PROBLEM = "Published problem, or a problem file with claims; without it, they are listed."
 
 
 def claims(
-    problem: Annotated[str, Parameter(help=_PROBLEM)],
+    problem: Annotated[str | None, Parameter(help=_PROBLEM)] = None,
     *,
     time_limit: Annotated[
         float, number("Seconds for the proof of a lower bound.", above=0, most=MAX_SECONDS)
     ] = 20.0,
     json: Json = False,
 ) -> int:
-    """Judge the times that were published for a problem."""
+    """Judge the times that were published for a problem; list the problems if none is named."""
+    if problem is None:
+        return _list(json=json)
     published = literature.published(problem)
     if published.problem is None:
         right = f"a problem that can be stated here, but {published.beyond}"
@@ -38,6 +40,24 @@ def claims(
         console.print_json(as_dict(published, known, judgements))
     else:
         _print(published, known, judgements)
+    return 0
+
+
+def _list(*, json: bool) -> int:
+    """Every published problem that can be stated, with how many times were published for it."""
+    rows = []
+    for name in literature.files():
+        published = literature.published(name)
+        rows.append({"name": name, "claims": len(published.claims), "source": published.source})
+    if json:
+        console.print_json({"problems": rows})
+        return 0
+    table = console.table("problem", "claims", "source", numbers=("claims",))
+    for row in rows:
+        name = console.markup(row["name"])
+        table.add_row(f"[bold]{name}[/bold]", str(row["claims"]), console.markup(row["source"]))
+    console.OUT.print(table)
+    console.paragraph("Judge the times of one: trajopt claims PROBLEM")
     return 0
 
 
