@@ -106,6 +106,15 @@ def test_waypoints_a_rounding_unit_apart_share_a_cycle():
     assert found.duration < planned.duration + 0.01
 
 
+def test_limits_so_high_that_they_act_at_once_get_a_cycle_to_do_so():
+    # |h| / V, since the acceleration takes a microsecond; but on the cycle, a cycle
+    problem = Problem([[0, 0], [1, -0.5], [0.4, 0.6]], Limits([1, 1], [1e6, 1e6]))
+    planned, found = motion(problem, "exact", 0.001)
+    assert planned.duration == pytest.approx(2.1, abs=1e-5)
+    assert executed(problem, found, found.at_breaks(["a", "b"])).feasible
+    assert found.duration < 2.1 + 0.01
+
+
 def test_a_cycle_longer_than_the_motion_allows_is_refused():
     problem = Problem([[0, 0], [0.1, 0.1], [0.2, 0], [0.3, 0.1]], TWO)
     with pytest.raises(InvalidInput, match="expected a shorter one"):
