@@ -17,10 +17,10 @@ from trajopt.testing import check_planner
 
 # The same planners with less work, where that exists: the contract does not depend on effort.
 _QUICK = {
-    "iterations": 60,
-    "gridpoints": 300,
-    "evaluations": 2000,
-    "starts": 3,
+    "iterations": 30,
+    "gridpoints": 200,
+    "evaluations": 1000,
+    "starts": 2,
     "rounds": 2,
 }
 # One path instead of the best of twelve, where others' planners follow paths.
