@@ -48,7 +48,7 @@ _SHORT_STEP = 1e-2
 # Of a piece's largest coefficient: what its others may be on a line.
 _STRAIGHT_RTOL = 1e-9
 # Of the whole path: a piece shorter than that is none.
-_BREAK_RTOL = 1e-10
+_BREAK_RTOL = 1e-8
 # By which a start speed may exceed the highest possible one.
 _SPEED_RTOL = 1e-6
 # Times the limits: a path's only timing may lie on the edge, rounding beyond it.
