@@ -10,6 +10,7 @@ import trajopt
 from trajopt.exceptions import InvalidInput
 from trajopt.formats.motion import motion
 from trajopt.formats.samples import Samples
+from trajopt.given_motion import GivenMotion
 from trajopt.judgement import as_executed
 from trajopt.passing import waypoint_times
 from trajopt.problem import Limits, Problem
@@ -170,3 +171,49 @@ def test_no_motion_is_judged_better_than_the_verifier_says():
     """The judge adds nothing of its own: what it certifies is what `verify` certifies."""
     judged = trajopt.judge(UNIT, bang_bang())
     assert judged.certificate == verify(UNIT, judged.trajectory)
+
+
+def test_a_motion_is_compared_beside_planners_and_a_changed_one_is_another(tmp_path):
+    def compared(samples):
+        entry = ("theirs.csv", GivenMotion(motion(samples)))
+        return trajopt.compare([UNIT], ["ruckig-stop", entry], tmp_path, seeds=1)
+
+    results = compared(bang_bang())
+    rows = results.trials().set_index("label")
+    assert set(rows.index) == {"theirs.csv", "ruckig-stop", "exact"}
+    assert rows.loc["theirs.csv", "certified_duration"] == pytest.approx(2)
+    again = compared(bang_bang())
+    assert again.kept.count == 3
+    fast = bang_bang(times=[0, 0.5, 1], velocities=[[0.0], [2.0], [0.0]])
+    changed = compared(fast)
+    assert changed.kept.count == 2
+    row = changed.trials().set_index("label").loc["theirs.csv"]
+    assert row["claimed_duration"] == 1
+    assert row["certified_duration"] == pytest.approx(2)
+    figure = changed.plot()
+    assert "theirs.csv" in [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    with pytest.raises(InvalidInput, match="expected one of unit"):
+        changed.plot("other")
+
+
+def test_a_motion_of_another_robot_is_unsupported():
+    entry = GivenMotion(motion(bang_bang()))
+    assert entry.unsupported(UNIT) is None
+    two = Problem([[0.0, 0.0], [1.0, 2.0]], FREE)
+    assert entry.solve(two).status is Status.UNSUPPORTED
+    renamed = Problem([[0.0], [1.0]], UNIT.limits, joint_names=("elbow",))
+    assert "expected the joints elbow" in entry.solve(renamed).message
+
+
+def test_values_are_readable():
+    judged = trajopt.judge(UNIT, bang_bang())
+    said = "Trajectory(2 s, 1 joints, 2 pieces of degree 3, waypoints at 0, 2 s)"
+    assert repr(judged.trajectory) == said
+    assert repr(judged.certificate).startswith("Certificate(feasible, 2 s claimed, dilation 1")
+    worst = trajopt.judge(UNIT, bang_bang(positions=[[0.0], [0.5], [0.9]])).certificate
+    assert repr(worst).startswith("Certificate(invalid: a at 2 s: misses the waypoint by 0.1")
+    page = judged.certificate._repr_html_()
+    assert "<td>acceleration</td><td>1.000000 of limit</td><td>1</td>" in page
+    # there and back, to 1 rad: the highest position lies between start and end
+    back = Trajectory([0, 2], [[[-1.0]], [[2.0]], [[0.0]]], [0, 2])
+    assert "<td>1</td><td>0</td><td>0</td><td>0</td><td>1</td>" in back._repr_html_()

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials
+from trajopt import html, polynomials
 from trajopt.exceptions import InvalidTrajectory
 from trajopt.problem import LIMIT_ORDERS, Problem
 from trajopt.repair import repaired
@@ -77,7 +77,7 @@ class Worst:
     order: int = 0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Certificate:
     """What `verify` says of a trajectory.
 
@@ -122,6 +122,29 @@ class Certificate:
         if not self.valid:
             return None
         return max(1.0, self.dilation) * self.duration
+
+    def __repr__(self) -> str:
+        if not self.valid:
+            return f"Certificate(invalid: {'; '.join(self.flaws)})"
+        verdict = "feasible" if self.feasible else "not feasible"
+        return (
+            f"Certificate({verdict}, {self.duration:.6g} s claimed, dilation {self.dilation:.6g}, "
+            f"{self.certified_duration:.6g} s certified)"
+        )
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the worst value of every kind, joints counted from 1."""
+        rows = []
+        for kind in WORST_KINDS:
+            worst: Worst | None = getattr(self, kind)
+            if worst is None:
+                continue
+            if kind in RATIO_KINDS:
+                value = f"{worst.value:.6f} of limit"
+            else:
+                value = f"{worst.value:.2e} SI units"
+            rows.append([kind, value, str(worst.joint + 1), f"{worst.time:.6g}"])
+        return html.table(repr(self), ["worst", "value", "joint", "time s"], rows)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: joints count from 1, limits give a `ratio`, misses an `error`."""

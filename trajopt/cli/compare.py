@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from math import isnan
 from pathlib import Path
@@ -20,8 +21,11 @@ from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
-from trajopt.cli.parameters import MAX_SECONDS, number, whole_number
+from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, number, whole_number
 from trajopt.exceptions import InvalidInput, TrajoptError
+from trajopt.formats.motion import motion as motion_of
+from trajopt.given_motion import GivenMotion
+from trajopt.interpolation import Interpolation
 from trajopt.problem import Problem
 from trajopt.registry import entries, named
 from trajopt.registry import label as label_of
@@ -38,6 +42,13 @@ def compare(
         list[str] | None,
         Parameter(help="NAME[:key=value,…], repeated for each planner; all by default."),
     ] = None,
+    motion: Annotated[
+        list[Path] | None,
+        Parameter(
+            help="File of a motion to judge beside the planners (`trajopt judge`), repeated."
+        ),
+    ] = None,
+    interpolation: InterpolationName = "auto",
     suite: Annotated[
         list[str] | None, Parameter(help="All problems of a suite; see `trajopt suite list`.")
     ] = None,
@@ -82,7 +93,8 @@ def compare(
         right = "at least one problem file or built-in name (see `trajopt list`), or a --suite"
         raise InvalidInput("PROBLEM", right)
     loaded = _problems(problems, suite or [])
-    specs = planner or _default_planners()
+    specs: list[benchmark.Contestant] = [*(planner or _default_planners())]
+    specs += _motions(motion or [], interpolation)
     if certify:
         specs = [*specs, "certify"]
     rival = None
@@ -130,6 +142,17 @@ def compare(
 
 def _is_answered(trial: Trial) -> bool:
     return trial.status is Status.SOLVED or trial.lower_bound is not None
+
+
+def _motions(
+    files: Sequence[Path],
+    interpolation: Interpolation,
+) -> Iterator[tuple[str, GivenMotion]]:
+    """Each motion under its file's name, or its whole path where two have one name."""
+    names = Counter(file.name for file in files)
+    for file in files:
+        name = file.name if names[file.name] == 1 else str(file)
+        yield name, GivenMotion(motion_of(file, interpolation))
 
 
 def _leave_deleted_folder(other: Path) -> None:

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -35,6 +35,9 @@ from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import InvalidInput
 from trajopt.solution import Status
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -176,6 +179,25 @@ class Results:
     @cached_property
     def _in_numbers(self) -> Summary:
         return Summary(self.items)
+
+    def plot(self, problem: str | None = None) -> Figure:
+        """One problem's certified durations, a row per planner, the shortest first.
+
+        Args:
+            problem: its name; may be left out where there is one problem only.
+
+        Raises:
+            InvalidInput: There are several problems, or none of this name.
+        """
+        from trajopt.benchmark.figures import plots  # Matplotlib is for those who draw
+
+        summary = self.summary()
+        names = list(dict.fromkeys(summary["problem"]))
+        wanted = names[0] if problem is None and len(names) == 1 else problem
+        if wanted not in names:
+            raise InvalidInput("problem", f"one of {', '.join(names)}", value=problem)
+        rows = summary[summary["problem"] == wanted]
+        return plots.durations(rows, title=str(wanted))
 
     def profile(self, taus: ArrayLike | None = None) -> pd.DataFrame:
         """Performance profiles: the share of problems solved within `tau` times the best.
