@@ -24,7 +24,13 @@ _QUICK = {
     "rounds": 2,
 }
 # One path instead of the best of twelve, where others' planners follow paths.
-_ONE_PATH = {"knots": "limit", "ends": "natural", "gridpoints": 100, "points": 5}
+_ONE_PATH = {
+    "knots": "limit",
+    "ends": "natural",
+    "gridpoints": 100,
+    "points": 5,
+    "algorithm": "closed-form",
+}
 INSTALLED = [name for name, entry in entries().items() if entry.missing() is None]
 
 

@@ -1,0 +1,196 @@
+"""What does a family of trajectories cost, whatever optimises it?
+
+    python -m experiments.families                # 50 random problems, ten CPU minutes
+    python -m experiments.families --random 4     # a quick look
+
+The best trajectory of each family beside the optimum under the same limits, on the six-axis
+problem, published problems, the arms' four-waypoint problems and random four-waypoint problems,
+those with and those without jerk limits apart. Position limits are lifted: most families know none.
+Written to `--output`: `trials.csv`, to which a second run adds only what is missing, the table
+`families` and the figure `families.png`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cyclopts
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.common.output import save_table
+from trajopt import Problem, Solution, verify
+from trajopt.benchmark.figures import plots, style
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.suites.random import random_problem
+from trajopt.cli import console
+from trajopt.registry import entries, load
+
+# Two starts, and the exchange until limits are kept to about 1e-5.
+EFFORT = "starts=2,rounds=6"
+FAMILIES = {
+    "3-5-3": "spline353-nlp:starts=2",
+    "4-3-4": f"spline:shape=4-3-4,{EFFORT}",
+    "cubic": f"spline:degree=3,{EFFORT}",
+    "quintic, 5-5-5": f"spline:degree=5,{EFFORT}",
+    "septic, 7-7-7": f"spline:degree=7,{EFFORT}",
+    "uniform B-spline, degree 3": "drake-kto:order=4",
+    "uniform B-spline, degree 5": "drake-kto:order=6",
+    "uniform B-spline, degree 7": "drake-kto:order=8",
+    "trapezoids, stopping": "ruckig-stop",
+    "trapezoids, through the waypoints": "ruckig:evaluations=600",
+}
+PUBLISHED = (
+    "matlab-contopptraj",
+    "yang2024-dbo-353-rad",
+    "yu2025-task4",
+    "yu2025-task4-jerk",
+    "zhao2022-iwoa-pso",
+)
+GROUPS = ("six-axis", "published", "robots", "random")
+COLUMNS = ["group", "problem", "jerk", "family", "status", "seconds", "optimum"]
+PERCENT = 100
+
+
+def problems(random: int) -> Iterator[tuple[str, Problem]]:
+    """Every problem with its group, position limits lifted."""
+    yield "six-axis", catalogue.load("six-axis")
+    for name in PUBLISHED:
+        yield "published", catalogue.load(name).without("position")
+    for problem in catalogue.problems("robots"):
+        if problem.segments == 3:
+            yield "robots", problem.without("position")
+    for seed in range(random):
+        with_jerk = seed % 2 == 1
+        yield "random", random_problem(seed, waypoints=4, jerk=with_jerk)
+
+
+def certified(problem: Problem, solution: Solution) -> float:
+    """What the verifier vouches for, s; NaN where that is nothing."""
+    if solution.trajectory is None:
+        return np.nan
+    duration = verify(problem, solution.trajectory).certified_duration
+    return np.nan if duration is None else duration
+
+
+def trials(group: str, problem: Problem) -> list[dict[str, Any]]:
+    """Every family on one problem."""
+    jerk = problem.has("jerk")
+    reference = "exact:starts=3"
+    if jerk:
+        reference = "exact-jerk:starts=2"
+    optimum = certified(problem, load(reference).solve(problem))
+    rows = []
+    for family, spec in FAMILIES.items():
+        name = spec.partition(":")[0]
+        if entries()[name].missing() is not None:
+            continue
+        solution = load(spec).solve(problem)
+        row = {
+            "group": group,
+            "problem": problem.name,
+            "jerk": jerk,
+            "family": family,
+            "status": str(solution.status),
+            "seconds": certified(problem, solution),
+            "optimum": optimum,
+        }
+        rows.append(row)
+    return rows
+
+
+def gaps(table: pd.DataFrame) -> pd.DataFrame:
+    """Median gap in percent, lowest and highest, by family, jerk limits and group."""
+    known = table.dropna(subset=["seconds", "optimum"])
+    gap = PERCENT * (known["seconds"] / known["optimum"] - 1)
+    by = [known["jerk"], known["family"], known["group"]]
+    grouped = gap.groupby(by)
+    cells = grouped.agg(["median", "min", "max", "count"])
+    texts = [_cell(row) for row in cells.itertuples(index=False)]
+    wide = pd.Series(texts, index=cells.index).unstack("group")
+    order = [family for family in FAMILIES if family in known["family"].unique()]
+    groups = [group for group in GROUPS if group in wide.columns]
+    return wide.reindex(order, level="family")[groups]
+
+
+def _cell(row: Any) -> str:
+    median = f"{row.median:.3g}"
+    if row.count == 1:
+        return median
+    return f"{median} ({row.min:.2g} to {row.max:.3g}; {row.count})"
+
+
+@plots.styled
+def figure(table: pd.DataFrame) -> Figure:
+    """Every gap as a dot, the median as a bar, without and with jerk limits."""
+    known = table.dropna(subset=["seconds", "optimum"])
+    drawing = Figure(figsize=(7.2, 3.9), layout="constrained")
+    axes = drawing.subplots(1, 2, sharey=True)
+    for ax, jerk in zip(axes, (False, True), strict=True):
+        _panel(ax, known[known["jerk"] == jerk])
+    axes[0].set_title("velocity and acceleration limits")
+    axes[1].set_title("jerk limits too")
+    axes[0].set_yticks(range(len(FAMILIES)), list(FAMILIES))
+    axes[0].invert_yaxis()
+    handles, labels = axes[0].get_legend_handles_labels()
+    drawing.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    return drawing
+
+
+def _panel(ax: Axes, table: pd.DataFrame) -> None:
+    """Families from top to bottom; one colour and marker a group."""
+    rng = np.random.default_rng(0)
+    gap = PERCENT * (table["seconds"] / table["optimum"] - 1)
+    row = table["family"].map(list(FAMILIES).index)
+    looks = zip(GROUPS, style.CURVES, style.MARKERS, strict=False)
+    for group, colour, marker in looks:
+        of_group = table["group"] == group
+        jitter = rng.uniform(-0.25, 0.25, of_group.sum())
+        ax.plot(
+            np.maximum(gap[of_group], 0.1),
+            row[of_group] + jitter,
+            marker,
+            color=colour,
+            markersize=3.5,
+            alpha=0.7,
+            label=group,
+        )
+    medians = gap.groupby(row).median()
+    ax.vlines(medians, medians.index - 0.4, medians.index + 0.4, colors=style.BLACK, label="median")
+    ax.set(xscale="log", xlabel="above the optimum (%)", xticks=[1, 10, 100, 1000])
+    ax.set_xticklabels(["1", "10", "100", "1000"])
+
+
+def stored(path: Path) -> pd.DataFrame:
+    if path.is_file():
+        return pd.read_csv(path)
+    return pd.DataFrame(columns=COLUMNS)
+
+
+def main(*, random: int = 50, output: Path = Path("families")) -> None:
+    """Run what is missing, then write the table and the figure.
+
+    Args:
+        random: How many random problems.
+        output: The folder.
+    """
+    output.mkdir(parents=True, exist_ok=True)
+    path = output / "trials.csv"
+    done = set(stored(path)["problem"])
+    for group, problem in problems(random):
+        if problem.name in done:
+            continue
+        rows = pd.DataFrame(trials(group, problem), columns=COLUMNS)
+        rows.to_csv(path, mode="a", header=not path.exists(), index=False)
+        console.OUT.print(f"{problem.name}: {len(rows)} families")
+    table = stored(path)
+    save_table(gaps(table), output / "families")
+    plots.save(figure(table), output / "families")
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
