@@ -44,6 +44,14 @@ def test_position_limits_are_counted_once_with_the_worst() -> None:
     assert in_words(table) == "3 leave position limits, worst 2.06 rad"
 
 
+@pytest.mark.parametrize("name", ["panda_joint6", "slide at 3 s: it moves by 2 mm", "7"])
+def test_named_joints_are_of_one_kind_too(name: str) -> None:
+    named = replace(LIMITED, joint_names=(name,))
+    items = [*leaving(LIMITED, 0.7), *leaving(named, 2.56)]
+    table = failures(Results([replace(trial, label="mine") for trial in items]))
+    assert in_words(table) == "2 leave position limits, worst 2.06 rad"
+
+
 def test_every_flaw_that_the_verifier_names_has_a_kind() -> None:
     late = judge(Answering(Trajectory([0, 1], [[[0.9]], [[0.0]]], [0, 1])), PROBLEM, [0], "late")
     skip = Trajectory([0, 1, 2], [[[0.0], [0.0]], [[0.0], [1.0]]], [0, 2])

@@ -26,7 +26,8 @@ _KINDS = {
     "velocity jumps": "jump in velocity",
     "acceleration jumps": "jump in acceleration",
 }
-_FLAW = re.compile(r"joint \d+ at \S+ s: (?P<what>.+) by (?P<size>\S+) (?P<unit>\S+)")
+# of a joint by its number or its name: `panda_joint6 at 1.2 s: leaves its … by 0.3 rad`
+_FLAW = re.compile(r".+ at \S+ s: (?P<what>.+) by (?P<size>\S+) (?P<unit>\S+)")
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d+)?([eE][-+]?\d+)?")
 
 
