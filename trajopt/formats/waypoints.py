@@ -128,16 +128,18 @@ def _sizes(waypoints: Waypoints, unit: Unit | None) -> list[float]:
     for joint, own in enumerate(waypoints.units):
         if own not in _SIZES:
             raise InvalidInput("unit", "deg, rad or m", value=own, joint=joint)
-        if unit is not None and own != "m" and _SIZES[own] != _SIZES[unit]:
+        size = _SIZES[own]
+        agreed = unit is None or own == "m" or size == _SIZES[unit]
+        if not agreed:
             right = f"--unit left out, or {own} as the header says"
             raise InvalidInput("--unit", right, value=unit)
-        sizes.append(_SIZES[own])
+        sizes.append(size)
     return sizes
 
 
 def _read_csv(path: Path) -> Waypoints:
     text = path.read_text(encoding="utf-8-sig")
-    lines = [line for line in text.splitlines() if line.strip() and not _is_comment(line)]
+    lines = [line for line in text.splitlines() if _is_row(line)]
     if not lines:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint; it is empty")
     table = _cells(lines)
@@ -153,19 +155,24 @@ def _read_csv(path: Path) -> Waypoints:
     return Waypoints(rows, names, units)
 
 
-def _is_comment(line: str) -> bool:
-    return line.lstrip().startswith("#")
+def _is_row(line: str) -> bool:
+    content = line.strip()
+    return bool(content) and not content.startswith("#")
 
 
 def _cells(lines: Sequence[str]) -> list[list[str]]:
     """The cells of each line, split at what separates those of the first."""
-    separators = [mark for mark in (";", ",", "\t") if mark in lines[0]]
-    if separators:
-        rows = csv.reader(lines, delimiter=separators[0])
-        return [[cell.strip() for cell in row] for row in rows]
+    for separator in (";", ",", "\t"):
+        if separator in lines[0]:
+            rows = csv.reader(lines, delimiter=separator)
+            return [_stripped(row) for row in rows]
     if _HEADING.search(lines[0]):  # "elbow [deg]" of one joint
         return [[line.strip()] for line in lines]
     return [line.split() for line in lines]
+
+
+def _stripped(cells: Sequence[str]) -> list[str]:
+    return [cell.strip() for cell in cells]
 
 
 def _header(cells: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -227,10 +234,12 @@ def _read_json(path: Path) -> Waypoints:
         if key not in known:
             raise InvalidInput(str(key), f"one of the keys {', '.join(known)}")
     rows = table.get("waypoints")
-    if not isinstance(rows, list) or not rows or not isinstance(rows[0], list):
+    is_table = isinstance(rows, list) and bool(rows) and isinstance(rows[0], list)
+    if not is_table:
         raise InvalidInput("waypoints", "a list of rows, one per waypoint", value=rows)
     names = table.get("joint_names", [])
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+    is_list = isinstance(names, list)
+    if not is_list or not all(isinstance(name, str) for name in names):
         raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
     units: tuple[str, ...] = ()
     if "unit" in table:
