@@ -146,6 +146,7 @@ def optima(
     starts: Iterable[Start],
     count: int,
     agreeing: int,
+    rtol: float = AGREEMENT_RTOL,
 ) -> list[TimedT]:
     """Local optima: of `count` starts, of fewer that agree, of more while none has succeeded.
 
@@ -153,7 +154,8 @@ def optima(
         solve: leads from a start to a local optimum.
         starts: where to start from, in order.
         count: no more starts than these, unless all of them fail.
-        agreeing: no more starts once so many share the shortest duration, to `AGREEMENT_RTOL`.
+        agreeing: no more starts once so many share the shortest duration.
+        rtol: what durations may differ by and count as one, relative.
 
     Returns:
         The optima in the order of their starts.
@@ -163,7 +165,7 @@ def optima(
         durations = np.array([result.duration for result in results])
         shortest = durations.min(initial=np.inf)
         succeeded = shortest < np.inf
-        as_short = durations <= shortest * (1 + AGREEMENT_RTOL)
+        as_short = durations <= shortest * (1 + rtol)
         agreed = as_short.sum() >= agreeing
         if succeeded and (agreed or len(results) >= count):
             break

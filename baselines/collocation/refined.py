@@ -47,6 +47,8 @@ _SECONDS_PER_CELL_JERK = 0.5
 _MOST_INTERVALS = 3000
 # Starts that have to lead to the best duration: then there are no more.
 _AGREEING = 2
+# Of the error that is wanted: durations that differ by less are one.
+_AGREEMENT_SHARE = 0.1
 # Times as many starts where all have failed so far.
 _PATIENCE = 4
 # Times the relaxation's duration: a start.
@@ -107,6 +109,7 @@ class CollocationRefined(Planner):
             starts,
             self.starts,
             agreeing=_AGREEING,
+            rtol=_AGREEMENT_SHARE * self.error,
         )
         incumbent = min(started, key=lambda level: level.duration)
         levels = self._refined(incumbent)

@@ -71,3 +71,9 @@ def test_several_starts_and_more_while_all_fail(durations: list[float], solved: 
 def test_the_message_names_every_status_once() -> None:
     message = no_start_succeeded(["Infeasible", "Diverged", "Infeasible"])
     assert message == "no start succeeded: Diverged, Infeasible"
+
+
+def test_what_agrees_is_the_callers_to_say() -> None:
+    durations = [2.0, 2.0 + 1e-6, 2.0]
+    assert len(optima(Ended, durations, count=3, agreeing=2)) == 3
+    assert len(optima(Ended, durations, count=3, agreeing=2, rtol=1e-5)) == 2
