@@ -24,6 +24,7 @@ from trajopt.benchmark.report import curves, origin, packing
 from trajopt.benchmark.report import page as content
 from trajopt.benchmark.report import pairwise as rivals
 from trajopt.benchmark.report import panels as motions
+from trajopt.benchmark.report.cells import spread, with_numbered_joints
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.exceptions import InvalidInput
@@ -499,6 +500,17 @@ def test_the_command_line_does_not_know_planners_of_a_script(tmp_path: Path) -> 
     about = file.read_text(encoding="utf-8").partition('id="about"')[2]
     assert "From the script that ran it: mine" in about
     assert "<span>--planner</span> <span>unoptimised</span>" in about
+
+
+def test_failures_of_named_joints_are_one_row() -> None:
+    reasons = []
+    robots = {"elbow": ("wrist", "elbow"), "left elbow": ("left elbow", "elbow")}
+    robots["joint 2"] = ("joint 2", "joint 1")
+    for name, names in robots.items():
+        text = f"{name} at 1.5 s: leaves its position limits by 0.2 rad"
+        reasons.append(with_numbered_joints(text, names))
+    told = spread(reasons)
+    assert told == "joint 1 to 2 at 1.5 s: leaves its position limits by 0.2 rad"
 
 
 def test_between_seeds_there_is_a_table_where_problems_are_few() -> None:

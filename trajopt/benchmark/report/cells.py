@@ -143,7 +143,18 @@ def _failure(label: str, status: str, trials: Sequence[Trial]) -> dict[str, Any]
 def _reason(trial: Trial) -> str:
     """The last line of its message: a traceback says last what happened."""
     lines = trial.message.strip().splitlines()
-    return lines[-1] if lines else ""
+    reason = lines[-1] if lines else ""
+    return with_numbered_joints(reason, trial.problem.joint_names)
+
+
+def with_numbered_joints(reason: str, names: Sequence[str]) -> str:
+    """Joints by number, from 1: reasons then differ in numbers only, of whichever robot."""
+    if not names:
+        return reason
+    numbers = {name: number for number, name in enumerate(names, start=1)}
+    longest_first = sorted(names, key=len, reverse=True)
+    any_name = "|".join(map(re.escape, longest_first))
+    return re.sub(f"({any_name}) at ", lambda found: f"joint {numbers[found[1]]} at ", reason)
 
 
 def spread(reasons: Sequence[str]) -> str:
