@@ -1,7 +1,8 @@
 """What does the choice of the swarm decide, and what the family of curves?
 
-    python -m experiments.recipes            # five minutes
-    python -m experiments.recipes --quick    # seconds, and no numbers to believe
+    python -m experiments.recipes                # some minutes
+    python -m experiments.recipes --only zhao    # the tasks whose names hold that
+    python -m experiments.recipes --quick        # seconds, and no numbers to believe
 
 The literature gives a swarm the segment times of a 3-5-3, or of a quintic B-spline, and compares
 it with other swarms. Here every swarm gets the same fitness (every candidate dilated to the limits,
@@ -37,7 +38,7 @@ from trajopt import verify
 from trajopt.benchmark.figures import plots, style
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
-from trajopt.exceptions import TrajoptError
+from trajopt.exceptions import InvalidInput, TrajoptError
 from trajopt.explain.claims import survey
 from trajopt.rest_to_rest import stop_times
 from trajopt.swarm import ISSA, SSA
@@ -255,16 +256,28 @@ def _panel(axes: Axes, own: pd.DataFrame) -> None:
 def main(
     *,
     seeds: int = 9,
-    evaluations: int = 1000,
+    evaluations: int = 600,
+    only: str = "",
     output: Path = Path("results/recipes"),
     quick: bool = False,
 ) -> None:
-    """Give every family to every swarm."""
-    tasks = TASKS
+    """Give every family to every swarm.
+
+    Args:
+        seeds: runs of each swarm.
+        evaluations: of each run.
+        only: tasks whose problem and family, as "six-axis, 3-5-3", hold this text.
+        output: folder of the tables and the figure; what is in it already is not run again.
+        quick: one task, hardly searched.
+    """
+    tasks = [own for own in TASKS if only in ", ".join(own)]
+    if not tasks:
+        known = "; ".join(", ".join(own) for own in TASKS)
+        raise InvalidInput("--only", f"a part of one of {known}", value=only)
     if quick:
         seeds = 2
         evaluations = 60
-        tasks = TASKS[:1]
+        tasks = tasks[:1]
     folder = output / f"{seeds}-seeds-{evaluations}-evaluations"
     parts = []
     with console.progress(len(tasks), "tasks") as advance:

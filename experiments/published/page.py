@@ -118,8 +118,9 @@ def _beside_stopping(problems: list[Judged]) -> str:
             searched += [j for j in own if j.verdict is Verdict.ABOVE]
     slower = sum(judgement.over_stopping > 0 for judgement in searched)
     return (
-        f"- where there are waypoints in between, {slower} of the {len(searched)} optimised times "
-        "above the best known are longer than stopping at every waypoint.\n"
+        f"- where there are waypoints in between, {slower} of the {len(searched)} times above the "
+        "best known that were optimised, for time or for anything else, are longer than stopping "
+        "at every waypoint.\n"
     )
 
 

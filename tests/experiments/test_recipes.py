@@ -7,7 +7,7 @@ import pytest
 from experiments import recipes
 from experiments.common.minimisers import NiaPy, Ours, local_search
 from experiments.common.spline_times import SplineTimes
-from trajopt import Limits, Problem, verify
+from trajopt import InvalidInput, Limits, Problem, verify
 from trajopt.explain.claims import Known
 from trajopt.swarm import SSA
 
@@ -99,3 +99,8 @@ def test_quick_writes_its_tables_and_figure(tmp_path, monkeypatch):
         0 <= decided["best swarm's median over it %"] <= decided["worst swarm's median over it %"]
     )
     assert (tmp_path / "recipes.png").is_file()
+
+
+def test_a_task_that_does_not_exist_is_refused(tmp_path):
+    with pytest.raises(InvalidInput, match="--only is '4-3-4': expected a part of one of six-axis"):
+        recipes.main(only="4-3-4", output=tmp_path)
