@@ -621,6 +621,16 @@ def test_verify_names_a_damaged_trial_file_and_verifies_the_others(compared, tra
     assert [row["id"] for row in rows if not row["holds"]] == [broken.stem]
 
 
+def test_export_names_a_damaged_trial_file_in_one_line(compared, trajopt, tmp_path):
+    shutil.copytree(compared[0] / "trials", tmp_path / "results" / "trials")
+    broken = sorted((tmp_path / "results" / "trials").iterdir())[3]
+    broken.write_bytes(broken.read_bytes()[:1000])
+    output = tmp_path / "trials.csv"
+    code, _, err = trajopt("export", tmp_path / "results", "--to", "csv", "--out", output)
+    assert code == 0
+    assert re.fullmatch(r"trajopt: warning: .*\.h5: damaged.*\n", err)
+
+
 def test_verify_of_a_damaged_file_exits_2(compared, trajopt, tmp_path):
     data = (compared[0] / "results.h5").read_bytes()
     (tmp_path / "cut.h5").write_bytes(data[: len(data) // 2])

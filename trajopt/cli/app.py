@@ -111,9 +111,10 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _run(arguments: list[str] | None) -> int:
-    """The command's exit code; numbers in units that look mixed are a line on standard error."""
+    """The command's exit code; warnings of this package are a line each on standard error."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", UnitWarning)
+        warnings.filterwarnings("always", category=UserWarning, module="trajopt")
         warnings.showwarning = _show_warning
         code: int = app(
             arguments,
@@ -132,7 +133,8 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    if issubclass(category, UnitWarning):
+    own_package = category.__module__.partition(".")[0] == "trajopt"
+    if own_package:
         console.note(f"warning: {message}")
     else:
         text = warnings.formatwarning(message, category, filename, lineno, line)

@@ -140,7 +140,7 @@ def ecdf(values: ArrayLike, at: ArrayLike | None = None) -> tuple[Array, Array]:
 def evaluations_to_target(histories: Sequence[ArrayLike], targets: ArrayLike) -> Array:
     """Evaluations that each run spent until its best was at most the target, NaN where never.
 
-    `histories`: per run `(m, 2)`, evaluations spent and best by then; rows without an answer are
+    `histories`: per run `(m, 2)`, evaluations spent and the answer by then; rows without an answer are
     passed over. Returns `(runs,)`, or `(targets, runs)`; the target +inf is the first answer.
     """
     curves = _curves(histories)
@@ -492,18 +492,18 @@ def _curves(histories: Sequence[ArrayLike]) -> list[Array]:
 
 
 def _curve(history: Array) -> Array:
+    """A history may rise (a better claim may certify worse): its best by then does not."""
     shape = history.shape
     _require(shape[1] == 2, "history", "evaluations and best, (m, 2)", shape)
     answered = history[:, 1] < np.inf
     curve: Array = history[answered].T
-    spent, best = np.diff(curve)
+    spent, values = curve
     finite = np.isfinite(curve)
-    rising = spent >= 0
-    falling = best <= 0
-    in_order = rising.all() and falling.all()
-    orderly = finite.all() and in_order
-    _require(orderly, "history", "evaluations that never fall and a best that never rises")
-    return curve
+    rising = np.diff(spent) >= 0
+    orderly = finite.all() and rising.all()
+    _require(orderly, "history", "finite numbers, and evaluations that never fall")
+    best = np.minimum.accumulate(values)
+    return np.stack([spent, best])
 
 
 def _costs(
