@@ -34,6 +34,9 @@ Bools = NDArray[np.bool_]
 # joint's largest value of it, and to what it changes by while the break's time is rounded; all of
 # them together are worth no more than the second number of the duration, since peak velocity is at
 # most A T / 2.
+# Beyond it rounded times are charged for: a trajectory stores its breaks as times since the start,
+# so after hours a phase of stiff jerk is some 1e-12 s off, and mending the jump that this leaves
+# can cost some 1e-6 of the duration. Such a certificate is above the claim, never below the truth.
 JUMP_RTOL = 4 * EPS
 JUMPS_SUM_RTOL = 1e-11
 # A miss: relative to the way travelled in the segment.

@@ -140,8 +140,8 @@ def ecdf(values: ArrayLike, at: ArrayLike | None = None) -> tuple[Array, Array]:
 def evaluations_to_target(histories: Sequence[ArrayLike], targets: ArrayLike) -> Array:
     """Evaluations that each run spent until its best was at most the target, NaN where never.
 
-    `histories`: per run `(m, 2)`, evaluations spent and the answer by then; rows without an answer are
-    passed over. Returns `(runs,)`, or `(targets, runs)`; the target +inf is the first answer.
+    `histories`: per run `(m, 2)`, evaluations spent and the answer by then; rows without an answer
+    are passed over. Returns `(runs,)`, or `(targets, runs)`; the target +inf is the first answer.
     """
     curves = _curves(histories)
     wanted = _numbers("targets", targets, nan=False)
