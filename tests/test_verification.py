@@ -131,8 +131,8 @@ ROOM = Limits([9.0] * 3, [9.0] * 3)
 
 
 def jerk_limited(joints=(0, 1, 2)) -> Limits:
-    # No stiffer: a break's time is rounded, here to 16 ε · 12 s = 4e-14 s, in which acceleration may
-    # change by J times that. At 9e9 rad/s³ these are 4e-4 rad/s², more than the jumps tried here.
+    # No stiffer: a break's time is rounded, here to 16 ε · 12 s = 4e-14 s, in which acceleration
+    # may change by J times that. At 9e9 rad/s³ that is 4e-4 rad/s², more than the jumps tried here.
     return Limits([9.0] * 3, [9.0] * 3, [9e4 if j in joints else INF for j in range(3)])
 
 
