@@ -90,12 +90,16 @@ class Family:
             Of all pieces' controls one after another: which, `(controls,)`, and at which positions
             relative to the segment's start, `(controls, joints)`, NaN for the others.
         """
-        values = np.full((sum(self.lengths), displacements.shape[1]), np.nan)
+        count = sum(self.lengths)
+        joints = displacements.shape[1]
+        values = np.full((count, joints), np.nan)
         firsts = np.cumsum([0, *self.lengths])
         for piece, segment in enumerate(self.segments):
-            if segment not in self.segments[:piece]:
+            earlier = self.segments[:piece]
+            later = self.segments[piece + 1 :]
+            if segment not in earlier:
                 values[firsts[piece]] = 0.0
-            if segment not in self.segments[piece + 1 :]:
+            if segment not in later:
                 last = firsts[piece + 1] - 1
                 values[last] = displacements[segment]
         # a derivative vanishes at an end where one more control equals the last
@@ -120,14 +124,17 @@ class Family:
         for k in range(self.pieces - 1):
             before = controls[k]
             after = controls[k + 1]
-            both = times[k] + times[k + 1]
+            time_before = times[k]
+            time_after = times[k + 1]
+            both = time_before + time_after
             if self.segments[k] == self.segments[k + 1]:
                 rows.append(before[-1] - after[0])
             for order in SMOOTH_ORDERS:
-                end = derivative(before, order)[-1]
-                start = derivative(after, order)[0]
-                earlier = (times[k + 1] / both) ** (order - 1) / times[k]
-                later = (times[k] / both) ** (order - 1) / times[k + 1]
+                *_, end = derivative(before, order)
+                start, *_ = derivative(after, order)
+                power = order - 1
+                earlier = (time_after / both) ** power / time_before
+                later = (time_before / both) ** power / time_after
                 rows.append(end * earlier - start * later)
         return rows
 
@@ -148,19 +155,24 @@ class Family:
         # H u + Aᵀ m = −H_f x_f with multipliers m
         across = np.swapaxes(own_joins, -1, -2)
         top = np.concatenate([squares[..., free], across], axis=-1)
-        top_right = squares[..., is_fixed] @ held
+        pulling = squares[..., is_fixed]
+        top_right = pulling @ held
         # A u = −A_f x_f
         rows = own_joins.shape[-2]
         corner = np.zeros((*own_joins.shape[:-1], rows))
         bottom = np.concatenate([own_joins, corner], axis=-1)
-        bottom_right = joins[..., is_fixed] @ held
+        joining = joins[..., is_fixed]
+        bottom_right = joining @ held
 
         matrix = np.concatenate([top, bottom], axis=-2)
         right = np.concatenate([top_right, bottom_right], axis=-2)
         solution = np.linalg.solve(matrix, -right)
-        controls = np.empty((*times.shape[:-1], *values.shape))
+        # the multipliers, which come last, are left out
+        count = free.sum()
+        batch = times.shape[:-1]
+        controls = np.empty((*batch, *values.shape))
         controls[..., is_fixed, :] = held
-        controls[..., free, :] = solution[..., : free.sum(), :]
+        controls[..., free, :] = solution[..., :count, :]
         return controls
 
     def joined(self, controls: Array, times: Array) -> Array:
@@ -170,12 +182,17 @@ class Family:
             controls: `(controls, joints)`, those that are fixed in their places.
             times: of the pieces, which count the less the briefer they are.
         """
-        is_fixed, _ = self.fixed(np.zeros((len(self.parts), controls.shape[1])))
+        segments = len(self.parts)
+        anywhere = np.zeros((segments, controls.shape[1]))
+        is_fixed, _ = self.fixed(anywhere)
         free = ~is_fixed
         joins, _ = self._matrices(times)
-        reach = np.repeat(times / times.mean(), self.lengths)[free]
+        relative = times / times.mean()
+        of_controls = np.repeat(relative, self.lengths)
+        reach = of_controls[free]
         misses = joins @ controls
-        step, *_ = np.linalg.lstsq(joins[:, free] * reach, misses)
+        scaled = joins[:, free] * reach
+        step, *_ = np.linalg.lstsq(scaled, misses)
         moved = controls.copy()
         moved[free] -= reach[:, None] * step
         return moved
@@ -207,14 +224,16 @@ class Family:
 
     def powers(self, controls: Array) -> Array:
         """Every piece on the unit interval, `(degree + 1, pieces, …)`, highest power first."""
-        shape = (self.degree + 1, self.pieces, *controls.shape[1:])
+        trailing = controls.shape[1:]
+        shape = (self.degree + 1, self.pieces, *trailing)
         coefficients = np.zeros(shape)
         for k, own in enumerate(self.split(controls)):
             degree = len(own) - 1
             for power in range(degree + 1):
                 # C(p, i) Δ^i b_0 multiplies s^i
-                difference = np.diff(own, power, axis=0)[0]
-                coefficients[-1 - power, k] = comb(degree, power) * difference
+                first, *_ = np.diff(own, power, axis=0)
+                row = -1 - power
+                coefficients[row, k] = comb(degree, power) * first
         return coefficients
 
 
