@@ -49,7 +49,8 @@ def test_a_full_disk_is_said_keeps_what_is_finished_and_the_run_goes_on(disk: Pa
         compared(folder)
     kept = {t.id for t in store.read(folder)}  # a torn file would be a warning, an error here
     assert 0 < len(kept) < TRIALS
-    assert not list(folder.rglob(".*.tmp"))
+    # The one worker may be stopped as it writes; the next runs sweep that (see atomic.sweep).
+    assert len(list(folder.rglob(".*.tmp"))) <= 1
     before = {file: file.stat().st_mtime_ns for file in folder.glob("trials/*.h5")}
     assert mount(disk, "remount,size=20m")
     found = compared(folder)
