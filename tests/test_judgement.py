@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline, PPoly
 
 import trajopt
-from trajopt.exceptions import InvalidInput
+from trajopt.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.formats.motion import motion
 from trajopt.formats.samples import Samples
 from trajopt.given_motion import GivenMotion
@@ -217,3 +217,29 @@ def test_values_are_readable():
     # there and back, to 1 rad: the highest position lies between start and end
     back = Trajectory([0, 2], [[[-1.0]], [[2.0]], [[0.0]]], [0, 2])
     assert "<td>1</td><td>0</td><td>0</td><td>0</td><td>1</td>" in back._repr_html_()
+
+
+@pytest.mark.parametrize("size", [1e250, 1e-300])
+@pytest.mark.parametrize("duration", [1e-8, 1.0, 1e9])
+def test_huge_and_tiny_motions_end_in_a_verdict(size, duration):
+    samples = Samples(("a",), [0, duration], [[0.0], [size]], np.zeros((2, 1)))
+    assert not trajopt.judge(UNIT, samples).certificate.valid
+    found = as_executed(motion(samples), UNIT.limits)
+    # 6 h / T² at both ends
+    expected = np.sqrt(6 * size) / duration
+    if expected > 1e-150:
+        assert found.certificate.dilation >= expected * (1 - 1e-9)
+
+
+def test_what_overflows_is_refused():
+    samples = Samples(("a",), [0, 1e-200], [[0.0], [1.0]], np.zeros((2, 1)))
+    with pytest.raises(InvalidTrajectory, match="not finite"):
+        motion(samples)
+
+
+def test_a_tolerance_that_mends_nothing_changes_nothing():
+    jumping = Samples(("a",), [0, 1, 2], [[0.0], [0.3], [0.995]])
+    judged = trajopt.judge(UNIT, jumping, via_tolerance=0.01)
+    assert judged.problem is UNIT
+    assert not judged.tolerance_needed
+    assert any("velocity jumps" in flaw for flaw in judged.certificate.flaws)

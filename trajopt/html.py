@@ -8,13 +8,22 @@ from html import escape
 
 def table(caption: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table with a caption; all texts are shown as they are."""
-    lines = [f"<table><caption>{escape(caption)}</caption>", _row("th", header)]
-    for row in rows:
-        lines.append(_row("td", row))
-    lines.append("</table>")
+    title = escape(caption)
+    head = _row("th", header)
+    body = [_row("td", row) for row in rows]
+    lines = [
+        "<table>",
+        f"<caption>{title}</caption>",
+        head,
+        *body,
+        "</table>",
+    ]
     return "\n".join(lines)
 
 
 def _row(tag: str, cells: Sequence[str]) -> str:
-    shown = [f"<{tag}>{escape(cell)}</{tag}>" for cell in cells]
-    return f"<tr>{''.join(shown)}</tr>"
+    shown = ""
+    for cell in cells:
+        content = escape(cell)
+        shown += f"<{tag}>{content}</{tag}>"
+    return f"<tr>{shown}</tr>"

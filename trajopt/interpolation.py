@@ -97,8 +97,9 @@ def pieces(
         derivatives.append(velocities)
     if kind == "quintic" and accelerations is not None:
         derivatives.append(accelerations)
-    unit = _hermite(derivatives, lengths[:, None])
-    return polynomials.stretched(unit, 1 / lengths)
+    with np.errstate(over="ignore", invalid="ignore"):  # a Trajectory refuses what is not finite
+        unit = _hermite(derivatives, lengths[:, None])
+        return polynomials.stretched(unit, 1 / lengths)
 
 
 def _hermite(derivatives: list[Array], lengths: Array) -> Array:

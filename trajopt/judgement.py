@@ -49,6 +49,7 @@ class Judgement:
         via_tolerance: Rad, of each joint.
         trajectory: The motion with the times at which it passes each waypoint.
         certificate: The verifier's.
+        tolerance_needed: Whether the motion passes the waypoints only with the tolerance.
     """
 
     problem: Problem
@@ -56,6 +57,7 @@ class Judgement:
     via_tolerance: float
     trajectory: Trajectory
     certificate: Certificate
+    tolerance_needed: bool = False
 
     @property
     def status(self) -> Status:
@@ -112,8 +114,8 @@ def judge(
     """Judge a motion against a problem (docs/mathematics.md, section 10).
 
     Waypoint times are where it comes closest to each waypoint, in order. With a tolerance, a
-    waypoint that no joint misses by more then is moved to where the motion passes: only where the
-    motion misses the problem's own waypoints, which `problem` of the answer shows by its name.
+    waypoint that no joint misses by more is moved to where the motion passes: only where the motion
+    is invalid without that and valid with it, which the name of the answer's `problem` says.
 
     Args:
         problem: or the name of a built-in one, or a problem file.
@@ -131,11 +133,21 @@ def judge(
     _check_joints(given, asked.joints)
     _check_tolerance(asked, via_tolerance)
     trajectory = passing(asked, given.trajectory)
-    certificate = verify(asked, trajectory)
-    if via_tolerance > 0 and not certificate.valid:
-        moved = _as_passed(asked, trajectory, via_tolerance)
-        return Judgement(moved, given, via_tolerance, trajectory, verify(moved, trajectory))
-    return Judgement(asked, given, via_tolerance, trajectory, certificate)
+    strict = Judgement(asked, given, via_tolerance, trajectory, verify(asked, trajectory))
+    if strict.certificate.valid or via_tolerance == 0:
+        return strict
+    moved = _as_passed(asked, trajectory, via_tolerance)
+    certificate = verify(moved, trajectory)
+    if not certificate.valid:  # the tolerance mends nothing
+        return strict
+    return Judgement(
+        moved,
+        given,
+        via_tolerance,
+        trajectory,
+        certificate,
+        tolerance_needed=True,
+    )
 
 
 def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:

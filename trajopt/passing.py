@@ -29,6 +29,11 @@ def waypoint_times(trajectory: Trajectory, waypoints: Array) -> Array:
         trajectory: of as many joints as the waypoints.
         waypoints: rad, `(waypoints, joints)`. Closest is meant in joint space, over all joints.
     """
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond all bounds is far away
+        return _waypoint_times(trajectory, waypoints)
+
+
+def _waypoint_times(trajectory: Trajectory, waypoints: Array) -> Array:
     candidates = [trajectory.breaks]
     for waypoint in waypoints[1:-1]:
         candidates.append(_minima(trajectory, waypoint))
@@ -83,7 +88,8 @@ def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
 def _miss(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
     """How far it is from the waypoint, rad, over all joints."""
     away = trajectory(times) - waypoint
-    return np.asarray(np.linalg.norm(away, axis=1))
+    distance = np.linalg.norm(away, axis=1)
+    return np.asarray(np.nan_to_num(distance, nan=np.inf))
 
 
 def _in_order(misses: Array) -> NDArray[np.intp]:

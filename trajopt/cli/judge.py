@@ -93,7 +93,7 @@ def _verdict(found: Judgement) -> Iterator[str]:
         yield f"Slowed down {certificate.dilation:.6f} times it keeps every limit."
     elif certificate.dilation < 1:
         yield f"It could run {1 / certificate.dilation:.6f} times as fast within every limit."
-    if found.problem.name.endswith(" rad") and found.via_tolerance > 0:
+    if found.tolerance_needed:
         yield (
             f"It misses the problem's own waypoints, by less than {found.via_tolerance:g} rad: "
             "judged, and compared, through the points that it passes."
