@@ -1,8 +1,11 @@
-"""The proof loop: ask SCIP for anything shorter than the incumbent by the gap, until there is none.
+"""The proof loop: ask for anything shorter than the incumbent by the gap, until there is none.
 
 A bound is a pair: a lower bound that no trajectory can beat, and the certified duration of a
-verified trajectory. SCIP's own primal value is never used: it rests on tolerances. Its dual bound
-is lowered by what those tolerances can be worth (each program says how much).
+verified trajectory. Any trajectory is bounded under every kind of limit by linear programs, with a
+proof that is checked without a solver (`branching.py`, `dual_check.py`). SCIP bounds the 3-5-3
+spline, and any trajectory under velocity and acceleration limits where the linear programs leave
+a gap. SCIP's own primal value is never used: it rests on tolerances. Its dual bound is lowered by
+what those tolerances can be worth (each program says how much).
 """
 
 from __future__ import annotations
@@ -14,7 +17,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines.lower_bound.branching import prove
+from baselines.lower_bound.dual_check import Proof
 from baselines.lower_bound.free import Free, trivial_bound
+from baselines.lower_bound.incumbent import incumbent
 from baselines.lower_bound.program import TOLERANCE, Program
 from baselines.lower_bound.spline353 import Spline353
 from baselines.sizes import described
@@ -33,6 +39,9 @@ _STATUSES = {"timelimit": "time limit", "infeasible": "tolerance", "optimal": "t
 _RECHECK_RTOL = 1e-9
 # A time limit below this (s) still lets a proof begin.
 _GRACE_SECONDS = 1.0
+# Of the time limit: what an incumbent may take, and linear programs before SCIP is asked.
+_INCUMBENT_SHARE = 0.3
+_PROGRAMS_SHARE = 0.6
 # SCIP takes a time limit of zero (s) for none.
 _SHORTEST_SCIP_SECONDS = 0.01
 
@@ -43,14 +52,15 @@ class Bound:
 
     Attributes:
         lower_bound: No trajectory is faster, SCIP's tolerance allowed for.
-        upper_bound: The certified duration of `trajectory`; infinite if none keeps the limits that
-            the bound ignores (free: jerk and position, 3-5-3: position), or none was looked for.
+        upper_bound: The certified duration of `trajectory`; infinite if none keeps every limit
+            (the 3-5-3 ignores position limits), or none was looked for.
         relative_gap: Upper over lower bound, minus 1.
         status: "proved" (to the gap), "time limit", "tolerance" (SCIP is done, but its tolerance is
             worth more than the gap), or "stopped" with SCIP's own word.
         solve_time: Wall time spent.
         trajectory: The fastest one known.
         message: Why there was no time to begin, if there was none.
+        proof: What proves the lower bound without a solver; None where SCIP is to be believed.
     """
 
     lower_bound: float
@@ -60,6 +70,7 @@ class Bound:
     solve_time: float
     trajectory: Trajectory | None
     message: str = ""
+    proof: Proof | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +100,7 @@ def certify(
     """Bounds on the minimum time, or on the best 3-5-3 spline with shared times.
 
     Args:
-        problem: Its jerk and position limits are ignored (`spline353`: its position limits).
+        problem: All its limits count (`spline353`: its position limits are ignored).
         family: Any trajectory, or the 3-5-3 spline only.
         gap: Relative, at which to stop.
         time_limit: Seconds, building the model included; then the bounds reached are the answer. A
@@ -99,19 +110,21 @@ def certify(
 
     Raises:
         InvalidInput: An argument cannot be used.
-        MissingBackend: SCIP is not installed.
-        TrajoptError: SCIP breaks down.
+        MissingBackend: HiGHS or SCIP is not installed.
+        TrajoptError: HiGHS or SCIP breaks down.
     """
     for name, value in (("gap", gap), ("time_limit", time_limit)):
         if not value > 0:
             raise InvalidInput(name, "a positive number", value=value)
     began = time.perf_counter()
     question = _asked(problem, family, joint)
-    scip = backend("pyscipopt")
     needed = question.kind.expected_seconds(question.problem)
     if needed > max(time_limit, _GRACE_SECONDS):
         bound = _not_begun(question.problem, needed, time_limit)
+    elif family == "free":
+        bound = _free(question.problem, gap, began, time_limit)
     else:
+        scip = backend("pyscipopt")
         program = question.kind(question.problem, scip, seconds=time_limit)
         bound = _prove(question.problem, program, gap, began + time_limit)
     trajectory = bound.trajectory
@@ -197,6 +210,44 @@ def _not_begun(problem: Problem, needed: float, time_limit: float) -> Bound:
         trajectory=None,
         message=message,
     )
+
+
+def _free(problem: Problem, gap: float, began: float, time_limit: float) -> Bound:
+    """Linear programs under every limit; SCIP too where they leave a gap that it can close."""
+    deadline = began + time_limit
+    best = incumbent(problem, _INCUMBENT_SHARE * time_limit)
+    # without a trajectory there is something to prove all the same
+    known = float(stop_times(problem).sum())
+    if best is not None:
+        known = best.duration
+    for_scip = not (problem.has("jerk") or problem.has("position"))
+    share = _PROGRAMS_SHARE if for_scip else 1.0
+    outcome = prove(problem, known / (1 + gap), gap, began + share * time_limit)
+    lower = outcome.lower_bound
+    own_proof: Proof | None = outcome.proof
+    trivial = trivial_bound(problem)
+    if trivial > lower * (1 + gap):
+        lower = trivial
+        own_proof = None
+    if best is None:
+        return Bound(lower, np.inf, np.inf, "time limit", 0.0, None, proof=own_proof)
+    status = "time limit"
+    if best.duration <= lower * (1 + gap) * (1 + 1e-12):
+        status = "proved"
+    bound = Bound(
+        lower_bound=lower,
+        upper_bound=best.duration,
+        relative_gap=best.duration / lower - 1,
+        status=status,
+        solve_time=0.0,
+        trajectory=best.trajectory,
+        proof=own_proof,
+    )
+    if status == "proved" or not for_scip or time.perf_counter() > deadline:
+        return bound
+    program = Free(problem, backend("pyscipopt"), seconds=deadline - time.perf_counter())
+    by_scip = _prove(problem, program, gap, deadline)
+    return by_scip if by_scip.lower_bound > lower else bound
 
 
 def _prove(problem: Problem, program: Program, gap: float, deadline: float) -> Bound:

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from baselines.lower_bound.bound import Bound, certify, recheck
+from baselines.lower_bound.dual_check import Proof, proved_bound
 from trajopt import spline353
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, Relation
-from trajopt.problem import Problem
+from trajopt.problem import LIMIT_NAMES, Problem
 from trajopt.solution import Solution, Status
 
 
 @dataclass(frozen=True)
 class Certify(Planner):
-    """A proved lower bound on the minimum time, with the fastest trajectory known (SCIP).
+    """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS, SCIP).
 
-    Jerk and position limits are lifted for the bound (`spline353`: position limits).
+    Every kind of limit counts (`spline353`: not position limits).
 
     Args:
         gap: Relative, at which to stop.
@@ -36,7 +38,8 @@ class Certify(Planner):
     joint: int | None = None
 
     on_request = True
-    requires = ("pyscipopt", "casadi")
+    requires = ("highspy", "pyscipopt", "casadi")
+    knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:
         for name in ("gap", "time_limit"):
@@ -46,11 +49,10 @@ class Certify(Planner):
             raise InvalidInput("joint", "a joint counted from 1", value=self.joint)
 
     def relation(self, problem: Problem) -> Relation:
-        """What is lifted (limits, the other joints) makes the answer a lower bound."""
+        """Lifting the other joints makes the answer a lower bound."""
         if self.family == "spline353":
             return Relation.RESTRICTION
-        lifted = problem.has("jerk") or problem.has("position") or self.joint is not None
-        return Relation.RELAXATION if lifted else Relation.SAME
+        return Relation.SAME if self.joint is None else Relation.RELAXATION
 
     def unsupported(self, problem: Problem) -> str | None:
         if self.joint is not None and self.joint > problem.joints:
@@ -65,7 +67,8 @@ class Certify(Planner):
         """The proof's two ends; without the upper one if it breaks a lifted limit.
 
         `stats`, about what was asked: `proof` (its status), `lower_bound` and `upper_bound`, s, and
-        `relative_gap`; the last two are NaN where no trajectory is known.
+        `relative_gap`; the last two are NaN where no trajectory is known. Where no solver need
+        be believed, the arrays of `dual_check.Proof` too.
         """
         bound = self.bound(problem)
         known = np.isfinite(bound.upper_bound)
@@ -75,6 +78,8 @@ class Certify(Planner):
             "upper_bound": bound.upper_bound if known else np.nan,
             "relative_gap": bound.relative_gap if known else np.nan,
         }
+        if bound.proof is not None:
+            stats |= bound.proof.arrays()
         lower_bound = bound.lower_bound if self.family == "free" else None
         message = self._message(bound)
         if bound.trajectory is None or self.joint is not None:
@@ -107,6 +112,20 @@ class Certify(Planner):
             time_limit=self.time_limit,
             joint=index,
         )
+
+    def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
+        """What the proof among a solution's `stats` proves, s, without a solver; None without one.
+
+        Raises:
+            InvalidInput: The proof is not one of this problem, or damaged.
+        """
+        proof = Proof.stored(stats)
+        if proof is None or self.family != "free":
+            return None
+        asked = problem
+        if self.joint is not None:
+            asked = problem.only([self.joint - 1])
+        return proved_bound(asked, proof)
 
     def _message(self, bound: Bound) -> str:
         about = "trajectory" if self.family == "free" else "3-5-3 spline"

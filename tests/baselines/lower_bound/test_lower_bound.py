@@ -128,13 +128,13 @@ def test_free_alone_is_the_problem_of_that_joint() -> None:
     assert alone.upper_bound < certify(whole).lower_bound
 
 
-def test_ignored_limits_leave_a_bound_without_a_trajectory() -> None:
-    for name in ("jerk-limit", "position-limits"):
-        bound = certify(load(name))
+def test_jerk_and_position_limits_count() -> None:
+    for name, gap in (("jerk-limit", 5e-3), ("position-limits", 5e-4)):
+        bound = certify(load(name), gap=gap)
         free = certify(load(name).without("jerk", "position"))
-        assert bound.lower_bound == pytest.approx(free.lower_bound, rel=1e-9)
-        assert bound.trajectory is None
-        assert bound.upper_bound == np.inf
+        sane(bound, load(name))
+        assert bound.status == "proved"
+        assert bound.lower_bound > 1.05 * free.upper_bound
 
 
 @pytest.mark.parametrize("family", ["free", "spline353"])
@@ -146,10 +146,13 @@ def test_a_time_limit_returns_the_bounds_reached(family: str) -> None:
         assert bound.status in ("time limit", "tolerance")
 
 
-def test_without_scip_the_message_is_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "pyscipopt", None)
-    with pytest.raises(MissingBackend, match="pip install pyscipopt"):
-        certify(load("one-joint"))
+@pytest.mark.parametrize(("family", "package"), [("free", "highspy"), ("spline353", "pyscipopt")])
+def test_without_a_solver_the_message_is_the_command(
+    family: str, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, package, None)
+    with pytest.raises(MissingBackend, match=f"pip install {package}"):
+        certify(load("six-axis"), family)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

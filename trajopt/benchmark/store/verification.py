@@ -44,6 +44,15 @@ class RechecksBounds(Protocol):
         ...
 
 
+@runtime_checkable
+class StoresProofs(Protocol):
+    """A planner whose solutions carry a proof of their bound, which needs no solver."""
+
+    def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
+        """What the proof among `stats` proves, s; `None` where there is none."""
+        ...
+
+
 @dataclass(frozen=True)
 class CheckedTrial:
     """A stored trial computed again (durations in s), beside what was recorded of it.
@@ -163,6 +172,7 @@ def _checked(
         *_changed(trial, recorded),
         *_foreign(trial.problem),
         *_refuted(trial, bound, shortest),
+        *_unlike_its_proof(trial),
     ]
     return CheckedTrial(
         id=recorded["id"],
@@ -269,6 +279,27 @@ def _refuted(trial: Trial, bound: str, shortest: Mapping[str, float]) -> list[st
     return []
 
 
+def _unlike_its_proof(trial: Trial) -> list[str]:
+    """Whether the stored proof proves another bound than the recorded one."""
+    if trial.lower_bound is None:
+        return []
+    try:
+        proved = _stored_bound(trial)
+    except TrajoptError as error:
+        return [f"lower bound: its proof is none: {error}"]
+    if proved is None or _close(proved, trial.lower_bound, rtol=DURATION_RTOL, atol=0.0):
+        return []
+    return [_difference("lower bound", proved, trial.lower_bound)]
+
+
+def _stored_bound(trial: Trial) -> float | None:
+    """What the trial's own proof proves, s, if it has one and its planner is installed."""
+    planner = _planner(trial)
+    if not isinstance(planner, StoresProofs):
+        return None
+    return planner.stored_bound(trial.problem, trial.solution.stats)
+
+
 def _recheck(trial: Trial, proofs: dict[str, str]) -> str:
     """What came of the trial's lower bound; of equal ones, `proofs` remembers it."""
     bound = trial.lower_bound
@@ -281,6 +312,12 @@ def _recheck(trial: Trial, proofs: dict[str, str]) -> str:
 
 
 def _proof(trial: Trial, bound: float) -> str:
+    try:
+        proved = _stored_bound(trial)
+    except TrajoptError:
+        proved = None
+    if proved is not None and proved >= bound * (1 - DURATION_RTOL):
+        return PROVED_AGAIN
     planner = _planner(trial)
     if planner is None:
         return NOT_RECHECKED

@@ -1,0 +1,442 @@
+"""Prove that no motion is briefer than a cut-off, by branching on segment times.
+
+The relaxation's linear program gets rows of costates where its answers break them, until none is
+broken. What it then says of single variables, given the cut-off, narrows the box; where that ends,
+the box is split. Every bound that is used is the one that `dual_check` computes from the program's
+multipliers, so that the steps taken here are the proof.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
+from numpy.typing import NDArray
+
+from baselines.lower_bound import dual_check
+from baselines.lower_bound.dual_check import Proof
+from baselines.lower_bound.linear import Answer, Linear
+from baselines.lower_bound.relaxation import Box, Relaxation, Rows
+from baselines.lower_bound.separation import Separation
+from trajopt.planner import backend
+from trajopt.problem import Problem
+
+Array = NDArray[np.float64]
+
+# Rounds of rows for the total time, at the root and below, and for a single variable.
+_ROOT_ROUNDS = 60
+_NODE_ROUNDS = 6
+_VARIABLE_ROUNDS = 4
+# Sweeps over all segment times (and accelerations) of a node.
+_ROOT_SWEEPS = 12
+_NODE_SWEEPS = 3
+# A bound that moves a side of the box by less than this share of its width is not worth a step.
+_WORTHWHILE_SHARE = 0.02
+# Sweeps go on while they narrow the box's times by this share.
+_SWEEP_SHARE = 0.05
+# Of the gap that is asked for: how far the cut-off lies above the target.
+_ROOM_SHARE = 0.5
+# Of the gap that is asked for: what a row must be broken by, at the end and to begin with.
+_TOLERANCE_SHARE = 0.1
+_COARSE_TOLERANCE = 1e-3
+_FINEST_TOLERANCE = 1e-8
+# Rounds go on while they raise the bound by this share of what is missing.
+_PROGRESS_SHARE = 0.01
+# A ray, scaled so that it proves the cut-off this many times over.
+_RAY_FACTOR = 4.0
+# A box is split no closer to its sides than this share of its width.
+_MARGIN_SHARE = 0.2
+_TANGENT_RTOL = 1e-9
+_START_TANGENTS = 5
+
+
+class _Step(NamedTuple):
+    kind: int
+    variable: int
+    value: float
+    rows: NDArray[np.intp]
+    multipliers: Array
+
+
+@dataclass
+class _Node:
+    """A part of the tree: its box, the steps that narrowed it, and what is proved in it."""
+
+    box: Box
+    bound: float
+    steps: list[_Step] = field(default_factory=list)
+    leaf: _Step | None = None
+    children: tuple[_Node, ...] = ()
+
+
+class Outcome(NamedTuple):
+    """A lower bound, s, with its proof; how many boxes were split, and linear programs solved."""
+
+    lower_bound: float
+    proof: Proof
+    splits: int
+    programs: int
+
+
+def prove(problem: Problem, target: float, gap: float, deadline: float) -> Outcome:
+    """Prove that no motion is briefer than the target, or as much of it as there is time for.
+
+    Args:
+        problem: Without identical consecutive waypoints; all its limits count.
+        target: s. It need not be true: the answer is then below it.
+        gap: Relative, between the target and the fastest motion known: sets the tolerances.
+        deadline: Of `time.perf_counter`.
+
+    Raises:
+        MissingBackend: HiGHS is not installed.
+        TrajoptError: HiGHS breaks down.
+    """
+    solver = backend("highspy")
+    # half of the gap is room for rows that are broken by less than the tolerance
+    cutoff = target * (1 + _ROOM_SHARE * gap)
+    relaxation = Relaxation.of(problem, cutoff)
+    search = _Search(relaxation, solver, gap, deadline)
+    root = search.run()
+    proof = search.proof(root)
+    lower_bound = dual_check.proved_bound(problem, proof)
+    return Outcome(lower_bound, proof, search.splits, search.programs)
+
+
+class _Search:
+    """The linear program with all rows found so far, and the tree."""
+
+    def __init__(
+        self,
+        relaxation: Relaxation,
+        solver: Any,
+        gap: float,
+        deadline: float,
+    ) -> None:
+        self.relaxation = relaxation
+        self.deadline = deadline
+        self.target = relaxation.cutoff / (1 + _ROOM_SHARE * gap)
+        self.finest = max(_TOLERANCE_SHARE * gap, _FINEST_TOLERANCE)
+        self.total = relaxation.total()
+        self.tangents: list[tuple[int, float]] = []
+        self.cuts: list[tuple[int, int, Array]] = []
+        self.found: list[Rows] = [relaxation.blank(0)]
+        # tangents and cuts in the order in which they were found, as the program has them
+        self.kinds: list[tuple[bool, int]] = []
+        self.splits = 0
+        self.programs = 0
+        box = relaxation.root_box()
+        self.rows = relaxation.box_rows(box)
+        self.box_count = len(self.rows.bounds)
+        self.program = _program(relaxation, solver, box, self.rows)
+        self.separations: dict[tuple[int, int], Separation] = {}
+        for k, j in np.ndindex(relaxation.segments, relaxation.joints):
+            self.separations[k, j] = Separation(relaxation, k, j, solver)
+        self._first_tangents(box)
+
+    @property
+    def late(self) -> bool:
+        return time.perf_counter() > self.deadline
+
+    def run(self) -> _Node:
+        """The tree, as far as there was time for it; the lowest bound is looked at first."""
+        root = _Node(self.relaxation.root_box(), 0.0)
+        order = itertools.count()
+        self._treat(root, _ROOT_ROUNDS, _ROOT_SWEEPS)
+        pending = [(root.bound, next(order), root)]
+        while pending and not self.late:
+            bound, _, node = heapq.heappop(pending)
+            if bound >= self.target:
+                break
+            self._split(node)
+            for child in node.children:
+                self._treat(child, _NODE_ROUNDS, _NODE_SWEEPS)
+                heapq.heappush(pending, (child.bound, next(order), child))
+        return root
+
+    # --- a node ---
+
+    def _treat(self, node: _Node, rounds: int, sweeps: int) -> None:
+        """Bound the time in a box, and narrow the box while that pays."""
+        self._bound_total(node, rounds)
+        for sweep in range(sweeps):
+            if node.bound >= self.target or self.late:
+                return
+            before = self._widths(node.box).sum()
+            self._sweep(node, with_accelerations=sweep > 0 or rounds == _NODE_ROUNDS)
+            if dual_check.is_empty(node.box):
+                return
+            self._bound_total(node, rounds)
+            after = self._widths(node.box).sum()
+            if after > (1 - _SWEEP_SHARE) * before:
+                return
+
+    def _widths(self, box: Box) -> Array:
+        times = self.relaxation.time
+        return np.asarray(box.high[times] - box.low[times])
+
+    def _bound_total(self, node: _Node, rounds: int) -> None:
+        """The least total time in a box, with rows added until none is broken."""
+        self._enter(node.box)
+        tolerance = max(self.finest, _COARSE_TOLERANCE)
+        for _ in range(rounds):
+            answer = self._minimised(self.total)
+            before = node.bound
+            self._prove_leaf(node, answer)
+            missing = self.target - node.bound
+            if missing <= 0 or answer.x is None or self.late:
+                return
+            added = self._separate(answer.x, tolerance)
+            slow = node.bound - before < _PROGRESS_SHARE * missing
+            if added and not slow:
+                continue
+            if tolerance <= self.finest and (slow or not added):
+                return
+            tolerance = max(self.finest, tolerance / 10)
+
+    def _prove_leaf(self, node: _Node, answer: Answer) -> None:
+        """What an answer's multipliers prove of the total time, if it is more than before."""
+        multipliers = answer.multipliers
+        if answer.x is None:
+            multipliers = self._scaled_ray(node.box, multipliers)
+        step, bound = self._step(dual_check.LEAF, 0, self.total, node.box, multipliers)
+        if node.leaf is None or bound > node.bound:
+            node.leaf = step
+            node.bound = max(node.bound, bound)
+
+    def _scaled_ray(self, box: Box, ray: Array) -> Array:
+        """So long a ray that it proves more than the cut-off."""
+        nothing = np.zeros_like(self.total)
+        _, proved = self._step(dual_check.LEAF, 0, nothing, box, ray)
+        if proved <= 0:
+            return ray
+        return ray * (_RAY_FACTOR * self.relaxation.cutoff / proved)
+
+    def _sweep(self, node: _Node, with_accelerations: bool) -> None:
+        """Move both sides of the box's times (and accelerations) as far as the rows prove."""
+        relaxation = self.relaxation
+        columns = relaxation.time.tolist()
+        if with_accelerations:
+            columns += relaxation.acceleration[:, relaxation.jerky].ravel().tolist()
+        for column in columns:
+            rounds = _VARIABLE_ROUNDS if column < relaxation.segments else 1
+            for raises in (True, False):
+                if self.late:
+                    return
+                self._move(node, column, raises, rounds)
+                if dual_check.is_empty(node.box) or node.bound >= self.target:
+                    return
+
+    def _move(self, node: _Node, column: int, raises: bool, rounds: int) -> None:
+        objective = np.zeros_like(self.total)
+        objective[column] = 1.0 if raises else -1.0
+        width = node.box.high[column] - node.box.low[column]
+        if width <= 0:
+            return
+        answer = self._minimised(objective)
+        for _ in range(rounds - 1):
+            at_side = answer.value <= _side(node.box, column, raises) + _WORTHWHILE_SHARE * width
+            if answer.x is None or at_side or not self._separate(answer.x, _COARSE_TOLERANCE):
+                break
+            answer = self._minimised(objective)
+        if answer.x is None:
+            self._prove_leaf(node, answer)
+            return
+        kind = dual_check.RAISE if raises else dual_check.LOWER
+        step, bound = self._step(kind, column, objective, node.box, answer.multipliers)
+        if bound <= _side(node.box, column, raises) + _WORTHWHILE_SHARE * width:
+            return
+        node.steps.append(step)
+        node.box = dual_check.moved(self.relaxation, node.box, column, raises, bound)
+        if dual_check.is_empty(node.box):
+            node.bound = np.inf
+            node.leaf = _Step(dual_check.LEAF, 0, 0.0, np.zeros(0, np.intp), np.zeros(0))
+            return
+        self._enter(node.box)
+
+    def _split(self, node: _Node) -> None:
+        """Split a box at the segment time whose curves cost the bound most."""
+        self._enter(node.box)
+        answer = self._minimised(self.total)
+        widths = self._widths(node.box)
+        scores = widths / max(widths.max(), np.finfo(float).tiny)
+        place = 0.5 * (node.box.low + node.box.high)
+        if answer.x is not None:
+            costs = self._curve_costs(answer, node.box)
+            if costs.max() > 0:
+                scores = costs / costs.max() + 1e-3 * scores
+            place = answer.x
+        column = int(scores.argmax())
+        margin = _MARGIN_SHARE * widths[column]
+        low = node.box.low[column] + margin
+        high = node.box.high[column] - margin
+        value = float(np.clip(place[column], low, high))
+        children = dual_check.branched(self.relaxation, node.box, column, value)
+        node.children = tuple(_Node(box, node.bound, leaf=node.leaf) for box in children)
+        node.steps.append(_branch(column, value))
+        self.splits += 1
+
+    def _curve_costs(self, answer: Answer, box: Box) -> Array:
+        """Per segment, what the bound would gain if its curves were met, to first order."""
+        relaxation = self.relaxation
+        assert answer.x is not None
+        x = answer.x
+        y = np.maximum(answer.multipliers[: self.box_count], 0.0)
+        times = x[relaxation.time]
+        exact = x.copy()
+        exact[relaxation.inverse] = 1 / times
+        exact[relaxation.square] = times**2
+        exact[relaxation.before] = x[relaxation.acceleration] * times[:-1, None]
+        exact[relaxation.after] = x[relaxation.acceleration] * times[1:, None]
+        errors = np.abs(self.rows.coefficients) * np.abs(exact - x)[self.rows.columns]
+        segments = relaxation.row_segments()
+        shares = y * errors.sum(axis=1)
+        costs = np.bincount(segments[1:], shares[1:], relaxation.segments)
+        return np.asarray(costs, dtype=float)
+
+    # --- the linear program ---
+
+    def _enter(self, box: Box) -> None:
+        self.rows = self.relaxation.box_rows(box)
+        self.program.set_box(box.low, box.high)
+        for number in range(1, self.box_count):
+            columns, coefficients, bound = self.rows.row(number)
+            used = columns != self.relaxation.nothing
+            self.program.set_row(number, columns[used], coefficients[used], bound)
+
+    def _minimised(self, objective: Array) -> Answer:
+        self.programs += 1
+        return self.program.minimised(objective)
+
+    def _separate(self, x: Array, tolerance: float) -> int:
+        """Add the rows that a point breaks; how many."""
+        relaxation = self.relaxation
+        added = 0
+        for k in range(relaxation.segments):
+            at = float(x[relaxation.time[k]])
+            if x[relaxation.inverse[k]] * at < 1 - max(tolerance / 10, _TANGENT_RTOL):
+                self._add_tangent(k, at)
+                added += 1
+        for (k, j), separation in self.separations.items():
+            if self.late:
+                break
+            cells = separation.broken_most(x, tolerance)
+            if cells is not None:
+                self._add(dual_check.cut(relaxation, k, j, cells))
+                self.kinds.append((True, len(self.cuts)))
+                self.cuts.append((k, j, cells))
+                added += 1
+        return added
+
+    def _first_tangents(self, box: Box) -> None:
+        for k in range(self.relaxation.segments):
+            low = box.low[k]
+            high = box.high[k]
+            for at in np.linspace(low, high, _START_TANGENTS):
+                self._add_tangent(k, float(at))
+
+    def _add_tangent(self, segment: int, at: float) -> None:
+        self._add(self.relaxation.tangent(segment, at))
+        self.kinds.append((False, len(self.tangents)))
+        self.tangents.append((segment, at))
+
+    def _add(self, row: Rows) -> None:
+        self.found.append(row)
+        used = row.columns[0] != self.relaxation.nothing
+        columns = row.columns[0, used]
+        self.program.add_row(columns, row.coefficients[0, used], float(row.bounds[0]))
+
+    def _step(
+        self,
+        kind: int,
+        variable: int,
+        objective: Array,
+        box: Box,
+        multipliers: Array,
+    ) -> tuple[_Step, float]:
+        """A step with the rows that its multipliers use, and what they prove."""
+        used = np.flatnonzero(multipliers > 0)
+        of_box = used[used < self.box_count]
+        others = used[used >= self.box_count] - self.box_count
+        parts = [self.rows.chosen(of_box)]
+        parts += [self.found[number + 1] for number in others]
+        own = multipliers[used]
+        bound = dual_check.dual_bound(objective, box, dual_check.joined(parts), own)
+        return _Step(kind, variable, 0.0, used, own), bound
+
+    # --- the proof ---
+
+    def proof(self, root: _Node) -> Proof:
+        """The tree as a proof, with only those rows that it uses."""
+        steps = list(_walk(root))
+        numbers = [step.rows[step.rows >= self.box_count] for step in steps]
+        used = np.unique(np.concatenate(numbers)) - self.box_count
+        kinds = [self.kinds[number] for number in used]
+        tangents = [self.tangents[place] for is_cut, place in kinds if not is_cut]
+        cuts = [self.cuts[place] for is_cut, place in kinds if is_cut]
+        # tangents come first
+        is_cut = np.array([is_cut for is_cut, _ in kinds], dtype=bool)
+        position = np.where(is_cut, len(tangents) + np.cumsum(is_cut), np.cumsum(~is_cut)) - 1
+        renumbered = np.zeros(self.box_count + len(self.kinds), dtype=np.intp)
+        renumbered[: self.box_count] = np.arange(self.box_count)
+        renumbered[used + self.box_count] = self.box_count + position
+
+        table = []
+        multipliers = []
+        for step in steps:
+            table.append((step.kind, step.variable, step.value, len(step.rows)))
+            pairs = np.column_stack([renumbered[step.rows], step.multipliers])
+            multipliers.append(pairs)
+        sizes = [(k, j, len(cells)) for k, j, cells in cuts]
+        cells = [np.zeros((0, 7)), *(cells for _, _, cells in cuts)]
+        relaxation = self.relaxation
+        return Proof(
+            units=np.append(relaxation.time_unit, relaxation.length_units),
+            cutoff=np.array([relaxation.cutoff * relaxation.time_unit]),
+            tangents=np.array(tangents, dtype=float).reshape(-1, 2),
+            cuts=np.array(sizes, dtype=float).reshape(-1, 3),
+            cells=np.concatenate(cells),
+            steps=np.array(table, dtype=float),
+            multipliers=np.concatenate(multipliers),
+        )
+
+
+def _program(relaxation: Relaxation, solver: Any, box: Box, rows: Rows) -> Linear:
+    """The linear program of the box's rows."""
+    count = len(rows.bounds)
+    numbers = np.repeat(np.arange(count), rows.columns.shape[1])
+    columns = rows.columns.ravel()
+    used = columns != relaxation.nothing
+    values = np.where(rows.coefficients == 0, 1.0, rows.coefficients).ravel()
+    shape = (count, relaxation.variables)
+    matrix = scipy.sparse.csr_matrix(
+        (values[used], (numbers[used], columns[used])),
+        shape=shape,
+    )
+    below = np.full(count, -np.inf)
+    return Linear(solver, box.low, box.high, matrix, below, rows.bounds)
+
+
+def _walk(node: _Node) -> Iterator[_Step]:
+    """A tree's steps, the lower part of a split box first."""
+    yield from node.steps
+    for child in node.children:
+        yield from _walk(child)
+    if not node.children:
+        assert node.leaf is not None
+        yield node.leaf
+
+
+def _branch(column: int, value: float) -> _Step:
+    nothing = np.zeros(0)
+    return _Step(dual_check.BRANCH, column, value, nothing.astype(np.intp), nothing)
+
+
+def _side(box: Box, column: int, raises: bool) -> float:
+    """The side of a box, as the bound of `x` or of `−x` that moves it."""
+    return float(box.low[column] if raises else -box.high[column])

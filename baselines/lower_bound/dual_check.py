@@ -1,0 +1,296 @@
+"""A proof of a lower bound: a tree of boxes and multipliers, checked without a solver.
+
+Every step's multipliers `y ≥ 0` add rows `A x ≤ b` of the relaxation to an objective `c`:
+`c x ≥ (c + Aᵀ y) x − bᵀ y ≥ min over the box − bᵀ y`, whatever the multipliers are. So no solver
+has to be believed. What arithmetic can round is bounded by the sizes of all terms and taken off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.lower_bound import costates
+from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows
+from trajopt.exceptions import InvalidInput
+from trajopt.problem import Problem
+
+Array = NDArray[np.float64]
+
+# Steps of a proof, in the order of a walk through its tree.
+RAISE = 0
+LOWER = 1
+BRANCH = 2
+LEAF = 3
+
+_PREFIX = "proof_"
+# Of an operation, with as much again for the few that a row's own entries take.
+_EPSILON = 2.0**-52
+_ENTRY_ROUNDINGS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What proves a lower bound; all arrays of floats, as they are stored with the trial.
+
+    Attributes:
+        units: The unit of time, s, then of each moving joint's lengths, rad; powers of two.
+        cutoff: What lies above was not asked about, s, `(1,)`.
+        tangents: Segment and place of each tangent to `1/T`, `(tangents, 2)`.
+        cuts: Segment, joint and number of cells of each row of costates, `(cuts, 3)`.
+        cells: Their cells one after the other, `(cells, 7)`, as in `costates.row`.
+        steps: Kind, variable, value and number of multipliers, `(steps, 4)`. `RAISE` and `LOWER`
+            move a side of the box as far as the multipliers prove; `BRANCH` splits the box at the
+            value, the lower part first; `LEAF` bounds the time in what is left.
+        multipliers: Row and value, `(multipliers, 2)`; rows count those of the box first (the
+            cut-off, secants, McCormick's), then tangents, then cuts.
+    """
+
+    units: Array
+    cutoff: Array
+    tangents: Array
+    cuts: Array
+    cells: Array
+    steps: Array
+    multipliers: Array
+
+    def arrays(self) -> dict[str, Array]:
+        """By the names under which a trial stores them."""
+        return {_PREFIX + name: value for name, value in vars(self).items()}
+
+    @classmethod
+    def stored(cls, stats: Mapping[str, Any]) -> Proof | None:
+        """The proof among a trial's statistics, if there is one.
+
+        Raises:
+            InvalidInput: A part is missing, or has not the shape that it must have.
+        """
+        if _PREFIX + "steps" not in stats:
+            return None
+        found = {}
+        for name, columns in _SHAPES.items():
+            value = np.asarray(stats.get(_PREFIX + name, np.nan), dtype=float)
+            shape = (value.size,) if columns == 0 else (len(np.atleast_1d(value)), columns)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise InvalidInput(f"stats, {_PREFIX}{name}", "a table of finite numbers")
+            found[name] = value
+        return cls(**found)
+
+
+_SHAPES = {
+    "units": 0,
+    "cutoff": 0,
+    "tangents": 2,
+    "cuts": 3,
+    "cells": costates.CELL_COLUMNS,
+    "steps": 4,
+    "multipliers": 2,
+}
+
+
+def proved_bound(problem: Problem, proof: Proof) -> float:
+    """The lower bound that a proof proves, s: no motion within all limits is briefer.
+
+    Args:
+        problem: Consecutive identical waypoints count once.
+        proof: Anything: what proves nothing gives a low bound, or none.
+
+    Raises:
+        InvalidInput: The proof is not one of this problem, or not in order.
+    """
+    merged, _ = problem.merged()
+    relaxation = relaxation_of(merged, proof)
+    rows = global_rows(relaxation, proof)
+    try:
+        lowest = _walked(relaxation, rows, proof)
+    except IndexError as error:
+        raise InvalidInput("proof", "rows and variables that exist", value=str(error)) from error
+    # a unit is a power of two: nothing is rounded here
+    return min(lowest, relaxation.cutoff) * relaxation.time_unit
+
+
+def relaxation_of(problem: Problem, proof: Proof) -> Relaxation:
+    """The relaxation that a proof is about."""
+    if proof.cutoff.shape != (1,) or not 0 < proof.cutoff[0] < np.inf:
+        raise InvalidInput("proof cutoff", "one positive number", value=proof.cutoff.tolist())
+    time_unit, *lengths = proof.units.tolist()
+    return Relaxation(problem, float(proof.cutoff[0]), time_unit, np.array(lengths))
+
+
+def global_rows(relaxation: Relaxation, proof: Proof) -> Rows:
+    """Tangents and rows of costates: they hold in every box."""
+    found = []
+    for segment, at in proof.tangents.tolist():
+        chosen = _index(segment, relaxation.segments)
+        if not at > 0:
+            raise InvalidInput("proof tangents", "places above 0", value=at)
+        found.append(relaxation.tangent(chosen, at))
+    first = 0
+    for segment, joint, count in proof.cuts.tolist():
+        k = _index(segment, relaxation.segments)
+        j = _index(joint, relaxation.joints)
+        last = first + _index(count, len(proof.cells) - first + 1)
+        found.append(cut(relaxation, k, j, proof.cells[first:last]))
+        first = last
+    return joined([relaxation.blank(0), *found])
+
+
+def cut(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> Rows:
+    """The row of costates, as one of the relaxation's.
+
+    Raises:
+        InvalidInput: The cells do not divide the segment, or the joint has no jerk limit and `p`
+            is not 0.
+    """
+    starts = cells[:, 0]
+    ordered = bool(len(cells)) and starts[0] == 0.0 and starts[-1] < 1.0
+    if not ordered or not (np.diff(starts) > 0).all():
+        raise InvalidInput("proof cells", "starts that rise from 0 to below 1")
+    if not relaxation.jerky[joint] and cells[:, 1:4].any():
+        raise InvalidInput("proof cells", "no p for a joint without jerk limits")
+    row = relaxation.blank(1)
+    coefficients, bound = costates.row(relaxation, segment, joint, cells)
+    row.columns[0, :ROW_ENTRIES] = relaxation.row_columns(segment, joint)
+    row.coefficients[0, :ROW_ENTRIES] = coefficients
+    row.bounds[0] = bound
+    return row
+
+
+def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> float:
+    """What multipliers prove of an objective on a box: a lower bound, rounded down.
+
+    Args:
+        objective: `(variables,)`.
+        box: Between what the variables lie.
+        rows: Those used.
+        multipliers: `(rows,)`; negative ones count as 0.
+    """
+    y = np.maximum(multipliers, 0.0)
+    terms = y[:, None] * rows.coefficients
+    places = rows.columns.ravel()
+    variables = len(objective)
+    reduced = objective + np.bincount(places, terms.ravel(), variables)
+    sizes = np.abs(objective) + np.bincount(places, np.abs(terms).ravel(), variables)
+    least = np.minimum(reduced * box.low, reduced * box.high)
+    farthest = np.maximum(np.abs(box.low), np.abs(box.high))
+    value = least.sum() - y @ rows.bounds
+    size = sizes @ farthest + y @ np.abs(rows.bounds)
+    roundings = len(y) + variables + _ENTRY_ROUNDINGS
+    bound = float(value - roundings * _EPSILON * size)
+    return bound if np.isfinite(bound) else -np.inf
+
+
+def _walked(relaxation: Relaxation, rows: Rows, proof: Proof) -> float:
+    """The lowest of all leaves' bounds."""
+    box = relaxation.root_box()
+    pending = [box]
+    lowest = np.inf
+    first = 0
+    for kind, variable, value, count in proof.steps.tolist():
+        if not pending:
+            raise InvalidInput("proof steps", "no step after the last leaf")
+        box = pending.pop()
+        last = first + _index(count, len(proof.multipliers) - first + 1)
+        own = proof.multipliers[first:last]
+        first = last
+        if kind == BRANCH:
+            column = _branchable(relaxation, variable)
+            pending += reversed(branched(relaxation, box, column, value))
+        elif kind == LEAF:
+            bound = _step_bound(relaxation, rows, box, relaxation.total(), own)
+            lowest = min(lowest, bound)
+        else:
+            column = _branchable(relaxation, variable)
+            objective = np.zeros(relaxation.variables)
+            objective[column] = 1.0 if kind == RAISE else -1.0
+            bound = _step_bound(relaxation, rows, box, objective, own)
+            pending.append(moved(relaxation, box, column, kind == RAISE, bound))
+    if pending:
+        raise InvalidInput("proof steps", "a leaf at the end of every branch")
+    return lowest
+
+
+def branched(
+    relaxation: Relaxation,
+    box: Box,
+    column: int,
+    value: float,
+) -> tuple[Box, Box]:
+    """Both parts of a box, split at a value of one variable."""
+    high = box.high.copy()
+    high[column] = min(high[column], value)
+    low = box.low.copy()
+    low[column] = max(low[column], value)
+    lower = _completed(relaxation, Box(box.low, high))
+    upper = _completed(relaxation, Box(low, box.high))
+    return lower, upper
+
+
+def moved(
+    relaxation: Relaxation,
+    box: Box,
+    column: int,
+    raises: bool,
+    bound: float,
+) -> Box:
+    """The box with one side moved as far as a bound on `x` (or on `−x`) proves."""
+    low = box.low.copy()
+    high = box.high.copy()
+    if raises:
+        low[column] = max(low[column], bound)
+    else:
+        high[column] = min(high[column], -bound)
+    return _completed(relaxation, Box(low, high))
+
+
+def is_empty(box: Box) -> bool:
+    """Whether nothing lies in it."""
+    return bool((box.low > box.high).any())
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Rows one after the other."""
+    columns, coefficients, bounds = zip(*parts, strict=True)
+    return Rows(
+        np.concatenate(columns),
+        np.concatenate(coefficients),
+        np.concatenate(bounds),
+    )
+
+
+def _completed(relaxation: Relaxation, box: Box) -> Box:
+    """Nothing is left to say of an empty box."""
+    return box if is_empty(box) else relaxation.completed(box)
+
+
+def _step_bound(
+    relaxation: Relaxation,
+    rows: Rows,
+    box: Box,
+    objective: Array,
+    multipliers: Array,
+) -> float:
+    """What a step's multipliers prove; anything, of an empty box."""
+    if is_empty(box):
+        return np.inf
+    numbers = multipliers[:, 0].astype(np.intp)
+    if (numbers < 0).any():
+        raise InvalidInput("proof multipliers", "rows counted from 0")
+    every = joined([relaxation.box_rows(box), rows])
+    used = every.chosen(numbers)
+    return dual_bound(objective, box, used, multipliers[:, 1])
+
+
+def _index(value: float, count: int) -> int:
+    """A whole number from 0 to below `count`."""
+    if not 0 <= value < count or value != int(value):
+        raise InvalidInput("proof", f"a whole number from 0 to {count - 1}", value=value)
+    return int(value)
+
+
+def _branchable(relaxation: Relaxation, variable: float) -> int:
+    return _index(variable, relaxation.nothing)

@@ -1,0 +1,79 @@
+"""The trajectory that a lower bound is asked to come close to: the best of the references."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from baselines.collocation.refined import CollocationRefined
+from baselines.exact.acceleration import Exact
+from baselines.exact.jerk import ExactJerk
+from baselines.ruckig_ import RuckigStop
+from baselines.sizes import cells
+from trajopt.planner import Planner
+from trajopt.problem import Problem
+from trajopt.trajectory import Trajectory
+from trajopt.verification import certified, verify
+
+# Measured, per segment and moving joint: one start of each planner, s.
+_START_SECONDS = 3e-3
+_START_SECONDS_JERK = 0.05
+_START_SECONDS_POSITION = 0.03
+_STARTS = 4
+
+
+class Incumbent(NamedTuple):
+    """A verified trajectory that keeps every limit, and its duration, s."""
+
+    trajectory: Trajectory
+    duration: float
+
+
+def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
+    """The best trajectory that the references find, or one that stops at every waypoint.
+
+    Args:
+        problem: All its limits count.
+        seconds: What there is time for, about: then there are fewer starts.
+
+    Returns:
+        None if no planner's answer keeps every limit.
+    """
+    best = None
+    for planner in _planners(problem, seconds):
+        answer = _answer(planner, problem)
+        if answer is not None and (best is None or answer.duration < best.duration):
+            best = answer
+        if answer is not None and not isinstance(planner, RuckigStop):
+            break
+    return best
+
+
+def _answer(planner: Planner, problem: Problem) -> Incumbent | None:
+    """A planner's answer, dilated until it keeps every limit, where that is possible."""
+    answer = planner.solve(problem).trajectory
+    if answer is None:
+        return None
+    duration = verify(problem, answer).certified_duration
+    trajectory = certified(problem, answer)
+    if duration is None or trajectory is None:
+        return None
+    return Incumbent(trajectory, duration)
+
+
+def _planners(problem: Problem, seconds: float) -> list[Planner]:
+    """In the order in which they are asked; the first reference with an answer is the last one."""
+    size = cells(problem)
+    rate = _START_SECONDS_JERK if problem.has("jerk") else _START_SECONDS
+    starts = int(np.clip(seconds / (rate * size), 1, _STARTS))
+    planners: list[Planner] = [RuckigStop()]
+    if problem.has("jerk"):
+        planners.append(ExactJerk(starts=starts))
+    else:
+        planners.append(Exact(starts=2 * starts))
+    if problem.has("position"):
+        rate += _START_SECONDS_POSITION
+        starts = int(np.clip(seconds / (rate * size), 1, _STARTS))
+        planners.append(CollocationRefined(starts=starts))
+    return planners

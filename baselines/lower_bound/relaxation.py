@@ -1,0 +1,324 @@
+"""The relaxation behind the lower bound under every kind of limit (docs/mathematics.md, 5b).
+
+Per segment of duration `T`, in normalised time: real velocity `v`, scaled acceleration `α = a T`,
+scaled jerk `j T²`. Everything that a segment can do is linear in `T`, `S = 1/T`, `Q = T²` and the
+states at its ends; the rows that say so come from `costates.py`. What is left is one curve
+`(T, 1/T, T²)` a segment, and `α = a T` at both sides of a waypoint, whose acceleration `a` two
+segments share. Both are enclosed on a box of segment times and accelerations.
+
+All values are in units that are powers of two, so that scaling rounds nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.exceptions import InvalidInput
+from trajopt.problem import Problem
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Outward, for quantities that take a few roundings: relative.
+ROUNDING_RTOL = 2.0**-48
+# T, S, Q of a segment and the states at its ends: the entries of a row of costates.
+ROW_ENTRIES = 7
+_MCCORMICK_ROWS = 4
+
+
+class Rows(NamedTuple):
+    """Inequalities `Σ coefficients · x[columns] ≤ bounds`, `(rows, entries)` and `(rows,)`."""
+
+    columns: Indices
+    coefficients: Array
+    bounds: Array
+
+    def chosen(self, numbers: Indices) -> Rows:
+        """Some of them."""
+        return Rows(self.columns[numbers], self.coefficients[numbers], self.bounds[numbers])
+
+    def row(self, number: int) -> tuple[Indices, Array, float]:
+        """One of them."""
+        return self.columns[number], self.coefficients[number], float(self.bounds[number])
+
+
+class Box(NamedTuple):
+    """Between what the variables lie, `(variables,)` each."""
+
+    low: Array
+    high: Array
+
+
+class Relaxation:
+    """A problem's variables, the box that they start in, and the rows that enclose its curves.
+
+    A variable that a segment lacks (the motion rests at its ends) is the last one, always 0.
+
+    Attributes:
+        cutoff: Only motions below this total time are asked about, in `time_unit`.
+        h: Displacements, `(segments, joints)`; only joints that move count.
+        v, a, j: Sizes of the limits, downwards and upwards, `(2, joints)`. Velocities are those
+            that accelerating and braking within the cut-off can reach; 0 jerk is no limit.
+        jerky: Which joints have jerk limits on both sides; a limit on one side is lifted.
+        below, above: Room for positions, from each segment's start, `(segments, joints)`.
+        time, inverse, square: Variables `T`, `S`, `Q`, `(segments,)`.
+        velocity, acceleration: Variables `v`, `a` of inner waypoints, `(segments − 1, joints)`.
+        before, after: Variables `a T` of the segments before and after a waypoint, likewise.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        cutoff: float,
+        time_unit: float,
+        length_units: Array,
+    ) -> None:
+        moving = problem.moving
+        limits = problem.limits
+        waypoints = problem.waypoints[:, moving]
+        lengths = np.asarray(length_units, dtype=float)
+        _check_units(time_unit, lengths, int(moving.sum()))
+        self.time_unit = time_unit
+        self.length_units = lengths
+        self.cutoff = cutoff / time_unit
+        self.segments = problem.segments
+        self.joints = len(lengths)
+
+        self.h = np.diff(waypoints, axis=0) / lengths
+        self.a = _sizes(limits.acceleration[moving], lengths / time_unit**2)
+        velocity = _sizes(limits.velocity[moving], lengths / time_unit)
+        # from rest to rest within the cut-off: peak / A1 + peak / A2 ≤ cut-off
+        reached = self.cutoff / (1 / self.a).sum(axis=0)
+        reached *= 1 + ROUNDING_RTOL
+        self.v = np.minimum(velocity, reached)
+        jerk = _sizes(limits.jerk[moving], lengths / time_unit**3)
+        limited = np.isfinite(jerk).all(axis=0)
+        self.jerky: NDArray[np.bool_] = np.asarray(limited)
+        self.j = np.where(self.jerky, jerk, 0.0)
+        lowest, highest = limits.position[moving].T
+        starts = waypoints[:-1]
+        self.below = (lowest - starts) / lengths
+        self.above = (highest - starts) / lengths
+        self._count_variables()
+
+    @classmethod
+    def of(cls, problem: Problem, cutoff: float) -> Relaxation:
+        """In units that suit it.
+
+        Args:
+            problem: Without identical consecutive waypoints.
+            cutoff: Only motions briefer than this are asked about, s.
+        """
+        time_unit = _power_of_two(cutoff / problem.segments)
+        accelerations = np.abs(problem.limits.acceleration[problem.moving])
+        lengths = [_power_of_two(a * time_unit**2) for a in accelerations.max(axis=1)]
+        return cls(problem, cutoff, time_unit, np.array(lengths))
+
+    def _count_variables(self) -> None:
+        segments = self.segments
+        inner = (segments - 1, self.joints)
+        states = np.arange(4 * inner[0] * inner[1]).reshape(4, *inner) + 3 * segments
+        self.time = np.arange(segments)
+        self.inverse = self.time + segments
+        self.square = self.time + 2 * segments
+        self.velocity, self.acceleration, self.before, self.after = states
+        self.nothing = 3 * segments + states.size
+        self.variables = self.nothing + 1
+
+    def row_columns(self, segment: int, joint: int) -> Indices:
+        """The variables of one segment and joint.
+
+        Returns:
+            `T, S, Q`, velocity at both ends, `α` at both ends: `(7,)`.
+        """
+        columns = np.full(ROW_ENTRIES, self.nothing)
+        columns[:3] = (self.time[segment], self.inverse[segment], self.square[segment])
+        if segment > 0:
+            columns[3] = self.velocity[segment - 1, joint]
+            columns[5] = self.after[segment - 1, joint]
+        if segment < self.segments - 1:
+            columns[4] = self.velocity[segment, joint]
+            columns[6] = self.before[segment, joint]
+        return columns
+
+    def total(self) -> Array:
+        """The objective `Σ T`, `(variables,)`."""
+        objective = np.zeros(self.variables)
+        objective[self.time] = 1.0
+        return objective
+
+    def root_box(self) -> Box:
+        """Every motion below the cut-off lies in it."""
+        low = np.zeros(self.variables)
+        high = np.zeros(self.variables)
+        # |h| ≤ V T
+        forwards = self.h / self.v[1]
+        backwards = -self.h / self.v[0]
+        shortest = np.maximum(forwards, backwards).max(axis=1)
+        low[self.time] = shortest * (1 - ROUNDING_RTOL)
+        high[self.time] = self.cutoff
+        low[self.velocity] = -self.v[0]
+        high[self.velocity] = self.v[1]
+        low[self.acceleration] = np.where(self.jerky, -self.a[0], 0.0)
+        high[self.acceleration] = np.where(self.jerky, self.a[1], 0.0)
+        return self.completed(Box(low, high))
+
+    def completed(self, box: Box) -> Box:
+        """The box with what its times and accelerations say of `S`, `Q` and `a T`."""
+        low = box.low.copy()
+        high = box.high.copy()
+        shortest = low[self.time]
+        longest = high[self.time]
+        low[self.inverse] = (1 - ROUNDING_RTOL) / longest
+        high[self.inverse] = (1 + ROUNDING_RTOL) / shortest
+        low[self.square] = (1 - ROUNDING_RTOL) * shortest**2
+        high[self.square] = (1 + ROUNDING_RTOL) * longest**2
+        sides = (
+            (self.before, slice(None, -1)),
+            (self.after, slice(1, None)),
+        )
+        for side, neighbours in sides:
+            least, most = _products(
+                low[self.acceleration],
+                high[self.acceleration],
+                shortest[neighbours, None],
+                longest[neighbours, None],
+            )
+            low[side] = least
+            high[side] = most
+        return Box(low, high)
+
+    def box_rows(self, box: Box) -> Rows:
+        """The cut-off, then what encloses the curves on a box: secants, then McCormick's rows."""
+        parts = (
+            self._cutoff_row(),
+            self._secants(box),
+            self._mccormick(box),
+        )
+        columns, coefficients, bounds = zip(*parts, strict=True)
+        return Rows(
+            np.concatenate(columns),
+            np.concatenate(coefficients),
+            np.concatenate(bounds),
+        )
+
+    def row_segments(self) -> Indices:
+        """Which segment's curve each of `box_rows` encloses; −1 for the cut-off."""
+        secants = np.repeat(self.time, 2)
+        inner, _ = np.nonzero(np.tile(self.jerky, (self.segments - 1, 1)))
+        before = np.repeat(inner, _MCCORMICK_ROWS)
+        after = before + 1
+        return np.concatenate([[-1], secants, before, after])
+
+    @property
+    def entries(self) -> int:
+        """A row's width; what it does not need multiplies nothing."""
+        return max(ROW_ENTRIES, self.segments)
+
+    def blank(self, count: int) -> Rows:
+        """Rows that say nothing yet."""
+        shape = (count, self.entries)
+        return Rows(np.full(shape, self.nothing), np.zeros(shape), np.zeros(count))
+
+    def _cutoff_row(self) -> Rows:
+        row = self.blank(1)
+        row.columns[0, self.time] = self.time
+        row.coefficients[0, self.time] = 1.0
+        row.bounds[0] = self.cutoff
+        return row
+
+    def _secants(self, box: Box) -> Rows:
+        """`T + lo hi S ≤ lo + hi` and `Q ≤ (lo + hi) T − lo hi`."""
+        low = box.low[self.time]
+        high = box.high[self.time]
+        rows = self.blank(2 * self.segments)
+        for curve in (self.inverse, self.square):
+            start = 0 if curve is self.inverse else 1
+            rows.columns[start::2, 0] = self.time
+            rows.columns[start::2, 1] = curve
+        rows.coefficients[0::2, 0] = 1.0
+        rows.coefficients[0::2, 1] = low * high
+        rows.bounds[0::2] = low + high
+        rows.coefficients[1::2, 0] = -(low + high)
+        rows.coefficients[1::2, 1] = 1.0
+        rows.bounds[1::2] = -low * high
+        return rows
+
+    def _mccormick(self, box: Box) -> Rows:
+        """`α` between the products' envelopes: with `x, t` a corner, `(a − x)(T − t)` has a sign.
+
+        `α ≥ x T + t a − x t` at the corners low-low and high-high, `≤` at the two others.
+        """
+        jerky = np.flatnonzero(self.jerky)
+        accelerations = self.acceleration[:, jerky].ravel()
+        inner = np.repeat(np.arange(self.segments - 1), len(jerky))
+        parts = []
+        for side, times in ((self.before, inner), (self.after, inner + 1)):
+            products = side[:, jerky].ravel()
+            rows = self.blank(_MCCORMICK_ROWS * len(products))
+            corners = (
+                (-1.0, box.low, box.low),
+                (-1.0, box.high, box.high),
+                (1.0, box.high, box.low),
+                (1.0, box.low, box.high),
+            )
+            for place, (sign, of_acceleration, of_time) in enumerate(corners):
+                corner = slice(place, None, _MCCORMICK_ROWS)
+                x = of_acceleration[accelerations]
+                t = of_time[times]
+                rows.columns[corner, 0] = products
+                rows.columns[corner, 1] = times
+                rows.columns[corner, 2] = accelerations
+                rows.coefficients[corner, 0] = sign
+                rows.coefficients[corner, 1] = -sign * x
+                rows.coefficients[corner, 2] = -sign * t
+                rows.bounds[corner] = -sign * x * t
+            parts.append(rows)
+        before, after = parts
+        return Rows(
+            np.concatenate([before.columns, after.columns]),
+            np.concatenate([before.coefficients, after.coefficients]),
+            np.concatenate([before.bounds, after.bounds]),
+        )
+
+    def tangent(self, segment: int, at: float) -> Rows:
+        """`S ≥ 2/t − T/t²`, that is `−T − t² S ≤ −2t`, wherever `t > 0`."""
+        row = self.blank(1)
+        row.columns[0, :2] = (self.time[segment], self.inverse[segment])
+        row.coefficients[0, :2] = (-1.0, -at * at)
+        row.bounds[0] = -2 * at
+        return row
+
+
+def _power_of_two(value: float) -> float:
+    return float(2.0 ** np.round(np.log2(value)))
+
+
+def _check_units(time_unit: float, lengths: Array, joints: int) -> None:
+    units = np.append(lengths, time_unit)
+    mantissas, _ = np.frexp(units)
+    if len(lengths) != joints or not (mantissas == 0.5).all():
+        expected = f"powers of two, a time and {joints} lengths"
+        raise InvalidInput("proof units", expected, value=units.tolist())
+
+
+def _sizes(pairs: Array, units: Array) -> Array:
+    """Sizes downwards and upwards, `(2, joints)`."""
+    return np.asarray(np.abs(pairs).T / units)
+
+
+def _products(low: Array, high: Array, shortest: Array, longest: Array) -> tuple[Array, Array]:
+    """The least and largest of `a T`, rounded outward."""
+    corners = np.stack(
+        [
+            low * shortest,
+            low * longest,
+            high * shortest,
+            high * longest,
+        ]
+    )
+    margin = ROUNDING_RTOL * np.abs(corners).max(axis=0)
+    return corners.min(axis=0) - margin, corners.max(axis=0) + margin

@@ -1,0 +1,207 @@
+"""The relaxation's rows hold for verified trajectories, and a proof is believed for what it proves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from baselines.lower_bound import certify, costates
+from baselines.lower_bound.dual_check import Proof, cut, proved_bound
+from baselines.lower_bound.planner import Certify
+from baselines.lower_bound.relaxation import Box, Relaxation
+from baselines.ruckig_ import RuckigStop, RuckigVia
+from trajopt import InvalidInput, Limits, Problem
+from trajopt.benchmark.store import folder
+from trajopt.benchmark.store.verification import verification
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.benchmark.trial import judge
+from trajopt.verification import certified, verify
+
+
+def limited_problem(seed, *, jerk=True, walls=False, waypoints=4, joints=2):
+    rng = np.random.default_rng(seed)
+    rows = rng.uniform(-1, 1, (waypoints, joints))
+    jerks = rng.uniform(4, 40, (joints, 2)) * [-1, 1] if jerk else None
+    room = np.array([rows.min(axis=0), rows.max(axis=0)]).T
+    limits = Limits(
+        rng.uniform(0.5, 2, (joints, 2)) * [-1, 1],
+        rng.uniform(1, 4, (joints, 2)) * [-1, 1],
+        jerks,
+        room if walls else None,
+    )
+    return Problem(rows, limits)
+
+
+def random_cells(rng, *, jerky, walled):
+    count = rng.integers(1, 6)
+    starts = np.sort(np.append(0.0, rng.uniform(0, 1, count - 1)))
+    p = rng.normal(size=(count, 3)) * jerky
+    q = rng.normal(size=(count, 2))
+    slope = np.full((count, 1), rng.normal())
+    if walled:
+        slope = rng.normal(size=(count, 1))
+    return np.hstack([starts[:, None], p, q, slope])
+
+
+def variables(relaxation, problem, trajectory):
+    """A trajectory's values of the relaxation's variables."""
+    times = np.diff(trajectory.waypoint_times) / relaxation.time_unit
+    inner = trajectory.waypoint_times[1:-1]
+    per_second = relaxation.length_units / relaxation.time_unit
+    velocity = trajectory(inner, 1) / per_second
+    acceleration = trajectory(inner, 2) / per_second * relaxation.time_unit
+    acceleration = acceleration * relaxation.jerky
+    x = np.zeros(relaxation.variables)
+    x[relaxation.time] = times
+    x[relaxation.inverse] = 1 / times
+    x[relaxation.square] = times**2
+    x[relaxation.velocity] = velocity
+    x[relaxation.acceleration] = acceleration
+    x[relaxation.before] = acceleration * times[:-1, None]
+    x[relaxation.after] = acceleration * times[1:, None]
+    return x
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("jerk", "walls"), [(True, False), (False, False), (True, True)])
+def test_every_row_holds_for_a_verified_trajectory(seed, jerk, walls):
+    problem = limited_problem(seed, jerk=jerk, walls=walls)
+    planner = RuckigStop() if walls else RuckigVia(evaluations=300)
+    trajectory = certified(problem, planner.solve(problem).trajectory)
+    assert verify(problem, trajectory).feasible
+    relaxation = Relaxation.of(problem, 1.01 * trajectory.duration)
+    x = variables(relaxation, problem, trajectory)
+    rng = np.random.default_rng(seed)
+    root = relaxation.root_box()
+    assert (root.low - 1e-9 <= x).all()
+    assert (x <= root.high + 1e-9).all()
+    for _ in range(100):
+        k = int(rng.integers(relaxation.segments))
+        j = int(rng.integers(relaxation.joints))
+        cells = random_cells(rng, jerky=relaxation.jerky[j], walled=walls)
+        row = cut(relaxation, k, j, cells)
+        size = np.abs(row.coefficients[0]) @ np.abs(x[row.columns[0]])
+        assert row.coefficients[0] @ x[row.columns[0]] <= row.bounds[0] + 1e-7 * size
+    for _ in range(20):
+        wider = np.abs(rng.normal(size=(2, relaxation.variables))) * 0.3
+        low = np.maximum(x - wider[0] * np.abs(x), root.low)
+        box = relaxation.completed(Box(low, np.minimum(x + wider[1] * np.abs(x), root.high)))
+        rows = relaxation.box_rows(box)
+        values = (rows.coefficients * x[rows.columns]).sum(axis=1)
+        assert (values <= rows.bounds + 1e-7).all()
+        tangent = relaxation.tangent(0, float(rng.uniform(0.1, 5)))
+        assert tangent.coefficients[0] @ x[tangent.columns[0]] <= tangent.bounds[0] + 1e-9
+
+
+def test_the_integral_of_a_quadratic_is_bounded_from_above_and_tightly():
+    rng = np.random.default_rng(1)
+    quadratic = rng.normal(size=(3, 200))
+    quadratic[:, :20] = 0.0
+    quadratic[2, 20:60] = 0.0
+    widths = rng.uniform(0, 2, 200)
+    s = np.linspace(0, 1, 20001)[:, None] * widths
+    f = quadratic[0] + s * (quadratic[1] + s * quadratic[2])
+    weighed = 3.0 * np.maximum(f, 0) + 2.0 * np.maximum(-f, 0)
+    # the trapezoidal rule
+    expected = (weighed[1:] + weighed[:-1]).sum(axis=0) / 2 * widths / 20000
+    bound = costates.integral(tuple(quadratic), widths, 2.0, 3.0)
+    assert bound == pytest.approx(expected, abs=1e-6)
+
+
+# --- against optima that are known ---
+
+
+@pytest.mark.parametrize(("v", "a", "j", "h"), [(1, 2, 8, 1.5), (10, 20, 3, 1.0), (1, 9, 5, 4.0)])
+def test_two_waypoints_meet_ruckigs_optimum(v, a, j, h):
+    problem = Problem([[0.0], [h]], Limits([v], [a], [j]))
+    optimum = RuckigStop().solve(problem).trajectory.duration
+    bound = certify(problem, gap=1e-5, time_limit=20)
+    assert bound.status == "proved"
+    assert optimum * (1 - 2e-5) <= bound.lower_bound <= optimum * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_bound_exceeds_a_certified_duration(seed):
+    problem = limited_problem(seed, waypoints=3)
+    bound = certify(problem, gap=1e-2, time_limit=20)
+    stopping = verify(problem, RuckigStop().solve(problem).trajectory).certified_duration
+    assert bound.lower_bound <= bound.upper_bound <= stopping * (1 + 1e-9)
+    assert bound.relative_gap < 0.02
+
+
+# --- proofs ---
+
+
+@pytest.fixture(scope="module")
+def proved():
+    problem = load("one-joint")
+    bound = certify(problem, gap=1e-5)
+    return problem, bound
+
+
+def test_a_proof_proves_its_bound_again(proved):
+    problem, bound = proved
+    stored = Proof.stored(bound.proof.arrays())
+    assert proved_bound(problem, stored) == bound.lower_bound
+    # the trapezoid: 1.5/1 + 1/2
+    assert 2.0 * (1 - 2e-5) < bound.lower_bound <= 2.0
+
+
+def test_a_proof_proves_no_more_than_is_true(proved):
+    problem, bound = proved
+    rng = np.random.default_rng(0)
+    for name in ("multipliers", "cells", "tangents", "steps"):
+        table = getattr(bound.proof, name)
+        for _ in range(40):
+            factors = 1 + 0.3 * rng.normal(size=table.shape)
+            if name == "multipliers":
+                factors[:, 0] = 1.0
+            if name == "cells":
+                factors[:, 1:4] = 1.0
+            if name == "steps":
+                factors[:, [0, 1, 3]] = 1.0
+            changed = replace(bound.proof, **{name: table * factors})
+            try:
+                again = proved_bound(problem, changed)
+            except InvalidInput:
+                continue
+            assert again <= 2.0
+    higher = replace(bound.proof, cutoff=bound.proof.cutoff * 1.5)
+    assert proved_bound(problem, higher) <= 2.0
+
+
+def test_a_faster_problem_is_not_proved_by_another_ones_proof(proved):
+    _, bound = proved
+    faster = Problem([[0.0], [1.5]], Limits([2.0], [4.0]))
+    # 1.5/2 + 2/4
+    assert proved_bound(faster, bound.proof) <= 1.25
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("units", [0.3, 1.0]),
+        ("cutoff", [-1.0]),
+        ("cuts", [[0, 7, 1]]),
+        ("steps", [[3, 0, 0, 10**6]]),
+        ("steps", [[2, 0, 0.5, 0]]),
+        ("cells", [[0.5, 0, 0, 0, 0, 0, 1]]),
+    ],
+)
+def test_what_is_no_proof_is_refused(proved, name, value):
+    problem, bound = proved
+    with pytest.raises(InvalidInput):
+        proved_bound(problem, replace(bound.proof, **{name: np.array(value, dtype=float)}))
+
+
+def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path):
+    planner = Certify(gap=1e-3, time_limit=20.0)
+    (trial,) = judge(planner, load("one-joint"), [0], "certify")
+    folder.save(tmp_path / "trials" / f"{trial.id}.h5", trial)
+    assert verification(tmp_path).holds
+    edited = replace(trial, solution=replace(trial.solution, lower_bound=1.4))
+    other = tmp_path / "edited"
+    folder.save(other / "trials" / f"{trial.id}.h5", edited)
+    checked = verification(other)
+    assert not checked.holds
+    assert "lower bound: recorded 1.4" in checked.trials[0].differences[0]
