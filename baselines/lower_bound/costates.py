@@ -1,4 +1,4 @@
-"""The rows of the relaxation: any three functions `p, q, λ` give one (docs/mathematics.md, 5b).
+"""Rows that any three functions `p, q, λ` give (docs/mathematics.md, section 5b).
 
 In normalised time `τ`, over one segment and joint, `v' = α`, `α' = u` and `x' = v`, where
 `|u| ≤ J Q`, `|α| ≤ A T`, `|v| ≤ V` and `x` runs from 0 to `h S`. Integrating by parts, for
@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from baselines.lower_bound.relaxation import ROW_ENTRIES, Relaxation
 
 Array = NDArray[np.float64]
+# `f0, f1, f2` of `f0 + f1 s + f2 s²`, piece by piece.
+Quadratic = tuple[Array, Array, Array]
 
 # A generous bound on what the roundings of a few dozen operations add up to, of the terms' sizes.
 COEFFICIENT_RTOL = 1e-14
@@ -51,32 +53,39 @@ def row(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> tuple
     ends = np.append(starts[1:], 1.0)
     # rounding the width of a cell only moves what is integrated by its last digit
     widths = ends - starts
-    p_end = p0 + widths * (p1 + widths * p2)
-    q_end = q0 + widths * q1
-    p_size = np.abs(p0) + widths * (np.abs(p1) + widths * np.abs(p2))
-    q_size = np.abs(q0) + widths * np.abs(q1)
+    p = (p0, p1, p2)
+    zero = np.zeros_like(starts)
+    q = (q0, q1, zero)
+    v = relaxation.v[:, joint]
+    a = relaxation.a[:, joint]
+    j = relaxation.j[:, joint]
 
     # what jerk, acceleration and velocity can add, between the cells' borders
-    zero = np.zeros_like(starts)
-    jerk = _weighed((p0, p1, p2), widths, relaxation.j[:, joint])
+    jerk = _weighed(p, widths, j)
     bending = (p1 + q0, 2 * p2 + q1, zero)
-    acceleration = _weighed(bending, widths, relaxation.a[:, joint])
-    slack = COEFFICIENT_RTOL * widths * (np.abs(p1) + 2 * widths * np.abs(p2) + q_size)
-    acceleration += slack * relaxation.a[:, joint].sum()
-    velocity = _weighed((q1 + slope, zero, zero), widths, relaxation.v[:, joint])
-    slack = COEFFICIENT_RTOL * widths * (np.abs(q1) + np.abs(slope))
-    velocity += slack * relaxation.v[:, joint].sum()
+    acceleration = _weighed(bending, widths, a)
+    p_rate_size = _size((p1, 2 * p2, zero), widths)
+    terms = p_rate_size + _size(q, widths)
+    acceleration += _rounding(widths * terms, a)
+    turning = (q1 + slope, zero, zero)
+    velocity = _weighed(turning, widths, v)
+    terms = np.abs(q1) + np.abs(slope)
+    velocity += _rounding(widths * terms, v)
 
     # and at the borders, where the costates jump; the end's own rounding is a jump too
-    p_jumps = _jumps(p0, p_end, p_size, relaxation.a[:, joint])
-    q_jumps = _jumps(q0, q_end, q_size, relaxation.v[:, joint])
-    walls, wall_size = _walls(relaxation, segment, joint, np.diff(slope))
+    p_end = _value(p, widths)
+    q_end = _value(q, widths)
+    p_jumps = _jumps(p0, p_end, _size(p, widths), a)
+    q_jumps = _jumps(q0, q_end, _size(q, widths), v)
+    slope_jumps = np.diff(slope)
+    walls, wall_size = _walls(relaxation, segment, joint, slope_jumps)
 
     displacement = slope[-1] * relaxation.h[segment, joint]
     inverse_size = np.abs(displacement) + wall_size
+    inverse_rounding = COEFFICIENT_RTOL * inverse_size
     coefficients = np.zeros(ROW_ENTRIES)
     coefficients[0] = -_up(acceleration.sum() + p_jumps)
-    coefficients[1] = displacement - walls - COEFFICIENT_RTOL * inverse_size
+    coefficients[1] = displacement - walls - inverse_rounding
     coefficients[2] = -_up(jerk.sum())
     coefficients[3] = -q0[0]
     coefficients[4] = q_end[-1]
@@ -86,7 +95,7 @@ def row(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> tuple
     return coefficients, bound
 
 
-def integral(quadratic: tuple[Array, Array, Array], widths: Array, down: float, up: float) -> Array:
+def integral(quadratic: Quadratic, widths: Array, down: float, up: float) -> Array:
     """An upper bound of `∫ (up f⁺ + down f⁻)` over each width, tight but for rounding.
 
     Between the computed roots `f` has one sign, but for what the roots' rounding is worth: the
@@ -98,26 +107,47 @@ def integral(quadratic: tuple[Array, Array, Array], widths: Array, down: float, 
         down, up: Weights of the negative and the positive part.
     """
     f0, f1, f2 = quadratic
-    size = np.abs(f0) + widths * (np.abs(f1) + widths * np.abs(f2))
+    size = _size(quadratic, widths)
     vertex = _quotient(-f1, 2 * f2)
-    inner = np.clip(_roots(quadratic), 0.0, widths)
+    roots = _roots(quadratic)
+    inner = np.clip(roots, 0.0, widths)
     inner.sort(axis=0)
-    borders = np.vstack([np.zeros_like(f0), inner, widths])
-    total = np.zeros_like(f0)
+    left = np.zeros_like(f0)
+    borders = [left, *inner, widths]
+    rounding = COEFFICIENT_RTOL * size
+    total = (up + down) * widths * rounding
     for start, end in pairwise(borders):
         area = _area(quadratic, end) - _area(quadratic, start)
-        sign = np.where(area >= 0, 1.0, -1.0)
-        weight = np.where(area >= 0, up, down)
-        places = (start, end, np.clip(vertex, start, end))
-        depths = [-sign * _value(quadratic, place) for place in places]
-        deepest = np.max(depths, axis=0)
-        other = np.maximum(deepest, 0.0) + COEFFICIENT_RTOL * size
-        total += weight * np.abs(area) + (up + down) * other * (end - start)
-    rounding = COEFFICIENT_RTOL * (up + down) * widths * size
-    return np.asarray(total + rounding)
+        positive = area >= 0
+        sign = np.where(positive, 1.0, -1.0)
+        weight = np.where(positive, up, down)
+        inside = np.clip(vertex, start, end)
+        least = sign * _value(quadratic, inside)
+        for place in (start, end):
+            value = sign * _value(quadratic, place)
+            least = np.minimum(least, value)
+        # the depth of the other sign
+        depth = np.maximum(-least, 0.0) + rounding
+        length = end - start
+        total += weight * np.abs(area)
+        total += (up + down) * depth * length
+    return np.asarray(total)
 
 
-def _weighed(quadratic: tuple[Array, Array, Array], widths: Array, limit: Array) -> Array:
+def _size(quadratic: Quadratic, widths: Array) -> Array:
+    """The sizes of a quadratic's terms at the end of its piece."""
+    f0, f1, f2 = quadratic
+    sizes = (np.abs(f0), np.abs(f1), np.abs(f2))
+    return _value(sizes, widths)
+
+
+def _rounding(terms: Array, limit: Array) -> Array:
+    """What terms of such sizes can round by, under a limit."""
+    weight = COEFFICIENT_RTOL * limit.sum()
+    return np.asarray(weight * terms)
+
+
+def _weighed(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
     """The same with a limit's sizes downwards and upwards as weights."""
     down, up = limit.tolist()
     return integral(quadratic, widths, down, up)
@@ -129,8 +159,10 @@ def _jumps(starts: Array, ends: Array, sizes: Array, limit: Array) -> float:
     down, up = limit.tolist()
     upwards = np.maximum(jumps, 0.0).sum()
     downwards = np.maximum(-jumps, 0.0).sum()
-    rounding = COEFFICIENT_RTOL * (up + down) * (sizes.sum() + np.abs(starts).sum())
-    return float(up * upwards + down * downwards + rounding)
+    terms = sizes + np.abs(starts)
+    rounding = _rounding(terms, limit).sum()
+    total = up * upwards + down * downwards
+    return float(total + rounding)
 
 
 def _walls(
@@ -166,22 +198,27 @@ def _quotient(a: Array, b: Array) -> Array:
     return np.where(np.isfinite(quotient), quotient, 0.0)
 
 
-def _roots(quadratic: tuple[Array, Array, Array]) -> Array:
+def _roots(quadratic: Quadratic) -> Array:
     """Both roots, `(2, pieces)`; anything where there are none."""
     f0, f1, f2 = quadratic
-    discriminant = np.maximum(f1 * f1 - 4 * f2 * f0, 0.0)
+    square = f1 * f1 - 4 * f2 * f0
+    discriminant = np.maximum(square, 0.0)
     sign = np.where(f1 >= 0, 1.0, -1.0)
-    larger = -0.5 * (f1 + sign * np.sqrt(discriminant))
+    both = f1 + sign * np.sqrt(discriminant)
+    larger = -0.5 * both
     first = _quotient(larger, f2)
     second = _quotient(f0, larger)
     return np.stack([first, second])
 
 
-def _value(quadratic: tuple[Array, Array, Array], s: Array) -> Array:
+def _value(quadratic: Quadratic, s: Array) -> Array:
     f0, f1, f2 = quadratic
-    return np.asarray(f0 + s * (f1 + s * f2))
+    slope = f1 + s * f2
+    return np.asarray(f0 + s * slope)
 
 
-def _area(quadratic: tuple[Array, Array, Array], s: Array) -> Array:
+def _area(quadratic: Quadratic, s: Array) -> Array:
     f0, f1, f2 = quadratic
-    return np.asarray(s * (f0 + s * (f1 / 2 + s * f2 / 3)))
+    halves = (f0, f1 / 2, f2 / 3)
+    mean = _value(halves, s)
+    return np.asarray(s * mean)

@@ -1,4 +1,4 @@
-"""The relaxation behind the lower bound under every kind of limit (docs/mathematics.md, 5b).
+"""The relaxation behind the lower bound, every limit counted (docs/mathematics.md, section 5b).
 
 Per segment of duration `T`, in normalised time: real velocity `v`, scaled acceleration `α = a T`,
 scaled jerk `j T²`. Everything that a segment can do is linear in `T`, `S = 1/T`, `Q = T²` and the

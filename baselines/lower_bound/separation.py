@@ -163,26 +163,33 @@ class Separation:
     def _chain_q(self, w: Array) -> None:
         """`q_{i+1} = q_i − λ w + v w + jump`."""
         rows = self._rows(len(w))
-        self._put(rows, self.at["q"][1:], 1.0)
-        self._put(rows, self.at["q"][:-1], -1.0)
-        self._put(rows, self._slopes(), w)
+        columns = self.at["q"]
+        slopes = self._slopes()
+        self._put(rows, columns[1:], 1.0)
+        self._put(rows, columns[:-1], -1.0)
+        self._put(rows, slopes, w)
         self._put_parts(rows, "v", -w)
         self._put_parts(rows[:-1], "q_jump", -1.0)
 
     def _put_integrals(self, rows: Any, s: Array, w: Array, sign: float) -> None:
         """`sign (−∫₀ˢ q + ∫₀ˢ a)`, with `q' = v − λ` and `a` a line over the cell."""
-        self._put(rows, self.at["q"][:-1], -sign * s)
-        self._put(rows, self._slopes(), sign * s**2 / 2)
-        self._put_parts(rows, "v", -sign * s**2 / 2)
-        at_end = s**2 / (2 * w)
-        self._put_parts(rows, "a_start", sign * (s - at_end))
-        self._put_parts(rows, "a_end", sign * at_end)
+        half_square = sign * s**2 / 2
+        at_end = half_square / w
+        at_start = sign * s - at_end
+        columns = self.at["q"][:-1]
+        slopes = self._slopes()
+        self._put(rows, columns, -sign * s)
+        self._put(rows, slopes, half_square)
+        self._put_parts(rows, "v", -half_square)
+        self._put_parts(rows, "a_start", at_start)
+        self._put_parts(rows, "a_end", at_end)
 
     def _chain_p(self, w: Array) -> None:
         """`p_{i+1} = p_i − ∫ q + ∫ a + jump`."""
         rows = self._rows(len(w))
-        self._put(rows, self.at["p"][1:], 1.0)
-        self._put(rows, self.at["p"][:-1], -1.0)
+        columns = self.at["p"]
+        self._put(rows, columns[1:], 1.0)
+        self._put(rows, columns[:-1], -1.0)
         self._put_integrals(rows, w, w, -1.0)
         self._put_parts(rows[:-1], "p_jump", -1.0)
 
@@ -216,25 +223,29 @@ class Separation:
         relaxation = self.relaxation
         costs = np.zeros(self.count)
         w = self.widths
+        half = w / 2
         for side, sign in enumerate("-+"):
             v = relaxation.v[side, self.joint]
             a = relaxation.a[side, self.joint] * time
-            costs[self.at[f"v{sign}"]] = v * w
-            costs[self.at[f"q_jump{sign}"]] = v
-            if self.jerky:
-                j = relaxation.j[side, self.joint] * square
-                costs[self.at[f"p_first{sign}"]] = j * w / 2
-                costs[self.at[f"p_second{sign}"]] = j * w / 2
-                costs[self.at[f"p_jump{sign}"]] = a
-                costs[self.at[f"a_start{sign}"]] = a * w / 2
-                costs[self.at[f"a_end{sign}"]] = a * w / 2
-            else:
-                costs[self.at[f"q_first{sign}"]] = a * w / 2
-                costs[self.at[f"q_second{sign}"]] = a * w / 2
-            if self.walled:
-                room = self.walls[side]
-                if np.isfinite(room):
-                    costs[self.at[f"wall{sign}"]] = room * inverse
+            j = relaxation.j[side, self.joint] * square
+            room = self.walls[side]
+            prices = {
+                "v": v * w,
+                "q_jump": v,
+                "q_first": a * half,
+                "q_second": a * half,
+                "a_start": a * half,
+                "a_end": a * half,
+                "p_jump": a,
+                "p_first": j * half,
+                "p_second": j * half,
+            }
+            if np.isfinite(room):
+                prices["wall"] = room * inverse
+            for name, price in prices.items():
+                column = self.at.get(name + sign)
+                if column is not None:
+                    costs[column] = price
         return costs
 
     def _program(self) -> Linear:
@@ -250,7 +261,8 @@ class Separation:
         costs = self._costs(1.0, 1.0, 1.0)
         last = len(self.sides)
         self._put(last, np.arange(self.count), costs)
-        rows, columns, values = (np.concatenate(part) for part in zip(*self.rows, strict=True))
+        parts = zip(*self.rows, strict=True)
+        rows, columns, values = map(np.concatenate, parts)
         shape = (last + 1, self.count)
         matrix = scipy.sparse.csr_matrix((values, (rows, columns)), shape=shape)
         matrix.eliminate_zeros()
@@ -296,13 +308,15 @@ class Separation:
         if self.jerky:
             start = self._difference(x, "a_start")
             end = self._difference(x, "a_end")
+            rise = (end - start) / w
             p[0] = x[self.at["p"][:-1]]
             p[1] = start - q0
-            p[2] = ((end - start) / w - q1) / 2
-            first = np.abs(self._difference(x, "p_first"))
-            second = np.abs(self._difference(x, "p_second"))
-            size = np.maximum(first, second)
-            p[:, size <= _ZERO_SHARE * size.max()] = 0.0
+            p[2] = (rise - q1) / 2
+            first = self._difference(x, "p_first")
+            second = self._difference(x, "p_second")
+            size = np.maximum(np.abs(first), np.abs(second))
+            zero = size <= _ZERO_SHARE * size.max()
+            p[:, zero] = 0.0
         return np.column_stack([self.starts, *p, q0, q1, slope])
 
 
@@ -316,12 +330,24 @@ def _coarse(cells: Array, widths: Array, column: int) -> NDArray[np.bool_]:
     f1 = cells[:, column + 1]
     f2 = cells[:, column + 2] if column == 1 else np.zeros_like(f0)
     quadratic = (f0, f1, f2)
-    upwards = costates.integral(quadratic, widths, 0.0, 1.0)
-    downwards = costates.integral(quadratic, widths, 1.0, 0.0)
+    upwards = costates.integral(
+        quadratic,
+        widths,
+        down=0.0,
+        up=1.0,
+    )
+    downwards = costates.integral(
+        quadratic,
+        widths,
+        down=1.0,
+        up=0.0,
+    )
     smaller = np.minimum(upwards, downwards)
     larger = np.maximum(upwards, downwards)
-    zero = larger / widths <= _ZERO_SHARE * (larger / widths).max()
-    coarse = (smaller > _MIXED_SHARE * larger) & ~zero
+    mean = larger / widths
+    zero = mean <= _ZERO_SHARE * mean.max()
+    mixed = smaller > _MIXED_SHARE * larger
+    coarse = mixed & ~zero
     changes = zero[1:] != zero[:-1]
     coarse[1:] |= changes
     coarse[:-1] |= changes

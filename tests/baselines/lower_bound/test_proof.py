@@ -1,4 +1,4 @@
-"""The relaxation's rows hold for verified trajectories, and a proof is believed for what it proves."""
+"""The rows hold for verified trajectories, and a proof is believed for what it proves."""
 
 from dataclasses import replace
 
