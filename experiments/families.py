@@ -54,6 +54,7 @@ PUBLISHED = (
 GROUPS = ("six-axis", "published", "robots", "random")
 COLUMNS = ["group", "problem", "jerk", "family", "status", "seconds", "optimum"]
 PERCENT = 100
+LEAST_DRAWN = 0.1  # percent: gaps below it are drawn there
 
 
 def problems(random: int) -> Iterator[tuple[str, Problem]]:
@@ -118,10 +119,10 @@ def gaps(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cell(row: Any) -> str:
-    median = f"{row.median:.3g}"
+    median = f"{row.median:.1f}"
     if row.count == 1:
         return median
-    return f"{median} ({row.min:.2g} to {row.max:.3g}; {row.count})"
+    return f"{median} ({row.min:.1f} to {row.max:.1f}; {row.count})"
 
 
 @plots.styled
@@ -145,13 +146,16 @@ def _panel(ax: Axes, table: pd.DataFrame) -> None:
     """Families from top to bottom; one colour and marker a group."""
     rng = np.random.default_rng(0)
     gap = PERCENT * (table["seconds"] / table["optimum"] - 1)
+    gap = np.maximum(gap, LEAST_DRAWN)
     row = table["family"].map(list(FAMILIES).index)
     looks = zip(GROUPS, style.CURVES, style.MARKERS, strict=False)
     for group, colour, marker in looks:
         of_group = table["group"] == group
+        if not of_group.any():
+            continue
         jitter = rng.uniform(-0.25, 0.25, of_group.sum())
         ax.plot(
-            np.maximum(gap[of_group], 0.1),
+            gap[of_group],
             row[of_group] + jitter,
             marker,
             color=colour,
@@ -161,8 +165,8 @@ def _panel(ax: Axes, table: pd.DataFrame) -> None:
         )
     medians = gap.groupby(row).median()
     ax.vlines(medians, medians.index - 0.4, medians.index + 0.4, colors=style.BLACK, label="median")
-    ax.set(xscale="log", xlabel="above the optimum (%)", xticks=[1, 10, 100, 1000])
-    ax.set_xticklabels(["1", "10", "100", "1000"])
+    ax.set(xscale="log", xlabel="above the optimum (%)", xlim=(0.08, 1000))
+    ax.set_xticks([0.1, 1, 10, 100, 1000], ["≤ 0.1", "1", "10", "100", "1000"])
 
 
 def stored(path: Path) -> pd.DataFrame:
