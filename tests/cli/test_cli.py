@@ -737,3 +737,29 @@ def test_a_problem_of_a_suite_is_planned_by_its_name(trajopt):
         "edges-two-waypoints: solved"
         in trajopt("plan", "edges-two-waypoints", "--planner", "ruckig-stop")[1]
     )
+
+
+FORMULA_NAMES = r"""
+name = "=cmd $x \\frac{1}"
+angle_unit = "rad"
+joint_names = ["$a$", "=cmd|x"]
+waypoints = [[0.0, 0.0], [0.5, 0.2], [1.0, -0.3]]
+[limits]
+velocity = [1.0, 1.0]
+acceleration = [2.0, 2.0]
+"""
+
+
+def test_names_like_formulas_are_explained_as_text(trajopt, tmp_path):
+    file = tmp_path / "problem.toml"
+    file.write_text(FORMULA_NAMES, encoding="utf-8")
+    figures = tmp_path / "figures"
+    code, out, err = trajopt("explain", file, "--planner", "ruckig-stop", "--output", figures)
+    assert (code, err) == (0, "")
+    words = " ".join(out.split())
+    assert r"=cmd $x \frac{1}" in words
+    assert "acceleration of $a$" in words
+    drawn = "".join(path.read_text(encoding="utf-8") for path in figures.glob("*.svg"))
+    assert r"=cmd $x \frac{1}: ruckig-stop" in drawn
+    assert "$a$ acc." in drawn
+    assert len(list(figures.glob("*.png"))) == 2
