@@ -517,12 +517,13 @@ def _wrong(
     trace: str,
 ) -> list[str]:
     wrong = []
-    errors = err.strip().splitlines()
+    lines = err.strip().splitlines()
+    errors = [line for line in lines if not line.startswith("trajopt: warning: ")]
     if trace:
         last = trace.strip().splitlines()[-1]
         wrong.append(f"traceback: {last}")
     elif "Traceback" in err:
-        wrong.append(f"traceback: {errors[-1]}")
+        wrong.append(f"traceback: {lines[-1]}")
     elif code not in (0, 1, 2):
         wrong.append(f"exit code {code}")
     if code == 2 and len(errors) != 1:
