@@ -22,6 +22,7 @@ _QUICK = {
     "evaluations": 1000,
     "starts": 2,
     "rounds": 2,
+    "gap": 1e-2,
 }
 # One path instead of the best of twelve, where others' planners follow paths.
 _ONE_PATH = {
@@ -42,7 +43,7 @@ def third_party(name: str) -> bool:
 def quick(name: str) -> Planner:
     planner = entries()[name].load()
     own = options(planner)
-    less = {k: v for k, v in _QUICK.items() if isinstance(own.get(k), int)}
+    less = {k: v for k, v in _QUICK.items() if isinstance(own.get(k), int | float)}
     if third_party(name):
         less |= {k: v for k, v in _ONE_PATH.items() if k in own}
     return configured(planner, less, name)

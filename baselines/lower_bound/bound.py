@@ -56,7 +56,7 @@ class Bound:
             (the 3-5-3 ignores position limits), or none was looked for.
         relative_gap: Upper over lower bound, minus 1.
         status: "proved" (to the gap), "time limit", "tolerance" (SCIP is done, but its tolerance is
-            worth more than the gap), or "stopped" with SCIP's own word.
+            worth more than the gap), or "stopped" with the reason.
         solve_time: Wall time spent.
         trajectory: The fastest one known.
         message: Why there was no time to begin, if there was none.
@@ -222,7 +222,9 @@ def _free(problem: Problem, gap: float, began: float, time_limit: float) -> Boun
         known = best.duration
     for_scip = not (problem.has("jerk") or problem.has("position"))
     share = _PROGRAMS_SHARE if for_scip else 1.0
-    outcome = prove(problem, known / (1 + gap), gap, began + share * time_limit)
+    end = began + share * time_limit
+    outcome = prove(problem, known / (1 + gap), gap, end)
+    late = time.perf_counter() > end
     lower = outcome.lower_bound
     own_proof: Proof | None = outcome.proof
     trivial = trivial_bound(problem)
@@ -231,7 +233,7 @@ def _free(problem: Problem, gap: float, began: float, time_limit: float) -> Boun
         own_proof = None
     if best is None:
         return Bound(lower, np.inf, np.inf, "time limit", 0.0, None, proof=own_proof)
-    status = "time limit"
+    status = "time limit" if late else "stopped: no progress"
     if best.duration <= lower * (1 + gap) * (1 + 1e-12):
         status = "proved"
     bound = Bound(
@@ -247,7 +249,9 @@ def _free(problem: Problem, gap: float, began: float, time_limit: float) -> Boun
         return bound
     program = Free(problem, backend("pyscipopt"), seconds=deadline - time.perf_counter())
     by_scip = _prove(problem, program, gap, deadline)
-    return by_scip if by_scip.lower_bound > lower else bound
+    if by_scip.lower_bound > lower:
+        return by_scip
+    return replace(bound, status=by_scip.status)
 
 
 def _prove(problem: Problem, program: Program, gap: float, deadline: float) -> Bound:

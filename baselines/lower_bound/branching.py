@@ -24,6 +24,7 @@ from baselines.lower_bound.dual_check import Proof
 from baselines.lower_bound.linear import Answer, Linear
 from baselines.lower_bound.relaxation import Box, Relaxation, Rows
 from baselines.lower_bound.separation import Separation
+from trajopt.exceptions import TrajoptError
 from trajopt.planner import backend
 from trajopt.problem import Problem
 
@@ -48,6 +49,8 @@ _COARSE_TOLERANCE = 1e-3
 _FINEST_TOLERANCE = 1e-8
 # Rounds go on while they raise the bound by this share of what is missing.
 _PROGRESS_SHARE = 0.01
+# Splits that raise the lowest bound by less than that share, after which the search stands still.
+_IDLE_SPLITS = 24
 # A ray, scaled so that it proves the cut-off this many times over.
 _RAY_FACTOR = 4.0
 # A box is split no closer to its sides than this share of its width.
@@ -144,20 +147,35 @@ class _Search:
         return time.perf_counter() > self.deadline
 
     def run(self) -> _Node:
-        """The tree, as far as there was time for it; the lowest bound is looked at first."""
+        """The tree, as far as there was time for it, or as HiGHS got."""
         root = _Node(self.relaxation.root_box(), 0.0)
+        try:
+            self._grow(root)
+        except TrajoptError:
+            # HiGHS has broken down: what was proved until then is the answer
+            if root.leaf is None:
+                raise
+        return root
+
+    def _grow(self, root: _Node) -> None:
+        """Treat and split boxes, that of the lowest bound first, until the search stands still."""
         order = itertools.count()
         self._treat(root, _ROOT_ROUNDS, _ROOT_SWEEPS)
         pending = [(root.bound, next(order), root)]
-        while pending and not self.late:
+        best = root.bound
+        idle_splits = 0
+        while pending and not self.late and idle_splits < _IDLE_SPLITS:
             bound, _, node = heapq.heappop(pending)
             if bound >= self.target:
                 break
+            idle_splits += 1
+            if bound - best > _PROGRESS_SHARE * (self.target - best):
+                best = bound
+                idle_splits = 0
             self._split(node)
             for child in node.children:
                 self._treat(child, _NODE_ROUNDS, _NODE_SWEEPS)
                 heapq.heappush(pending, (child.bound, next(order), child))
-        return root
 
     # --- a node ---
 
@@ -195,6 +213,9 @@ class _Search:
             slow = node.bound - before < _PROGRESS_SHARE * missing
             if added and not slow:
                 continue
+            if not added:
+                # no row is broken by more, and the target is missed: what is broken by less counts
+                self.finest = max(_FINEST_TOLERANCE, self.finest / 10)
             if tolerance <= self.finest and (slow or not added):
                 return
             tolerance = max(self.finest, tolerance / 10)

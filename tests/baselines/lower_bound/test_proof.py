@@ -173,8 +173,11 @@ def test_a_proof_proves_no_more_than_is_true(proved):
 def test_a_faster_problem_is_not_proved_by_another_ones_proof(proved):
     _, bound = proved
     faster = Problem([[0.0], [1.5]], Limits([2.0], [4.0]))
-    # 1.5/2 + 2/4
-    assert proved_bound(faster, bound.proof) <= 1.25
+    try:
+        again = proved_bound(faster, bound.proof)
+    except InvalidInput:  # it has rows of other segments or joints
+        return
+    assert again <= 1.25  # 1.5/2 + 2/4
 
 
 @pytest.mark.parametrize(
