@@ -11,8 +11,9 @@ times, one run, the same budget), the family's NLP, and the optimum over all mot
 answer is certified by the verifier. Written to `--output`: `recipes.csv` and `.md` (quartiles over
 seeds), `shares.csv` and `.md` (the two questions), and a figure.
 
-NiaPy gives PSO, GWO, GA, DE, HHO and ABC, ours are SSA, ISSA and CMA-ES. WOA and DBO are in
-neither; mealpy has the first, but asks for NumPy below 2.
+NiaPy gives PSO, GWO, GA, DE, HHO and ABC, ours are SSA, ISSA and CMA-ES. WOA and DBO are in no
+library that installs beside NumPy 2 (mealpy has the first, and asks for NumPy below 2): they are
+written from their papers in `experiments.common`.
 """
 
 from __future__ import annotations
@@ -31,9 +32,11 @@ from numpy.typing import NDArray
 
 from baselines.evolution import CMAES
 from experiments.common import races
+from experiments.common.beetles import DBO
 from experiments.common.minimisers import Minimiser, NiaPy, Ours, local_search
 from experiments.common.output import save_table
 from experiments.common.spline_times import FamilyName, SplineTimes
+from experiments.common.whales import WOA
 from trajopt import verify
 from trajopt.benchmark.figures import plots, style
 from trajopt.benchmark.suites import catalogue
@@ -52,6 +55,8 @@ SWARMS: dict[str, Minimiser] = {
     "DE": NiaPy("DifferentialEvolution"),
     "HHO": NiaPy("HarrisHawksOptimization"),
     "ABC": NiaPy("ArtificialBeeColonyAlgorithm"),
+    "WOA": Ours(WOA()),
+    "DBO": Ours(DBO()),
     "SSA": Ours(SSA()),
     "ISSA": Ours(ISSA()),
     "CMA-ES": Ours(CMAES()),

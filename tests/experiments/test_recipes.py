@@ -5,11 +5,13 @@ import pandas as pd
 import pytest
 
 from experiments import recipes
+from experiments.common.beetles import DBO
 from experiments.common.minimisers import NiaPy, Ours, local_search
 from experiments.common.spline_times import SplineTimes
+from experiments.common.whales import WOA
 from trajopt import InvalidInput, Limits, Problem, verify
 from trajopt.explain.claims import Known
-from trajopt.swarm import SSA
+from trajopt.swarm import SSA, minimise
 
 TURN = Problem(
     [[0.0, 0.2], [1.0, -0.4], [0.3, 0.5], [1.2, 0.1]],
@@ -73,6 +75,25 @@ def test_a_seed_means_the_same_run():
     for swarm in (NiaPy("GreyWolfOptimizer"), Ours(SSA())):
         first = swarm(times.fitness, 3, 100, 7)
         np.testing.assert_array_equal(first, swarm(times.fitness, 3, 100, 7))
+
+
+@pytest.mark.parametrize("swarm", [WOA(), DBO()])
+def test_a_swarm_finds_the_bottom_of_a_bowl(swarm):
+    def bowl(x):
+        return ((x - [0.3, 0.6]) ** 2).sum(axis=-1)
+
+    low = np.array([0.0, 0.0])
+    seeds = range(10)
+    found = minimise(swarm, bowl, low, low + 1, seeds=seeds, evaluations=1500)
+    np.testing.assert_allclose(found.position, [[0.3, 0.6]] * 10, atol=0.01)
+    # a run knows nothing of the runs beside it
+    alone = minimise(swarm, bowl, low, low + 1, seeds=[4], evaluations=1500)
+    np.testing.assert_array_equal(alone.position[0], found.position[4])
+
+
+def test_the_beetles_need_their_numbers():
+    with pytest.raises(InvalidInput, match="population is 20: expected a multiple of 30"):
+        DBO(population=20)
 
 
 def test_the_local_search_finds_the_bottom_of_a_bowl():
