@@ -124,8 +124,9 @@ def _brood(
     low, high = around
     b1 = streams.uniform(*x.shape[1:])
     b2 = streams.uniform(*x.shape[1:])
-    laid = now + b1 * (x - low) + b2 * (x - high)
-    return np.clip(laid, low, high)
+    laid: Array = now + b1 * (x - low) + b2 * (x - high)
+    within = np.maximum(laid, low)
+    return np.minimum(within, high)
 
 
 def _forage(x: Array, around: tuple[Array, Array], streams: Streams) -> Array:

@@ -36,8 +36,10 @@ class WOA(Optimiser):
         for t in range(iterations):
             # A = 2 a r − a and C = 2 r, where a falls from 2 to 0 (eqs. 2.3 and 2.4)
             a = 2 * (1 - t / iterations)
-            big_a = a * (2 * streams.uniform(*shape) - 1)
-            big_c = 2 * streams.uniform(*shape)
+            r_a = streams.uniform(*shape)
+            r_c = streams.uniform(*shape)
+            big_a = 2 * a * r_a - a
+            big_c = 2 * r_c
             # X_rand takes the place of X* where |A| ≥ 1 (eq. 2.8)
             drawn = self.population * streams.uniform(self.population)
             other_x = x[rows, drawn.astype(np.intp)]
@@ -47,8 +49,9 @@ class WOA(Optimiser):
             encircling = leader - big_a * distance
             # X = |X* − X| exp(b l) cos(2π l) + X*, with l from −1 to 1 (eq. 2.5)
             turn = 2 * streams.uniform(self.population, 1) - 1
-            radius = np.exp(_SPIRAL * turn) * np.cos(2 * np.pi * turn)
-            spiralling = best_x + radius * np.abs(best_x - x)
+            growth = np.exp(_SPIRAL * turn)
+            swing = np.cos(2 * np.pi * turn)
+            spiralling = best_x + np.abs(best_x - x) * growth * swing
             encircles = streams.uniform(self.population, 1) < 0.5
             moved = np.where(encircles, encircling, spiralling)
             x = box.clip(moved)
