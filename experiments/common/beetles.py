@@ -90,8 +90,9 @@ def _best(x: Array, f: Array) -> Array:
 
 def _around(x: Array, width: float, box: Box) -> tuple[Array, Array]:
     """The surroundings of a place: X (1 − R) and X (1 + R) within the box (eqs. 3 and 5)."""
-    low = box.clip((1 - width) * x)
-    high = box.clip((1 + width) * x)
+    reach = width * x
+    low = box.clip(x - reach)
+    high = box.clip(x + reach)
     return low, high
 
 
@@ -124,9 +125,9 @@ def _brood(
     low, high = around
     b1 = streams.uniform(*x.shape[1:])
     b2 = streams.uniform(*x.shape[1:])
-    laid: Array = now + b1 * (x - low) + b2 * (x - high)
-    within = np.maximum(laid, low)
-    return np.minimum(within, high)
+    laid = now + b1 * (x - low) + b2 * (x - high)
+    inside: Array = np.clip(laid, low, high)
+    return inside
 
 
 def _forage(x: Array, around: tuple[Array, Array], streams: Streams) -> Array:
@@ -145,4 +146,5 @@ def _steal(
 ) -> Array:
     """Eq. 7: X^b + S g (|x − X*| + |x − X^b|), g normal."""
     g = streams.normal(*x.shape[1:])
-    return best + _THEFT * g * (np.abs(x - now) + np.abs(x - best))
+    reach: Array = np.abs(x - now) + np.abs(x - best)
+    return best + _THEFT * g * reach
