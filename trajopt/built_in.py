@@ -9,8 +9,14 @@ from pathlib import Path
 def data_folder() -> Path:
     """Where the data files live: inside the installed package, or beside it in a checkout."""
     package = Path(__file__).resolve().parent
-    inside = package / "data"
-    return inside if inside.is_dir() else package.parent / "data"
+    if is_installed():
+        return package / "data"
+    return package.parent / "data"
+
+
+def is_installed() -> bool:
+    """Whether the package was installed from a wheel, and is no checkout."""
+    return (Path(__file__).resolve().parent / "data").is_dir()
 
 
 @cache

@@ -74,6 +74,8 @@ class Proof:
         found = {}
         for name, columns in _SHAPES.items():
             value = np.asarray(stats.get(_PREFIX + name, np.nan), dtype=float)
+            if columns and not value.size:
+                value = value.reshape(0, columns)
             shape = (value.size,) if columns == 0 else (len(np.atleast_1d(value)), columns)
             if value.shape != shape or not np.isfinite(value).all():
                 raise InvalidInput(f"stats, {_PREFIX}{name}", "a table of finite numbers")

@@ -1,5 +1,5 @@
-"""The command line: list, suite, new, plan, compare, explain, certify, claims, verify,
-export, report.
+"""The command line: list, suite, new, plan, compare, explain, certify, claims, best-known,
+verify, export, report.
 
 A command is a file beside this one, imported when it is asked for, so that `--help` answers at
 once. Exit codes: 0 done, 1 nothing could be solved or something does not hold, 2 bad input (one
@@ -73,6 +73,11 @@ app.command(
     "trajopt.cli.claims:claims",
     name="claims",
     help="Judge the times that were published for a problem.",
+)
+app.command(
+    "trajopt.cli.best_known:app",
+    name="best-known",
+    help="List, check and improve the best known motion of every suite problem.",
 )
 app.command(
     "trajopt.cli.verify:verify",

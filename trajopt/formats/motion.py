@@ -3,6 +3,7 @@
 - `.csv`, `.txt`: samples, with a header of names and units (`trajopt.formats.samples_csv`);
 - `.json`, `.yaml`: a `trajectory_msgs/JointTrajectory` (`trajopt.formats.joint_trajectory`);
 - `.json` with `breaks` and `coefficients`: polynomials, as `plan --out motion.json` writes them;
+- `.json` of data/best_known: polynomials, each joint's on its own breaks;
 - in Python also a `Trajectory`, `Samples`, and SciPy's `PPoly` and `BSpline`.
 """
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from trajopt import piecewise
 from trajopt.exceptions import InvalidInput, InvalidTrajectory
-from trajopt.formats import joint_trajectory, samples_csv
+from trajopt.formats import joint_trajectory, own_breaks, samples_csv
 from trajopt.formats.samples import Samples
 from trajopt.interpolation import Interpolation
 from trajopt.trajectory import Trajectory
@@ -140,7 +141,9 @@ def _polynomials(path: Path) -> Mapping[str, Any] | None:
         table = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError):
         return None  # joint_trajectory.read says what is wrong
-    if isinstance(table, Mapping) and {"breaks", "coefficients"} <= set(table):
+    if not isinstance(table, Mapping):
+        return None
+    if {"breaks", "coefficients"} <= set(table) or own_breaks.is_said(table.get("trajectory")):
         return table
     return None
 
@@ -149,9 +152,12 @@ def _of_polynomials(path: Path, table: Mapping[str, Any], wanted: Interpolation)
     names = table.get("joint_names") or ()
     try:
         _check_nothing_to_join(wanted)
-        breaks = np.array(table["breaks"], dtype=float)
-        coefficients = np.array(table["coefficients"], dtype=float)
-        trajectory = Trajectory(breaks, coefficients, breaks[[0, -1]])
+        if own_breaks.is_said(table.get("trajectory")):
+            trajectory = own_breaks.trajectory(table["trajectory"])
+        else:
+            breaks = np.array(table["breaks"], dtype=float)
+            coefficients = np.array(table["coefficients"], dtype=float)
+            trajectory = Trajectory(breaks, coefficients, breaks[[0, -1]])
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
     except (ValueError, TypeError, IndexError, InvalidTrajectory) as error:

@@ -1,0 +1,160 @@
+"""`trajopt best-known` as a user types it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+from trajopt import cli
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.suites import catalogue
+
+# One joint from 0 to 1 rad with a stop in the middle: 4 s at 1 rad/s², where 2 s would do.
+STOPPING = """\
+time [s],j [rad],j_velocity [rad/s]
+0,0,0
+2,0.5,0
+4,1,0
+"""
+
+
+@pytest.fixture
+def run(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "registry").mkdir()
+
+    def ran(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["best-known", *arguments])
+        captured = capsys.readouterr()
+        return ended.value.code, captured.out, captured.err
+
+    return ran
+
+
+@pytest.fixture
+def known(tmp_path):
+    """A registry with six-axis alone."""
+    file = records.file_of(catalogue.load("six-axis"))
+    return shutil.copy(file, tmp_path / "registry" / file.name)
+
+
+def planned(tmp_path, planner, problem="one-joint"):
+    with pytest.raises(SystemExit):
+        cli.main(["plan", problem, "--planner", planner, "--out", "motion.json"])
+    return "motion.json"
+
+
+def test_list_says_what_is_known_and_what_is_not(run, known):
+    code, out, _ = run("list", "six-axis", "one-joint", "--registry", "registry")
+    assert code == 0
+    rows = {line.split()[0]: line.split() for line in out.splitlines()}
+    assert rows["six-axis"][1] == "1.48385"
+    assert rows["six-axis"][4:6] == ["closed", "exact"]
+    assert rows["one-joint"][1:] == ["–", "–", "–", "none"]
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_list_of_everything_counts_by_suite(run, known):
+    code, out, _ = run("list", "--registry", "registry")
+    assert code == 0
+    (row,) = [line.split() for line in out.splitlines() if line.startswith("edges ")]
+    problems, closed, still_open, none = map(int, row[1:5])
+    assert (closed, still_open, none) == (0, 0, problems)
+
+
+def test_list_as_json(run, known):
+    code, out, _ = run("list", "six-axis", "one-joint", "--registry", "registry", "--json")
+    six_axis, one_joint = json.loads(out)["records"]
+    assert code == 0
+    assert six_axis["status"] == "closed"
+    assert 0 < six_axis["gap"] < 1e-3
+    assert six_axis["file"].endswith(known.name)
+    assert one_joint["status"] is None
+
+
+def test_verify_ends_with_1_where_something_does_not_hold(run, known):
+    code, out, _ = run("verify", "--registry", "registry")
+    assert code == 0
+    assert "1 records checked" in out
+    said = known.read_text().replace('"lower_bound": 1.48', '"lower_bound": 1.49')
+    known.write_text(said)
+    code, out, _ = run("verify", "--registry", "registry")
+    assert code == 1
+    assert "DOES NOT HOLD: lower bound" in " ".join(out.split())
+    code, out, _ = run("verify", "--registry", "registry", "--json")
+    assert code == 1
+    assert json.loads(out)["holds"] is False
+
+
+def test_verify_of_nothing_does_not_hold(run):
+    code, out, _ = run("verify", "one-joint", "--registry", "registry")
+    assert code == 1
+    assert "one-joint: nothing is recorded" in out
+
+
+def test_a_motion_is_proposed_once(run, tmp_path, capsys):
+    motion = planned(tmp_path, "ruckig-stop")
+    own = ("one-joint", "--submitter", "A. Nother", "--method", "by hand", "--registry", "registry")
+    code, out, _ = run("propose", motion, *own)
+    assert code == 0
+    words = " ".join(out.split())
+    assert "is the first motion recorded" in words
+    assert "open a pull request" in words
+    kept = records.find(catalogue.load("one-joint"), tmp_path / "registry")
+    assert (kept.motion.method, kept.motion.submitter) == ("by hand", "A. Nother")
+    assert run("verify", "--registry", "registry")[0] == 0
+    code, out, _ = run("propose", motion, *own)
+    assert code == 1
+    assert "is no improvement" in " ".join(out.split())
+    assert "nothing is written" in " ".join(out.split())
+    (tmp_path / motion).unlink()
+    motion = planned(tmp_path, "ruckig")
+    capsys.readouterr()
+    code, out, _ = run("propose", motion, *own, "--json")
+    (outcome,) = json.loads(out)["outcomes"]
+    assert code == 0
+    assert outcome["new_duration"] < outcome["recorded_duration"]
+
+
+def test_stored_trials_are_proposed_with_their_planners_names(run, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["plan", "one-joint", "--planner", "ruckig-stop", "--out", "trial.h5"])
+    capsys.readouterr()
+    code, out, _ = run("propose", "trial.h5", "--registry", "registry", "--json")
+    (outcome,) = json.loads(out)["outcomes"]
+    assert code == 0
+    assert outcome["recorded_duration"] is None
+    kept = records.find(catalogue.load("one-joint"), tmp_path / "registry")
+    assert kept.motion.method == "ruckig-stop"
+    assert kept.motion.version
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["propose", "m.csv"], "PROBLEM: expected the problem"),
+        (["propose", "m.csv", "p.toml"], "PROBLEM is 'p.toml': expected a problem of a suite"),
+        (["propose", "m.csv", "six-axis"], "joints is 1: expected 6"),
+        (["propose", "m.csv", "one-joint"], "m.csv: motion: expected one that solves one-joint"),
+        (["propose", "none.csv", "one-joint"], "none.csv"),
+        (["propose", "none.h5"], "none.h5"),
+        (["propose", "results", "one-joint"], "PROBLEM is 'one-joint': expected left out"),
+        (["propose", "results", "--method", "mine"], "--method is 'mine': expected left out"),
+        (["propose", "m.csv", "one-joint", "--submitter", "a\nb"], "--submitter is"),
+        (["list", "nothing"], "no problem is called 'nothing'"),
+        (["verify", "--registry", "m.csv"], "--registry is 'm.csv': expected a folder"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(run, tmp_path, arguments, said):
+    (tmp_path / "m.csv").write_text(STOPPING)
+    (tmp_path / "p.toml").write_text(
+        'waypoints = [[0], [1]]\nunits = {waypoints = "rad", limits = "rad"}\n'
+        "limits = {velocity = [5], acceleration = [1]}\n"
+    )
+    code, out, err = run(*arguments)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert len(err.splitlines()) == 1

@@ -1,0 +1,259 @@
+"""Better answers than the recorded ones: a motion, or a planner's trials, judged; then written.
+
+Only numbers are taken from anyone, never code: a motion is verified here, and a proof is checked
+without a solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.record import (
+    CLOSED_FORM,
+    Array,
+    Origin,
+    Record,
+    origin,
+    parsed,
+    proof_of,
+    text,
+)
+from trajopt.benchmark.best_known.records import BETTER_RTOL
+from trajopt.benchmark.best_known.verification import proved, suite_problems
+from trajopt.benchmark.store import atomic
+from trajopt.benchmark.store.folder import read as stored_trials
+from trajopt.benchmark.trial import Trial
+from trajopt.exceptions import StoreError, TrajoptError
+from trajopt.problem import Problem
+from trajopt.rest_to_rest import end_to_end_bound
+from trajopt.trajectory import Trajectory
+from trajopt.verification import certified, verify
+
+# Digits of a proof's numbers, fewest first: whatever they are, it proves something.
+_PROOF_DIGITS = (5, 6, 7, 9, 12)
+# What a proof may lose by them, relative.
+_PROOF_RTOL = 1e-6
+# Of a proof: what it counts in, and what it asks about.
+_EXACT = ("units", "cutoff")
+# What a certified duration may lose where the file leaves out what goes on, relative.
+_KEPT_RTOL = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A motion or a proof that may be better than the recorded one.
+
+    Attributes:
+        problem: That it is about.
+        origin: Where it comes from.
+        trajectory: None where there is only a proof.
+        proof: Arrays by name, as a record has them; empty where there is only a motion.
+    """
+
+    problem: Problem
+    origin: Origin
+    trajectory: Trajectory | None = None
+    proof: Mapping[str, Array] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What the candidates for one problem are worth.
+
+    Attributes:
+        problem: Theirs.
+        before: The record as it is; None where there is none.
+        after: The record with what is better; None where nothing is.
+        duration: The shortest certified one among the candidates, s; None where there is none.
+    """
+
+    problem: Problem
+    before: Record | None
+    after: Record | None
+    duration: float | None
+
+    @property
+    def shorter(self) -> bool:
+        """Whether the motion is better than the recorded one."""
+        if self.after is None:
+            return False
+        return self.before is None or self.after.duration < self.before.duration
+
+    @property
+    def tighter(self) -> bool:
+        """Whether the bound is better than the recorded one."""
+        if self.after is None:
+            return False
+        return self.before is None or self.after.lower_bound > self.before.lower_bound
+
+
+def of_trials(path: Path, submitter: str = "") -> Iterator[Candidate]:
+    """Every answer and every proof to a suite's problem among stored trials.
+
+    Args:
+        path: A results folder, a `results.h5`, or a trial's file.
+        submitter: Who sends them.
+
+    Raises:
+        StoreError: There are none, or they cannot be read.
+    """
+    for trial in stored_trials(path):
+        problem = suite_problem(trial.problem)
+        proof = proof_of(trial.solution.stats)
+        trajectory = trial.solution.trajectory
+        if problem is not None and (trajectory is not None or proof):
+            yield Candidate(problem, _origin(trial, submitter), trajectory, proof)
+
+
+def _origin(trial: Trial, submitter: str) -> Origin:
+    version = trial.provenance.get("planner_version", "")
+    return origin(trial.label, version, trial.started[:10], submitter)
+
+
+def suite_problem(problem: Problem) -> Problem | None:
+    """The suites' problem of these numbers; None if there is none."""
+    for own in suite_problems().values():
+        if own.digest() == problem.digest():
+            return own
+    return None
+
+
+def today() -> str:
+    """The date of what is submitted now, UTC."""
+    return datetime.now(UTC).date().isoformat()
+
+
+def outcomes(candidates: Iterable[Candidate], where: Path) -> Iterator[Outcome]:
+    """What the candidates are worth beside a folder of records, problem by problem.
+
+    Raises:
+        TrajoptError: A motion is briefer than what is proved: one of them is wrong.
+    """
+    groups: dict[str, list[Candidate]] = {}
+    for candidate in candidates:
+        groups.setdefault(candidate.problem.digest(), []).append(candidate)
+    for own in groups.values():
+        yield _outcome(own, where)
+
+
+def _outcome(candidates: Sequence[Candidate], where: Path) -> Outcome:
+    problem = candidates[0].problem
+    before = records.find(problem, where)
+    record = before
+    shortest = _shortest(candidates)
+    duration = None
+    if shortest is not None:
+        motion, by = shortest
+        duration = motion.duration
+        record = _with_motion(problem, before, motion, by)
+    if record is not None:
+        for candidate in candidates:
+            record = _with_proof(record, candidate)
+        _check_order(record)
+    after = None if record is before else record
+    return Outcome(problem, before, after, duration)
+
+
+def _shortest(candidates: Sequence[Candidate]) -> tuple[Trajectory, Origin] | None:
+    """The shortest of the candidates' certified motions, and whose it is."""
+    best = None
+    for candidate in candidates:
+        if candidate.trajectory is None:
+            continue
+        motion = certified(candidate.problem, candidate.trajectory)
+        if motion is not None and (best is None or motion.duration < best[0].duration):
+            best = (motion, candidate.origin)
+    return best
+
+
+def _with_motion(
+    problem: Problem,
+    before: Record | None,
+    motion: Trajectory,
+    by: Origin,
+) -> Record:
+    """The record with a motion, where that is better."""
+    if before is None:
+        return Record(
+            problem=problem,
+            duration=motion.duration,
+            lower_bound=end_to_end_bound(problem),
+            motion=by,
+            bound=replace(by, method=CLOSED_FORM, submitter=""),
+            trajectory=motion,
+            proof={},
+        )
+    if motion.duration >= before.duration * (1 - BETTER_RTOL):
+        return before
+    return replace(before, duration=motion.duration, motion=by, trajectory=motion)
+
+
+def _with_proof(record: Record, candidate: Candidate) -> Record:
+    """The record with a proof, where that proves more."""
+    if not candidate.proof:
+        return record
+    exact = replace(record, proof=candidate.proof, bound=candidate.origin)
+    try:
+        bound = proved(exact)
+    except TrajoptError:
+        return record  # of another question, or none
+    if bound <= record.lower_bound * (1 + BETTER_RTOL):
+        return record
+    for digits in _PROOF_DIGITS:
+        brief = replace(exact, proof=_rounded(candidate.proof, digits))
+        try:
+            brief_bound = proved(brief)
+        except TrajoptError:
+            continue
+        if brief_bound >= bound * (1 - _PROOF_RTOL):
+            return replace(brief, lower_bound=brief_bound)
+    return replace(exact, lower_bound=bound)
+
+
+def _rounded(proof: Mapping[str, Array], digits: int) -> dict[str, Array]:
+    """The proof with fewer digits; whole numbers, and what it counts in, as they are."""
+    found = {}
+    for name, array in proof.items():
+        brief = [float(f"{value:.{digits}g}") for value in array.ravel()]
+        whole = array == np.rint(array)
+        if name in _EXACT:
+            whole[...] = True
+        found[name] = np.where(whole, array, np.reshape(brief, array.shape))
+    return found
+
+
+def _check_order(record: Record) -> None:
+    if record.duration < record.lower_bound * (1 - BETTER_RTOL):
+        name = record.problem.name
+        raise TrajoptError(
+            f"{name}: a motion of {record.duration:.9g} s ({record.motion}) is briefer than the "
+            f"proved {record.lower_bound:.9g} s ({record.bound}): one of them is wrong"
+        )
+
+
+def write(record: Record, where: Path) -> Path:
+    """Write a record, as briefly as its motion keeps its certified duration; returns the file.
+
+    Raises:
+        StoreError: The file cannot be written, or its motion would not be what it was.
+    """
+    file = records.file_of(record.problem, where) or where / record.file_name
+    content = _content(record)
+    atomic.write(file, lambda place: place.write_text(content, encoding="utf-8"))
+    return file
+
+
+def _content(record: Record) -> str:
+    """The file's text, read back and verified."""
+    for whole in (False, True):
+        back = parsed(text(record, whole=whole))
+        duration = verify(back.problem, back.trajectory).certified_duration
+        if duration is not None and duration <= record.duration * (1 + _KEPT_RTOL):
+            return text(replace(record, duration=duration), whole=whole)
+    raise StoreError(f"{record.problem.name}: its motion is another one when it is read again")

@@ -1,0 +1,125 @@
+"""Whether a record holds: its motion by the verifier, its bound by its proof, without a solver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from trajopt.benchmark.best_known.record import CLOSED_FORM, Record, ending, read
+from trajopt.benchmark.store.verification import StoresProofs
+from trajopt.benchmark.suites import catalogue
+from trajopt.exceptions import TrajoptError
+from trajopt.explain.references import PROOF
+from trajopt.problem import Problem
+from trajopt.registry import load
+from trajopt.rest_to_rest import end_to_end_bound
+from trajopt.verification import verify
+
+DURATION_RTOL = 1e-9  # a duration computed again is the recorded one within this
+BOUND_RTOL = 1e-9  # so is what a proof proves
+
+
+@dataclass(frozen=True)
+class CheckedRecord:
+    """A record computed again; durations in s, None for what its files do not give.
+
+    Attributes:
+        file: Of the record.
+        problem: Its name; empty if the file cannot be read.
+        duration: Certified now.
+        lower_bound: Proved now.
+        differences: What does not hold.
+    """
+
+    file: str
+    problem: str
+    duration: float | None
+    lower_bound: float | None
+    differences: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool:
+        return not self.differences
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self) | {"holds": self.holds}
+
+
+def checked(file: Path) -> CheckedRecord:
+    """Compute again what a record says."""
+    try:
+        record = read(file)
+    except TrajoptError as error:
+        return CheckedRecord(file.name, "", None, None, (str(error),))
+    duration, slower = _duration(record)
+    bound, weaker = _bound(record)
+    differences = [*slower, *weaker, *_misplaced(record, file)]
+    if record.lower_bound > record.duration * (1 + BOUND_RTOL):
+        differences.append("lower bound: it is above the duration")
+    return CheckedRecord(file.name, record.problem.name, duration, bound, tuple(differences))
+
+
+def proved(record: Record) -> float:
+    """What a record's proof proves, s; in closed form where it has none.
+
+    Raises:
+        TrajoptError: The proof is none, or what checks it is not installed.
+    """
+    if record.bound.method == CLOSED_FORM and not record.proof:
+        return end_to_end_bound(record.problem)
+    planner = load(PROOF)
+    found = None
+    if isinstance(planner, StoresProofs):
+        found = planner.stored_bound(record.problem, record.proof_stats)
+    if found is None:
+        raise TrajoptError(f"{PROOF} finds no proof in it")
+    return found
+
+
+def _duration(record: Record) -> tuple[float | None, list[str]]:
+    """The certified duration of the recorded motion, and what is wrong with it."""
+    try:
+        certificate = verify(record.problem, record.trajectory)
+    except TrajoptError as error:
+        return None, [f"motion: {error}"]
+    duration = certificate.certified_duration
+    if duration is None:
+        return None, [f"motion: {'; '.join(certificate.flaws)}"]
+    if abs(duration - record.duration) > DURATION_RTOL * duration:
+        return duration, [f"duration: recorded {record.duration:.9g}, certified {duration:.9g} s"]
+    return duration, []
+
+
+def _bound(record: Record) -> tuple[float | None, list[str]]:
+    """What is proved, and whether the record claims more."""
+    try:
+        bound = proved(record)
+    except TrajoptError as error:
+        return None, [f"lower bound: {error}"]
+    if record.lower_bound > bound * (1 + BOUND_RTOL):
+        return bound, [f"lower bound: recorded {record.lower_bound:.9g}, proved {bound:.9g} s"]
+    return bound, []
+
+
+def _misplaced(record: Record, file: Path) -> Iterator[str]:
+    """Whether the file, or a name that is built in, is another problem's."""
+    problem = record.problem
+    if not file.name.endswith(ending(problem)):
+        yield f"file: its name should end in {ending(problem)}"
+    built_in = suite_problems().get(problem.name)
+    if built_in is not None and built_in.digest() != problem.digest():
+        yield f"problem: its numbers are not those of the built-in {problem.name}"
+
+
+@cache
+def suite_problems() -> dict[str, Problem]:
+    """Every problem of every suite at its default size, by name."""
+    found: dict[str, Problem] = {}
+    for suite in catalogue.suites():
+        for problem in catalogue.problems(suite):
+            found.setdefault(problem.name, problem)
+    return found

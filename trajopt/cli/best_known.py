@@ -1,0 +1,320 @@
+"""`trajopt best-known list | verify | propose`: the best known answer of every suite problem."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Annotated, Any
+
+import cyclopts
+from cyclopts import Parameter
+
+from trajopt import judgement
+from trajopt.benchmark.best_known import proposal, records, verification
+from trajopt.benchmark.best_known.proposal import Candidate, Outcome
+from trajopt.benchmark.best_known.record import CLOSED_GAP, Record, origin
+from trajopt.benchmark.best_known.verification import CheckedRecord
+from trajopt.benchmark.suites import catalogue
+from trajopt.cli import console
+from trajopt.cli.parameters import InterpolationName, Json
+from trajopt.exceptions import InvalidInput
+from trajopt.formats.motion import ENDINGS
+from trajopt.problem import Problem
+
+app = cyclopts.App(
+    name="best-known",
+    help="The best known motion of every suite problem, with a proved lower bound.",
+    help_format="plaintext",
+)
+
+ProblemNames = Annotated[
+    str, Parameter(help="Problem files, or names of built-in problems; by default all.")
+]
+Registry = Annotated[
+    Path | None,
+    Parameter(help="Folder of records; by default the one that comes with this package."),
+]
+
+
+@app.command(name="list")
+def list_(*problems: ProblemNames, registry: Registry = None, json: Json = False) -> int:
+    """List best known durations, proved lower bounds, and where they come from."""
+    where = _folder(registry)
+    asked = _asked(problems)
+    found = [(problem, records.find(problem, where)) for problem in asked]
+    if json:
+        rows = [_row(problem, record, where) for problem, record in found]
+        console.print_json({"records": rows})
+        return 0
+    _print_list(found)
+    if not problems:
+        console.paragraph()
+        _print_suites({problem.digest(): record for problem, record in found})
+    return 0
+
+
+@app.command
+def verify(*problems: ProblemNames, registry: Registry = None, json: Json = False) -> int:
+    """Check every record anew, from its file alone: the motion exactly, the bound by its proof.
+
+    No solver is asked. Exit code 1 if anything does not hold.
+    """
+    where = _folder(registry)
+    files = records.files(where)
+    missing: list[str] = []
+    if problems:
+        asked = {problem.name: records.file_of(problem, where) for problem in _asked(problems)}
+        files = [file for file in asked.values() if file is not None]
+        missing = [name for name, file in asked.items() if file is None]
+    checked = []
+    with console.progress(len(files), "records") as advance:
+        for file in files:
+            checked.append(verification.checked(file))
+            advance(1)
+    holds = bool(checked) and not missing and all(own.holds for own in checked)
+    if json:
+        rows = [own.as_dict() for own in checked]
+        console.print_json({"holds": holds, "missing": missing, "records": rows})
+    else:
+        _print_checked(checked, missing)
+    return 0 if holds else 1
+
+
+@app.command
+def propose(
+    source: Annotated[
+        Path, Parameter(help="Motion file, results folder, results.h5 or a trial's .h5.")
+    ],
+    problem: Annotated[
+        str | None, Parameter(help="That a motion file is about: name or file.")
+    ] = None,
+    /,
+    *,
+    method: Annotated[
+        str | None, Parameter(help="How a motion was planned; by default its file's name.")
+    ] = None,
+    submitter: Annotated[str, Parameter(help="Who planned it.")] = "",
+    interpolation: InterpolationName = "auto",
+    registry: Registry = None,
+    json: Json = False,
+) -> int:
+    """Judge a motion, or stored trials; write the record where they are better.
+
+    No code runs but this package's. Exit code 0: something is better and written; 1: nothing is.
+    """
+    where = _folder(registry)
+    target = registry or records.folder_to_write()
+    if source.suffix in ENDINGS and not source.is_dir():
+        candidates = [_of_motion(source, problem, method, submitter, interpolation)]
+    else:
+        _refuse_options_of_motions(problem, method, interpolation)
+        candidates = list(proposal.of_trials(source, submitter))
+    outcomes = list(proposal.outcomes(candidates, where))
+    written = {}
+    for outcome in outcomes:
+        if outcome.after is not None:
+            written[outcome.problem.digest()] = proposal.write(outcome.after, target)
+    if json:
+        rows = [_outcome_row(own, written.get(own.problem.digest())) for own in outcomes]
+        console.print_json({"outcomes": rows})
+    else:
+        _print_outcomes(outcomes, written)
+    return 0 if written else 1
+
+
+def _folder(registry: Path | None) -> Path:
+    """The folder of records; the package's by default."""
+    if registry is None:
+        return records.folder()
+    if registry.exists() and not registry.is_dir():
+        raise InvalidInput("--registry", "a folder", value=str(registry))
+    return registry
+
+
+def _asked(names: Sequence[str]) -> list[Problem]:
+    """The problems of these names; all of the suites without one."""
+    if not names:
+        return list(verification.suite_problems().values())
+    return [catalogue.load(name) for name in dict.fromkeys(names)]
+
+
+# --- list ---
+
+
+def _row(problem: Problem, record: Record | None, where: Path) -> dict[str, Any]:
+    """For JSON: s; None for what is not recorded."""
+    row: dict[str, Any] = {"problem": problem.name, "digest": problem.digest()}
+    if record is None:
+        return row | {"status": None}
+    return row | {
+        "status": _status(record),
+        "duration": record.duration,
+        "lower_bound": record.lower_bound,
+        "gap": record.gap,
+        "motion": vars(record.motion),
+        "bound": vars(record.bound),
+        "file": str(records.file_of(problem, where)),
+    }
+
+
+def _status(record: Record) -> str:
+    return "closed" if record.closed else "open"
+
+
+def _print_list(found: Sequence[tuple[Problem, Record | None]]) -> None:
+    numbers = ("best s", "bound s", "gap %")
+    table = console.table("problem", *numbers, "status", "by", "date", numbers=(*numbers, "date"))
+    for problem, record in found:
+        name = console.markup(problem.name)
+        if record is None:
+            table.add_row(name, "–", "–", "–", "none", "", "")
+            continue
+        table.add_row(
+            name,
+            f"{record.duration:.6g}",
+            f"{record.lower_bound:.6g}",
+            f"{100 * record.gap:.3f}",
+            _status(record),
+            console.option_lines(record.motion.method),
+            record.motion.date,
+        )
+    console.OUT.print(table)
+
+
+def _print_suites(known: Mapping[str, Record | None]) -> None:
+    """How much is closed, suite by suite; a problem counts in each of its suites."""
+    numbers = ("problems", "closed", "open", "none", "median gap %", "largest gap %")
+    table = console.table("suite", *numbers, numbers=numbers)
+    for name in catalogue.suites():
+        digests = [problem.digest() for problem in catalogue.problems(name)]
+        found = [known[digest] for digest in digests]
+        kept = [record for record in found if record is not None]
+        gaps = [100 * record.gap for record in kept]
+        closed = sum(record.closed for record in kept)
+        table.add_row(
+            name,
+            str(len(found)),
+            str(closed),
+            str(len(kept) - closed),
+            str(len(found) - len(kept)),
+            f"{median(gaps):.3f}" if gaps else "–",
+            f"{max(gaps):.3f}" if gaps else "–",
+        )
+    console.OUT.print(table)
+    console.paragraph(
+        f"closed: the best known is proved to be the optimum within {100 * CLOSED_GAP:g} %"
+    )
+
+
+# --- verify ---
+
+
+def _print_checked(checked: Sequence[CheckedRecord], missing: Sequence[str]) -> None:
+    for own in checked:
+        for difference in own.differences:
+            console.paragraph(f"{own.file}: DOES NOT HOLD: {difference}")
+    for name in missing:
+        console.paragraph(f"{name}: nothing is recorded for its numbers")
+    wrong = sum(not own.holds for own in checked)
+    console.paragraph(
+        f"{len(checked)} records checked: motions verified exactly, bounds proved again without a "
+        f"solver; {wrong} do not hold."
+    )
+
+
+# --- propose ---
+
+
+def _of_motion(
+    source: Path,
+    problem: str | None,
+    method: str | None,
+    submitter: str,
+    interpolation: InterpolationName,
+) -> Candidate:
+    """A motion's candidate.
+
+    Raises:
+        InvalidInput: It cannot be read, is none of a suite's problem, or does not solve it.
+    """
+    if problem is None:
+        raise InvalidInput("PROBLEM", "the problem that the motion is about")
+    asked = catalogue.load(problem)
+    own = proposal.suite_problem(asked)
+    if own is None:
+        right = "a problem of a suite (`trajopt suite list`): only those have records"
+        raise InvalidInput("PROBLEM", right, value=problem)
+    by = origin(method or source.name, "", proposal.today(), submitter, prefix="--")
+    judged = judgement.judge(own, source, interpolation=interpolation)
+    if judged.certified_duration is None:
+        flaws = "; ".join(judged.certificate.flaws)
+        raise InvalidInput("motion", f"one that solves {own.name}, but {flaws}", file=str(source))
+    return Candidate(own, by, judged.trajectory)
+
+
+def _refuse_options_of_motions(
+    problem: str | None,
+    method: str | None,
+    interpolation: str,
+) -> None:
+    """What says something of a motion file says nothing of trials."""
+    given = {"PROBLEM": problem, "--method": method}
+    if interpolation != "auto":
+        given["--interpolation"] = interpolation
+    for name, value in given.items():
+        if value is not None:
+            right = f"left out, or a motion's file ({', '.join(ENDINGS)}) before it"
+            raise InvalidInput(name, right, value=value)
+
+
+def _outcome_row(outcome: Outcome, file: Path | None) -> dict[str, Any]:
+    """For JSON: s; None for what does not exist."""
+    before = outcome.before
+    after = outcome.after
+    return {
+        "problem": outcome.problem.name,
+        "duration": outcome.duration,
+        "recorded_duration": before.duration if before else None,
+        "recorded_lower_bound": before.lower_bound if before else None,
+        "new_duration": after.duration if after else None,
+        "new_lower_bound": after.lower_bound if after else None,
+        "file": str(file) if file else None,
+    }
+
+
+def _print_outcomes(outcomes: Sequence[Outcome], written: Mapping[str, Path]) -> None:
+    for outcome in outcomes:
+        for sentence in _sentences(outcome):
+            console.paragraph(f"{outcome.problem.name}: {sentence}")
+    if not outcomes:
+        console.paragraph("Nothing here is about a problem of the suites.")
+    if not written:
+        console.paragraph("Nothing is better than what is recorded: nothing is written.")
+        return
+    for file in written.values():
+        console.line(f"written: {file}")
+    console.paragraph(
+        "To submit: put these files into data/best_known of a clone of the repository, replacing "
+        "those of the same name, check them with `trajopt best-known verify`, and open a pull "
+        "request. CI checks them again; no code of yours is needed."
+    )
+
+
+def _sentences(outcome: Outcome) -> Iterator[str]:
+    before = outcome.before
+    after = outcome.after
+    duration = outcome.duration
+    if before is None and after is not None:
+        yield f"{after.duration:.9g} s is the first motion recorded."
+    elif before is not None and duration is not None:
+        share = 100 * (duration / before.duration - 1)
+        beside = f"the recorded {before.duration:.9g} s ({before.motion})"
+        if outcome.shorter:
+            yield f"{duration:.9g} s is {-share:.4g} % less than {beside}."
+        else:
+            yield f"{duration:.9g} s is no improvement, {share:+.4g} % of {beside}."
+    elif after is None and before is None:
+        yield "no motion keeps every limit, and none is recorded."
+    if after is not None and outcome.tighter:
+        yield f"the lower bound is {after.lower_bound:.9g} s now, {100 * after.gap:.3g} % below."

@@ -1,0 +1,168 @@
+"""A trajectory as JSON, joint by joint: each has breaks of its own, and says only what changes.
+
+    {"waypoint_times": [0, 0.5, 1],
+     "joints": [[[0, 2, 0, 0.3], [0.5, -2]], [[0, 0.2]]]}
+
+A piece is its start, s, then its coefficients in the time since then, highest power first
+(rad/s^power). Those that are left out at its end go on from the piece before without a jump. So a
+minimum-time motion takes two numbers a piece: a tenth of what all joints' coefficients on the
+breaks of all joints do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt import polynomials
+from trajopt.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Row = list[float]
+
+_KEYS = {"waypoint_times", "joints"}
+
+# What a piece may differ by and still go on from the one before: of the joint's range of positions,
+# over the mean time of a segment to the power of the derivative.
+SAME_RTOL = 1e-12
+_DEGREE_MAX = 100
+_PIECE = "its start (s), then coefficients: finite numbers"
+
+
+def table(trajectory: Trajectory, *, whole: bool = False) -> dict[str, Any]:
+    """The trajectory as JSON can say it.
+
+    Args:
+        trajectory: Any.
+        whole: Every piece with all its coefficients: exactly what it was, at any size.
+    """
+    segments = len(trajectory.waypoint_times) - 1
+    unit = trajectory.duration / segments
+    joints = []
+    for joint in range(trajectory.joints):
+        coefficients = _without_leading_zeros(trajectory.coefficients[:, :, joint])
+        allowed = _allowed(coefficients, unit)
+        if whole:
+            allowed = np.full(len(coefficients), -np.inf)
+        joints.append(_rows(trajectory.breaks, coefficients, allowed))
+    return {
+        "waypoint_times": trajectory.waypoint_times.tolist(),
+        "joints": joints,
+    }
+
+
+def trajectory(said: Any) -> Trajectory:
+    """The trajectory that a table says.
+
+    Raises:
+        InvalidInput: It says none; names the key, the joint and the piece.
+    """
+    if not is_said(said):
+        raise InvalidInput("trajectory", f"an object with {' and '.join(sorted(_KEYS))}")
+    times = _row("waypoint_times", said["waypoint_times"], "times: finite numbers")
+    joints = said["joints"]
+    if not isinstance(joints, list) or not joints or len(times) < 2:
+        raise InvalidInput("trajectory", "two or more waypoint times, and one or more joints")
+    parts = [_joint(rows, joint, times[-1]) for joint, rows in enumerate(joints)]
+    try:
+        return Trajectory.joined(parts, times)
+    except InvalidTrajectory as error:
+        raise InvalidInput("trajectory", f"a piecewise polynomial, but {error}") from None
+
+
+def is_said(said: Any) -> bool:
+    """Whether JSON is meant as such a trajectory."""
+    return isinstance(said, Mapping) and said.keys() >= _KEYS
+
+
+def _without_leading_zeros(coefficients: Array) -> Array:
+    """Of as low a degree as all pieces have."""
+    used = np.flatnonzero(coefficients.any(axis=1))
+    first = used[0] if len(used) else len(coefficients) - 1
+    return coefficients[first:]
+
+
+def _allowed(coefficients: Array, unit: float) -> Array:
+    """By how much each coefficient may differ where a piece goes on, highest power first."""
+    positions = coefficients[-1]
+    rounding = 4 * np.finfo(float).eps * np.abs(positions).max()
+    powers = np.arange(len(coefficients) - 1, -1, -1)
+    allowed = SAME_RTOL * np.ptp(positions) / unit**powers
+    allowed[-1] += rounding
+    return np.asarray(allowed)
+
+
+def _rows(breaks: Array, coefficients: Array, allowed: Array) -> list[Row]:
+    """The pieces of one joint; each is compared with what the rows before it lead to."""
+    start = float(breaks[0])
+    current = coefficients[:, 0]
+    rows = [[start, *current.tolist()]]
+    for piece in range(1, coefficients.shape[1]):
+        wanted = coefficients[:, piece]
+        arriving = _moved(current, breaks[piece] - start)
+        changed = np.flatnonzero(np.abs(wanted - arriving) > allowed)
+        if not len(changed):
+            continue
+        count = changed[-1] + 1
+        start = float(breaks[piece])
+        current = np.concatenate([wanted[:count], arriving[count:]])
+        rows.append([start, *wanted[:count].tolist()])
+    return rows
+
+
+def _joint(said: Any, joint: int, end: float) -> tuple[Array, Array]:
+    """Breaks and coefficients `(degree + 1, pieces)` of one joint."""
+    if not isinstance(said, list) or not said:
+        raise InvalidInput("trajectory, joints", "a list of pieces", joint=joint)
+    starts: list[float] = []
+    pieces: list[Array] = []
+    for number, item in enumerate(said, start=1):
+        key = f"trajectory, piece {number}"
+        start, *stated = _row(key, item, _PIECE, joint)
+        if pieces:
+            arriving = _moved(pieces[-1], start - starts[-1])
+            full = np.concatenate([stated, arriving[len(stated) :]])
+        else:
+            full = np.array(stated)
+        wanted = len(pieces[0]) if pieces else min(len(full), _DEGREE_MAX + 1)
+        if not stated or len(full) != wanted:
+            right = f"from 1 to {wanted} coefficients"
+            raise InvalidInput(key, right, value=len(stated), joint=joint)
+        starts.append(start)
+        pieces.append(full)
+    breaks = np.array([*starts, end])
+    if starts[0] != 0 or not (np.diff(breaks) > 0).all():
+        right = "starts that rise from 0 to below the last waypoint time"
+        raise InvalidInput("trajectory, joints", right, joint=joint)
+    return breaks, np.stack(pieces, axis=1)
+
+
+def _moved(coefficients: Array, offset: float) -> Array:
+    """A polynomial in the time since a later instant."""
+    return polynomials.shifted(coefficients, np.array(offset))
+
+
+def _row(key: str, value: Any, right: str, joint: int | None = None) -> Sequence[float]:
+    """A list of finite numbers, as floats."""
+    if not isinstance(value, list) or not value:
+        raise InvalidInput(key, right, value=_short(value), joint=joint)
+    for item in value:
+        if not is_number(item):
+            raise InvalidInput(key, right, value=_short(item), joint=joint)
+    return [float(item) for item in value]
+
+
+def is_number(value: Any) -> bool:
+    """Whether JSON said a number that a float holds."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return -1e308 < value < 1e308
+
+
+def _short(value: Any) -> str:
+    """Of what stands in its place, no more than the beginning."""
+    return f"{value!r:.60}"
