@@ -34,7 +34,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.planner import Planner
 from trajopt.problem import Problem
 from trajopt.registry import load
-from trajopt.swarm.optimiser import minimise
+from trajopt.swarm import Compared, minimise
 from trajopt.swarm_planner import SegmentTimes, SwarmPlanner
 from trajopt.verification import Tolerance, verify
 
@@ -163,7 +163,7 @@ def _ours(fitness: Fitness, name: str, seeds: int, iterations: int) -> Callable[
     def search() -> int:
         found = minimise(
             load_swarm(name).optimiser,
-            fitness.task.fitness,
+            Compared(fitness.task.fitness),
             *fitness.task.box(seeds),
             range(seeds),
             iterations=iterations,

@@ -13,10 +13,12 @@ import pytest
 from scipy.optimize import minimize
 
 from trajopt import InvalidInput, Limits, Problem, Status, verify
+from trajopt.benchmark.suites import catalogue
 from trajopt.planner import Planner, Relation
 from trajopt.registry import configured, options
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser
-from trajopt.swarm_planner import SwarmPlanner, issa, pso, ssa
+from trajopt.swarm.optimiser import Candidates
+from trajopt.swarm_planner import SegmentTimes, SwarmPlanner, issa, pso, ssa
 
 PROBLEMS = Path(__file__).parent.parent / "data" / "problems"
 SIX_AXIS = Problem.from_toml(PROBLEMS / "six-axis.toml")
@@ -90,8 +92,8 @@ class Probe(Optimiser):
 
     def search(self, box, streams, iterations):
         points = box.spread(np.tile(self.points, (len(streams), 1, 1)))
-        self.fitness.append((yield points))
-        yield points
+        self.fitness.append((yield Candidates(points)))
+        yield Candidates(points)
 
 
 def probed(problem, points, **changes):
@@ -334,3 +336,22 @@ def test_options_are_set_from_text():
 def test_a_bad_option_is_named(change):
     with pytest.raises(InvalidInput, match=f"^{next(iter(change))} .*expected"):
         SwarmPlanner(**change)
+
+
+@pytest.mark.parametrize("timing", ["shared", "per-joint"])
+@pytest.mark.parametrize("name", ["six-axis", "jerk-limit"])
+def test_below_an_incumbent_the_fitness_is_exact_and_elsewhere_not_below_it(name, timing):
+    problem = catalogue.load(name)
+    task = SegmentTimes.of(problem, SwarmPlanner(timing=timing))
+    low, high = task.box(5)
+    random = np.random.default_rng(3)
+    # times from the longest that stopping takes to far below it: kept and broken limits
+    x = low[:, None] + random.random((len(low), 40, 3)) ** 2 * (high - low)[:, None]
+    exact = task.fitness(x)
+    incumbent = random.permuted(exact, axis=1)
+    compared = task.fitness(x, incumbent)
+    below = exact < incumbent
+    assert 0.3 < below.mean() < 0.7
+    np.testing.assert_array_equal(compared[below], exact[below])
+    assert (compared[~below] >= incumbent[~below]).all()
+    assert (compared <= exact).all()

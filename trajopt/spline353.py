@@ -12,7 +12,8 @@ Symbols: displacements `d1, h, d3` and times `t1, T, t3` of the segments; veloci
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -164,6 +165,23 @@ def limit_use(
     return velocity_use, acceleration_use, jerk_use
 
 
+def use_at_ends(displacements: Array, times: Array, limits: Limits) -> tuple[Array, Array]:
+    """Velocity and acceleration where segments meet over their limits: at most `limit_use`'s.
+
+    They are also the peaks of the two cubics. Shapes as of `limit_use`.
+    """
+    axes = max(np.ndim(displacements), np.ndim(times))
+    d = _joints_first(displacements, axes)
+    t = _joints_first(times, axes)
+    quintic = _quintic(d, t)
+    velocities = (quintic.v0, quintic.v1)
+    accelerations = (quintic.a0, quintic.a1)
+    velocity_use = _ratio(velocities, _by_joint(limits.velocity, axes - 1))
+    acceleration_use = _ratio(accelerations, _by_joint(limits.acceleration, axes - 1))
+    joints_last = (*range(1, axes - 1), 0)
+    return velocity_use.transpose(joints_last), acceleration_use.transpose(joints_last)
+
+
 def dilation(displacements: Array, times: Array, limits: Limits) -> Array:
     """The exact cheapest dilation that meets all limits of all joints (last axis), `(…)`."""
     use = limit_use(displacements, times, limits)
@@ -260,12 +278,14 @@ def _stacked(*controls: Array) -> Array:
     return table
 
 
-def _ratio(values: Array, limits: Array) -> Array:
-    """The worst of several values `(k, …)` over the limit of its own sign; `limits` `(…, 2)`."""
+def _ratio(values: Iterable[Array], limits: Array) -> Array:
+    """The worst of several values over the limit of its own sign; `limits` `(…, 2)`."""
+    several = list(values)
     low = limits[..., 0]
     high = limits[..., 1]
-    forwards = values.max(axis=0) / high
-    backwards = values.min(axis=0) / low
+    # two at a time: of so few, NumPy's own maximum over an axis takes three times as long
+    forwards = reduce(np.maximum, several) / high
+    backwards = reduce(np.minimum, several) / low
     return np.asarray(np.maximum(forwards, backwards))
 
 

@@ -21,7 +21,7 @@ from trajopt.planner import Planner, expanded, passing_once
 from trajopt.problem import Limits, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
-from trajopt.swarm import ISSA, PSO, SSA, Optimiser, Result, minimise
+from trajopt.swarm import ISSA, PSO, SSA, Compared, Optimiser, Result, minimise
 from trajopt.swarm.optimiser import added, check_choices, require
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ class SwarmPlanner(Planner):
         low, high = task.box(len(seeds))
         result = minimise(
             self.optimiser,
-            task.fitness,
+            Compared(task.fitness),
             low,
             high,
             task.streams(seeds),
@@ -220,22 +220,52 @@ class SegmentTimes:
             return self.low + times * size
         return times
 
-    def fitness(self, x: Array) -> Array:
-        """Of candidates `(seeds · groups, m, 3)`, to be minimised: `(seeds · groups, m)`."""
+    def fitness(self, x: Array, incumbent: Array | None = None) -> Array:
+        """Of candidates `(seeds · groups, m, 3)`, to be minimised: `(seeds · groups, m)`.
+
+        Exact where it is below the `incumbent` `(seeds · groups, m)`, or where there is none.
+        """
         times = self.seconds(x)
-        scaled = self.planner.fitness == "scaled"
-        value = self._scaled(times) if scaled else self._penalty(times)
+        if self.planner.fitness == "scaled":
+            value = self._scaled(times)
+        elif incumbent is None:
+            value = self._penalty(times)
+        else:
+            by_seed = incumbent.reshape(-1, len(self.low), x.shape[1])
+            value = self._penalty_below(times, by_seed.swapaxes(1, 2))
         by_group = value.swapaxes(1, 2)
         return by_group.reshape(x.shape[:2])
 
+    def _penalty_below(self, times: Array, incumbent: Array) -> Array:
+        """`_penalty` where it is below the incumbent `(seeds, m, groups)`; a lower bound elsewhere.
+
+        The bound takes the peaks where segments meet: of four candidates in a settled swarm three
+        already break a limit there, or last longer than what they are compared with.
+        """
+        ends = spline353.use_at_ends(self.displacements, times, self.limits)
+        value = self._deb(times, ends)
+        open_ = (value < incumbent).any(axis=-1)
+        if open_.any():
+            value[open_] = self._penalty(times[open_])
+        return value
+
     def _penalty(self, times: Array) -> Array:
-        """Deb's rule as one number: the duration, or more than any by what breaks the limits."""
+        """The penalty of candidates `(…, groups, 3)`: `(…, groups)`."""
         uses = spline353.limit_use(
             self.displacements,
             times,
             self.limits,
             exact_above=1.0,
         )
+        return self._deb(times, uses)
+
+    def _deb(self, times: Array, uses: Sequence[Array]) -> Array:
+        """Deb's rule as one number: the duration, or more than any by what breaks the limits.
+
+        Args:
+            times: `(…, groups, 3)`, s.
+            uses: peak velocity, acceleration and jerk over their limits, `(…, joints)` each.
+        """
         excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
         excess = reduce(np.add, excesses)
         if len(self.low) == 1:

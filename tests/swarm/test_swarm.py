@@ -11,7 +11,7 @@ from objectives import HIGH, LOW, Recorded, digest, said_elsewhere, sphere
 from scipy.special import gamma
 
 from trajopt import InvalidInput
-from trajopt.swarm import ISSA, PSO, SSA, Box, Streams, minimise
+from trajopt.swarm import ISSA, PSO, SSA, Box, Compared, Streams, minimise
 from trajopt.swarm.issa import chaotic_map, control, falling_weight, levy_scale
 from trajopt.swarm.ssa import Flock
 
@@ -111,6 +111,23 @@ def test_both_kinds_of_budget_are_one(optimiser):
     assert digest(by_evaluations) == digest(by_iterations)
     one_more = minimise(optimiser, sphere, LOW, HIGH, range(3), evaluations=evaluations + 1)
     assert (by_evaluations.iterations, one_more.iterations) == (20, 21)
+
+
+@pytest.mark.parametrize("optimiser", ALL)
+@pytest.mark.parametrize("instead", [np.inf, 0.0])
+def test_what_is_not_below_its_incumbent_is_never_looked_at(optimiser, instead):
+    """Any value at or above the incumbent stands for such a fitness: the very same search."""
+
+    def blurred(x, incumbent):
+        exact = sphere(x)
+        if incumbent is None:
+            return exact
+        return np.where(exact < incumbent, exact, incumbent + instead)
+
+    compared = minimise(optimiser, Compared(blurred), LOW, HIGH, range(4), iterations=100)
+    assert digest(compared) == digest(
+        minimise(optimiser, sphere, LOW, HIGH, range(4), iterations=100)
+    )
 
 
 @pytest.mark.parametrize("optimiser", ALL)

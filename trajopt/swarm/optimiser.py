@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Literal, get_args, get_origin, get_type_hints
+from typing import Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.random import PCG64, SeedSequence
@@ -21,7 +21,32 @@ from trajopt.exceptions import InvalidInput
 
 Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
-Search = Generator[Array, Array, None]
+
+
+class Candidates(NamedTuple):
+    """Points to be evaluated, and what each is compared with.
+
+    - `x` `(runs, m, dim)`;
+    - `incumbent` `(runs, m)`: the fitness below which a candidate would be taken, at least the best
+      of its run so far; None where the search asks how bad a bad one is.
+    """
+
+    x: Array
+    incumbent: Array | None = None
+
+
+Search = Generator[Candidates, Array, None]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """An objective that is told the incumbents, of `Candidates`, beside the candidates.
+
+    A fitness below its incumbent must be exact. In place of any other it may return whatever is not
+    below its incumbent: no search can tell.
+    """
+
+    fitness: Callable[[Array, Array | None], Array]
 
 
 @dataclass(frozen=True)
@@ -41,7 +66,7 @@ class Optimiser(ABC):
 
     @abstractmethod
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
-        """Yield candidates `(runs, m, dim)` and be sent their fitness `(runs, m)`.
+        """Yield candidates and be sent their fitness `(runs, m)`.
 
         First the initial population, then `evaluations_per_iteration` candidates in any number of
         batches, `iterations` times. `minimise` may stop asking at any point.
@@ -118,13 +143,17 @@ class Streams:
 
     def uniform(self, *shape: int) -> Array:
         """Uniform on `[0, 1)`, `(runs, *shape)`."""
-        draws = [g.random(shape) for g in self._generators]
-        return np.stack(draws)
+        draws = np.empty((len(self), *shape))
+        for generator, own in zip(self._generators, draws, strict=True):
+            generator.random(out=own)
+        return draws
 
     def normal(self, *shape: int) -> Array:
         """Standard normal, `(runs, *shape)`."""
-        draws = [g.standard_normal(shape) for g in self._generators]
-        return np.stack(draws)
+        draws = np.empty((len(self), *shape))
+        for generator, own in zip(self._generators, draws, strict=True):
+            generator.standard_normal(out=own)
+        return draws
 
 
 def _sequence(seed: int | SeedSequence) -> SeedSequence:
@@ -153,7 +182,7 @@ class Result:
 
 def minimise(
     optimiser: Optimiser,
-    objective: Objective,
+    objective: Objective | Compared,
     low: ArrayLike,
     high: ArrayLike,
     seeds: Sequence[int | SeedSequence],
@@ -165,7 +194,8 @@ def minimise(
 
     Args:
         optimiser: the swarm algorithm with its options.
-        objective: takes candidates `(runs, m, dim)` and returns their fitness `(runs, m)`, finite.
+        objective: takes candidates `(runs, m, dim)` and returns their fitness `(runs, m)`, finite;
+            as `Compared` it may leave out what no search looks at.
         low, high: the box, `(dim,)`, or `(runs, dim)` where each run has its own.
         seeds: one per run.
         iterations: the budget, where `evaluations` is not given.
@@ -189,11 +219,17 @@ def minimise(
     box = Box.of(low, high, runs)
     search = optimiser.search(box, Streams(seeds), begun)
     tally = _Tally(runs)
-    candidates = next(search)
+    asked = next(search)
     while True:
         left = budget - tally.spent
-        candidates = candidates[:, :left]
-        fitness = objective(candidates)
+        candidates = asked.x[:, :left]
+        incumbent = asked.incumbent
+        if not isinstance(objective, Compared):
+            fitness = objective(candidates)
+        elif incumbent is None:
+            fitness = objective.fitness(candidates, None)
+        else:
+            fitness = objective.fitness(candidates, incumbent[:, :left])
         tally.add(candidates, fitness)
         if tally.spent == budget:
             return Result(
@@ -203,7 +239,7 @@ def minimise(
                 iterations=begun,
                 histories=tally.histories(),
             )
-        candidates = search.send(fitness)
+        asked = search.send(fitness)
 
 
 class _Tally:

@@ -14,7 +14,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.swarm.optimiser import Array, Box, Optimiser, Search, Streams, added, require
+from trajopt.swarm.optimiser import (
+    Array,
+    Box,
+    Candidates,
+    Optimiser,
+    Search,
+    Streams,
+    added,
+    require,
+)
 
 Slots = NDArray[np.intp]  # which sparrows of the flock: (m,), or (runs, m)
 Move = tuple[Slots, list[Array]]  # some sparrows, and the places that they consider
@@ -62,24 +71,12 @@ class Flock:
         last = self.f.argmax(axis=1)
         return self.place(last[:, None])
 
-    def move(
-        self,
-        slots: Slots,
-        x: Array,
-        f: Array,
-        greedy: bool,
-    ) -> None:
-        """Put sparrows in new places; the greedy ones only if they are better off there."""
-        self._remember(x, f)
-        rows = self.rows
-        old_x, old_f = self.place(slots)
-        moved = f < old_f
-        if not greedy:
-            moved = np.full(f.shape, True)
-        self.x[rows, slots] = np.where(moved[..., None], x, old_x)
-        self.f[rows, slots] = np.where(moved, f, old_f)
+    def move(self, slots: Slots, x: Array, f: Array) -> None:
+        """Put sparrows in new places."""
+        self.x[self.rows, slots] = x
+        self.f[self.rows, slots] = f
 
-    def _remember(self, x: Array, f: Array) -> None:
+    def remember(self, x: Array, f: Array) -> None:
         """The best place seen, whoever goes there."""
         rows = self.rows
         winner = f.argmin(axis=1)
@@ -133,7 +130,7 @@ class SSA(Optimiser):
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
         flock = Flock(box, streams, iterations)
         x = self._start(flock)
-        f = yield x
+        f = yield Candidates(x)
         flock.settle(x, f)
         for flock.t in range(1, iterations + 1):
             if self.sorting == "iteration":
@@ -244,26 +241,32 @@ class SSA(Optimiser):
 
     def _moved(self, flock: Flock, slots: Slots, places: list[Array]) -> Search:
         """Evaluate the places that some sparrows consider; each takes its best, if acceptable."""
-        x = [self._inside(flock, slots, place) for place in places]
-        f = []
-        for place in x:
-            fitness = yield place
-            f.append(fitness)
-        best_x = x[0]
-        best_f = f[0]
-        for other_x, other_f in zip(x[1:], f[1:], strict=True):
-            better = other_f < best_f
-            best_x = np.where(better[..., None], other_x, best_x)
-            best_f = np.where(better, other_f, best_f)
+        own_x, own_f = flock.place(slots)
+        x = [self._inside(flock.box, own_x, place) for place in places]
         greedy = self.acceptance == "greedy"
-        flock.move(slots, best_x, best_f, greedy)
+        incumbent = None
+        if greedy:
+            incumbent = np.tile(own_f, len(places))
+        f = yield Candidates(np.concatenate(x, axis=1), incumbent)
+        best_x, *other_x = x
+        best_f, *other_f = np.split(f, len(places), axis=1)
+        for next_x, next_f in zip(other_x, other_f, strict=True):
+            better = next_f < best_f
+            best_x = np.where(better[..., None], next_x, best_x)
+            best_f = np.where(better, next_f, best_f)
+        flock.remember(best_x, best_f)
+        if greedy:
+            better = best_f < own_f
+            best_x = np.where(better[..., None], best_x, own_x)
+            best_f = np.where(better, best_f, own_f)
+        flock.move(slots, best_x, best_f)
 
-    def _inside(self, flock: Flock, slots: Slots, x: Array) -> Array:
-        own, _ = flock.place(slots)
-        inside = flock.box.clip(x)
+    def _inside(self, box: Box, own_x: Array, x: Array) -> Array:
+        """Places in the box; its own where one is not a number."""
+        inside = box.clip(x)
         if self.boundary == "reflect":
-            inside = flock.box.reflect(x)
-        return np.where(np.isnan(inside), own, inside)
+            inside = box.reflect(x)
+        return np.where(np.isnan(inside), own_x, inside)
 
     def _count(self, share: float) -> int:
         return round(share * self.population)
