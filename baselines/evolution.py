@@ -27,7 +27,7 @@ from trajopt.planner import backend
 from trajopt.problem import Problem
 from trajopt.solution import Solution
 from trajopt.swarm import Box, Optimiser, Streams
-from trajopt.swarm.optimiser import Candidates, Search, require
+from trajopt.swarm.optimiser import Search, require
 from trajopt.swarm_planner import SwarmPlanner
 
 Array = NDArray[np.float64]
@@ -55,10 +55,9 @@ class Evolution(Optimiser):
         runs = [self.run(Random(PCG64(int(seed))), dim) for seed in seeds]
         unit = np.stack([next(run) for run in runs])
         for _ in range(iterations):
-            asked = Candidates(box.spread(unit))
-            fitness = _finite((yield asked))
+            fitness = _finite((yield box.spread(unit)))
             unit = np.stack([run.send(own) for run, own in zip(runs, fitness, strict=True)])
-        yield Candidates(box.spread(unit))
+        yield box.spread(unit)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.planner import Planner, Relation
 from trajopt.registry import configured, options
 from trajopt.swarm import ISSA, PSO, SSA, Optimiser
-from trajopt.swarm.optimiser import Candidates
 from trajopt.swarm_planner import SegmentTimes, SwarmPlanner, issa, pso, ssa
 
 PROBLEMS = Path(__file__).parent.parent / "data" / "problems"
@@ -92,8 +91,8 @@ class Probe(Optimiser):
 
     def search(self, box, streams, iterations):
         points = box.spread(np.tile(self.points, (len(streams), 1, 1)))
-        self.fitness.append((yield Candidates(points)))
-        yield Candidates(points)
+        self.fitness.append((yield points))
+        yield points
 
 
 def probed(problem, points, **changes):

@@ -23,24 +23,23 @@ Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
 
 
-class Candidates(NamedTuple):
-    """Points to be evaluated, and what each is compared with.
+class Contest(NamedTuple):
+    """Candidates `x` `(runs, m, dim)`, each compared with its `incumbent` `(runs, m)` and no more.
 
-    - `x` `(runs, m, dim)`;
-    - `incumbent` `(runs, m)`: the fitness below which a candidate would be taken, at least the best
-      of its run so far; None where the search asks how bad a bad one is.
+    An incumbent is the fitness below which its candidate would be taken: at least the best of its
+    run so far.
     """
 
     x: Array
-    incumbent: Array | None = None
+    incumbent: Array
 
 
-Search = Generator[Candidates, Array, None]
+Search = Generator[Array | Contest, Array, None]
 
 
 @dataclass(frozen=True)
 class Compared:
-    """An objective that is told the incumbents, of `Candidates`, beside the candidates.
+    """An objective that is told the incumbents of a `Contest` beside its candidates, else None.
 
     A fitness below its incumbent must be exact. In place of any other it may return whatever is not
     below its incumbent: no search can tell.
@@ -66,7 +65,7 @@ class Optimiser(ABC):
 
     @abstractmethod
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
-        """Yield candidates and be sent their fitness `(runs, m)`.
+        """Yield candidates `(runs, m, dim)`, or a `Contest`, and be sent their fitness `(runs, m)`.
 
         First the initial population, then `evaluations_per_iteration` candidates in any number of
         batches, `iterations` times. `minimise` may stop asking at any point.
@@ -222,14 +221,16 @@ def minimise(
     asked = next(search)
     while True:
         left = budget - tally.spent
-        candidates = asked.x[:, :left]
-        incumbent = asked.incumbent
-        if not isinstance(objective, Compared):
-            fitness = objective(candidates)
-        elif incumbent is None:
-            fitness = objective.fitness(candidates, None)
+        incumbent = None
+        if isinstance(asked, Contest):
+            candidates = asked.x[:, :left]
+            incumbent = asked.incumbent[:, :left]
         else:
-            fitness = objective.fitness(candidates, incumbent[:, :left])
+            candidates = asked[:, :left]
+        if isinstance(objective, Compared):
+            fitness = objective.fitness(candidates, incumbent)
+        else:
+            fitness = objective(candidates)
         tally.add(candidates, fitness)
         if tally.spent == budget:
             return Result(

@@ -8,7 +8,7 @@ import numpy as np
 
 from trajopt.swarm.optimiser import (
     Box,
-    Candidates,
+    Contest,
     Optimiser,
     Search,
     Streams,
@@ -53,7 +53,7 @@ class PSO(Optimiser):
         shape = (self.population, box.dim)
         rows = np.arange(len(streams))
         x = box.spread(streams.uniform(*shape))
-        f = yield Candidates(x)
+        f = yield x
         # p_i, its fitness, and the velocities
         own_x = x
         own_f = f
@@ -75,7 +75,7 @@ class PSO(Optimiser):
             x = box.clip(flown)
             turned = -self.rebound * v
             v = np.where(x == flown, v, turned)
-            f = yield Candidates(x, own_f)
+            f = yield Contest(x, own_f)
             better = f < own_f
             own_x = np.where(better[..., None], x, own_x)
             own_f = np.where(better, f, own_f)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from trajopt.swarm.optimiser import (
     Array,
     Box,
-    Candidates,
+    Contest,
     Optimiser,
     Search,
     Streams,
@@ -130,7 +130,7 @@ class SSA(Optimiser):
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
         flock = Flock(box, streams, iterations)
         x = self._start(flock)
-        f = yield Candidates(x)
+        f = yield x
         flock.settle(x, f)
         for flock.t in range(1, iterations + 1):
             if self.sorting == "iteration":
@@ -244,10 +244,12 @@ class SSA(Optimiser):
         own_x, own_f = flock.place(slots)
         x = [self._inside(flock.box, own_x, place) for place in places]
         greedy = self.acceptance == "greedy"
-        incumbent = None
+        asked = np.concatenate(x, axis=1)
         if greedy:
             incumbent = np.tile(own_f, len(places))
-        f = yield Candidates(np.concatenate(x, axis=1), incumbent)
+            f = yield Contest(asked, incumbent)
+        else:
+            f = yield asked
         best_x, *other_x = x
         best_f, *other_f = np.split(f, len(places), axis=1)
         for next_x, next_f in zip(other_x, other_f, strict=True):
