@@ -3,8 +3,9 @@
 No discretisation. For one joint over one segment of time `T` with end velocities `u`, `w`, the
 displacements that the limits allow fill an interval `[D_lo, D_up]`; its ends come from speeding up
 to a peak `p`, cruising and braking. With the peaks as variables the minimum-time problem is a small
-smooth NLP over segment times, waypoint velocities and peaks. It is not convex, so IPOPT starts from
-several points of its own, and the answer is the best known, not a proof.
+smooth NLP over segment times, waypoint velocities and peaks. It is not convex, so there are several
+starts, and the answer is the best known, not a proof. From each an interior-point method made for
+this program (`exact.interior_point`) leads to a local optimum, or IPOPT where that fails.
 
     from baselines.exact.acceleration import Exact
     solution = Exact().solve(problem)
@@ -13,7 +14,6 @@ several points of its own, and the answer is the best known, not a proof.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,6 +22,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines.exact.interior_point import minimised
 from baselines.ipopt import Program, flat, no_start_succeeded, optima, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.exceptions import InvalidInput
@@ -52,14 +53,16 @@ _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 _WIDTH_RTOL = 1e-15  # an interval of displacements as narrow as its rounding is a point
 _SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum
 _LARGEST_DILATION = 2.0  # what needs more is no answer
-_DILATION_BISECTIONS = 30
-# Measured up to 7000: a start's time, in proportion to segments times moving joints.
-_SECONDS_PER_CELL = 1.6e-3
+_DILATION_TOL = 1e-15
+# A start's time: in proportion to cells (segments times moving joints), measured up to 7000; and
+# where there are many joints to their square too, measured up to 250.
+_SECONDS_PER_CELL = 2e-4
+_SECONDS_PER_CELL_AND_PAIR = 3e-9
 
 
 @dataclass(frozen=True)
 class Exact(Planner):
-    """Exact minimum time under velocity and acceleration limits (CasADi/IPOPT, several starts).
+    """Exact minimum time under velocity and acceleration limits (several starts).
 
     There are at most `starts`, and no more once `agreeing` of them have led to the best duration:
     on 300 random problems all of 16 starts led to one optimum (`experiments/local_optima.py`), so
@@ -87,17 +90,13 @@ class Exact(Planner):
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best local optimum of `starts`, or of more where all of those failed.
 
-        `stats`: IPOPT's status and duration (s, infinite where it failed) of each start tried.
+        `stats`: status and duration (s, infinite where it failed) of each start tried.
         """
-        expected_starts = min(self.starts, self.agreeing)
-        announce("exact", problem, _SECONDS_PER_CELL * expected_starts * cells(problem))
+        announce("exact", problem, self._seconds(problem))
         scaled = Scaled(problem)
-        began = time.perf_counter()
-        solver = _solver(*scaled.h.shape)
-        setup_time = time.perf_counter() - began
 
         def solve_from(start: Start) -> _Optimum:
-            return _solve_from(solver, scaled, start)
+            return _solve_from(scaled, start)
 
         starts = starting_points(scaled, _PATIENCE * self.starts)
         local = optima(solve_from, starts, self.starts, self.agreeing)
@@ -108,11 +107,14 @@ class Exact(Planner):
             "start_duration": scaled.unit * durations,
         }
         solution = self._best(scaled, local)
-        return replace(
-            solution,
-            setup_time=setup_time,
-            stats=stats,
-        )
+        return replace(solution, stats=stats)
+
+    def _seconds(self, problem: Problem) -> float:
+        """About how long it will take."""
+        joints = int(problem.moving.sum())
+        a_start = _SECONDS_PER_CELL + _SECONDS_PER_CELL_AND_PAIR * joints**2
+        expected_starts = min(self.starts, self.agreeing)
+        return a_start * expected_starts * cells(problem)
 
     def _best(self, scaled: Scaled, local: list[_Optimum]) -> Solution:
         """The shortest of the local optima, with what it says of the whole problem."""
@@ -441,7 +443,7 @@ def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
         high = 1 + 4 * (high - 1)
         if high > _LARGEST_DILATION:
             return np.inf
-    for _ in range(_DILATION_BISECTIONS):
+    while high - low > _DILATION_TOL:
         middle = 0.5 * (low + high)
         if reachable(middle):
             high = middle
@@ -542,7 +544,16 @@ def starting_points(scaled: HasStopTimes, count: int) -> Iterator[Start]:
         yield times, between * speed
 
 
-def _solve_from(solver: Program, scaled: Scaled, start: Start) -> _Optimum:
+def _solve_from(scaled: Scaled, start: Start) -> _Optimum:
+    """The local optimum near a start, dilated until it is exactly reachable."""
+    optimum = minimised(scaled, *start)
+    if not optimum.converged:
+        return _solve_by_ipopt(scaled, start)
+    log, _, ends, _ = optimum.point
+    return _reached(scaled, log, ends, "Converged")
+
+
+def _solve_by_ipopt(scaled: Scaled, start: Start) -> _Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled)
     x0 = np.clip(_point(scaled, *start), low, high)
@@ -572,23 +583,47 @@ def _solve_from(solver: Program, scaled: Scaled, start: Start) -> _Optimum:
         unbounded,
         np.array([np.inf]),
     )
+    solver = _solver(*scaled.h.shape)
     run = solver(
         start=x0,
         parameters=parameters,
         bounds=(low, high),
         constraint_bounds=(0.0, highest),
     )
-    times, velocities = _read(scaled, run.x)
+    log, ends = _read(scaled, run.x)
     if not run.success:
+        times, velocities = _passing(scaled, log, ends)
         return _Optimum(np.inf, times, velocities, run.status)
+    return _reached(scaled, log, ends, run.status)
+
+
+def _reached(
+    scaled: Scaled,
+    log: Array,
+    ends: Array,
+    status: str,
+) -> _Optimum:
+    """The optimum of such logarithms of times and end velocities."""
+    times, velocities = _passing(scaled, log, ends)
     k = repair(times, velocities, scaled)
     duration = k * float(times.sum())
     return _Optimum(
         duration,
         k * times,
         velocities / k,
-        run.status,
+        status,
     )
+
+
+def _passing(scaled: Scaled, log: Array, ends: Array) -> tuple[Array, Array]:
+    """Times and waypoint velocities; of two segments the briefer one knows better."""
+    times = scaled.stop * np.exp(log)
+    t = times[:, None]
+    mean = scaled.h / t
+    after, before = mean + t * ends
+    briefer = times[:-1] < times[1:]
+    velocities = np.where(briefer[:, None], before[:-1], after[1:])
+    return times, velocities
 
 
 def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
@@ -612,20 +647,13 @@ def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
 
 
 def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
-    """Times and waypoint velocities from IPOPT's variables; the briefer segment knows better."""
+    """Logarithms of times and end velocities, `(2, segments, joints)`, from IPOPT's variables."""
     every = scaled.h.shape
     segments, joints = every
     inner = (segments - 1, joints)
     shapes = [(segments,), inner, every, every]
     log, _, u, w = unflat(x, shapes)
-    times = scaled.stop * np.exp(log)
-    t = times[:, None]
-    mean = scaled.h / t
-    after = mean + t * u
-    before = mean + t * w
-    briefer = times[:-1] < times[1:]
-    velocities = np.where(briefer[:, None], before[:-1], after[1:])
-    return times, velocities
+    return log, np.stack([u, w])
 
 
 def _bounds(scaled: Scaled) -> tuple[Array, Array]:

@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import linprog
 
 from baselines.collocation.uniform import Collocation
+from baselines.exact import interior_point
 from baselines.exact.acceleration import Exact, extremes
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
@@ -153,6 +154,7 @@ def test_a_jerk_or_position_limit_makes_it_a_lower_bound() -> None:
 def test_every_start_failing_is_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
     from baselines.exact import acceleration as exact_nlp
 
+    monkeypatch.setattr(interior_point, "_MOST_STEPS", 1)
     monkeypatch.setitem(exact_nlp.IPOPT, "max_iter", 0)
     exact_nlp._solver.cache_clear()
     solution: Solution = Exact(starts=2).solve(load("six-axis"))
