@@ -19,7 +19,7 @@ import numpy as np
 import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
-from baselines.lower_bound import dual_check
+from baselines.lower_bound import dual_check, extremal
 from baselines.lower_bound.dual_check import Proof
 from baselines.lower_bound.linear import Answer, Linear
 from baselines.lower_bound.relaxation import Box, Relaxation, Rows
@@ -56,6 +56,8 @@ _RAY_FACTOR = 4.0
 # A box is split no closer to its sides than this share of its width.
 _MARGIN_SHARE = 0.2
 _TANGENT_RTOL = 1e-9
+# A point so close to the relaxation's curves is on them.
+_CURVE_RTOL = 1e-7
 _START_TANGENTS = 5
 
 
@@ -76,6 +78,8 @@ class _Node:
     steps: list[_Step] = field(default_factory=list)
     leaf: _Step | None = None
     children: tuple[_Node, ...] = ()
+    # a point of the relaxation's own curves and of every row is as brief as the bound
+    settled: bool = False
 
 
 class Outcome(NamedTuple):
@@ -139,7 +143,9 @@ class _Search:
         self.program = _program(relaxation, solver, box, self.rows)
         self.separations: dict[tuple[int, int], Separation] = {}
         for k, j in np.ndindex(relaxation.segments, relaxation.joints):
-            self.separations[k, j] = Separation(relaxation, k, j, solver)
+            walls = (relaxation.below[k, j], relaxation.above[k, j])
+            if np.isfinite(walls).any():
+                self.separations[k, j] = Separation(relaxation, k, j, solver)
         self._first_tangents(box)
 
     @property
@@ -166,7 +172,7 @@ class _Search:
         idle_splits = 0
         while pending and not self.late and idle_splits < _IDLE_SPLITS:
             bound, _, node = heapq.heappop(pending)
-            if bound >= self.target:
+            if bound >= self.target or node.settled:
                 break
             idle_splits += 1
             if bound - best > _PROGRESS_SHARE * (self.target - best):
@@ -213,6 +219,8 @@ class _Search:
             slow = node.bound - before < _PROGRESS_SHARE * missing
             if added and not slow:
                 continue
+            if not added and tolerance <= _FINEST_TOLERANCE:
+                node.settled = self._is_on_curves(answer.x)
             if not added:
                 # no row is broken by more, and the target is missed: what is broken by less counts
                 self.finest = max(_FINEST_TOLERANCE, self.finest / 10)
@@ -306,19 +314,29 @@ class _Search:
         """Per segment, what the bound would gain if its curves were met, to first order."""
         relaxation = self.relaxation
         assert answer.x is not None
-        x = answer.x
         y = np.maximum(answer.multipliers[: self.box_count], 0.0)
-        times = x[relaxation.time]
-        exact = x.copy()
-        exact[relaxation.inverse] = 1 / times
-        exact[relaxation.square] = times**2
-        exact[relaxation.before] = x[relaxation.acceleration] * times[:-1, None]
-        exact[relaxation.after] = x[relaxation.acceleration] * times[1:, None]
-        errors = np.abs(self.rows.coefficients) * np.abs(exact - x)[self.rows.columns]
+        misses = np.abs(self._on_the_curves(answer.x) - answer.x)
+        errors = np.abs(self.rows.coefficients) * misses[self.rows.columns]
         segments = relaxation.row_segments()
         shares = y * errors.sum(axis=1)
         costs = np.bincount(segments[1:], shares[1:], relaxation.segments)
         return np.asarray(costs, dtype=float)
+
+    def _on_the_curves(self, x: Array) -> Array:
+        """The same times, velocities and accelerations, with what their products truly are."""
+        relaxation = self.relaxation
+        times = x[relaxation.time]
+        accelerations = x[relaxation.acceleration]
+        exact = x.copy()
+        exact[relaxation.inverse] = 1 / times
+        exact[relaxation.square] = times**2
+        exact[relaxation.before] = accelerations * times[:-1, None]
+        exact[relaxation.after] = accelerations * times[1:, None]
+        return exact
+
+    def _is_on_curves(self, x: Array) -> bool:
+        exact = self._on_the_curves(x)
+        return np.allclose(x, exact, rtol=_CURVE_RTOL, atol=_CURVE_RTOL)
 
     # --- the linear program ---
 
@@ -343,16 +361,26 @@ class _Search:
             if x[relaxation.inverse[k]] * at < 1 - max(tolerance / 10, _TANGENT_RTOL):
                 self._add_tangent(k, at)
                 added += 1
+        broken = extremal.broken(relaxation, x, tolerance / 2)
+        for found in broken:
+            self._add_cut(found.segment, found.joint, found.cells)
+        found_places = {(found.segment, found.joint) for found in broken}
+        added += len(broken)
         for (k, j), separation in self.separations.items():
             if self.late:
                 break
+            if (k, j) in found_places:
+                continue
             cells = separation.broken_most(x, tolerance)
             if cells is not None:
-                self._add(dual_check.cut(relaxation, k, j, cells))
-                self.kinds.append((True, len(self.cuts)))
-                self.cuts.append((k, j, cells))
+                self._add_cut(k, j, cells)
                 added += 1
         return added
+
+    def _add_cut(self, segment: int, joint: int, cells: Array) -> None:
+        self._add(dual_check.cut(self.relaxation, segment, joint, cells))
+        self.kinds.append((True, len(self.cuts)))
+        self.cuts.append((segment, joint, cells))
 
     def _first_tangents(self, box: Box) -> None:
         for k in range(self.relaxation.segments):

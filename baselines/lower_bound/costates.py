@@ -18,13 +18,15 @@ conditions' costates where the row is as tight as it can be.
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.lower_bound.relaxation import ROW_ENTRIES, Relaxation
+from baselines.lower_bound.relaxation import Relaxation
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
 # `f0, f1, f2` of `f0 + f1 s + f2 s²`, piece by piece.
 Quadratic = tuple[Array, Array, Array]
 
@@ -35,75 +37,149 @@ COEFFICIENT_RTOL = 1e-14
 CELL_COLUMNS = 7
 
 
+class Costates(NamedTuple):
+    """Rows of one segment and joint each, as their limits and costates: `(rows, ...)`."""
+
+    segments: Indices
+    joints: Indices
+    cells: Array
+
+
 def row(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> tuple[Array, float]:
-    """The inequality that costates give.
+    """The inequality that the costates of one segment and joint give: as `rows`, of one."""
+    one = Costates(np.array([segment]), np.array([joint]), cells[None])
+    coefficients, bounds = rows(relaxation, one)
+    return coefficients[0], float(bounds[0])
+
+
+def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
+    """The inequalities that costates give.
 
     Args:
         relaxation: Whose limits count.
-        segment: Counted from 0.
-        joint: Among those that move, counted from 0.
-        cells: `(cells, 7)`: start in normalised time (the first 0), `p0, p1, p2`, `q0, q1`, `λ`.
+        given: Segments and joints (among those that move), counted from 0, `(rows,)`; cells
+            `(rows, cells, 7)`: start in normalised time (the first 0), `p0, p1, p2`, `q0, q1`, `λ`.
 
     Returns:
-        Coefficients of the variables in `Relaxation.row_columns`, and the bound; rounded so that
-        the row is valid.
+        Coefficients of the variables in `Relaxation.row_columns`, `(rows, 7)`, and the bounds;
+        rounded so that the rows are valid.
     """
-    starts = cells[:, 0]
-    p0, p1, p2, q0, q1, slope = cells[:, 1:].T
-    ends = np.append(starts[1:], 1.0)
-    # rounding the width of a cell only moves what is integrated by its last digit
-    widths = ends - starts
-    p = (p0, p1, p2)
-    zero = np.zeros_like(starts)
-    q = (q0, q1, zero)
-    v = relaxation.v[:, joint]
-    a = relaxation.a[:, joint]
-    j = relaxation.j[:, joint]
-
-    # what jerk, acceleration and velocity can add, between the cells' borders
-    jerk = _weighed(p, widths, j)
-    bending = (p1 + q0, 2 * p2 + q1, zero)
-    acceleration = _weighed(bending, widths, a)
-    p_rate_size = _size((p1, 2 * p2, zero), widths)
-    terms = p_rate_size + _size(q, widths)
-    acceleration += _rounding(widths * terms, a)
-    turning = (q1 + slope, zero, zero)
-    velocity = _weighed(turning, widths, v)
-    terms = np.abs(q1) + np.abs(slope)
-    velocity += _rounding(widths * terms, v)
-
-    # and at the borders, where the costates jump; the end's own rounding is a jump too
-    p_end = _value(p, widths)
-    q_end = _value(q, widths)
-    p_jumps = _jumps(p0, p_end, _size(p, widths), a)
-    q_jumps = _jumps(q0, q_end, _size(q, widths), v)
-    slope_jumps = np.diff(slope)
-    walls, wall_size = _walls(relaxation, segment, joint, slope_jumps)
-
-    displacement = slope[-1] * relaxation.h[segment, joint]
+    parts = _Parts.of(relaxation, given)
+    displacement = parts.slope[:, -1] * relaxation.h[given.segments, given.joints]
+    walls, wall_size = _walls(relaxation, given, parts.slope)
     inverse_size = np.abs(displacement) + wall_size
     inverse_rounding = COEFFICIENT_RTOL * inverse_size
-    coefficients = np.zeros(ROW_ENTRIES)
-    coefficients[0] = -_up(acceleration.sum() + p_jumps)
-    coefficients[1] = displacement - walls - inverse_rounding
-    coefficients[2] = -_up(jerk.sum())
-    coefficients[3] = -q0[0]
-    coefficients[4] = q_end[-1]
-    coefficients[5] = -p0[0]
-    coefficients[6] = p_end[-1]
-    bound = _up(velocity.sum() + q_jumps)
-    return coefficients, bound
+    p_end = _value(parts.p, parts.widths)
+    q_end = _value(parts.q, parts.widths)
+    coefficients = [
+        -_by_acceleration(parts),
+        displacement - walls - inverse_rounding,
+        -_by_jerk(parts),
+        -parts.q[0][:, 0],
+        q_end[:, -1],
+        -parts.p[0][:, 0],
+        p_end[:, -1],
+    ]
+    return np.stack(coefficients, axis=1), _by_velocity(parts)
 
 
-def integral(quadratic: Quadratic, widths: Array, down: float, up: float) -> Array:
+class _Parts(NamedTuple):
+    """Costates of rows, `(rows, cells)`, and their limits' sizes, `(2, rows, 1)`."""
+
+    widths: Array
+    p: Quadratic
+    q: Quadratic
+    slope: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+    @classmethod
+    def of(cls, relaxation: Relaxation, given: Costates) -> _Parts:
+        starts, p0, p1, p2, q0, q1, slope = np.moveaxis(given.cells, -1, 0)
+        ends = np.ones_like(starts)
+        ends[:, :-1] = starts[:, 1:]
+        # rounding the width of a cell only moves what is integrated by its last digit
+        widths = ends - starts
+        jerk = relaxation.j[:, given.joints, None]
+        p0 = _one_sided((p0, p1, p2), widths, jerk)
+        return cls(
+            widths=widths,
+            p=(p0, p1, p2),
+            q=(q0, q1, np.zeros_like(q0)),
+            slope=slope,
+            velocity=relaxation.v[:, given.joints, None],
+            acceleration=relaxation.a[:, given.joints, None],
+            jerk=jerk,
+        )
+
+
+def _by_jerk(parts: _Parts) -> Array:
+    """What jerk can add, `J ∫|p|`."""
+    limit = np.where(np.isfinite(parts.jerk), parts.jerk, 0.0)
+    integrals = _weighed(parts.p, parts.widths, limit)
+    total = integrals.sum(axis=1)
+    return _up(total)
+
+
+def _by_acceleration(parts: _Parts) -> Array:
+    """What acceleration can add, `A ∫|dp + q dτ|`, jumps included."""
+    _, p1, p2 = parts.p
+    q0, q1, zero = parts.q
+    bending = (p1 + q0, 2 * p2 + q1, zero)
+    integrals = _weighed(bending, parts.widths, parts.acceleration)
+    rate_size = _size((p1, 2 * p2, zero), parts.widths)
+    q_size = _size(parts.q, parts.widths)
+    terms = parts.widths * (rate_size + q_size)
+    integrals += _rounding(terms, parts.acceleration)
+    jumps = _jumps(parts.p, parts.widths, parts.acceleration)
+    return _up(integrals.sum(axis=1) + jumps)
+
+
+def _by_velocity(parts: _Parts) -> Array:
+    """What velocity can add, `V ∫|dq + λ dτ|`, jumps included."""
+    _, q1, zero = parts.q
+    turning = (q1 + parts.slope, zero, zero)
+    integrals = _weighed(turning, parts.widths, parts.velocity)
+    sizes = np.abs(q1) + np.abs(parts.slope)
+    terms = parts.widths * sizes
+    integrals += _rounding(terms, parts.velocity)
+    jumps = _jumps(parts.q, parts.widths, parts.velocity)
+    return _up(integrals.sum(axis=1) + jumps)
+
+
+def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
+    """`p0`, moved until `p` has nowhere the sign of a side without a jerk limit."""
+    p0, p1, p2 = p
+    rounding = COEFFICIENT_RTOL * _size(p, widths)
+    vertex = _quotient(-p1, 2 * p2)
+    inside = np.clip(vertex, 0.0, widths)
+    places = [np.zeros_like(p0), inside, widths]
+    values = [_value(p, place) for place in places]
+    least = np.min(values, axis=0) - rounding
+    largest = np.max(values, axis=0) + rounding
+    free_down, free_up = np.isinf(limit)
+    too_low = np.minimum(least, 0.0)
+    too_high = np.maximum(largest, 0.0)
+    raised = np.where(free_down & ~free_up, -too_low, 0.0)
+    lowered = np.where(free_up & ~free_down, too_high, 0.0)
+    return np.asarray(p0 + raised - lowered)
+
+
+def integral(
+    quadratic: Quadratic,
+    widths: Array,
+    down: float | Array,
+    up: float | Array,
+) -> Array:
     """An upper bound of `∫ (up f⁺ + down f⁻)` over each width, tight but for rounding.
 
     Between the computed roots `f` has one sign, but for what the roots' rounding is worth: the
     depth to which it has the other sign there is known from its ends and its vertex.
 
     Args:
-        quadratic: `f0, f1, f2` of `f0 + f1 s + f2 s²`, `(pieces,)` each.
-        widths: `(pieces,)`.
+        quadratic: `f0, f1, f2` of `f0 + f1 s + f2 s²`, `(..., pieces)` each.
+        widths: `(..., pieces)`.
         down, up: Weights of the negative and the positive part.
     """
     f0, f1, f2 = quadratic
@@ -143,52 +219,46 @@ def _size(quadratic: Quadratic, widths: Array) -> Array:
 
 def _rounding(terms: Array, limit: Array) -> Array:
     """What terms of such sizes can round by, under a limit."""
-    weight = COEFFICIENT_RTOL * limit.sum()
+    weight = COEFFICIENT_RTOL * limit.sum(axis=0)
     return np.asarray(weight * terms)
 
 
 def _weighed(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
     """The same with a limit's sizes downwards and upwards as weights."""
-    down, up = limit.tolist()
+    down, up = limit
     return integral(quadratic, widths, down, up)
 
 
-def _jumps(starts: Array, ends: Array, sizes: Array, limit: Array) -> float:
+def _jumps(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
     """What the jumps between cells can add, and the rounding of all ends, the last one's too."""
-    jumps = starts[1:] - ends[:-1]
-    down, up = limit.tolist()
-    upwards = np.maximum(jumps, 0.0).sum()
-    downwards = np.maximum(-jumps, 0.0).sum()
-    terms = sizes + np.abs(starts)
-    rounding = _rounding(terms, limit).sum()
-    total = up * upwards + down * downwards
-    return float(total + rounding)
+    starts = quadratic[0]
+    ends = _value(quadratic, widths)
+    jumps = starts[:, 1:] - ends[:, :-1]
+    down, up = limit[..., 0]
+    upwards = np.maximum(jumps, 0.0).sum(axis=1)
+    downwards = np.maximum(-jumps, 0.0).sum(axis=1)
+    terms = _size(quadratic, widths) + np.abs(starts)
+    rounding = _rounding(terms, limit).sum(axis=1)
+    return np.asarray(up * upwards + down * downwards + rounding)
 
 
-def _walls(
-    relaxation: Relaxation,
-    segment: int,
-    joint: int,
-    jumps: Array,
-) -> tuple[float, float]:
+def _walls(relaxation: Relaxation, given: Costates, slope: Array) -> tuple[Array, Array]:
     """What position limits can add, per `S`, and the sizes of its terms."""
-    upwards = np.maximum(jumps, 0.0).sum()
-    downwards = np.maximum(-jumps, 0.0).sum()
-    total = 0.0
-    size = 0.0
-    if upwards > 0:
-        above = upwards * relaxation.above[segment, joint]
-        total += above
-        size += abs(above)
-    if downwards > 0:
-        below = downwards * relaxation.below[segment, joint]
-        total -= below
-        size += abs(below)
-    return float(total), float(size)
+    jumps = np.diff(slope)
+    upwards = np.maximum(jumps, 0.0).sum(axis=1)
+    downwards = np.maximum(-jumps, 0.0).sum(axis=1)
+    room_above = relaxation.above[given.segments, given.joints]
+    room_below = relaxation.below[given.segments, given.joints]
+    # a wall that is not met may be infinitely far
+    room_above = np.where(upwards > 0, room_above, 0.0)
+    room_below = np.where(downwards > 0, room_below, 0.0)
+    above = upwards * room_above
+    below = downwards * room_below
+    return above - below, np.abs(above) + np.abs(below)
 
 
-def _up(value: float) -> float:
-    return float(value * (1 + COEFFICIENT_RTOL))
+def _up(values: Array) -> Array:
+    return np.asarray(values * (1 + COEFFICIENT_RTOL))
 
 
 def _quotient(a: Array, b: Array) -> Array:

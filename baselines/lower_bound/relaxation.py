@@ -61,8 +61,8 @@ class Relaxation:
         cutoff: Only motions below this total time are asked about, in `time_unit`.
         h: Displacements, `(segments, joints)`; only joints that move count.
         v, a, j: Sizes of the limits, downwards and upwards, `(2, joints)`. Velocities are those
-            that accelerating and braking within the cut-off can reach; 0 jerk is no limit.
-        jerky: Which joints have jerk limits on both sides; a limit on one side is lifted.
+            that accelerating and braking within the cut-off can reach.
+        jerky: Which joints have a jerk limit, on one side at least.
         below, above: Room for positions, from each segment's start, `(segments, joints)`.
         time, inverse, square: Variables `T`, `S`, `Q`, `(segments,)`.
         velocity, acceleration: Variables `v`, `a` of inner waypoints, `(segments − 1, joints)`.
@@ -95,9 +95,9 @@ class Relaxation:
         reached *= 1 + ROUNDING_RTOL
         self.v = np.minimum(velocity, reached)
         jerk = _sizes(limits.jerk[moving], lengths / time_unit**3)
-        limited = np.isfinite(jerk).all(axis=0)
+        limited = np.isfinite(jerk).any(axis=0)
         self.jerky: NDArray[np.bool_] = np.asarray(limited)
-        self.j = np.where(self.jerky, jerk, 0.0)
+        self.j = jerk
         lowest, highest = limits.position[moving].T
         starts = waypoints[:-1]
         self.below = (lowest - starts) / lengths
@@ -142,6 +142,13 @@ class Relaxation:
         if segment < self.segments - 1:
             columns[4] = self.velocity[segment, joint]
             columns[6] = self.before[segment, joint]
+        return columns
+
+    def every_row_columns(self) -> Indices:
+        """`row_columns` of all segments and joints, `(segments, joints, 7)`."""
+        columns = np.full((self.segments, self.joints, ROW_ENTRIES), self.nothing)
+        for segment, joint in np.ndindex(self.segments, self.joints):
+            columns[segment, joint] = self.row_columns(segment, joint)
         return columns
 
     def total(self) -> Array:

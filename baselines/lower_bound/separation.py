@@ -24,11 +24,11 @@ Array = NDArray[np.float64]
 _CELLS = 12
 _MOST_CELLS = 64
 _NARROWEST = 2.0**-20
-_HALVINGS = 8
-# Of what the program claims: if the row is broken by so much less, the grid is too coarse.
-_LOST_SHARE = 0.2
-# Tolerances: a claim that is negative by more is no sign of a broken row.
-_BAND = 10.0
+# Of the tolerance's root: cells so narrow lose less than the tolerance.
+_WIDTH_SHARE = 0.2
+_HALVINGS = 16
+# What a grid loses, measured, over the squared width of the cells where something happens.
+_LOSS = 2.0
 # Of the largest: a costate so small on a cell is 0 there.
 _ZERO_SHARE = 1e-9
 # Of the other sign's: a change of sign worth a knot.
@@ -64,38 +64,43 @@ class Separation:
         largest = tolerance / 2
         for _ in range(_HALVINGS + 1):
             claimed, cells = self._solved(point)
-            if claimed < -_BAND * tolerance:
+            meets_walls = np.ptp(cells[:, -1]) > 0
+            if not meets_walls:
+                # without them `extremal` knows the rows
                 break
             violation = self._violation(cells, point)
             if violation > largest:
                 best = cells
                 largest = violation
-            if claimed - violation < _LOST_SHARE * max(claimed, tolerance):
+            chosen = self._halvable(cells, tolerance)
+            # what is lost by a grid goes with the squares of the cells where something happens
+            lost = _LOSS * self.widths[chosen].max(initial=0.0) ** 2
+            if claimed + lost < tolerance or not chosen.any():
                 break
-            if not self._halve(cells):
-                break
+            self._halve(chosen)
         return None if best is None else _thinned(best)
 
     def _violation(self, cells: Array, point: Array) -> float:
         coefficients, bound = costates.row(self.relaxation, self.segment, self.joint, cells)
         return float(coefficients @ point - bound)
 
-    def _halve(self, cells: Array) -> bool:
-        """Halve the cells where `p` changes its sign, an arc begins or ends, or a wall is met."""
-        starts = cells[:, 0]
-        if len(starts) > _MOST_CELLS:
-            self._build(np.linspace(0.0, 1.0, _CELLS + 1))
-            return True
-        widths = np.diff(np.append(starts, 1.0))
-        chosen = _coarse(cells, widths, 1 if self.jerky else 4)
+    def _halvable(self, cells: Array, tolerance: float) -> NDArray[np.bool_]:
+        """Cells where `p` changes its sign, an arc begins or ends, or a wall is met."""
+        chosen = _coarse(cells, self.widths, 1 if self.jerky else 4)
         chosen |= _beside_walls(cells)
-        chosen &= widths > _NARROWEST
-        if not chosen.any():
-            return False
-        middles = starts + widths / 2
-        knots = np.concatenate([starts, middles[chosen], [1.0]])
-        self._build(np.sort(knots))
-        return True
+        chosen &= self.widths > max(_NARROWEST, _WIDTH_SHARE * np.sqrt(tolerance))
+        return chosen
+
+    def _halve(self, chosen: NDArray[np.bool_]) -> None:
+        """Halve cells; of too many, only those near them are kept."""
+        knots = np.append(self.starts, 1.0)
+        if len(self.starts) > _MOST_CELLS:
+            near = np.append(chosen, False)
+            near[1:] |= chosen
+            base = np.linspace(0.0, 1.0, _CELLS + 1)
+            knots = np.union1d(knots[near], base)
+        middles = self.starts[chosen] + self.widths[chosen] / 2
+        self._build(np.union1d(knots, middles))
 
     # --- the program ---
 
@@ -227,7 +232,8 @@ class Separation:
         for side, sign in enumerate("-+"):
             v = relaxation.v[side, self.joint]
             a = relaxation.a[side, self.joint] * time
-            j = relaxation.j[side, self.joint] * square
+            limit = relaxation.j[side, self.joint]
+            j = limit * square if np.isfinite(limit) else 0.0
             room = self.walls[side]
             prices = {
                 "v": v * w,
@@ -254,6 +260,11 @@ class Separation:
             if name in self.at:
                 low[self.at[name]] = -np.inf
         high = np.full(self.count, np.inf)
+        # without a jerk limit on a side, `p` never has its sign
+        for side, sign in zip(self.relaxation.j[:, self.joint], "-+", strict=True):
+            for name in ("p_first", "p_second"):
+                if self.jerky and np.isinf(side):
+                    high[self.at[f"{name}{sign}"]] = 0.0
         for room, sign in zip(self.walls, "-+", strict=True):
             if self.walled and np.isinf(room):
                 high[self.at[f"wall{sign}"]] = 0.0

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import ruckig
 
-from baselines.lower_bound import certify, costates
+from baselines.lower_bound import certify, costates, extremal
+from baselines.lower_bound.branching import prove
 from baselines.lower_bound.dual_check import Proof, cut, proved_bound
 from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.relaxation import Box, Relaxation
@@ -18,10 +20,13 @@ from trajopt.benchmark.trial import judge
 from trajopt.verification import certified, verify
 
 
-def limited_problem(seed, *, jerk=True, walls=False, waypoints=4, joints=2):
+def limited_problem(seed, *, jerk=True, walls=False, waypoints=4, joints=2, one_sided=False):
     rng = np.random.default_rng(seed)
     rows = rng.uniform(-1, 1, (waypoints, joints))
     jerks = rng.uniform(4, 40, (joints, 2)) * [-1, 1] if jerk else None
+    if one_sided:
+        jerks[0, 0] = -np.inf
+        jerks[-1, 1] = np.inf
     room = np.array([rows.min(axis=0), rows.max(axis=0)]).T
     limits = Limits(
         rng.uniform(0.5, 2, (joints, 2)) * [-1, 1],
@@ -63,9 +68,12 @@ def variables(relaxation, problem, trajectory):
 
 
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize(("jerk", "walls"), [(True, False), (False, False), (True, True)])
-def test_every_row_holds_for_a_verified_trajectory(seed, jerk, walls):
-    problem = limited_problem(seed, jerk=jerk, walls=walls)
+@pytest.mark.parametrize(
+    ("jerk", "walls", "one_sided"),
+    [(True, False, False), (False, False, False), (True, True, False), (True, True, True)],
+)
+def test_every_row_holds_for_a_verified_trajectory(seed, jerk, walls, one_sided):
+    problem = limited_problem(seed, jerk=jerk, walls=walls, one_sided=one_sided)
     planner = RuckigStop() if walls else RuckigVia(evaluations=300)
     trajectory = certified(problem, planner.solve(problem).trajectory)
     assert verify(problem, trajectory).feasible
@@ -111,13 +119,83 @@ def test_the_integral_of_a_quadratic_is_bounded_from_above_and_tightly():
 # --- against optima that are known ---
 
 
-@pytest.mark.parametrize(("v", "a", "j", "h"), [(1, 2, 8, 1.5), (10, 20, 3, 1.0), (1, 9, 5, 4.0)])
+@pytest.mark.parametrize(
+    ("v", "a", "j", "h"),
+    [(1, 2, 8, 1.5), (10, 20, 3, 1.0), (1, 9, 5, 4.0), (10, 2, 300, 1.0)],
+)
 def test_two_waypoints_meet_ruckigs_optimum(v, a, j, h):
     problem = Problem([[0.0], [h]], Limits([v], [a], [j]))
     optimum = RuckigStop().solve(problem).trajectory.duration
-    bound = certify(problem, gap=1e-5, time_limit=20)
+    bound = certify(problem, gap=1e-7, time_limit=20)
     assert bound.status == "proved"
-    assert optimum * (1 - 2e-5) <= bound.lower_bound <= optimum * (1 + 1e-9)
+    assert optimum * (1 - 1e-6) <= bound.lower_bound <= optimum * (1 + 1e-9)
+
+
+def test_asymmetric_limits_meet_the_trapezoid():
+    problem = Problem([[0.0], [1.0]], Limits([[-1, 0.5]], [[-1.0, 4.0]]))
+    # h/V + V/(2 A1) + V/(2 A2)
+    optimum = 2.0 + 0.25 + 0.0625
+    proof = prove(problem, optimum, 1e-6, np.inf)
+    assert optimum * (1 - 1e-6) <= proof.lower_bound <= optimum
+
+
+@pytest.mark.parametrize("free_side", [0, 1])
+def test_a_free_side_of_jerk_is_free_and_the_other_counts(free_side):
+    """V = 0.5 with accelerations −1 … 4 and one jerk limit of 10: the infimum by hand."""
+    v, j = 0.5, 10.0
+    sides = [-j, j]
+    sides[free_side] *= np.inf
+    problem = Problem([[0.0], [1.0]], Limits([[-1, v]], [[-1.0, 4.0]], [sides]))
+    # up, the peak acceleration stays below 4: one side jumps and the other takes √(2 V/J)
+    ramp = np.sqrt(2 * v / j)
+    # down, acceleration −1 is held but for a ramp of 1/J
+    end = 1 / j
+    hold = (v - end / 2) / 1.0
+    if free_side == 1:
+        rising = j * ramp**3 / 3
+        falling = v * end - j * end**3 / 6 + hold**2 / 2
+    else:
+        rising = j * ramp**3 / 6
+        falling = v * hold - hold**2 / 2 + j * end**3 / 6
+    infimum = ramp + end + hold + (1.0 - rising - falling) / v
+    proof = prove(problem, infimum, 1e-5, np.inf)
+    assert infimum * (1 - 1e-5) <= proof.lower_bound <= infimum * (1 + 1e-9)
+
+
+def between_states(rng):
+    """Ruckig's quickest way between two states, `(v, a, j, h, state, state, time)`."""
+    v, a, j = rng.uniform([0.5, 0.5, 1.0], [2.0, 4.0, 40.0])
+    h = rng.uniform(-1, 1) * rng.choice([0.05, 0.3, 1.0])
+    v0, v1 = rng.uniform(-1, 1, 2) * v * rng.choice([0.2, 0.95])
+    a0, a1 = rng.uniform(-1, 1, 2) * a * rng.choice([0.0, 0.3, 0.95])
+    if max(abs(v0) + a0**2 / (2 * j), abs(v1) + a1**2 / (2 * j)) > v:
+        return between_states(rng)
+    otg = ruckig.Ruckig(1)
+    given = ruckig.InputParameter(1)
+    given.current_velocity, given.current_acceleration = [v0], [a0]
+    given.target_position, given.target_velocity, given.target_acceleration = [h], [v1], [a1]
+    given.max_velocity, given.max_acceleration, given.max_jerk = [v], [a], [j]
+    motion = ruckig.Trajectory(1)
+    otg.calculate(given, motion)
+    return (v, a, j), h, (v0, v1), (a0, a1), motion.duration
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_rows_of_extremal_motions_are_missing_and_none_is_false(seed):
+    limits, h, velocities, accelerations, quickest = between_states(np.random.default_rng(seed))
+    v, a, j = limits
+    problem = Problem([[0.0], [1.0], [1.0 + h], [0.0]], Limits([v], [a], [j]))
+    relaxation = Relaxation.of(problem, 8 * quickest + 6)
+    length = relaxation.length_units[0]
+    for shorter, is_broken in ((1e-2, True), (1e-4, True), (-1e-7, False)):
+        time = quickest * (1 - shorter) / relaxation.time_unit
+        x = np.zeros(relaxation.variables)
+        x[relaxation.time], x[relaxation.inverse], x[relaxation.square] = time, 1 / time, time**2
+        x[relaxation.velocity[:, 0]] = np.array(velocities) * relaxation.time_unit / length
+        scaled = np.array(accelerations) * relaxation.time_unit**2 / length * time
+        x[relaxation.before[:, 0]] = x[relaxation.after[:, 0]] = scaled
+        rows = extremal.broken(relaxation, x, 1e-9)
+        assert any(row.segment == 1 for row in rows) == is_broken
 
 
 @pytest.mark.parametrize("seed", range(3))

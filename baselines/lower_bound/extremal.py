@@ -1,0 +1,453 @@
+"""Costates of extremal motions in closed form: the rows where no position limit counts.
+
+Over a segment in normalised time (`costates.py`), between given states, a few motions decide what
+can be reached, each with its mirror image:
+
+- the longest displacement: jerk up, acceleration at its limit, jerk down, cruise, jerk down,
+  deceleration at its limit, jerk up;
+- the highest velocity at the end: jerk up, acceleration at its limit, jerk down;
+- the highest velocity that the acceleration at the start leads to, and that from which the
+  deceleration at the end comes;
+- the highest acceleration at the end.
+
+Where the instants of switching are the motion's own, its costates give the row that a point breaks
+most. Any instants give a valid row, and errors of the instants cost their squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.lower_bound import costates
+from baselines.lower_bound.costates import CELL_COLUMNS, Costates
+from baselines.lower_bound.relaxation import Relaxation
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Bisections of an instant: to 2⁻⁴⁴.
+_BISECTIONS = 44
+# Jerk limits so high (accelerations of about 1 a normalised time) are none: on both sides, or on
+# one, where an acceleration jumps to what it needs and an instant has to tell how far.
+_NO_JERK_LIMIT = 1e13
+_NO_JERK_LIMIT_ONE_SIDE = 1e6
+# Cells so narrow are left out.
+_NARROWEST = 2.0**-34
+
+
+class Point(NamedTuple):
+    """What segments and joints do, in normalised time: arrays of any one shape.
+
+    Attributes:
+        v0, v1: Velocities at both ends.
+        a0, a1: Accelerations at both ends.
+        v_up: The velocity limit upwards.
+        a_up, a_down: Sizes of the acceleration limits, `A T`.
+        j_up, j_down: Sizes of the jerk limits, `J Q`.
+    """
+
+    v0: Array
+    v1: Array
+    a0: Array
+    a1: Array
+    v_up: Array
+    a_up: Array
+    a_down: Array
+    j_up: Array
+    j_down: Array
+
+    def reversed(self) -> Point:
+        """The same in reversed time: accelerations change their sign, and jerks do not."""
+        return self._replace(
+            v0=self.v1,
+            v1=self.v0,
+            a0=-self.a1,
+            a1=-self.a0,
+            a_up=self.a_down,
+            a_down=self.a_up,
+        )
+
+
+class Instants(NamedTuple):
+    """When the phases of the longest displacement end, but for the last one."""
+
+    jerk: Array
+    hold: Array
+    release: Array
+    cruise: Array
+    brake: Array
+    brake_hold: Array
+
+
+class Broken(NamedTuple):
+    """The costates of a row that a point breaks, `(cells, 7)`, as `costates.row` takes them."""
+
+    segment: int
+    joint: int
+    cells: Array
+
+
+def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Broken]:
+    """Per segment and joint the row that a point breaks most.
+
+    Args:
+        relaxation: Whose limits count.
+        x: Its variables.
+        tolerance: What a row must be broken by, where its cost is 1.
+    """
+    shape = (2, relaxation.segments, relaxation.joints)
+    _, segments, joints = (index.ravel() for index in np.indices(shape))
+    columns = relaxation.every_row_columns()[segments, joints]
+    largest = np.full(shape[1:], tolerance)
+    best: dict[tuple[int, int], Broken] = {}
+    for cells in families(relaxation, x):
+        flat = cells.reshape(-1, *cells.shape[3:])
+        given = Costates(segments, joints, flat)
+        coefficients, bounds = costates.rows(relaxation, given)
+        violations = (coefficients * x[columns]).sum(axis=1) - bounds
+        # in the relaxation's units T and Q are about 1
+        costs = bounds - coefficients[:, 0] - coefficients[:, 2]
+        shares = violations / np.maximum(costs, np.finfo(float).tiny)
+        for number in np.flatnonzero(shares > tolerance):
+            place = (int(segments[number]), int(joints[number]))
+            if shares[number] > largest[place]:
+                largest[place] = shares[number]
+                of_cost_one = _scaled(flat[number], 1 / costs[number])
+                best[place] = Broken(*place, _with_width(of_cost_one))
+    return list(best.values())
+
+
+def _scaled(cells: Array, factor: float) -> Array:
+    scaled = cells.copy()
+    scaled[:, 1:] *= factor
+    return scaled
+
+
+def _with_width(cells: Array) -> Array:
+    """The cells that have a width."""
+    starts = cells[:, 0]
+    ends = np.append(starts[1:], 1.0)
+    chosen = cells[ends - starts > _NARROWEST]
+    chosen[0, 0] = 0.0
+    return chosen
+
+
+def families(relaxation: Relaxation, x: Array) -> list[Array]:
+    """Costates of all segments and joints, then of their mirror images, family by family.
+
+    Returns:
+        Per family `(2, segments, joints, cells, 7)`; cells may have no width.
+    """
+    point = _points(relaxation, x)
+    tables = [
+        _displacement(point),
+        _end_velocity(point),
+        _velocity_after_start(point),
+        _velocity_before_end(point),
+        _end_acceleration(point),
+    ]
+    for cells in tables:
+        _, mirrored = cells
+        mirrored[..., 1:] *= -1
+        _without_free_jerk(relaxation, cells)
+    return tables
+
+
+def _points(relaxation: Relaxation, x: Array) -> Point:
+    """All segments and joints, then their mirror images: `(2, segments, joints)`."""
+    rest = np.zeros((1, relaxation.joints))
+    velocities = np.concatenate([rest, x[relaxation.velocity], rest])
+    after = np.concatenate([rest, x[relaxation.after]])
+    before = np.concatenate([x[relaxation.before], rest])
+    time = x[relaxation.time][:, None]
+    square = x[relaxation.square][:, None]
+    none = np.where(relaxation.jerky, _NO_JERK_LIMIT_ONE_SIDE, _NO_JERK_LIMIT)
+    j_down, j_up = np.where(np.isinf(relaxation.j), none, relaxation.j)
+    a_down, a_up = relaxation.a
+    v_down, v_up = np.broadcast_to(relaxation.v[:, None], (2, *velocities[1:].shape))
+    return Point(
+        v0=_mirrored(velocities[:-1], -velocities[:-1]),
+        v1=_mirrored(velocities[1:], -velocities[1:]),
+        a0=_mirrored(after, -after),
+        a1=_mirrored(before, -before),
+        v_up=_mirrored(v_up, v_down),
+        a_up=_mirrored(a_up * time, a_down * time),
+        a_down=_mirrored(a_down * time, a_up * time),
+        j_up=_mirrored(j_up * square, j_down * square),
+        j_down=_mirrored(j_down * square, j_up * square),
+    )
+
+
+def _mirrored(values: Array, mirrored: Array) -> Array:
+    return np.stack([values, mirrored])
+
+
+def _without_free_jerk(relaxation: Relaxation, cells: Array) -> None:
+    """No `p` where no jerk limit prices it: such phases take no time."""
+    down, up = np.isinf(relaxation.j)[:, None, :, None]
+    starts = cells[..., 0]
+    last = np.ones_like(starts[..., :1])
+    ends = np.concatenate([starts[..., 1:], last], axis=-1)
+    p0, p1, p2 = np.moveaxis(cells[..., 1:4], -1, 0)
+    # in the middle of the cell
+    s = (ends - starts) / 2
+    p = p0 + s * (p1 + s * p2)
+    downwards = down & (p < 0)
+    upwards = up & (p > 0)
+    free = downwards | upwards | (down & up)
+    cells[free, 1:4] = 0.0
+
+
+def _cell(
+    start: Array,
+    *,
+    p0: Array | float = 0.0,
+    p1: Array | float = 0.0,
+    p2: float = 0.0,
+    q0: Array | float = 0.0,
+    q1: float = 0.0,
+    slope: float = 0.0,
+) -> Array:
+    """A cell of `costates.row`, `(..., 7)`."""
+    cell = np.empty((*start.shape, CELL_COLUMNS))
+    columns = (start, p0, p1, p2, q0, q1, slope)
+    for number, column in enumerate(columns):
+        cell[..., number] = column
+    return cell
+
+
+# --- the longest displacement ---
+
+
+def _displacement(point: Point) -> Array:
+    """`λ = 1`, `q = m − τ` but for the cruise, where it is 0, and `p' = −q` but for the holds.
+
+    While jerk is at its limit downwards `p = (τ − r)(τ − s)/2` with the phase's ends as roots; so
+    `m` is their mean. Without a cruise both such phases are one.
+    """
+    at = _instants(point)
+    cruises = at.cruise > at.release
+    first_root = np.where(cruises, at.cruise, at.hold)
+    last_root = np.where(cruises, at.release, at.brake)
+    m_rise = (at.hold + last_root) / 2
+    m_fall = (first_root + at.brake) / 2
+    zero = np.zeros_like(m_rise)
+
+    # p = ∫ q from the start to the end of the first phase
+    p_start = at.jerk * (m_rise - at.jerk / 2)
+    p_fall = (at.cruise - first_root) * (at.cruise - at.brake) / 2
+    rising_jerk = _cell(
+        zero,
+        p0=p_start,
+        p1=-m_rise,
+        p2=0.5,
+        q0=m_rise,
+        q1=-1.0,
+        slope=1.0,
+    )
+    holding = _cell(
+        at.jerk,
+        q0=m_rise - at.jerk,
+        q1=-1.0,
+        slope=1.0,
+    )
+    releasing = _cell(
+        at.hold,
+        p1=at.hold - m_rise,
+        p2=0.5,
+        q0=m_rise - at.hold,
+        q1=-1.0,
+        slope=1.0,
+    )
+    # without a cruise its cell has no width, and continues what is beside it
+    cruising = _cell(
+        at.release,
+        p0=np.where(cruises, 0.0, p_fall),
+        q0=np.where(cruises, 0.0, m_fall - at.cruise),
+        slope=1.0,
+    )
+    braking_jerk = _cell(
+        at.cruise,
+        p0=p_fall,
+        p1=at.cruise - m_fall,
+        p2=0.5,
+        q0=m_fall - at.cruise,
+        q1=-1.0,
+        slope=1.0,
+    )
+    braking = _cell(
+        at.brake,
+        q0=m_fall - at.brake,
+        q1=-1.0,
+        slope=1.0,
+    )
+    ending = _cell(
+        at.brake_hold,
+        p1=at.brake_hold - m_fall,
+        p2=0.5,
+        q0=m_fall - at.brake_hold,
+        q1=-1.0,
+        slope=1.0,
+    )
+    phases = [rising_jerk, holding, releasing, cruising, braking_jerk, braking, ending]
+    return np.stack(phases, axis=-2)
+
+
+def _instants(point: Point) -> Instants:
+    """Up to the velocity limit and down from it, where the way without a cruise passes it."""
+
+    def is_early(instant: Array) -> Array:
+        _, _, velocity = _falling(point, instant)
+        return np.asarray(velocity <= point.v1)
+
+    hold = _latest(is_early, point)
+    jerk, peak, _ = _rising(point, hold)
+    brake, brake_hold, _ = _falling(point, hold)
+    middle = (hold + brake) / 2
+    direct = Instants(
+        jerk,
+        hold,
+        release=middle,
+        cruise=middle,
+        brake=brake,
+        brake_hold=brake_hold,
+    )
+    cruises = (_height(point, hold) > point.v_up) & (peak > 0)
+    if not cruises.any():
+        return direct
+    by_cruise = _with_cruise(point)
+    both = zip(by_cruise, direct, strict=True)
+    return Instants(*(np.where(cruises, first, second) for first, second in both))
+
+
+def _with_cruise(point: Point) -> Instants:
+    rise = _to_cruise(point)
+    fall = _to_cruise(point.reversed())
+    middle = np.clip((rise[2] + 1 - fall[2]) / 2, 0.0, 1.0)
+    jerk, hold, release = np.minimum(rise, middle)
+    brake_hold, brake, cruise = 1 - np.minimum(fall, 1 - middle)
+    return Instants(jerk, hold, release, cruise, brake, brake_hold)
+
+
+def _to_cruise(point: Point) -> Array:
+    """When a rise from the start has full acceleration, leaves it, and is at the velocity limit."""
+
+    def is_low(instant: Array) -> Array:
+        return np.asarray(_height(point, instant) <= point.v_up)
+
+    hold = _latest(is_low, point)
+    jerk, peak, _ = _rising(point, hold)
+    release = hold + np.maximum(peak, 0.0) / point.j_down
+    return np.stack([jerk, hold, np.minimum(release, 1.0)])
+
+
+def _latest(holds: Callable[[Array], Array], point: Point) -> Array:
+    """The latest instant at which something holds that holds before it too; else 0."""
+    low = np.zeros_like(point.v0)
+    high = np.ones_like(point.v0)
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        true = holds(middle)
+        low = np.where(true, middle, low)
+        high = np.where(true, high, middle)
+    return low
+
+
+def _rising(point: Point, instant: Array) -> tuple[Array, Array, Array]:
+    """When acceleration is full, what it is then, and the velocity gained until an instant."""
+    missing = point.a_up - point.a0
+    ramp = np.clip(missing / point.j_up, 0.0, 1.0)
+    full = np.minimum(ramp, instant)
+    peak = point.a0 + point.j_up * full
+    ramped = full * (point.a0 + peak) / 2
+    held = (instant - full) * peak
+    return full, peak, ramped + held
+
+
+def _height(point: Point, instant: Array) -> Array:
+    """The velocity at which a rise that is released at an instant arrives."""
+    _, peak, gained = _rising(point, instant)
+    released = np.maximum(peak, 0.0) ** 2 / (2 * point.j_down)
+    return np.asarray(point.v0 + gained + released)
+
+
+def _falling(point: Point, instant: Array) -> tuple[Array, Array, Array]:
+    """When deceleration is full, when it is released, and the velocity at the end.
+
+    Jerk is at its limit downwards from the instant, and upwards at last, so that the acceleration
+    at the end is the given one.
+    """
+    _, peak, gained = _rising(point, instant)
+    # peak − J (τ − s) meets a1 − J' (1 − τ)
+    over = peak + point.j_down * instant - point.a1 + point.j_up
+    meets = over / (point.j_down + point.j_up)
+    meets = np.clip(meets, instant, 1.0)
+    lowest = peak - point.j_down * (meets - instant)
+    is_held = lowest < -point.a_down
+    full = instant + (peak + point.a_down) / point.j_down
+    leaves = 1 - (point.a1 + point.a_down) / point.j_up
+    brake = np.where(is_held, full, meets)
+    brake = np.clip(brake, instant, 1.0)
+    brake_hold = np.where(is_held, leaves, meets)
+    brake_hold = np.clip(brake_hold, brake, 1.0)
+
+    trough = peak - point.j_down * (brake - instant)
+    end = trough + point.j_up * (1 - brake_hold)
+    lost = (brake - instant) * (peak + trough) / 2
+    held = (brake_hold - brake) * trough
+    eased = (1 - brake_hold) * (trough + end) / 2
+    velocity = point.v0 + gained + lost + held + eased
+    return brake, brake_hold, velocity
+
+
+# --- the others ---
+
+
+def _end_velocity(point: Point) -> Array:
+    """`q = 1`, and `p` falls to 0, stays there while acceleration is held, and falls on."""
+    rise = (point.a_up - point.a0) / point.j_up
+    fall = (point.a_up - point.a1) / point.j_down
+    # without a hold a0 + J s = a1 + J' (1 − s)
+    over = point.a1 - point.a0 + point.j_down
+    meets = over / (point.j_up + point.j_down)
+    is_held = rise + fall < 1
+    jerk = np.where(is_held, rise, meets)
+    jerk = np.clip(jerk, 0.0, 1.0)
+    hold = np.where(is_held, 1 - fall, meets)
+    hold = np.clip(hold, jerk, 1.0)
+    phases = [
+        _cell(np.zeros_like(jerk), p0=jerk, p1=-1.0, q0=1.0),
+        _cell(jerk, q0=1.0),
+        _cell(hold, p1=-1.0, q0=1.0),
+    ]
+    return np.stack(phases, axis=-2)
+
+
+def _velocity_after_start(point: Point) -> Array:
+    """`q = −1` until the acceleration at the start is taken back."""
+    release = np.clip(point.a0 / point.j_down, 0.0, 1.0)
+    phases = [
+        _cell(np.zeros_like(release), p0=-release, p1=1.0, q0=-1.0),
+        _cell(release),
+    ]
+    return np.stack(phases, axis=-2)
+
+
+def _velocity_before_end(point: Point) -> Array:
+    """`q = 1` from where the deceleration at the end begins."""
+    braking = np.clip(-point.a1 / point.j_down, 0.0, 1.0)
+    phases = [
+        _cell(np.zeros_like(braking)),
+        _cell(1 - braking, p1=-1.0, q0=1.0),
+    ]
+    return np.stack(phases, axis=-2)
+
+
+def _end_acceleration(point: Point) -> Array:
+    """`p = 1`."""
+    whole = _cell(np.zeros_like(point.a0), p0=1.0)
+    return whole[..., None, :]
