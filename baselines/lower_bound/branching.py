@@ -233,7 +233,13 @@ class _Search:
         multipliers = answer.multipliers
         if answer.x is None:
             multipliers = self._scaled_ray(node.box, multipliers)
-        step, bound = self._step(dual_check.LEAF, 0, self.total, node.box, multipliers)
+        step, bound = self._step(
+            dual_check.LEAF,
+            0,
+            self.total,
+            node.box,
+            multipliers,
+        )
         if node.leaf is None or bound > node.bound:
             node.leaf = step
             node.bound = max(node.bound, bound)
@@ -241,7 +247,13 @@ class _Search:
     def _scaled_ray(self, box: Box, ray: Array) -> Array:
         """So long a ray that it proves more than the cut-off."""
         nothing = np.zeros_like(self.total)
-        _, proved = self._step(dual_check.LEAF, 0, nothing, box, ray)
+        _, proved = self._step(
+            dual_check.LEAF,
+            0,
+            nothing,
+            box,
+            ray,
+        )
         if proved <= 0:
             return ray
         return ray * (_RAY_FACTOR * self.relaxation.cutoff / proved)
@@ -277,14 +289,32 @@ class _Search:
             self._prove_leaf(node, answer)
             return
         kind = dual_check.RAISE if raises else dual_check.LOWER
-        step, bound = self._step(kind, column, objective, node.box, answer.multipliers)
+        step, bound = self._step(
+            kind,
+            column,
+            objective,
+            node.box,
+            answer.multipliers,
+        )
         if bound <= _side(node.box, column, raises) + _WORTHWHILE_SHARE * width:
             return
         node.steps.append(step)
-        node.box = dual_check.moved(self.relaxation, node.box, column, raises, bound)
+        node.box = dual_check.moved(
+            self.relaxation,
+            node.box,
+            column,
+            raises,
+            bound,
+        )
         if dual_check.is_empty(node.box):
             node.bound = np.inf
-            node.leaf = _Step(dual_check.LEAF, 0, 0.0, np.zeros(0, np.intp), np.zeros(0))
+            node.leaf = _Step(
+                dual_check.LEAF,
+                0,
+                0.0,
+                np.zeros(0, np.intp),
+                np.zeros(0),
+            )
             return
         self._enter(node.box)
 
@@ -305,8 +335,14 @@ class _Search:
         low = node.box.low[column] + margin
         high = node.box.high[column] - margin
         value = float(np.clip(place[column], low, high))
-        children = dual_check.branched(self.relaxation, node.box, column, value)
-        node.children = tuple(_Node(box, node.bound, leaf=node.leaf) for box in children)
+        children = dual_check.branched(
+            self.relaxation,
+            node.box,
+            column,
+            value,
+        )
+        nodes = [_Node(box, node.bound, leaf=node.leaf) for box in children]
+        node.children = tuple(nodes)
         node.steps.append(_branch(column, value))
         self.splits += 1
 
@@ -346,7 +382,12 @@ class _Search:
         for number in range(1, self.box_count):
             columns, coefficients, bound = self.rows.row(number)
             used = columns != self.relaxation.nothing
-            self.program.set_row(number, columns[used], coefficients[used], bound)
+            self.program.set_row(
+                number,
+                columns[used],
+                coefficients[used],
+                bound,
+            )
 
     def _minimised(self, objective: Array) -> Answer:
         self.programs += 1
@@ -356,9 +397,11 @@ class _Search:
         """Add the rows that a point breaks; how many."""
         relaxation = self.relaxation
         added = 0
+        tangent_rtol = max(tolerance / 10, _TANGENT_RTOL)
         for k in range(relaxation.segments):
             at = float(x[relaxation.time[k]])
-            if x[relaxation.inverse[k]] * at < 1 - max(tolerance / 10, _TANGENT_RTOL):
+            product = x[relaxation.inverse[k]] * at
+            if product < 1 - tangent_rtol:
                 self._add_tangent(k, at)
                 added += 1
         broken = extremal.broken(relaxation, x, tolerance / 2)
@@ -379,7 +422,9 @@ class _Search:
 
     def _add_cut(self, segment: int, joint: int, cells: Array) -> None:
         self._add(dual_check.cut(self.relaxation, segment, joint, cells))
-        self.kinds.append((True, len(self.cuts)))
+        self.kinds.append(
+            (True, len(self.cuts)),
+        )
         self.cuts.append((segment, joint, cells))
 
     def _first_tangents(self, box: Box) -> None:
@@ -391,7 +436,9 @@ class _Search:
 
     def _add_tangent(self, segment: int, at: float) -> None:
         self._add(self.relaxation.tangent(segment, at))
-        self.kinds.append((False, len(self.tangents)))
+        self.kinds.append(
+            (False, len(self.tangents)),
+        )
         self.tangents.append((segment, at))
 
     def _add(self, row: Rows) -> None:
@@ -415,7 +462,12 @@ class _Search:
         parts = [self.rows.chosen(of_box)]
         parts += [self.found[number + 1] for number in others]
         own = multipliers[used]
-        bound = dual_check.dual_bound(objective, box, dual_check.joined(parts), own)
+        bound = dual_check.dual_bound(
+            objective,
+            box,
+            dual_check.joined(parts),
+            own,
+        )
         return _Step(kind, variable, 0.0, used, own), bound
 
     # --- the proof ---
@@ -430,7 +482,9 @@ class _Search:
         cuts = [self.cuts[place] for is_cut, place in kinds if is_cut]
         # tangents come first
         is_cut = np.array([is_cut for is_cut, _ in kinds], dtype=bool)
-        position = np.where(is_cut, len(tangents) + np.cumsum(is_cut), np.cumsum(~is_cut)) - 1
+        number_of_cut = len(tangents) + np.cumsum(is_cut)
+        number_of_tangent = np.cumsum(~is_cut)
+        position = np.where(is_cut, number_of_cut, number_of_tangent) - 1
         renumbered = np.zeros(self.box_count + len(self.kinds), dtype=np.intp)
         renumbered[: self.box_count] = np.arange(self.box_count)
         renumbered[used + self.box_count] = self.box_count + position
@@ -468,7 +522,14 @@ def _program(relaxation: Relaxation, solver: Any, box: Box, rows: Rows) -> Linea
         shape=shape,
     )
     below = np.full(count, -np.inf)
-    return Linear(solver, box.low, box.high, matrix, below, rows.bounds)
+    return Linear(
+        solver,
+        box.low,
+        box.high,
+        matrix,
+        below,
+        rows.bounds,
+    )
 
 
 def _walk(node: _Node) -> Iterator[_Step]:
@@ -483,7 +544,13 @@ def _walk(node: _Node) -> Iterator[_Step]:
 
 def _branch(column: int, value: float) -> _Step:
     nothing = np.zeros(0)
-    return _Step(dual_check.BRANCH, column, value, nothing.astype(np.intp), nothing)
+    return _Step(
+        dual_check.BRANCH,
+        column,
+        value,
+        nothing.astype(np.intp),
+        nothing,
+    )
 
 
 def _side(box: Box, column: int, raises: bool) -> float:

@@ -47,7 +47,11 @@ class Costates(NamedTuple):
 
 def row(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> tuple[Array, float]:
     """The inequality that the costates of one segment and joint give: as `rows`, of one."""
-    one = Costates(np.array([segment]), np.array([joint]), cells[None])
+    one = Costates(
+        segments=np.array([segment]),
+        joints=np.array([joint]),
+        cells=cells[None],
+    )
     coefficients, bounds = rows(relaxation, one)
     return coefficients[0], float(bounds[0])
 
@@ -65,7 +69,8 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
         rounded so that the rows are valid.
     """
     parts = _Parts.of(relaxation, given)
-    displacement = parts.slope[:, -1] * relaxation.h[given.segments, given.joints]
+    h = relaxation.h[given.segments, given.joints]
+    displacement = parts.slope[:, -1] * h
     walls, wall_size = _walls(relaxation, given, parts.slope)
     inverse_size = np.abs(displacement) + wall_size
     inverse_rounding = COEFFICIENT_RTOL * inverse_size
@@ -254,7 +259,9 @@ def _walls(relaxation: Relaxation, given: Costates, slope: Array) -> tuple[Array
     room_below = np.where(downwards > 0, room_below, 0.0)
     above = upwards * room_above
     below = downwards * room_below
-    return above - below, np.abs(above) + np.abs(below)
+    total = above - below
+    size = np.abs(above) + np.abs(below)
+    return total, size
 
 
 def _up(values: Array) -> Array:

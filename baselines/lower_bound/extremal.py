@@ -100,7 +100,8 @@ def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Broken]:
         tolerance: What a row must be broken by, where its cost is 1.
     """
     shape = (2, relaxation.segments, relaxation.joints)
-    _, segments, joints = (index.ravel() for index in np.indices(shape))
+    indices = np.indices(shape).reshape(3, -1)
+    _, segments, joints = indices
     columns = relaxation.every_row_columns()[segments, joints]
     largest = np.full(shape[1:], tolerance)
     best: dict[tuple[int, int], Broken] = {}
@@ -113,11 +114,14 @@ def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Broken]:
         costs = bounds - coefficients[:, 0] - coefficients[:, 2]
         shares = violations / np.maximum(costs, np.finfo(float).tiny)
         for number in np.flatnonzero(shares > tolerance):
-            place = (int(segments[number]), int(joints[number]))
+            segment = int(segments[number])
+            joint = int(joints[number])
+            place = (segment, joint)
             if shares[number] > largest[place]:
                 largest[place] = shares[number]
                 of_cost_one = _scaled(flat[number], 1 / costs[number])
-                best[place] = Broken(*place, _with_width(of_cost_one))
+                chosen = _with_width(of_cost_one)
+                best[place] = Broken(segment, joint, chosen)
     return list(best.values())
 
 
@@ -160,7 +164,9 @@ def families(relaxation: Relaxation, x: Array) -> list[Array]:
 def _points(relaxation: Relaxation, x: Array) -> Point:
     """All segments and joints, then their mirror images: `(2, segments, joints)`."""
     rest = np.zeros((1, relaxation.joints))
-    velocities = np.concatenate([rest, x[relaxation.velocity], rest])
+    inner = x[relaxation.velocity]
+    v0 = np.concatenate([rest, inner])
+    v1 = np.concatenate([inner, rest])
     after = np.concatenate([rest, x[relaxation.after]])
     before = np.concatenate([x[relaxation.before], rest])
     time = x[relaxation.time][:, None]
@@ -168,10 +174,11 @@ def _points(relaxation: Relaxation, x: Array) -> Point:
     none = np.where(relaxation.jerky, _NO_JERK_LIMIT_ONE_SIDE, _NO_JERK_LIMIT)
     j_down, j_up = np.where(np.isinf(relaxation.j), none, relaxation.j)
     a_down, a_up = relaxation.a
-    v_down, v_up = np.broadcast_to(relaxation.v[:, None], (2, *velocities[1:].shape))
+    v_down = relaxation.v[0] * np.ones_like(time)
+    v_up = relaxation.v[1] * np.ones_like(time)
     return Point(
-        v0=_mirrored(velocities[:-1], -velocities[:-1]),
-        v1=_mirrored(velocities[1:], -velocities[1:]),
+        v0=_mirrored(v0, -v0),
+        v1=_mirrored(v1, -v1),
         a0=_mirrored(after, -after),
         a1=_mirrored(before, -before),
         v_up=_mirrored(v_up, v_down),
@@ -192,7 +199,9 @@ def _without_free_jerk(relaxation: Relaxation, cells: Array) -> None:
     starts = cells[..., 0]
     last = np.ones_like(starts[..., :1])
     ends = np.concatenate([starts[..., 1:], last], axis=-1)
-    p0, p1, p2 = np.moveaxis(cells[..., 1:4], -1, 0)
+    p0 = cells[..., 1]
+    p1 = cells[..., 2]
+    p2 = cells[..., 3]
     # in the middle of the cell
     s = (ends - starts) / 2
     p = p0 + s * (p1 + s * p2)
@@ -321,15 +330,19 @@ def _instants(point: Point) -> Instants:
         return direct
     by_cruise = _with_cruise(point)
     both = zip(by_cruise, direct, strict=True)
-    return Instants(*(np.where(cruises, first, second) for first, second in both))
+    chosen = [np.where(cruises, first, second) for first, second in both]
+    return Instants(*chosen)
 
 
 def _with_cruise(point: Point) -> Instants:
     rise = _to_cruise(point)
     fall = _to_cruise(point.reversed())
-    middle = np.clip((rise[2] + 1 - fall[2]) / 2, 0.0, 1.0)
+    # where both meet, if there is no time for a cruise
+    meeting = (rise[2] + 1 - fall[2]) / 2
+    middle = np.clip(meeting, 0.0, 1.0)
     jerk, hold, release = np.minimum(rise, middle)
-    brake_hold, brake, cruise = 1 - np.minimum(fall, 1 - middle)
+    fall = np.minimum(fall, 1 - middle)
+    brake_hold, brake, cruise = 1 - fall
     return Instants(jerk, hold, release, cruise, brake, brake_hold)
 
 

@@ -38,11 +38,17 @@ class Rows(NamedTuple):
 
     def chosen(self, numbers: Indices) -> Rows:
         """Some of them."""
-        return Rows(self.columns[numbers], self.coefficients[numbers], self.bounds[numbers])
+        return Rows(
+            self.columns[numbers],
+            self.coefficients[numbers],
+            self.bounds[numbers],
+        )
 
     def row(self, number: int) -> tuple[Indices, Array, float]:
         """One of them."""
-        return self.columns[number], self.coefficients[number], float(self.bounds[number])
+        columns = self.columns[number]
+        coefficients = self.coefficients[number]
+        return columns, coefficients, float(self.bounds[number])
 
 
 class Box(NamedTuple):
@@ -114,13 +120,15 @@ class Relaxation:
         """
         time_unit = _power_of_two(cutoff / problem.segments)
         accelerations = np.abs(problem.limits.acceleration[problem.moving])
-        lengths = [_power_of_two(a * time_unit**2) for a in accelerations.max(axis=1)]
+        largest = accelerations.max(axis=1)
+        lengths = [_power_of_two(a * time_unit**2) for a in largest]
         return cls(problem, cutoff, time_unit, np.array(lengths))
 
     def _count_variables(self) -> None:
         segments = self.segments
         inner = (segments - 1, self.joints)
-        states = np.arange(4 * inner[0] * inner[1]).reshape(4, *inner) + 3 * segments
+        numbers = np.arange(4 * inner[0] * inner[1])
+        states = 3 * segments + numbers.reshape(4, *inner)
         self.time = np.arange(segments)
         self.inverse = self.time + segments
         self.square = self.time + 2 * segments
@@ -135,7 +143,9 @@ class Relaxation:
             `T, S, Q`, velocity at both ends, `α` at both ends: `(7,)`.
         """
         columns = np.full(ROW_ENTRIES, self.nothing)
-        columns[:3] = (self.time[segment], self.inverse[segment], self.square[segment])
+        columns[0] = self.time[segment]
+        columns[1] = self.inverse[segment]
+        columns[2] = self.square[segment]
         if segment > 0:
             columns[3] = self.velocity[segment - 1, joint]
             columns[5] = self.after[segment - 1, joint]
@@ -215,7 +225,8 @@ class Relaxation:
     def row_segments(self) -> Indices:
         """Which segment's curve each of `box_rows` encloses; −1 for the cut-off."""
         secants = np.repeat(self.time, 2)
-        inner, _ = np.nonzero(np.tile(self.jerky, (self.segments - 1, 1)))
+        each = np.tile(self.jerky, (self.segments - 1, 1))
+        inner, _ = np.nonzero(each)
         before = np.repeat(inner, _MCCORMICK_ROWS)
         after = before + 1
         return np.concatenate([[-1], secants, before, after])
@@ -228,7 +239,11 @@ class Relaxation:
     def blank(self, count: int) -> Rows:
         """Rows that say nothing yet."""
         shape = (count, self.entries)
-        return Rows(np.full(shape, self.nothing), np.zeros(shape), np.zeros(count))
+        return Rows(
+            np.full(shape, self.nothing),
+            np.zeros(shape),
+            np.zeros(count),
+        )
 
     def _cutoff_row(self) -> Rows:
         row = self.blank(1)
@@ -294,8 +309,10 @@ class Relaxation:
     def tangent(self, segment: int, at: float) -> Rows:
         """`S ≥ 2/t − T/t²`, that is `−T − t² S ≤ −2t`, wherever `t > 0`."""
         row = self.blank(1)
-        row.columns[0, :2] = (self.time[segment], self.inverse[segment])
-        row.coefficients[0, :2] = (-1.0, -at * at)
+        row.columns[0, 0] = self.time[segment]
+        row.columns[0, 1] = self.inverse[segment]
+        row.coefficients[0, 0] = -1.0
+        row.coefficients[0, 1] = -at * at
         row.bounds[0] = -2 * at
         return row
 
@@ -328,4 +345,6 @@ def _products(low: Array, high: Array, shortest: Array, longest: Array) -> tuple
         ]
     )
     margin = ROUNDING_RTOL * np.abs(corners).max(axis=0)
-    return corners.min(axis=0) - margin, corners.max(axis=0) + margin
+    least = corners.min(axis=0)
+    most = corners.max(axis=0)
+    return least - margin, most + margin

@@ -81,7 +81,12 @@ class Separation:
         return None if best is None else _thinned(best)
 
     def _violation(self, cells: Array, point: Array) -> float:
-        coefficients, bound = costates.row(self.relaxation, self.segment, self.joint, cells)
+        coefficients, bound = costates.row(
+            self.relaxation,
+            self.segment,
+            self.joint,
+            cells,
+        )
         return float(coefficients @ point - bound)
 
     def _halvable(self, cells: Array, tolerance: float) -> NDArray[np.bool_]:
@@ -275,7 +280,10 @@ class Separation:
         parts = zip(*self.rows, strict=True)
         rows, columns, values = map(np.concatenate, parts)
         shape = (last + 1, self.count)
-        matrix = scipy.sparse.csr_matrix((values, (rows, columns)), shape=shape)
+        matrix = scipy.sparse.csr_matrix(
+            (values, (rows, columns)),
+            shape=shape,
+        )
         matrix.eliminate_zeros()
         equal = np.array(self.sides)
         below = np.append(equal, 1.0)
