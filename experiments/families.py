@@ -119,10 +119,10 @@ def gaps(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cell(row: Any) -> str:
-    median = f"{row.median:.1f}"
+    median = f"{row.median:z.1f}"
     if row.count == 1:
         return median
-    return f"{median} ({row.min:.1f} to {row.max:.1f}; {row.count})"
+    return f"{median} ({row.min:z.1f} to {row.max:z.1f}; {row.count})"
 
 
 @plots.styled
