@@ -1,7 +1,13 @@
-"""One thread for each test process: the tests run in as many processes as there are cores."""
+"""What every test process and its children share."""
 
 import os
+import sys
 
-# Read once, when NumPy is imported: before any test module.
+# One thread each: the tests run in as many processes as there are cores. Read once, when NumPy is
+# imported: before any test module.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+
+# Children find modules compiled, as Python does unless told otherwise: hundreds of them start here.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
