@@ -11,12 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.figures import draw as figures
-from trajopt.benchmark.figures import explanation, plots, sampling, style
+from trajopt.benchmark.figures import explanation, motions, plots, sampling, style
 from trajopt.benchmark.report import panels
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
@@ -132,36 +134,85 @@ def test_no_text_overlaps(planners: int) -> None:
 @pytest.mark.parametrize("joints", [1, 6, 12])
 def test_motion_has_a_row_per_joint_counted_from_one(joints: int) -> None:
     problem, trajectory = motion_of(joints)
-    figure = plots.motion(problem, trajectory, trajectory.dilated(1.5), "title")
-    assert len(figure.axes) == 3 * joints
-    assert [a.get_ylabel() for a in figure.axes[::3]] == [
-        f"joint {j + 1} (rad)" for j in range(joints)
-    ]
-    assert [a.get_ylabel() for a in figure.axes[1:3]] == ["rad/s", "rad/s²"]
+    figure = motions.motion(problem, trajectory, trajectory.dilated(1.5), "title")
+    rows = [panel.joint for panel in motions.panels(problem, trajectory)]
+    assert rows == np.repeat(range(joints), 3).tolist()
+    assert {f"joint {j + 1}" for j in range(joints)} <= set(texts(figure))
+    assert {"position (rad)", "velocity (rad/s)", "acceleration (rad/s²)"} <= set(texts(figure))
     assert overlaps(figure) == []
 
 
+def drawn(figure: Figure, layer: str) -> list[list[list[float]]]:
+    """The lines of a layer, in inches."""
+    (found,) = figure.findobj(lambda artist: artist.get_gid() == layer)
+    if isinstance(found, LineCollection):
+        return [segment.tolist() for segment in found.get_segments()]
+    assert isinstance(found, Line2D)
+    return [np.asarray(found.get_xydata()).tolist()]
+
+
 def test_motion_draws_limits_waypoints_and_both_curves() -> None:
+    """Each as a line through two points of its panel that are known: a corner, and its values."""
     problem, trajectory = motion_of(2)
-    figure = plots.motion(problem, trajectory, trajectory.dilated(2.0), "title")
-    lines = [line for line in figure.axes[4].lines if line.get_color() == style.VERMILION]
-    assert sorted(line.get_ydata()[0] for line in lines) == [-1.5, 3.0]
-    assert figure.axes[4].get_ylim()[0] < -1.5
-    assert figure.axes[4].get_ylim()[1] > 3.0
-    marks = figure.axes[0].lines[-1]
-    np.testing.assert_array_equal(marks.get_xydata(), [[0, 0], [1, 0.5], [2, 1]])
-    (verticals,) = [c for c in figure.axes[5].collections if hasattr(c, "get_segments")]
-    assert [s[0][0] for s in verticals.get_segments()] == [0, 1, 2]
-    grey, blue = figure.axes[1].lines[:2]
-    assert grey.get_color() == style.GREY
-    assert grey.get_xdata()[-1] == 4.0
-    assert max(blue.get_ydata()) == 1.0
+    slower = trajectory.dilated(2.0)
+    figure = motions.motion(problem, trajectory, slower, "title")
+    shown = motions.panels(problem, trajectory, slower)
+    velocity = shown[4]
+    assert (velocity.joint, velocity.order, velocity.end) == (1, 1, 4.0)
+    assert velocity.low < -1.5
+    assert velocity.high > 3.0
+    left, bottom = velocity.corner
+    width, height = velocity.size
+    for limit in (-1.5, 3.0):
+        y = bottom + height * (limit - velocity.low) / (velocity.high - velocity.low)
+        level = [[left, y], [left + width, y]]
+        assert any(np.allclose(line, level) for line in drawn(figure, "limits"))
+    first = shown[0]
+    x = first.corner[0] + first.size[0] * np.array([0, 1, 2]) / 4
+    uprights = drawn(figure, "waypoint times")
+    assert len(uprights) == 3 * len(shown)
+    for time in x:
+        ends = [[time, first.corner[1]], [time, first.corner[1] + first.size[1]]]
+        assert any(np.allclose(line, ends) for line in uprights)
+    values = (np.array([0, 0.5, 1]) - first.low) / (first.high - first.low)
+    dots = np.column_stack([x, first.corner[1] + first.size[1] * values])
+    (marks,) = drawn(figure, "waypoints")
+    np.testing.assert_allclose(marks[:3], dots)
+    # at most 1 rad/s in the middle of 2 s, and half of that over the whole width behind it
+    top = bottom + height * (1.0 - velocity.low) / (velocity.high - velocity.low)
+    own = np.array(drawn(figure, "motion")[4])
+    assert own[:, 1].max() == pytest.approx(top)
+    assert own[-1, 0] == pytest.approx(left + width / 2)
+    behind = np.array(drawn(figure, "reference")[4])
+    assert behind[-1, 0] == pytest.approx(left + width)
     assert {"exact optimum", "limit", "waypoint", "planner"} <= set(texts(figure))
 
 
+def test_all_that_is_drawn_lies_in_its_panel() -> None:
+    problem, trajectory = motion_of(3, jerk=True)
+    figure = motions.motion(problem, trajectory, trajectory.dilated(0.5))
+    shown = motions.panels(problem, trajectory, trajectory.dilated(0.5))
+    for layer in ("motion", "reference"):
+        for panel, line in zip(shown, drawn(figure, layer), strict=True):
+            inside = np.array(line) - panel.corner
+            assert inside.min() >= -1e-12
+            assert (inside <= panel.size + 1e-12).all()
+    corners = np.array([panel.corner for panel in shown])
+    assert len(np.unique(corners, axis=0)) == 12
+    assert (corners[:, 0] + shown[0].size[0]).max() < figure.get_figwidth()
+
+
+def test_ticks_are_round_and_in_view() -> None:
+    figure = motions.motion(*motion_of(1))
+    shown = texts(figure)
+    assert {"0", "0.5", "1", "1.5", "2"} <= set(shown)
+    heights = [line[0][1] for line in drawn(figure, "ticks")]
+    assert max(heights) < figure.get_figheight()
+
+
 def test_jerk_has_a_column_only_where_it_is_limited() -> None:
-    assert len(plots.motion(*motion_of(1, jerk=True)).axes) == 4
-    assert len(plots.motion(*motion_of(1)).axes) == 3
+    assert len(motions.panels(*motion_of(1, jerk=True))) == 4
+    assert len(motions.panels(*motion_of(1))) == 3
 
 
 def test_jumps_are_vertical() -> None:
@@ -356,7 +407,7 @@ def test_a_name_is_drawn_as_it_is_written(name: str, tmp_path: Path) -> None:
     gaps = pd.DataFrame({"label": [name] * 2 + ["once"], "gap": [0.1, 0.2, 0.15]})
     made = {
         "durations": plots.durations(table().assign(label=name), name),
-        "motion": plots.motion(*motion_of(1), title=name),
+        "motion": motions.motion(*motion_of(1), title=name),
         "convergence": plots.convergence(runs, 4.0, name),
         "gaps": plots.gap_distribution(gaps, name),
         "waterfall": explanation.waterfalls([(name, [("optimum", 1.0), ("route", 2.0)])]),
@@ -374,7 +425,7 @@ def test_what_cannot_be_printed_is_a_space_and_what_is_too_long_is_cut(tmp_path:
     assert style.text("a\nb\t c\x1b[31m\ud800d\u202e") == "a b c [31m d"
     assert style.headline("p", ", 1 s") == "p, 1 s"
     assert len(style.headline("p" * 500, ", 1.234 s")) == style.TITLE_LENGTH
-    figure = plots.motion(*motion_of(2), title=style.headline("n" * 500, ", 1.234 s"))
+    figure = motions.motion(*motion_of(2), title=style.headline("n" * 500, ", 1.234 s"))
     FigureCanvasAgg(figure).draw()
     (title,) = (t for t in figure.texts if t.get_text().startswith("n"))
     assert title.get_window_extent().x1 <= figure.bbox.x1

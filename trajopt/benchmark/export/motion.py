@@ -138,10 +138,10 @@ def _exact(trial: Trial) -> str:
 
 def _draw(path: Path, trial: Trial) -> None:
     """Every joint against time, with its limits."""
-    from trajopt.benchmark.figures import plots  # Matplotlib is for those who draw
+    from trajopt.benchmark.figures import motions, plots  # Matplotlib is for those who draw
 
     title = f"{trial.label} on {trial.problem.name}"
-    figure = plots.motion(trial.problem, _certified(trial), title=title)
+    figure = motions.motion(trial.problem, _certified(trial), title=title)
     with TemporaryDirectory() as folder:
         if path.suffix == ".pdf":
             drawn = Path(folder) / "motion.pdf"

@@ -100,7 +100,7 @@ def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:
 
 def judged(found: Judgement, folder: Path) -> Path:
     """Draw a motion as it is, its limits, and the optimum behind: `<problem>-<motion>.png`."""
-    from trajopt.benchmark.figures import plots
+    from trajopt.benchmark.figures import motions, plots
 
     optimum = None if found.explanation is None else found.explanation.optimum
     verdict = f", {found.claimed_duration:#.4g} s"
@@ -108,7 +108,7 @@ def judged(found: Judgement, folder: Path) -> Path:
         verdict += ", no slow-down mends it"
     elif not found.certificate.feasible:
         verdict += f", {found.certified_duration:#.4g} s within the limits"
-    figure = plots.motion(
+    figure = motions.motion(
         found.problem,
         found.trajectory,
         optimum,

@@ -73,11 +73,11 @@ class Drawing:
         plots.save_pdf(self._figure(), file)
 
     def _figure(self) -> Figure:
-        from trajopt.benchmark.figures import plots
+        from trajopt.benchmark.figures import motions, plots
 
         functions: dict[str, Callable[..., Figure]] = {
             "durations": plots.durations,
-            "motion": plots.motion,
+            "motion": motions.motion,
             "convergence": plots.convergence,
             "gap_distribution": plots.gap_distribution,
         }

@@ -21,27 +21,22 @@ from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from trajopt.benchmark.figures.sampling import curve
 from trajopt.benchmark.figures.style import (
     BLACK,
     BLUE,
     CURVES,
     DASHES,
     GAP_FLOOR,
-    GREY,
     MARKERS,
-    QUANTITIES,
     STYLE_SHEET,
     VERMILION,
     percent,
     plain,
     text,
 )
-from trajopt.problem import Problem
-from trajopt.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,23 +44,16 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Look = dict[str, Any]  # what Matplotlib calls the parts of an artist's look
 
-_LONG_DASHES = (0, (4, 2))
 _SHORT_DASHES = (0, (3, 2))
-_LIMIT: Look = {"color": VERMILION, "ls": _LONG_DASHES, "lw": 0.8}
-_OWN: Look = {"color": BLUE, "lw": 1.1}
-_BEHIND: Look = {"color": GREY, "lw": 1.8}
-_PASSING: Look = {"color": "0.6", "lw": 0.4}
-_DOT: Look = {"marker": "o", "mfc": "white", "mec": BLACK, "mew": 0.8}
 _BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
 _RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
 
 _PNG_DPI = 200
+_PNG_COMPRESSION = 1  # of 9: a tenth larger than 6, and two thirds of its time
 _COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
 _SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # of a decade of durations: where ticks are
-_LONG_LABEL = 10  # characters of a joint's name
-_ROUNDING = 1e-9  # relative: changes below it are not worth magnifying
 
 styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings are left alone
 
@@ -87,8 +75,14 @@ def save(figure: Figure, stem: Path, digest: str = "") -> list[Path]:
     said = {"Description": digest} if digest else {}
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        _write(figure, png, dpi=_PNG_DPI, metadata={"Software": None} | said)
-        figure.set_layout_engine("none")  # what was laid out stays
+        _lay_out(figure)
+        _write(
+            figure,
+            png,
+            dpi=_PNG_DPI,
+            metadata={"Software": None} | said,
+            pil_kwargs={"compress_level": _PNG_COMPRESSION},
+        )
         _write(figure, svg, metadata={"Date": None} | said)
     return [png, svg]
 
@@ -99,6 +93,14 @@ def save_pdf(figure: Figure, file: Path) -> None:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         _write(figure, file, metadata={"CreationDate": None})
+
+
+def _lay_out(figure: Figure) -> None:
+    """Find every place once: else each file's writer draws the figure for it, and again."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def _write(figure: Figure, file: Path, **options: Any) -> None:
@@ -201,132 +203,6 @@ def _statuses(axes: Axes, rows: pd.DataFrame) -> None:
         if row["lower_bound"] > 0:
             said = f"{said} (lower bound {row['lower_bound']:#.4g} s)"
         axes.annotate(said, (0, y), (4, 0), **style)
-
-
-# ---- motion ---------------------------------------------------------------------------------
-
-
-@styled
-def motion(
-    problem: Problem,
-    trajectory: Trajectory,
-    reference: Trajectory | None = None,
-    title: str = "",
-    reference_name: str = "exact optimum",
-    own_name: str = "planner",
-) -> Figure:
-    """Every joint against time, with its limits and waypoints.
-
-    A row per joint, a column per quantity: position, velocity, acceleration, and jerk if limited.
-
-    Args:
-        problem: whose limits and waypoints are drawn.
-        trajectory: in blue.
-        reference: behind it in grey.
-        title: over the figure.
-        reference_name: what the legend calls the reference.
-        own_name: what it calls the trajectory.
-    """
-    quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
-    passing = trajectory.waypoint_times
-    figure, grid = _grid(problem.joints, len(quantities))
-    for order, (quantity, unit) in enumerate(quantities):
-        limits = getattr(problem.limits, quantity)
-        times, values = curve(trajectory, order)
-        behind = curve(reference, order) if reference else None
-        for joint, axes in enumerate(grid[:, order]):
-            if behind:
-                axes.plot(behind[0], behind[1][:, joint], **_BEHIND)
-            axes.plot(times, values[:, joint], **_OWN)
-            _limit(axes, limits[joint])
-            every_height = axes.get_xaxis_transform()
-            axes.vlines(passing, 0, 1, transform=every_height, zorder=0.5, **_PASSING)
-            axes.set_ylabel(unit)
-        grid[0, order].set_title(quantity)
-        grid[-1, order].set_xlabel("time (s)")
-    for joint, axes in enumerate(grid[:, 0]):
-        coordinates = problem.waypoints[:, joint]
-        axes.plot(passing, coordinates, ls="", zorder=3, clip_on=False, **_DOT)
-        name = text(problem.joint_labels[joint])
-        if len(name) > _LONG_LABEL:  # beside a row: a line of its own, and smaller
-            axes.set_ylabel(f"{name}\n(rad)", fontsize="x-small")
-        else:
-            axes.set_ylabel(f"{name} (rad)")
-    end = trajectory.duration
-    if reference:
-        end = max(end, reference.duration)
-    for axes in grid.flat:
-        axes.set_xlim(0, end)
-    _caption(figure, title, reference_name if reference else None, own_name)
-    return figure
-
-
-def _limit(axes: Axes, limits: Array) -> None:
-    """Dashed lines at the finite limits, grey beyond, and a view that holds both and the data."""
-    finite = limits[np.isfinite(limits)]
-    drawn = [np.asarray(line.get_ydata()) for line in axes.lines]
-    values = np.concatenate([finite, *drawn])
-    low = values.min()
-    high = values.max()
-    moves = high - low > _ROUNDING * max(1.0, abs(high))
-    margin = 0.08 * (high - low) if moves else 0.05
-    for limit in finite:
-        beyond = low - margin if limit == limits[0] else high + margin
-        axes.axhspan(limit, beyond, color="0.93", lw=0, zorder=0)
-        axes.axhline(limit, zorder=1, **_LIMIT)
-    axes.set_ylim(low - margin, high + margin)
-
-
-def _grid(rows: int, columns: int) -> tuple[Figure, NDArray[Any]]:
-    """Panels laid out in inches: solving for a layout takes longer than drawing all of them."""
-    panel = max(0.95, 1.7 - 0.15 * rows)
-    width = 2.35 * columns + 0.3
-    height = rows * panel + 1.05
-    figure = Figure(figsize=(width, height))
-    with matplotlib.rc_context({"axes.titley": 1.0}):  # titles need not look for free space
-        grid = figure.subplots(rows, columns, squeeze=False)
-    figure.subplots_adjust(
-        left=0.65 / width,
-        right=1 - 0.12 / width,
-        top=1 - 0.65 / height,
-        bottom=0.4 / height,
-        wspace=0.38,
-        hspace=0.22,
-    )
-    left = -0.44 * (columns + 0.38 * (columns - 1)) / (width - 0.77)
-    for axes in grid.flat:
-        axes.xaxis.set_label_coords(0.5, -0.26 / panel)
-        axes.yaxis.set_label_coords(left, 0.5)
-        axes.yaxis.set_major_locator(MaxNLocator(3 if rows > 1 else 6))
-        axes.yaxis.set_major_formatter(FuncFormatter(plain))
-    for axes in grid[:-1].flat:  # time is written under the last row
-        axes.set_xticks([])
-    return figure, grid
-
-
-def _caption(figure: Figure, title: str, reference: str | None, name: str) -> None:
-    """The title, and under it what the lines mean."""
-    width, height = figure.get_size_inches()
-    left = 0.65 / width
-    figure.text(left, 1 - 0.08 / height, text(title), va="top", fontsize=9)
-    looks: dict[str, Look] = {
-        name: _OWN,
-        "limit": _LIMIT,
-        "waypoint": _PASSING | _DOT,
-    }
-    if reference:
-        looks[reference] = _BEHIND
-    keys = []
-    for label, look in looks.items():
-        keys.append(Line2D([], [], label=label, **look))
-    figure.legend(
-        handles=keys,
-        loc="upper left",
-        ncols=4,
-        borderpad=0,
-        borderaxespad=0,
-        bbox_to_anchor=(left, 1 - 0.26 / height),
-    )
 
 
 # ---- convergence ----------------------------------------------------------------------------

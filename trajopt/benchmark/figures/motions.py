@@ -1,0 +1,378 @@
+"""A motion, joint by joint: position, velocity, acceleration and jerk, with limits and waypoints.
+
+Six joints have eighteen panels. As many of Matplotlib's axes take a second to make and to draw;
+here what all panels have in common is one collection of lines, so that a figure takes a tenth of
+that. Every place is in inches from the lower left corner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from trajopt.benchmark.figures.plots import styled
+from trajopt.benchmark.figures.sampling import curve
+from trajopt.benchmark.figures.style import (
+    BLACK,
+    BLUE,
+    GREY,
+    QUANTITIES,
+    VERMILION,
+    plain,
+    text,
+)
+from trajopt.problem import Problem
+from trajopt.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Look = dict[str, Any]  # what Matplotlib calls the parts of an artist's look
+
+_LIMIT: Look = {"color": VERMILION, "ls": (0, (4, 2)), "lw": 0.8}
+_OWN: Look = {"color": BLUE, "lw": 1.1}
+_BEHIND: Look = {"color": GREY, "lw": 1.8}
+_PASSING: Look = {"color": "0.6", "lw": 0.4}
+_FRAME: Look = {"color": BLACK, "lw": 0.6}
+_DOT: Look = {"marker": "o", "mfc": "white", "mec": BLACK, "mew": 0.8}
+
+# inches
+_LEFT = 0.65
+_RIGHT = 0.12
+_TOP = 0.65
+_BOTTOM = 0.4
+_BETWEEN_COLUMNS = 0.38  # of a panel's width
+_BETWEEN_ROWS = 0.22  # of a panel's height
+_TICK = 3.5 / 72
+_AFTER_TICK = 7.0 / 72
+_NAME_LEFT = 0.48
+_TITLE_RISE = 0.08
+_TIME_DROP = 0.23
+
+_LONG_LABEL = 10  # characters of a joint's name
+_MARGIN = 0.08  # of the values' range, above and below them
+_ROUNDING = 1e-9  # relative: changes below it are not worth magnifying
+_TIME_STEPS = (1, 2, 2.5, 5, 10)
+_IN_VIEW_RTOL = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One quantity of one joint, and where it is drawn.
+
+    - `joint`, `order`: from 0; the order of the derivative;
+    - `own`, `behind`: times (s) and values of the trajectory, and of the one behind it, if any;
+    - `limits`: the finite ones of `[low, high]`;
+    - `corner`, `size`: `(2,)`, inches; `end`, `low`, `high`: what they show, from 0 s.
+    """
+
+    joint: int
+    order: int
+    own: tuple[Array, Array]
+    behind: tuple[Array, Array] | None
+    limits: Array
+    corner: Array
+    size: Array
+    end: float
+    low: float
+    high: float
+
+    def x(self, times: Any) -> Any:
+        """From seconds to inches."""
+        left, _ = self.corner
+        width, _ = self.size
+        return left + times * (width / self.end)
+
+    def y(self, values: Any) -> Any:
+        """From rad, rad/s, … to inches."""
+        _, bottom = self.corner
+        _, height = self.size
+        scale = height / (self.high - self.low)
+        return bottom + (values - self.low) * scale
+
+    def line(self, times: Array, values: Array) -> Array:
+        """A curve in inches, `(n, 2)`."""
+        return np.column_stack([self.x(times), self.y(values)])
+
+    def across(self, value: float) -> Array:
+        """A level line from side to side, in inches."""
+        ends = np.array([0.0, self.end])
+        return self.line(ends, np.full(2, value))
+
+    def upright(self, time: float) -> Array:
+        """A line from bottom to top, in inches."""
+        ends = np.array([self.low, self.high])
+        return self.line(np.full(2, time), ends)
+
+    def beyond(self) -> list[Array]:
+        """What lies outside each limit, a rectangle in inches each."""
+        areas = []
+        for limit in self.limits:
+            edge = self.high if limit > 0 else self.low
+            near = self.across(limit)
+            far = self.across(edge)
+            areas.append(np.concatenate([near, far[::-1]]))
+        return areas
+
+
+@styled
+def motion(
+    problem: Problem,
+    trajectory: Trajectory,
+    reference: Trajectory | None = None,
+    title: str = "",
+    reference_name: str = "exact optimum",
+    own_name: str = "planner",
+) -> Figure:
+    """Every joint against time, with its limits and waypoints.
+
+    A row per joint, a column per quantity: position, velocity, acceleration, and jerk if limited.
+
+    Args:
+        problem: whose limits and waypoints are drawn.
+        trajectory: in blue.
+        reference: behind it in grey.
+        title: over the figure.
+        reference_name: what the legend calls the reference.
+        own_name: what it calls the trajectory.
+    """
+    width, height = _size(problem)
+    figure = Figure(figsize=(width, height))
+    shown = panels(problem, trajectory, reference)
+    _draw_lines(figure, shown, trajectory.waypoint_times)
+    _draw_waypoints(figure, shown, problem, trajectory)
+    _draw_ticks(figure, shown)
+    _draw_names(figure, shown, problem)
+    looks = {own_name: _OWN, "limit": _LIMIT, "waypoint": _PASSING | _DOT}
+    if reference:
+        looks[reference_name] = _BEHIND
+    _draw_caption(figure, title, looks)
+    return figure
+
+
+def panels(
+    problem: Problem,
+    trajectory: Trajectory,
+    reference: Trajectory | None = None,
+) -> list[Panel]:
+    """What `motion` shows, row by row."""
+    columns = _columns(problem)
+    end = trajectory.duration
+    if reference:
+        end = max(end, reference.duration)
+    every = []
+    for order, (quantity, _) in enumerate(QUANTITIES[:columns]):
+        limits = getattr(problem.limits, quantity)
+        times, values = curve(trajectory, order)
+        behind = curve(reference, order) if reference else None
+        for joint, own_limits in enumerate(limits):
+            own = (times, values[:, joint])
+            finite = own_limits[np.isfinite(own_limits)]
+            seen = [finite, own[1]]
+            back = None
+            if behind:
+                back = (behind[0], behind[1][:, joint])
+                seen.append(back[1])
+            low, high = _view(seen)
+            corner, size = _place(problem, joint, order)
+            panel = Panel(
+                joint=joint,
+                order=order,
+                own=own,
+                behind=back,
+                limits=finite,
+                corner=corner,
+                size=size,
+                end=end,
+                low=low,
+                high=high,
+            )
+            every.append(panel)
+    return sorted(every, key=lambda panel: (panel.joint, panel.order))
+
+
+def _columns(problem: Problem) -> int:
+    return 4 if problem.has("jerk") else 3
+
+
+def _size(problem: Problem) -> tuple[float, float]:
+    """The figure's width and height, inches."""
+    joints = problem.joints
+    row = max(0.95, 1.7 - 0.15 * joints)
+    return 2.35 * _columns(problem) + 0.3, joints * row + 1.05
+
+
+def _place(problem: Problem, joint: int, order: int) -> tuple[Array, Array]:
+    """A panel's lower left corner and its size, inches."""
+    width, height = _size(problem)
+    columns = _columns(problem)
+    rows = problem.joints
+    # n panels and n − 1 gaps fill what the margins leave
+    free_width = width - _LEFT - _RIGHT
+    free_height = height - _TOP - _BOTTOM
+    panel_width = free_width / (columns + _BETWEEN_COLUMNS * (columns - 1))
+    panel_height = free_height / (rows + _BETWEEN_ROWS * (rows - 1))
+    size = np.array([panel_width, panel_height])
+    pitch = size * (1 + np.array([_BETWEEN_COLUMNS, _BETWEEN_ROWS]))
+    below = rows - 1 - joint
+    corner = np.array([_LEFT, _BOTTOM]) + pitch * (order, below)
+    return corner, size
+
+
+def _view(parts: Sequence[Array]) -> tuple[float, float]:
+    """The values from which and to which a panel shows: all of them, and a margin."""
+    values = np.concatenate(parts)
+    low = float(values.min())
+    high = float(values.max())
+    moves = high - low > _ROUNDING * max(1.0, abs(high))
+    margin = _MARGIN * (high - low) if moves else 0.05
+    return low - margin, high + margin
+
+
+def _draw_lines(figure: Figure, shown: Sequence[Panel], passing: Array) -> None:
+    """What lies beyond the limits, waypoint times, limits, curves and frames, from the back."""
+    beyond: list[Array] = []
+    uprights: list[Array] = []
+    limits: list[Array] = []
+    behind: list[Array] = []
+    own: list[Array] = []
+    frames: list[Array] = []
+    for panel in shown:
+        beyond += panel.beyond()
+        uprights += [panel.upright(time) for time in passing]
+        limits += [panel.across(limit) for limit in panel.limits]
+        own.append(panel.line(*panel.own))
+        if panel.behind is not None:
+            behind.append(panel.line(*panel.behind))
+        frames += [panel.upright(0.0), panel.across(panel.low)]
+    inches = figure.dpi_scale_trans
+    figure.add_artist(PolyCollection(beyond, transform=inches, color="0.93", lw=0, zorder=0))
+    layers: list[tuple[str, list[Array], Look]] = [
+        ("waypoint times", uprights, _PASSING),
+        ("limits", limits, _LIMIT),
+        ("reference", behind, _BEHIND),
+        ("motion", own, _OWN),
+        ("frames", frames, _FRAME),
+    ]
+    for layer, (name, lines, look) in enumerate(layers, start=1):
+        ends = "projecting" if name in ("reference", "motion", "frames") else "butt"
+        artist = LineCollection(
+            lines,
+            transform=inches,
+            zorder=layer,
+            capstyle=ends,
+            joinstyle="round",
+            **look,
+        )
+        artist.set_gid(name)
+        figure.add_artist(artist)
+
+
+def _draw_waypoints(
+    figure: Figure,
+    shown: Sequence[Panel],
+    problem: Problem,
+    trajectory: Trajectory,
+) -> None:
+    """A dot at each, in the panels of positions."""
+    dots = []
+    for panel in shown:
+        if panel.order == 0:
+            coordinates = problem.waypoints[:, panel.joint]
+            dots.append(panel.line(trajectory.waypoint_times, coordinates))
+    x, y = np.concatenate(dots).T
+    marks = Line2D(x, y, ls="", zorder=9, transform=figure.dpi_scale_trans, **_DOT)
+    marks.set_gid("waypoints")
+    figure.add_artist(marks)
+
+
+def _draw_ticks(figure: Figure, shown: Sequence[Panel]) -> None:
+    """Ticks with their numbers: time under the last row, values beside every panel."""
+    write = _writer(figure, fontsize=7)
+    last = shown[-1].joint
+    intervals = 3 if last > 0 else 6
+    of_values = MaxNLocator(intervals)
+    of_times = MaxNLocator(6, steps=_TIME_STEPS)
+    ticks = []
+    for panel in shown:
+        left, bottom = panel.corner
+        for value in _in_view(of_values, panel.low, panel.high):
+            y = panel.y(value)
+            ticks.append([(left - _TICK, y), (left, y)])
+            write(left - _AFTER_TICK, y, plain(value), ha="right", va="center_baseline")
+        if panel.joint < last:
+            continue
+        for time in _in_view(of_times, 0.0, panel.end):
+            x = panel.x(time)
+            ticks.append([(x, bottom - _TICK), (x, bottom)])
+            write(x, bottom - _AFTER_TICK, plain(time), ha="center", va="top")
+    artist = LineCollection(ticks, transform=figure.dpi_scale_trans, **_FRAME)
+    artist.set_gid("ticks")
+    figure.add_artist(artist)
+
+
+def _in_view(locator: MaxNLocator, low: float, high: float) -> Array:
+    """The places of ticks between two values."""
+    places = np.asarray(locator.tick_values(low, high), dtype=float)
+    slack = _IN_VIEW_RTOL * (high - low)
+    above = places >= low - slack
+    below = places <= high + slack
+    # 0, not what steps of 0.1 leave of it
+    places[np.abs(places) < slack] = 0.0
+    return places[above & below]
+
+
+def _draw_names(figure: Figure, shown: Sequence[Panel], problem: Problem) -> None:
+    """Quantities with units over the columns, joints beside the rows, time under the last row."""
+    write = _writer(figure, fontsize=8)
+    for panel in shown:
+        left, bottom = panel.corner
+        width, height = panel.size
+        quantity, unit = QUANTITIES[panel.order]
+        middle = left + width / 2
+        if panel.joint == 0:
+            top = bottom + height
+            write(middle, top + _TITLE_RISE, f"{quantity} ({unit})", ha="center", va="baseline")
+        if panel.joint == problem.joints - 1:
+            write(middle, bottom - _TIME_DROP, "time (s)", ha="center", va="top")
+        if panel.order > 0:
+            continue
+        name = text(problem.joint_labels[panel.joint])
+        size = 8.0
+        if len(name) > _LONG_LABEL:
+            size = 6.0
+        beside = bottom + height / 2
+        write(left - _NAME_LEFT, beside, name, ha="right", va="center", rotation=90, fontsize=size)
+
+
+def _draw_caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> None:
+    """The title, and under it what the lines mean."""
+    width, height = figure.get_size_inches()
+    write = _writer(figure, fontsize=9)
+    write(_LEFT, height - 0.08, text(title), ha="left", va="top")
+    keys = []
+    for label, look in looks.items():
+        keys.append(Line2D([], [], label=label, **look))
+    figure.legend(
+        handles=keys,
+        loc="upper left",
+        ncols=4,
+        borderpad=0,
+        borderaxespad=0,
+        bbox_to_anchor=(_LEFT / width, 1 - 0.26 / height),
+    )
+
+
+def _writer(figure: Figure, **usual: Any) -> Callable[..., None]:
+    """What writes a text at a place in inches."""
+
+    def write(x: float, y: float, words: str, **look: Any) -> None:
+        figure.text(x, y, words, transform=figure.dpi_scale_trans, **usual | look)
+
+    return write
