@@ -122,7 +122,7 @@ def test_what_cannot_be_certified_cannot_be_explained() -> None:
 
 def test_as_dict_has_the_keys_and_counts_joints_from_one() -> None:
     table = explained(random_problem(1, joints=2, waypoints=4), Exact()).as_dict()
-    assert set(table) == {*KEYS.split(), "notes", "binding"}
+    assert set(table) == {*KEYS.split(), "recorded", "notes", "binding"}
     assert {frozenset(row) for row in table["binding"]} == {
         frozenset({"joint", "limit", "from", "to", "worth"})
     }

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.record import Record
+from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.exceptions import TrajoptError
 from trajopt.explain.references import THROUGH_WAYPOINTS, best_planners
@@ -23,19 +26,22 @@ class Best:
     Attributes:
         trial: The planner's trial.
         best_known: What no known motion beats, s: the shortest answer under fewer limits.
-        proved: What no motion beats, proved in closed form, s.
+        proved: What no motion beats, proved in closed form or in the record, s.
         stopping: How long it takes to stop at every waypoint, s.
+        record: What is recorded of the problem; None where nothing is.
     """
 
     trial: Trial
     best_known: float | None
     proved: float
     stopping: float
+    record: Record | None = None
 
     def as_dict(self) -> dict[str, float | None]:
         """For JSON, beside the trial: s."""
         return {
             "best_known_bound": self.best_known,
+            "recorded_duration": self.record.duration if self.record else None,
             "proved_bound": self.proved,
             "stopping_duration": self.stopping,
         }
@@ -63,11 +69,16 @@ def best(problem: Problem, seed: int) -> Best:
             break
     if trial is None:
         raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
+    proved = end_to_end_bound(problem)
+    record = records.find(problem)
+    if record is not None:
+        proved = max(proved, record.lower_bound)
     return Best(
         trial=trial,
         best_known=best_known,
-        proved=end_to_end_bound(problem),
+        proved=proved,
         stopping=float(stop_times(problem).sum()),
+        record=record,
     )
 
 
@@ -114,8 +125,13 @@ def _quality(found: Best, duration: float) -> str:
         if known_gap >= _PROVED_RTOL:
             bound = f"{found.best_known:.4f} s, the best known under fewer limits"
             known = f"It is {100 * known_gap:.2f} % above {bound}"
+    record = found.record
+    if record is not None and duration > record.duration * (1 + BETTER_RTOL):
+        above = 100 * (duration / record.duration - 1)
+        best = f"the best known, {record.motion}, {record.duration:.4f} s"
+        known = f"It is {above:.2g} % above {best}"
     faster = 100 * (1 - found.proved / duration)
     return (
-        f"{known}; proved is that none is more than {faster:.1f} % faster "
+        f"{known}; proved is that none is more than {faster:.3g} % faster "
         "(`trajopt certify` proves more)."
     )

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from trajopt.benchmark import compare as benchmark
 from trajopt.benchmark.analysis.summary import Line, Summary
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.compare import Comparison
 from trajopt.benchmark.figures import drawn
 from trajopt.benchmark.run import dask as cluster
@@ -136,6 +137,8 @@ def compare(
     _warn(summary)
     for line in made:
         console.line(line)
+    for sentence in _better_than_recorded(summary, output):
+        console.paragraph(sentence)
     answered = any(map(_is_answered, ran.trials))
     return 0 if answered else 1
 
@@ -212,6 +215,22 @@ def _warn(summary: Summary) -> None:
             f"(seed {trial.seed}) on {console.markup(trial.problem.name)} is {below:.6f} % below "
             f"the reference; trial {trial.id}"
         )
+
+
+def _better_than_recorded(summary: Summary, folder: Path) -> Iterator[str]:
+    """Answers better than the best known, and what to do with them."""
+    improvements = summary.improvements()
+    for trial in improvements:
+        record = records.find(trial.problem)
+        if record is None or trial.certified_duration is None:
+            continue
+        less = 100 * (1 - trial.certified_duration / record.duration)
+        yield (
+            f"{trial.label} on {trial.problem.name} takes {trial.certified_duration:.6f} s, "
+            f"{less:.4g} % less than the best known, {record.motion}, {record.duration:.6f} s."
+        )
+    if improvements:
+        yield f"To record what is better: trajopt best-known propose {folder}"
 
 
 # --- a table per problem ---
@@ -304,10 +323,12 @@ def _reference(line: Line) -> str:
     known = "the best known, not proved (see --certify)"
     if line.proved > 0:
         within = 100 * (line.reference / line.proved - 1)
-        known = f"proved within {within:.3f} % (lower bound {line.proved:.6f} s)"
+        by = f", recorded: {line.recorded_proof}" if line.recorded_proof else ""
+        known = f"proved within {within:.3f} % (lower bound {line.proved:.6f} s{by})"
     sentences = {
         "exact": "Gap to the exact optimum, {:.6f} s: {}.",
         "refined": "Gap to refined collocation, {:.6f} s, its own error below 0.01 %: {}.",
         "lower bound": "Gap to a lower bound, {:.6f} s, the optimum without some limits: {}.",
+        "best known": f"Gap to the best known, {line.recorded}, {{:.6f}} s: {{}}.",
     }
     return sentences[line.kind or "exact"].format(line.reference, known)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.figures import draw
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, judge
@@ -42,7 +43,13 @@ def explain(
             print_trial(trial, problem)
         return 1
     with console.waiting("asking the references"):
-        found = decomposition.explain(trial.problem, chosen, trial.certified_trajectory)
+        recorded = records.answer(trial.problem)
+        found = decomposition.explain(
+            trial.problem,
+            chosen,
+            trial.certified_trajectory,
+            recorded,
+        )
         figures = draw.explain(trial, found, output)
     if json:
         files = {"figures": [str(figure) for figure in figures]}
@@ -74,7 +81,10 @@ def sentences(subject: str, problem: Problem, found: Explanation) -> Iterator[st
     if found.exact is None:
         yield f"{what}; no optimum to compare with: {found.notes['gap']}."
     else:
-        yield f"{what}, {found.gap:.3f} times the best known optimum, {found.exact:.4f} s."
+        known = f"{found.exact:.4f} s"
+        if found.recorded:
+            known += f" (recorded: {found.recorded})"
+        yield f"{what}, {found.gap:.3f} times the best known optimum, {known}."
     steps = found.steps()
     yield _path_and_timing(found, dict(steps.get("path and timing", ())))
     yield _family(found, dict(steps.get("the 3-5-3 family", ())))

@@ -9,6 +9,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from trajopt import judgement
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.figures import draw
 from trajopt.cli import console
 from trajopt.cli.explain import sentences
@@ -53,10 +55,25 @@ def judge(
     if explanation is not None:
         for sentence in sentences(found.motion.name, found.problem, explanation):
             console.paragraph(f"- {sentence}")
+    for sentence in _better_than_recorded(found, motion):
+        console.paragraph(sentence)
     with console.waiting("drawing the figure"):
         figure = draw.judged(found, output)
     console.line(f"figure: {figure}")
     return 0 if found.certificate.feasible else 1
+
+
+def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
+    """Whether it beats the best known motion, and what to do then."""
+    record = records.find(found.problem)
+    duration = found.certified_duration
+    if record is None or duration is None or duration >= record.duration * (1 - BETTER_RTOL):
+        return
+    less = 100 * (1 - duration / record.duration)
+    yield (
+        f"- It takes {less:.4g} % less than the best known, {record.motion}: record it with "
+        f"trajopt best-known propose {motion} {found.problem.name}"
+    )
 
 
 def _print(found: Judgement) -> None:

@@ -38,6 +38,7 @@ from trajopt.verification import certified, verify
 Array = NDArray[np.float64]
 
 _SAME_RTOL = 1e-9  # of the largest waypoint coordinate, or of 1 rad where that exceeds it
+_RECORDED_RTOL = 1e-6  # by which a record must be shorter than what is computed now
 _SAMPLES = 50  # per segment: two piecewise quintics that agree there agree everywhere
 
 _GAPS = ("gap", "timing_gap", "route_gap", "optimiser_gap", "shape_gap", "smoothness_gap")
@@ -59,7 +60,8 @@ class Explanation:
       that over the optimum with its jerk, and that over the optimum.
 
     A gap that does not apply is None, and `notes` has the reason under its name. `trajectory` and
-    `optimum` are what was compared.
+    `optimum` are what was compared. Where the optimum was recorded and not computed, `recorded`
+    says where it comes from.
     """
 
     certified_duration: float
@@ -74,6 +76,7 @@ class Explanation:
     active_limits: tuple[ActiveLimit, ...]
     trajectory: Trajectory = field(repr=False)
     optimum: Trajectory | None = field(repr=False)
+    recorded: str = ""
 
     def steps(self) -> dict[str, list[tuple[str, float]]]:
         """Both decompositions that apply, from the optimum up: what was added, the duration, s."""
@@ -92,6 +95,7 @@ class Explanation:
         return {
             "certified_duration": self.certified_duration,
             "exact": self.exact,
+            "recorded": self.recorded,
             **{name: getattr(self, name) for name in _GAPS},
             "notes": self.notes,
             "binding": [_row(limit) for limit in self.active_limits],
@@ -108,10 +112,20 @@ def _row(active: ActiveLimit) -> dict[str, Any]:
     }
 
 
-def explain(problem: Problem, planner: Planner | None, trajectory: Trajectory) -> Explanation:
+def explain(
+    problem: Problem,
+    planner: Planner | None,
+    trajectory: Trajectory,
+    recorded: Answer | None = None,
+) -> Explanation:
     """Decompose the gap of a planner's certified trajectory, and say which limits are active.
 
-    A motion without a planner, that nobody can plan again, has None for it.
+    Args:
+        problem: That it solves.
+        planner: None for a motion that nobody can plan again.
+        trajectory: The planner's.
+        recorded: The best known motion, as a reference's answer; its reason says where it comes
+            from. It is the optimum where it is shorter than what the references find now.
 
     Raises:
         TrajoptError: `trajectory` has no certified duration.
@@ -121,6 +135,10 @@ def explain(problem: Problem, planner: Planner | None, trajectory: Trajectory) -
         flaws = "; ".join(verify(problem, trajectory).flaws)
         raise TrajoptError(f"no certified duration, so nothing to explain: {flaws}")
     optimum = _optimum(problem)
+    origin = ""
+    if recorded is not None and _is_shorter(recorded, optimum):
+        optimum = recorded
+        origin = recorded.reason
     ratios, notes = _ratios(problem, own, optimum)
     solver, savings_are_of = _solver(planner, problem, own)
     active = active_limits(problem, own, solver)
@@ -134,6 +152,7 @@ def explain(problem: Problem, planner: Planner | None, trajectory: Trajectory) -
         active_limits=active,
         trajectory=own,
         optimum=optimum.trajectory,
+        recorded=origin,
     )
 
 
@@ -190,6 +209,13 @@ def _optimum(problem: Problem) -> Answer:
             return answer
         reason = f"{name}: {answer.reason}"
     return Answer(None, reason)
+
+
+def _is_shorter(recorded: Answer, computed: Answer) -> bool:
+    """Whether a record is shorter, by more than what planners round."""
+    if recorded.duration is None or computed.duration is None:
+        return recorded.duration is not None
+    return recorded.duration < computed.duration * (1 - _RECORDED_RTOL)
 
 
 def _shorter(own: Trajectory, answer: Answer) -> Answer:

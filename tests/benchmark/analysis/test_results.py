@@ -95,7 +95,7 @@ def test_without_a_certified_exact_answer_its_lower_bound_is_the_reference():
 def test_a_proof_bounds_the_reference_and_may_improve_it():
     proof = run("certify", 1.9, bound=1.8)
     results = Results([*run("exact", 2.0), *proof, *run("mine", 2.5)])
-    assert results.references().iloc[0].tolist() == [1.9, "exact", 1.8]
+    assert results.references().iloc[0].tolist() == [1.9, "exact", 1.8, "", ""]
     assert results.summary()["proved"].tolist() == [1.8] * 3
     assert results.suspicious().empty
 

@@ -16,8 +16,8 @@ from trajopt.cli import app as cli
 
 STEPS = [("optimum", 1.5), ("route", 1.8), ("timing", 4.5)]
 KEYS = [
-    "problem", "planner", "seed", "certified_duration", "exact", "gap", "timing_gap", "route_gap",
-    "optimiser_gap", "shape_gap", "smoothness_gap", "notes", "binding", "figures",
+    "problem", "planner", "seed", "certified_duration", "exact", "recorded", "gap", "timing_gap",
+    "route_gap", "optimiser_gap", "shape_gap", "smoothness_gap", "notes", "binding", "figures",
 ]  # fmt: skip
 
 

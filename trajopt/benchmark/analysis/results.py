@@ -61,8 +61,26 @@ TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
     "setup_time": float,
     "solve_time": float,
 }
-_REFERENCE_COLUMNS: dict[str, Any] = {"duration": float, "kind": "str", "proved": float}
-_LINE_TEXTS = dict.fromkeys(["problem", "digest", "label", "kind", "status", "message"], "str")
+_REFERENCE_COLUMNS: dict[str, Any] = {
+    "duration": float,
+    "kind": "str",
+    "proved": float,
+    "recorded": "str",
+    "recorded_proof": "str",
+}
+_LINE_TEXTS = dict.fromkeys(
+    [
+        "problem",
+        "digest",
+        "label",
+        "kind",
+        "recorded",
+        "recorded_proof",
+        "status",
+        "message",
+    ],
+    "str",
+)
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -123,8 +141,11 @@ class Results:
             kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
                 `refined`, that of refined collocation, above the optimum by at most
                 `REFINED_RTOL`; `lower bound`, where none knows all limits, the largest of what they
-                found without the limits that they ignore.
+                found without the limits that they ignore; `best known`, where the recorded motion
+                (`trajopt best-known`) is shorter than all of these.
             proved: no trajectory is faster, s; NaN where nothing was proved.
+            recorded: where the recorded motion comes from, if it is the reference, or empty.
+            recorded_proof: the same of the recorded lower bound, if it is the highest.
         """
         return self._references.copy()
 
@@ -158,7 +179,7 @@ class Results:
             problem, digest, label: of whom and of what.
             median, q1, q3, min, max: certified durations of the runs that have one, s.
             gap: median of theirs to the reference, a ratio minus 1.
-            kind, reference, proved: those of `references()`.
+            kind, reference, proved, recorded, recorded_proof: those of `references()`.
             runs, solved: how many, and how many with the status `solved`.
             kept: share of all runs that keep every limit as claimed.
             dilation: median of the runs that break a limit and can be mended.
@@ -301,7 +322,7 @@ def median_gap(trials: pd.DataFrame) -> float:
 
     +inf: on half of them it has no answer; NaN: there is no such problem.
     """
-    known = trials[trials["kind"].isin(["exact", "refined"])]
+    known = trials[trials["kind"].isin(["exact", "refined", "best known"])]
     if known.empty:
         return np.nan
     medians = known["gap"].fillna(np.inf).groupby(known["digest"]).median()

@@ -12,7 +12,7 @@ what does not exist.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
 from math import inf, isnan, nan
@@ -22,13 +22,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.benchmark.analysis.statistics import FIVE_NUMBERS
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.trial import Trial
 from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.problem import Problem
 from trajopt.solution import Status
 from trajopt.verification import Certificate
 
 Array = NDArray[np.float64]
-Kind = Literal["exact", "refined", "lower bound"]
+Kind = Literal["exact", "refined", "lower bound", "best known"]
 
 BUG_RTOL = 1e-6  # a planner below the reference by more than this is a bug to hunt
 REFINED_RTOL = 1e-4  # what refined collocation may itself be above the optimum
@@ -56,13 +59,18 @@ class Reference:
         kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
             `refined`, that of refined collocation, above the optimum by at most `REFINED_RTOL`;
             `lower bound`, where none knows all limits, the largest of what they found without the
-            limits that they ignore.
+            limits that they ignore; `best known`, where the recorded motion is shorter than all of
+            these.
         proved: No trajectory is faster, s; NaN where nothing was proved.
+        recorded: Where the recorded motion comes from, if it is the reference.
+        recorded_proof: Where the recorded lower bound comes from, if it is the highest.
     """
 
     duration: float
     kind: Kind
     proved: float
+    recorded: str = ""
+    recorded_proof: str = ""
 
     @property
     def tolerance(self) -> float:
@@ -86,6 +94,8 @@ class Line:
     kind: Kind | None
     reference: float
     proved: float
+    recorded: str
+    recorded_proof: str
     runs: int
     solved: int
     kept: float
@@ -108,12 +118,28 @@ class Summary:
     @cached_property
     def references(self) -> dict[str, Reference]:
         """What gaps are measured against, by the problem's digest, where there is anything."""
-        exact: dict[str, list[Trial]] = {}
+        exact: dict[str, list[Trial]] = {digest: [] for digest in self.problems}
         for trial in self.trials:
             if trial.planner in REFERENCES or trial.planner == PROOF:
-                exact.setdefault(trial.problem.digest(), []).append(trial)
-        found = {digest: _reference(own) for digest, own in exact.items()}
+                exact[trial.problem.digest()].append(trial)
+        found = {}
+        for digest, own in exact.items():
+            found[digest] = _with_record(_reference(own), self.problems[digest])
         return {digest: one for digest, one in found.items() if not isnan(one.duration)}
+
+    @cached_property
+    def problems(self) -> dict[str, Problem]:
+        """Every problem by its digest."""
+        return {trial.problem.digest(): trial.problem for trial in self.trials}
+
+    def improvements(self) -> list[Trial]:
+        """The shortest certified trial on each problem, where it is better than the record."""
+        shortest: dict[str, Trial] = {}
+        for trial in self.trials:
+            digest = trial.problem.digest()
+            if _duration(trial) < _duration(shortest.get(digest)):
+                shortest[digest] = trial
+        return [trial for trial in shortest.values() if _is_improvement(trial)]
 
     def lines(self) -> list[Line]:
         """A line per problem and planner, by problem and median certified duration."""
@@ -174,6 +200,8 @@ class Summary:
             kind=reference.kind if reference else None,
             reference=reference.duration if reference else nan,
             proved=reference.proved if reference else nan,
+            recorded=reference.recorded if reference else "",
+            recorded_proof=reference.recorded_proof if reference else "",
             runs=len(runs),
             solved=len(runs) - len(unsolved),
             kept=sum(kept) / len(runs),
@@ -211,6 +239,44 @@ def _reference(exact: Sequence[Trial]) -> Reference:
     only_refined = all(trial.planner == REFERENCES[-1] for trial in certified)
     kind: Kind = "refined" if only_refined else "exact"
     return Reference(shortest, kind, proved)
+
+
+def _duration(trial: Trial | None) -> float:
+    """Certified, s; infinite without one."""
+    if trial is None or trial.certified_duration is None:
+        return inf
+    return trial.certified_duration
+
+
+def _is_improvement(trial: Trial) -> bool:
+    """Whether there is a record of its problem that it betters."""
+    record = records.find(trial.problem)
+    return record is not None and _duration(trial) < record.duration * (1 - BETTER_RTOL)
+
+
+def _with_record(reference: Reference, problem: Problem) -> Reference:
+    """The same with what is recorded of the problem, where that is better than what was computed.
+
+    The recorded motion is verified before it counts; the proof is, by `trajopt best-known verify`.
+    """
+    record = records.find(problem)
+    if record is None:
+        return reference
+    if record.proof and not record.lower_bound <= reference.proved:
+        reference = replace(
+            reference,
+            proved=record.lower_bound,
+            recorded_proof=str(record.bound),
+        )
+    computed = inf
+    if reference.kind != "lower bound":
+        computed = reference.duration
+    if record.duration >= computed * (1 - BETTER_RTOL):
+        return reference
+    duration = records.answer(problem).duration
+    if duration is None:
+        return reference
+    return replace(reference, duration=duration, kind="best known", recorded=str(record.motion))
 
 
 def _mended_dilation(trial: Trial) -> float | None:

@@ -59,8 +59,8 @@ def _read(file: Path, changed: int) -> Record:
 
 
 def answer(problem: Problem) -> Answer:
-    """The recorded motion as a reference's answer, verified now; without one, the reason."""
+    """The recorded motion as a reference's answer, verified now; its reason is its origin."""
     record = find(problem)
     if record is None:
         return Answer(None, "nothing is recorded for these numbers")
-    return Answer(certified(problem, record.trajectory), f"best known, {record.motion}")
+    return Answer(certified(problem, record.trajectory), str(record.motion))

@@ -14,6 +14,8 @@ import pandas as pd
 
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.analysis.searches import histories, searches
+from trajopt.benchmark.analysis.summary import Summary
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.figures import sampling
 from trajopt.benchmark.figures.drawing import Drawing, draw_all
 from trajopt.benchmark.figures.style import headline
@@ -179,7 +181,10 @@ def _title(trial: Trial, runs: int) -> str:
 
 
 def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
-    """The exact planners' shortest trajectory, and what it is an optimum of."""
+    """The exact planners' shortest trajectory, and what it is an optimum of; or the record's."""
+    recorded = _recorded(trials)
+    if recorded is not None:
+        return recorded, "best known"
     asked = [trial for trial in trials if trial.planner in REFERENCES]
     answered = [trial for trial in asked if trial.solution.trajectory is not None]
     if not answered:
@@ -190,6 +195,14 @@ def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     limits: list[LimitName] = ["jerk", "position"]
     ignored = " or ".join(name for name in limits if best.problem.has(name))
     return best.solution.trajectory, f"optimum without {ignored} limits (lower bound)"
+
+
+def _recorded(trials: Sequence[Trial]) -> Trajectory | None:
+    """The recorded motion of the problem, where it is what gaps are measured against."""
+    for reference in Summary(trials).references.values():
+        if reference.recorded:
+            return records.answer(trials[0].problem).trajectory
+    return None
 
 
 def _convergence(trials: Sequence[Trial]) -> dict[str, Any]:

@@ -94,12 +94,14 @@ def reference(row: Any) -> str:
     known = "the best known, not proved"
     if proved > 0:
         within = 100 * (shortest / proved - 1)
-        known = f"proved within {within:.3f} % (nothing is faster than {proved:.6f} s)"
+        by = f", {row['recorded_proof']}" if row["recorded_proof"] else ""
+        known = f"proved within {within:.3f} % (nothing is faster than {proved:.6f} s{by})"
     kinds = {
         "exact": f"the exact optimum, {shortest:.6f} s",
         "refined": f"refined collocation, {shortest:.6f} s, its own error below 0.01 %",
         "lower bound": f"a lower bound, {shortest:.6f} s, the optimum without some of the limits, "
         "so they may be overstated",
+        "best known": f"the best known, {row['recorded']}, {shortest:.6f} s",
     }
     return f"Gaps are to {kinds[row['kind']]}: {known}."
 
