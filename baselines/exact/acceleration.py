@@ -17,21 +17,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines.exact.acceleration_profiles import Reach, extremes
 from baselines.exact.interior_point import minimised
-from baselines.ipopt import Program, flat, no_start_succeeded, optima, program, unflat
+from baselines.exact.rounded import Clock, Pieces, assembled, clocks
+from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
+from baselines.ipopt import Program, flat, optima, program, unflat
 from baselines.sizes import announce, cells
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, Relation, backend, passing_once
+from trajopt.planner import backend, passing_once
 from trajopt.problem import LimitName, Problem
 from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Solution, Status
+from trajopt.solution import Solution
 from trajopt.trajectory import Trajectory
-from trajopt.verification import verify
 
 Array = NDArray[np.float64]
 Start = tuple[Array, Array]  # segment times, waypoint velocities
@@ -48,10 +49,7 @@ IPOPT: dict[str, float | str] = {
 
 _IGNORED: tuple[LimitName, ...] = ("jerk", "position")
 _PATIENCE = 5  # times as many starts where all have failed so far
-_MISS_RTOL = 1e-13  # of the way a joint travels: more than rounding, as the judge counts it
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
-_WIDTH_RTOL = 1e-15  # an interval of displacements as narrow as its rounding is a point
-_SLIVER = 1e-9  # of a segment: pieces that short come from IPOPT's tolerance, not from the optimum
 _LARGEST_DILATION = 2.0  # what needs more is no answer
 _DILATION_TOL = 1e-15
 # A start's time: in proportion to cells (segments times moving joints), measured up to 7000; and
@@ -61,30 +59,12 @@ _SECONDS_PER_CELL_AND_PAIR = 3e-9
 
 
 @dataclass(frozen=True)
-class Exact(Planner):
+class Exact(SeveralStarts):
     """Exact minimum time under velocity and acceleration limits (several starts).
 
-    There are at most `starts`, and no more once `agreeing` of them have led to the best duration:
-    on 300 random problems all of 16 starts led to one optimum (`experiments/local_optima.py`), so
-    what a second start is for is IPOPT's own failures.
+    On 300 random problems all of 16 starts led to one optimum (`experiments/local_optima.py`), so
+    what the second of two that agree is for is a start that ends badly.
     """
-
-    starts: int = 8
-    agreeing: int = 2
-
-    requires = ("casadi",)
-
-    def __post_init__(self) -> None:
-        for name in ("starts", "agreeing"):
-            value = getattr(self, name)
-            if value < 1:
-                raise InvalidInput(name, "at least 1", value=value)
-
-    def relation(self, problem: Problem) -> Relation:
-        """Jerk and position limits are ignored, so with them the answer is a lower bound."""
-        if any(problem.has(name) for name in _IGNORED):
-            return Relation.RELAXATION
-        return Relation.SAME
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -95,19 +75,13 @@ class Exact(Planner):
         announce("exact", problem, self._seconds(problem))
         scaled = Scaled(problem)
 
-        def solve_from(start: Start) -> _Optimum:
+        def solve_from(start: Start) -> Optimum:
             return _solve_from(scaled, start)
 
         starts = starting_points(scaled, _PATIENCE * self.starts)
         local = optima(solve_from, starts, self.starts, self.agreeing)
-        statuses = [optimum.status for optimum in local]
-        durations = np.array([optimum.duration for optimum in local])
-        stats = {
-            "start_status": statuses,
-            "start_duration": scaled.unit * durations,
-        }
-        solution = self._best(scaled, local)
-        return replace(solution, stats=stats)
+        solution = self.best(scaled, local)
+        return replace(solution, stats=statistics(scaled, local))
 
     def _seconds(self, problem: Problem) -> float:
         """About how long it will take."""
@@ -115,38 +89,6 @@ class Exact(Planner):
         a_start = _SECONDS_PER_CELL + _SECONDS_PER_CELL_AND_PAIR * joints**2
         expected_starts = min(self.starts, self.agreeing)
         return a_start * expected_starts * cells(problem)
-
-    def _best(self, scaled: Scaled, local: list[_Optimum]) -> Solution:
-        """The shortest of the local optima, with what it says of the whole problem."""
-        best = min(local, key=lambda optimum: optimum.duration)
-        if not np.isfinite(best.duration):
-            message = no_start_succeeded(optimum.status for optimum in local)
-            return Solution(Status.FAILED, message=message)
-        problem = scaled.problem
-        answer = scaled.trajectory(best.times, best.velocities)
-        if self.relation(problem) is Relation.SAME:
-            return Solution(Status.SOLVED, answer)
-        relaxed = problem.without(*_IGNORED)
-        lower_bound = verify(relaxed, answer).certified_duration
-        ignored = [name for name in _IGNORED if problem.has(name)]
-        kinds = " and ".join(ignored)
-        message = f"{kinds} limits are ignored: a lower bound (best known, not proved)"
-        return Solution(
-            Status.SOLVED,
-            answer,
-            message,
-            lower_bound,
-        )
-
-
-@dataclass(frozen=True)
-class _Optimum:
-    """Where IPOPT ended from one start, exactly reachable; infinite duration if nowhere."""
-
-    duration: float
-    times: Array
-    velocities: Array
-    status: str
 
 
 class Scaled:
@@ -193,212 +135,44 @@ class Scaled:
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: in each segment a convex combination of both extreme profiles."""
-        passages = np.r_[0.0, np.cumsum(times)]
-        breaks = passages * self.unit
+        passages = np.r_[0.0, np.cumsum(times)] * self.unit
         ends = _with_rest(velocities)
-        waypoints = self.problem.waypoints
-        joints = []
-        for i, joint in enumerate(np.flatnonzero(self.moving)):
-            part = self._joint(
-                i,
-                waypoints[:, joint],
-                breaks,
-                times,
-                ends[:, i],
-            )
-            joints.append(part)
-        return Trajectory.of_moving(
-            waypoints[0],
-            self.moving,
-            joints,
-            breaks,
-        )
+        segments = []
+        for k, clock in enumerate(clocks(passages, self.unit)):
+            segment = self._segment(self.h[k], ends[k : k + 2], clock)
+            segments.append(segment)
+        return assembled(self.problem, passages, segments)
 
-    def _joint(
-        self,
-        i: int,
-        waypoints: Array,
-        breaks: Array,
-        times: Array,
-        ends: Array,
-    ) -> tuple[Array, Array]:
-        """Breaks (s) and coefficients (rad/s^power) of one moving joint."""
-        h = self.h[:, i]
-        v = self.v[:, i]
-        a = self.a[:, i]
-        units = self.units[:, i, None]
-        starts = []
-        parts = []
-        for k, t in enumerate(times):
-            u, w = ends[k : k + 2]
-            local, part = combined(
+    def _segment(self, h: Array, ends: Array, clock: Clock) -> list[Pieces]:
+        """Stored breaks (s) and coefficients (rad/s^power) of every joint over one segment.
+
+        Args:
+            h: displacement of each joint, `(joints,)`.
+            ends: velocities at the segment's start and end, `(2, joints)`.
+            clock: of the segment.
+        """
+        reaches = []
+        for i, (u, w) in enumerate(ends.T):
+            reach = Reach.between(
                 u,
                 w,
-                t,
-                h[k],
-                v,
-                a,
+                clock.length,
+                self.v[:, i],
+                self.a[:, i],
             )
-            part *= units
-            part[2] += waypoints[k]
-            start = breaks[k] + local[:-1] * self.unit
-            starts.append(start)
-            parts.append(part)
-        starts.append(breaks[-1:])
-        own_breaks = np.concatenate(starts)
-        return own_breaks, np.hstack(parts)
+            reaches.append(reach)
+        planned = [reach.breaks(x) for reach, x in zip(reaches, h, strict=True)]
+        pieces = []
+        for i, stored in enumerate(clock.shared(planned)):
+            part = reaches[i].covering(h[i], clock.elapsed(stored))
+            units = self.units[:, i, None]
+            pieces.append((stored, part * units))
+        return pieces
 
 
 def _with_rest(velocities: Array) -> Array:
     """Waypoint velocities with rest at both ends, `(segments + 1, joints)`."""
     return np.pad(velocities, ((1, 1), (0, 0)))
-
-
-class Extremes(NamedTuple):
-    """Peaks and displacements of the upper and the lower profile, arrays of one shape."""
-
-    p_up: Array
-    d_up: Array
-    p_lo: Array
-    d_lo: Array
-
-
-def extremes(
-    u: Array,
-    w: Array,
-    t: Array,
-    v: Array,
-    a: Array,
-) -> Extremes:
-    """The profiles of most and of least displacement (mathematics, section 3).
-
-    Meaningful where `|w − u|` is within the acceleration limits. All arguments broadcast.
-
-    Args:
-        u: velocity at the start.
-        w: velocity at the end.
-        t: time of the segment.
-        v: velocity limits, low and high.
-        a: acceleration limits, low and high.
-    """
-    v1 = -v[0]
-    v2 = v[1]
-    a1 = -a[0]
-    a2 = a[1]
-
-    # the peak where both ramps fill the segment: (A1 A2 T + A1 u + A2 w) / (A1 + A2)
-    sum_a = a1 + a2
-    gained = a1 * a2 * t
-    weighted = gained + a1 * u + a2 * w
-    p_up = np.minimum(v2, weighted / sum_a)
-    # D_up(p) = p T − (p − u)² / (2 A2) − (p − w)² / (2 A1)
-    first = (p_up - u) ** 2 / (2 * a2)
-    last = (p_up - w) ** 2 / (2 * a1)
-    d_up = p_up * t - first - last
-
-    # downwards: (A2 u + A1 w − A1 A2 T) / (A1 + A2)
-    weighted = a2 * u + a1 * w - gained
-    p_lo = np.maximum(-v1, weighted / sum_a)
-    # D_lo(p) = p T + (p − u)² / (2 A1) + (p − w)² / (2 A2)
-    first = (p_lo - u) ** 2 / (2 * a1)
-    last = (p_lo - w) ** 2 / (2 * a2)
-    d_lo = p_lo * t + first + last
-    return Extremes(p_up, d_up, p_lo, d_lo)
-
-
-def combined(
-    u: float,
-    w: float,
-    t: float,
-    h: float,
-    v: Array,
-    a: Array,
-) -> tuple[Array, Array]:
-    """The convex combination of both extreme profiles that covers exactly `h`.
-
-    Args:
-        u: velocity at the start.
-        w: velocity at the end.
-        t: time of the segment.
-        h: displacement, between `D_lo` and `D_up`.
-        v: velocity limits, low and high.
-        a: acceleration limits, low and high.
-
-    Returns:
-        Breaks `(pieces + 1,)`, from 0 to `t`, and position coefficients `(3, pieces)`.
-    """
-    both = extremes(
-        np.array(u),
-        np.array(w),
-        np.array(t),
-        v,
-        a,
-    )
-    p_up, d_up, p_lo, d_lo = map(float, both)
-    share = _share(h, d_up, d_lo)
-
-    # where the cruises of the upper and the lower profile begin and end
-    braking, speeding = a
-    upper_cruise = [
-        (p_up - u) / speeding,
-        t + (p_up - w) / braking,
-    ]
-    lower_cruise = [
-        (p_lo - u) / braking,
-        t + (p_lo - w) / speeding,
-    ]
-    upper_cruise = np.clip(upper_cruise, 0, t)
-    lower_cruise = np.clip(lower_cruise, 0, t)
-    upper_knots = [0, *upper_cruise, t]
-    lower_knots = [0, *lower_cruise, t]
-    knots = np.r_[upper_cruise, lower_cruise]
-    for closest in (_SLIVER * t, 0.0):
-        breaks = apart(knots, t, closest)
-        # v(t) = λ v_up(t) + (1 − λ) v_lo(t)
-        upper = np.interp(breaks, upper_knots, [u, p_up, p_up, w])
-        lower = np.interp(breaks, lower_knots, [u, p_lo, p_lo, w])
-        velocity = share * upper + (1 - share) * lower
-        # a = Δv/Δt, Δq = Δt (v0 + v1)/2
-        first = velocity[:-1]
-        last = velocity[1:]
-        sums = first + last
-        lengths = np.diff(breaks)
-        slope = np.diff(velocity) / lengths
-        travelled = np.cumsum(lengths * sums / 2)
-
-        path = lengths @ np.abs(sums)
-        miss = abs(travelled[-1] - h)
-        arrived = miss <= _MISS_RTOL * path
-        steepest = np.where(slope > 0, speeding, braking)
-        utilisation = slope / steepest
-        within = (utilisation <= 1 + _SLIVER).all()
-        if arrived and within:
-            break  # else what was left out mattered
-    slope = np.clip(slope, *a)  # over a brief piece, rounding of the velocities shows
-    position = np.r_[0.0, travelled[:-1]]
-    return breaks, np.stack([slope / 2, first, position])
-
-
-def _share(h: float, d_up: float, d_lo: float) -> float:
-    """The share of the upper profile that covers `h`; any will do where both are one."""
-    # λ = (h − D_lo) / (D_up − D_lo)
-    width = d_up - d_lo
-    rounding = _WIDTH_RTOL * (abs(d_up) + abs(d_lo))
-    if width <= rounding:
-        return 1.0
-    share = (h - d_lo) / width
-    return float(np.clip(share, 0.0, 1.0))
-
-
-def apart(knots: Array, end: float, closest: float) -> Array:
-    """0, the knots in order and the end, without knots that follow or precede too closely."""
-    times = np.unique(np.r_[0.0, knots, end])
-    inner = times[1:-1]
-    gaps = np.diff(times)[:-1]
-    after_another = gaps > closest
-    before_the_end = times[-1] - inner > closest
-    apart = inner[after_another & before_the_end]
-    return np.concatenate([times[:1], apart, times[-1:]])
 
 
 def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
@@ -544,7 +318,7 @@ def starting_points(scaled: HasStopTimes, count: int) -> Iterator[Start]:
         yield times, between * speed
 
 
-def _solve_from(scaled: Scaled, start: Start) -> _Optimum:
+def _solve_from(scaled: Scaled, start: Start) -> Optimum:
     """The local optimum near a start, dilated until it is exactly reachable."""
     optimum = minimised(scaled, *start)
     if not optimum.converged:
@@ -553,7 +327,7 @@ def _solve_from(scaled: Scaled, start: Start) -> _Optimum:
     return _reached(scaled, log, ends, "Converged")
 
 
-def _solve_by_ipopt(scaled: Scaled, start: Start) -> _Optimum:
+def _solve_by_ipopt(scaled: Scaled, start: Start) -> Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled)
     x0 = np.clip(_point(scaled, *start), low, high)
@@ -593,7 +367,7 @@ def _solve_by_ipopt(scaled: Scaled, start: Start) -> _Optimum:
     log, ends = _read(scaled, run.x)
     if not run.success:
         times, velocities = _passing(scaled, log, ends)
-        return _Optimum(np.inf, times, velocities, run.status)
+        return Optimum(np.inf, times, velocities, run.status)
     return _reached(scaled, log, ends, run.status)
 
 
@@ -602,12 +376,12 @@ def _reached(
     log: Array,
     ends: Array,
     status: str,
-) -> _Optimum:
+) -> Optimum:
     """The optimum of such logarithms of times and end velocities."""
     times, velocities = _passing(scaled, log, ends)
     k = repair(times, velocities, scaled)
     duration = k * float(times.sum())
-    return _Optimum(
+    return Optimum(
         duration,
         k * times,
         velocities / k,

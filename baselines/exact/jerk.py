@@ -25,13 +25,12 @@ from baselines.exact import acceleration, jerk_reach
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk_profiles import Array, Bools, Limit, Profile, risen
 from baselines.exact.jerk_reach import Scaled, repaired
-from baselines.ipopt import Program, flat, no_start_succeeded, optima, program, unflat
+from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
+from baselines.ipopt import Program, flat, optima, program, unflat
 from baselines.sizes import announce, cells
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, Relation, backend, passing_once
+from trajopt.planner import backend, passing_once
 from trajopt.problem import Problem
-from trajopt.solution import Solution, Status
-from trajopt.verification import verify
+from trajopt.solution import Solution
 
 Start = tuple[Array, Array]  # segment times, waypoint states
 
@@ -50,7 +49,7 @@ _SECONDS_PER_CELL = 0.02
 
 
 @dataclass(frozen=True)
-class ExactJerk(Planner):
+class ExactJerk(SeveralStarts):
     """Exact minimum time under velocity, acceleration and jerk limits (CasADi/IPOPT).
 
     Jerk limits may be stiff (1e5 times those of acceleration: section 3's optimum but for 1e-4) or
@@ -66,20 +65,8 @@ class ExactJerk(Planner):
     """
 
     starts: int = 4
-    agreeing: int = 2
 
-    requires = ("casadi",)
     knows = ("velocity", "acceleration", "jerk")
-
-    def __post_init__(self) -> None:
-        for name in ("starts", "agreeing"):
-            value = getattr(self, name)
-            if value < 1:
-                raise InvalidInput(name, "at least 1", value=value)
-
-    def relation(self, problem: Problem) -> Relation:
-        """Position limits are ignored, so with them the answer is a lower bound."""
-        return Relation.RELAXATION if problem.has("position") else Relation.SAME
 
     def unsupported(self, problem: Problem) -> str | None:
         return jerk_reach.unsupported(problem)
@@ -101,45 +88,17 @@ class ExactJerk(Planner):
         setup_time = time.perf_counter() - began
         nothing_apart = np.zeros((2, *scaled.h.shape), dtype=bool)
 
-        def solve_from(start: Start) -> _Optimum:
+        def solve_from(start: Start) -> Optimum:
             return _run(solver, scaled, *start, nothing_apart)
 
         starts = _starts(scaled, _PATIENCE * self.starts)
         first = optima(solve_from, starts, self.starts, self.agreeing)
         local = _followed_once(solver, scaled, first)
-        statuses = [optimum.status for optimum in local]
-        durations = np.array([optimum.duration for optimum in local])
-        stats = {
-            "start_status": statuses,
-            "start_duration": scaled.unit * durations,
-        }
-        solution = self._best(scaled, local)
-        return replace(solution, setup_time=setup_time, stats=stats)
-
-    def _best(self, scaled: Scaled, local: list[_Optimum]) -> Solution:
-        best = min(local, key=lambda optimum: optimum.duration)
-        if not np.isfinite(best.duration):
-            message = no_start_succeeded(optimum.status for optimum in local)
-            return Solution(Status.FAILED, message=message)
-        answer = scaled.trajectory(best.times, best.states)
-        if self.relation(scaled.problem) is Relation.SAME:
-            return Solution(Status.SOLVED, answer)
-        without_position = scaled.problem.without("position")
-        lower_bound = verify(without_position, answer).certified_duration
-        message = "position limits are ignored: a lower bound (best known, not proved)"
-        return Solution(Status.SOLVED, answer, message, lower_bound)
-
-
-class _Optimum(NamedTuple):
-    """Where IPOPT ended from one start, exactly reachable; infinite duration if nowhere.
-
-    `states` are the velocities and accelerations of all waypoints, `(2, segments + 1, joints)`.
-    """
-
-    duration: float
-    times: Array
-    states: Array
-    status: str
+        return replace(
+            self.best(scaled, local),
+            setup_time=setup_time,
+            stats=statistics(scaled, local),
+        )
 
 
 class _Variables(NamedTuple):
@@ -394,9 +353,9 @@ def _relaxed(scaled: Scaled) -> list[Start]:
     return [(slower, inner / _START_DILATION)]
 
 
-def _followed_once(solver: Program, scaled: Scaled, first: list[_Optimum]) -> list[_Optimum]:
+def _followed_once(solver: Program, scaled: Scaled, first: list[Optimum]) -> list[Optimum]:
     """What each optimum leads to; of equal ones the first alone is followed, unless IPOPT fails."""
-    last: list[_Optimum] = []
+    last: list[Optimum] = []
     for optimum in first:
         end = _known_end(optimum, first, last)
         if end is None:
@@ -406,10 +365,10 @@ def _followed_once(solver: Program, scaled: Scaled, first: list[_Optimum]) -> li
 
 
 def _known_end(
-    optimum: _Optimum,
-    first: list[_Optimum],
-    last: list[_Optimum],
-) -> _Optimum | None:
+    optimum: Optimum,
+    first: list[Optimum],
+    last: list[Optimum],
+) -> Optimum | None:
     """Where an optimum of equal duration led, of those followed so far."""
     for other, end in zip(first, last, strict=False):
         excess = other.duration / optimum.duration - 1
@@ -419,7 +378,7 @@ def _known_end(
     return None
 
 
-def _followed(solver: Program, scaled: Scaled, best: _Optimum) -> _Optimum:
+def _followed(solver: Program, scaled: Scaled, best: Optimum) -> Optimum:
     """The local optimum near one where every extreme profile passes through acceleration 0.
 
     Those that want to avoid it are now allowed to, without a cruise; and again from there, while
@@ -451,7 +410,7 @@ def _followed(solver: Program, scaled: Scaled, best: _Optimum) -> _Optimum:
     return best
 
 
-def _avoiding(scaled: Scaled, optimum: _Optimum) -> Bools:
+def _avoiding(scaled: Scaled, optimum: Optimum) -> Bools:
     """Which extreme profiles hardly pass through acceleration 0, `(2, segments, joints)`."""
     both = scaled.extremes(optimum.times, optimum.states)
     t = optimum.times[:, None]
@@ -464,7 +423,7 @@ def _run(
     times: Array,
     states: Array,
     apart: Bools,
-) -> _Optimum:
+) -> Optimum:
     """One run of IPOPT, its answer dilated until it is exactly reachable."""
     low, high = _bounds(scaled, apart)
     point = _point(scaled, times, states)
@@ -496,7 +455,7 @@ def _run(
     if run.success and (times > 0).all():
         k, times, states = repaired(times, states, scaled)
     duration = k * float(times.sum())
-    return _Optimum(
+    return Optimum(
         duration,
         k * times,
         states / _powers(k),

@@ -31,13 +31,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.exact.acceleration import apart
+from baselines.exact.rounded import Pieces, apart
 from trajopt import polynomials
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 State = tuple[Array, Array]  # velocity, acceleration
-Pieces = tuple[Array, Array]  # breaks, and position coefficients (4, pieces)
 
 BRIEF = 1e-3  # of the mean stop time: a segment over which jerk may be taken as constant
 

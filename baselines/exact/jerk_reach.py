@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from baselines.exact import acceleration as acceleration_profile
 from baselines.exact import jerk_profiles as jerk_profile
-from baselines.exact.jerk_profiles import BRIEF, Array, Extremes, Limit, Pieces, Sides, State
+from baselines.exact.acceleration_profiles import Reach
+from baselines.exact.jerk_profiles import BRIEF, Array, Extremes, Limit, Sides, State
+from baselines.exact.rounded import Clock, Pieces, assembled, clocks
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.trajectory import Trajectory
@@ -97,36 +98,15 @@ class Scaled:
 
     def trajectory(self, times: Array, states: Array) -> Trajectory:
         """The explicit answer: in each segment a convex combination of both extreme profiles."""
-        passages = np.r_[0.0, np.cumsum(times)]
-        breaks = passages * self.unit
-        rounded = np.diff(breaks) / self.unit
+        passages = np.r_[0.0, np.cumsum(times)] * self.unit
+        rounded = np.diff(passages) / self.unit
         states = self._through_brief(times, rounded, states)
         states = self._through_narrow(times, rounded, states)
         both = self.extremes(rounded, states)
-        joints = []
-        for i in range(len(self.jerky)):
-            starts = []
-            parts = []
-            for k, t in enumerate(rounded):
-                local, part = self._piece(
-                    k,
-                    i,
-                    t,
-                    states,
-                    both,
-                    breaks[k : k + 2],
-                )
-                starts.append(breaks[k] + local[:-1])
-                parts.append(part)
-            starts.append(breaks[-1:])
-            own_breaks = np.concatenate(starts)
-            joints.append((own_breaks, np.hstack(parts)))
-        return Trajectory.of_moving(
-            self.problem.waypoints[0],
-            self.moving,
-            joints,
-            breaks,
-        )
+        segments = []
+        for k, clock in enumerate(clocks(passages, self.unit)):
+            segments.append(self._segment(k, states, both, clock))
+        return assembled(self.problem, passages, segments)
 
     def _through_brief(self, times: Array, rounded: Array, states: Array) -> Array:
         """The states, with the velocities that pass a brief segment in its rounded time.
@@ -174,56 +154,43 @@ class Scaled:
             velocity[k + 1, joints] = w
         return states
 
-    def _piece(
+    def _segment(
         self,
         k: int,
-        i: int,
-        t: float,
         states: Array,
         both: Extremes,
-        passages: Array,
-    ) -> Pieces:
-        """Local breaks (s) and coefficients (rad/s^power) of one joint over one segment.
-
-        `passages` are the segment's start and end, s.
-        """
-        began, ended = passages
-
-        def rounded(local: Array) -> Array:
-            stored = began + local * self.unit
-            stored[-1] = ended
-            elapsed: Array = stored - began
-            return elapsed / self.unit
-
-        h = self.h[k, i]
-        ends = states[:, k : k + 2, i]
-        if self.jerky[i]:
-            upper, lower = self.sides()
-            sides = (upper.at(i), lower.at(i))
-            own = both.at(k, i)
-            local, part = jerk_profile.combined(
-                ends,
-                t,
-                h,
-                own,
-                sides,
-                rounded,
-            )
-        else:
-            u, w = ends[0]
-            local, part = acceleration_profile.combined(
-                u,
-                w,
-                t,
-                h,
-                self.v[:, i],
-                self.a[:, i],
-            )
-        units = self.units[-len(part) :, i]
-        part = part * units[:, None]
-        waypoint = self.problem.waypoints[k, self.moving]
-        part[-1] += waypoint[i]
-        return local * self.unit, part
+        clock: Clock,
+    ) -> list[Pieces]:
+        """Stored breaks (s) and coefficients (rad/s^power) of every joint over one segment."""
+        pieces = []
+        for i in range(len(self.jerky)):
+            ends = states[:, k : k + 2, i]
+            h = self.h[k, i]
+            if self.jerky[i]:
+                upper, lower = self.sides()
+                local, part = jerk_profile.combined(
+                    ends,
+                    clock.length,
+                    h,
+                    both.at(k, i),
+                    sides=(upper.at(i), lower.at(i)),
+                    rounded=clock.rounded,
+                )
+                stored = clock.stored(local)
+            else:
+                u, w = ends[0]
+                reach = Reach.between(
+                    u,
+                    w,
+                    clock.length,
+                    self.v[:, i],
+                    self.a[:, i],
+                )
+                (stored,) = clock.shared([reach.breaks(h)])
+                part = reach.covering(h, clock.elapsed(stored))
+            units = self.units[-len(part) :, i]
+            pieces.append((stored, part * units[:, None]))
+        return pieces
 
 
 def _ends(states: Array) -> tuple[State, State]:

@@ -10,7 +10,8 @@ from scipy.optimize import linprog
 
 from baselines.collocation.uniform import Collocation
 from baselines.exact import interior_point
-from baselines.exact.acceleration import Exact, extremes
+from baselines.exact.acceleration import Exact
+from baselines.exact.acceleration_profiles import extremes
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, Trajectory, verify
@@ -60,6 +61,17 @@ def test_every_shipped_problem_is_exact_to_rounding(name: str) -> None:
     certificate = verify(problem.without("jerk", "position"), solved(problem))
     assert certificate.valid
     assert certificate.dilation == pytest.approx(1, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", [2, 79, 87, 153, 266])
+def test_rounding_of_breaks_costs_nothing(seed: int) -> None:
+    """In 153 a segment of 1e-5 s at 28 s once cost 2e-8, its breaks rounded after its motion."""
+    problem = random_problem(seed)
+    certificate = verify(problem, solved(problem))
+    assert certificate.valid
+    assert certificate.dilation == pytest.approx(1, abs=1e-11)
+    farthest = np.abs(problem.displacements).max()
+    assert certificate.waypoint.value <= 1e-13 * farthest
 
 
 @pytest.mark.parametrize("seed", range(20))

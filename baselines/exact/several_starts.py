@@ -1,0 +1,104 @@
+"""Planners whose answer is the best of IPOPT's local optima from several starts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.ipopt import no_start_succeeded
+from trajopt.exceptions import InvalidInput
+from trajopt.planner import Planner, Relation
+from trajopt.problem import LIMIT_ORDERS, LimitName, Problem
+from trajopt.solution import Solution, Status
+from trajopt.trajectory import Trajectory
+from trajopt.verification import verify
+
+Array = NDArray[np.float64]
+
+
+class Optimum(NamedTuple):
+    """Where IPOPT ended from one start, exactly reachable.
+
+    Attributes:
+        duration: in the problem's own unit of time; infinite where IPOPT failed.
+        times: of the segments, in that unit, `(segments,)`.
+        states: of the waypoints, without units.
+        status: IPOPT's own word.
+    """
+
+    duration: float
+    times: Array
+    states: Array
+    status: str
+
+
+class Reaching(Protocol):
+    """A problem without units, and the motions through given waypoint states."""
+
+    problem: Problem
+    unit: float  # of time, s
+
+    def trajectory(self, times: Array, states: Array, /) -> Trajectory:
+        """The motion of these segment times and waypoint states."""
+
+
+@dataclass(frozen=True)
+class SeveralStarts(Planner):
+    """A planner of local optima: at most `starts`, no more once `agreeing` of them are the best.
+
+    Kinds of limits that it does not know are ignored: with them the answer is a lower bound.
+    """
+
+    starts: int = 8
+    agreeing: int = 2
+
+    requires = ("casadi",)
+
+    def __post_init__(self) -> None:
+        for name in ("starts", "agreeing"):
+            value = getattr(self, name)
+            if value < 1:
+                raise InvalidInput(name, "at least 1", value=value)
+
+    def relation(self, problem: Problem) -> Relation:
+        """With limits that are ignored the answer is a lower bound."""
+        return Relation.RELAXATION if self.ignored(problem) else Relation.SAME
+
+    def ignored(self, problem: Problem) -> list[LimitName]:
+        """The kinds of the problem's limits that it does not know."""
+        unknown = [name for name in LIMIT_ORDERS if name not in self.knows]
+        return [name for name in unknown if problem.has(name)]
+
+    def best(self, scaled: Reaching, local: Sequence[Optimum]) -> Solution:
+        """The shortest of the local optima, with what it says of the whole problem."""
+        best = min(local, key=lambda optimum: optimum.duration)
+        if not np.isfinite(best.duration):
+            message = no_start_succeeded(optimum.status for optimum in local)
+            return Solution(Status.FAILED, message=message)
+        answer = scaled.trajectory(best.times, best.states)
+        ignored = self.ignored(scaled.problem)
+        if not ignored:
+            return Solution(Status.SOLVED, answer)
+        relaxed = scaled.problem.without(*ignored)
+        lower_bound = verify(relaxed, answer).certified_duration
+        kinds = " and ".join(ignored)
+        message = f"{kinds} limits are ignored: a lower bound (best known, not proved)"
+        return Solution(
+            Status.SOLVED,
+            answer,
+            message,
+            lower_bound,
+        )
+
+
+def statistics(scaled: Reaching, local: Sequence[Optimum]) -> dict[str, Any]:
+    """IPOPT's status and duration (s, infinite where it failed) of each start tried."""
+    durations = np.array([optimum.duration for optimum in local])
+    return {
+        "start_status": [optimum.status for optimum in local],
+        "start_duration": scaled.unit * durations,
+    }
