@@ -139,7 +139,11 @@ class Scaled:
         ends = _with_rest(velocities)
         segments = []
         for k, clock in enumerate(clocks(passages, self.unit)):
-            segment = self._segment(self.h[k], ends[k : k + 2], clock)
+            segment = self._segment(
+                self.h[k],
+                ends[k : k + 2],
+                clock,
+            )
             segments.append(segment)
         return assembled(self.problem, passages, segments)
 
@@ -152,6 +156,7 @@ class Scaled:
             clock: of the segment.
         """
         reaches = []
+        planned = []
         for i, (u, w) in enumerate(ends.T):
             reach = Reach.between(
                 u,
@@ -161,10 +166,11 @@ class Scaled:
                 self.a[:, i],
             )
             reaches.append(reach)
-        planned = [reach.breaks(x) for reach, x in zip(reaches, h, strict=True)]
+            planned.append(reach.breaks(h[i]))
         pieces = []
         for i, stored in enumerate(clock.shared(planned)):
-            part = reaches[i].covering(h[i], clock.elapsed(stored))
+            local = clock.elapsed(stored)
+            part = reaches[i].covering(h[i], local)
             units = self.units[:, i, None]
             pieces.append((stored, part * units))
         return pieces

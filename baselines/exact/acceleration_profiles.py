@@ -147,8 +147,14 @@ class Reach(NamedTuple):
         ]
         upper_cruise = np.clip(upper_cruise, 0, t)
         lower_cruise = np.clip(lower_cruise, 0, t)
-        upper = Polygon(np.r_[0, upper_cruise, t], np.array([u, p_up, p_up, w]))
-        lower = Polygon(np.r_[0, lower_cruise, t], np.array([u, p_lo, p_lo, w]))
+        upper = Polygon(
+            knots=np.r_[0, upper_cruise, t],
+            velocities=np.array([u, p_up, p_up, w]),
+        )
+        lower = Polygon(
+            knots=np.r_[0, lower_cruise, t],
+            velocities=np.array([u, p_lo, p_lo, w]),
+        )
         return cls(upper, lower, a)
 
     def breaks(self, h: float) -> Array:
@@ -204,10 +210,12 @@ class Reach(NamedTuple):
         share = _share(h, d_up, d_lo)
         velocity = share * upper + (1 - share) * lower
         travelled = _travelled(velocity, lengths)
-        mean_speed = np.abs(velocity[:-1] + velocity[1:]) / 2
+        before = velocity[:-1]
+        after = velocity[1:]
+        mean_speed = np.abs(before + after) / 2
         return Fit(
-            acceleration=np.diff(velocity) / lengths,
-            velocity=velocity[:-1],
+            acceleration=(after - before) / lengths,
+            velocity=before,
             position=np.r_[0.0, travelled[:-1]],
             miss=abs(travelled[-1] - h),
             path=float(lengths @ mean_speed),

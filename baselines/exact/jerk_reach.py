@@ -105,7 +105,13 @@ class Scaled:
         both = self.extremes(rounded, states)
         segments = []
         for k, clock in enumerate(clocks(passages, self.unit)):
-            segments.append(self._segment(k, states, both, clock))
+            segment = self._segment(
+                k,
+                states,
+                both,
+                clock,
+            )
+            segments.append(segment)
         return assembled(self.problem, passages, segments)
 
     def _through_brief(self, times: Array, rounded: Array, states: Array) -> Array:
@@ -188,7 +194,8 @@ class Scaled:
                 )
                 (stored,) = clock.shared([reach.breaks(h)])
                 part = reach.covering(h, clock.elapsed(stored))
-            units = self.units[-len(part) :, i]
+            powers = len(part)
+            units = self.units[-powers:, i]
             pieces.append((stored, part * units[:, None]))
         return pieces
 
