@@ -13,8 +13,8 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpbtrs
 
 Array = NDArray[np.float64]
 
@@ -378,7 +378,7 @@ class Linear:
         by_x = _both(by_x)
         by_x -= self._pulled(self.missing)
         down = self._descent(by_s, by_x, by_v)
-        solved, _ = dpbtrs(factor, down.ravel(), lower=1)
+        solved, _ = scipy.linalg.lapack.dpbtrs(factor, down.ravel(), lower=1)
         columns = solved.reshape(down.shape)
 
         log = columns[:, 0]

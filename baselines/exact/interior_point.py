@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpbtrf
 
 from baselines.exact.cells import Cells, Linear, Point, Scaled
 
@@ -156,14 +156,14 @@ def _converged(linear: Linear, state: _State) -> bool:
 
 def _factor(matrix: Array, last: float) -> tuple[Array, float]:
     """The Cholesky factor of a band, and the last addition to its diagonal that had to be made."""
-    factor, failed = dpbtrf(matrix, lower=1)
+    factor, failed = scipy.linalg.lapack.dpbtrf(matrix, lower=1)
     if not failed:
         return factor, last
     added = max(_START_CONVEXITY, last / _LESS_CONVEXITY)
     while failed and added <= _LARGEST_CONVEXITY:
         convex = matrix.copy()
         convex[0] += added
-        factor, failed = dpbtrf(convex, lower=1)
+        factor, failed = scipy.linalg.lapack.dpbtrf(convex, lower=1)
         last = added
         added *= _MORE_CONVEXITY
     if failed:

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy.interpolate import PPoly
 
 from baselines.third_party import imported
 from baselines.topp_ra import best_of, steps_by_rule
@@ -123,6 +123,6 @@ def _polynomials(answer: Any, shares: Array) -> Trajectory:
     breaks = knots[inside]
     columns = []
     for column in controls.T:
-        pieces = PPoly.from_spline((knots, column, degree))
+        pieces = scipy.interpolate.PPoly.from_spline((knots, column, degree))
         columns.append(pieces.c[:, inside][:, :-1])
     return Trajectory(breaks, np.stack(columns, axis=-1), shares * breaks[-1])
