@@ -1,14 +1,13 @@
-"""How do the exact planners' times grow with the number of waypoints?
+"""How do the reference planners' times grow with the number of waypoints?
 
     python -m experiments.scaling                # up to 1000 waypoints, some minutes on a core
     python -m experiments.scaling --most 20      # a quick look
 
-Random walks of seven joints, each a longer walk's beginning. Reported are CPU seconds of a
-planner's first `solve` at a size, which includes building IPOPT's program for it, and up to
-`AGAIN_UP_TO` waypoints those of a second one. The slope is the power of the waypoints that the
-first one's time grows with, fitted from `FITTED_FROM` waypoints on. Rows go to `scaling.csv` in
-`--output` as soon as they are known, and running again does only what is missing; the figure is
-`scaling.png` and `.svg`.
+Random walks of seven joints, each a longer walk's beginning, with the limits that a planner knows.
+Reported are CPU seconds of a planner's first `solve` at a size, which includes building IPOPT's
+program for it where it asks IPOPT. The slope is the power of the waypoints that they grow with,
+fitted from `FITTED_FROM` waypoints on. Rows go to `scaling.csv` in `--output` as soon as they are
+known, and running again does only what is missing; the figure is `scaling.png` and `.svg`.
 """
 
 from __future__ import annotations
@@ -29,47 +28,57 @@ from trajopt.benchmark.figures.style import CURVES, MARKERS
 from trajopt.registry import load
 
 JOINTS = 7
-# Waypoints. The jerk limited problem has three times as many variables.
+# Waypoints.
 SIZES = {
     "exact": (3, 5, 10, 20, 50, 100, 200, 500, 1000),
     "exact-jerk": (3, 5, 10, 20, 50, 100, 200, 300),
+    "collocation-refined": (3, 5, 10, 20, 30),
 }
 FITTED_FROM = 10
-AGAIN_UP_TO = 50
+MARGIN = 0.02  # of position limits beyond the outermost waypoints, rad
 KEY = ["planner", "waypoints"]
 
 
-def walk(waypoints: int, jerk: bool) -> Problem:
-    """Uniform steps of up to 1 rad; limits 1 rad/s, 2 rad/s² and, if any, 20 rad/s³."""
+def walk(waypoints: int, *, jerk: bool, position: bool) -> Problem:
+    """Uniform steps of up to 1 rad; limits 1 rad/s, 2 rad/s²; 20 rad/s³ and positions, if any."""
     rng = np.random.default_rng(0)
     steps = rng.uniform(-1, 1, (waypoints, JOINTS))
+    path = np.cumsum(steps, axis=0)
     each = np.ones(JOINTS)
     jerk_limits = 20 * each if jerk else None
-    limits = Limits(each, 2 * each, jerk_limits)
-    path = np.cumsum(steps, axis=0)
+    walls = None
+    if position:
+        lowest = path.min(axis=0) - MARGIN
+        highest = path.max(axis=0) + MARGIN
+        walls = np.stack([lowest, highest], axis=1)
+    limits = Limits(
+        each,
+        2 * each,
+        jerk_limits,
+        walls,
+    )
     return Problem(path, limits, name=f"walk-{waypoints}")
 
 
 def measured(planner: str, waypoints: int) -> dict[str, object]:
     """One size's row: CPU seconds, the certified duration (s), and how many starts it took."""
-    problem = walk(waypoints, jerk=planner == "exact-jerk")
-    solve = load(planner).solve
+    tried = load(planner)
+    problem = walk(
+        waypoints,
+        jerk="jerk" in tried.knows,
+        position="position" in tried.knows,
+    )
+    solve = tried.solve
     began = time.process_time()
     solution = solve(problem)
-    first = time.process_time() - began
-    again = np.nan
-    if waypoints <= AGAIN_UP_TO:
-        began = time.process_time()
-        solve(problem)
-        again = time.process_time() - began
+    seconds = time.process_time() - began
     certified = np.nan
     if solution.trajectory is not None:
         certified = verify(problem, solution.trajectory).certified_duration or np.nan
     return {
         "planner": planner,
         "waypoints": waypoints,
-        "first s": first,
-        "again s": again,
+        "cpu s": seconds,
         "starts": len(solution.stats["start_status"]),
         "certified duration s": certified,
     }
@@ -92,7 +101,7 @@ def slope(rows: pd.DataFrame) -> float:
     fitted = rows[rows["waypoints"] >= FITTED_FROM]
     if len(fitted) < 2:
         return np.nan
-    powers = np.polyfit(np.log(fitted["waypoints"]), np.log(fitted["first s"]), deg=1)
+    powers = np.polyfit(np.log(fitted["waypoints"]), np.log(fitted["cpu s"]), deg=1)
     return float(powers[0])
 
 
@@ -109,17 +118,10 @@ def drawn(table: pd.DataFrame) -> Figure:
         x = own["waypoints"]
         axes.plot(
             x,
-            own["first s"],
+            own["cpu s"],
             color=colour,
             marker=marker,
             label=f"{planner}: slope {slope(own):.2f}",
-        )
-        axes.plot(
-            x,
-            own["again s"],
-            color=colour,
-            ls=":",
-            label=f"{planner}, solved again",
         )
     axes.set_xlabel("waypoints")
     axes.set_ylabel("CPU time, s")
@@ -137,7 +139,7 @@ def main(
     for row in rows(file, most):
         is_new = not file.exists()
         pd.DataFrame([row]).to_csv(file, mode="a", header=is_new, index=False)
-        print(f"{row['planner']}, {row['waypoints']} waypoints: {row['first s']:.2f} s", flush=True)
+        print(f"{row['planner']}, {row['waypoints']} waypoints: {row['cpu s']:.2f} s", flush=True)
     table = pd.read_csv(file)
     save_table(table, output / "scaling")
     print(table.to_string(index=False, float_format="{:.3g}".format))

@@ -16,21 +16,23 @@ def test_the_slope_is_the_power(power: float) -> None:
     waypoints = np.array([3, 10, 100, 1000])
     seconds = 0.02 * waypoints**power
     seconds[0] = 7.0  # small problems do not count
-    rows = pd.DataFrame({"waypoints": waypoints, "first s": seconds})
+    rows = pd.DataFrame({"waypoints": waypoints, "cpu s": seconds})
     assert scaling.slope(rows) == pytest.approx(power)
 
 
 def test_one_size_has_no_slope() -> None:
-    rows = pd.DataFrame({"waypoints": [3, 10], "first s": [0.1, 0.2]})
+    rows = pd.DataFrame({"waypoints": [3, 10], "cpu s": [0.1, 0.2]})
     assert np.isnan(scaling.slope(rows))
 
 
 def test_a_walk_is_the_beginning_of_a_longer_one() -> None:
-    short = scaling.walk(3, jerk=True)
-    long = scaling.walk(8, jerk=False)
+    short = scaling.walk(3, jerk=True, position=True)
+    long = scaling.walk(8, jerk=False, position=False)
     np.testing.assert_array_equal(long.waypoints[:3], short.waypoints)
     assert short.has("jerk")
+    assert short.has("position")
     assert not long.has("jerk")
+    assert not long.has("position")
 
 
 def test_sizes_are_measured_once_and_drawn(
@@ -38,10 +40,10 @@ def test_sizes_are_measured_once_and_drawn(
 ) -> None:
     scaling.main(most=3, output=tmp_path)
     table = pd.read_csv(tmp_path / "scaling.csv")
-    assert table["planner"].tolist() == ["exact", "exact-jerk"]
-    # a jerk limit takes time
-    without, limited = table["certified duration s"]
-    assert without < limited
+    assert table["planner"].tolist() == ["exact", "exact-jerk", "collocation-refined"]
+    # limits take time
+    without, limited, walled = table["certified duration s"]
+    assert without < limited <= walled
     assert (tmp_path / "scaling.png").exists()
     monkeypatch.setattr(scaling, "measured", None)  # again would fail
     scaling.main(most=3, output=tmp_path)
