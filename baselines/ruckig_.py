@@ -20,12 +20,13 @@ import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines import segment_units
+from baselines.exact.rounded import Clock, assembled, clocks, through
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
 from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.trajectory import nearest
 
 Array = NDArray[np.float64]
 
@@ -135,23 +136,71 @@ class Sections:
         start: Array,
         end: Array,
     ) -> tuple[float, list[Part]]:
-        """The duration of segment `k` and every joint's `(breaks, coefficients)`, cubics."""
+        """The duration of segment `k`, s, and every joint's `(breaks, cubics)` in its units."""
         if not self._calculate(k, start, end):
             raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
-        return self._time(k), self._rebuilt(k)
+        return self._time(k), self._own_profiles()
+
+    def fitted(
+        self,
+        k: int,
+        profiles: list[Part],
+        ends: Array,
+        clock: Clock,
+    ) -> list[Part]:
+        """The profiles of segment `k` over the breaks that a trajectory stores.
+
+        A phase of a stiff jerk limit is so brief that its rounded length counts. Where jerk is
+        limited, acceleration is straight between the rounded breaks, and the waypoint is met.
+
+        Returns:
+            Every joint's stored breaks, s, and its displacement since the segment's start, rad.
+        """
+        units = self._units[k]
+        (u, _), (w, b) = [units.states(state) for state in ends]
+        target = self._inputs[k].target_position
+        limited = self.limits.jerk_limited
+        planned = [breaks for breaks, _ in profiles]
+        parts = []
+        for j, stored in enumerate(clock.shared(planned)):
+            breaks, cubics = profiles[j]
+            mended = None
+            if limited[j]:
+                levels = np.r_[2 * cubics[1], b[j]]
+                kept = nearest(breaks, clock.elapsed(stored))
+                mended = through(
+                    clock.lengths(stored),
+                    levels[kept],
+                    (u[j], w[j]),
+                    target[j],
+                )
+            if mended is None:
+                stored = clock.stored(breaks)
+                mended = cubics
+            parts.append((stored, units.in_radians(mended, j)))
+        return parts
+
+    @property
+    def unit_times(self) -> Array:
+        """The unit of time of each segment, s."""
+        return np.array([units.time for units in self._units])
 
     def _time(self, k: int) -> float:
         """Of segment `k`, just computed, s."""
         time: float = self._trajectory.duration
         return time * self._units[k].time
 
+    def _own_profiles(self) -> list[Part]:
+        """Every joint's `(breaks, cubics)` in the segment just computed, in its units."""
+        duration = self._trajectory.duration
+        profiles = self._trajectory.profiles[0]
+        return [_cubics(profile, duration) for profile in profiles]
+
     def _rebuilt(self, k: int) -> list[Part]:
         """Every joint's motion in segment `k`, just computed, s and rad."""
         units = self._units[k]
-        duration = self._trajectory.duration
         parts = []
-        for joint, profile in enumerate(self._trajectory.profiles[0]):
-            breaks, cubics = _cubics(profile, duration)
+        for joint, (breaks, cubics) in enumerate(self._own_profiles()):
             coefficients = units.in_radians(cubics, joint)
             coefficients[-1] += self.waypoints[k, joint]
             parts.append((breaks * units.time, coefficients))
@@ -510,14 +559,24 @@ def _solution(
     history: History,
 ) -> Solution:
     durations = []
-    parts = []
+    profiles = []
     try:
         for k, (start, end) in _each_segment(states):
-            duration, profiles = sections.profiles(k, start, end)
+            duration, own = sections.profiles(k, start, end)
             durations.append(duration)
-            parts.append(profiles)
+            profiles.append(own)
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
+    passages = np.r_[0.0, np.cumsum(durations)]
+    segments = []
+    for k, clock in enumerate(clocks(passages, sections.unit_times)):
+        fitted = sections.fitted(
+            k,
+            profiles[k],
+            _ends(states, k),
+            clock,
+        )
+        segments.append(fitted)
     message = ""
     low, high = problem.limits.jerk.T
     if (-low != high).any():
@@ -527,33 +586,8 @@ def _solution(
         table = np.array(history)
     return Solution(
         Status.SOLVED,
-        _assembled(problem, durations, parts),
+        assembled(problem, passages, segments),
         message,
         evaluations=sections.evaluations,
         history=table,
-    )
-
-
-def _assembled(
-    problem: Problem,
-    durations: list[float],
-    parts: list[list[Part]],
-) -> Trajectory:
-    """All sections one after another, every joint on common breaks, resting joints put back."""
-    at = np.r_[0.0, np.cumsum(durations)]
-    joints = []
-    for column in range(int(problem.moving.sum())):
-        breaks = [np.zeros(1)]
-        coefficients = []
-        for start, section in zip(at[:-1], parts, strict=True):
-            own_breaks, own_coefficients = section[column]
-            breaks.append(start + own_breaks[1:])
-            coefficients.append(own_coefficients)
-        all_breaks = np.concatenate(breaks)
-        joints.append((all_breaks, np.hstack(coefficients)))
-    return Trajectory.of_moving(
-        problem.waypoints[0],
-        problem.moving,
-        joints,
-        at,
     )

@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.exact.rounded import Pieces, apart
+from baselines.exact.rounded import Pieces, accumulated, apart, through
 from trajopt import polynomials
 
 Array = NDArray[np.float64]
@@ -48,7 +48,6 @@ _TINY = 1e-300  # instead of dividing by 0
 # Of a segment: pieces so short are left out, the longest first, where the limits allow it.
 _SLIVERS = (1e-5, 1e-7, 1e-9, 1e-12)
 _BRIEF_PIECES = 4
-_MENDINGS = 2  # the second one mends the rounding of the first
 _MENDED_RTOL = 1e-9  # what leaving slivers out may pass a limit by
 
 
@@ -459,13 +458,17 @@ def combined(
     acceleration = np.r_[2 * exact[1], b]
     for kept in _grids(knots, t):
         levels = np.interp(kept, breaks, acceleration)
-        pieces = _through(
-            rounded(kept),
+        own = rounded(kept)
+        mended = through(
+            np.diff(own),
             levels,
             (u, w),
             float(h),
         )
-        if pieces is not None and _within(pieces, upper_side, lower_side):
+        if mended is None:
+            continue
+        pieces = (own, mended)
+        if _within(pieces, upper_side, lower_side):
             return pieces
     return breaks, exact
 
@@ -480,65 +483,6 @@ def _grids(knots: Array, t: float) -> Iterator[Array]:
         yield np.linspace(0.0, t, _BRIEF_PIECES + 1)
     for closest in _SLIVERS:
         yield apart(knots, t, closest * t)
-
-
-def _through(
-    breaks: Array,
-    acceleration: Array,
-    velocities: Array | tuple[float, float],
-    h: float,
-) -> Pieces | None:
-    """The motion of such accelerations at the breaks, mended to end with its velocity at `h`.
-
-    Knots that were left out cost some velocity and displacement. The least change of the inner
-    accelerations makes up for both; None where there are too few.
-    """
-    if len(breaks) < 4:
-        return None
-    u, w = velocities
-    t = breaks[-1]
-    # 1 more at an inner break, in units of the segment: half of both lengths more velocity,
-    # as if all of it were gained at their centroid
-    at = breaks / t
-    before = at[:-2]
-    here = at[1:-1]
-    after = at[2:]
-    gained = (after - before) / 2
-    centroid = (before + here + after) / 3
-    travelled = gained * (1 - centroid)
-    effect = np.stack([gained, travelled])
-    mended = acceleration.copy()
-    for _ in range(_MENDINGS):
-        _, velocity, position = _integrated(breaks, mended, u)
-        slow = (w - velocity) / t
-        short = (h - position) / t**2
-        missed = np.array([slow, short])
-        change, *_ = np.linalg.lstsq(effect, missed, rcond=None)
-        mended[1:-1] += change
-    pieces, _, _ = _integrated(breaks, mended, u)
-    return pieces
-
-
-def _integrated(
-    breaks: Array,
-    acceleration: Array,
-    u: float,
-) -> tuple[Pieces, float, float]:
-    """The motion of piecewise linear acceleration, and its velocity and displacement at the end."""
-    lengths = np.diff(breaks)
-    first = acceleration[:-1]
-    last = acceleration[1:]
-    jerk = (last - first) / lengths
-    # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
-    gains = lengths * (first + last) / 2
-    velocity = _accumulated(u, gains)
-    mean = velocity + lengths * (2 * first + last) / 6
-    steps = lengths * mean
-    position = _accumulated(0.0, steps)
-    rows = [jerk / 6, first / 2, velocity, position]
-    final_velocity = velocity[-1] + gains[-1]
-    final_position = position[-1] + steps[-1]
-    return (breaks, np.stack(rows)), float(final_velocity), float(final_position)
 
 
 def _within(pieces: Pieces, upper: Limit, lower: Limit) -> bool:
@@ -600,18 +544,12 @@ def _phases(
     first = levels[:-1]
     last = levels[1:]
     gains = lengths * (first + last) / 2
-    velocity = _accumulated(u, gains)
+    velocity = accumulated(u, gains)
     mean = velocity + lengths * (2 * first + last) / 6
-    position = _accumulated(0.0, lengths * mean)
-    starts = _accumulated(0.0, lengths)
+    position = accumulated(0.0, lengths * mean)
+    starts = accumulated(0.0, lengths)
     rows = [jerks / 6, first / 2, velocity, position]
     return starts, np.stack(rows)
-
-
-def _accumulated(start: Array | float, steps: Array) -> Array:
-    """The value before each step."""
-    sums = np.r_[0.0, np.cumsum(steps[:-1])]
-    return np.asarray(start + sums)
 
 
 def _resampled(pieces: Pieces, breaks: Array) -> Array:

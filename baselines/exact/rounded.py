@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 # Of the duration: breaks further apart are two, in whatever order the times were added up.
 _DISTINCT_RTOL = 2 * BREAK_RTOL
 
+_MENDINGS = 2  # the second one mends the rounding of the first
+
 Pieces = tuple[Array, Array]  # breaks, and position coefficients (degree + 1, pieces)
 
 
@@ -56,6 +58,13 @@ class Clock:
         """Stored breaks as the motion counts time."""
         return (stored - self.start) / self.unit
 
+    def lengths(self, stored: Array) -> Array:
+        """The lengths of the pieces between stored breaks, as the motion counts time.
+
+        From the breaks themselves: over a brief piece, another rounding in between would count.
+        """
+        return np.diff(stored) / self.unit
+
     def rounded(self, local: Array) -> Array:
         """What these times become when they are stored, as the motion counts time."""
         return self.elapsed(self.stored(local))
@@ -77,15 +86,18 @@ class Clock:
         return [np.unique(common[nearest(common, own)]) for own in stored]
 
 
-def clocks(passages: Array, unit: float) -> Iterator[Clock]:
+def clocks(passages: Array, units: Array | float) -> Iterator[Clock]:
     """A clock of every segment.
 
     Args:
         passages: when the waypoints are passed, s.
-        unit: of the motions' own times, s.
+        units: of each segment's own times, or of all of them, s.
     """
     resolution = _DISTINCT_RTOL * passages[-1]
-    for start, end in itertools.pairwise(passages):
+    lengths = np.diff(passages)
+    segment_units = np.broadcast_to(units, lengths.shape)
+    segments = itertools.pairwise(passages)
+    for (start, end), unit in zip(segments, segment_units, strict=True):
         yield Clock(start, end, unit, resolution)
 
 
@@ -135,3 +147,76 @@ def assembled(
         joints,
         passages,
     )
+
+
+def through(
+    lengths: Array,
+    acceleration: Array,
+    velocities: Array | tuple[float, float],
+    h: float,
+) -> Array | None:
+    """The motion of such accelerations at the breaks, mended to end with its velocity at `h`.
+
+    Knots that were left out or moved cost some velocity and displacement. The least change of the
+    inner accelerations makes up for both.
+
+    Args:
+        lengths: of the pieces, `(pieces,)`.
+        acceleration: at the breaks, straight in between, `(pieces + 1,)`.
+        velocities: at the start and at the end.
+        h: displacement.
+
+    Returns:
+        Position coefficients `(4, pieces)`; None for less than three pieces.
+    """
+    if len(lengths) < 3:
+        return None
+    u, w = velocities
+    t = lengths.sum()
+    # 1 more at an inner break, in units of the segment: half of both lengths more velocity,
+    # as if all of it were gained at their centroid
+    at = np.r_[0.0, np.cumsum(lengths)] / t
+    before = at[:-2]
+    here = at[1:-1]
+    after = at[2:]
+    gained = (after - before) / 2
+    centroid = (before + here + after) / 3
+    travelled = gained * (1 - centroid)
+    effect = np.stack([gained, travelled])
+    mended = acceleration.copy()
+    for _ in range(_MENDINGS):
+        _, velocity, position = _integrated(lengths, mended, u)
+        slow = (w - velocity) / t
+        short = (h - position) / t**2
+        missed = np.array([slow, short])
+        change, *_ = np.linalg.lstsq(effect, missed, rcond=None)
+        mended[1:-1] += change
+    coefficients, _, _ = _integrated(lengths, mended, u)
+    return coefficients
+
+
+def _integrated(
+    lengths: Array,
+    acceleration: Array,
+    u: float,
+) -> tuple[Array, float, float]:
+    """The motion of piecewise linear acceleration, and its velocity and displacement at the end."""
+    first = acceleration[:-1]
+    last = acceleration[1:]
+    jerk = (last - first) / lengths
+    # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
+    gains = lengths * (first + last) / 2
+    velocity = accumulated(u, gains)
+    mean = velocity + lengths * (2 * first + last) / 6
+    steps = lengths * mean
+    position = accumulated(0.0, steps)
+    coefficients = np.stack([jerk / 6, first / 2, velocity, position])
+    final_velocity = velocity[-1] + gains[-1]
+    final_position = position[-1] + steps[-1]
+    return coefficients, float(final_velocity), float(final_position)
+
+
+def accumulated(start: Array | float, steps: Array) -> Array:
+    """The value before each step."""
+    sums = np.r_[0.0, np.cumsum(steps[:-1])]
+    return np.asarray(start + sums)
