@@ -471,8 +471,9 @@ def _slopes(
                 out=np.zeros(joints),
                 where=step != 0,
             )
-            slopes[k, own, order, waypoint, own] = np.nan_to_num(slope)
-    return slopes.reshape(segments * joints, *states.shape)
+            slopes[k, own, order, waypoint, own] = slope
+    finite = np.nan_to_num(slopes)
+    return finite.reshape(segments * joints, *states.shape)
 
 
 def _minima(sections: Sections, states: Array) -> list[Array]:

@@ -29,10 +29,10 @@ class Units:
     time: float
     lengths: Array
 
-    def states(self, states: Array) -> Array:
+    def states(self, states: Array) -> tuple[Array, Array]:
         """Velocities and accelerations `(2, joints)`, rad/s and rad/s², in these units."""
         velocity, acceleration = states * self.time / self.lengths
-        return np.stack([velocity, acceleration * self.time])
+        return velocity, acceleration * self.time
 
     def limits(self, limits: Limits) -> Limits:
         """Limits of velocity, acceleration and jerk in these units."""

@@ -77,10 +77,9 @@ class ISSA(SSA):
         """Eq. 47, first case: X + X · Lévy, with Mantegna's steps μ / |ν|^(1/λ)."""
         if not self.levy:
             return shrunk
-        shape = x.shape[1:]
-        scale = levy_scale(self.levy_exponent)
-        mu = scale * flock.extra.normal(*shape)
-        nu = flock.extra.normal(*shape)
+        drawn = flock.extra.normal(2, *x.shape[1:])
+        mu = levy_scale(self.levy_exponent) * drawn[:, 0]
+        nu = drawn[:, 1]
         power = 1 / self.levy_exponent
         levy = mu / np.abs(nu) ** power
         return np.asarray(x + x * levy)

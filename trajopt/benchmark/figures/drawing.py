@@ -16,6 +16,7 @@ from functools import cache, cached_property
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.resources import files
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
@@ -43,6 +44,11 @@ class Drawing:
     @property
     def files(self) -> list[Path]:
         return [self.stem.with_name(f"{self.stem.name}.{suffix}") for suffix in ("png", "svg")]
+
+    @property
+    def has_table(self) -> bool:
+        """Whether it shows a table of pandas."""
+        return any(hasattr(value, "to_dict") for value in self.arguments.values())
 
     @cached_property
     def digest(self) -> str:
@@ -91,18 +97,27 @@ def draw_all(drawings: Sequence[Drawing], processes: int) -> None:
     Raises what a figure here raised; those of a process that failed are drawn here instead.
     """
     stale = [drawing for drawing in drawings if not drawing.current]
+    # this process takes the first share: it has loaded pandas, a helper need not
+    stale.sort(key=lambda drawing: not drawing.has_table)
     shares = max(1, min(processes, len(stale) // WORTH_A_PROCESS))
-    helpers = [_started(stale[n::shares]) for n in range(1, shares)]
+    own, *others = _shared(stale, shares)
+    helpers = [_started(share) for share in others]
     try:
-        for drawing in stale[::shares]:
+        for drawing in own:
             drawing.draw()
-        for n, helper in enumerate(helpers, start=1):
+        for helper, share in zip(helpers, others, strict=True):
             if helper.wait() != 0:
-                for drawing in stale[n::shares]:
+                for drawing in share:
                     drawing.draw()
     finally:
         for helper in helpers:
             helper.kill()
+
+
+def _shared(drawings: Sequence[Drawing], shares: int) -> list[Sequence[Drawing]]:
+    """So many parts of the same size or one more, one after another."""
+    ends = [len(drawings) * share // shares for share in range(shares + 1)]
+    return [drawings[start:end] for start, end in pairwise(ends)]
 
 
 def _started(drawings: Sequence[Drawing]) -> subprocess.Popen[bytes]:
