@@ -16,13 +16,14 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines.lower_bound import dual_check, extremal
+from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.dual_check import Proof
-from baselines.lower_bound.linear import Answer, Linear
-from baselines.lower_bound.relaxation import Box, Relaxation, Rows
+from baselines.lower_bound.linear import Answer
+from baselines.lower_bound.relaxation import Box, Relaxation
+from baselines.lower_bound.row_pool import RowPool
 from baselines.lower_bound.separation import Separation
 from trajopt.exceptions import TrajoptError
 from trajopt.planner import backend
@@ -112,7 +113,7 @@ def prove(problem: Problem, target: float, gap: float, deadline: float) -> Outco
     root = search.run()
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
-    return Outcome(lower_bound, proof, search.splits, search.programs)
+    return Outcome(lower_bound, proof, search.splits, search.pool.programs)
 
 
 class _Search:
@@ -130,17 +131,9 @@ class _Search:
         self.target = relaxation.cutoff / (1 + _ROOM_SHARE * gap)
         self.finest = max(_TOLERANCE_SHARE * gap, _FINEST_TOLERANCE)
         self.total = relaxation.total()
-        self.tangents: list[tuple[int, float]] = []
-        self.cuts: list[tuple[int, int, Array]] = []
-        self.found: list[Rows] = [relaxation.blank(0)]
-        # tangents and cuts in the order in which they were found, as the program has them
-        self.kinds: list[tuple[bool, int]] = []
         self.splits = 0
-        self.programs = 0
         box = relaxation.root_box()
-        self.rows = relaxation.box_rows(box)
-        self.box_count = len(self.rows.bounds)
-        self.program = _program(relaxation, solver, box, self.rows)
+        self.pool = RowPool(relaxation, solver, box)
         self.separations: dict[tuple[int, int], Separation] = {}
         for k, j in np.ndindex(relaxation.segments, relaxation.joints):
             walls = (relaxation.below[k, j], relaxation.above[k, j])
@@ -206,10 +199,10 @@ class _Search:
 
     def _bound_total(self, node: _Node, rounds: int) -> None:
         """The least total time in a box, with rows added until none is broken."""
-        self._enter(node.box)
+        self.pool.enter(node.box)
         tolerance = max(self.finest, _COARSE_TOLERANCE)
         for _ in range(rounds):
-            answer = self._minimised(self.total)
+            answer = self.pool.minimised(self.total)
             before = node.bound
             self._prove_leaf(node, answer)
             missing = self.target - node.bound
@@ -279,12 +272,12 @@ class _Search:
         width = node.box.high[column] - node.box.low[column]
         if width <= 0:
             return
-        answer = self._minimised(objective)
+        answer = self.pool.minimised(objective)
         for _ in range(rounds - 1):
             at_side = answer.value <= _side(node.box, column, raises) + _WORTHWHILE_SHARE * width
             if answer.x is None or at_side or not self._separate(answer.x, _COARSE_TOLERANCE):
                 break
-            answer = self._minimised(objective)
+            answer = self.pool.minimised(objective)
         if answer.x is None:
             self._prove_leaf(node, answer)
             return
@@ -316,12 +309,12 @@ class _Search:
                 np.zeros(0),
             )
             return
-        self._enter(node.box)
+        self.pool.enter(node.box)
 
     def _split(self, node: _Node) -> None:
         """Split a box at the segment time whose curves cost the bound most."""
-        self._enter(node.box)
-        answer = self._minimised(self.total)
+        self.pool.enter(node.box)
+        answer = self.pool.minimised(self.total)
         widths = self._widths(node.box)
         scores = widths / max(widths.max(), np.finfo(float).tiny)
         place = 0.5 * (node.box.low + node.box.high)
@@ -350,9 +343,10 @@ class _Search:
         """Per segment, what the bound would gain if its curves were met, to first order."""
         relaxation = self.relaxation
         assert answer.x is not None
-        y = np.maximum(answer.multipliers[: self.box_count], 0.0)
+        rows = self.pool.box_rows
+        y = np.maximum(answer.multipliers[: self.pool.box_count], 0.0)
         misses = np.abs(self._on_the_curves(answer.x) - answer.x)
-        errors = np.abs(self.rows.coefficients) * misses[self.rows.columns]
+        errors = np.abs(rows.coefficients) * misses[rows.columns]
         segments = relaxation.row_segments()
         shares = y * errors.sum(axis=1)
         costs = np.bincount(segments[1:], shares[1:], relaxation.segments)
@@ -374,78 +368,36 @@ class _Search:
         exact = self._on_the_curves(x)
         return np.allclose(x, exact, rtol=_CURVE_RTOL, atol=_CURVE_RTOL)
 
-    # --- the linear program ---
-
-    def _enter(self, box: Box) -> None:
-        self.rows = self.relaxation.box_rows(box)
-        self.program.set_box(box.low, box.high)
-        for number in range(1, self.box_count):
-            columns, coefficients, bound = self.rows.row(number)
-            used = columns != self.relaxation.nothing
-            self.program.set_row(
-                number,
-                columns[used],
-                coefficients[used],
-                bound,
-            )
-
-    def _minimised(self, objective: Array) -> Answer:
-        self.programs += 1
-        return self.program.minimised(objective)
+    # --- rows ---
 
     def _separate(self, x: Array, tolerance: float) -> int:
         """Add the rows that a point breaks; how many."""
         relaxation = self.relaxation
-        added = 0
+        before = len(self.pool.found)
         tangent_rtol = max(tolerance / 10, _TANGENT_RTOL)
         for k in range(relaxation.segments):
             at = float(x[relaxation.time[k]])
             product = x[relaxation.inverse[k]] * at
             if product < 1 - tangent_rtol:
-                self._add_tangent(k, at)
-                added += 1
+                self.pool.add_tangent(k, at)
         broken = extremal.broken(relaxation, x, tolerance / 2)
-        for found in broken:
-            self._add_cut(found.segment, found.joint, found.cells)
-        found_places = {(found.segment, found.joint) for found in broken}
-        added += len(broken)
+        places = {(row.segment, row.joint) for row in broken}
         for (k, j), separation in self.separations.items():
             if self.late:
                 break
-            if (k, j) in found_places:
+            if (k, j) in places:
                 continue
             cells = separation.broken_most(x, tolerance)
             if cells is not None:
-                self._add_cut(k, j, cells)
-                added += 1
-        return added
-
-    def _add_cut(self, segment: int, joint: int, cells: Array) -> None:
-        self._add(dual_check.cut(self.relaxation, segment, joint, cells))
-        self.kinds.append(
-            (True, len(self.cuts)),
-        )
-        self.cuts.append((segment, joint, cells))
+                broken.append(Cut(k, j, cells))
+        self.pool.add_cuts(broken)
+        return len(self.pool.found) - before
 
     def _first_tangents(self, box: Box) -> None:
         for k in range(self.relaxation.segments):
-            low = box.low[k]
-            high = box.high[k]
-            for at in np.linspace(low, high, _START_TANGENTS):
-                self._add_tangent(k, float(at))
-
-    def _add_tangent(self, segment: int, at: float) -> None:
-        self._add(self.relaxation.tangent(segment, at))
-        self.kinds.append(
-            (False, len(self.tangents)),
-        )
-        self.tangents.append((segment, at))
-
-    def _add(self, row: Rows) -> None:
-        self.found.append(row)
-        used = row.columns[0] != self.relaxation.nothing
-        columns = row.columns[0, used]
-        self.program.add_row(columns, row.coefficients[0, used], float(row.bounds[0]))
+            places = np.linspace(box.low[k], box.high[k], _START_TANGENTS)
+            for at in places:
+                self.pool.add_tangent(k, float(at))
 
     def _step(
         self,
@@ -456,80 +408,43 @@ class _Search:
         multipliers: Array,
     ) -> tuple[_Step, float]:
         """A step with the rows that its multipliers use, and what they prove."""
-        used = np.flatnonzero(multipliers > 0)
-        of_box = used[used < self.box_count]
-        others = used[used >= self.box_count] - self.box_count
-        parts = [self.rows.chosen(of_box)]
-        parts += [self.found[number + 1] for number in others]
-        own = multipliers[used]
-        bound = dual_check.dual_bound(
-            objective,
-            box,
-            dual_check.joined(parts),
-            own,
+        proved = self.pool.proved(objective, box, multipliers)
+        step = _Step(
+            kind,
+            variable,
+            0.0,
+            proved.rows,
+            proved.multipliers,
         )
-        return _Step(kind, variable, 0.0, used, own), bound
+        return step, proved.bound
 
     # --- the proof ---
 
     def proof(self, root: _Node) -> Proof:
         """The tree as a proof, with only those rows that it uses."""
         steps = list(_walk(root))
-        numbers = [step.rows[step.rows >= self.box_count] for step in steps]
-        used = np.unique(np.concatenate(numbers)) - self.box_count
-        kinds = [self.kinds[number] for number in used]
-        tangents = [self.tangents[place] for is_cut, place in kinds if not is_cut]
-        cuts = [self.cuts[place] for is_cut, place in kinds if is_cut]
-        # tangents come first
-        is_cut = np.array([is_cut for is_cut, _ in kinds], dtype=bool)
-        number_of_cut = len(tangents) + np.cumsum(is_cut)
-        number_of_tangent = np.cumsum(~is_cut)
-        position = np.where(is_cut, number_of_cut, number_of_tangent) - 1
-        renumbered = np.zeros(self.box_count + len(self.kinds), dtype=np.intp)
-        renumbered[: self.box_count] = np.arange(self.box_count)
-        renumbered[used + self.box_count] = self.box_count + position
-
+        every = [step.rows for step in steps]
+        used = np.unique(np.concatenate(every))
+        tables = self.pool.tables(used)
         table = []
         multipliers = []
         for step in steps:
-            table.append((step.kind, step.variable, step.value, len(step.rows)))
-            pairs = np.column_stack([renumbered[step.rows], step.multipliers])
+            line = (step.kind, step.variable, step.value, len(step.rows))
+            table.append(line)
+            numbers = tables.numbers[step.rows]
+            pairs = np.column_stack([numbers, step.multipliers])
             multipliers.append(pairs)
-        sizes = [(k, j, len(cells)) for k, j, cells in cuts]
-        cells = [np.zeros((0, 7)), *(cells for _, _, cells in cuts)]
         relaxation = self.relaxation
+        cutoff = relaxation.cutoff * relaxation.time_unit
         return Proof(
             units=np.append(relaxation.time_unit, relaxation.length_units),
-            cutoff=np.array([relaxation.cutoff * relaxation.time_unit]),
-            tangents=np.array(tangents, dtype=float).reshape(-1, 2),
-            cuts=np.array(sizes, dtype=float).reshape(-1, 3),
-            cells=np.concatenate(cells),
+            cutoff=np.array([cutoff]),
+            tangents=tables.tangents,
+            cuts=tables.cuts,
+            cells=tables.cells,
             steps=np.array(table, dtype=float),
             multipliers=np.concatenate(multipliers),
         )
-
-
-def _program(relaxation: Relaxation, solver: Any, box: Box, rows: Rows) -> Linear:
-    """The linear program of the box's rows."""
-    count = len(rows.bounds)
-    numbers = np.repeat(np.arange(count), rows.columns.shape[1])
-    columns = rows.columns.ravel()
-    used = columns != relaxation.nothing
-    values = np.where(rows.coefficients == 0, 1.0, rows.coefficients).ravel()
-    shape = (count, relaxation.variables)
-    matrix = scipy.sparse.csr_matrix(
-        (values[used], (numbers[used], columns[used])),
-        shape=shape,
-    )
-    below = np.full(count, -np.inf)
-    return Linear(
-        solver,
-        box.low,
-        box.high,
-        matrix,
-        below,
-        rows.bounds,
-    )
 
 
 def _walk(node: _Node) -> Iterator[_Step]:

@@ -37,6 +37,14 @@ COEFFICIENT_RTOL = 1e-14
 CELL_COLUMNS = 7
 
 
+class Cut(NamedTuple):
+    """A row's segment, joint (among those that move) and costates, `(cells, 7)`."""
+
+    segment: int
+    joint: int
+    cells: Array
+
+
 class Costates(NamedTuple):
     """Rows of one segment and joint each, as their limits and costates: `(rows, ...)`."""
 

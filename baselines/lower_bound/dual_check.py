@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.lower_bound import costates
+from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows
 from trajopt.exceptions import InvalidInput
 from trajopt.problem import Problem
@@ -125,41 +126,56 @@ def relaxation_of(problem: Problem, proof: Proof) -> Relaxation:
 
 def global_rows(relaxation: Relaxation, proof: Proof) -> Rows:
     """Tangents and rows of costates: they hold in every box."""
-    found = []
+    tangents = [relaxation.blank(0)]
     for segment, at in proof.tangents.tolist():
         chosen = _index(segment, relaxation.segments)
         if not at > 0:
             raise InvalidInput("proof tangents", "places above 0", value=at)
-        found.append(relaxation.tangent(chosen, at))
+        tangents.append(relaxation.tangent(chosen, at))
     first = 0
+    given = []
     for segment, joint, count in proof.cuts.tolist():
         k = _index(segment, relaxation.segments)
         j = _index(joint, relaxation.joints)
         last = first + _index(count, len(proof.cells) - first + 1)
-        found.append(cut(relaxation, k, j, proof.cells[first:last]))
+        broken = Cut(k, j, proof.cells[first:last])
+        given.append(broken)
         first = last
-    return joined([relaxation.blank(0), *found])
+    return joined([*tangents, cuts(relaxation, given)])
 
 
-def cut(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> Rows:
-    """The row of costates, as one of the relaxation's.
+def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> Rows:
+    """Rows of costates, as the relaxation's.
 
     Raises:
         InvalidInput: The cells do not divide the segment, or the joint has no jerk limit and `p`
             is not 0.
     """
-    starts = cells[:, 0]
-    ordered = bool(len(cells)) and starts[0] == 0.0 and starts[-1] < 1.0
+    rows = relaxation.blank(len(given))
+    counts = np.array([len(row.cells) for row in given], dtype=int)
+    for number, row in enumerate(given):
+        _check_cells(relaxation, row)
+        rows.columns[number, :ROW_ENTRIES] = relaxation.row_columns(row.segment, row.joint)
+    for count in np.unique(counts):
+        numbers = np.flatnonzero(counts == count).tolist()
+        alike = costates.Costates(
+            segments=np.array([given[number].segment for number in numbers]),
+            joints=np.array([given[number].joint for number in numbers]),
+            cells=np.stack([given[number].cells for number in numbers]),
+        )
+        coefficients, bounds = costates.rows(relaxation, alike)
+        rows.coefficients[numbers, :ROW_ENTRIES] = coefficients
+        rows.bounds[numbers] = bounds
+    return rows
+
+
+def _check_cells(relaxation: Relaxation, row: Cut) -> None:
+    starts = row.cells[:, 0]
+    ordered = bool(len(starts)) and starts[0] == 0.0 and starts[-1] < 1.0
     if not ordered or not (np.diff(starts) > 0).all():
         raise InvalidInput("proof cells", "starts that rise from 0 to below 1")
-    if not relaxation.jerky[joint] and cells[:, 1:4].any():
+    if not relaxation.jerky[row.joint] and row.cells[:, 1:4].any():
         raise InvalidInput("proof cells", "no p for a joint without jerk limits")
-    row = relaxation.blank(1)
-    coefficients, bound = costates.row(relaxation, segment, joint, cells)
-    row.columns[0, :ROW_ENTRIES] = relaxation.row_columns(segment, joint)
-    row.coefficients[0, :ROW_ENTRIES] = coefficients
-    row.bounds[0] = bound
-    return row
 
 
 def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> float:

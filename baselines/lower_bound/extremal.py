@@ -22,8 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.lower_bound import costates
-from baselines.lower_bound.costates import CELL_COLUMNS, Costates
+from baselines.lower_bound.costates import CELL_COLUMNS, Cut
 from baselines.lower_bound.relaxation import Relaxation
 
 Array = NDArray[np.float64]
@@ -43,22 +42,35 @@ class Point(NamedTuple):
     """What segments and joints do, in normalised time: arrays of any one shape.
 
     Attributes:
+        h: Displacements, `h S`.
         v0, v1: Velocities at both ends.
         a0, a1: Accelerations at both ends.
-        v_up: The velocity limit upwards.
+        v_up, v_down: Sizes of the velocity limits.
         a_up, a_down: Sizes of the acceleration limits, `A T`.
         j_up, j_down: Sizes of the jerk limits, `J Q`.
     """
 
+    h: Array
     v0: Array
     v1: Array
     a0: Array
     a1: Array
     v_up: Array
+    v_down: Array
     a_up: Array
     a_down: Array
     j_up: Array
     j_down: Array
+
+    def limited(self) -> Point:
+        """With jerk limits that are as good as none in the place of infinite ones."""
+        free_up = np.isinf(self.j_up)
+        free_down = np.isinf(self.j_down)
+        none = np.where(free_up & free_down, _NO_JERK_LIMIT, _NO_JERK_LIMIT_ONE_SIDE)
+        return self._replace(
+            j_up=np.where(free_up, none, self.j_up),
+            j_down=np.where(free_down, none, self.j_down),
+        )
 
     def reversed(self) -> Point:
         """The same in reversed time: accelerations change their sign, and jerks do not."""
@@ -83,15 +95,7 @@ class Instants(NamedTuple):
     brake_hold: Array
 
 
-class Broken(NamedTuple):
-    """The costates of a row that a point breaks, `(cells, 7)`, as `costates.row` takes them."""
-
-    segment: int
-    joint: int
-    cells: Array
-
-
-def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Broken]:
+def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
     """Per segment and joint the row that a point breaks most.
 
     Args:
@@ -99,30 +103,73 @@ def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Broken]:
         x: Its variables.
         tolerance: What a row must be broken by, where its cost is 1.
     """
+    point = _points(relaxation, x)
     shape = (2, relaxation.segments, relaxation.joints)
     indices = np.indices(shape).reshape(3, -1)
-    _, segments, joints = indices
-    columns = relaxation.every_row_columns()[segments, joints]
+    mirrored, segments, joints = indices
     largest = np.full(shape[1:], tolerance)
-    best: dict[tuple[int, int], Broken] = {}
-    for cells in families(relaxation, x):
+    best: dict[tuple[int, int], Cut] = {}
+    for cells in families(point):
+        gains, costs = _values(point, cells)
+        smallest = np.finfo(float).tiny
+        violations = (gains - costs) / np.maximum(costs, smallest)
+        shares = violations.ravel()
         flat = cells.reshape(-1, *cells.shape[3:])
-        given = Costates(segments, joints, flat)
-        coefficients, bounds = costates.rows(relaxation, given)
-        violations = (coefficients * x[columns]).sum(axis=1) - bounds
-        # in the relaxation's units T and Q are about 1
-        costs = bounds - coefficients[:, 0] - coefficients[:, 2]
-        shares = violations / np.maximum(costs, np.finfo(float).tiny)
         for number in np.flatnonzero(shares > tolerance):
             segment = int(segments[number])
             joint = int(joints[number])
             place = (segment, joint)
             if shares[number] > largest[place]:
                 largest[place] = shares[number]
-                of_cost_one = _scaled(flat[number], 1 / costs[number])
+                sign = -1 if mirrored[number] else 1
+                cost = float(costs.ravel()[number])
+                of_cost_one = _scaled(flat[number], sign / cost)
                 chosen = _with_width(of_cost_one)
-                best[place] = Broken(segment, joint, chosen)
+                best[place] = Cut(segment, joint, chosen)
     return list(best.values())
+
+
+def _values(point: Point, cells: Array) -> tuple[Array, Array]:
+    """A row's left and right side at a point, `(2, segments, joints)` each.
+
+    Within a cell `p`, `dp + q dτ` and `dq + λ dτ` have one sign each, at the right instants. That
+    only steers: the rows are computed exactly.
+    """
+    _, p0, p1, p2, q0, q1, slope = np.moveaxis(cells, -1, 0)
+    w = _widths(cells)
+    p_end = p0 + w * (p1 + w * p2)
+    q_end = q0 + w * q1
+    start = p0[..., 0] * point.a0 + q0[..., 0] * point.v0
+    end = p_end[..., -1] * point.a1 + q_end[..., -1] * point.v1
+    gains = end - start + slope[..., -1] * point.h
+
+    p_integral = w * (p0 + w * (p1 / 2 + w * p2 / 3))
+    bending = w * (p1 + q0 + w * (p2 + q1 / 2))
+    turning = w * (q1 + slope)
+    p_jumps = p0[..., 1:] - p_end[..., :-1]
+    q_jumps = q0[..., 1:] - q_end[..., :-1]
+    j_down = np.where(np.isinf(point.j_down), 0.0, point.j_down)
+    j_up = np.where(np.isinf(point.j_up), 0.0, point.j_up)
+    costs = _cost(p_integral, j_down, j_up)
+    costs += _cost(bending, point.a_down, point.a_up)
+    costs += _cost(p_jumps, point.a_down, point.a_up)
+    costs += _cost(turning, point.v_down, point.v_up)
+    costs += _cost(q_jumps, point.v_down, point.v_up)
+    return gains, costs
+
+
+def _cost(parts: Array, down: Array, up: Array) -> Array:
+    """The sum over cells of what parts cost under a limit's two sides."""
+    upwards = np.maximum(parts, 0.0).sum(axis=-1)
+    downwards = np.maximum(-parts, 0.0).sum(axis=-1)
+    return np.asarray(up * upwards + down * downwards)
+
+
+def _widths(cells: Array) -> Array:
+    starts = cells[..., 0]
+    ends = np.ones_like(starts)
+    ends[..., :-1] = starts[..., 1:]
+    return np.asarray(ends - starts)
 
 
 def _scaled(cells: Array, factor: float) -> Array:
@@ -133,31 +180,27 @@ def _scaled(cells: Array, factor: float) -> Array:
 
 def _with_width(cells: Array) -> Array:
     """The cells that have a width."""
-    starts = cells[:, 0]
-    ends = np.append(starts[1:], 1.0)
-    chosen = cells[ends - starts > _NARROWEST]
+    chosen = cells[_widths(cells) > _NARROWEST]
     chosen[0, 0] = 0.0
     return chosen
 
 
-def families(relaxation: Relaxation, x: Array) -> list[Array]:
-    """Costates of all segments and joints, then of their mirror images, family by family.
+def families(point: Point) -> list[Array]:
+    """Costates of all segments and joints, and of their mirror images, family by family.
 
     Returns:
         Per family `(2, segments, joints, cells, 7)`; cells may have no width.
     """
-    point = _points(relaxation, x)
+    limited = point.limited()
     tables = [
-        _displacement(point),
-        _end_velocity(point),
-        _velocity_after_start(point),
-        _velocity_before_end(point),
-        _end_acceleration(point),
+        _displacement(limited),
+        _end_velocity(limited),
+        _velocity_after_start(limited),
+        _velocity_before_end(limited),
+        _end_acceleration(limited),
     ]
     for cells in tables:
-        _, mirrored = cells
-        mirrored[..., 1:] *= -1
-        _without_free_jerk(relaxation, cells)
+        _without_free_jerk(point, cells)
     return tables
 
 
@@ -171,17 +214,19 @@ def _points(relaxation: Relaxation, x: Array) -> Point:
     before = np.concatenate([x[relaxation.before], rest])
     time = x[relaxation.time][:, None]
     square = x[relaxation.square][:, None]
-    none = np.where(relaxation.jerky, _NO_JERK_LIMIT_ONE_SIDE, _NO_JERK_LIMIT)
-    j_down, j_up = np.where(np.isinf(relaxation.j), none, relaxation.j)
+    j_down, j_up = relaxation.j
     a_down, a_up = relaxation.a
     v_down = relaxation.v[0] * np.ones_like(time)
     v_up = relaxation.v[1] * np.ones_like(time)
+    h = relaxation.h * x[relaxation.inverse][:, None]
     return Point(
+        h=_mirrored(h, -h),
         v0=_mirrored(v0, -v0),
         v1=_mirrored(v1, -v1),
         a0=_mirrored(after, -after),
         a1=_mirrored(before, -before),
         v_up=_mirrored(v_up, v_down),
+        v_down=_mirrored(v_down, v_up),
         a_up=_mirrored(a_up * time, a_down * time),
         a_down=_mirrored(a_down * time, a_up * time),
         j_up=_mirrored(j_up * square, j_down * square),
@@ -193,22 +238,20 @@ def _mirrored(values: Array, mirrored: Array) -> Array:
     return np.stack([values, mirrored])
 
 
-def _without_free_jerk(relaxation: Relaxation, cells: Array) -> None:
+def _without_free_jerk(point: Point, cells: Array) -> None:
     """No `p` where no jerk limit prices it: such phases take no time."""
-    down, up = np.isinf(relaxation.j)[:, None, :, None]
-    starts = cells[..., 0]
-    last = np.ones_like(starts[..., :1])
-    ends = np.concatenate([starts[..., 1:], last], axis=-1)
     p0 = cells[..., 1]
     p1 = cells[..., 2]
     p2 = cells[..., 3]
     # in the middle of the cell
-    s = (ends - starts) / 2
+    s = _widths(cells) / 2
     p = p0 + s * (p1 + s * p2)
-    downwards = down & (p < 0)
-    upwards = up & (p > 0)
-    free = downwards | upwards | (down & up)
-    cells[free, 1:4] = 0.0
+    free_up = np.isinf(point.j_up)[..., None]
+    free_down = np.isinf(point.j_down)[..., None]
+    upwards = free_up & (p > 0)
+    downwards = free_down & (p < 0)
+    both = free_up & free_down
+    cells[upwards | downwards | both, 1:4] = 0.0
 
 
 def _cell(

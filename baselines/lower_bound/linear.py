@@ -119,6 +119,11 @@ class Linear:
             self.highs.changeCoeff(number, column, coefficient)
         self.highs.changeRowBounds(number, -np.inf, bound)
 
+    def drop_rows(self, numbers: Any) -> None:
+        """Without these rows; those after them move up."""
+        indices = numbers.astype(np.int32)
+        self.highs.deleteRows(len(indices), indices)
+
     def add_row(self, columns: Any, coefficients: Array, bound: float) -> None:
         """Another row `≤` after the last one."""
         indices = columns.astype(np.int32)

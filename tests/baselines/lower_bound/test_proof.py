@@ -8,7 +8,7 @@ import ruckig
 
 from baselines.lower_bound import certify, costates, extremal
 from baselines.lower_bound.branching import prove
-from baselines.lower_bound.dual_check import Proof, cut, proved_bound
+from baselines.lower_bound.dual_check import Proof, cuts, proved_bound
 from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.relaxation import Box, Relaxation
 from baselines.ruckig_ import RuckigStop, RuckigVia
@@ -87,7 +87,7 @@ def test_every_row_holds_for_a_verified_trajectory(seed, jerk, walls, one_sided)
         k = int(rng.integers(relaxation.segments))
         j = int(rng.integers(relaxation.joints))
         cells = random_cells(rng, jerky=relaxation.jerky[j], walled=walls)
-        row = cut(relaxation, k, j, cells)
+        row = cuts(relaxation, [costates.Cut(k, j, cells)])
         size = np.abs(row.coefficients[0]) @ np.abs(x[row.columns[0]])
         assert row.coefficients[0] @ x[row.columns[0]] <= row.bounds[0] + 1e-7 * size
     for _ in range(20):

@@ -1,0 +1,187 @@
+"""The relaxation's linear program: a box's rows, and those that were found to be broken.
+
+Rows hold in every box, so each stays for the proof. In the program itself only those stay that
+were of use lately: what is broken again is found again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
+from numpy.typing import NDArray
+
+from baselines.lower_bound import dual_check
+from baselines.lower_bound.costates import Cut
+from baselines.lower_bound.linear import Answer, Linear
+from baselines.lower_bound.relaxation import Box, Relaxation, Rows
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Programs without a multiplier, after which a row leaves; rows are looked through so often.
+_IDLE_PROGRAMS = 40
+_LOOK_PROGRAMS = 20
+
+
+class Proved(NamedTuple):
+    """The rows that multipliers use, counted through box and pool, and the bound they prove."""
+
+    rows: Indices
+    multipliers: Array
+    bound: float
+
+
+class Tables(NamedTuple):
+    """The pool's rows as a proof stores them, and the new numbers of all rows."""
+
+    tangents: Array
+    cuts: Array
+    cells: Array
+    numbers: Indices
+
+
+class RowPool:
+    """The linear program over one box at a time.
+
+    Attributes:
+        box_count: How many rows enclose a box; those of the pool are counted after them.
+        programs: How many linear programs were solved.
+    """
+
+    def __init__(self, relaxation: Relaxation, solver: Any, box: Box) -> None:
+        self.relaxation = relaxation
+        self.programs = 0
+        self.box_rows = relaxation.box_rows(box)
+        self.box_count = len(self.box_rows.bounds)
+        self.program = _program(relaxation, solver, box, self.box_rows)
+        self.found: list[Rows] = []
+        self.origins: list[Cut | tuple[int, float]] = []
+        # the pool's rows in the program, in its order, and when each was of use
+        self.present: list[int] = []
+        self.used_at: list[int] = []
+
+    def enter(self, box: Box) -> None:
+        """Ask about another box."""
+        before = self.box_rows
+        self.box_rows = self.relaxation.box_rows(box)
+        self.program.set_box(box.low, box.high)
+        differs = before.coefficients != self.box_rows.coefficients
+        changed = differs.any(axis=1) | (before.bounds != self.box_rows.bounds)
+        for number in np.flatnonzero(changed):
+            columns, coefficients, bound = self.box_rows.row(int(number))
+            used = columns != self.relaxation.nothing
+            self.program.set_row(
+                int(number),
+                columns[used],
+                coefficients[used],
+                bound,
+            )
+
+    def minimised(self, objective: Array) -> Answer:
+        """The minimum, with multipliers of the box's rows and then of all the pool's."""
+        self.programs += 1
+        answer = self.program.minimised(objective)
+        multipliers = np.zeros(self.box_count + len(self.found))
+        multipliers[: self.box_count] = answer.multipliers[: self.box_count]
+        own = answer.multipliers[self.box_count :]
+        places = self.box_count + np.array(self.present, dtype=np.intp)
+        multipliers[places] = own
+        for place in np.flatnonzero(own > 0):
+            self.used_at[self.present[place]] = self.programs
+        if self.programs % _LOOK_PROGRAMS == 0:
+            self._drop_idle()
+        return answer._replace(multipliers=multipliers)
+
+    def _drop_idle(self) -> None:
+        oldest = self.programs - _IDLE_PROGRAMS
+        idle = [self.used_at[number] < oldest for number in self.present]
+        places = np.flatnonzero(idle)
+        self.program.drop_rows(self.box_count + places)
+        self.present = [
+            number for number, is_idle in zip(self.present, idle, strict=True) if not is_idle
+        ]
+
+    def add_tangent(self, segment: int, at: float) -> None:
+        """A tangent to `1/T` of a segment."""
+        row = self.relaxation.tangent(segment, at)
+        self._add(row, (segment, at))
+
+    def add_cuts(self, broken: Sequence[Cut]) -> None:
+        """Rows of costates."""
+        cuts = dual_check.cuts(self.relaxation, broken)
+        for number, origin in enumerate(broken):
+            row = cuts.chosen(np.array([number]))
+            self._add(row, origin)
+
+    def _add(self, row: Rows, origin: Cut | tuple[int, float]) -> None:
+        self.present.append(len(self.found))
+        self.used_at.append(self.programs)
+        self.found.append(row)
+        self.origins.append(origin)
+        columns, coefficients, bound = row.row(0)
+        used = columns != self.relaxation.nothing
+        self.program.add_row(columns[used], coefficients[used], bound)
+
+    def proved(self, objective: Array, box: Box, multipliers: Array) -> Proved:
+        """What multipliers prove of an objective on the box that was entered."""
+        used = np.flatnonzero(multipliers > 0)
+        of_box = used[used < self.box_count]
+        of_pool = used[used >= self.box_count] - self.box_count
+        parts = [self.box_rows.chosen(of_box)]
+        parts += [self.found[number] for number in of_pool]
+        rows = dual_check.joined(parts)
+        own = multipliers[used]
+        bound = dual_check.dual_bound(objective, box, rows, own)
+        return Proved(used, own, bound)
+
+    def tables(self, used: Indices) -> Tables:
+        """What a proof stores of the rows that it uses, tangents first."""
+        tangents = []
+        cuts = []
+        cells = [np.zeros((0, 7))]
+        tangent_places = []
+        cut_places = []
+        for place in used[used >= self.box_count]:
+            origin = self.origins[place - self.box_count]
+            if isinstance(origin, Cut):
+                cuts.append((origin.segment, origin.joint, len(origin.cells)))
+                cells.append(origin.cells)
+                cut_places.append(place)
+            else:
+                tangents.append(origin)
+                tangent_places.append(place)
+        numbers = np.arange(self.box_count + len(self.found))
+        places = np.array(tangent_places + cut_places, dtype=np.intp)
+        numbers[places] = self.box_count + np.arange(len(places))
+        return Tables(
+            tangents=np.array(tangents, dtype=float).reshape(-1, 2),
+            cuts=np.array(cuts, dtype=float).reshape(-1, 3),
+            cells=np.concatenate(cells),
+            numbers=numbers,
+        )
+
+
+def _program(relaxation: Relaxation, solver: Any, box: Box, rows: Rows) -> Linear:
+    """The linear program of the box's rows."""
+    count, entries = rows.columns.shape
+    numbers = np.repeat(np.arange(count), entries)
+    columns = rows.columns.ravel()
+    used = columns != relaxation.nothing
+    # an entry that is 0 in this box may not be in others: it has to have its place
+    values = np.where(rows.coefficients == 0, 1.0, rows.coefficients)
+    places = (numbers[used], columns[used])
+    matrix = scipy.sparse.csr_matrix(
+        (values.ravel()[used], places),
+        shape=(count, relaxation.variables),
+    )
+    return Linear(
+        solver,
+        box.low,
+        box.high,
+        matrix,
+        below=np.full(count, -np.inf),
+        above=rows.bounds,
+    )
