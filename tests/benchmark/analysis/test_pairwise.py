@@ -225,6 +225,13 @@ def test_between_thirty_seeds_a_difference_is_told():
         assert_allclose(once.loc[key, ["low", "high"]].astype(float), bca, atol=0.03)
 
 
+def test_between_seeds_in_whichever_order_the_trials_were_read():
+    rng = np.random.default_rng(2)
+    frame = runs(a=[rng.normal(4.4, 0.1, 20)], b=[rng.normal(4.5, 0.1, 20)])
+    shuffled = frame.sample(frac=1, random_state=1)
+    pd.testing.assert_frame_equal(between_seeds(frame), between_seeds(shuffled))
+
+
 def test_between_seeds_where_nobody_answers():
     row = between_seeds(runs(a=[[nan, nan]], b=[[nan, nan, nan]])).loc[("a", "b")]
     assert np.isnan(row["ratio"])

@@ -29,6 +29,8 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.exceptions import InvalidInput
 from trajopt.explain.active_limits import share_at_limits
+from trajopt.formats.motion import motion
+from trajopt.given_motion import GivenMotion
 from trajopt.registry import load
 
 NASTY = "evil:note=</script><b>&"
@@ -69,7 +71,12 @@ def problem(name: str, end: float = 1.0) -> Problem:
 def run(name: str, *durations: float | None, on: Problem | None = None) -> list[Trial]:
     chosen = on or problem("one")
     planner = Made(*durations, message="Traceback:\n  line 7\nValueError: <gave> up")
-    return [judge(planner, chosen, [seed], name)[0] for seed in range(len(durations))]
+    trials = []
+    for seed in range(len(durations)):
+        (trial,) = judge(planner, chosen, [seed], name)
+        of_a_package = trial.provenance | {"planner_distribution": "made"}
+        trials.append(replace(trial, provenance=of_a_package))
+    return trials
 
 
 @cache
@@ -500,6 +507,24 @@ def test_the_command_line_does_not_know_planners_of_a_script(tmp_path: Path) -> 
     about = file.read_text(encoding="utf-8").partition('id="about"')[2]
     assert "From the script that ran it: mine" in about
     assert "<span>--planner</span> <span>unoptimised</span>" in about
+    assert "<span>--planner</span> <span>mine</span>" not in about
+
+
+def test_a_trial_of_a_script_or_of_a_file_shows_no_command_that_would_fail() -> None:
+    (one,) = run("mine", 2.0)
+    of_a_script = replace(one, provenance=one.provenance | {"planner_distribution": ""})
+    assert origin.again(of_a_script, "one-joint") == (
+        "",
+        "mine was given in Python: the script that did so runs it again.",
+    )
+    spline = Path("docs/examples/motions/spline.csv")
+    (judged,) = judge(GivenMotion(motion(spline)), problem("one"), [0], "spline.csv")
+    command, instead = origin.again(judged, "one.toml")
+    assert command == ""
+    assert "trajopt compare one.toml --motion" in instead
+    whole = content.page(Results([one, judged])).command
+    assert whole == "trajopt compare one.toml --planner mine --motion spline.csv --seeds 1"
+    assert origin.again(one, "one.toml") == ("trajopt plan one.toml --planner mine", "")
 
 
 def test_failures_of_named_joints_are_one_row() -> None:

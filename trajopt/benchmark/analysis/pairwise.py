@@ -176,7 +176,8 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
     samples = {}
     for label, own in durations.groupby(runs["label"]):
         if len(own) > 1:
-            samples[label] = own.to_numpy()
+            # in one order, so that the bootstrap draws the same in whichever order trials were read
+            samples[label] = np.sort(own.to_numpy())
     rows = {}
     for pair in combinations(samples, 2):
         own, theirs = (samples[label] for label in pair)

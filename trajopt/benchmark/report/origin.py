@@ -24,6 +24,7 @@ _NOTHING = {
     "jobs": "not known",
 }
 _UNLIMITED = "inf"
+_OF_A_MOTION = {"interpolation", "digest"}  # options of a `GivenMotion`
 _OWN_SUITE_SIZE = 4  # problems: fewer are named one by one
 
 
@@ -34,7 +35,8 @@ def compare_command(
 ) -> str:
     """The `trajopt compare` that runs the same trials again.
 
-    An option is in it where all trials were run with the same value.
+    An option is in it where all trials were run with the same value; planners that were given in
+    Python are not, since the command line does not know them.
 
     Args:
         items: the trials.
@@ -42,8 +44,14 @@ def compare_command(
         problems: by what the command line calls each: a name, or a file.
     """
     command = ["trajopt", "compare", *_asked(problems)]
+    names = {trial.label: trial.planner for trial in items}
+    files = motions(items)
+    unknown = [*files, *scripted(items)]
     for label in labels:
-        command += ["--planner", label]
+        if names[label] not in unknown:
+            command += ["--planner", label]
+    for file in files:
+        command += ["--motion", file]
     seeds = 1 + max(trial.seed for trial in items)
     command += ["--seeds", str(seeds)]
     for key, (option, _) in _LIMITS.items():
@@ -112,6 +120,30 @@ def scripted(items: Sequence[Trial]) -> list[str]:
         if trial.provenance.get("planner_distribution") == "":
             names.add(trial.planner)
     return sorted(names)
+
+
+def motions(items: Sequence[Trial]) -> list[str]:
+    """Motions that were judged beside the planners, by their files."""
+    names = {trial.planner for trial in items if set(trial.options) == _OF_A_MOTION}
+    return sorted(names)
+
+
+def again(trial: Trial, problem: str) -> tuple[str, str]:
+    """The command that runs a planner on a problem once more, or why there is none.
+
+    Args:
+        trial: one of those that it ran.
+        problem: what the command line calls the problem.
+
+    Returns:
+        The command without a seed, and words instead of it; one of them is empty.
+    """
+    if scripted([trial]):
+        return "", f"{trial.planner} was given in Python: the script that did so runs it again."
+    if motions([trial]):
+        return "", f"{trial.planner} is a file: trajopt compare {problem} --motion judges it again."
+    command = ["trajopt", "plan", problem, "--planner", trial.label]
+    return shlex.join(command), ""
 
 
 def release(items: Sequence[Trial]) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
@@ -285,13 +284,16 @@ def _rows(page: Page) -> list[dict[str, Any]]:
     for row in page.rows:
         problem = row["problem"]
         label = row["label"]
-        command = ["trajopt", "plan", page.names[problem], "--planner", label]
+        places = members[digests[problem], label]
+        first = page.results.items[places[0]]
+        command, instead = origin.again(first, page.names[problem])
         rows.append(
             {
                 "problem": problem,
                 "planner": row["planner"],
-                "spec": shlex.join(command),
-                "trials": members[digests[problem], label],
+                "spec": command,
+                "instead": instead,
+                "trials": places,
             }
         )
     return rows

@@ -236,9 +236,9 @@
     all("#trial-table tr").forEach((r) => r.classList.toggle("chosen", r.dataset.trial === String(i)));
     const own = $("trial"), file = `trials/${trials.id[i]}.h5`, problem = data.problems[row.problem];
     const options = Object.entries(planners[row.planner].options).map(([name, value]) => `${name}=${value}`).join(", ");
-    const stored = make("p"), again = make("p", "Run it again:");
+    const stored = make("p"), again = make("p", row.instead || "Run it again:");
     stored.append("Trial ", make("code", trials.id[i]), ...(data.files ? [", stored in ", make("a", file, { href: file })] : [", stored in the results file"]));
-    again.append(command(`${row.spec} --seed ${trials.seed[i]}`));
+    if (row.spec) again.append(command(`${row.spec} --seed ${trials.seed[i]}`));
     if (problem.toml) again.append(download(problem.file, problem.toml));
     own.replaceChildren(make("h3", `Seed ${trials.seed[i]}: ${trials.status[i]}`), stored, again, make("p", `Options: ${options || "none"}`, { class: "note" }));
     const message = data.messages[data.message[i]];
