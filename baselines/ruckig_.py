@@ -26,7 +26,7 @@ from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
 from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.solution import Solution, Status
-from trajopt.trajectory import nearest
+from trajopt.trajectory import EPS, nearest
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,10 @@ _LAST_RADIUS = 1e-5
 _GAIN_RTOL = 1e-7
 # Times an end state: exactly opposite states at one place crash Ruckig 0.19.
 _INWARDS = 1 - 1e-14
+# Of the highest acceleration: jumps that are rounding, as the judge counts them.
+_JUMPS_RTOL = 1e-11
+# Of the highest jerk: what fitting a motion to rounded breaks may add, a third of it in duration.
+_MENDED_JERK_RTOL = 1e-8
 # Of the largest coordinate: what rounding may carry a position beyond its limit.
 _POSITION_RTOL = 1e-12
 
@@ -150,8 +154,9 @@ class Sections:
     ) -> list[Part]:
         """The profiles of segment `k` over the breaks that a trajectory stores.
 
-        A phase of a stiff jerk limit is so brief that its rounded length counts. Where jerk is
-        limited, acceleration is straight between the rounded breaks, and the waypoint is met.
+        A phase of a stiff jerk limit is so brief that its rounded length counts. Of such a joint
+        acceleration is straight between the rounded breaks, and the waypoint is met; unless a
+        phase is briefer still and would break the jerk limit.
 
         Returns:
             Every joint's stored breaks, s, and its displacement since the segment's start, rad.
@@ -159,14 +164,13 @@ class Sections:
         units = self._units[k]
         (u, _), (w, b) = [units.states(state) for state in ends]
         target = self._inputs[k].target_position
-        limited = self.limits.jerk_limited
         planned = [breaks for breaks, _ in profiles]
         parts = []
         for j, stored in enumerate(clock.shared(planned)):
             breaks, cubics = profiles[j]
             mended = None
-            if limited[j]:
-                levels = np.r_[2 * cubics[1], b[j]]
+            levels = np.r_[2 * cubics[1], b[j]]
+            if _stiff(levels, cubics, clock):
                 kept = nearest(breaks, clock.elapsed(stored))
                 mended = through(
                     clock.lengths(stored),
@@ -174,7 +178,7 @@ class Sections:
                     (u[j], w[j]),
                     target[j],
                 )
-            if mended is None:
+            if mended is None or _harder(mended, cubics):
                 stored = clock.stored(breaks)
                 mended = cubics
             parts.append((stored, units.in_radians(mended, j)))
@@ -535,6 +539,21 @@ def _cubics(profile: Any, time: float) -> Part:
     breaks = np.r_[0.0, np.cumsum(durations)]
     breaks[-1] = time
     return breaks, np.array(cubics).T
+
+
+def _stiff(acceleration: Array, cubics: Array, clock: Clock) -> bool:
+    """Whether acceleration changes by more than rounding while its breaks are rounded."""
+    rounding = EPS * clock.end / clock.unit
+    jerk = 6 * np.abs(cubics[0])
+    jumps = jerk.sum() * rounding
+    return bool(jumps > _JUMPS_RTOL * np.abs(acceleration).max())
+
+
+def _harder(mended: Array, cubics: Array) -> bool:
+    """Whether the mended motion has more jerk than its profile, beyond what rounding may cost."""
+    highest = np.abs(mended[0]).max()
+    allowed = np.abs(cubics[0]).max() * (1 + _MENDED_JERK_RTOL)
+    return bool(highest > allowed)
 
 
 def _within(
