@@ -240,6 +240,9 @@ def test_a_motion_below_what_is_proved_is_a_contradiction(tmp_path):
 def test_a_motion_that_breaks_a_limit_counts_as_long_as_its_slow_down(tmp_path):
     (outcome,) = proposal.outcomes([candidate(1.0)], tmp_path)
     assert outcome.duration == pytest.approx(2.0)
+    checked = verification.checked(proposal.write(outcome.after, tmp_path))
+    assert checked.holds
+    assert checked.duration == pytest.approx(2.0)
 
 
 def test_a_better_proof_is_kept_with_as_few_digits_as_it_needs(tmp_path):

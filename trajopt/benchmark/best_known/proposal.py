@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,7 +34,7 @@ from trajopt.exceptions import StoreError, TrajoptError
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import end_to_end_bound
 from trajopt.trajectory import Trajectory
-from trajopt.verification import certified, verify
+from trajopt.verification import verify
 
 # Digits of a proof's numbers, fewest first: whatever they are, it proves something.
 _PROOF_DIGITS = (5, 6, 7, 9, 12)
@@ -41,7 +42,8 @@ _PROOF_DIGITS = (5, 6, 7, 9, 12)
 _PROOF_RTOL = 1e-6
 # Of a proof: what it counts in, and what it asks about.
 _EXACT = ("units", "cutoff")
-# What a certified duration may lose where the file leaves out what goes on, relative.
+# What a certified duration may lose where the file leaves out what goes on, relative; a motion
+# that loses more is kept whole.
 _KEPT_RTOL = 1e-10
 
 
@@ -149,9 +151,8 @@ def _outcome(candidates: Sequence[Candidate], where: Path) -> Outcome:
     shortest = _shortest(candidates)
     duration = None
     if shortest is not None:
-        motion, by = shortest
-        duration = motion.duration
-        record = _with_motion(problem, before, motion, by)
+        duration = shortest.duration
+        record = _with_motion(problem, before, shortest)
     if record is not None:
         for candidate in candidates:
             record = _with_proof(record, candidate)
@@ -160,23 +161,31 @@ def _outcome(candidates: Sequence[Candidate], where: Path) -> Outcome:
     return Outcome(problem, before, after, duration)
 
 
-def _shortest(candidates: Sequence[Candidate]) -> tuple[Trajectory, Origin] | None:
-    """The shortest of the candidates' certified motions, and whose it is."""
+class _Motion(NamedTuple):
+    """A motion as it was planned, its certified duration, s, and where it comes from."""
+
+    trajectory: Trajectory
+    duration: float
+    origin: Origin
+
+
+def _shortest(candidates: Sequence[Candidate]) -> _Motion | None:
+    """That of the candidates' motions which takes the least time when it is certified."""
     best = None
     for candidate in candidates:
-        if candidate.trajectory is None:
+        trajectory = candidate.trajectory
+        if trajectory is None:
             continue
-        motion = certified(candidate.problem, candidate.trajectory)
-        if motion is not None and (best is None or motion.duration < best[0].duration):
-            best = (motion, candidate.origin)
+        duration = verify(candidate.problem, trajectory).certified_duration
+        if duration is not None and (best is None or duration < best.duration):
+            best = _Motion(trajectory, duration, candidate.origin)
     return best
 
 
 def _with_motion(
     problem: Problem,
     before: Record | None,
-    motion: Trajectory,
-    by: Origin,
+    motion: _Motion,
 ) -> Record:
     """The record with a motion, where that is better."""
     if before is None:
@@ -184,14 +193,19 @@ def _with_motion(
             problem=problem,
             duration=motion.duration,
             lower_bound=end_to_end_bound(problem),
-            motion=by,
-            bound=replace(by, method=CLOSED_FORM, submitter=""),
-            trajectory=motion,
+            motion=motion.origin,
+            bound=replace(motion.origin, method=CLOSED_FORM, submitter=""),
+            trajectory=motion.trajectory,
             proof={},
         )
     if motion.duration >= before.duration * (1 - BETTER_RTOL):
         return before
-    return replace(before, duration=motion.duration, motion=by, trajectory=motion)
+    return replace(
+        before,
+        duration=motion.duration,
+        motion=motion.origin,
+        trajectory=motion.trajectory,
+    )
 
 
 def _with_proof(record: Record, candidate: Candidate) -> Record:

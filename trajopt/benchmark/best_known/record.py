@@ -69,7 +69,7 @@ class Record:
         lower_bound: No motion is briefer, s.
         motion: Where the trajectory comes from.
         bound: Where the lower bound comes from.
-        trajectory: The best known motion.
+        trajectory: The best known motion as it was planned: certified, it may take longer.
         proof: Of the lower bound, arrays by name; empty where its method is `CLOSED_FORM`.
     """
 
