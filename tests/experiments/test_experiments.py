@@ -8,8 +8,19 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from experiments import certificates, explained, ordering, sweep, throughput, tricks
+from experiments import (
+    certificates,
+    explained,
+    ordering,
+    proved_sizes,
+    sweep,
+    throughput,
+    tricks,
+)
 from experiments.common.output import save_table
+from trajopt import Limits, Problem
+from trajopt.benchmark.store.verification import verification
+from trajopt.benchmark.suites.catalogue import load
 from trajopt.registry import entries, named
 
 
@@ -21,17 +32,39 @@ def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "Ruckig by segments = exact" in capsys.readouterr().out
 
 
-def test_certificates_are_proved_and_kept(
+def test_proofs_by_size_are_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     small = {"waypoints": 3, "joints": 2, "seeds": 1, "output": tmp_path}
-    certificates.main(**small)
-    rows = pd.read_csv(tmp_path / "certificates.csv")
+    proved_sizes.main(**small)
+    rows = pd.read_csv(tmp_path / "proved_sizes.csv")
     assert list(rows["status"]) == ["proved", "proved"]
     assert (rows["gap"] <= 1.001e-4).all()
-    monkeypatch.setattr(certificates, "measured", None)  # again would fail
-    certificates.main(**small)
+    monkeypatch.setattr(proved_sizes, "measured", None)  # again would fail
+    proved_sizes.main(**small)
     assert capsys.readouterr().out.count("proved") == 2
+
+
+def test_certificates_count_what_is_closed_and_keep_the_proofs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jerky = Problem([[0.0], [1.5]], Limits([1.0], [2.0], [8.0]), name="jerky")
+    chosen = [("one", load("one-joint")), ("other", jerky), ("other", load("reversal"))]
+    monkeypatch.setattr(certificates, "drawn_problems", lambda *_: chosen)
+    certificates.main(output=tmp_path)
+    rows = pd.read_csv(tmp_path / "certificates.csv").set_index("problem")
+    assert list(rows["limits"]) == ["va", "vaj", "va"]
+    assert (rows["gap"] < 1e-3).all()
+    # jerk costs V (A/J): 2.25 s instead of 2 s
+    assert rows.loc["jerky", "lifted_gap"] == pytest.approx(0.125, rel=1e-6)
+    by_suite = pd.read_csv(tmp_path / "by-suite.csv").set_index("suite")
+    assert list(by_suite["closed"]) == [1, 2, 3]
+    assert list(by_suite["closed if lifted"]) == [1, 1, 2]
+    assert (tmp_path / "certificates.png").exists()
+    assert verification(tmp_path).holds
+    monkeypatch.setattr(certificates, "measured", None)  # again would fail
+    certificates.main(output=tmp_path)
+    assert capsys.readouterr().out.count("other") == 2
 
 
 def test_explained_draws_both_decompositions(
