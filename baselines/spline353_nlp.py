@@ -5,7 +5,8 @@ are imposed at a few instants of each joint, the true worst instants of the answ
 ones among them, and the solver runs again until no limit is broken in between (the exchange method
 of semi-infinite programming). The answer is dilated by its exact factor, which by then is 1 to
 rounding. Only the ratios of the times matter (docs/mathematics.md, section 2), so the starts are
-the local minima of a grid over both ratios.
+the local minima of a grid over both ratios. Position limits no dilation mends: what leaves them
+between the instants is moved back towards times that keep them.
 
     from baselines.spline353_nlp import Spline353NLP
     solution = Spline353NLP().solve(problem)
@@ -25,11 +26,11 @@ import numpy as np
 import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
-from baselines.ipopt import Options, Program, Run, flat, no_start_succeeded, program
+from baselines.ipopt import Bounds, Options, Program, Run, flat, no_start_succeeded, program
 from trajopt import polynomials, spline353
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import Problem
+from trajopt.problem import LIMIT_NAMES, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
 
@@ -46,6 +47,10 @@ _INSTANTS = 11
 _MOST_ROUNDS = 20
 # Excess dilation at which the exchange has converged.
 _DILATION_TOLERANCE = 1e-10
+# The same of positions, over the largest displacement.
+_POSITION_TOLERANCE = 1e-10
+# Shares of the way back to times that keep the position limits.
+_SHARES = np.exp2(np.arange(-40.0, 1.0))
 # Logarithms of the outer segment times over the middle one, where the starts are looked for.
 _LOG_RATIOS = np.linspace(-10.0, 10.0, 61)
 # Logarithms: how much briefer or longer than at its start a segment may become in one round.
@@ -60,7 +65,7 @@ class Spline353NLP(Planner):
     starts: int = 4
 
     requires = ("casadi",)
-    knows = ("velocity", "acceleration", "jerk")
+    knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:
         if self.starts < 1:
@@ -72,9 +77,12 @@ class Spline353NLP(Planner):
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of several local optima. `stats`: segment times; each start's outcome (s)."""
+        reason = spline353.infeasible(problem)
+        if reason is not None:
+            return Solution(Status.INFEASIBLE, message=reason)
         spline = Spline(problem)
         began = time.perf_counter()
-        solver = _solver(spline.joints, spline.orders)
+        solver = _solver(spline.joints, spline.orders, spline.room is not None)
         setup_time = time.perf_counter() - began
 
         starts = _starts(spline, problem, self.starts)
@@ -112,6 +120,8 @@ class Spline:
         displacements: Of each joint over the three segments, `(joints, 3)`, rad.
         orders: Up to which derivative there are limits: 2, or 3 with jerk.
         bounds: The limits of each such derivative, `(joints, 2)`.
+        room: The position limits, seen from the second waypoint, `(joints, 2)`; None without any.
+        sizes: The largest displacement of each joint, `(joints,)`, rad.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -122,17 +132,54 @@ class Spline:
         limits = self.limits
         rates = (limits.velocity, limits.acceleration, limits.jerk)
         self.bounds = rates[: self.orders]
+        self.room = spline353.position_room(problem)
+        self.sizes = np.abs(self.displacements).max(axis=1)
 
     def dilation(self, times: Array) -> float:
         """The exact cheapest dilation of these segment times."""
         k = spline353.dilation(self.displacements, times, self.limits)
         return float(k)
 
+    def excess(self, times: Array) -> float:
+        """How far any joint leaves its position limits, over its largest displacement; or 0."""
+        excess = self.excesses(times)
+        return float(excess)
+
+    def excesses(self, times: Array) -> Array:
+        """The same of many segment times `(…, 3)`, `(…)`."""
+        if self.room is None:
+            return np.zeros(times.shape[:-1])
+        own_times = times[..., None, :]
+        excess = spline353.position_excess(self.displacements, own_times, self.room)
+        return np.asarray(excess.max(axis=-1))
+
+    def kept(self, times: Array, inside: Array) -> Array:
+        """These times, or near ones on the way to those `inside` that keep the position limits."""
+        if self.excess(times) == 0:
+            return times
+        way = np.log(inside / times)
+        shares = _SHARES
+        for _ in range(2):
+            between = times * np.exp(shares[:, None] * way)
+            keeps = self.excesses(between) == 0
+            # those `inside` keep them, but for rounding
+            keeps[-1] = True
+            first = int(keeps.argmax())
+            mended = between[first]
+            before = shares[first - 1] if first > 0 else 0.0
+            shares = np.linspace(before, shares[first], len(_SHARES))
+        return np.asarray(mended)
+
+    def position(self, times: Array) -> Array:
+        """The quintic from the second waypoint on, on the unit interval of time."""
+        t2 = times[1]
+        _, quintic, _ = spline353.coefficients(self.displacements, times)
+        return polynomials.stretched(quintic.T, t2)
+
     def rates(self, times: Array) -> list[Array]:
         """Velocity, acceleration (and jerk) over the quintic, on the unit interval of time."""
         t2 = times[1]
-        _, quintic, _ = spline353.coefficients(self.displacements, times)
-        unit = polynomials.stretched(quintic.T, t2)
+        unit = self.position(times)
         rates = []
         for order in range(1, self.orders + 1):
             # d^k q/dt^k = d^k q/ds^k / t2^k
@@ -141,11 +188,17 @@ class Spline:
         return rates
 
     def exchanged(self, times: Array, instants: list[Array]) -> list[Array]:
-        """The instants `(k, joints)` of each limit, the idlest replaced by the true worst one."""
+        """The instants `(k, joints)` of each limit, the idlest replaced by the true worst one.
+
+        Those of the position limits, if there are any, come last.
+        """
         rates = self.rates(times)
         exchanged = []
-        for rate, bounds, old in zip(rates, self.bounds, instants, strict=True):
+        for rate, bounds, old in zip(rates, self.bounds, instants, strict=False):
             new = _replace_idlest(rate, bounds.T, old)
+            exchanged.append(new)
+        if self.room is not None:
+            new = _nearest_walls(self.position(times), self.room.T, instants[-1])
             exchanged.append(new)
         return exchanged
 
@@ -169,6 +222,28 @@ def _replace_idlest(rate: Array, bounds: Array, instants: Array) -> Array:
     return new
 
 
+def _nearest_walls(position: Array, room: Array, instants: Array) -> Array:
+    """The idlest instant replaced by that of the extreme nearest to a limit or farthest beyond.
+
+    Both ends of the quintic are waypoints, and need no instant.
+    """
+    low, high = room
+
+    def excess(points: Array) -> Array:
+        values = polynomials.evaluate(position[:, None], points)
+        return np.asarray(np.maximum(values - high, low - values))
+
+    joints = np.arange(position.shape[1])
+    turns = polynomials.unit_roots(polynomials.derivative(position))
+    inner = (turns > 0) & (turns < 1)
+    points = np.where(inner, turns, 0.5)
+    worst = excess(points).argmax(axis=0)
+    idlest = excess(instants).argmin(axis=0)
+    new = instants.copy()
+    new[idlest, joints] = points[worst, joints]
+    return new
+
+
 def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
     """Feasible segment times to start from: the best local minima of a grid over their ratios."""
     first, last = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
@@ -183,8 +258,20 @@ def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
     )
     times *= dilations[..., None]
     total = times.sum(axis=-1)
+    if spline.room is not None:
+        kept = spline.excesses(times) == 0
+        total = np.where(kept, total, np.inf)
+        if not kept.any():
+            longest = float(stop_times(problem).max())
+            times = spline353.keeping_times(
+                spline.displacements,
+                spline.limits,
+                spline.room,
+                unit=longest,
+            )
+            return [times]
     around = scipy.ndimage.minimum_filter(total, size=3, mode="nearest")
-    lowest = total <= around
+    lowest = (total <= around) & np.isfinite(total)
     by_duration = np.argsort(total[lowest])
     minima = times[lowest]
     return list(minima[by_duration[:count]])
@@ -201,18 +288,23 @@ def _exchange(
     even = np.linspace(0.0, 1.0, _INSTANTS)[:, None]
     every_joint = even + np.zeros(spline.joints)
     instants = [every_joint for _ in spline.bounds]
+    if spline.room is not None:
+        between = np.linspace(0.0, 1.0, _INSTANTS + 2)[1:-1, None]
+        instants.append(between + np.zeros(spline.joints))
+    inside = times
     for _ in range(_MOST_ROUNDS):
         instants = spline.exchanged(times, instants)
         run, times = _solve_at(solver, spline, times, instants)
         status = run.status
         if not run.success:
             break
-        k = spline.dilation(times)
-        duration = k * times.sum()
+        inside = spline.kept(times, inside)
+        k = spline.dilation(inside)
+        duration = k * inside.sum()
         # a NaN is no duration yet
         if not duration >= best.sum():
-            best = k * times
-        if k - 1 < _DILATION_TOLERANCE:
+            best = k * inside
+        if k - 1 < _DILATION_TOLERANCE and spline.excess(times) < _POSITION_TOLERANCE:
             break
     return best, status
 
@@ -230,21 +322,41 @@ def _solve_at(
         limit = bounds * unit**order
         reciprocals.append(1 / limit)
     y = np.log(times / unit)
+    parameters = [spline.displacements, *reciprocals]
+    if spline.room is not None:
+        parameters.append(1 / spline.sizes[:, None])
     run = solver(
         start=y,
-        parameters=flat(spline.displacements, *reciprocals, *instants),
+        parameters=flat(*parameters, *instants),
         bounds=(y - _MOST_BRIEFER, y + _MOST_LONGER),
-        constraint_bounds=(-np.inf, 1.0),
+        constraint_bounds=_constraint_bounds(spline),
     )
     return run, np.exp(run.x) * unit
 
 
+def _constraint_bounds(spline: Spline) -> Bounds:
+    """Utilisations are at most 1; positions over the displacements come last, if limited."""
+    if spline.room is None:
+        return -np.inf, 1.0
+    each = _INSTANTS * spline.orders
+    if spline.orders == 3:
+        each += 2
+    # both sides of every limit
+    utilisations = 2 * each * spline.joints
+    # instants of one joint after those of another
+    room = np.repeat(spline.room / spline.sizes[:, None], _INSTANTS, axis=0)
+    low = np.concatenate([np.full(utilisations, -np.inf), room[:, 0]])
+    high = np.concatenate([np.ones(utilisations), room[:, 1]])
+    return low, high
+
+
 @cache
-def _solver(joints: int, orders: int) -> Program:
+def _solver(joints: int, orders: int, walled: bool) -> Program:
     """IPOPT for this many joints, limited up to this derivative; built once for all problems.
 
     Every constraint reads "value over its limit is at most 1", for both sides of every limit; an
-    infinite limit has a reciprocal of zero.
+    infinite limit has a reciprocal of zero. Where joints are `walled` by position limits, their
+    positions over their sizes follow.
     """
     ca = backend("casadi")
     d = ca.MX.sym("d", joints, 3)
@@ -277,12 +389,24 @@ def _solver(joints: int, orders: int) -> Program:
             jerk = 6 * ca.repmat(cubic, 1, 2)
             utilisations.append(jerk * reciprocals[2])
 
+    constraints = utilisations
+    if walled:
+        reciprocal = ca.MX.sym("size", joints)
+        s = ca.MX.sym("s0", _INSTANTS, joints)
+        reciprocals.append(reciprocal)
+        instants.append(s)
+        tables = [
+            ca.repmat(own.T, _INSTANTS, 1) for own in _position_controls(displacements, times)
+        ]
+        over_sizes = _bernstein(tables, s) * ca.repmat(reciprocal.T, _INSTANTS, 1)
+        constraints = [*utilisations, over_sizes]
+
     return program(
         "spline353",
         variables=[y],
         parameters=[d, *reciprocals, *instants],
         objective=ca.sum1(t),
-        constraints=utilisations,
+        constraints=constraints,
         options=_OPTIONS,
     )
 
@@ -321,6 +445,26 @@ def _controls(displacements: list[Any], times: list[Any]) -> list[list[Any]]:
         step = after - before
         jerk.append(3 * step / t2)
     return [velocity, acceleration, jerk]
+
+
+def _position_controls(displacements: list[Any], times: list[Any]) -> list[Any]:
+    """Bernstein coefficients of the quintic from its start (section 1)."""
+    d1, h, d3 = displacements
+    t1, t2, t3 = times
+    r1 = t2 / t1
+    r3 = t2 / t3
+    rise = 3 * d1 * r1 / 5
+    bend = 6 * d1 * r1**2 / 20
+    last_rise = 3 * d3 * r3 / 5
+    last_bend = 6 * d3 * r3**2 / 20
+    return [
+        0 * h,
+        rise,
+        2 * rise + bend,
+        h - 2 * last_rise - last_bend,
+        h - last_rise,
+        h,
+    ]
 
 
 def _bernstein(controls: list[Any], s: Any) -> Any:

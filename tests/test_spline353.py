@@ -294,6 +294,86 @@ def test_peaks_by_hand(limits):
     assert found[2] == pytest.approx(max(6 / high_j, 12 / -low_j), rel=1e-14)
 
 
+def test_the_peak_position_by_hand():
+    """With t = 1 and d = (1, 0, −1): 3 s + 3 s² − 12 s³ + 6 s⁴, whose peak is 9/8 at s = 1/2."""
+    d, t = np.array([[1.0, 0.0, -1.0]]), np.array([1.0, 1.0, 1.0])
+    middle = np.poly1d([6, -12, 3, 3, 0])
+    assert [middle(0.5), middle.deriv()(0.5)] == [9 / 8, 0]
+    assert middle.deriv()(0) == 3
+    for high, expected in ((1.0, 1 / 8), (1.125 + 1e-9, 0.0), (0.5, 5 / 8), (INF, 0.0)):
+        for factor in (1e-3, 1, 1e3):  # only the ratios of the times matter
+            room = np.array([[-0.1, high]])
+            found = spline353.position_excess(d, factor * t, room)
+            np.testing.assert_allclose(found, [expected], rtol=1e-9)
+    mirrored = spline353.position_excess(-d, t, np.array([[-1.0, 0.1]]))
+    np.testing.assert_allclose(mirrored, [1 / 8], rtol=1e-9)
+
+
+@reproducible
+@given(seeds)
+def test_position_excess_is_that_of_the_samples(seed):
+    rng = np.random.default_rng(seed)
+    d, t, _ = random_case(seed)
+    d[~d.any(axis=1)] = 1.0
+    way = np.cumsum(np.insert(d, 0, 0.0, axis=1), axis=1) - d[:, :1]
+    room = np.stack([way.min(axis=1), way.max(axis=1)], axis=1)
+    room += rng.choice([0.0, 0.1, 1.0, INF], room.shape) * [-1, 1]
+    batch = spline353.position_excess(d, np.stack([t, 2 * t, t[::-1]])[:, None], room)
+    np.testing.assert_allclose(batch[1], batch[0], rtol=1e-9, atol=1e-15)
+    assert (batch[0] == spline353.position_excess(d, t, room)).all()
+    s = np.linspace(0, t[1], 3001)
+    for joint, piece in enumerate(spline353.coefficients(d, t)[1]):
+        low, high = room[joint]
+        values = np.polyval(piece, s)
+        sampled = max(values.max() - high, low - values.min(), 0.0) / np.abs(d[joint]).max()
+        assert batch[0, joint] >= sampled - 1e-11
+        assert batch[0, joint] <= sampled + 1e-4 * (1 + sampled) * (t.max() / t.min()) ** 2
+
+
+TOUCHING = [
+    # waypoints within [0, 1], whether any 3-5-3 keeps it
+    ([0.5, 1, 0.5, 0.2], False),
+    ([0.5, 0, 0.5, 0.2], False),
+    ([0.5, 0.2, 1, 0.5], False),
+    ([0, 0.2, 0, 0.5], False),
+    ([0.2, 1, 1, 0.5], False),
+    ([1, 1, 0.5, 0.2], True),
+    ([1, 1, 0.9999, 0], True),
+    ([0.2, 0.5, 1, 1], True),
+    ([0, 0.5, 0.2, 1], True),
+    ([0.2, 1 - 1e-6, 0.1, 0.5], True),
+    ([0, 0.5, 0.5, 1], True),
+]
+
+
+@pytest.mark.parametrize(("waypoints", "possible"), TOUCHING)
+def test_only_a_limit_passed_at_speed_makes_it_infeasible(waypoints, possible):
+    limits = Limits([2.0, 2.0], [5.0, 5.0], position=[[0, 1], [-INF, INF]])
+    problem = Problem([[x, row] for row, x in enumerate(waypoints)], limits)
+    reason = spline353.infeasible(problem)
+    room = spline353.position_room(problem)
+    d = problem.displacements.T
+    if possible:
+        assert reason is None
+        times = spline353.keeping_times(d, limits, room, unit=1.0)
+        certificate = verify(problem, spline353.trajectory(problem, times))
+        assert certificate.feasible
+        assert certificate.dilation == pytest.approx(1, rel=1e-9)
+    else:
+        assert "joint 1 is at its limit at waypoint" in reason
+        ratios = np.exp(np.random.default_rng(0).uniform(-8, 8, (4000, 1, 3)))
+        excess = spline353.position_excess(d, ratios, room)
+        assert (excess[:, 0] > 0).all()
+        assert (excess[:, 1] == 0).all()
+
+
+def test_the_waypoint_passed_at_its_limit_is_named_as_the_problem_counts():
+    limits = Limits([2.0], [5.0], position=[[0, 1]])
+    problem = Problem([[0.5], [0.5], [0.2], [0.2], [1.0], [0.5]], limits, joint_names=["wrist"])
+    assert "wrist is at its limit at waypoint 5 and" in spline353.infeasible(problem)
+    assert spline353.infeasible(problem.without("position")) is None
+
+
 def test_a_resting_joint_uses_nothing():
     d, t = np.zeros((2, 3)), np.array([[1e-3, 1, 50.0]])
     for use in spline353.limit_use(d, t, Limits([1, 2], [1, 2], [3, 4])):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from trajopt import InvalidInput, Limits, Problem, Status, verify
+from trajopt import InvalidInput, Limits, Problem, Status, spline353, verify
 from trajopt.benchmark.suites import catalogue
 from trajopt.planner import Planner, Relation
 from trajopt.registry import configured, options
@@ -199,6 +199,54 @@ def test_jerk_counts_where_it_is_limited():
     assert fitness[1] > ceiling
     without = SwarmPlanner(PSO(), iterations=100).solve(problem.without("jerk"))
     assert without.trajectory.duration < times.sum()
+
+
+@pytest.mark.parametrize(("optimiser", "worst"), [(PSO(), 35.4), (ISSA(), 45)])
+@pytest.mark.parametrize("fitness", ["penalty", "scaled"])
+def test_position_limits_are_kept(optimiser, worst, fitness):
+    """The best 3-5-3 takes 35.18857 s, by a search of a grid of ratios."""
+    problem = named("position-limits")
+    planner = SwarmPlanner(optimiser, fitness=fitness, iterations=120)
+    for solution in planner.solve_batch(problem, [0, 1]):
+        assert solution.message == ""
+        certificate = verify(problem, solution.trajectory)
+        assert certificate.feasible
+        assert 35.18857 <= certificate.duration < worst
+        durations = solution.history[~np.isnan(solution.history[:, 1]), 1]
+        assert durations[-1] == pytest.approx(certificate.duration, rel=1e-9)
+
+
+def test_what_leaves_a_position_limit_ranks_behind_what_keeps_all():
+    """Equal times go 1/8 beyond a limit at 2 (by hand: tests/test_spline353.py)."""
+    limits = Limits([4.0, 1e3], [12.0, 1e4], position=[[-1.0, 2.0], [-np.inf, np.inf]])
+    problem = Problem([[0.0, 0.0], [1.0, 1.0], [1.0, 2.0], [0.0, 3.0]], limits)
+    points = np.array([[1.0, 1.0, 1.0], [1.1, 1.1, 1.1], [1.0, 0.5, 1.0]])
+    free, _ = probed(problem.without("position"), points)
+    np.testing.assert_allclose(free[:2], [3.0, 3.3])
+    for fitness in ("penalty", "scaled"):
+        found, ceiling = probed(problem, points, fitness=fitness)
+        beyond = found[:2] / ceiling - 1 if fitness == "scaled" else found[:2] - ceiling
+        np.testing.assert_allclose(beyond, 1 / 8)
+    dilated, _ = probed(problem.without("position"), points, fitness="scaled")
+    assert found[2] == dilated[2] < ceiling
+
+
+def test_each_joint_may_keep_its_position_limit_alone():
+    problem = named("position-limits")
+    solution = SwarmPlanner(PSO(), timing="per-joint", iterations=200).solve(problem)
+    assert solution.message == ""
+    for joint, times in enumerate(solution.stats["joint_times"]):
+        alone = problem.only([joint])
+        assert verify(alone, spline353.trajectory(alone, times)).feasible
+
+
+@pytest.mark.parametrize("timing", ["shared", "per-joint"])
+def test_a_limit_passed_at_speed_is_infeasible(timing):
+    limits = Limits([2.0], [5.0], position=[[0.0, 1.0]])
+    problem = Problem([[0.2], [1.0], [0.5], [0.0]], limits)
+    for solution in SwarmPlanner(timing=timing, iterations=5).solve_batch(problem, [0, 1]):
+        assert solution.status is Status.INFEASIBLE
+        assert "at its limit at waypoint 2" in solution.message
 
 
 @pytest.mark.parametrize("fitness", ["penalty", "scaled"])

@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable
 from functools import reduce
+from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,12 @@ Roots = Callable[[Array], Array]
 Segments = tuple[Array, Array, Array]  # what the three of them have
 
 WAYPOINTS = 4
+# Of a joint's largest displacement: what rounding is worth where the quintic touches a limit.
+_POSITION_RTOL = 1e-12
+# To 2^-26 of the segment: a position is then exact to rounding, being flat where it turns.
+_BISECTIONS = 26
+# Of the outer times: beyond it their ratio to the middle one is rounding.
+_MOST_DOUBLINGS = 50
 
 
 def unsupported(problem: Problem) -> str | None:
@@ -38,6 +45,30 @@ def unsupported(problem: Problem) -> str | None:
     if count == WAYPOINTS:
         return None
     return f"the 3-5-3 spline takes exactly {WAYPOINTS} waypoints; this has {count}"
+
+
+def infeasible(problem: Problem) -> str | None:
+    """Why no segment times at all keep the position limits of four waypoints, or None.
+
+    Only where a joint would pass an inner waypoint on its limit with the speed `3 d1/t1` or
+    `3 d3/t3`; in all other problems a quintic that is brief beside both cubics keeps them (section
+    1 has the proof).
+    """
+    merged, index = problem.merged()
+    first, _, third = merged.displacements
+    outer = {1: first, 2: third}
+    for inner, displacement in outer.items():
+        position = merged.waypoints[inner]
+        low, high = merged.limits.position.T
+        on_limit = (position == low) | (position == high)
+        for joint in np.flatnonzero(on_limit & (displacement != 0)):
+            number = 1 + np.searchsorted(index, inner)
+            label = problem.joint_labels[joint]
+            return (
+                f"no 3-5-3 spline keeps the position limits: {label} is at its limit at waypoint "
+                f"{number} and would pass it at speed"
+            )
+    return None
 
 
 def trajectory(problem: Problem, times: Array) -> Trajectory:
@@ -180,6 +211,134 @@ def use_at_ends(displacements: Array, times: Array, limits: Limits) -> tuple[Arr
     acceleration_use = _ratio(accelerations, _by_joint(limits.acceleration, axes - 1))
     joints_last = (*range(1, axes - 1), 0)
     return velocity_use.transpose(joints_last), acceleration_use.transpose(joints_last)
+
+
+def position_room(problem: Problem) -> Array | None:
+    """The position limits of the joints that move, seen from the second waypoint, `(joints, 2)`.
+
+    None where there are none at all.
+    """
+    moving = problem.moving
+    limits = problem.limits.position[moving]
+    if not np.isfinite(limits).any():
+        return None
+    start = problem.waypoints[1, moving]
+    return np.asarray(limits - start[:, None])
+
+
+def position_excess(displacements: Array, times: Array, room: Array) -> Array:
+    """How far beyond its position limits each joint goes over its largest displacement, `(…)`.
+
+    It is 0 within them, and exact elsewhere; no dilation changes it.
+
+    Args:
+        displacements: As everywhere, their last batch axis being the joints; no joint's are all 0.
+        times: As everywhere.
+        room: Lowest and highest position, seen from the second waypoint, `(joints, 2)`, rad.
+    """
+    axes = max(np.ndim(displacements), np.ndim(times))
+    d = _joints_first(displacements, axes)
+    t = _joints_first(times, axes)
+    controls = _position_controls(d, t)
+    own_room = _by_joint(room, axes - 1)
+    low = own_room[..., 0]
+    high = own_room[..., 1]
+    # The quintic stays within its controls: where these keep the limits, no root is needed.
+    above = controls.max(axis=0) - high
+    below = low - controls.min(axis=0)
+    needed = np.maximum(above, below) > 0
+    excess = np.zeros(needed.shape)
+    if needed.any():
+        lowest, highest = _extremes(controls[:, needed])
+        above = highest - np.broadcast_to(high, needed.shape)[needed]
+        below = np.broadcast_to(low, needed.shape)[needed] - lowest
+        size = reduce(np.maximum, [np.abs(one) for one in d])
+        beyond = np.maximum(above, below) / np.broadcast_to(size, needed.shape)[needed]
+        excess[needed] = np.maximum(beyond - _POSITION_RTOL, 0.0)
+    joints_last = (*range(1, axes - 1), 0)
+    return excess.transpose(joints_last)
+
+
+def keeping_times(displacements: Array, limits: Limits, room: Array, unit: float) -> Array:
+    """Segment times `(3,)`, s, that keep every limit, if any do (see `infeasible`).
+
+    Their quintic is so brief beside both cubics that it keeps to the room: for that the outer times
+    are doubled until they do. Then all three are dilated to the other limits.
+
+    Args:
+        displacements: Of each joint, `(joints, 3)`, rad.
+        limits: Of these joints.
+        room: As for `position_excess`.
+        unit: Any time, s.
+    """
+    outer = np.array([1.0, 0.0, 1.0])
+    for doublings in range(_MOST_DOUBLINGS):
+        times = unit * np.exp2(doublings * outer)
+        excess = position_excess(displacements, times[None], room)
+        if not excess.any():
+            break
+    return np.asarray(times * dilation(displacements, times[None], limits))
+
+
+def _position_controls(displacements: Segments, times: Segments) -> Array:
+    d1, h, d3 = displacements
+    t1, T, t3 = times
+    # A fifth of v0 T, and a twentieth of a0 T², with T/t1 alone; the same at the end.
+    r1 = T / t1
+    r3 = T / t3
+    rise = 3 * d1 * r1 / 5
+    bend = 6 * d1 * r1 * r1 / 20
+    last_rise = 3 * d3 * r3 / 5
+    last_bend = 6 * d3 * r3 * r3 / 20
+    third = 2 * rise + bend
+    fourth = h - 2 * last_rise - last_bend
+    return _stacked(np.zeros(()), rise, third, fourth, h - last_rise, h)
+
+
+def _extremes(controls: Array) -> tuple[Array, Array]:
+    """The lowest and the highest value of Bernstein quintics `(6, N)`, `(N,)` each."""
+    # A derivative's controls are the differences; where it vanishes its factor does not matter.
+    slope = np.diff(controls, axis=0)
+    turns = _quartic_crossings(slope)
+    values = _de_casteljau(controls, turns)
+    ends = controls[[0, -1]]
+    everywhere = np.concatenate([ends, values])
+    return everywhere.min(axis=0), everywhere.max(axis=0)
+
+
+def _quartic_crossings(controls: Array) -> Array:
+    """Instants `(4, N)` among which are all where Bernstein quartics `(5, N)` change their sign.
+
+    Between neighbouring roots of the derivative, a cubic, there is one at most: it is bisected.
+    """
+    bends = np.diff(controls, axis=0)
+    knots = np.zeros((5, *controls.shape[1:]))
+    knots[1:4] = np.clip(np.nan_to_num(_cubic_roots(bends)), 0.0, 1.0)
+    knots[4] = 1.0
+    knots.sort(axis=0)
+    powers = _powers(controls)[:, None]
+    low = knots[:-1]
+    high = knots[1:]
+    negative = polynomials.evaluate(powers, low) < 0
+    for _ in range(_BISECTIONS):
+        middle = (low + high) / 2
+        below = polynomials.evaluate(powers, middle) < 0
+        left = below == negative
+        low = np.where(left, middle, low)
+        high = np.where(left, high, middle)
+    return np.asarray((low + high) / 2)
+
+
+def _powers(controls: Array) -> Array:
+    """Bernstein polynomials `(degree + 1, N)` in powers of `s`, the highest first."""
+    degree = len(controls) - 1
+    rows = []
+    differences = controls
+    for power in range(degree + 1):
+        # C(n, p) Δ^p b_0 multiplies s^p
+        rows.append(comb(degree, power) * differences[0])
+        differences = np.diff(differences, axis=0)
+    return np.stack(rows[::-1])
 
 
 def dilation(displacements: Array, times: Array, limits: Limits) -> Array:

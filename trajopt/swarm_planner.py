@@ -1,7 +1,7 @@
 """The 3-5-3 spline's segment times by a swarm: the paper's method, and its alternatives.
 
-A swarm searches `(t1, t2, t3)` in a box. Position limits are no part of the paper's fitness: they
-are left to the verifier.
+A swarm searches `(t1, t2, t3)` in a box. Position limits are no part of the paper's fitness; here
+leaving one counts as breaking any other does (docs/mathematics.md, section 2).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trajopt import spline353
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, expanded, passing_once
-from trajopt.problem import Limits, Problem
+from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
 from trajopt.swarm import ISSA, PSO, SSA, Compared, Optimiser, Result, minimise
@@ -36,12 +36,16 @@ class SwarmPlanner(Planner):
       joints, which is its claim and may break limits;
     - `fitness`: `penalty` ranks any candidate within the limits by its duration, above any that
       breaks them, and those by their summed relative violation (Deb's rule); `scaled` dilates every
-      candidate to the limits first (section 2), so none breaks them;
+      candidate to the limits first (section 2), so none breaks them. Position limits, which no
+      dilation mends, are then kept by Deb's rule alone; where there are any, times dilated beyond
+      the box's longest duration rank among those that break a limit. A position's violation counts
+      in the joint's largest displacement;
     - `space`: the swarm moves in seconds, or in the unit cube, mapped linearly to them (sparrows
       drift to the origin, so it matters);
     - `iterations`, or `evaluations` if given: the budget, per joint where `timing` is;
     - `upper`: the box's upper end over the longest stop-to-stop time of any segment (of that joint
-      alone where `timing` is); `lower`: its lower end over the upper.
+      alone where `timing` is), or higher where it would else hold no times that are known to keep
+      the position limits; `lower`: its lower end over the upper.
 
     `stats` hold `segment_times` `(3,)`, s, and `iterations`; with `timing="per-joint"` also
     `joint_times` `(joints, 3)` and `joint_durations` `(joints,)`, s, NaN for joints that never
@@ -59,7 +63,7 @@ class SwarmPlanner(Planner):
     upper: float = 4.0
     lower: float = 1e-3
     stochastic = True
-    knows = ("velocity", "acceleration", "jerk")
+    knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:
         check_choices(self)
@@ -87,6 +91,9 @@ class SwarmPlanner(Planner):
         """One answer per seed, all runs advancing together; each is what `solve` gives alone."""
         if len(seeds) == 0:
             return []
+        reason = spline353.infeasible(problem)
+        if reason is not None:
+            return [Solution(Status.INFEASIBLE, message=reason) for _ in seeds]
         merged, index = problem.merged()
         task = SegmentTimes.of(merged, self)
         low, high = task.box(len(seeds))
@@ -143,8 +150,8 @@ class SwarmPlanner(Planner):
 class SegmentTimes:
     """What the swarm minimises. A group is a set of joints with common times: all, or each alone.
 
-    `displacements` `(joints, 3)` and `limits` of the moving `joints`; box `low`, `high`
-    `(groups, 3)`, s.
+    `displacements` `(joints, 3)`, `limits` and `room` (None without position limits) of the moving
+    `joints`; box `low`, `high` `(groups, 3)`, s.
 
         search = SegmentTimes.of(problem, SwarmPlanner())
         low, high = search.box(seeds=1)
@@ -155,6 +162,7 @@ class SegmentTimes:
     joints: NDArray[np.intp]
     displacements: Array
     limits: Limits
+    room: Array | None
     low: Array
     high: Array
 
@@ -167,17 +175,24 @@ class SegmentTimes:
         groups = [joints]
         if planner.timing == "per-joint":
             groups = list(joints[:, None])
-        longest = []
+        ends = []
         for group in groups:
-            times = stop_times(free.only(group))
-            longest.append(times.max())
-        high = planner.upper * np.array(longest)
+            own = problem.only(group)
+            longest = stop_times(free.only(group)).max()
+            end = planner.upper * longest
+            room = spline353.position_room(own)
+            if room is not None:
+                times = spline353.keeping_times(own.displacements.T, own.limits, room, longest)
+                end = max(end, times.max())
+            ends.append(end)
+        high = np.array(ends)
         high = np.repeat(high[:, None], 3, axis=1)
         return cls(
             planner,
             joints,
             displacements=moving.displacements.T,
             limits=moving.limits,
+            room=spline353.position_room(problem),
             low=planner.lower * high,
             high=high,
         )
@@ -257,31 +272,51 @@ class SegmentTimes:
             self.limits,
             exact_above=1.0,
         )
-        return self._deb(times, uses)
+        if self.room is None:
+            return self._deb(times, uses)
+        outside = spline353.position_excess(self.displacements, times, self.room)
+        return self._deb(times, uses, [outside])
 
-    def _deb(self, times: Array, uses: Sequence[Array]) -> Array:
+    def _deb(self, times: Array, uses: Sequence[Array], outside: Sequence[Array] = ()) -> Array:
         """Deb's rule as one number: the duration, or more than any by what breaks the limits.
 
         Args:
             times: `(…, groups, 3)`, s.
             uses: peak velocity, acceleration and jerk over their limits, `(…, joints)` each.
+            outside: how far positions leave their limits, `(…, joints)`.
         """
         excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
-        excess = reduce(np.add, excesses)
-        if len(self.low) == 1:
-            excess = added(excess)[..., None]
+        excess = self._of_groups(reduce(np.add, [*excesses, *outside]))
         above_any = np.nextafter(self.ceiling, np.inf)
         beyond = above_any + excess
         duration = added(times)
         return np.asarray(np.where(excess > 0, beyond, duration))
 
+    def _of_groups(self, excess: Array) -> Array:
+        """The excess of joints `(…, joints)`, summed over each group, `(…, groups)`."""
+        if len(self.low) > 1:
+            return excess
+        return added(excess)[..., None]
+
     def _scaled(self, times: Array) -> Array:
-        """The duration once dilated to the limits."""
+        """The duration once dilated to the limits; Deb's rule keeps what no dilation can mend."""
+        duration = self._dilation(times) * added(times)
+        if self.room is None:
+            return duration
+        outside = spline353.position_excess(self.displacements, times, self.room)
+        excess = self._of_groups(outside)
+        # Below `above_any` is then only what keeps its position limits.
+        above_any = np.nextafter(self.ceiling, np.inf)
+        beyond = np.maximum(duration, above_any) * (1.0 + excess)
+        return np.asarray(np.where(excess > 0, beyond, duration))
+
+    def _dilation(self, times: Array) -> Array:
+        """The cheapest dilation of each group, `(…, groups)`."""
         use = spline353.limit_use(self.displacements, times, self.limits)
         factor = spline353.cheapest_dilation(*use)
         if len(self.low) == 1:
             factor = factor.max(axis=-1, keepdims=True)
-        return factor * added(times)
+        return factor
 
     def answers(self, result: Result) -> Iterator[tuple[Array, list[Array]]]:
         """Per seed: the best times of each group `(groups, 3)`, s, and each group's history."""
@@ -291,6 +326,9 @@ class SegmentTimes:
         if self.planner.fitness == "scaled":
             duration = result.fitness.reshape(-1, groups)
             factor = duration / added(times)
+            if self.room is not None:
+                # the fitness of what leaves its position limits is no duration
+                factor = self._dilation(times)
             times = times * factor[..., None]
         for row, own in enumerate(times):
             first = row * groups
@@ -300,7 +338,7 @@ class SegmentTimes:
 
     def _feasible(self, history: Array, ceiling: float) -> Array:
         """A history with NaN until the first candidate within the limits."""
-        if self.planner.fitness == "scaled":
+        if self.planner.fitness == "scaled" and self.room is None:
             return history
         spent, best = history.T
         within = np.where(best > ceiling, np.nan, best)

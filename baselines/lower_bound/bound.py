@@ -24,6 +24,7 @@ from baselines.lower_bound.incumbent import incumbent
 from baselines.lower_bound.program import TOLERANCE, Program
 from baselines.lower_bound.spline353 import Spline353
 from baselines.sizes import described
+from trajopt import spline353
 from trajopt.exceptions import InvalidInput, TrajoptError
 from trajopt.planner import backend
 from trajopt.problem import Problem
@@ -52,11 +53,12 @@ class Bound:
 
     Attributes:
         lower_bound: No trajectory is faster, SCIP's tolerance allowed for.
-        upper_bound: The certified duration of `trajectory`; infinite if none keeps every limit
-            (the 3-5-3 ignores position limits), or none was looked for.
+        upper_bound: The certified duration of `trajectory`; infinite if none is known to keep
+            every limit, or none was looked for.
         relative_gap: Upper over lower bound, minus 1.
         status: "proved" (to the gap), "time limit", "tolerance" (SCIP is done, but its tolerance is
-            worth more than the gap), or "stopped" with the reason.
+            worth more than the gap), "infeasible" (no 3-5-3 spline keeps the position limits: the
+            message says why, and both bounds are infinite), or "stopped" with the reason.
         solve_time: Wall time spent.
         trajectory: The fastest one known.
         message: Why there was no time to begin, if there was none.
@@ -84,6 +86,12 @@ class _Question:
     family: Family
     index: NDArray[np.intp]
 
+    def infeasible(self) -> str | None:
+        """Why nothing that is asked about keeps every limit, or None; a free trajectory can."""
+        if self.family == "free":
+            return None
+        return spline353.infeasible(self.problem)
+
     @property
     def kind(self) -> type[Free] | type[Spline353]:
         return Free if self.family == "free" else Spline353
@@ -100,7 +108,7 @@ def certify(
     """Bounds on the minimum time, or on the best 3-5-3 spline with shared times.
 
     Args:
-        problem: All its limits count (`spline353`: its position limits are ignored).
+        problem: All its limits count.
         family: Any trajectory, or the 3-5-3 spline only.
         gap: Relative, at which to stop.
         time_limit: Seconds, building the model included; then the bounds reached are the answer. A
@@ -118,8 +126,11 @@ def certify(
             raise InvalidInput(name, "a positive number", value=value)
     began = time.perf_counter()
     question = _asked(problem, family, joint)
+    reason = question.infeasible()
     needed = question.kind.expected_seconds(question.problem)
-    if needed > max(time_limit, _GRACE_SECONDS):
+    if reason is not None:
+        bound = Bound(np.inf, np.inf, 0.0, "infeasible", 0.0, None, reason)
+    elif needed > max(time_limit, _GRACE_SECONDS):
         bound = _not_begun(question.problem, needed, time_limit)
     elif family == "free":
         bound = _free(question.problem, gap, began, time_limit)
@@ -166,6 +177,8 @@ def recheck(
     deadline = time.perf_counter() + time_limit
     question = _asked(problem, family, joint)
     if lower_bound <= trivial_bound(question.problem) * (1 + _RECHECK_RTOL):
+        return True
+    if question.infeasible() is not None:
         return True
     if family == "free" and _stopping_is_faster(question.problem, lower_bound):
         return False

@@ -21,7 +21,7 @@ from trajopt.solution import Solution, Status
 class Certify(Planner):
     """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS, SCIP).
 
-    Every kind of limit counts (`spline353`: not position limits).
+    Every kind of limit counts.
 
     Args:
         gap: Relative, at which to stop.
@@ -71,6 +71,8 @@ class Certify(Planner):
         be believed, the arrays of `dual_check.Proof` too.
         """
         bound = self.bound(problem)
+        if bound.status == "infeasible":
+            return Solution(Status.INFEASIBLE, message=bound.message)
         known = np.isfinite(bound.upper_bound)
         stats: dict[str, Any] = {
             "proof": bound.status,

@@ -1,8 +1,8 @@
 """The best 3-5-3 spline with shared times, by cutting planes (docs/mathematics.md, section 5).
 
-Every limit is linear in `x1², x1x2, x2², x2x3, x3²` beside `x2`, 1 and `t2` (`x = 1/t`); it is
-imposed at finitely many normalised times, and those of the worst violations are added until bound
-and certified duration meet.
+Every limit is linear in `x1², x1x2, x2², x2x3, x3²` beside `x2`, 1 and `t2` (`x = 1/t`), a position
+limit in these five alone; it is imposed at finitely many normalised times, and those of the worst
+violations are added until bound and certified duration meet.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from baselines.spline353_nlp import Spline, Spline353NLP
 from trajopt import polynomials, spline353
 from trajopt.exceptions import InvalidInput
 from trajopt.problem import Problem
+from trajopt.rest_to_rest import stop_times
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -53,7 +54,7 @@ class Spline353:
     def __init__(self, problem: Problem, scip: Any, *, seconds: float = np.inf) -> None:
         if problem.segments != 3:
             raise InvalidInput("problem", "exactly 4 waypoints", value=problem.segments + 1)
-        self.problem = problem.without("position")
+        self.problem = problem
         self.scip = scip
         self.spline = Spline(self.problem)
         self.instants = set(np.linspace(0, 1, _START_INSTANTS))
@@ -115,10 +116,21 @@ class Spline353:
             return np.asarray(t * k)
 
         def duration(y: Array) -> float:
-            return float(times(y).sum())
+            t = times(y)
+            if self.spline.excess(t) > 0:
+                return np.inf
+            return float(t.sum())
 
         rng = np.random.default_rng(0)
         starts = rng.uniform(-3, 3, (_SEARCHES, free.sum()))
+        if self.spline.room is not None:
+            kept = spline353.keeping_times(
+                self.spline.displacements,
+                self.spline.limits,
+                self.spline.room,
+                unit=float(stop_times(self.problem).max()),
+            )
+            starts = np.vstack([starts, np.log(kept[free])])
         optima = []
         for start in starts:
             optimum = scipy.optimize.minimize(
@@ -163,24 +175,34 @@ class Spline353:
     def _critical(self, times: Array) -> Array:
         """The normalised times where a limit can be worst."""
         instants = []
-        for rate in self.spline.rates(times):
+        rates = self.spline.rates(times)
+        if self.spline.room is not None:
+            rates.append(self.spline.position(times))
+        for rate in rates:
             points = polynomials.critical_points(rate)
             instants.append(points.ravel())
         return np.concatenate(instants)
 
-    def _rows(self) -> list[tuple[Array, int]]:
-        """Coefficients of the monomials over each limit, `(rows, 5)`, and the limit's order."""
-        # h x2², v0 x2 = 3 d1 x1x2, a0 = 6 d1 x1², v1 x2 = 3 d3 x2x3, a1 = −6 d3 x3²
+    def _values(self, order: int) -> Array:
+        """Coefficients of the monomials in a derivative of the quintic, `(instants, joints, 5)`.
+
+        In position they make `x2² (q − q1)`, in velocity `x2 v`, in acceleration `a`, in jerk
+        `t2 j`: with `h x2²`, `v0 x2 = 3 d1 x1x2`, `a0 = 6 d1 x1²`, `v1 x2 = 3 d3 x2x3` and
+        `a1 = −6 d3 x3²`.
+        """
         d1, h, d3 = self.spline.displacements.T
         columns = [h, 3 * d1, 6 * d1, 3 * d3, -6 * d3]
         weights = np.stack(columns, axis=-1)
         instants = np.array(sorted(self.instants))
+        rates = polynomials.derivative(_HERMITE, order)[:, None]
+        basis = polynomials.evaluate(rates, instants[:, None])
+        return np.asarray(basis[:, None] * weights)
+
+    def _rows(self) -> list[tuple[Array, int]]:
+        """Coefficients of the monomials over each limit, `(rows, 5)`, and the limit's order."""
         rows = []
         for order, bounds in enumerate(self.spline.bounds, start=1):
-            rates = polynomials.derivative(_HERMITE, order)[:, None]
-            basis = polynomials.evaluate(rates, instants[:, None])
-            # (instants, joints, 5)
-            values = basis[:, None] * weights / self.unit**order
+            values = self._values(order) / self.unit**order
             for side in bounds.T:
                 finite = np.isfinite(side)
                 if not finite.any():
@@ -189,6 +211,39 @@ class Spline353:
                 table = use.reshape(-1, 5)
                 rows.append((table, order))
         return rows
+
+    def _position_rows(self) -> Array:
+        """Coefficients of the monomials, `(rows, 5)`, whose sum a position limit keeps below 0.
+
+        Positions count in the joint's largest displacement. Rows that hold in the whole box are
+        left out.
+        """
+        room = self.spline.room
+        if room is None:
+            return np.empty((0, 5))
+        values = self._values(0)
+        tables = []
+        for side, sign in zip(room.T, (-1.0, 1.0), strict=True):
+            limited = np.isfinite(side)
+            beyond = values[:, limited].copy()
+            # x2² (q − q1) ≤ x2² (limit − q1)
+            beyond[..., 0] -= side[limited]
+            beyond *= sign / self.spline.sizes[limited, None]
+            tables.append(beyond.reshape(-1, 5))
+        rows = np.concatenate(tables)
+        lowest, highest = self._monomial_bounds()
+        most = np.maximum(rows * lowest, rows * highest).sum(axis=1)
+        return np.asarray(rows[most > 0])
+
+    def _monomial_bounds(self) -> tuple[Array, Array]:
+        """The lowest and the highest value of each monomial in the box, `(5,)` each."""
+        moving = self.low > 0
+        least = np.where(moving, 1 / self.high, 0.0)
+        most = np.zeros(3)
+        most[moving] = 1 / self.low[moving]
+        first, second = np.transpose(_MONOMIALS)
+        lowest = least[first] * least[second]
+        return lowest, most[first] * most[second]
 
     def incumbent(self) -> Trajectory:
         return self._along(self.times)
@@ -237,6 +292,12 @@ class Spline353:
                 use = self.scip.quicksum(products)
                 m.addCons(use <= beside[order])
 
+        # No dilation makes room here for SCIP's tolerance: the limit itself is moved by it.
+        for row in self._position_rows():
+            products = [float(c) * term for c, term in zip(row, terms, strict=True)]
+            tolerance = TOLERANCE * (1 + np.abs(row).sum())
+            m.addCons(self.scip.quicksum(products) <= float(tolerance))
+
         highest = high.sum() if cutoff is None else cutoff
         duration = self.scip.quicksum(t)
         m.setObjective(duration)
@@ -258,6 +319,7 @@ class Spline353:
         values = [model.getVal(t) for t in self.t]
         times = np.maximum(values, _NO_TIME) * self.unit
         self.instants.update(self._critical(times))
+        times = self.spline.kept(times, self.times)
         k = self.spline.dilation(times)
         return self._along(k * times)
 

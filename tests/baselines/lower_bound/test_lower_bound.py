@@ -8,10 +8,12 @@ import pytest
 from baselines.exact.acceleration import Exact
 from baselines.lower_bound import Bound, certify
 from baselines.lower_bound import bound as bound_module
+from baselines.lower_bound.bound import recheck
 from baselines.lower_bound.free import Free
+from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.spline353 import Spline353
 from baselines.spline353_nlp import Spline353NLP
-from trajopt import InvalidInput, Limits, Problem, spline353, verify
+from trajopt import InvalidInput, Limits, Problem, Status, spline353, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.exceptions import MissingBackend
@@ -135,6 +137,32 @@ def test_jerk_and_position_limits_count() -> None:
         sane(bound, load(name))
         assert bound.status == "proved"
         assert bound.lower_bound > free.upper_bound
+
+
+def test_position_limits_bound_the_353_too() -> None:
+    """Between the bound and the best known lies nothing; without the limits it is far below."""
+    problem = load("position-limits")
+    bound = certify(problem, "spline353", gap=1e-3, time_limit=20)
+    assert bound.status == "proved"
+    assert bound.trajectory is not None
+    assert verify(problem, bound.trajectory).feasible
+    # the best of a grid of ratios, refined
+    assert bound.lower_bound <= 35.18858 <= bound.upper_bound * (1 + 1e-6)
+    alone = certify(problem, "spline353", gap=1e-3, joint=0, time_limit=20)
+    assert alone.status == "proved"
+    assert alone.lower_bound < bound.lower_bound
+
+
+def test_no_353_passes_a_limit_at_speed() -> None:
+    limits = Limits([2.0], [5.0], position=[[0.0, 1.0]])
+    problem = Problem([[0.2], [1.0], [0.5], [0.0]], limits)
+    bound = certify(problem, "spline353")
+    assert (bound.status, bound.lower_bound, bound.trajectory) == ("infeasible", np.inf, None)
+    assert "at its limit at waypoint 2" in bound.message
+    assert recheck(problem, 1e6, "spline353") is True
+    answer = Certify(family="spline353").solve(problem)
+    assert answer.status is Status.INFEASIBLE
+    assert answer.message == bound.message
 
 
 @pytest.mark.parametrize("family", ["free", "spline353"])
