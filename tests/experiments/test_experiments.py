@@ -148,4 +148,9 @@ def test_the_sweep_writes_its_report_and_counts_every_trial(
     files = pd.read_csv(tmp_path / "files.csv").set_index("what")
     assert files.loc["trials/", "files"] == trials
     assert files.loc["report.html", "MB"] > 0.5
+    monkeypatch.setattr(sweep.run, "compare", None)  # again would fail
+    sweep.main(stored=True, output=tmp_path)
+    again = pd.read_csv(tmp_path / "sweep.csv").set_index("label")
+    pd.testing.assert_frame_equal(again, table)
+    assert again.loc["ruckig-stop", "proved"] <= again.loc["ruckig-stop", "problems"]
     assert "ruckig-stop" in capsys.readouterr().out

@@ -39,6 +39,18 @@ def test_trials_are_counted_by_what_became_of_them(items: Sequence[Trial]) -> No
     assert counts.loc["exact"].tolist() == [2, 2, 2, 0, 0, 0]
 
 
+def test_proved_counts_problems_whose_motion_meets_its_bound() -> None:
+    items = [
+        *run("exact", 2.0), *run("certify", -1, bound=1.999), *run("mine", 3.0, 3.5),
+        *run("exact", 4.0, problem=OTHER), *run("certify", -1, bound=3.9, problem=OTHER),
+        *run("mine", 4.5, problem=OTHER),
+    ]  # fmt: skip
+    table = overview(Results(items))
+    assert table.loc["mine", ["problems", "proved"]].tolist() == [2, 1]
+    bound_alone = Results([*run("certify", -1, bound=1.999), *run("mine", 3.0)])
+    assert overview(bound_alone).loc["mine", "proved"] == 0
+
+
 def test_a_missing_answer_is_worse_than_any(items: Sequence[Trial]) -> None:
     table = overview(Results(items))
     assert table.loc["exact", ["gap", "worst"]].tolist() == [0, 0]

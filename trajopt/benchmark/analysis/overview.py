@@ -14,6 +14,7 @@ from typing import Any
 import pandas as pd
 
 from trajopt.benchmark.analysis.results import Results, competing, median_gap
+from trajopt.benchmark.best_known.record import CLOSED_GAP
 from trajopt.solution import Status
 
 
@@ -29,6 +30,8 @@ def overview(
 
     Columns:
         problems: that it supports.
+        proved: of these problems, those whose reference is proved: no motion is faster by 0.1 % or
+            more, by this run's proof or that of a record.
         trials, solved, bounds, failed: trials on them; of these those that are solved, those whose
             answer ignores a limit on purpose and is a lower bound, and the others.
         unsupported: trials that it refused.
@@ -64,6 +67,7 @@ def _line(runs: pd.DataFrame) -> dict[str, Any]:
     broke_limits = solved[~kept]
     return {
         "problems": tried["digest"].nunique(),
+        "proved": _proved(tried),
         "trials": len(tried),
         "solved": len(solved),
         "bounds": len(tried) - len(answers),
@@ -76,3 +80,11 @@ def _line(runs: pd.DataFrame) -> dict[str, Any]:
         "worst": solved["gap"].max(),
         "time": tried["solve_time"].median(),
     }
+
+
+def _proved(runs: pd.DataFrame) -> int:
+    """Of how many problems the reference is the optimum, but for `CLOSED_GAP`."""
+    gaps = runs["reference"] / runs["proved"] - 1
+    has_motion = runs["kind"] != "lower bound"
+    closed = runs[has_motion & (gaps < CLOSED_GAP)]
+    return int(closed["digest"].nunique())
