@@ -26,28 +26,30 @@ Row = list[float]
 
 _KEYS = {"waypoint_times", "joints"}
 
-# What a piece may differ by and still go on from the one before: of the joint's range of positions,
-# over the mean time of a segment to the power of the derivative.
-SAME_RTOL = 1e-12
+SAME_RTOLS = (1e-12, 1e-13, 1e-14, 1e-15)
+"""What a piece may differ by and still go on from the one before, roughest first.
+
+Of the joint's range of positions, over the mean time of a segment to the power of the derivative.
+"""
 _DEGREE_MAX = 100
 _PIECE = "its start (s), then coefficients: finite numbers"
 
 
-def table(trajectory: Trajectory, *, whole: bool = False) -> dict[str, Any]:
+def table(trajectory: Trajectory, rtol: float = SAME_RTOLS[0]) -> dict[str, Any]:
     """The trajectory as JSON can say it.
 
     Args:
         trajectory: Any.
-        whole: Every piece with all its coefficients: exactly what it was, at any size.
+        rtol: One of `SAME_RTOLS`; 0: every piece with all its coefficients, exactly what it was.
     """
     segments = len(trajectory.waypoint_times) - 1
     unit = trajectory.duration / segments
     joints = []
     for joint in range(trajectory.joints):
         coefficients = _without_leading_zeros(trajectory.coefficients[:, :, joint])
-        allowed = _allowed(coefficients, unit)
-        if whole:
-            allowed = np.full(len(coefficients), -np.inf)
+        allowed = np.full(len(coefficients), -np.inf)
+        if rtol > 0:
+            allowed = _allowed(coefficients, unit, rtol)
         joints.append(_rows(trajectory.breaks, coefficients, allowed))
     return {
         "waypoint_times": trajectory.waypoint_times.tolist(),
@@ -86,12 +88,12 @@ def _without_leading_zeros(coefficients: Array) -> Array:
     return coefficients[first:]
 
 
-def _allowed(coefficients: Array, unit: float) -> Array:
+def _allowed(coefficients: Array, unit: float, rtol: float) -> Array:
     """By how much each coefficient may differ where a piece goes on, highest power first."""
     positions = coefficients[-1]
     rounding = 4 * np.finfo(float).eps * np.abs(positions).max()
     powers = np.arange(len(coefficients) - 1, -1, -1)
-    allowed = SAME_RTOL * np.ptp(positions) / unit**powers
+    allowed = rtol * np.ptp(positions) / unit**powers
     allowed[-1] += rounding
     return np.asarray(allowed)
 

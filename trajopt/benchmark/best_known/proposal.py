@@ -31,6 +31,7 @@ from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.folder import read as stored_trials
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError, TrajoptError
+from trajopt.formats import own_breaks
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import end_to_end_bound
 from trajopt.trajectory import Trajectory
@@ -42,9 +43,9 @@ _PROOF_DIGITS = (5, 6, 7, 9, 12)
 _PROOF_RTOL = 1e-6
 # Of a proof: what it counts in, and what it asks about.
 _EXACT = ("units", "cutoff")
-# What a certified duration may lose where the file leaves out what goes on, relative; a motion
-# that loses more is kept whole.
-_KEPT_RTOL = 1e-10
+# What a certified duration may lose where the file leaves out what goes on, relative: little of
+# what counts as better.
+_KEPT_RTOL = 0.1 * BETTER_RTOL
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,9 +266,9 @@ def write(record: Record, where: Path) -> Path:
 
 def _content(record: Record) -> str:
     """The file's text, read back and verified."""
-    for whole in (False, True):
-        back = parsed(text(record, whole=whole))
+    for rtol in (*own_breaks.SAME_RTOLS, 0.0):
+        back = parsed(text(record, rtol))
         duration = verify(back.problem, back.trajectory).certified_duration
         if duration is not None and duration <= record.duration * (1 + _KEPT_RTOL):
-            return text(replace(record, duration=duration), whole=whole)
+            return text(replace(record, duration=duration), rtol)
     raise StoreError(f"{record.problem.name}: its motion is another one when it is read again")

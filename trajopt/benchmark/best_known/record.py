@@ -120,8 +120,8 @@ def proof_of(stats: Mapping[str, Any]) -> dict[str, Array]:
 # --- writing ---
 
 
-def text(record: Record, *, whole: bool = False) -> str:
-    """The file's text; with `whole`, every piece of the motion has all its coefficients."""
+def text(record: Record, rtol: float = own_breaks.SAME_RTOLS[0]) -> str:
+    """The file's text; `rtol` says what the motion leaves out (`own_breaks.table`)."""
     problem = record.problem
     limits = {name: problem.limits.by_name()[name] for name in LIMIT_NAMES if problem.has(name)}
     said = {
@@ -138,7 +138,7 @@ def text(record: Record, *, whole: bool = False) -> str:
             "waypoints": problem.waypoints.tolist(),
             "limits": {name: pairs.tolist() for name, pairs in limits.items()},
         },
-        "trajectory": own_breaks.table(record.trajectory, whole=whole),
+        "trajectory": own_breaks.table(record.trajectory, rtol),
         "proof": {name: array.tolist() for name, array in record.proof.items()},
     }
     return "".join(_lines(said)) + "\n"
