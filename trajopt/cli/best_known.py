@@ -317,4 +317,5 @@ def _sentences(outcome: Outcome) -> Iterator[str]:
     elif after is None and before is None:
         yield "no motion keeps every limit, and none is recorded."
     if after is not None and outcome.tighter:
-        yield f"the lower bound is {after.lower_bound:.9g} s now, {100 * after.gap:.3g} % below."
+        bound = f"{after.lower_bound:.9g} s ({after.bound.method})"
+        yield f"no motion is briefer than {bound}, proved: a gap of {100 * after.gap:.3g} %."

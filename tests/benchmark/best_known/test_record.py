@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 
@@ -198,6 +199,34 @@ def test_what_is_no_json_of_ours_is_one_clear_error(tmp_path, content):
     with pytest.raises(InvalidInput, match=r"x\.json: record"):
         read(file)
     assert not verification.checked(file).holds
+
+
+# --- what is recorded ---
+
+FILES = records.files()
+# Twenty, others every time a record changes: CI checks them all (`trajopt best-known verify`).
+SAMPLE = sorted(FILES, key=lambda file: hashlib.sha256(file.read_bytes()).digest())[:20]
+
+
+def test_every_recorded_file_is_one_and_lies_where_it_belongs():
+    problems = verification.suite_problems()
+    digests = set()
+    for file in FILES:
+        own = read(file)
+        digests.add(own.problem.digest())
+        assert file.name == own.file_name
+        assert own.problem.digest() == problems[own.problem.name].digest()
+        assert own.lower_bound <= own.duration * (1 + 1e-9)
+    assert len(digests) == len(FILES)
+
+
+@pytest.mark.parametrize("file", SAMPLE, ids=lambda file: file.name)
+def test_what_is_recorded_holds(file):
+    assert verification.checked(file).differences == ()
+
+
+def test_all_files_together_stay_small():
+    assert sum(file.stat().st_size for file in FILES) < 6e6
 
 
 # --- what is better ---
