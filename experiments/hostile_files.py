@@ -7,8 +7,10 @@ Crafted: one thing in a `results.h5` or a trial file is made what it should not 
 shape, text, number, link, filter, size), and it is sealed again, as a forger would. Corrupted:
 bits, blocks or the end of a `results.h5` are changed, and nothing else. `verify`, `export` and, of
 every tenth, `report` then read it. A fault is a traceback, an exit code but 0, 1 and 2, an error of
-several lines, an escape sequence or the content of another file in what is printed or written, more
-than 300 MB of memory, or, of a corrupted file, other numbers exported. Needs Linux.
+several lines, more than two warnings beside it (one says which file of a folder is left out), a
+line of more than 1000 characters, an escape sequence or the content of another file in what is
+printed or written, more than 300 MB of memory, or, of a corrupted file, other numbers exported.
+Needs Linux.
 """
 
 from __future__ import annotations
@@ -46,6 +48,9 @@ Craft = Callable[[h5py.File, Path, Rng], None]
 SECRET = "what-only-this-machine-knows"
 MEMORY_MB = 300.0
 LONGEST_BLOCK = 4096  # bytes
+WARNING = "trajopt: warning: "
+MOST_WARNINGS = 2  # beside the one line of an error: of a damaged file, and of what else it has
+LONGEST_LINE = 1000  # characters
 REPORT_EVERY = 10  # files
 PROGRESS_EVERY = 100  # files
 
@@ -518,7 +523,8 @@ def _wrong(
 ) -> list[str]:
     wrong = []
     lines = err.strip().splitlines()
-    errors = [line for line in lines if not line.startswith("trajopt: warning: ")]
+    warned = [line for line in lines if line.startswith(WARNING)]
+    errors = [line for line in lines if not line.startswith(WARNING)]
     if trace:
         last = trace.strip().splitlines()[-1]
         wrong.append(f"traceback: {last}")
@@ -528,6 +534,11 @@ def _wrong(
         wrong.append(f"exit code {code}")
     if code == 2 and len(errors) != 1:
         wrong.append(f"{len(errors)} lines of error")
+    if len(warned) > MOST_WARNINGS:
+        wrong.append(f"{len(warned)} warnings")
+    longest = max(map(len, lines), default=0)
+    if longest > LONGEST_LINE:
+        wrong.append(f"a line of {longest} characters")
     said = out + err
     if any(escape in said for escape in ESCAPES):
         wrong.append("an escape sequence")

@@ -22,7 +22,6 @@ _QUICK = {
     "evaluations": 1000,
     "starts": 2,
     "rounds": 2,
-    "gap": 1e-2,
 }
 # One path instead of the best of twelve, where others' planners follow paths.
 _ONE_PATH = {

@@ -248,14 +248,20 @@ def test_a_proof_proves_no_more_than_is_true(proved):
     assert proved_bound(problem, higher) <= 2.0
 
 
-def test_a_faster_problem_is_not_proved_by_another_ones_proof(proved):
-    _, bound = proved
-    faster = Problem([[0.0], [1.5]], Limits([2.0], [4.0]))
-    try:
-        again = proved_bound(faster, bound.proof)
-    except InvalidInput:  # it has rows of other segments or joints
-        return
-    assert again <= 1.25  # 1.5/2 + 2/4
+@pytest.mark.parametrize(("length", "limits"), [(1.0, ([2.0], [4.0])), (0.5, ([1.0], [2.0]))])
+def test_a_faster_problem_is_not_proved_by_another_ones_proof(proved, length, limits):
+    problem, bound = proved
+    faster = Problem(length * problem.waypoints, Limits(*limits))
+    assert proved_bound(faster, bound.proof) <= 1.25  # 1.5/2 + 2/4, 0.75/1 + 1/2
+
+
+@pytest.mark.parametrize(("waypoints", "joints"), [([0, 3], 1), ([0, 1, 2, 3], 2)])
+def test_a_proof_of_other_segments_or_joints_is_refused(proved, waypoints, joints):
+    problem, bound = proved
+    rows = np.repeat(problem.waypoints[waypoints], joints, axis=1)
+    other = Problem(rows, Limits([2.0] * joints, [4.0] * joints))
+    with pytest.raises(InvalidInput, match="proof"):
+        proved_bound(other, bound.proof)
 
 
 @pytest.mark.parametrize(
