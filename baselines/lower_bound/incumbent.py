@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ _START_SECONDS = 3e-3
 _START_SECONDS_JERK = 0.05
 _START_SECONDS_POSITION = 0.03
 _STARTS = 4
+# Of the other side's jerk limit: in the place of none.
+_FREE_SIDE = 1e3
 
 
 class Incumbent(NamedTuple):
@@ -52,7 +55,7 @@ def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
 
 def _answer(planner: Planner, problem: Problem) -> Incumbent | None:
     """A planner's answer, dilated until it keeps every limit, where that is possible."""
-    answer = planner.solve(problem).trajectory
+    answer = planner.solve(_two_sided(problem)).trajectory
     if answer is None:
         return None
     duration = verify(problem, answer).certified_duration
@@ -60,6 +63,23 @@ def _answer(planner: Planner, problem: Problem) -> Incumbent | None:
     if duration is None or trajectory is None:
         return None
     return Incumbent(trajectory, duration)
+
+
+def _two_sided(problem: Problem) -> Problem:
+    """With a limit so wide on the free side of a jerk limit that it costs next to nothing."""
+    jerk = problem.limits.jerk
+    limited = np.isfinite(jerk)
+    sides_limited = limited.sum(axis=1)
+    one_sided = np.equal(sides_limited, 1)
+    if not one_sided.any():
+        return problem
+    sizes = np.where(limited, np.abs(jerk), 0.0)
+    wide = _FREE_SIDE * sizes.max(axis=1)
+    sides = np.stack([-wide, wide], axis=1)
+    stands_in = ~limited
+    stands_in[~one_sided] = False
+    limits = replace(problem.limits, jerk=np.where(stands_in, sides, jerk))
+    return replace(problem, limits=limits)
 
 
 def _planners(problem: Problem, seconds: float) -> list[Planner]:

@@ -160,6 +160,9 @@ def test_a_free_side_of_jerk_is_free_and_the_other_counts(free_side):
     infimum = ramp + end + hold + (1.0 - rising - falling) / v
     proof = prove(problem, infimum, 1e-5, np.inf)
     assert infimum * (1 - 1e-5) <= proof.lower_bound <= infimum * (1 + 1e-9)
+    bound = certify(problem, gap=1e-3, time_limit=20)
+    assert bound.status == "proved"
+    assert infimum * (1 - 1e-9) <= bound.upper_bound <= infimum * (1 + 1e-3)
 
 
 def between_states(rng):
