@@ -119,6 +119,27 @@ def test_a_motion_is_proposed_once(run, tmp_path, capsys):
     assert outcome["new_duration"] < outcome["recorded_duration"]
 
 
+def test_compare_offers_to_record_what_is_better_and_its_folder_is_proposed(
+    run, tmp_path, capsys, monkeypatch
+):
+    motion = planned(tmp_path, "ruckig-stop")
+    run("propose", motion, "one-joint", "--registry", "registry")
+    monkeypatch.setattr(records, "folder", lambda: tmp_path / "registry")
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["compare", "one-joint", "--planner", "exact", "--jobs", "1"])
+    words = " ".join(capsys.readouterr().out.split())
+    assert ended.value.code == 0
+    assert "exact on one-joint takes 2.000000 s" in words
+    assert "less than the best known, motion.json" in words
+    assert words.endswith("To record what is better: trajopt best-known propose results")
+    code, out, _ = run("propose", "results", "--registry", "registry")
+    assert code == 0
+    assert "(motion.json" in " ".join(out.split())
+    with pytest.raises(SystemExit):
+        cli.main(["compare", "one-joint", "--planner", "exact", "--jobs", "1"])
+    assert "best-known propose" not in capsys.readouterr().out
+
+
 def test_stored_trials_are_proposed_with_their_planners_names(run, tmp_path, capsys):
     with pytest.raises(SystemExit):
         cli.main(["plan", "one-joint", "--planner", "ruckig-stop", "--out", "trial.h5"])
