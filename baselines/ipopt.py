@@ -13,6 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from trajopt.planner import backend
 
@@ -74,6 +75,13 @@ class Program:
         x = np.asarray(result["x"]).ravel()
         success = bool(stats["success"]) and bool(np.isfinite(x).all())
         return Run(x, str(stats["return_status"]), success)
+
+    def linear(self, x: Array, parameters: Array) -> tuple[Array, sparse.csr_array]:
+        """All constraints at a point, and their derivatives by the variables."""
+        derivatives = self._solver.get_function("nlp_jac_g")
+        constraints, jacobian = derivatives(x, parameters)
+        values = np.asarray(constraints).ravel()
+        return values, sparse.csr_array(jacobian.sparse())
 
 
 def program(

@@ -26,7 +26,8 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk_profiles import Array, Bools, Limit, Profile, risen
 from baselines.exact.jerk_reach import Scaled, repaired
 from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
-from baselines.ipopt import Program, flat, optima, program, unflat
+from baselines.ipopt import Bounds, Program, flat, optima, program, unflat
+from baselines.settled import settled
 from baselines.sizes import announce, cells
 from trajopt.planner import backend, passing_once
 from trajopt.problem import Problem
@@ -43,6 +44,8 @@ _FOLLOW_ROUNDS = 5
 _FOLLOW_DILATIONS = (1.2, 1.05)
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
+# Without units: what is closer to a bound is put on it, if the motion stays as brief.
+_NEAR = 1e-4
 _START_DILATION = 1.3  # of the optimum without jerk limits: a start
 # Measured up to 343 segments times moving joints, in proportion to them.
 _SECONDS_PER_CELL = 0.02
@@ -94,6 +97,8 @@ class ExactJerk(SeveralStarts):
         starts = _starts(scaled, _PATIENCE * self.starts)
         first = optima(solve_from, starts, self.starts, self.agreeing)
         local = _followed_once(solver, scaled, first)
+        best = int(np.argmin([optimum.duration for optimum in local]))
+        local[best] = _settled(solver, scaled, local[best])
         return replace(
             self.best(scaled, local),
             setup_time=setup_time,
@@ -428,15 +433,32 @@ def _run(
     low, high = _bounds(scaled, apart)
     point = _point(scaled, times, states)
     x0 = np.clip(point, low, high)
+    run = solver(
+        start=x0,
+        parameters=_parameters(scaled),
+        bounds=(low, high),
+        constraint_bounds=_constraint_bounds(scaled),
+    )
+    optimum = _reached(scaled, run.x, run.status)
+    if not run.success:
+        return optimum._replace(duration=np.inf)
+    return optimum
+
+
+def _parameters(scaled: Scaled) -> Array:
+    """The numbers of a problem, as `_solver` has them."""
     v1, v2 = np.abs(scaled.v)
-    parameters = flat(
+    return flat(
         scaled.h,
         scaled.stop,
         v1,
         v2,
         *scaled.r,
     )
-    # as `_solver` has them: a profile's two rows that vanish and four that are not negative
+
+
+def _constraint_bounds(scaled: Scaled) -> Bounds:
+    """Of `_solver`'s rows: two of a profile that vanish, and four that are not negative."""
     size = scaled.h.size
     equal = np.zeros(2 * size)
     not_negative = np.full(4 * size, np.inf)
@@ -444,23 +466,43 @@ def _run(
     spare_time = [np.inf]
     profile = (equal, not_negative)
     highest = np.concatenate([*profile, *profile, displacement, spare_time])
-    run = solver(
-        start=x0,
-        parameters=parameters,
-        bounds=(low, high),
-        constraint_bounds=(0.0, highest),
-    )
-    times, states = _read(scaled, run.x)
+    return 0.0, highest
+
+
+def _reached(scaled: Scaled, x: Array, status: str) -> Optimum:
+    """The optimum at IPOPT's variables, dilated until it is exactly reachable."""
+    times, states = _read(scaled, x)
     k = np.inf
-    if run.success and (times > 0).all():
+    if np.isfinite(x).all() and (times > 0).all():
         k, times, states = repaired(times, states, scaled)
     duration = k * float(times.sum())
     return Optimum(
         duration,
         k * times,
         states / _powers(k),
-        run.status,
+        status,
     )
+
+
+def _settled(solver: Program, scaled: Scaled, best: Optimum) -> Optimum:
+    """An optimum without the phases of profiles that IPOPT's tolerance alone keeps above 0."""
+    if not np.isfinite(best.duration):
+        return best
+    apart = _avoiding(scaled, best)
+    x = settled(
+        solver,
+        _point(scaled, best.times, best.states),
+        _parameters(scaled),
+        _bounds(scaled, apart),
+        _constraint_bounds(scaled),
+        _NEAR,
+    )
+    if x is None:
+        return best
+    optimum = _reached(scaled, x, best.status)
+    if optimum.duration > best.duration:
+        return best
+    return optimum
 
 
 def _powers(k: float) -> Array:
