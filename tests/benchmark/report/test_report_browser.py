@@ -297,12 +297,18 @@ def rival_page(rivals: Results, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 @pytest.fixture
 def open_rivals(browser: Any, rival_page: Path) -> Script:
+    """The page, ready, every choice as it was when it opened."""
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     browser.set_script_timeout(20)
-    browser.get("about:blank")
-    browser.get(rival_page.as_uri())
+    if browser.current_url.partition("#")[0] != rival_page.as_uri():
+        browser.get(rival_page.as_uri())
     _run(browser, """while (!document.documentElement.dataset.ready)
-        await new Promise((go) => setTimeout(go, 20));""")  # fmt: skip
+        await new Promise((go) => setTimeout(go, 20));
+        for (const box of document.querySelectorAll("select")) {
+            const first = [...box.options].findIndex((o) => o.defaultSelected);
+            if (box.selectedIndex === Math.max(first, 0)) continue;
+            box.selectedIndex = Math.max(first, 0); box.dispatchEvent(new Event("change"));
+        }""")  # fmt: skip
     return lambda text, *arguments: _run(browser, text, *arguments)
 
 
@@ -531,13 +537,20 @@ TRACE = f"""Traceback (most recent call last):
 ValueError: operands_could_not_be_broadcast_{"together_" * 20}"""
 
 
-@pytest.mark.parametrize("width", [320, 390])
-def test_a_phone_shows_the_dialog_where_a_crash_trace_is_listed(
-    browser: Any, tmp_path: Path, width: int
-) -> None:
+@pytest.fixture(scope="module")
+def crash(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A page with a crash, and the identity of its trial."""
     (lost,) = made_on("mine", None)
     crashed = replace(lost, status=Status.CRASHED, message=TRACE)
-    page = report.write(Results([crashed, *made()]), tmp_path / "report.html")
+    folder = tmp_path_factory.mktemp("crash")
+    return report.write(Results([crashed, *made()]), folder / "report.html"), crashed.id
+
+
+@pytest.mark.parametrize("width", [320, 390])
+def test_a_phone_shows_the_dialog_where_a_crash_trace_is_listed(
+    browser: Any, crash: tuple[Path, str], width: int
+) -> None:
+    page, crashed = crash
     size = {"width": width, "height": 800, "deviceScaleFactor": 2, "mobile": True}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     browser.get(page.as_uri())
@@ -546,7 +559,7 @@ def test_a_phone_shows_the_dialog_where_a_crash_trace_is_listed(
         const traces = document.querySelectorAll('.why details');
         for (const trace of traces) trace.open = true;""")  # fmt: skip
     assert _run(browser, "return document.documentElement.scrollWidth") <= width
-    left, right = _run(browser, f"""location.hash = 'trial-{crashed.id}';{PAUSE}
+    left, right = _run(browser, f"""location.hash = 'trial-{crashed}';{PAUSE}
         const box = document.getElementById('trials').getBoundingClientRect();
         return [box.left, box.right]""")  # fmt: skip
     assert 0 <= left < right <= width
