@@ -4,7 +4,8 @@ Variables are the times of the pieces and their Bernstein coefficients; where th
 rest at both ends, are linear constraints on these (`baselines.spline_family`). Limits hold at every
 instant: they are imposed at a few instants of each piece and joint, the true worst ones of the
 answer replace the idlest among them, and the solver runs again until no limit is broken in between.
-The answer is dilated by its exact factor, which by then is 1 to rounding.
+The answer is dilated by its exact factor, which by then is 1 to rounding. No dilation mends a
+position: only answers that keep those limits count.
 
     from baselines.spline import Spline
     solution = Spline(shape="4-3-4").solve(problem)
@@ -30,7 +31,7 @@ from baselines.spline_family import Family
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import Problem
+from trajopt.problem import LIMIT_NAMES, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
@@ -59,6 +60,8 @@ _PATIENCE = 3
 _REMEMBERED = 0.8
 # Excess dilation at which the exchange has converged.
 _DILATION_TOLERANCE = 1e-10
+# The same of positions, over the joint's span: a hundredth of what the verifier forgives.
+_POSITION_TOLERANCE = 1e-10
 # The smallest gain that another local optimum is worth.
 _GAIN_RTOL = 1e-8
 # Logarithms: how much briefer or longer than at its start a piece may become in one round.
@@ -104,7 +107,7 @@ class Spline(Planner):
 
     on_request = True
     requires = ("casadi",)
-    knows = ("velocity", "acceleration", "jerk")
+    knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:
         for name in ("starts", "rounds"):
@@ -141,7 +144,8 @@ class Spline(Planner):
         announce("spline", problem, _SECONDS_PER_CELL * cells(problem))
         motion = _Motion(problem, self._family(problem))
         began = time.perf_counter()
-        solver = _solver(motion.family, motion.joints, motion.orders)
+        walled = motion.room is not None
+        solver = _solver(motion.family, motion.joints, motion.orders, walled)
         setup_time = time.perf_counter() - began
 
         optima: list[_Optimum] = []
@@ -201,6 +205,15 @@ class _Instants:
     worth: Array
 
     @classmethod
+    def of_positions(cls, pieces: int, joints: int) -> _Instants:
+        """Without the ends of pieces, which mostly are waypoints."""
+        stay = (np.arange(_STAY) + 1) / (_STAY + 1)
+        between = (np.arange(_MOVE) + 0.5) / _MOVE
+        one = np.concatenate([stay, between])[:, None, None]
+        at = np.tile(one, (1, pieces, joints))
+        return cls(at, np.zeros_like(at))
+
+    @classmethod
     def even(cls, pieces: int, joints: int, continuous: bool) -> _Instants:
         """What is `continuous` is not limited where a piece starts, only where one ends."""
         stay = np.linspace(0.0, 1.0, _STAY)
@@ -244,6 +257,8 @@ class _Motion:
         bounds: the limits of each derivative, from velocity on, `(joints, 2)`.
         orders: up to which derivative there are limits: 2, or 3 with jerk.
         sizes: of the limits of each derivative, `(joints,)`: the wider finite side, or 1.
+        room: the position limits from the start of each piece's segment, `(pieces, joints, 2)`, in
+            spans; None without any.
     """
 
     def __init__(self, problem: Problem, family: Family) -> None:
@@ -261,6 +276,10 @@ class _Motion:
         self.bounds = [pair / self.span[:, None] for pair in pairs]
         self.orders = len(pairs)
         self.sizes = [_sizes(bounds) for bounds in self.bounds]
+        self.room: Array | None = None
+        if problem.has("position"):
+            starts = moving[list(family.segments), :, None]
+            self.room = (limits.position - starts) / self.span[:, None]
 
     def stop_times(self) -> Array:
         """Time of each piece, if all stop at every waypoint, `(pieces,)`, s."""
@@ -273,12 +292,15 @@ class _Motion:
         times: Array,
         controls: Array,
         instants: list[_Instants],
-    ) -> tuple[float, list[_Instants]]:
-        """The exact dilation, and each limit's instants with the true worst among them."""
+    ) -> tuple[float, float, list[_Instants]]:
+        """The exact dilation, how far a position leaves its limits, and each limit's instants.
+
+        The true worst ones are among these; those of the position limits, if any, come last.
+        """
         unit = self.family.powers(controls)
         dilation = 0.0
         exchanged = []
-        for order, (bounds, old) in enumerate(zip(self.bounds, instants, strict=True), start=1):
+        for order, (bounds, old) in enumerate(zip(self.bounds, instants, strict=False), start=1):
             worst, highest = spline_family.peaks(unit, times, order, bounds)
             # dilating by k divides a derivative of order r by k^r
             factor = float(highest.max()) ** (1 / order)
@@ -287,7 +309,40 @@ class _Motion:
             used = spline_family.utilisation(rate, old.at, times, order, bounds)
             new = old.refined(used, worst, highest > 1)
             exchanged.append(new)
-        return dilation, exchanged
+        if self.room is None:
+            return dilation, 0.0, exchanged
+        *_, old = instants
+        worst, beyond = spline_family.farthest(unit, self.room)
+        used = 1 + spline_family.excess(unit[:, None], old.at, self.room)
+        exchanged.append(old.refined(used, worst, beyond > _POSITION_TOLERANCE / 10))
+        return dilation, float(beyond.max()), exchanged
+
+    def control_bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest of all controls, `(controls, joints)`, in spans.
+
+        What waypoints and rest fix has equal ones. On a position limit a joint stands still and may
+        only bend back: one control beside such a waypoint is fixed too, the next is on its side.
+        """
+        is_fixed, fixed = self.family.fixed(self.displacements)
+        held = is_fixed[:, None]
+        low = np.where(held, fixed, -np.inf)
+        high = np.where(held, fixed, np.inf)
+        if self.room is None:
+            return low, high
+        firsts = np.cumsum([0, *self.family.lengths])
+        for piece in range(self.family.pieces):
+            own = slice(firsts[piece], firsts[piece + 1])
+            for order in (slice(None), slice(None, None, -1)):
+                # views: from the piece's start, and from its end
+                lows = low[own][order]
+                highs = high[own][order]
+                limits = self.room[piece].T
+                touching = (lows[0] == highs[0]) & (lows[0] == limits).any(axis=0)
+                lows[1, touching] = lows[0, touching]
+                highs[1, touching] = lows[0, touching]
+                lows[2, touching] = np.maximum(lows[2], limits[0])[touching]
+                highs[2, touching] = np.minimum(highs[2], limits[1])[touching]
+        return low, high
 
     def estimated(self, times: Array, controls: Array) -> Array:
         """The dilation of candidates `(candidates, …)`, from instants of each piece only."""
@@ -376,8 +431,10 @@ def _exchange(
         continuous = order in spline_family.SMOOTH_ORDERS
         even = _Instants.even(family.pieces, motion.joints, continuous)
         instants.append(even)
+    if motion.room is not None:
+        instants.append(_Instants.of_positions(family.pieces, motion.joints))
     status = ""
-    _, instants = motion.exchanged(times, controls, instants)
+    _, _, instants = motion.exchanged(times, controls, instants)
     for _ in range(most_rounds):
         run = _solve_at(solver, motion, times, controls, instants)
         status = run.status
@@ -385,13 +442,15 @@ def _exchange(
             break
         times = run.times
         controls = run.controls
-        dilation, instants = motion.exchanged(times, controls, instants)
+        dilation, excess, instants = motion.exchanged(times, controls, instants)
         feasible = dilation * times
-        rounds_without_gain += 1
-        if feasible.sum() < best.duration:
+        kept = excess < _POSITION_TOLERANCE
+        if best.duration < np.inf:
+            rounds_without_gain += 1
+        if kept and feasible.sum() < best.duration:
             best = _Optimum(feasible, controls, status)
             rounds_without_gain = 0
-        converged = dilation - 1 < _DILATION_TOLERANCE
+        converged = kept and dilation - 1 < _DILATION_TOLERANCE
         if converged or times.sum() > shortest * (1 - _GAIN_RTOL):
             break
         if rounds_without_gain == _PATIENCE:
@@ -423,18 +482,18 @@ def _solve_at(
     for order, size in enumerate(motion.sizes, start=1):
         sizes.append(size * unit**order)
     y = np.log(times / unit)
-    is_fixed, fixed = family.fixed(motion.displacements)
-    held = is_fixed[:, None]
+    low, high = motion.control_bounds()
     # IPOPT's controls count in what a piece travels, for the briefest to be of order one too
     reach = times / unit
     of_controls = np.repeat(reach, family.lengths)[:, None]
-    low = np.where(held, fixed / of_controls, -np.inf)
-    high = np.where(held, fixed / of_controls, np.inf)
     per_piece = [own.at[:, k] for own in instants for k in range(family.pieces)]
     run = solver(
         start=flat(y, controls / of_controls),
         parameters=flat(reach, *sizes, *per_piece),
-        bounds=(flat(y - _MOST_BRIEFER, low), flat(y + _MOST_LONGER, high)),
+        bounds=(
+            flat(y - _MOST_BRIEFER, low / of_controls),
+            flat(y + _MOST_LONGER, high / of_controls),
+        ),
         constraint_bounds=_constraint_bounds(motion),
     )
     if run.status not in _ENDED or not np.isfinite(run.x).all():
@@ -446,7 +505,7 @@ def _solve_at(
 
 
 def _constraint_bounds(motion: _Motion) -> tuple[Array, Array]:
-    """In the order of `_solver`: pieces join, and every derivative stays within its limits."""
+    """In the order of `_solver`: pieces join, and all derivatives and positions keep limits."""
     family = motion.family
     joining = np.zeros(family.joins_count * motion.joints)
     lows = [joining]
@@ -457,15 +516,20 @@ def _constraint_bounds(motion: _Motion) -> tuple[Array, Array]:
         lows.append(np.tile(of_piece, family.pieces))
         of_piece = np.repeat(high, _INSTANTS)
         highs.append(np.tile(of_piece, family.pieces))
+    if motion.room is not None:
+        sides = motion.room.reshape(-1, 2).T
+        low, high = np.repeat(sides, _INSTANTS, axis=1)
+        lows.append(low)
+        highs.append(high)
     return np.concatenate(lows), np.concatenate(highs)
 
 
 @cache
-def _solver(family: Family, joints: int, orders: int) -> Program:
+def _solver(family: Family, joints: int, orders: int, walled: bool) -> Program:
     """IPOPT for a family, with so many joints, limited up to this derivative; built once for all.
 
     Constraints: differences where pieces join; then every derivative over the size of its limits,
-    at the instants of every piece.
+    at the instants of every piece; then the positions, where joints are `walled` by limits.
     """
     ca = backend("casadi")
     y = ca.SX.sym("y", family.pieces)
@@ -492,6 +556,11 @@ def _solver(family: Family, joints: int, orders: int) -> Program:
             rate = spline_family.derivative(own, order)
             limit = ca.repmat(size.T, _INSTANTS, 1) * duration**order
             used.append(_bernstein(rate, s) / limit)
+    if walled:
+        for own in controls:
+            s = ca.SX.sym("s", _INSTANTS, joints)
+            instants.append(s)
+            used.append(_bernstein(own, s))
 
     return program(
         "spline",

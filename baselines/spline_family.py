@@ -321,13 +321,47 @@ def peaks(unit: Array, times: Array, order: int, bounds: Array) -> tuple[Array, 
         Instants on the unit interval and utilisations there, each `(pieces, joints)`.
     """
     rate = polynomials.derivative(unit, order)
-    one_by_one = rate.reshape(len(rate), -1)
-    critical = polynomials.critical_points(one_by_one)
-    points = critical.reshape(-1, *rate.shape[1:])
+    points = _critical(rate)
     used = utilisation(rate[:, None], points, times, order, bounds)
-    worst = used.argmax(axis=0)[None]
+    return _highest(points, used)
+
+
+def farthest(unit: Array, room: Array) -> tuple[Array, Array]:
+    """Where and by how much each piece comes closest to a position limit, or leaves it.
+
+    Args:
+        unit: As for `peaks`, in spans.
+        room: The position limits from the start of each segment, `(pieces, joints, 2)`, in spans.
+
+    Returns:
+        Instants on the unit interval, and how far beyond the limit (negative within), each
+        `(pieces, joints)`.
+    """
+    points = _critical(unit)
+    beyond = excess(unit[:, None], points, room)
+    return _highest(points, beyond)
+
+
+def excess(unit: Array, points: Array, room: Array) -> Array:
+    """How far a position is beyond the nearer limit at points, `(points, pieces, joints)`."""
+    values = polynomials.evaluate(unit, points)
+    above = values - room[..., 1]
+    below = room[..., 0] - values
+    return np.asarray(np.maximum(above, below))
+
+
+def _critical(unit: Array) -> Array:
+    """Where an extremum of each piece and joint can lie, `(points, pieces, joints)`."""
+    one_by_one = unit.reshape(len(unit), -1)
+    critical = polynomials.critical_points(one_by_one)
+    return critical.reshape(-1, *unit.shape[1:])
+
+
+def _highest(points: Array, values: Array) -> tuple[Array, Array]:
+    """The point of the highest value, and that value, of each piece and joint."""
+    worst = values.argmax(axis=0)[None]
     instants = np.take_along_axis(points, worst, axis=0)
-    highest = np.take_along_axis(used, worst, axis=0)
+    highest = np.take_along_axis(values, worst, axis=0)
     return instants[0], highest[0]
 
 

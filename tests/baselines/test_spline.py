@@ -29,7 +29,9 @@ def straight(h: float, jerk: float | None) -> Problem:
     return Problem([[0.0], [h]], limits)
 
 
-@pytest.mark.parametrize("name", ["jerk-limit", "asymmetric", "resting-joint", "tiny"])
+@pytest.mark.parametrize(
+    "name", ["jerk-limit", "asymmetric", "resting-joint", "tiny", "position-limits"]
+)
 def test_the_353_is_a_case_of_it(name: str) -> None:
     problem = load(name)
     own = Spline353NLP().solve(problem).trajectory
@@ -93,3 +95,15 @@ def test_what_does_not_fit_is_refused() -> None:
             Spline(shape=shape)
     with pytest.raises(InvalidInput, match="at least 1"):
         Spline(rounds=0)
+
+
+def test_a_joint_on_its_position_limit_stands_still_there() -> None:
+    waypoints = [[0.0, 0.0], [1.0, 1.0], [0.5, 2.0]]
+    free = Problem(waypoints, Limits([9.0] * 2, [1.0] * 2))
+    walled = Limits([9.0] * 2, [1.0] * 2, position=[[-1.0, 1.0], [-9.0, np.inf]])
+    kept = best(Spline(starts=2), Problem(waypoints, walled))
+    assert kept(kept.waypoint_times[1], 1)[0] == pytest.approx(0, abs=1e-9)
+    assert best(Spline(starts=2), free).duration < kept.duration * (1 - 1e-3)
+    one_way = Problem([[0.0], [1.0]], Limits([9.0], [1.0]))
+    stopping = 2 * best(Spline(starts=1), one_way).duration
+    assert kept.duration < stopping
