@@ -337,11 +337,14 @@ class _Motion:
                 lows = low[own][order]
                 highs = high[own][order]
                 limits = self.room[piece].T
-                touching = (lows[0] == highs[0]) & (lows[0] == limits).any(axis=0)
-                lows[1, touching] = lows[0, touching]
-                highs[1, touching] = lows[0, touching]
-                lows[2, touching] = np.maximum(lows[2], limits[0])[touching]
-                highs[2, touching] = np.minimum(highs[2], limits[1])[touching]
+                held_on_limit = (lows[0] == limits) & (lows[0] == highs[0])
+                touching = held_on_limit.any(axis=0)
+                on_limit = lows[0, touching]
+                lows[1, touching] = on_limit
+                highs[1, touching] = on_limit
+                lowest, highest = limits[:, touching]
+                lows[2, touching] = np.maximum(lows[2, touching], lowest)
+                highs[2, touching] = np.minimum(highs[2, touching], highest)
         return low, high
 
     def estimated(self, times: Array, controls: Array) -> Array:

@@ -344,9 +344,12 @@ def _constraint_bounds(spline: Spline) -> Bounds:
     # both sides of every limit
     utilisations = 2 * each * spline.joints
     # instants of one joint after those of another
-    room = np.repeat(spline.room / spline.sizes[:, None], _INSTANTS, axis=0)
-    low = np.concatenate([np.full(utilisations, -np.inf), room[:, 0]])
-    high = np.concatenate([np.ones(utilisations), room[:, 1]])
+    room = spline.room / spline.sizes[:, None]
+    lows, highs = np.repeat(room, _INSTANTS, axis=0).T
+    free = np.full(utilisations, -np.inf)
+    ones = np.ones(utilisations)
+    low = np.concatenate([free, lows])
+    high = np.concatenate([ones, highs])
     return low, high
 
 
@@ -395,11 +398,11 @@ def _solver(joints: int, orders: int, walled: bool) -> Program:
         s = ca.MX.sym("s0", _INSTANTS, joints)
         reciprocals.append(reciprocal)
         instants.append(s)
-        tables = [
-            ca.repmat(own.T, _INSTANTS, 1) for own in _position_controls(displacements, times)
-        ]
-        over_sizes = _bernstein(tables, s) * ca.repmat(reciprocal.T, _INSTANTS, 1)
-        constraints = [*utilisations, over_sizes]
+        own = _position_controls(displacements, times)
+        tables = [ca.repmat(control.T, _INSTANTS, 1) for control in own]
+        positions = _bernstein(tables, s)
+        per_size = ca.repmat(reciprocal.T, _INSTANTS, 1)
+        constraints = [*utilisations, positions * per_size]
 
     return program(
         "spline353",
@@ -454,15 +457,16 @@ def _position_controls(displacements: list[Any], times: list[Any]) -> list[Any]:
     r1 = t2 / t1
     r3 = t2 / t3
     rise = 3 * d1 * r1 / 5
-    bend = 6 * d1 * r1**2 / 20
+    bend = rise * r1 / 2
     last_rise = 3 * d3 * r3 / 5
-    last_bend = 6 * d3 * r3**2 / 20
+    last_bend = last_rise * r3 / 2
+    fifth = h - last_rise
     return [
         0 * h,
         rise,
         2 * rise + bend,
-        h - 2 * last_rise - last_bend,
-        h - last_rise,
+        fifth - last_rise - last_bend,
+        fifth,
         h,
     ]
 

@@ -247,13 +247,19 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
     above = controls.max(axis=0) - high
     below = low - controls.min(axis=0)
     needed = np.maximum(above, below) > 0
-    excess = np.zeros(needed.shape)
+    shape = needed.shape
+    excess = np.zeros(shape)
     if needed.any():
         lowest, highest = _extremes(controls[:, needed])
-        above = highest - np.broadcast_to(high, needed.shape)[needed]
-        below = np.broadcast_to(low, needed.shape)[needed] - lowest
-        size = reduce(np.maximum, [np.abs(one) for one in d])
-        beyond = np.maximum(above, below) / np.broadcast_to(size, needed.shape)[needed]
+        high = np.broadcast_to(high, shape)
+        above = highest - high[needed]
+        low = np.broadcast_to(low, shape)
+        below = low[needed] - lowest
+        distances = [np.abs(one) for one in d]
+        largest = reduce(np.maximum, distances)
+        largest = np.broadcast_to(largest, shape)
+        beyond = np.maximum(above, below)
+        beyond /= largest[needed]
         excess[needed] = np.maximum(beyond - _POSITION_RTOL, 0.0)
     joints_last = (*range(1, axes - 1), 0)
     return excess.transpose(joints_last)
@@ -287,12 +293,21 @@ def _position_controls(displacements: Segments, times: Segments) -> Array:
     r1 = T / t1
     r3 = T / t3
     rise = 3 * d1 * r1 / 5
-    bend = 6 * d1 * r1 * r1 / 20
+    bend = rise * r1 / 2
     last_rise = 3 * d3 * r3 / 5
-    last_bend = 6 * d3 * r3 * r3 / 20
+    last_bend = last_rise * r3 / 2
     third = 2 * rise + bend
-    fourth = h - 2 * last_rise - last_bend
-    return _stacked(np.zeros(()), rise, third, fourth, h - last_rise, h)
+    fifth = h - last_rise
+    fourth = fifth - last_rise - last_bend
+    start = np.zeros(())
+    return _stacked(
+        start,
+        rise,
+        third,
+        fourth,
+        fifth,
+        h,
+    )
 
 
 def _extremes(controls: Array) -> tuple[Array, Array]:
@@ -313,7 +328,10 @@ def _quartic_crossings(controls: Array) -> Array:
     """
     bends = np.diff(controls, axis=0)
     knots = np.zeros((5, *controls.shape[1:]))
-    knots[1:4] = np.clip(np.nan_to_num(_cubic_roots(bends)), 0.0, 1.0)
+    roots = _cubic_roots(bends)
+    # NaN, no root, becomes 0
+    roots = np.nan_to_num(roots)
+    knots[1:4] = np.clip(roots, 0.0, 1.0)
     knots[4] = 1.0
     knots.sort(axis=0)
     powers = _powers(controls)[:, None]

@@ -238,12 +238,14 @@ class Spline353:
     def _monomial_bounds(self) -> tuple[Array, Array]:
         """The lowest and the highest value of each monomial in the box, `(5,)` each."""
         moving = self.low > 0
-        least = np.where(moving, 1 / self.high, 0.0)
+        least = np.zeros(3)
+        least[moving] = 1 / self.high[moving]
         most = np.zeros(3)
         most[moving] = 1 / self.low[moving]
         first, second = np.transpose(_MONOMIALS)
         lowest = least[first] * least[second]
-        return lowest, most[first] * most[second]
+        highest = most[first] * most[second]
+        return lowest, highest
 
     def incumbent(self) -> Trajectory:
         return self._along(self.times)
@@ -294,9 +296,13 @@ class Spline353:
 
         # No dilation makes room here for SCIP's tolerance: the limit itself is moved by it.
         for row in self._position_rows():
-            products = [float(c) * term for c, term in zip(row, terms, strict=True)]
-            tolerance = TOLERANCE * (1 + np.abs(row).sum())
-            m.addCons(self.scip.quicksum(products) <= float(tolerance))
+            products = []
+            for coefficient, term in zip(row, terms, strict=True):
+                products.append(float(coefficient) * term)
+            beyond = self.scip.quicksum(products)
+            size = np.abs(row).sum()
+            tolerance = TOLERANCE * (1 + size)
+            m.addCons(beyond <= float(tolerance))
 
         highest = high.sum() if cutoff is None else cutoff
         duration = self.scip.quicksum(t)
