@@ -51,7 +51,7 @@ def test_list_says_what_is_known_and_what_is_not(run, known):
     code, out, _ = run("list", "six-axis", "one-joint", "--registry", "registry")
     assert code == 0
     rows = {line.split()[0]: line.split() for line in out.splitlines()}
-    assert rows["six-axis"][1] == "1.48385"
+    assert rows["six-axis"][1] == "1.4839"
     assert rows["six-axis"][4:6] == ["closed", "exact"]
     assert rows["one-joint"][1:] == ["–", "–", "–", "none"]
     assert max(map(len, out.splitlines())) <= 80

@@ -31,6 +31,10 @@ app = cyclopts.App(
 ProblemNames = Annotated[
     str, Parameter(help="Problem files, or names of built-in problems; by default all.")
 ]
+# Characters: a terminal in which every name has a line, and what a name has in a narrower one.
+_WIDE = 100
+_NAME_WIDTH = 20
+
 Registry = Annotated[
     Path | None,
     Parameter(help="Folder of records; by default the one that comes with this package."),
@@ -164,22 +168,32 @@ def _status(record: Record) -> str:
 
 def _print_list(found: Sequence[tuple[Problem, Record | None]]) -> None:
     numbers = ("best s", "bound s", "gap %")
-    table = console.table("problem", *numbers, "status", "by", "date", numbers=(*numbers, "date"))
+    headings = ("problem", *numbers, "status", "by", "date")
+    table = console.table(*headings, numbers=(*numbers, "date"))
+    table.columns[0].no_wrap = True
     for problem, record in found:
-        name = console.markup(problem.name)
+        name = console.markup(_in_lines(problem.name))
         if record is None:
             table.add_row(name, "–", "–", "–", "none", "", "")
             continue
         table.add_row(
             name,
-            f"{record.duration:.6g}",
-            f"{record.lower_bound:.6g}",
+            f"{record.duration:.5g}",
+            f"{record.lower_bound:.5g}",
             f"{100 * record.gap:.3f}",
             _status(record),
             console.option_lines(record.motion.method),
             record.motion.date,
         )
     console.OUT.print(table)
+
+
+def _in_lines(name: str) -> str:
+    """A long name in two lines, where the terminal is too narrow for it beside numbers."""
+    if console.OUT.width >= _WIDE or len(name) <= _NAME_WIDTH:
+        return name
+    place = name.rfind("-", 0, _NAME_WIDTH) + 1
+    return f"{name[:place]}\n{name[place:]}"
 
 
 def _print_suites(known: Mapping[str, Record | None]) -> None:
@@ -249,7 +263,8 @@ def _of_motion(
     judged = judgement.judge(own, source, interpolation=interpolation)
     if judged.certified_duration is None:
         flaws = "; ".join(judged.certificate.flaws)
-        raise InvalidInput("motion", f"one that solves {own.name}, but {flaws}", file=str(source))
+        right = f"one that solves {own.name}, but {flaws}"
+        raise InvalidInput("motion", right, file=str(source))
     return Candidate(own, by, judged.trajectory)
 
 

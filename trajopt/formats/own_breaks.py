@@ -31,7 +31,9 @@ SAME_RTOLS = (1e-12, 1e-13, 1e-14, 1e-15)
 
 Of the joint's range of positions, over the mean time of a segment to the power of the derivative.
 """
-_DEGREE_MAX = 100
+_COEFFICIENTS_MAX = 101
+_LARGEST = 1e308
+_EPS = float(np.finfo(float).eps)
 _PIECE = "its start (s), then coefficients: finite numbers"
 
 
@@ -46,11 +48,13 @@ def table(trajectory: Trajectory, rtol: float = SAME_RTOLS[0]) -> dict[str, Any]
     unit = trajectory.duration / segments
     joints = []
     for joint in range(trajectory.joints):
-        coefficients = _without_leading_zeros(trajectory.coefficients[:, :, joint])
+        own = trajectory.coefficients[:, :, joint]
+        coefficients = _without_leading_zeros(own)
         allowed = np.full(len(coefficients), -np.inf)
         if rtol > 0:
             allowed = _allowed(coefficients, unit, rtol)
-        joints.append(_rows(trajectory.breaks, coefficients, allowed))
+        rows = _rows(trajectory.breaks, coefficients, allowed)
+        joints.append(rows)
     return {
         "waypoint_times": trajectory.waypoint_times.tolist(),
         "joints": joints,
@@ -64,16 +68,23 @@ def trajectory(said: Any) -> Trajectory:
         InvalidInput: It says none; names the key, the joint and the piece.
     """
     if not is_said(said):
-        raise InvalidInput("trajectory", f"an object with {' and '.join(sorted(_KEYS))}")
+        names = " and ".join(sorted(_KEYS))
+        raise InvalidInput("trajectory", f"an object with {names}")
     times = _row("waypoint_times", said["waypoint_times"], "times: finite numbers")
     joints = said["joints"]
-    if not isinstance(joints, list) or not joints or len(times) < 2:
-        raise InvalidInput("trajectory", "two or more waypoint times, and one or more joints")
-    parts = [_joint(rows, joint, times[-1]) for joint, rows in enumerate(joints)]
+    has_joints = isinstance(joints, list) and len(joints) > 0
+    if len(times) < 2 or not has_joints:
+        right = "two or more waypoint times, and one or more joints"
+        raise InvalidInput("trajectory", right)
+    parts = []
+    for joint, rows in enumerate(joints):
+        part = _joint(rows, joint, times[-1])
+        parts.append(part)
     try:
         return Trajectory.joined(parts, times)
     except InvalidTrajectory as error:
-        raise InvalidInput("trajectory", f"a piecewise polynomial, but {error}") from None
+        right = f"a piecewise polynomial, but {error}"
+        raise InvalidInput("trajectory", right) from None
 
 
 def is_said(said: Any) -> bool:
@@ -83,36 +94,42 @@ def is_said(said: Any) -> bool:
 
 def _without_leading_zeros(coefficients: Array) -> Array:
     """Of as low a degree as all pieces have."""
+    constant = len(coefficients) - 1
     used = np.flatnonzero(coefficients.any(axis=1))
-    first = used[0] if len(used) else len(coefficients) - 1
+    first = used[0] if len(used) else constant
     return coefficients[first:]
 
 
 def _allowed(coefficients: Array, unit: float, rtol: float) -> Array:
     """By how much each coefficient may differ where a piece goes on, highest power first."""
     positions = coefficients[-1]
-    rounding = 4 * np.finfo(float).eps * np.abs(positions).max()
-    powers = np.arange(len(coefficients) - 1, -1, -1)
+    degree = len(coefficients) - 1
+    powers = np.arange(degree, -1, -1)
     allowed = rtol * np.ptp(positions) / unit**powers
-    allowed[-1] += rounding
+    # a coordinate is known to some units in its last place
+    largest = np.abs(positions).max()
+    allowed[-1] += 4 * _EPS * largest
     return np.asarray(allowed)
 
 
 def _rows(breaks: Array, coefficients: Array, allowed: Array) -> list[Row]:
     """The pieces of one joint; each is compared with what the rows before it lead to."""
-    start = float(breaks[0])
     current = coefficients[:, 0]
+    start = float(breaks[0])
     rows = [[start, *current.tolist()]]
     for piece in range(1, coefficients.shape[1]):
         wanted = coefficients[:, piece]
         arriving = _moved(current, breaks[piece] - start)
-        changed = np.flatnonzero(np.abs(wanted - arriving) > allowed)
+        difference = np.abs(wanted - arriving)
+        changed = np.flatnonzero(difference > allowed)
         if not len(changed):
             continue
         count = changed[-1] + 1
+        stated = wanted[:count]
+        going_on = arriving[count:]
+        current = np.concatenate([stated, going_on])
         start = float(breaks[piece])
-        current = np.concatenate([wanted[:count], arriving[count:]])
-        rows.append([start, *wanted[:count].tolist()])
+        rows.append([start, *stated.tolist()])
     return rows
 
 
@@ -125,19 +142,21 @@ def _joint(said: Any, joint: int, end: float) -> tuple[Array, Array]:
     for number, item in enumerate(said, start=1):
         key = f"trajectory, piece {number}"
         start, *stated = _row(key, item, _PIECE, joint)
+        going_on = np.zeros(0)
+        most = _COEFFICIENTS_MAX
         if pieces:
-            arriving = _moved(pieces[-1], start - starts[-1])
-            full = np.concatenate([stated, arriving[len(stated) :]])
-        else:
-            full = np.array(stated)
-        wanted = len(pieces[0]) if pieces else min(len(full), _DEGREE_MAX + 1)
-        if not stated or len(full) != wanted:
-            right = f"from 1 to {wanted} coefficients"
+            before = pieces[-1]
+            most = len(before)
+            arriving = _moved(before, start - starts[-1])
+            going_on = arriving[len(stated) :]
+        if not 1 <= len(stated) <= most:
+            right = f"from 1 to {most} coefficients"
             raise InvalidInput(key, right, value=len(stated), joint=joint)
         starts.append(start)
-        pieces.append(full)
+        pieces.append(np.concatenate([stated, going_on]))
     breaks = np.array([*starts, end])
-    if starts[0] != 0 or not (np.diff(breaks) > 0).all():
+    lengths = np.diff(breaks)
+    if starts[0] != 0 or lengths.min() <= 0:
         right = "starts that rise from 0 to below the last waypoint time"
         raise InvalidInput("trajectory, joints", right, joint=joint)
     return breaks, np.stack(pieces, axis=1)
@@ -148,7 +167,12 @@ def _moved(coefficients: Array, offset: float) -> Array:
     return polynomials.shifted(coefficients, np.array(offset))
 
 
-def _row(key: str, value: Any, right: str, joint: int | None = None) -> Sequence[float]:
+def _row(
+    key: str,
+    value: Any,
+    right: str,
+    joint: int | None = None,
+) -> Sequence[float]:
     """A list of finite numbers, as floats."""
     if not isinstance(value, list) or not value:
         raise InvalidInput(key, right, value=_short(value), joint=joint)
@@ -160,9 +184,11 @@ def _row(key: str, value: Any, right: str, joint: int | None = None) -> Sequence
 
 def is_number(value: Any) -> bool:
     """Whether JSON said a number that a float holds."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool):
         return False
-    return -1e308 < value < 1e308
+    if not isinstance(value, int | float):
+        return False
+    return -_LARGEST < value < _LARGEST
 
 
 def _short(value: Any) -> str:

@@ -122,26 +122,36 @@ def proof_of(stats: Mapping[str, Any]) -> dict[str, Array]:
 
 def text(record: Record, rtol: float = own_breaks.SAME_RTOLS[0]) -> str:
     """The file's text; `rtol` says what the motion leaves out (`own_breaks.table`)."""
-    problem = record.problem
-    limits = {name: problem.limits.by_name()[name] for name in LIMIT_NAMES if problem.has(name)}
     said = {
         "schema": SCHEMA,
         "duration": record.duration,
         "lower_bound": record.lower_bound,
         "motion": vars(record.motion),
         "bound": vars(record.bound),
-        "problem": {
-            "name": problem.name,
-            "source": problem.source,
-            "joint_names": list(problem.joint_names),
-            "digest": problem.digest(),
-            "waypoints": problem.waypoints.tolist(),
-            "limits": {name: pairs.tolist() for name, pairs in limits.items()},
-        },
+        "problem": _problem_table(record.problem),
         "trajectory": own_breaks.table(record.trajectory, rtol),
-        "proof": {name: array.tolist() for name, array in record.proof.items()},
+        "proof": _lists(record.proof),
     }
     return "".join(_lines(said)) + "\n"
+
+
+def _problem_table(problem: Problem) -> dict[str, Any]:
+    limits = problem.limits.by_name()
+    for name in LIMIT_NAMES:
+        if not problem.has(name):
+            del limits[name]
+    return {
+        "name": problem.name,
+        "source": problem.source,
+        "joint_names": list(problem.joint_names),
+        "digest": problem.digest(),
+        "waypoints": problem.waypoints.tolist(),
+        "limits": _lists(limits),
+    }
+
+
+def _lists(arrays: Mapping[str, Array]) -> dict[str, Any]:
+    return {name: array.tolist() for name, array in arrays.items()}
 
 
 def _lines(value: Any) -> Iterator[str]:
@@ -240,17 +250,21 @@ def _positive(key: str, value: Any) -> float:
 
 
 def _line(key: str, value: Any) -> str:
-    if not isinstance(value, str) or len(value) > _TEXT_MAX or not value.isprintable():
-        right = f"one printable line of at most {_TEXT_MAX} characters"
+    right = f"one printable line of at most {_TEXT_MAX} characters"
+    if not isinstance(value, str):
+        raise InvalidInput(key, right, value=f"{value!r:.60}")
+    if len(value) > _TEXT_MAX or not value.isprintable():
         raise InvalidInput(key, right, value=f"{value!r:.60}")
     return value
 
 
 def _origin(key: str, value: Any) -> Origin:
     names = [field.name for field in fields(Origin)]
-    table = _table(key, value, names)
-    lines = {name: _line(f"{key}.{name}", table[name]) for name in names}
-    return origin(**lines, prefix=f"{key}.")
+    prefix = f"{key}."
+    lines = {}
+    for name, item in _table(key, value, names).items():
+        lines[name] = _line(prefix + name, item)
+    return origin(**lines, prefix=prefix)
 
 
 def origin(
@@ -270,7 +284,12 @@ def origin(
     Raises:
         InvalidInput: A record cannot hold it.
     """
-    for name, value in (("method", method), ("version", version), ("submitter", submitter)):
+    lines = {
+        "method": method,
+        "version": version,
+        "submitter": submitter,
+    }
+    for name, value in lines.items():
         _line(f"{prefix}{name}", value)
     if not method.strip():
         raise InvalidInput(f"{prefix}method", "a name")
@@ -287,25 +306,31 @@ def _check_date(key: str, value: str) -> None:
 
 def _problem(value: Any) -> Problem:
     table = _table("problem", value, _PROBLEM_KEYS)
-    limits = table["limits"]
-    if not isinstance(limits, dict) or not set(limits) <= set(LIMIT_NAMES):
-        raise InvalidInput("problem.limits", f"an object with some of {', '.join(LIMIT_NAMES)}")
-    if not {"velocity", "acceleration"} <= limits.keys():
-        raise InvalidInput("problem.limits", "velocity and acceleration at least")
     names = table["joint_names"]
     if not isinstance(names, list):
         raise InvalidInput("problem.joint_names", "a list of names")
     problem = Problem(
-        table["waypoints"],
-        Limits(**{name: _pairs(name, pairs) for name, pairs in limits.items()}),
-        _line("problem.name", table["name"]),
-        _line("problem.source", table["source"]),
-        [_line("problem.joint_names", name) for name in names],
+        waypoints=table["waypoints"],
+        limits=_limits(table["limits"]),
+        name=_line("problem.name", table["name"]),
+        source=_line("problem.source", table["source"]),
+        joint_names=[_line("problem.joint_names", name) for name in names],
     )
     if table["digest"] != problem.digest():
         right = f"{problem.digest()}, that of its numbers"
         raise InvalidInput("problem.digest", right, value=f"{table['digest']!r:.80}")
     return problem
+
+
+def _limits(value: Any) -> Limits:
+    required = {"velocity", "acceleration"}
+    if not isinstance(value, dict) or not required <= value.keys() <= set(LIMIT_NAMES):
+        right = "an object with velocity, acceleration, and jerk or position where there are any"
+        raise InvalidInput("problem.limits", right)
+    pairs = {}
+    for name, rows in value.items():
+        pairs[name] = _pairs(name, rows)
+    return Limits(**pairs)
 
 
 def _pairs(name: str, value: Any) -> list[Any]:

@@ -90,7 +90,7 @@ def _duration(record: Record) -> tuple[float | None, list[str]]:
     if duration is None:
         return None, [f"motion: {'; '.join(certificate.flaws)}"]
     if abs(duration - record.duration) > DURATION_RTOL * duration:
-        return duration, [f"duration: recorded {record.duration:.9g}, certified {duration:.9g} s"]
+        return duration, [_difference("duration", record.duration, "certified", duration)]
     return duration, []
 
 
@@ -101,8 +101,12 @@ def _bound(record: Record) -> tuple[float | None, list[str]]:
     except TrajoptError as error:
         return None, [f"lower bound: {error}"]
     if record.lower_bound > bound * (1 + BOUND_RTOL):
-        return bound, [f"lower bound: recorded {record.lower_bound:.9g}, proved {bound:.9g} s"]
+        return bound, [_difference("lower bound", record.lower_bound, "proved", bound)]
     return bound, []
+
+
+def _difference(name: str, recorded: float, word: str, computed: float) -> str:
+    return f"{name}: recorded {recorded:.9g}, {word} {computed:.9g} s"
 
 
 def _misplaced(record: Record, file: Path) -> Iterator[str]:
