@@ -40,9 +40,11 @@ Array = NDArray[np.float64]
 # Intervals per segment to begin with, without and with jerk limits.
 _START_INTERVALS = 6
 _START_INTERVALS_JERK = 10
-# Measured up to 30 segments times moving joints, in proportion to them.
-_SECONDS_PER_CELL = 0.1
-_SECONDS_PER_CELL_JERK = 0.5
+# Of one cell, a segment of a moving joint, without and with jerk limits; and the power of the cells
+# that the time grows with. Measured from 14 to 133 of them, with position limits.
+_CELL_SECONDS = 0.004
+_CELL_SECONDS_JERK = 0.04
+_CELLS_POWER = 1.37
 # Intervals of all joints and segments: no refinement beyond it but the first.
 _MOST_INTERVALS = 3000
 # Starts that have to lead to the best duration: then there are no more.
@@ -93,11 +95,12 @@ class CollocationRefined(Planner):
         relative.
         """
         intervals = _START_INTERVALS
-        seconds_per_cell = _SECONDS_PER_CELL
+        cell_seconds = _CELL_SECONDS
         if problem.has("jerk"):
             intervals = _START_INTERVALS_JERK
-            seconds_per_cell = _SECONDS_PER_CELL_JERK
-        announce("collocation-refined", problem, seconds_per_cell * cells(problem))
+            cell_seconds = _CELL_SECONDS_JERK
+        seconds = cell_seconds * cells(problem) ** _CELLS_POWER
+        announce("collocation-refined", problem, seconds)
         grid = Grid(problem, intervals)
         began = time.perf_counter()
         transcription(grid, free=True)
