@@ -2,6 +2,7 @@
 
     python -m experiments.certificates                  # 220 problems, 20 s each at most
     python -m experiments.certificates --most-segments 5 --time-limit 60
+    python -m experiments.certificates --only-open      # what no record in data/best_known proves
 
 Every problem of the suites goes to `certify`; smaller ones come first. Closed means that no motion
 is faster by 0.1 % or more than the fastest one known here. Into `--output` go the trials with
@@ -28,6 +29,7 @@ from baselines.exact.acceleration import Exact
 from baselines.lower_bound.planner import Certify
 from experiments.common.output import save_table
 from trajopt import Problem, verify
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.figures.style import CURVES, MARKERS
 from trajopt.benchmark.store import folder as store
@@ -166,6 +168,7 @@ def main(
     time_limit: float = 20.0,
     fewest_segments: int = 1,
     most_segments: int = 1000,
+    only_open: bool = False,
     output: Path = Path("results/certificates"),
 ) -> None:
     """Prove what is missing, then write and print the tables.
@@ -174,6 +177,7 @@ def main(
         time_limit: Seconds for each problem.
         fewest_segments: Smaller problems are left out.
         most_segments: Larger ones are left out.
+        only_open: Those that the best known answers prove are left out.
         output: Where everything goes.
     """
     output.mkdir(parents=True, exist_ok=True)
@@ -182,8 +186,13 @@ def main(
     if file.exists():
         rows = pd.read_csv(file).to_dict("records")
     done = {row["digest"] for row in rows}
-    problems = list(drawn_problems(fewest_segments, most_segments))
-    missing = [(name, problem) for name, problem in problems if problem.digest() not in done]
+    missing = []
+    for name, problem in drawn_problems(fewest_segments, most_segments):
+        record = records.find(problem)
+        is_closed = record is not None and record.closed
+        left_out = only_open and is_closed
+        if problem.digest() not in done and not left_out:
+            missing.append((name, problem))
     with console.progress(len(missing), "problems") as advance:
         for name, problem in missing:
             row = measured(name, problem, time_limit, output)
