@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy import sparse
 
 from trajopt.planner import backend
 
@@ -76,12 +76,12 @@ class Program:
         success = bool(stats["success"]) and bool(np.isfinite(x).all())
         return Run(x, str(stats["return_status"]), success)
 
-    def linear(self, x: Array, parameters: Array) -> tuple[Array, sparse.csr_array]:
+    def linear(self, x: Array, parameters: Array) -> tuple[Array, scipy.sparse.csr_array]:
         """All constraints at a point, and their derivatives by the variables."""
         derivatives = self._solver.get_function("nlp_jac_g")
         constraints, jacobian = derivatives(x, parameters)
         values = np.asarray(constraints).ravel()
-        return values, sparse.csr_array(jacobian.sparse())
+        return values, scipy.sparse.csr_array(jacobian.sparse())
 
 
 def program(

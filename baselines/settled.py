@@ -8,9 +8,8 @@ is put on it, and the nearest point at which all equations hold then is found.
 from __future__ import annotations
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from baselines.ipopt import Array, Bounds, Program
 
@@ -73,13 +72,13 @@ def _nearest_bound(values: Array, bounds: Bounds, near: float) -> tuple[Array, B
     return moved, at_low | at_high | equal
 
 
-def _least_step(rows: sparse.csr_array, miss: Array) -> Array:
+def _least_step(rows: scipy.sparse.csr_array, miss: Array) -> Array:
     """The shortest step that makes up for `miss`, where equations allow it."""
     # A Aᵀ y = miss, step = Aᵀ y
     squared = rows @ rows.T
     count = len(miss)
-    regular = squared + _DEPENDENCE * sparse.eye_array(count)
-    factors = splu(regular.tocsc())
+    regular = squared + _DEPENDENCE * scipy.sparse.eye_array(count)
+    factors = scipy.sparse.linalg.splu(regular.tocsc())
     y = factors.solve(miss)
     left = miss - squared @ y
     y += factors.solve(left)
