@@ -139,6 +139,17 @@ def test_joints_are_matched_by_name():
         trajopt.judge(problem, PPoly([[1.0], [0.0]], [0, 1]))
 
 
+def test_a_namespace_of_all_joints_is_no_part_of_their_names():
+    problem = Problem([[0.0, 0.0], [1.0, 2.0]], FREE, joint_names=("a", "b"))
+    times = [0, 2]
+    swapped = [[0.0, 0.0], [2.0, 1.0]]
+    of_left_arm = Samples(("left/b", "left/a"), times, swapped, np.zeros((2, 2)))
+    assert trajopt.judge(problem, of_left_arm).certificate.valid
+    of_both = Samples(("left/b", "right/a"), times, swapped, np.zeros((2, 2)))
+    with pytest.raises(InvalidInput, match="expected the joints a, b"):
+        trajopt.judge(problem, of_both)
+
+
 def test_limits_alone_need_no_waypoints_not_even_where_it_ends_where_it_starts():
     """To 1 rad and back, 2 s each way, under half the acceleration: sqrt(2) times slower."""
     there_and_back = bang_bang(

@@ -87,6 +87,22 @@ def test_a_file_does_not_take_a_closed_streams_place(tmp_path):
     assert len(file.read_text().splitlines()) == 8
 
 
+def test_a_reader_that_has_seen_enough_does_not_cost_the_file(tmp_path):
+    file = tmp_path / "t.csv"
+    arguments = ["plan", "one-joint", "--planner", "unoptimised", "--out", str(file), "--rate", "1"]
+    with subprocess.Popen(
+        [sys.executable, "-u", "-m", "trajopt.cli", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()  # `head -0`
+        assert process.wait() == 0
+        assert process.stderr.read() == b""
+    assert len(file.read_text().splitlines()) == 8
+
+
 def test_in_a_deleted_folder_what_needs_none_still_runs(tmp_path):
     package = str(Path(app.__file__).parents[2])  # in a folder that is gone, `-m` needs to be told
 

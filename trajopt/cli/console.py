@@ -31,8 +31,20 @@ from rich.table import Table
 if TYPE_CHECKING:
     from trajopt.benchmark.compare import Progress as TrialProgress
 
-OUT = Console(highlight=False, emoji=False)
-ERR = Console(stderr=True, highlight=False, emoji=False)
+
+class _Console(Console):
+    """A console whose reader may leave: the work goes on, and its files and exit code are kept."""
+
+    def on_broken_pipe(self) -> None:
+        """What is still to be said is said to nobody: `head` perhaps has seen enough."""
+        self.quiet = True
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
+
+
+OUT = _Console(highlight=False, emoji=False)
+ERR = _Console(stderr=True, highlight=False, emoji=False)
 
 _LOG_INTERVAL = 10.0  # s between a log's lines of progress, where there is no terminal
 _DEGRADE = "trajopt-degrade"  # the error handler's name among Python's codecs

@@ -59,15 +59,19 @@ class Motion:
     def for_joints(self, joint_names: Sequence[str]) -> Motion:
         """The same with its joints in this order, where both sides name them.
 
+        A namespace that all joints of one side share (`left/elbow`) is no part of their names.
+
         Raises:
             InvalidInput: It has other joints.
         """
         if not self.joint_names or not joint_names or self.joint_names == tuple(joint_names):
             return self
-        if sorted(self.joint_names) != sorted(joint_names):
+        own_names = _without_namespace(self.joint_names)
+        wanted = _without_namespace(joint_names)
+        if sorted(own_names) != sorted(wanted):
             right = f"the joints {', '.join(joint_names)}"
             raise InvalidInput("joint_names", right, value=list(self.joint_names), file=self.name)
-        order = [self.joint_names.index(name) for name in joint_names]
+        order = [own_names.index(name) for name in wanted]
         trajectory = self.trajectory
         own = Trajectory(
             trajectory.breaks,
@@ -75,6 +79,14 @@ class Motion:
             trajectory.waypoint_times,
         )
         return replace(self, trajectory=own, joint_names=tuple(joint_names))
+
+
+def _without_namespace(names: Sequence[str]) -> list[str]:
+    """The names of joints, without the namespace that all of them share."""
+    namespaces = {name.rpartition("/")[0] for name in names}
+    if len(namespaces) > 1:
+        return list(names)
+    return [name.rpartition("/")[2] for name in names]
 
 
 def motion(
