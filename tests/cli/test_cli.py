@@ -533,12 +533,13 @@ def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
 
 
 def test_beating_the_reference_is_said_loudly(trajopt, tmp_path, monkeypatch):
-    """A stand-in called exact that is slower than what it should bound."""
+    """A stand-in called exact that is slower than what it should bound, of an unknown problem."""
     from trajopt.benchmark import compare as run
     from trajopt.benchmark.figures import draw as figures
 
     monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
-    problem = suite.load("one-joint")
+    known = suite.load("one-joint")
+    problem = Problem(known.waypoints * 0.9, known.limits, "not recorded")
     slow = load("unoptimised:segment_time=5")
     planners = [("exact", slow), ("unoptimised", load("unoptimised"))]
     ran = run.run([problem], planners, tmp_path)
