@@ -107,7 +107,7 @@ def slope(rows: pd.DataFrame) -> float:
 
 @plots.styled
 def drawn(table: pd.DataFrame) -> Figure:
-    """Times against waypoints on logarithmic axes, a curve per planner named at its end."""
+    """Times against waypoints on logarithmic axes, a curve per planner with its slope above."""
     figure = Figure(figsize=(5.4, 3.6), layout="constrained")
     axes = figure.subplots()
     axes.set_xscale("log")
@@ -125,7 +125,7 @@ def drawn(table: pd.DataFrame) -> Figure:
         )
     axes.set_xlabel("waypoints")
     axes.set_ylabel("CPU time, s")
-    axes.legend()
+    figure.legend(loc="outside upper left")
     return figure
 
 

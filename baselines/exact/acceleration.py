@@ -184,7 +184,7 @@ def _with_rest(velocities: Array) -> Array:
 def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
     """The smallest dilation that makes times and waypoint velocities exactly reachable.
 
-    IPOPT meets its constraints to a tolerance; dilating by `k` multiplies the velocity limits by
+    Solvers meet constraints to a tolerance; dilating by `k` multiplies the velocity limits by
     `k` and the accelerations by `k²`, which widens every reachable interval. In the briefest
     segments velocities differ by less than their rounding, which no dilation mends: let it be.
     """

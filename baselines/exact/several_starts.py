@@ -1,4 +1,4 @@
-"""Planners whose answer is the best of IPOPT's local optima from several starts."""
+"""Planners whose answer is the best of the local optima that several starts lead to."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Array = NDArray[np.float64]
 
 
 class Optimum(NamedTuple):
-    """Where IPOPT ended from one start, exactly reachable.
+    """Where one start led, exactly reachable.
 
     Attributes:
-        duration: in the problem's own unit of time; infinite where IPOPT failed.
+        duration: in the problem's own unit of time; infinite where that failed.
         times: of the segments, in that unit, `(segments,)`.
         states: of the waypoints, without units.
-        status: IPOPT's own word.
+        status: `Converged`, or IPOPT's own word.
     """
 
     duration: float
@@ -96,7 +96,7 @@ class SeveralStarts(Planner):
 
 
 def statistics(scaled: Reaching, local: Sequence[Optimum]) -> dict[str, Any]:
-    """IPOPT's status and duration (s, infinite where it failed) of each start tried."""
+    """Status and duration (s, infinite where it failed) of each start tried."""
     durations = np.array([optimum.duration for optimum in local])
     return {
         "start_status": [optimum.status for optimum in local],
