@@ -1,11 +1,14 @@
-"""Proved lower bounds on the minimum time, by SCIP (docs/mathematics.md, section 5).
+"""Proved lower bounds on the minimum time (docs/mathematics.md, sections 5 and 5b).
 
     from baselines.lower_bound import certify
     bound = certify(problem)
     print(bound.lower_bound, bound.upper_bound, bound.status)
 
-`planner.py` is the registered planner, `bound.py` asks, `free.py` and `spline353.py` say what
-about, `program.py` what they share.
+`planner.py` is the registered planner, and `bound.py` asks. Any trajectory, every limit counted:
+`relaxation.py` has the variables, `costates.py` the rows, `extremal.py` and `separation.py` find
+those that are broken, `branching.py` searches with `row_pool.py` and HiGHS (`linear.py`), and
+`dual_check.py` checks the proof without a solver. By SCIP: `free.py` (velocity and acceleration
+limits) and `spline353.py`, with `program.py` for what they share.
 """
 
 from baselines.lower_bound.bound import Bound, certify, recheck

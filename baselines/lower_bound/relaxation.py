@@ -154,13 +154,6 @@ class Relaxation:
             columns[6] = self.before[segment, joint]
         return columns
 
-    def every_row_columns(self) -> Indices:
-        """`row_columns` of all segments and joints, `(segments, joints, 7)`."""
-        columns = np.full((self.segments, self.joints, ROW_ENTRIES), self.nothing)
-        for segment, joint in np.ndindex(self.segments, self.joints):
-            columns[segment, joint] = self.row_columns(segment, joint)
-        return columns
-
     def total(self) -> Array:
         """The objective `Σ T`, `(variables,)`."""
         objective = np.zeros(self.variables)

@@ -1,10 +1,12 @@
-"""The costates whose row a point breaks most: one linear program per segment and joint.
+"""Rows that position limits give: one linear program per segment and joint.
 
-On a grid of normalised time `q` and `p` are chained from cell to cell, and the row's violation is
-maximised while its own cost (the right-hand side of `costates.py`) is 1. `∫|p|` (without jerk
-limits `∫|q|`) is summed over two Gauss points a cell, which only steers: the row is computed
-exactly from what comes out.
-Where that loses much, cells are halved at changes of sign and at ends of arcs, and so on.
+Where no position limit is met `extremal.py` knows the row that a point breaks most. Where `λ` jumps
+it is searched for. On a grid of normalised time `q` and `p` are chained from cell to cell, and the
+row's violation is maximised while its own cost (the right-hand side of `costates.py`) is 1. `∫|p|`
+(without jerk limits `∫|q|`) is summed over two Gauss points a cell, which only steers: the row is
+computed exactly from what comes out. Cells are halved at changes of sign, at ends of arcs and where
+a wall is met, until their squares are worth less than the tolerance: a coarse grid's claim is no
+bound.
 """
 
 from __future__ import annotations
@@ -64,7 +66,8 @@ class Separation:
         largest = tolerance / 2
         for _ in range(_HALVINGS + 1):
             claimed, cells = self._solved(point)
-            meets_walls = np.ptp(cells[:, -1]) > 0
+            slope = cells[:, -1]
+            meets_walls = (slope[1:] != slope[:-1]).any()
             if not meets_walls:
                 # without them `extremal` knows the rows
                 break
