@@ -34,6 +34,8 @@ ProblemNames = Annotated[
 # Characters: a terminal in which every name has a line, and what a name has in a narrower one.
 _WIDE = 100
 _NAME_WIDTH = 20
+# Problems, beyond which only those are told that have something better.
+_MANY = 12
 
 Registry = Annotated[
     Path | None,
@@ -300,8 +302,12 @@ def _outcome_row(outcome: Outcome, file: Path | None) -> dict[str, Any]:
 
 def _print_outcomes(outcomes: Sequence[Outcome], written: Mapping[str, Path]) -> None:
     for outcome in outcomes:
+        if outcome.after is None and len(outcomes) > _MANY:
+            continue
         for sentence in _sentences(outcome):
             console.paragraph(f"{outcome.problem.name}: {sentence}")
+    if len(outcomes) > _MANY:
+        console.paragraph(f"{len(written)} of {len(outcomes)} problems have something better.")
     if not outcomes:
         console.paragraph("Nothing here is about a problem of the suites.")
     if not written:

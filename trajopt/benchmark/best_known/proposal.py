@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,7 +31,7 @@ from trajopt.benchmark.best_known.verification import proved, suite_problems
 from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.folder import read as stored_trials
 from trajopt.benchmark.trial import Trial
-from trajopt.exceptions import StoreError, TrajoptError
+from trajopt.exceptions import InvalidTrajectory, StoreError, TrajoptError
 from trajopt.formats import own_breaks
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import end_to_end_bound
@@ -121,10 +122,12 @@ def _origin(trial: Trial, submitter: str) -> Origin:
 
 def suite_problem(problem: Problem) -> Problem | None:
     """The suites' problem of these numbers; None if there is none."""
-    for own in suite_problems().values():
-        if own.digest() == problem.digest():
-            return own
-    return None
+    return _suite_problems_by_digest().get(problem.digest())
+
+
+@cache
+def _suite_problems_by_digest() -> dict[str, Problem]:
+    return {problem.digest(): problem for problem in suite_problems().values()}
 
 
 def today() -> str:
@@ -177,7 +180,10 @@ def _shortest(candidates: Sequence[Candidate]) -> _Motion | None:
         trajectory = candidate.trajectory
         if trajectory is None:
             continue
-        duration = verify(candidate.problem, trajectory).certified_duration
+        try:
+            duration = verify(candidate.problem, trajectory).certified_duration
+        except InvalidTrajectory:
+            continue
         if duration is not None and (best is None or duration < best.duration):
             best = _Motion(trajectory, duration, candidate.origin)
     return best
