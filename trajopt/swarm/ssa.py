@@ -252,7 +252,8 @@ class SSA(Optimiser):
             f = yield asked
         best_x, *other_x = x
         best_f, *other_f = np.split(f, len(places), axis=1)
-        for next_x, next_f in zip(other_x, other_f, strict=True):
+        others = zip(other_x, other_f, strict=True)
+        for next_x, next_f in others:
             better = next_f < best_f
             best_x = np.where(better[..., None], next_x, best_x)
             best_f = np.where(better, next_f, best_f)

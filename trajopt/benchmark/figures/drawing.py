@@ -43,7 +43,11 @@ class Drawing:
 
     @property
     def files(self) -> list[Path]:
-        return [self.stem.with_name(f"{self.stem.name}.{suffix}") for suffix in ("png", "svg")]
+        name = self.stem.name
+        return [
+            self.stem.with_name(f"{name}.png"),
+            self.stem.with_name(f"{name}.svg"),
+        ]
 
     @property
     def has_table(self) -> bool:

@@ -194,7 +194,8 @@ def panels(
                 high=high,
             )
             every.append(panel)
-    return sorted(every, key=lambda panel: (panel.joint, panel.order))
+    every.sort(key=lambda panel: (panel.joint, panel.order))
+    return every
 
 
 def _columns(problem: Problem) -> int:
@@ -252,7 +253,14 @@ def _draw_lines(figure: Figure, shown: Sequence[Panel], passing: Array) -> None:
             behind.append(panel.line(*panel.behind))
         frames += [panel.upright(0.0), panel.across(panel.low)]
     inches = figure.dpi_scale_trans
-    figure.add_artist(PolyCollection(beyond, transform=inches, color="0.93", lw=0, zorder=0))
+    areas = PolyCollection(
+        beyond,
+        transform=inches,
+        color="0.93",
+        lw=0,
+        zorder=0,
+    )
+    figure.add_artist(areas)
     layers: list[tuple[str, list[Array], Look]] = [
         ("waypoint times", uprights, _PASSING),
         ("limits", limits, _LIMIT),
@@ -287,7 +295,14 @@ def _draw_waypoints(
             coordinates = problem.waypoints[:, panel.joint]
             dots.append(panel.line(trajectory.waypoint_times, coordinates))
     x, y = np.concatenate(dots).T
-    marks = Line2D(x, y, ls="", zorder=9, transform=figure.dpi_scale_trans, **_DOT)
+    marks = Line2D(
+        x,
+        y,
+        ls="",
+        zorder=9,
+        transform=figure.dpi_scale_trans,
+        **_DOT,
+    )
     marks.set_gid("waypoints")
     figure.add_artist(marks)
 
@@ -305,13 +320,25 @@ def _draw_ticks(figure: Figure, shown: Sequence[Panel]) -> None:
         for value in _in_view(of_values, panel.low, panel.high):
             y = panel.y(value)
             ticks.append([(left - _TICK, y), (left, y)])
-            write(left - _AFTER_TICK, y, plain(value), ha="right", va="center_baseline")
+            write(
+                left - _AFTER_TICK,
+                y,
+                plain(value),
+                ha="right",
+                va="center_baseline",
+            )
         if panel.joint < last:
             continue
         for time in _in_view(of_times, 0.0, panel.end):
             x = panel.x(time)
             ticks.append([(x, bottom - _TICK), (x, bottom)])
-            write(x, bottom - _AFTER_TICK, plain(time), ha="center", va="top")
+            write(
+                x,
+                bottom - _AFTER_TICK,
+                plain(time),
+                ha="center",
+                va="top",
+            )
     artist = LineCollection(ticks, transform=figure.dpi_scale_trans, **_FRAME)
     artist.set_gid("ticks")
     figure.add_artist(artist)
@@ -338,9 +365,21 @@ def _draw_names(figure: Figure, shown: Sequence[Panel], problem: Problem) -> Non
         middle = left + width / 2
         if panel.joint == 0:
             top = bottom + height
-            write(middle, top + _TITLE_RISE, f"{quantity} ({unit})", ha="center", va="baseline")
+            write(
+                middle,
+                top + _TITLE_RISE,
+                f"{quantity} ({unit})",
+                ha="center",
+                va="baseline",
+            )
         if panel.joint == problem.joints - 1:
-            write(middle, bottom - _TIME_DROP, "time (s)", ha="center", va="top")
+            write(
+                middle,
+                bottom - _TIME_DROP,
+                "time (s)",
+                ha="center",
+                va="top",
+            )
         if panel.order > 0:
             continue
         name = text(problem.joint_labels[panel.joint])
@@ -348,7 +387,15 @@ def _draw_names(figure: Figure, shown: Sequence[Panel], problem: Problem) -> Non
         if len(name) > _LONG_LABEL:
             size = 6.0
         beside = bottom + height / 2
-        write(left - _NAME_LEFT, beside, name, ha="right", va="center", rotation=90, fontsize=size)
+        write(
+            left - _NAME_LEFT,
+            beside,
+            name,
+            ha="right",
+            va="center",
+            rotation=90,
+            fontsize=size,
+        )
 
 
 def _draw_caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> None:
