@@ -204,6 +204,22 @@ def test_all_that_is_drawn_lies_in_its_panel() -> None:
     assert (corners[:, 0] + shown[0].size[0]).max() < figure.get_figwidth()
 
 
+def test_what_lies_beyond_a_limit_is_on_its_far_side_whatever_its_sign() -> None:
+    """Positions from −2.5 to −1.5 rad, between limits that are both negative."""
+    problem, trajectory = motion_of(1)
+    limits = Limits([2.0], [3.0], position=[[-3.0, -1.0]])
+    below = Problem(problem.waypoints - 2.5, limits)
+    coefficients = trajectory.coefficients.copy()
+    coefficients[-1] -= 2.5
+    moved = Trajectory(trajectory.breaks, coefficients, trajectory.waypoint_times)
+    panel = motions.panels(below, moved)[0]
+    lower, upper = panel.beyond()
+    assert lower[:, 1].max() == pytest.approx(panel.y(-3.0))
+    assert lower[:, 1].min() == pytest.approx(panel.y(panel.low))
+    assert upper[:, 1].min() == pytest.approx(panel.y(-1.0))
+    assert upper[:, 1].max() == pytest.approx(panel.y(panel.high))
+
+
 def test_ticks_are_round_and_in_view() -> None:
     figure = motions.motion(*motion_of(1))
     shown = texts(figure)

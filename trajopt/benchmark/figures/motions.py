@@ -1,7 +1,7 @@
 """A motion, joint by joint: position, velocity, acceleration and jerk, with limits and waypoints.
 
 Six joints have eighteen panels. As many of Matplotlib's axes take a second to make and to draw;
-here what all panels have in common is one collection of lines, so that a figure takes a tenth of
+here what all panels have in common is one collection of lines, so that a figure takes a third of
 that. Every place is in inches from the lower left corner.
 """
 
@@ -68,7 +68,7 @@ class Panel:
 
     - `joint`, `order`: from 0; the order of the derivative;
     - `own`, `behind`: times (s) and values of the trajectory, and of the one behind it, if any;
-    - `limits`: the finite ones of `[low, high]`;
+    - `limits`: `(2,)`, low and high, which may be infinite;
     - `corner`, `size`: `(2,)`, inches; `end`, `low`, `high`: what they show, from 0 s.
     """
 
@@ -113,8 +113,10 @@ class Panel:
     def beyond(self) -> list[Array]:
         """What lies outside each limit, a rectangle in inches each."""
         areas = []
-        for limit in self.limits:
-            edge = self.high if limit > 0 else self.low
+        sides = zip(self.limits, (self.low, self.high), strict=True)
+        for limit, edge in sides:
+            if not np.isfinite(limit):
+                continue
             near = self.across(limit)
             far = self.across(edge)
             areas.append(np.concatenate([near, far[::-1]]))
@@ -186,7 +188,7 @@ def panels(
                 order=order,
                 own=own,
                 behind=back,
-                limits=finite,
+                limits=own_limits,
                 corner=corner,
                 size=size,
                 end=end,
@@ -247,7 +249,8 @@ def _draw_lines(figure: Figure, shown: Sequence[Panel], passing: Array) -> None:
     for panel in shown:
         beyond += panel.beyond()
         uprights += [panel.upright(time) for time in passing]
-        limits += [panel.across(limit) for limit in panel.limits]
+        finite = panel.limits[np.isfinite(panel.limits)]
+        limits += [panel.across(limit) for limit in finite]
         own.append(panel.line(*panel.own))
         if panel.behind is not None:
             behind.append(panel.line(*panel.behind))
