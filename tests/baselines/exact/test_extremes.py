@@ -88,4 +88,5 @@ def test_starts_that_lead_to_one_optimum_are_followed_once(monkeypatch: pytest.M
     assert alone > 1
     assert len(runs) == alone + 3
     durations = solution.stats["start_duration"]
-    np.testing.assert_allclose(durations, once.stats["start_duration"][0], rtol=1e-12)
+    # the best of them is settled
+    np.testing.assert_allclose(durations, once.stats["start_duration"][0], rtol=1e-9)
