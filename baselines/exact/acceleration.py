@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from baselines.exact.acceleration_profiles import Reach, extremes
 from baselines.exact.interior_point import minimised
-from baselines.exact.rounded import Clock, Pieces, assembled, clocks
+from baselines.exact.rounded import NO_PIECES, Clock, Pieces, assembled, clocks
 from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
 from baselines.ipopt import Program, flat, optima, program, unflat
 from baselines.sizes import announce, cells
@@ -155,6 +155,8 @@ class Scaled:
             ends: velocities at the segment's start and end, `(2, joints)`.
             clock: of the segment.
         """
+        if clock.length == 0:
+            return [NO_PIECES] * len(h)
         reaches = []
         planned = []
         for i, (u, w) in enumerate(ends.T):

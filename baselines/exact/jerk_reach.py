@@ -11,7 +11,7 @@ import numpy as np
 from baselines.exact import jerk_profiles as jerk_profile
 from baselines.exact.acceleration_profiles import Reach
 from baselines.exact.jerk_profiles import BRIEF, Array, Extremes, Limit, Sides, State
-from baselines.exact.rounded import Clock, Pieces, assembled, clocks
+from baselines.exact.rounded import NO_PIECES, Clock, Pieces, assembled, clocks
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.trajectory import Trajectory
@@ -168,6 +168,8 @@ class Scaled:
         clock: Clock,
     ) -> list[Pieces]:
         """Stored breaks (s) and coefficients (rad/s^power) of every joint over one segment."""
+        if clock.length == 0:
+            return [NO_PIECES] * len(self.jerky)
         pieces = []
         for i in range(len(self.jerky)):
             ends = states[:, k : k + 2, i]

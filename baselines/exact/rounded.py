@@ -26,6 +26,9 @@ _MENDINGS = 2  # the second one mends the rounding of the first
 
 Pieces = tuple[Array, Array]  # breaks, and position coefficients (degree + 1, pieces)
 
+NO_PIECES: Pieces = (np.zeros(1), np.zeros((1, 0)))
+"""What a joint does in a segment that is flown by in less time than can be stored."""
+
 
 @dataclass(frozen=True)
 class Clock:
@@ -123,7 +126,7 @@ def assembled(
         problem: whose waypoints the segments start from.
         passages: when the waypoints are passed, s.
         segments: of each joint that moves its stored breaks, s, and its displacement since the
-            segment's start as coefficients, rad/s^power.
+            segment's start as coefficients, rad/s^power; `NO_PIECES` where it takes no time.
     """
     moving = problem.moving
     joints = []
@@ -135,6 +138,8 @@ def assembled(
         starts = []
         parts = []
         for (stored, displacement), waypoint in zip(pieces, waypoints[:-1], strict=True):
+            if len(stored) < 2:
+                continue
             starts.append(stored[:-1])
             part = displacement.copy()
             part[-1] += waypoint

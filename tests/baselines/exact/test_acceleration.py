@@ -74,6 +74,13 @@ def test_rounding_of_breaks_costs_nothing(seed: int) -> None:
     assert certificate.waypoint.value <= 1e-13 * farthest
 
 
+def test_a_segment_that_takes_less_time_than_can_be_stored_is_flown_by() -> None:
+    problem = one_joint(-10, 0, 1e-16, 1e-15, 10)
+    certificate = verify(problem, solved(problem))
+    assert certificate.valid
+    assert certificate.certified_duration == pytest.approx(20 / 1 + 1 / 2, rel=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_ruckig_from_its_waypoint_velocities_returns_its_segment_times(seed: int) -> None:
     """Mathematics, section 8: velocities divided by 1 + 1e-6 keep rounding off a longer branch."""
