@@ -124,9 +124,8 @@ class Linear:
         indices = numbers.astype(np.int32)
         self.highs.deleteRows(len(indices), indices)
 
-    def add_row(self, columns: Any, coefficients: Array, bound: float) -> None:
-        """Another row `≤` after the last one."""
+    def add_row(self, columns: Any, coefficients: Array, bound: float) -> bool:
+        """Another row `≤` after the last one; false if HiGHS refuses it, for its numbers."""
         indices = columns.astype(np.int32)
         status = self.highs.addRow(-np.inf, bound, len(indices), indices, coefficients)
-        if status == self.solver.HighsStatus.kError:
-            raise TrajoptError(f"HiGHS refuses a row of {len(indices)} variables")
+        return bool(status != self.solver.HighsStatus.kError)

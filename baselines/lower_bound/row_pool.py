@@ -117,13 +117,13 @@ class RowPool:
             self._add(row, origin)
 
     def _add(self, row: Rows, origin: Cut | tuple[int, float]) -> None:
-        self.present.append(len(self.found))
-        self.used_at.append(self.programs)
-        self.found.append(row)
-        self.origins.append(origin)
         columns, coefficients, bound = row.row(0)
         used = columns != self.relaxation.nothing
-        self.program.add_row(columns[used], coefficients[used], bound)
+        if self.program.add_row(columns[used], coefficients[used], bound):
+            self.present.append(len(self.found))
+            self.used_at.append(self.programs)
+            self.found.append(row)
+            self.origins.append(origin)
 
     def proved(self, objective: Array, box: Box, multipliers: Array) -> Proved:
         """What multipliers prove of an objective on the box that was entered."""
