@@ -32,24 +32,27 @@ Array = NDArray[np.float64]
 
 # rad/s³, no limit: the package asks for one and does not use it.
 _JERK = 1000.0
+# rad: the widest is MoveIt's default; the corners of a finer path need less.
+_TOLERANCES = (1e-3, 1e-2, 0.1)
 
 
 @dataclass(frozen=True)
 class Totg(Planner):
-    """MoveIt's TOTG (Tesseract's) through points of a spline; by default the best of 36 answers.
+    """MoveIt's TOTG (Tesseract's) through points of a spline; by default the best of 108 answers.
 
     - `knots`: the spline's parameter from waypoint to waypoint grows by 1, by the chord's length,
       by its square root, or by the time from stop to stop;
     - `ends`: the spline's end rule;
     - `points`: of the path, in each segment;
-    - `tolerance`: how far the rounded path may leave them, rad;
+    - `tolerance`: how far the rounded path may leave them, rad; by default the best of 0.001, 0.01
+      and 0.1, MoveIt's. The points themselves are passed, at the times of the rounded path;
     - `interpolation`: between the returned points.
     """
 
     knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
     ends: Literal["not-a-knot", "natural", "clamped", "best"] = "best"
     points: int = 10
-    tolerance: float = 1e-3
+    tolerance: float | None = None
     interpolation: Literal["cubic", "quintic", "spline", "best"] = "best"
 
     on_request = True
@@ -59,8 +62,15 @@ class Totg(Planner):
     def __post_init__(self) -> None:
         if self.points < 1:
             raise InvalidInput("points", "at least 1", value=self.points)
-        if not 0 < self.tolerance < np.inf:
-            raise InvalidInput("tolerance", "a positive number", value=self.tolerance)
+        for tolerance in self._tolerances:
+            if not 0 < tolerance < np.inf:
+                raise InvalidInput("tolerance", "a positive number", value=tolerance)
+
+    @property
+    def _tolerances(self) -> tuple[float, ...]:
+        if self.tolerance is None:
+            return _TOLERANCES
+        return (self.tolerance,)
 
     def unsupported(self, problem: Problem) -> str | None:
         if problem.has("jerk"):
@@ -77,14 +87,23 @@ class Totg(Planner):
         solutions: dict[str, Solution] = {}
         for knots, ends in rules(self.knots, self.ends):
             path = spline(problem, knots, ends)
-            for kind, solution in self._along(problem, path, language, timing).items():
-                solutions[f"{knots}/{ends}/{kind}"] = solution
+            for tolerance in self._tolerances:
+                found = self._along(
+                    problem,
+                    path,
+                    tolerance,
+                    language,
+                    timing,
+                )
+                for kind, solution in found.items():
+                    solutions[f"{knots}/{ends}/{tolerance:g}/{kind}"] = solution
         return replace(best_of(problem, solutions), setup_time=seconds + more)
 
     def _along(
         self,
         problem: Problem,
         path: Trajectory,
+        tolerance: float,
         language: Any,
         timing: Any,
     ) -> dict[str, Solution]:
@@ -95,7 +114,7 @@ class Totg(Planner):
         positions = path(np.r_[inside.ravel(), path.duration])
         program = _program(positions, language)
         container = timing.InstructionsTrajectory(program)
-        generation = timing.TimeOptimalTrajectoryGeneration(self.tolerance, 1e-9)
+        generation = timing.TimeOptimalTrajectoryGeneration(tolerance, 1e-9)
         jerk = np.full((problem.joints, 2), [-_JERK, _JERK])
         velocity = _narrowed(problem.limits.velocity)
         acceleration = _narrowed(problem.limits.acceleration)
