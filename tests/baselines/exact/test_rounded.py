@@ -25,7 +25,7 @@ def test_shared_breaks_are_those_of_the_trajectory() -> None:
     """Random knots, many closer than rounding, late in a long motion: none is merged again."""
     rng = np.random.default_rng(0)
     passages = np.array([0.0, 1000.0, 1000.01])
-    _, clock = clocks(passages, unit=0.3)
+    _, clock = clocks(passages, units=0.3)
     middle = clock.length * rng.uniform(0.2, 0.8, (3, 20))
     close = middle[0] + rng.uniform(-3, 3, 20) * clock.resolution / clock.unit
     joints = []
