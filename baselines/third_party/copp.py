@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.third_party import imported
+from baselines.third_party import imported, in_own_units
 from baselines.topp_ra import Grid, best_of, cut, rules, spline, timed, unit_path
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
@@ -60,6 +60,7 @@ class Copp(Planner):
             raise InvalidInput("linearisations", "at least 1", value=self.linearisations)
 
     @passing_once
+    @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of its paths' timings. `stats`: the path, and every path's result."""
         copp, seconds = imported("copp_py", self.extra)

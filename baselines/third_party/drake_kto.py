@@ -18,7 +18,7 @@ import numpy as np
 import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
-from baselines.third_party import imported
+from baselines.third_party import imported, in_own_units
 from baselines.topp_ra import best_of, steps_by_rule
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, passing_once
@@ -57,6 +57,7 @@ class DrakeKto(Planner):
             raise InvalidInput("controls", "at least 1", value=self.controls)
 
     @passing_once
+    @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of its rules. `stats`: the rule, and every rule's result."""
         planning, seconds = imported("pydrake.planning", self.extra)

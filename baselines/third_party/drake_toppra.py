@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.third_party import imported
+from baselines.third_party import imported, in_own_units
 from baselines.topp_ra import best_of, cut, rules, spline, timed, unit_path
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, passing_once
@@ -58,6 +58,7 @@ class DrakeToppra(Planner):
         return None
 
     @passing_once
+    @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The best of its paths' timings. `stats`: the path, and every path's result."""
         optimization, seconds = imported("pydrake.multibody.optimization", self.extra)

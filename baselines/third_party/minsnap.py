@@ -22,7 +22,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.third_party import imported
+from baselines.third_party import imported, in_own_units
 from baselines.topp_ra import best_of, steps_by_rule
 from trajopt.planner import Planner, passing_once
 from trajopt.problem import Problem
@@ -58,6 +58,7 @@ class MinSnap(Planner):
     knows = ("velocity", "acceleration", "jerk")
 
     @passing_once
+    @in_own_units
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """The briefest after dilation. `stats`: its rules, and every rule's result."""
         package, seconds = imported("minsnap_trajectories", self.extra)
