@@ -183,7 +183,8 @@ class SegmentTimes:
             room = spline353.position_room(own)
             if room is not None:
                 times = spline353.keeping_times(own.displacements.T, own.limits, room, longest)
-                end = max(end, times.max())
+                # the longest outer time of the best one may be longer still
+                end = max(end, 2 * times.max())
             ends.append(end)
         high = np.array(ends)
         high = np.repeat(high[:, None], 3, axis=1)
