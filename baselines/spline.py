@@ -458,6 +458,8 @@ def _exchange(
             break
         if rounds_without_gain == _PATIENCE:
             break
+    if run.success and not best.duration < np.inf:
+        status = f"leaves a position limit after {most_rounds} rounds"
     return _Optimum(best.times, best.controls, status)
 
 

@@ -21,7 +21,7 @@ _QUICK = {
     "gridpoints": 200,
     "evaluations": 1000,
     "starts": 2,
-    "rounds": 2,
+    "rounds": 6,
 }
 # One path instead of the best of twelve, where others' planners follow paths.
 _ONE_PATH = {

@@ -48,13 +48,15 @@ def unsupported(problem: Problem) -> str | None:
 
 
 def infeasible(problem: Problem) -> str | None:
-    """Why no segment times at all keep the position limits of four waypoints, or None.
+    """Why no segment times at all keep the position limits of four waypoints, or None, also of others.
 
     Only where a joint would pass an inner waypoint on its limit with the speed `3 d1/t1` or
     `3 d3/t3`; in all other problems a quintic that is brief beside both cubics keeps them (section
     1 has the proof).
     """
     merged, index = problem.merged()
+    if merged.segments != 3:
+        return None
     first, _, third = merged.displacements
     outer = {1: first, 2: third}
     for inner, displacement in outer.items():

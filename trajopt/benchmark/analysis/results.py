@@ -169,6 +169,8 @@ class Results:
             left_on="digest",
             right_index=True,
         )
+        for name in ("recorded", "recorded_proof"):
+            table[name] = table[name].fillna("")
         table["gap"] = table["certified_duration"] / table["reference"] - 1
         return table
 
