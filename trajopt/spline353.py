@@ -48,7 +48,9 @@ def unsupported(problem: Problem) -> str | None:
 
 
 def infeasible(problem: Problem) -> str | None:
-    """Why no segment times at all keep the position limits of four waypoints, or None, also of others.
+    """Why no segment times at all keep the position limits; None where some do, or none is asked.
+
+    Asked of four waypoints.
 
     Only where a joint would pass an inner waypoint on its limit with the speed `3 d1/t1` or
     `3 d3/t3`; in all other problems a quintic that is brief beside both cubics keeps them (section
