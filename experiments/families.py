@@ -1,10 +1,10 @@
 """What does a family of trajectories cost, whatever optimises it?
 
-    python -m experiments.families                # 50 random problems, ten CPU minutes
+    python -m experiments.families                # 50 random problems, fifteen CPU minutes
     python -m experiments.families --random 4     # a quick look
 
 The best trajectory of each family beside the optimum under the same limits, on the six-axis
-problem, published problems, the arms' four-waypoint problems and random four-waypoint problems,
+problem, the published problems, the arms' four-waypoint problems and random four-waypoint problems,
 those with and those without jerk limits apart. Position limits are lifted: most families know none.
 Written to `--output`: `trials.csv`, to which a second run adds only what is missing, the table
 `families` and the figure `families.png`.
@@ -44,13 +44,6 @@ FAMILIES = {
     "trapezoids, stopping": "ruckig-stop",
     "trapezoids, through the waypoints": "ruckig:evaluations=600",
 }
-PUBLISHED = (
-    "matlab-contopptraj",
-    "yang2024-dbo-353-rad",
-    "yu2025-task4",
-    "yu2025-task4-jerk",
-    "zhao2022-iwoa-pso",
-)
 GROUPS = ("six-axis", "published", "robots", "random")
 COLUMNS = ["group", "problem", "jerk", "family", "status", "seconds", "optimum"]
 PERCENT = 100
@@ -60,8 +53,8 @@ LEAST_DRAWN = 0.1  # percent: gaps below it are drawn there
 def problems(random: int) -> Iterator[tuple[str, Problem]]:
     """Every problem with its group, position limits lifted."""
     yield "six-axis", catalogue.load("six-axis")
-    for name in PUBLISHED:
-        yield "published", catalogue.load(name).without("position")
+    for problem in catalogue.problems("literature"):
+        yield "published", problem.without("position")
     for problem in catalogue.problems("robots"):
         if problem.segments == 3:
             yield "robots", problem.without("position")

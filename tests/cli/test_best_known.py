@@ -162,6 +162,7 @@ def test_stored_trials_are_proposed_with_their_planners_names(run, tmp_path, cap
         (["propose", "m.csv", "one-joint"], "m.csv: motion: expected one that solves one-joint"),
         (["propose", "none.csv", "one-joint"], "none.csv"),
         (["propose", "none.h5"], "none.h5"),
+        (["propose", "nowhere", "one-joint"], "SOURCE is 'nowhere': expected a file or folder"),
         (["propose", "results", "one-joint"], "PROBLEM is 'one-joint': expected left out"),
         (["propose", "results", "--method", "mine"], "--method is 'mine': expected left out"),
         (["propose", "m.csv", "one-joint", "--submitter", "a\nb"], "--submitter is"),
@@ -171,6 +172,7 @@ def test_stored_trials_are_proposed_with_their_planners_names(run, tmp_path, cap
 )
 def test_bad_input_is_one_line_and_code_2(run, tmp_path, arguments, said):
     (tmp_path / "m.csv").write_text(STOPPING)
+    (tmp_path / "results").mkdir()
     (tmp_path / "p.toml").write_text(
         'waypoints = [[0], [1]]\nunits = {waypoints = "rad", limits = "rad"}\n'
         "limits = {velocity = [5], acceleration = [1]}\n"

@@ -111,6 +111,8 @@ def propose(
     """
     where = _folder(registry)
     target = registry or records.folder_to_write()
+    if not source.exists():
+        raise InvalidInput("SOURCE", "a file or folder that exists", value=str(source))
     if source.suffix in ENDINGS and not source.is_dir():
         candidates = [_of_motion(source, problem, method, submitter, interpolation)]
     else:
