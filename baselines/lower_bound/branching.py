@@ -376,10 +376,9 @@ class _Search:
         before = len(self.pool.found)
         tangent_rtol = max(tolerance / 10, _TANGENT_RTOL)
         for k in range(relaxation.segments):
-            at = float(x[relaxation.time[k]])
-            product = x[relaxation.inverse[k]] * at
+            product = x[relaxation.inverse[k]] * x[relaxation.time[k]]
             if product < 1 - tangent_rtol:
-                self.pool.add_tangent(k, at)
+                self.pool.add_broken_tangent(k, x)
         broken = extremal.broken(relaxation, x, tolerance / 2)
         places = {(row.segment, row.joint) for row in broken}
         for (k, j), separation in self.separations.items():
@@ -390,7 +389,7 @@ class _Search:
             cells = separation.broken_most(x, tolerance)
             if cells is not None:
                 broken.append(Cut(k, j, cells))
-        self.pool.add_cuts(broken)
+        self.pool.add_broken_cuts(broken, x)
         return len(self.pool.found) - before
 
     def _first_tangents(self, box: Box) -> None:

@@ -12,7 +12,7 @@ from trajopt.exceptions import TrajoptError
 Array = NDArray[np.float64]
 
 # HiGHS's own, for bounds and rows, primal and dual.
-_TOLERANCE = 1e-9
+TOLERANCE = 1e-9
 
 
 class Answer(NamedTuple):
@@ -69,8 +69,8 @@ class Linear:
             "output_flag": False,
             "threads": 1,
             "presolve": "off",
-            "primal_feasibility_tolerance": _TOLERANCE,
-            "dual_feasibility_tolerance": _TOLERANCE,
+            "primal_feasibility_tolerance": TOLERANCE,
+            "dual_feasibility_tolerance": TOLERANCE,
         }
         for name, value in options.items():
             self.highs.setOptionValue(name, value)

@@ -118,11 +118,11 @@ class Relaxation:
             problem: Without identical consecutive waypoints.
             cutoff: Only motions briefer than this are asked about, s.
         """
-        time_unit = _power_of_two(cutoff / problem.segments)
+        time_unit = float(powers_of_two(cutoff / problem.segments))
         accelerations = np.abs(problem.limits.acceleration[problem.moving])
         largest = accelerations.max(axis=1)
-        lengths = [_power_of_two(a * time_unit**2) for a in largest]
-        return cls(problem, cutoff, time_unit, np.array(lengths))
+        lengths = powers_of_two(largest * time_unit**2)
+        return cls(problem, cutoff, time_unit, lengths)
 
     def _count_variables(self) -> None:
         segments = self.segments
@@ -310,8 +310,11 @@ class Relaxation:
         return row
 
 
-def _power_of_two(value: float) -> float:
-    return float(2.0 ** np.round(np.log2(value)))
+def powers_of_two(values: Array | float) -> Array:
+    """Those next to positive values; 1 for 0."""
+    positive = np.where(np.equal(values, 0.0), 1.0, values)
+    exponents = np.round(np.log2(positive))
+    return np.asarray(2.0**exponents)
 
 
 def _check_units(time_unit: float, lengths: Array, joints: int) -> None:

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines.lower_bound import dual_check
 from baselines.lower_bound.costates import Cut
-from baselines.lower_bound.linear import Answer, Linear
+from baselines.lower_bound.linear import Answer
 from baselines.lower_bound.relaxation import Box, Relaxation, Rows
+from baselines.lower_bound.scaled import ScaledProgram
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -53,32 +53,42 @@ class RowPool:
 
     def __init__(self, relaxation: Relaxation, solver: Any, box: Box) -> None:
         self.relaxation = relaxation
+        self.solver = solver
         self.programs = 0
-        self.box_rows = relaxation.box_rows(box)
-        self.box_count = len(self.box_rows.bounds)
-        self.program = _program(relaxation, solver, box, self.box_rows)
         self.found: list[Rows] = []
         self.origins: list[Cut | tuple[int, float]] = []
         # the pool's rows in the program, in its order, and when each was of use
         self.present: list[int] = []
         self.used_at: list[int] = []
+        self.box = box
+        self.box_rows = relaxation.box_rows(box)
+        self.box_count = len(self.box_rows.bounds)
+        self.program = self._program()
 
     def enter(self, box: Box) -> None:
         """Ask about another box."""
         before = self.box_rows
+        self.box = box
         self.box_rows = self.relaxation.box_rows(box)
-        self.program.set_box(box.low, box.high)
+        if not self.program.suits(box):
+            self.program = self._program()
+            return
+        self.program.set_box(box)
         differs = before.coefficients != self.box_rows.coefficients
         changed = differs.any(axis=1) | (before.bounds != self.box_rows.bounds)
         for number in np.flatnonzero(changed):
-            columns, coefficients, bound = self.box_rows.row(int(number))
-            used = columns != self.relaxation.nothing
-            self.program.set_row(
-                int(number),
-                columns[used],
-                coefficients[used],
-                bound,
-            )
+            self.program.set_row(int(number), self.box_rows)
+
+    def _program(self) -> ScaledProgram:
+        """The linear program in units that suit the box."""
+        parts = [self.box_rows]
+        parts += [self.found[number] for number in self.present]
+        return ScaledProgram(
+            self.solver,
+            self.box,
+            dual_check.joined(parts),
+            self.relaxation.nothing,
+        )
 
     def minimised(self, objective: Array) -> Answer:
         """The minimum, with multipliers of the box's rows and then of all the pool's."""
@@ -93,7 +103,11 @@ class RowPool:
             self.used_at[self.present[place]] = self.programs
         if self.programs % _LOOK_PROGRAMS == 0:
             self._drop_idle()
-        return answer._replace(multipliers=multipliers)
+        if answer.x is None:
+            return answer._replace(multipliers=multipliers)
+        # HiGHS may leave the box by its tolerance
+        inside = np.clip(answer.x, self.box.low, self.box.high)
+        return Answer(inside, answer.value, multipliers)
 
     def _drop_idle(self) -> None:
         oldest = self.programs - _IDLE_PROGRAMS
@@ -109,17 +123,23 @@ class RowPool:
         row = self.relaxation.tangent(segment, at)
         self._add(row, (segment, at))
 
-    def add_cuts(self, broken: Sequence[Cut]) -> None:
-        """Rows of costates."""
-        cuts = dual_check.cuts(self.relaxation, broken)
-        for number, origin in enumerate(broken):
-            row = cuts.chosen(np.array([number]))
-            self._add(row, origin)
+    def add_broken_tangent(self, segment: int, x: Array) -> None:
+        """The tangent at a point, if the point breaks it."""
+        at = float(x[self.relaxation.time[segment]])
+        row = self.relaxation.tangent(segment, at)
+        if self.program.breaks(row, x)[0]:
+            self._add(row, (segment, at))
+
+    def add_broken_cuts(self, given: Sequence[Cut], x: Array) -> None:
+        """Those rows of costates that a point breaks."""
+        rows = dual_check.cuts(self.relaxation, given)
+        broken = self.program.breaks(rows, x)
+        for number in np.flatnonzero(broken).tolist():
+            row = rows.chosen(np.array([number]))
+            self._add(row, given[number])
 
     def _add(self, row: Rows, origin: Cut | tuple[int, float]) -> None:
-        columns, coefficients, bound = row.row(0)
-        used = columns != self.relaxation.nothing
-        if self.program.add_row(columns[used], coefficients[used], bound):
+        if self.program.add_row(row):
             self.present.append(len(self.found))
             self.used_at.append(self.programs)
             self.found.append(row)
@@ -162,26 +182,3 @@ class RowPool:
             cells=np.concatenate(cells),
             numbers=numbers,
         )
-
-
-def _program(relaxation: Relaxation, solver: Any, box: Box, rows: Rows) -> Linear:
-    """The linear program of the box's rows."""
-    count, entries = rows.columns.shape
-    numbers = np.repeat(np.arange(count), entries)
-    columns = rows.columns.ravel()
-    used = columns != relaxation.nothing
-    # an entry that is 0 in this box may not be in others: it has to have its place
-    values = np.where(rows.coefficients == 0, 1.0, rows.coefficients)
-    places = (numbers[used], columns[used])
-    matrix = scipy.sparse.csr_matrix(
-        (values.ravel()[used], places),
-        shape=(count, relaxation.variables),
-    )
-    return Linear(
-        solver,
-        box.low,
-        box.high,
-        matrix,
-        below=np.full(count, -np.inf),
-        above=rows.bounds,
-    )

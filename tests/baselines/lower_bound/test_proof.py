@@ -17,6 +17,7 @@ from trajopt.benchmark.store import folder
 from trajopt.benchmark.store.verification import verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.trial import judge
+from trajopt.rest_to_rest import stop_times
 from trajopt.verification import certified, verify
 
 
@@ -137,6 +138,25 @@ def test_asymmetric_limits_meet_the_trapezoid():
     optimum = 2.0 + 0.25 + 0.0625
     proof = prove(problem, optimum, 1e-6, np.inf)
     assert optimum * (1 - 1e-6) <= proof.lower_bound <= optimum
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-10])
+def test_a_tiny_step_beside_long_ones_does_not_hide_them(step):
+    """Forth, a tiny step back, forth again: the joint is at rest where it turns."""
+    problem = Problem([[0.0], [1.0], [1.0 - step], [2.0]], Limits([1.5], [2.0]))
+    optimum = stop_times(problem).sum()
+    proof = prove(problem, optimum * (1 - 1e-5), 1e-5, np.inf)
+    assert optimum * (1 - 2e-5) <= proof.lower_bound <= optimum
+
+
+def test_waypoints_of_all_scales_along_a_straight_line_cost_nothing():
+    steps = 2.0 ** np.array([0, -33, -7, -20, -1, -30, -3])
+    places = np.append(0.0, np.cumsum(steps))
+    problem = Problem(places[:, None], Limits([1.0], [2.0]))
+    # h/V + V/A
+    optimum = places[-1] + 0.5
+    proof = prove(problem, optimum * (1 - 1e-5), 1e-5, np.inf)
+    assert optimum * (1 - 2e-5) <= proof.lower_bound <= optimum
 
 
 @pytest.mark.parametrize("free_side", [0, 1])
