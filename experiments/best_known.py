@@ -29,6 +29,7 @@ from trajopt.benchmark.best_known.proposal import Candidate
 from trajopt.benchmark.best_known.record import CLOSED_GAP
 from trajopt.benchmark.run import runner
 from trajopt.benchmark.run.plan import Allowance, Task, missing
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration
@@ -96,8 +97,8 @@ class Filling:
         stopped = {t.id for t in self.store.unanswered() if allowed.would_stop(t)}
         done = self.store.finished() | stopped
         waiting = [batch for task in tasks for batch in missing(task, done)]
-        with console.progress(len(waiting), stage) as advance:
-            for count in runner.in_children(waiting, self.store, allowed, self.jobs):
+        with console.progress(len(waiting), stage) as advance, Pool(self.jobs) as pool:
+            for count in runner.in_children(waiting, self.store, allowed, pool):
                 advance(count)
         if not tasks:
             return

@@ -17,6 +17,7 @@ from trials import edited
 
 from trajopt import Limits, Problem
 from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
 from trajopt.cli import compare, overview, plan
@@ -542,7 +543,7 @@ def test_beating_the_reference_is_said_loudly(trajopt, tmp_path, monkeypatch):
     problem = Problem(known.waypoints * 0.9, known.limits, "not recorded")
     slow = load("unoptimised:segment_time=5")
     planners = [("exact", slow), ("unoptimised", load("unoptimised"))]
-    ran = run.run([problem], planners, tmp_path)
+    ran = run.run([problem], planners, tmp_path, Pool(0))
     monkeypatch.setattr(run, "run", lambda *a, **k: ran)
     code, _, err = trajopt("compare", "one-joint", "--output", tmp_path)
     assert code == 0

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from trajopt.benchmark.analysis.summary import Kept
 from trajopt.benchmark.run.plan import Allowance, Task, missing, plan
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.run.process import cpus as cpus
 from trajopt.benchmark.run.process import refuse_in_starting_worker
 from trajopt.benchmark.store.folder import Store, read
@@ -99,18 +100,19 @@ def compare(
         StoreError: if the folder cannot be written.
         WorkerError: if no worker can start.
     """
-    ran = run(
-        problems,
-        planners,
-        folder,
-        seeds=seeds,
-        jobs=jobs,
-        fresh=fresh,
-        timeout=timeout,
-        memory=memory,
-        progress=progress,
-        executor=executor,
-    )
+    with Pool(jobs) as pool:
+        ran = run(
+            problems,
+            planners,
+            folder,
+            pool,
+            seeds=seeds,
+            fresh=fresh,
+            timeout=timeout,
+            memory=memory,
+            progress=progress,
+            executor=executor,
+        )
     # pandas: not for workers, who import this module too
     from trajopt.benchmark.analysis.results import Results
 
@@ -120,21 +122,24 @@ def compare(
 def run(
     problems: Sequence[Problem | str | Path],
     planners: Sequence[Contestant],
-    folder: Path | str = "results",
+    folder: Path | str,
+    pool: Pool,
     *,
     seeds: int = 30,
-    jobs: int = 0,
     fresh: bool = False,
     timeout: float = 600.0,
     memory: float | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
     executor: Executor | None = None,
 ) -> Comparison:
-    """`compare`, which says what the arguments are, without its tables: pandas takes long."""
+    """`compare`, which says what the arguments are, without its tables: pandas takes long.
+
+    The pool's processes run the trials, and stay for what comes after them.
+    """
     refuse_in_starting_worker()
     store = Store(Path(folder))
-    here = executor is None and jobs == 0
-    side_by_side = jobs if executor is None else 0
+    here = executor is None and pool.jobs == 0
+    side_by_side = pool.jobs if executor is None else 0
     allowed = Allowance() if here else Allowance(timeout, memory, side_by_side)
     loaded = [p if isinstance(p, Problem) else catalogue.load(str(p)) for p in problems]
     tasks = plan(loaded, [_configuration(planner) for planner in planners], seeds)
@@ -143,7 +148,7 @@ def run(
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
     progress(Progress(len(asked), finished, len(done)))
-    for count in _run(waiting, store, allowed, jobs, executor):
+    for count in _run(waiting, store, allowed, pool, executor):
         finished += count
         progress(Progress(len(asked), finished, len(done)))
     trials = None if waiting else store.current(asked)
@@ -174,7 +179,7 @@ def _run(
     tasks: Sequence[Task],
     store: Store,
     allowed: Allowance,
-    jobs: int,
+    pool: Pool,
     executor: Executor | None,
 ) -> Iterator[int]:
     if not tasks:
@@ -184,6 +189,6 @@ def _run(
 
     if executor is not None:
         return runner.on_executor(tasks, store, allowed, executor)
-    if jobs == 0:
+    if pool.jobs == 0:
         return runner.here(tasks, store)
-    return runner.in_children(tasks, store, allowed, jobs)
+    return runner.in_children(tasks, store, allowed, pool)

@@ -19,6 +19,7 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.compare import Comparison
 from trajopt.benchmark.figures import drawn
 from trajopt.benchmark.run import dask as cluster
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
@@ -106,19 +107,22 @@ def compare(
     folder = output.resolve()
     _leave_deleted_folder(folder)
     elsewhere = cluster.executor(dask) if dask else nullcontext()
-    with console.trials() as advance, elsewhere as executor:
-        ran = benchmark.run(
-            loaded,
-            specs,
-            folder,
-            seeds=seeds,
-            jobs=processes,
-            fresh=fresh,
-            timeout=timeout,
-            memory=memory,
-            progress=advance,
-            executor=executor,
-        )
+    with Pool(processes) as pool:
+        with console.trials() as advance, elsewhere as executor:
+            ran = benchmark.run(
+                loaded,
+                specs,
+                folder,
+                pool,
+                seeds=seeds,
+                fresh=fresh,
+                timeout=timeout,
+                memory=memory,
+                progress=advance,
+                executor=executor,
+            )
+        if len(loaded) <= MANY:
+            figures = _draw(ran, folder, pool)
     if ran.kept:
         console.line(str(ran.kept))
         console.paragraph()
@@ -128,7 +132,7 @@ def compare(
         page = _show_many(ran, output)
         made = [f"stored:  {output / 'results.h5'} ({trials})", f"report:  {page} ({trials})"]
     else:
-        figures = _show_each(summary, output, processes)
+        _show_each(summary)
         made = [f"stored:  {output / 'results.h5'} ({trials} of this comparison)"]
         if figures:
             made.append(f"figures: {output / 'figures'} ({len(figures)} files)")
@@ -236,10 +240,14 @@ def _better_than_recorded(summary: Summary, folder: Path) -> Iterator[str]:
 # --- a table per problem ---
 
 
-def _show_each(summary: Summary, folder: Path, processes: int) -> list[Path]:
-    """Tables, the readings used, and what failed and why; the figures' paths are returned."""
+def _draw(ran: Comparison, folder: Path, pool: Pool) -> list[Path]:
+    """Every problem's figures, whose paths are returned."""
     with console.waiting("drawing the figures"):
-        figures = drawn.draw(summary.trials, folder / "figures", processes=processes)
+        return drawn.draw(ran.trials, folder / "figures", pool)
+
+
+def _show_each(summary: Summary) -> None:
+    """Tables, the readings used, and what failed and why."""
     readings = _readings(summary.trials)
     problems: dict[str, list[Line]] = {}
     for line in summary.lines():
@@ -251,7 +259,6 @@ def _show_each(summary: Summary, folder: Path, processes: int) -> list[Path]:
                 console.paragraph(_why_not_solved(line))
         console.paragraph(_caption(lines, readings))
         console.paragraph()
-    return figures
 
 
 def _comparison(lines: Sequence[Line]) -> Table:

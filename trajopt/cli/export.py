@@ -44,7 +44,7 @@ def export(
     results = Results(folder)
     path = out or beside(folder, _NAMES[to])
     if to == "pdf":
-        draw.write_pdf(results, path)
+        draw.write_pdf(results.items, path)
     else:
         all_trials.write(results, to, path)
     trials = len(results.items)

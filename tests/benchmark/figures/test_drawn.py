@@ -9,6 +9,7 @@ import pytest
 from trajopt import Limits, Problem
 from trajopt.benchmark.figures import draw as figures
 from trajopt.benchmark.figures import drawn
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import judge
 from trajopt.registry import load
 
@@ -24,12 +25,12 @@ def calls(monkeypatch):
     """How often anything was drawn; each time two files, of what the trials are called."""
     seen = []
 
-    def draw(results, folder, *, processes):
-        seen.append(processes)
+    def draw(trials, folder, pool):
+        seen.append(pool)
         files = [folder / "one" / "durations.png", folder / "one" / "durations.svg"]
         for file in files:
             file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(results.items[0].started)
+            file.write_text(trials[0].started)
         return files
 
     monkeypatch.setattr(figures, "draw", draw)
@@ -37,10 +38,11 @@ def calls(monkeypatch):
 
 
 def test_the_same_trials_are_drawn_once(trials, calls, tmp_path):
-    first = drawn.draw(trials, tmp_path, processes=2)
-    again = drawn.draw(trials, tmp_path, processes=2)
+    with Pool(2) as pool:
+        first = drawn.draw(trials, tmp_path, pool)
+        again = drawn.draw(trials, tmp_path, pool)
     assert again == first
-    assert calls == [2]
+    assert calls == [pool]
 
 
 @pytest.mark.parametrize(

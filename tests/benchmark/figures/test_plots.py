@@ -5,12 +5,11 @@ from __future__ import annotations
 import shutil
 import xml.etree.ElementTree as ElementTree
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import matplotlib
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
@@ -18,10 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
-from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.analysis.summary import Line
 from trajopt.benchmark.figures import draw as figures
 from trajopt.benchmark.figures import explanation, motions, plots, sampling, style
 from trajopt.benchmark.report import panels
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.planner import Relation
@@ -33,16 +33,28 @@ from trajopt.trajectory import Trajectory
 LONG = "issa:fitness=scaled,timing=per-joint"
 
 
-def table(**changes: object) -> pd.DataFrame:
-    """A made-up summary: exact, a stochastic planner, and one without a certified duration."""
-    rows = {
-        "label": ["unsupporting", LONG, "exact"],
-        "median": [np.nan, 4.5, 1.5], "q1": [np.nan, 4.25, 1.5], "q3": [np.nan, 5.0, 1.5],
-        "min": [np.nan, 4.0, 1.5], "max": [np.nan, 6.0, 1.5], "gap": [np.nan, 2.0, 0.0],
-        "kind": ["exact"] * 3, "reference": [1.5] * 3, "runs": [1, 30, 1], "solved": [0, 30, 1],
-        "lower_bound": [np.nan] * 3, "status": ["unsupported", "solved", "solved"],
+def line(label: str, *five: float, **others: object) -> Line:
+    """A planner's line: its range, quartiles and median in order; NaN for what is not said."""
+    low, q1, median, q3, high = five or [np.nan] * 5
+    blank = dict.fromkeys((field.name for field in fields(Line)), np.nan)
+    said = {
+        "label": label, "min": low, "q1": q1, "median": median, "q3": q3, "max": high,
+        "kind": "exact", "reference": 1.5, "runs": 1, "solved": 1, "status": "solved",
     }  # fmt: skip
-    return pd.DataFrame(rows | changes)
+    return Line(**(blank | said | others))  # type: ignore[arg-type]
+
+
+MANY = line(LONG, 4.0, 4.25, 4.5, 5.0, 6.0, gap=2.0, runs=30, solved=30)
+
+
+def table(**changes: object) -> list[Line]:
+    """A made-up summary: exact, a stochastic planner, and one without a certified duration."""
+    lines = [
+        line("unsupporting", solved=0, status="unsupported"),
+        MANY,
+        line("exact", *[1.5] * 5, gap=0.0),
+    ]
+    return [replace(own, **changes) for own in lines]  # type: ignore[arg-type]
 
 
 def motion_of(joints: int, jerk: bool = False) -> tuple[Problem, Trajectory]:
@@ -94,7 +106,8 @@ def test_whiskers_are_quartiles_and_range() -> None:
 
 
 def test_gaps_keep_their_sign_and_status_is_said() -> None:
-    shown = texts(plots.durations(table(gap=[np.nan, 2.0, -0.0123])))
+    first, many, exact = table()
+    shown = texts(plots.durations([first, many, replace(exact, gap=-0.0123)]))
     assert {"+200.0 %", "−1.23 %", "unsupported"} <= set(shown)
     assert style.percent(1.9048) == "+190.5 %"
 
@@ -108,26 +121,25 @@ def test_gaps_keep_their_sign_and_status_is_said() -> None:
     ],
 )
 def test_the_reference_is_a_line_and_named_for_what_it_is(kind: str, words: str) -> None:
-    figure = plots.durations(table(kind=[kind] * 3))
+    figure = plots.durations(table(kind=kind))
     assert f"{words} 1.500 s" in texts(figure)
     (line,) = [c for c in figure.axes[0].collections if str(c.get_label()).startswith(words)]
     assert line.get_segments()[0][:, 0].tolist() == [1.5, 1.5]  # type: ignore[attr-defined]
 
 
 def test_without_reference_or_durations() -> None:
-    assert "gap" not in texts(
-        plots.durations(table(gap=[np.nan] * 3, kind=[np.nan] * 3, reference=[np.nan] * 3))
-    )
-    bounded = table(lower_bound=[1.25] * 3).iloc[:1]
+    nothing = table(gap=np.nan, kind=None, reference=np.nan)
+    assert "gap" not in texts(plots.durations(nothing))
+    bounded = table(lower_bound=1.25)[:1]
     assert "unsupported (lower bound 1.250 s)" in texts(plots.durations(bounded))
 
 
 @pytest.mark.parametrize("planners", [1, 15])
 def test_no_text_overlaps(planners: int) -> None:
     labels = [f"{LONG},evaluations={10**k}" for k in range(planners)]
-    summary = pd.concat([table().iloc[1:2].assign(label=label, solved=20) for label in labels])
+    summary = [replace(MANY, label=label, solved=20) for label in labels]
     assert overlaps(plots.durations(summary, "problem")) == []
-    gaps = pd.concat([pd.DataFrame({"label": x, "gap": [0.5, 0.7, 1.9]}) for x in labels])
+    gaps = dict.fromkeys(labels, np.array([0.5, 0.7, 1.9]))
     assert overlaps(plots.gap_distribution(gaps, "problem")) == []
     curve = sampling.over_runs([np.array([[1, np.nan], [10, 6.0], [3000, 4.4]])])
     assert overlaps(plots.convergence(dict.fromkeys(labels, curve), 4.3, "problem")) == []
@@ -287,9 +299,8 @@ def test_convergence_draws_the_median_and_the_best_353() -> None:
 
 
 def test_gap_distribution_shows_every_run_and_those_that_ran_once() -> None:
-    runs = pd.DataFrame({"label": "pso", "gap": [0.3, 0.1, 0.2, np.nan]})
-    once = pd.DataFrame({"label": ["near", "far"], "gap": [0.15, 5.0]})
-    figure = plots.gap_distribution(pd.concat([runs, once]))
+    runs = {"pso": [0.3, 0.1, 0.2, np.nan], "near": [0.15], "far": [5.0]}
+    figure = plots.gap_distribution({label: np.array(gaps) for label, gaps in runs.items()})
     left, right = figure.axes
     (dots,) = [line for line in left.lines if line.get_marker() == "o"]
     np.testing.assert_allclose(dots.get_xdata(), [10, 20, 30])
@@ -355,7 +366,7 @@ def trials() -> list[Trial]:
 @pytest.fixture(scope="module")
 def once_drawn(trials: list[Trial], tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("figures")
-    figures.draw(Results(trials), folder)
+    figures.draw(trials, folder)
     return folder
 
 
@@ -363,7 +374,7 @@ def test_draw_writes_every_figure_of_a_problem(
     trials: list[Trial], once_drawn: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(once_drawn, tmp_path, dirs_exist_ok=True)
-    files = figures.draw(Results(trials), tmp_path)
+    files = figures.draw(trials, tmp_path)
     stems = {
         "durations",
         "motion-exact",
@@ -382,7 +393,7 @@ def test_draw_writes_every_figure_of_a_problem(
 def test_problems_of_one_name_do_not_overwrite_each_other(tmp_path: Path) -> None:
     problems = [Problem([[0.0], [x]], Limits([1.0], [1.0]), "same") for x in (1.0, 2.0)]
     items = [t for p in problems for t in judge(load("exact"), p, [0], "exact")]
-    folders = {file.parent.name for file in figures.draw(Results(items), tmp_path)}
+    folders = {file.parent.name for file in figures.draw(items, tmp_path)}
     assert folders == {f"same-{p.digest()[:8]}" for p in problems}
 
 
@@ -390,7 +401,7 @@ def test_a_relaxed_optimum_is_called_a_lower_bound(tmp_path: Path) -> None:
     recorded = suite.load("jerk-limit")
     problem = replace(recorded, waypoints=1.001 * recorded.waypoints)  # of it no motion is recorded
     items = [t for n in ("exact", "unoptimised") for t in judge(load(n), problem, [0], n)]
-    figures.draw(Results(items), tmp_path)
+    figures.draw(items, tmp_path)
     motion = (tmp_path / "jerk-limit" / "motion-unoptimised.svg").read_text(encoding="utf-8")
     assert "optimum without jerk limits (lower bound)" in motion
     assert not (tmp_path / "jerk-limit" / "motion-exact.svg").exists()
@@ -432,9 +443,9 @@ NAMES = (r"a$b$\frac_{x}^2", "$", "$$", "<b>&amp;", "_hidden", "50 %", r"\$x\$")
 
 def test_names_are_drawn_as_they_are_written(tmp_path: Path) -> None:
     """Each as a label of a row, a curve or a panel, and all of them in a title."""
-    rows = pd.concat([table().iloc[1:2].assign(label=name) for name in NAMES])
+    rows = [replace(MANY, label=name) for name in NAMES]
     runs = dict.fromkeys(NAMES, sampling.over_runs([np.array([[1, 6.0], [100, 5.0]])]))
-    gaps = pd.concat([pd.DataFrame({"label": [name] * 2, "gap": [0.1, 0.2]}) for name in NAMES])
+    gaps = dict.fromkeys(NAMES, np.array([0.1, 0.2]))
     few = NAMES[:3]  # a panel each
     climbs = [(name, [("optimum", 1.0), ("route", 2.0)]) for name in few]
     title = " ".join(NAMES)
@@ -480,18 +491,18 @@ def test_only_figures_whose_data_changed_are_drawn_again(
     trials: list[Trial], once_drawn: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(once_drawn, tmp_path, dirs_exist_ok=True)
-    files = figures.draw(Results(trials), tmp_path)
+    files = figures.draw(trials, tmp_path)
     before = {file: file.stat().st_mtime_ns for file in files}
-    assert figures.draw(Results(list(trials)), tmp_path) == files
+    assert figures.draw(list(trials), tmp_path) == files
     assert {file: file.stat().st_mtime_ns for file in files} == before
     exact, *others = trials
     slower = replace(exact, solution=replace(exact.solution, trajectory=doubled(exact)))
-    figures.draw(Results([slower, *others]), tmp_path)
+    figures.draw([slower, *others], tmp_path)
     changed = {file.stem for file in files if file.stat().st_mtime_ns != before[file]}
     assert changed == {"motion-exact", "motion-unoptimised", "motion-sleepy_deeply"}
     (tmp_path / "one-joint" / "gaps.svg").unlink()
     (tmp_path / "one-joint" / "durations.png").write_bytes(b"")
-    figures.draw(Results(trials), tmp_path)
+    figures.draw(trials, tmp_path)
     assert all(drawing_is_whole(file) for file in files)
 
 
@@ -508,7 +519,8 @@ def drawing_is_whole(file: Path) -> bool:
 def test_other_processes_draw_the_same_bytes(
     trials: list[Trial], once_drawn: Path, tmp_path: Path
 ) -> None:
-    files = figures.draw(Results(trials), tmp_path, processes=2)
+    with Pool(2) as pool:
+        files = figures.draw(trials, tmp_path, pool)
     assert len(files) == 12
     for file in files:
         assert file.read_bytes() == (once_drawn / file.relative_to(tmp_path)).read_bytes()

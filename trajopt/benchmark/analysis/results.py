@@ -214,13 +214,13 @@ class Results:
         """
         from trajopt.benchmark.figures import plots  # Matplotlib is for those who draw
 
-        summary = self.summary()
-        names = list(dict.fromkeys(summary["problem"]))
+        lines = self._in_numbers.lines()
+        names = list(dict.fromkeys(line.problem for line in lines))
         wanted = names[0] if problem is None and len(names) == 1 else problem
         if wanted not in names:
             raise InvalidInput("problem", f"one of {', '.join(names)}", value=problem)
-        rows = summary[summary["problem"] == wanted]
-        return plots.durations(rows, title=str(wanted))
+        own = [line for line in lines if line.problem == wanted]
+        return plots.durations(own, title=str(wanted))
 
     def profile(self, taus: ArrayLike | None = None) -> pd.DataFrame:
         """Performance profiles: the share of problems solved within `tau` times the best.

@@ -10,15 +10,17 @@ A history is `(m, 2)`: evaluations spent, and the best certified duration by the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.trial import Trial
 from trajopt.explain.references import BEST_353
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -85,6 +87,8 @@ def running_times(
 
     A run that ended without a word of what it spent is charged its planner's longest run.
     """
+    import pandas as pd  # not for figures, which need histories alone
+
     goals = np.atleast_1d(np.asarray(targets, dtype=float))
     rows = []
     for label, runs in relative.items():
@@ -116,6 +120,8 @@ def data_profile(
     dimension: float = 3,
 ) -> pd.DataFrame:
     """`Results.data_profile()` of histories."""
+    import pandas as pd  # not for figures, which need histories alone
+
     known = _known(problems)
     everywhere = searches(known)
     for problem in known:

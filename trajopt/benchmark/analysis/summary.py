@@ -287,9 +287,13 @@ def _mended_dilation(trial: Trial) -> float | None:
     return certificate.dilation
 
 
+def by_median(line: Line) -> float:
+    """To sort by: lines without a median come last."""
+    return inf if isnan(line.median) else line.median
+
+
 def _by_problem_and_median(line: Line) -> tuple[str, float]:
-    missing = isnan(line.median)
-    return line.problem, inf if missing else line.median
+    return line.problem, by_median(line)
 
 
 def _number(value: float | None) -> float:

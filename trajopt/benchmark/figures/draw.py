@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
+from numpy.typing import NDArray
 
-from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.analysis.searches import histories, searches
 from trajopt.benchmark.analysis.summary import Summary
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.figures import sampling
 from trajopt.benchmark.figures.drawing import Drawing, draw_all
 from trajopt.benchmark.figures.style import headline
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 from trajopt.explain.decomposition import Explanation
@@ -27,55 +27,55 @@ from trajopt.judgement import Judgement
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
 
+Array = NDArray[np.float64]
+
 NAME_LENGTH = 80  # characters of a file's name
 
 
-def draw(results: Results, folder: Path, *, processes: int = 1) -> list[Path]:
-    """Draw every problem of the results into `folder/<problem>/`, as PNG and SVG.
+def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> list[Path]:
+    """Draw every problem of the trials into `folder/<problem>/`, as PNG and SVG.
 
     `durations`; `motion-<label>` of every planner with a certified trajectory, of several runs the
     median one; `convergence` where planners keep a history; `gaps` where any ran more than once.
 
     Args:
-        results: the trials.
+        trials: of one comparison.
         folder: where the problems' folders are, or will be.
-        processes: how many may draw at once.
+        pool: whose processes may help.
 
     Returns:
-        The files, also of figures that were there already and show the same.
+        The files, also of figures that were there already and show the same. Not of figures that
+        cannot be drawn: of each there is a warning (`NotDrawn`).
     """
-    drawings = _drawings(results, folder)
-    draw_all(drawings, processes)
-    return [file for drawing in drawings for file in drawing.files]
+    drawings = _drawings(trials, folder)
+    failed = draw_all(drawings, pool)
+    made = [drawing for drawing in drawings if drawing not in failed]
+    return [file for drawing in made for file in drawing.files]
 
 
-def write_pdf(results: Results, folder: Path) -> None:
+def write_pdf(trials: Sequence[Trial], folder: Path) -> None:
     """Write the figures that `draw` makes into `folder/<problem>/`, as PDF for a paper.
 
     Raises:
         StoreError: where the disk refuses.
     """
     try:
-        for drawing in _drawings(results, folder):
+        for drawing in _drawings(trials, folder):
             drawing.write_pdf()
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror}") from error
 
 
-def _drawings(results: Results, folder: Path) -> list[Drawing]:
+def _drawings(trials: Sequence[Trial], folder: Path) -> list[Drawing]:
     """The figures of every problem."""
-    summary = results.summary()
-    gaps = results.gaps()
-    trials: dict[tuple[str, str], list[Trial]] = {}
-    for trial in results.items:
+    problems: dict[tuple[str, str], list[Trial]] = {}
+    for trial in trials:
         key = trial.problem.name, trial.problem.digest()
-        trials.setdefault(key, []).append(trial)
-    names = distinct_names(list(trials))
+        problems.setdefault(key, []).append(trial)
+    names = distinct_names(list(problems))
     drawings: list[Drawing] = []
-    for (key, own), name in zip(trials.items(), names, strict=True):
-        rows = _of(summary, key)
-        runs = _of(gaps, key)
-        drawings += _of_problem(own, rows, runs, folder / name)
+    for own, name in zip(problems.values(), names, strict=True):
+        drawings += _of_problem(own, folder / name)
     return drawings
 
 
@@ -123,32 +123,29 @@ def judged(found: Judgement, folder: Path) -> Path:
     return plots.save(figure, folder / stem)[0]
 
 
-def _of(table: pd.DataFrame, key: tuple[str, str]) -> pd.DataFrame:
-    name, digest = key
-    named = table["problem"] == name
-    same = table["digest"] == digest
-    return table[named & same]
-
-
-def _of_problem(
-    trials: Sequence[Trial],
-    summary: pd.DataFrame,
-    gaps: pd.DataFrame,
-    folder: Path,
-) -> list[Drawing]:
+def _of_problem(trials: Sequence[Trial], folder: Path) -> list[Drawing]:
     title = headline(trials[0].problem.name)
-    durations = {"summary": summary, "title": title}
+    summary = Summary(trials)
+    durations = {"summary": summary.lines(), "title": title}
     drawings = [Drawing("durations", durations, folder / "durations")]
     drawings += _motions(trials, folder)
     if convergence := _convergence(trials):
         drawings.append(
             Drawing("convergence", convergence | {"title": title}, folder / "convergence")
         )
-    counts = gaps.groupby("label")["gap"].count()
-    if (counts > 1).any():
-        runs = {"gaps": gaps[["label", "gap"]], "title": title}
+    gaps = _gaps(summary)
+    if any(np.isfinite(runs).sum() > 1 for runs in gaps.values()):
+        runs = {"gaps": gaps, "title": title}
         drawings.append(Drawing("gap_distribution", runs, folder / "gaps"))
     return drawings
+
+
+def _gaps(summary: Summary) -> dict[str, Array]:
+    """Every planner's on one problem, ratios minus 1; NaN where a run has none."""
+    gaps = {}
+    for label, runs in by_label(summary.trials).items():
+        gaps[label] = np.array([summary.gap(trial) for trial in runs])
+    return gaps
 
 
 def _motions(trials: Sequence[Trial], folder: Path) -> list[Drawing]:

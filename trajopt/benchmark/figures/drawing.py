@@ -1,28 +1,20 @@
-"""One figure to be drawn: what it shows, which files it goes to, and whether they show it already.
-
-Also what draws in a process of its own: `python -m trajopt.benchmark.figures.drawing` reads pickled
-drawings from its standard input, makes their files, and ends. It imports no script of the reader's,
-so a script needs no `if __name__ == "__main__"` for it.
-"""
+"""One figure to be drawn: what it shows, its files, and whether they show it already."""
 
 from __future__ import annotations
 
-import pickle
-import subprocess
-import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, cached_property
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.resources import files
-from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trajopt.benchmark.run.pool import Pool
 from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 
@@ -31,6 +23,10 @@ if TYPE_CHECKING:
 
 HEAD = 4096  # bytes of a file within which its metadata ends
 WORTH_A_PROCESS = 4  # figures: fewer are drawn sooner than a process starts
+
+
+class NotDrawn(UserWarning):
+    """A figure could not be drawn; the others were."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +44,6 @@ class Drawing:
             self.stem.with_name(f"{name}.png"),
             self.stem.with_name(f"{name}.svg"),
         ]
-
-    @property
-    def has_table(self) -> bool:
-        """Whether it shows a table of pandas."""
-        return any(hasattr(value, "to_dict") for value in self.arguments.values())
 
     @cached_property
     def digest(self) -> str:
@@ -95,42 +86,35 @@ class Drawing:
         return function(**self.arguments)
 
 
-def draw_all(drawings: Sequence[Drawing], processes: int) -> None:
-    """Draw those whose files do not show them yet, in this process and up to `processes − 1` more.
+def draw_all(drawings: Sequence[Drawing], pool: Pool | None = None) -> list[Drawing]:
+    """Draw those whose files do not show them yet.
 
-    Raises what a figure here raised; those of a process that failed are drawn here instead.
+    In the pool's processes, if they run already or there is enough to draw for starting them. What
+    one of them fails at is tried again in this process.
+
+    Returns:
+        Those that cannot be drawn; of each there is a warning (`NotDrawn`).
     """
     stale = [drawing for drawing in drawings if not drawing.current]
-    # this process takes the first share: it has loaded pandas, a helper need not
-    stale.sort(key=lambda drawing: not drawing.has_table)
-    shares = max(1, min(processes, len(stale) // WORTH_A_PROCESS))
-    own, *others = _shared(stale, shares)
-    helpers = [_started(share) for share in others]
+    enough = len(stale) >= WORTH_A_PROCESS
+    if pool is not None and (enough or pool.is_running):
+        jobs = [pool.submit(drawing.draw) for drawing in stale]
+        stale = [
+            drawing for drawing, job in zip(stale, jobs, strict=True) if job.exception() is not None
+        ]
+    return [drawing for drawing in stale if not _is_drawn(drawing)]
+
+
+def _is_drawn(drawing: Drawing) -> bool:
+    """Whether this process can draw it."""
     try:
-        for drawing in own:
-            drawing.draw()
-        for helper, share in zip(helpers, others, strict=True):
-            if helper.wait() != 0:
-                for drawing in share:
-                    drawing.draw()
-    finally:
-        for helper in helpers:
-            helper.kill()
-
-
-def _shared(drawings: Sequence[Drawing], shares: int) -> list[Sequence[Drawing]]:
-    """So many parts of the same size or one more, one after another."""
-    ends = [len(drawings) * share // shares for share in range(shares + 1)]
-    return [drawings[start:end] for start, end in pairwise(ends)]
-
-
-def _started(drawings: Sequence[Drawing]) -> subprocess.Popen[bytes]:
-    """A process that draws them; they are in a file, since a pipe holds few of them."""
-    command = [sys.executable, "-m", __name__]
-    with TemporaryFile() as file:
-        pickle.dump(list(drawings), file)
-        file.seek(0)
-        return subprocess.Popen(command, stdin=file, stderr=subprocess.DEVNULL)
+        drawing.draw()
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        message = f"{drawing.stem}: not drawn: {reason}"
+        warnings.warn(message, NotDrawn, stacklevel=2)
+        return False
+    return True
 
 
 def _head(file: Path) -> bytes:
@@ -165,13 +149,9 @@ def _parts(value: Any) -> Iterator[bytes]:
         yield repr(len(value)).encode()
         for part in value:
             yield from _parts(part)
-    elif hasattr(value, "to_dict"):  # a table of pandas, which is not imported for this
-        yield from _parts(value.to_dict("list"))
+    elif is_dataclass(value):
+        names = [field.name for field in fields(value)]
+        yield from _parts({name: getattr(value, name) for name in names})
     else:
         yield repr(value).encode()
         yield b"\0"
-
-
-if __name__ == "__main__":
-    for drawing in pickle.load(sys.stdin.buffer):
-        drawing.draw()

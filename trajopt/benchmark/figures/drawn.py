@@ -13,18 +13,19 @@ from hashlib import sha256
 from pathlib import Path
 
 from trajopt.benchmark.figures.drawing import code
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import Trial
 
 NOTE = ".drawn.json"  # in the folder of figures
 
 
-def draw(trials: Sequence[Trial], folder: Path, *, processes: int = 1) -> list[Path]:
+def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> list[Path]:
     """Draw every problem's figures into `folder`, as `figures.draw.draw` does, unless it has.
 
     Args:
         trials: those of the comparison.
         folder: where the problems' folders are, or will be.
-        processes: how many may draw at once.
+        pool: whose processes may help.
 
     Returns:
         The files, also of figures that were there already and show the same.
@@ -33,11 +34,10 @@ def draw(trials: Sequence[Trial], folder: Path, *, processes: int = 1) -> list[P
     files = _noted(folder, digest)
     if files:
         return files
-    # pandas: not where there is nothing to draw
-    from trajopt.benchmark.analysis.results import Results
+    # what only drawing needs: not where there is nothing to draw
     from trajopt.benchmark.figures.draw import draw as draw_now
 
-    files = draw_now(Results(trials), folder, processes=processes)
+    files = draw_now(trials, folder, pool)
     stamps = {file.relative_to(folder).as_posix(): _stamp(file) for file in files}
     note = json.dumps({"trials": digest, "files": stamps}, indent=1)
     folder.mkdir(parents=True, exist_ok=True)

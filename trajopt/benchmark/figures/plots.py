@@ -10,20 +10,25 @@ import warnings
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from itertools import cycle
+from math import isnan
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
+from trajopt.benchmark.analysis.summary import Line, by_median
+from trajopt.benchmark.figures.png import encoded
 from trajopt.benchmark.figures.style import (
     BLACK,
     BLUE,
@@ -35,11 +40,9 @@ from trajopt.benchmark.figures.style import (
     VERMILION,
     percent,
     plain,
+    power_of_ten,
     text,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 Look = dict[str, Any]  # what Matplotlib calls the parts of an artist's look
@@ -49,7 +52,6 @@ _BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
 _RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
 
 _PNG_DPI = 200
-_PNG_COMPRESSION = 1  # of 9: a tenth larger than 6, and two thirds of its time
 _COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
@@ -76,13 +78,7 @@ def save(figure: Figure, stem: Path, digest: str = "") -> list[Path]:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         _lay_out(figure)
-        _write(
-            figure,
-            png,
-            dpi=_PNG_DPI,
-            metadata={"Software": None} | said,
-            pil_kwargs={"compress_level": _PNG_COMPRESSION},
-        )
+        _write_png(figure, png, said)
         _write(figure, svg, metadata={"Date": None} | said)
     return [png, svg]
 
@@ -103,6 +99,17 @@ def _lay_out(figure: Figure) -> None:
         figure.set_layout_engine(None)
 
 
+def _write_png(figure: Figure, file: Path, said: Mapping[str, str]) -> None:
+    """The same figure in pixels; `said` are texts that the file carries."""
+    usual = figure.get_dpi()
+    figure.set_dpi(_PNG_DPI)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    figure.set_dpi(usual)
+    pixels = np.asarray(canvas.buffer_rgba())
+    file.write_bytes(encoded(pixels, _PNG_DPI, said))
+
+
 def _write(figure: Figure, file: Path, **options: Any) -> None:
     """Write all of it at once, so that a figure that cannot be drawn leaves the old one."""
     content = BytesIO()
@@ -114,20 +121,19 @@ def _write(figure: Figure, file: Path, **options: Any) -> None:
 
 
 @styled
-def durations(summary: pd.DataFrame, title: str = "") -> Figure:
+def durations(summary: Sequence[Line], title: str = "") -> Figure:
     """Certified durations of one problem's planners, the shortest first, and their gaps.
 
     Args:
-        summary: one problem's rows of `Results.summary()`. A planner with several runs shows its
-            median, quartiles (thick) and range (thin); one without a certified duration, its
-            status.
+        summary: one problem's lines of `Summary`. A planner with several runs shows its median,
+            quartiles (thick) and range (thin); one without a certified duration, its status.
         title: over the figure.
     """
-    rows = summary.sort_values("median", kind="stable", na_position="last")
-    rows = rows.reset_index(drop=True)
-    certified = rows[rows["median"].notna()]
+    rows = sorted(summary, key=by_median)
+    certified = [row for row in rows if not isnan(row.median)]
+    others = rows[len(certified) :]
     reference = _reference(rows)
-    labels = [_row_label(row) for _, row in rows.iterrows()]
+    labels = [_row_label(row) for row in rows]
     figure, (axes,) = _row_chart(labels, panels=1)
     _dots(axes, certified)
     if reference:
@@ -135,50 +141,56 @@ def durations(summary: pd.DataFrame, title: str = "") -> Figure:
         end = len(certified) - 0.5
         axes.vlines(time, -0.5, end, VERMILION, "--", label=name, lw=1.0, zorder=1.5)
     _columns(axes, certified, gaps=reference is not None)
-    _statuses(axes, rows[rows["median"].isna()])
+    _statuses(axes, others, first=len(certified))
     axes.set_xlabel("certified duration (s)")
     axes.set_title(text(title))
     axes.set_xlim(left=0)
-    if len(certified):
+    if certified:
         figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
-def _reference(rows: pd.DataFrame) -> tuple[str, float] | None:
+def _reference(rows: Sequence[Line]) -> tuple[str, float] | None:
     """What the gaps are measured against, in words, and its duration, s."""
-    for kind, value in rows[["kind", "reference"]].dropna().itertuples(index=False):
-        name = "optimum ≥ lower bound" if kind == "lower bound" else f"{kind} optimum"
-        return f"{name} {value:#.4g} s", float(value)
-    return None
+    first = rows[0]
+    if first.kind is None:
+        return None
+    name = "optimum ≥ lower bound" if first.kind == "lower bound" else f"{first.kind} optimum"
+    return f"{name} {first.reference:#.4g} s", first.reference
 
 
-def _row_label(row: pd.Series[Any]) -> str:
-    label = wrapped(row["label"])
-    if 0 < row["solved"] < row["runs"]:
-        return f"{label}\n({row['solved']} of {row['runs']} runs solved)"
+def _row_label(row: Line) -> str:
+    label = wrapped(row.label)
+    if 0 < row.solved < row.runs:
+        return f"{label}\n({row.solved} of {row.runs} runs solved)"
     return label
 
 
-def _dots(axes: Axes, rows: pd.DataFrame) -> None:
+def _dots(axes: Axes, rows: Sequence[Line]) -> None:
     """Stems and medians; of several runs also quartiles and range."""
-    axes.hlines(rows.index, 0, rows["median"], color="0.85", lw=1.0, zorder=1)
-    one = rows[rows["runs"] == 1]
-    many = rows[rows["runs"] > 1]
-    axes.hlines(many.index, many["min"], many["max"], color=BLUE, lw=0.9, zorder=2)
-    axes.hlines(many.index, many["q1"], many["q3"], color=BLUE, lw=3.5, zorder=2)
+    medians = [row.median for row in rows]
+    axes.hlines(range(len(rows)), 0, medians, color="0.85", lw=1.0, zorder=1)
+    once = [y for y, row in enumerate(rows) if row.runs == 1]
+    often = [y for y, row in enumerate(rows) if row.runs > 1]
+    for y in often:
+        row = rows[y]
+        axes.hlines(y, row.min, row.max, color=BLUE, lw=0.9, zorder=2)
+        axes.hlines(y, row.q1, row.q3, color=BLUE, lw=3.5, zorder=2)
     mark: Look = {"ms": 4.5, "mec": BLUE}
-    if len(one):
-        axes.plot(one["median"], one.index, "o", mfc=BLUE, label="one run", **mark)
-    if len(many):
+    if once:
+        x = [medians[y] for y in once]
+        axes.plot(x, once, "o", mfc=BLUE, label="one run", **mark)
+    if often:
+        x = [medians[y] for y in often]
         spread = "median, quartiles and range of several runs"
-        axes.plot(many["median"], many.index, "D", mfc="white", label=spread, **mark)
+        axes.plot(x, often, "D", mfc="white", label=spread, **mark)
 
 
-def _columns(axes: Axes, rows: pd.DataFrame, *, gaps: bool) -> None:
+def _columns(axes: Axes, rows: Sequence[Line], *, gaps: bool) -> None:
     """Median and gap as numbers, beside the chart."""
-    cells = {"median (s)": [f"{median:#.4g}" for median in rows["median"]]}
+    cells = {"median (s)": [f"{row.median:#.4g}" for row in rows]}
     if gaps:
-        cells["gap"] = [percent(gap) for gap in rows["gap"]]
+        cells["gap"] = [percent(row.gap) for row in rows]
     style: Look = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
     over: Look = {"xycoords": "axes fraction", "color": "0.3"}
     beside: Look = {"xycoords": axes.get_yaxis_transform(), "va": "center"}
@@ -189,8 +201,8 @@ def _columns(axes: Axes, rows: pd.DataFrame, *, gaps: bool) -> None:
             axes.annotate(number, (1, y), (right, 0), **beside, **style)
 
 
-def _statuses(axes: Axes, rows: pd.DataFrame) -> None:
-    """In place of a duration that is not there, why, and the lower bound if there is one."""
+def _statuses(axes: Axes, rows: Sequence[Line], first: int) -> None:
+    """In place of a duration, why there is none, and the lower bound; from the row `first` on."""
     style: Look = {
         "textcoords": "offset points",
         "va": "center",
@@ -198,10 +210,10 @@ def _statuses(axes: Axes, rows: pd.DataFrame) -> None:
         "style": "italic",
         "color": "0.3",
     }
-    for y, row in rows.iterrows():
-        said = str(row["status"])
-        if row["lower_bound"] > 0:
-            said = f"{said} (lower bound {row['lower_bound']:#.4g} s)"
+    for y, row in enumerate(rows, start=first):
+        said = row.status
+        if row.lower_bound > 0:
+            said = f"{said} (lower bound {row.lower_bound:#.4g} s)"
         axes.annotate(said, (0, y), (4, 0), **style)
 
 
@@ -252,14 +264,17 @@ def convergence(
     above.set_title(text(title))
     longest = max(spent[-1] for spent, _ in curves.values())
     above.set_xlim(1, 1.1 * longest)
+    above.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
     above.yaxis.set_major_locator(LogLocator(subs=_SUBDIVISIONS))
     above.yaxis.set_major_formatter(FuncFormatter(plain))
-    above.yaxis.set_minor_formatter(NullFormatter())
     if best:
         name = f"best 3-5-3 {best:#.4g} s"
         above.axhline(best, color=BLACK, lw=0.8, ls=_SHORT_DASHES, label=name)
         _log_percent(grid[1].yaxis)
         grid[1].set_ylabel("above the best 3-5-3 (%)")
+    _draw_minor_ticks(above.yaxis)
+    for axes in grid:
+        _draw_minor_ticks(axes.xaxis)
     grid[-1].set_xlabel("evaluations")
     keys = above.get_legend_handles_labels()
     figure.legend(*keys, loc="outside right upper", title="median and quartiles")
@@ -297,19 +312,19 @@ def _band(
 
 
 @styled
-def gap_distribution(gaps: pd.DataFrame, title: str = "") -> Figure:
+def gap_distribution(gaps: Mapping[str, Array], title: str = "") -> Figure:
     """The gap (%) of every run, a row per planner with several, the smallest median first.
 
     On the right, what is above the best of these runs. Planners that ran once are lines, where they
     are in view.
 
     Args:
-        gaps: `label` and `gap` of one problem (`Results.gaps()`).
+        gaps: every planner's on one problem, ratios minus 1; NaN where a run has none.
         title: over the figure.
     """
     groups = {}
-    for label, own in gaps.groupby("label")["gap"]:
-        groups[label] = 100 * own.dropna().to_numpy()
+    for label, own in sorted(gaps.items()):
+        groups[label] = 100 * own[~np.isnan(own)]
     several = [label for label, runs in groups.items() if len(runs) > 1]
     labels = sorted(several, key=lambda label: float(np.median(groups[label])))
     values = [groups[label] for label in labels]
@@ -392,7 +407,25 @@ def _log_percent(axis: XAxis | YAxis) -> None:
         axis.axes.set(yscale="log", ylim=limits)
     axis.set_major_locator(LogLocator(numticks=8))
     axis.set_major_formatter(FuncFormatter(_floored))
-    axis.set_minor_formatter(NullFormatter())
+    _draw_minor_ticks(axis)
+
+
+def _draw_minor_ticks(axis: XAxis | YAxis) -> None:
+    """Its minor ticks as one artist, once its limits are set: Matplotlib draws five for each."""
+    places = np.asarray(axis.get_minorticklocs())
+    axis.set_minor_locator(NullLocator())
+    edge = np.zeros_like(places)
+    size = matplotlib.rcParams["xtick.minor.size"]
+    width = matplotlib.rcParams["xtick.minor.width"]
+    look: Look = {"ls": "", "color": BLACK, "ms": size, "mew": width}
+    axes = axis.axes
+    if axis.axis_name == "x":
+        look |= {"marker": TICKDOWN, "transform": axes.get_xaxis_transform()}
+        ticks = Line2D(places, edge, **look)
+    else:
+        look |= {"marker": TICKLEFT, "transform": axes.get_yaxis_transform()}
+        ticks = Line2D(edge, places, **look)
+    axes.figure.add_artist(ticks)
 
 
 def _floored(value: float, _: object = None) -> str:

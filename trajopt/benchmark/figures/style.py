@@ -6,6 +6,7 @@ same apart in grey. Nothing here needs Matplotlib.
 
 from __future__ import annotations
 
+from math import log10
 from typing import Any
 
 from trajopt.problem import LimitName
@@ -30,6 +31,7 @@ QUANTITIES: tuple[tuple[LimitName, str], ...] = (
 )  # the place of each is the order of its derivative
 GAP_FLOOR = 1e-4  # %: differences below it are drawn at it, where a log axis ends
 ZERO_WIDTH_SPACE = "\u200b"
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TITLE_LENGTH = 80  # characters: what fits over the widest figure
 
 STYLE_SHEET: dict[Any, Any] = {
@@ -81,6 +83,12 @@ def percent(gap: float) -> str:
     """A gap (a ratio minus 1) with the sign it has: two decimals below 10 %, one above."""
     digits = 2 if abs(gap) < 0.1 else 1
     return f"{100 * gap:+.{digits}f} %".replace("-", "−")
+
+
+def power_of_ten(value: float, _: object = None) -> str:
+    """A tick's number on a log axis, 10⁴; Matplotlib passes its place too."""
+    exponent = f"{log10(value):.0f}"
+    return f"10{exponent.translate(_SUPERSCRIPTS)}"
 
 
 def plain(value: float, _: object = None) -> str:

@@ -9,6 +9,7 @@ import cloudpickle
 
 from trajopt.benchmark.run import workers
 from trajopt.benchmark.run.plan import Allowance, Task
+from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.store.folder import Store
 
 
@@ -20,17 +21,17 @@ def here(tasks: Sequence[Task], store: Store) -> Iterator[int]:
 
 
 def in_children(
-    tasks: Sequence[Task], store: Store, allowed: Allowance, jobs: int
+    tasks: Sequence[Task], store: Store, allowed: Allowance, pool: Pool
 ) -> Iterator[int]:
-    """The same in `jobs` supervised child processes, longest tasks first."""
+    """The same in supervised child processes, longest tasks first."""
     if not tasks:
         return
-    with workers.single_threaded(), workers.pool_of(min(jobs, len(tasks))) as pool:
-        futures = {
-            workers.schedule(pool, task, cloudpickle.dumps(task), store, allowed): task
-            for task in _longest_first(tasks)
-        }
-        yield from _finished(futures, store, allowed)
+    processes = pool.processes(most=len(tasks))
+    futures = {
+        workers.schedule(processes, task, cloudpickle.dumps(task), store, allowed): task
+        for task in _longest_first(tasks)
+    }
+    yield from _finished(futures, store, allowed)
 
 
 def on_executor(

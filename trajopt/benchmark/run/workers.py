@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -124,6 +124,18 @@ def _work(pickled: bytes, store: Store, allowed: Allowance) -> None:
     """In the worker process."""
     _hold_to(allowed.memory)
     do(cloudpickle.loads(pickled), store, allowed)
+
+
+def submit(pool: pebble.ProcessPool, job: Callable[[], None]) -> Future[None]:
+    """Send a job that is no trial: it has all the time and memory that there is."""
+    child: Future[None] = pool.schedule(_unlimited, args=(job,))
+    return child
+
+
+def _unlimited(job: Callable[[], None]) -> None:
+    """In the worker process, which a trial may have been before."""
+    _hold_to(None)
+    job()
 
 
 def _hold_to(memory: float | None) -> None:
