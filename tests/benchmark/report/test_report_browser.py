@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import itertools
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +18,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 from test_report import NASTY, made
 from test_report import run as made_on
 
+from experiments import screens
+from experiments.common import browser as chromium
 from trajopt import Limits, Problem, Status
 from trajopt.benchmark import compare as run
 from trajopt.benchmark import report
@@ -33,37 +35,19 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import judge
 from trajopt.registry import load
 
-FLAGS = (
-    "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
-    "--force-prefers-reduced-motion", "--window-size=1280,900",
-)  # fmt: skip
 PLANNERS = ("toppra", "unoptimised", "pso:iterations=20")
 STIFF = Problem([[0.0], [1.0]], Limits([1.0], [1.0], [2.0]), "stiff")
 
 Script = Callable[..., Any]
 
 
-def _missing() -> str:
-    absent = [p for p, name in (("chromium", "chromium"), ("chromium-driver", "chromedriver"))
-              if not shutil.which(name)]  # fmt: skip
-    return f"needs a browser: apt install {' '.join(absent)}" if absent else ""
-
-
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    if missing := _missing():
+    if missing := chromium.missing():
         (pytest.fail if os.environ.get("TRAJOPT_BROWSER") == "required" else pytest.skip)(missing)
-    webdriver = pytest.importorskip("selenium.webdriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = shutil.which("chromium")
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    service = webdriver.ChromeService(shutil.which("chromedriver"))
-    driver = webdriver.Chrome(options=options, service=service)
-    yield driver
-    driver.quit()
+    pytest.importorskip("selenium.webdriver")
+    with chromium.opened(tmp_path_factory.mktemp("profile")) as driver:
+        yield driver
 
 
 @pytest.fixture(scope="module")
@@ -86,24 +70,18 @@ def page(browser: Any, results: Results, tmp_path_factory: pytest.TempPathFactor
 @pytest.fixture
 def script(browser: Any, page: Path) -> Script:
     """The page, ready, nothing filtered; runs JavaScript in it, which may be asynchronous."""
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    chromium.leave_size(browser)
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
     browser.set_script_timeout(20)
     if browser.current_url.partition("#")[0] != page.as_uri():
         browser.get(page.as_uri())
-    _run(browser, """while (!document.documentElement.dataset.ready)
-        await new Promise((go) => setTimeout(go, 20));
+    chromium.run(browser, chromium.READY + """
         for (const id of ["search", "by-planner", "by-status"]) {
             const box = document.getElementById(id);
             box.value = ""; box.dispatchEvent(new Event("input"));
         }
         document.getElementById("trials").close();""")  # fmt: skip
-    return lambda text, *arguments: _run(browser, text, *arguments)
-
-
-def _run(browser: Any, text: str, *arguments: Any) -> Any:
-    body = f"const done = arguments[arguments.length - 1]; (async (...args) => {{ {text} }})"
-    return browser.execute_async_script(f"{body}(...arguments).then(done)", *arguments)
+    return lambda text, *arguments: chromium.run(browser, text, *arguments)
 
 
 PAUSE = "await new Promise((go) => setTimeout(go, 60));"
@@ -298,18 +276,17 @@ def rival_page(rivals: Results, tmp_path_factory: pytest.TempPathFactory) -> Pat
 @pytest.fixture
 def open_rivals(browser: Any, rival_page: Path) -> Script:
     """The page, ready, every choice as it was when it opened."""
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    chromium.leave_size(browser)
     browser.set_script_timeout(20)
     if browser.current_url.partition("#")[0] != rival_page.as_uri():
         browser.get(rival_page.as_uri())
-    _run(browser, """while (!document.documentElement.dataset.ready)
-        await new Promise((go) => setTimeout(go, 20));
+    chromium.run(browser, chromium.READY + """
         for (const box of document.querySelectorAll("select")) {
             const first = [...box.options].findIndex((o) => o.defaultSelected);
             if (box.selectedIndex === Math.max(first, 0)) continue;
             box.selectedIndex = Math.max(first, 0); box.dispatchEvent(new Event("change"));
         }""")  # fmt: skip
-    return lambda text, *arguments: _run(browser, text, *arguments)
+    return lambda text, *arguments: chromium.run(browser, text, *arguments)
 
 
 LINES = """return [...document.querySelectorAll(`#${args[0]} tbody tr`)]
@@ -486,12 +463,10 @@ FITTED = """return [...document.querySelectorAll('.chart')]
 def test_a_chart_is_as_wide_as_its_column(
     browser: Any, script: Script, page: Path, width: int
 ) -> None:
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 640}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    chromium.resize(browser, width, 900)
     browser.get("about:blank")
     browser.get(page.as_uri())
-    script("""while (!document.documentElement.dataset.ready)
-        await new Promise((go) => setTimeout(go, 20));""")  # fmt: skip
+    script(chromium.READY)
     script(OPEN, "one-joint", 4)
     script(PAUSE)
     widths = script(FITTED)
@@ -499,9 +474,23 @@ def test_a_chart_is_as_wide_as_its_column(
     for chart, column in widths:
         assert chart == pytest.approx(column, abs=2)
     assert script("return document.documentElement.scrollWidth") <= width
-    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    chromium.leave_size(browser)
     script(PAUSE + PAUSE)
     assert all(chart == pytest.approx(column, abs=2) for chart, column in script(FITTED))
+
+
+def test_the_screens_of_the_docs_are_of_their_size_and_nothing_stands_out(
+    browser: Any, page: Path, tmp_path: Path
+) -> None:
+    row = screens.looked_at(browser, page, 390, "dark", tmp_path)
+    assert row["page stands out, px"] == row["widest chart stands out, px"] == 0
+    chromium.prefer(browser, "")
+    chromium.leave_size(browser)
+    for view in screens.VIEWS:
+        with Image.open(tmp_path / f"{view}-390-dark.png") as picture:
+            assert picture.size == (390, screens.HEIGHTS[390])
+            grey = picture.convert("L")
+            assert np.median(grey) < 64  # of 255: a dark page
 
 
 def test_a_dark_page_has_light_ink_in_tables_and_charts(browser: Any, script: Script) -> None:
@@ -512,8 +501,7 @@ def test_a_dark_page_has_light_ink_in_tables_and_charts(browser: Any, script: Sc
         return [style.color, style.backgroundColor,
             [...new Set(charts.map((c) => c.layout.font.color))], lines.includes('#000000')]"""
     light = script(looks)
-    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": dark})
+    chromium.prefer(browser, "dark")
     script(PAUSE)
     ink, ground, fonts, black = script(looks)
     assert light[:3] == ["rgb(26, 26, 26)", "rgb(255, 255, 255)", ["#1a1a1a"]]
@@ -526,8 +514,7 @@ def test_a_dark_page_has_light_ink_in_tables_and_charts(browser: Any, script: Sc
     script("window.dispatchEvent(new Event('beforeprint'));" + PAUSE)
     assert script(looks)[2] == ["#1a1a1a"]  # on paper
     script("window.dispatchEvent(new Event('afterprint'));" + PAUSE)
-    nobody = [{"name": "prefers-color-scheme", "value": ""}]
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": nobody})
+    chromium.prefer(browser, "")
     script(PAUSE)
     assert script(looks) == light
 
@@ -551,25 +538,22 @@ def test_a_phone_shows_the_dialog_where_a_crash_trace_is_listed(
     browser: Any, crash: tuple[Path, str], width: int
 ) -> None:
     page, crashed = crash
-    size = {"width": width, "height": 800, "deviceScaleFactor": 2, "mobile": True}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    chromium.resize(browser, width, 800, scale=2)
     browser.get(page.as_uri())
-    _run(browser, """while (!document.documentElement.dataset.ready)
-        await new Promise((go) => setTimeout(go, 20));
+    chromium.run(browser, chromium.READY + """
         const traces = document.querySelectorAll('.why details');
         for (const trace of traces) trace.open = true;""")  # fmt: skip
-    assert _run(browser, "return document.documentElement.scrollWidth") <= width
-    left, right = _run(browser, f"""location.hash = 'trial-{crashed}';{PAUSE}
+    assert chromium.run(browser, "return document.documentElement.scrollWidth") <= width
+    left, right = chromium.run(browser, f"""location.hash = 'trial-{crashed}';{PAUSE}
         const box = document.getElementById('trials').getBoundingClientRect();
         return [box.left, box.right]""")  # fmt: skip
     assert 0 <= left < right <= width
-    assert _run(browser, "return visualViewport.scale") == 1
+    assert chromium.run(browser, "return visualViewport.scale") == 1
 
 
 @pytest.mark.parametrize("width", [320, 390])
 def test_a_phone_does_not_scroll_sideways(browser: Any, script: Script, width: int) -> None:
-    size = {"width": width, "height": 800, "deviceScaleFactor": 2, "mobile": True}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    chromium.resize(browser, width, 800, scale=2)
     script(PAUSE)
     assert script("return document.documentElement.scrollWidth") <= width
     labels = "return getComputedStyle(document.querySelector('td[data-label]'), '::before').content"
@@ -580,8 +564,7 @@ def test_a_phone_does_not_scroll_sideways(browser: Any, script: Script, width: i
 def test_a_phone_shows_all_of_the_differences(
     browser: Any, open_rivals: Script, width: int
 ) -> None:
-    size = {"width": width, "height": 800, "deviceScaleFactor": 2, "mobile": True}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    chromium.resize(browser, width, 800, scale=2)
     open_rivals(PAUSE)
     assert open_rivals("return document.documentElement.scrollWidth") <= width
     for table in ("paired-table", "ert-table"):
