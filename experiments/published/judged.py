@@ -7,9 +7,10 @@ from typing import Any
 
 import pandas as pd
 
+from trajopt.benchmark.best_known.surveyed import survey
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
-from trajopt.explain.claims import JudgedClaim, Known, judge, survey
+from trajopt.explain.claims import JudgedClaim, Known, judge
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,81 @@
+"""What is known of a problem: what the references find now, or what is recorded and better."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+
+from trajopt.benchmark.best_known import records, verification
+from trajopt.benchmark.best_known.record import Record
+from trajopt.benchmark.best_known.records import BETTER_RTOL
+from trajopt.exceptions import TrajoptError
+from trajopt.explain import claims
+from trajopt.explain.claims import Known
+from trajopt.problem import Problem
+from trajopt.verification import certified
+
+
+def survey(
+    problem: Problem,
+    families: Iterable[str] = (),
+    *,
+    time_limit: float = 20.0,
+) -> Known:
+    """Ask every reference about a problem, and its record.
+
+    Args:
+        problem: waypoints and limits.
+        families: whose best member is wanted too.
+        time_limit: for the proof of the lower bound, s; what is recorded is checked besides.
+    """
+    known = claims.survey(problem, families, time_limit=time_limit)
+    return with_record(known)
+
+
+def with_record(known: Known, where: Path | None = None) -> Known:
+    """The same with both ends of the record where they are better by more than 1e-6.
+
+    The recorded motion is verified now, and the recorded bound is what its proof proves now.
+
+    Args:
+        known: what was computed.
+        where: folder of records; by default the one that comes with this package.
+    """
+    record = records.find(known.problem, where)
+    if record is None:
+        return known
+    return _with_bound(_with_motion(known, record), record)
+
+
+def _with_motion(known: Known, record: Record) -> Known:
+    computed = inf if known.best is None else known.best
+    if record.duration >= computed * (1 - BETTER_RTOL):
+        return known
+    trajectory = certified(known.problem, record.trajectory)
+    if trajectory is None or trajectory.duration >= computed * (1 - BETTER_RTOL):
+        return known
+    return replace(
+        known,
+        best=trajectory.duration,
+        best_by=f"recorded: {record.motion}",
+        trajectory=trajectory,
+    )
+
+
+def _with_bound(known: Known, record: Record) -> Known:
+    threshold = known.lower_bound * (1 + BETTER_RTOL)
+    if record.lower_bound <= threshold:
+        return known
+    try:
+        bound = verification.proved(record)
+    except TrajoptError:
+        return known  # it proves nothing, or what checks it is not installed
+    if bound <= threshold:
+        return known
+    return replace(
+        known,
+        lower_bound=bound,
+        bound_by=f"recorded: {record.bound}, checked again",
+    )
