@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines import segment_units
 from baselines.exact.rounded import Clock, assembled, clocks, through
+from baselines.linear_programs import LinearPrograms
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
@@ -119,11 +119,25 @@ class Sections:
     def at_rest(self) -> Array:
         return np.zeros((2, *self.waypoints.shape))
 
-    def minima(self, k: int, start: Array, end: Array) -> Array:
-        """Each joint's own least time for segment `k`, NaN where Ruckig refuses, `(joints,)`, s."""
-        if not self._calculate(k, start, end):
-            return np.full(len(self.moving), np.nan)
-        own = np.array(self._trajectory.independent_min_durations)
+    def minima(self, k: int, starts: Array, ends: Array) -> Array:
+        """Each joint's own least time for segment `k`, s; NaN where Ruckig refuses.
+
+        Args:
+            k: the segment's number, from 0.
+            starts: states that it starts from, `(2, cases, moving joints)`.
+            ends: states that it ends at, of the same shape.
+
+        Returns:
+            `(cases, moving joints)`.
+        """
+        refused = [np.nan] * len(self.moving)
+        minima = []
+        for section in self._between(k, starts, ends):
+            if self._is_solved(k, *section):
+                minima.append(self._trajectory.independent_min_durations)
+            else:
+                minima.append(refused)
+        own = np.array(minima).reshape(-1, len(self.moving))
         return own * self._units[k].time
 
     def duration(self, k: int, start: Array, end: Array) -> float:
@@ -230,14 +244,34 @@ class Sections:
         checked: bool = False,
     ) -> bool:
         """Whether Ruckig solves segment `k`; `checked`, from states that keep their limits."""
+        (section,) = self._between(k, start[:, None], end[:, None])
+        return self._is_solved(k, *section, checked=checked)
+
+    def _between(self, k: int, starts: Array, ends: Array) -> Iterator[tuple[list[float], ...]]:
+        """Velocity and acceleration at both ends of each case, as Ruckig's input takes them."""
         units = self._units[k]
-        velocity, acceleration = units.states(start)
-        target_velocity, target_acceleration = units.states(end * _INWARDS)
+        states = [
+            *units.states(starts),
+            *units.states(ends * _INWARDS),
+        ]
+        return zip(*[state.tolist() for state in states], strict=True)
+
+    def _is_solved(
+        self,
+        k: int,
+        velocity: list[float],
+        acceleration: list[float],
+        target_velocity: list[float],
+        target_acceleration: list[float],
+        *,
+        checked: bool = False,
+    ) -> bool:
+        """Whether Ruckig solves segment `k` between states in its units."""
         given = self._inputs[k]
-        given.current_velocity = velocity.tolist()
-        given.current_acceleration = acceleration.tolist()
-        given.target_velocity = target_velocity.tolist()
-        given.target_acceleration = target_acceleration.tolist()
+        given.current_velocity = velocity
+        given.current_acceleration = acceleration
+        given.target_velocity = target_velocity
+        given.target_acceleration = target_acceleration
         self.evaluations += 1
         try:
             if checked and not self._solver.validate_input(given, True, True):
@@ -280,7 +314,7 @@ def section(
     sections = Sections(Problem(waypoints, limits))
     leaving = np.array(start_rates)[:, sections.moving]
     arriving = np.array(end_rates)[:, sections.moving]
-    minima = sections.minima(0, leaving, arriving)
+    (minima,) = sections.minima(0, leaving[:, None], arriving[:, None])
     return sections.duration(0, leaving, arriving), minima
 
 
@@ -298,6 +332,7 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
     if refused or inner.size == 0:
         return best, history
     generator = np.random.default_rng(0)
+    programs = LinearPrograms()
     guesses = _guesses(sections)
     while sections.evaluations < evaluations:
         radius = generator.choice(_KICK_RADII)
@@ -305,7 +340,7 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
         start = generator.uniform(lower, upper)
         if guesses:
             start = guesses.pop(0)
-        states, total = _descended(sections, start, evaluations)
+        states, total = _descended(sections, programs, start, evaluations)
         if total < shortest:
             best = states
             shortest = total
@@ -334,6 +369,7 @@ def _guesses(sections: Sections) -> list[Array]:
 
 def _descended(
     sections: Sections,
+    programs: LinearPrograms,
     states: Array,
     evaluations: int,
 ) -> tuple[Array, float]:
@@ -347,7 +383,7 @@ def _descended(
     best = _total(sections, states)
     radius = _START_RADIUS
     while radius > _LAST_RADIUS and sections.evaluations < evaluations:
-        trial = _proposed(sections, states, radius)
+        trial = _proposed(sections, programs, states, radius)
         total = _total(sections, trial)
         if total < best * (1 - _GAIN_RTOL):
             states = trial
@@ -388,7 +424,12 @@ def _bounds(
     return lower, upper
 
 
-def _proposed(sections: Sections, states: Array, radius: float) -> Array:
+def _proposed(
+    sections: Sections,
+    programs: LinearPrograms,
+    states: Array,
+    radius: float,
+) -> Array:
     """The states that minimise the linear model within the trust region."""
     lower, upper = _bounds(sections, states, radius)
     above = upper - states
@@ -412,20 +453,15 @@ def _proposed(sections: Sections, states: Array, radius: float) -> Array:
     room_below = below / units
     highest = np.r_[room_above.ravel(), room_below.ravel(), unbounded]
 
-    # milp without integers: linprog spends longer checking its arguments than solving.
-    optimize = scipy.optimize
-    answer = optimize.milp(
+    answer = programs.minimised(
         cost,
-        constraints=optimize.LinearConstraint(
-            scipy.sparse.csc_array(matrix),
-            ub=-times.ravel() / longest,
-        ),
-        bounds=optimize.Bounds(0, highest),
-        options={"presolve": False},
+        matrix,
+        -times.ravel() / longest,
+        highest,
     )
-    if answer.x is None:
+    if answer is None:
         return states
-    steps = answer.x[: 2 * states.size]
+    steps = answer[: 2 * states.size]
     rise, fall = steps.reshape(2, *states.shape)
     proposed = states + (rise - fall) * units
     return np.asarray(np.clip(proposed, lower, upper))
@@ -462,20 +498,24 @@ def _slopes(
     segments = count - 1
     slopes = np.zeros((segments, joints, *states.shape))
     own = np.arange(joints)
-    for order, waypoint in np.argwhere(room.any(axis=2)):
-        step = _PROBE_SHARE * room[order, waypoint]
-        moved = states.copy()
-        moved[order, waypoint] += step
-        for k in (waypoint - 1, waypoint):
-            start, end = _ends(moved, k)
-            change = sections.minima(k, start, end) - times[k]
-            slope = np.divide(
-                change,
-                step,
-                out=np.zeros(joints),
-                where=step != 0,
-            )
-            slopes[k, own, order, waypoint, own] = slope
+    steps = _PROBE_SHARE * room
+    for k in range(segments):
+        # one case for every state at either end that may move
+        at_ends = _ends(steps, k)
+        side, order = np.nonzero(at_ends.any(axis=2))
+        case = np.arange(len(side))
+        step = at_ends[side, order]
+        moved = np.repeat(_ends(states, k)[:, :, None], len(case), axis=2)
+        moved[side, order, case] += step
+        change = sections.minima(k, *moved) - times[k]
+        slope = np.divide(
+            change,
+            step,
+            out=np.zeros_like(step),
+            where=step != 0,
+        )
+        waypoint = k + side
+        slopes[k, own, order[:, None], waypoint[:, None], own] = slope
     finite = np.nan_to_num(slopes)
     return finite.reshape(segments * joints, *states.shape)
 
@@ -484,7 +524,7 @@ def _minima(sections: Sections, states: Array) -> list[Array]:
     """Each segment's least times, `(joints,)` each."""
     minima = []
     for k, (start, end) in _each_segment(states):
-        own = sections.minima(k, start, end)
+        (own,) = sections.minima(k, start[:, None], end[:, None])
         minima.append(own)
     return minima
 

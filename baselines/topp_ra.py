@@ -12,7 +12,6 @@ piecewise polynomial of twice the path's degree, composed exactly.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from types import SimpleNamespace
@@ -47,6 +46,8 @@ _INDIVISIBLE_SHARE = 1e-6
 _SHORT_STEP = 1e-2
 # Of a piece's largest coefficient: what its others may be on a line.
 _STRAIGHT_RTOL = 1e-9
+# Where in each piece its own timing's use of the limits is sampled.
+_SAMPLES = np.linspace(0.0, 1.0, 9)[:, None, None]
 # Of the whole path: a piece shorter than that is none.
 _BREAK_RTOL = 1e-8
 # By which a start speed may exceed the highest possible one.
@@ -111,13 +112,20 @@ def rules(knots: Knots | Literal["best"], ends: Ends | Literal["best"]) -> list[
 
 def steps_by_rule(problem: Problem) -> dict[Knots, Array]:
     """By how much the parameter grows in each segment, `(segments,)`, by knot rule."""
+    every: tuple[Knots, ...] = get_args(Knots)
+    return {rule: steps(problem, rule) for rule in every}
+
+
+def steps(problem: Problem, knots: Knots) -> Array:
+    """By how much the parameter grows in each segment, `(segments,)`."""
+    if knots == "limit":
+        return stop_times(problem.without("jerk"))
+    if knots == "uniform":
+        return np.ones(problem.segments)
     chords = np.linalg.norm(problem.displacements, axis=1)
-    return {
-        "uniform": np.ones_like(chords),
-        "chord": chords,
-        "centripetal": np.sqrt(chords),
-        "limit": stop_times(problem.without("jerk")),
-    }
+    if knots == "chord":
+        return np.asarray(chords)
+    return np.asarray(np.sqrt(chords))
 
 
 def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
@@ -126,8 +134,7 @@ def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
     Its "time" is the path parameter. Not-a-knot is a parabola with three waypoints, a line
     with two.
     """
-    steps = steps_by_rule(problem)
-    at = np.r_[0.0, np.cumsum(steps[knots])]
+    at = np.r_[0.0, np.cumsum(steps(problem, knots))]
     cubics = scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=ends)
     return Trajectory(at, cubics.c, at)
 
@@ -152,7 +159,7 @@ def along(
     Every break is a gridpoint, and each piece is cut evenly into steps of about `1/gridpoints` of
     the whole. The claim holds at the gridpoints; certify it.
     """
-    scale = verify(problem, trajectory).dilation
+    scale = _dilation(problem.limits, trajectory)
     if start_speed is None:
         trajectory = _straightened(trajectory)
     if end_speed is None:
@@ -177,6 +184,24 @@ def along(
     return solution
 
 
+def _dilation(limits: Limits, path: Trajectory) -> float:
+    """The cheapest uniform dilation of a path's own timing, as `_SAMPLES` of each piece show it.
+
+    It is a unit, not a verdict: a peak that the samples miss makes the numbers a little larger.
+    """
+    lengths = np.diff(path.breaks)
+    unit = polynomials.stretched(path.coefficients, lengths)
+    slowness = 1 / lengths[:, None]
+    highest = 0.0
+    for order, pairs in ((1, limits.velocity), (2, limits.acceleration)):
+        rates = polynomials.derivative(unit, order)
+        values = polynomials.evaluate(rates[:, None], _SAMPLES) * slowness**order
+        low, high = pairs.T
+        use = np.maximum(values / high, values / low).max()
+        highest = max(highest, float(use) ** (1 / order))
+    return highest
+
+
 def _along(
     limits: Limits,
     trajectory: Trajectory,
@@ -185,7 +210,7 @@ def _along(
     scale: float,
     wider: float,
 ) -> Solution:
-    """The same on one grid; `scale` is the dilation that the path's own timing needs."""
+    """The same on one grid; `scale` is about the dilation that the path's own timing needs."""
     path = unit_path(trajectory, gridpoints)
     grid = cut(path)
     unit = scale * trajectory.duration / gridpoints  # of time, s
@@ -439,7 +464,8 @@ def _constraint(grid: Grid, limits: Limits) -> Any:
     middle = _normalised(step * square, square, -(top**2))
     rows.append(middle)
 
-    a, b, c = [_with_last_twice(parts) for parts in zip(*rows, strict=True)]
+    # beside each other, for every step; toppra asks for one more at the end
+    a, b, c = np.concatenate(rows, axis=2)[:, [*range(len(step)), -1]]
     bounds = _speed_bounds(first, limits.velocity)
     # toppra's F (a u + b x + c) ≤ g, and no limit on u alone
     count = a.shape[1]
@@ -452,22 +478,20 @@ def _constraint(grid: Grid, limits: Limits) -> Any:
     return constraint
 
 
-def _with_last_twice(parts: Sequence[Array]) -> Array:
-    """Rows of all parts beside each other, for every step; toppra asks for one more at the end."""
-    beside = np.concatenate(parts, axis=1)
-    return np.concatenate([beside, beside[-1:]])
-
-
 def _normalised(
     a: Array,
     b: Array,
     c: Array,
-) -> tuple[Array, Array, Array]:
-    """Each row over its largest coefficient: the solver's tolerances are absolute."""
+) -> Array:
+    """Each row over its largest coefficient, `(3, …)`: the solver's tolerances are absolute."""
     largest = np.maximum(np.abs(a), np.abs(b))
     constant = np.abs(c) / _FREE_SPEED**2
-    size = np.maximum(largest, constant)
-    return a / size, b / size, c / size
+    rows = np.empty((3, *a.shape))
+    rows[0] = a
+    rows[1] = b
+    rows[2] = c
+    rows /= np.maximum(largest, constant)
+    return rows
 
 
 def _speed_bounds(first: Array, velocity: Array) -> Array:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -289,6 +289,8 @@ def _limits_of(written: problem_file.ProblemFile) -> Limits:
 
 def _pairs(name: str, value: Any) -> Array:
     """One `[low, high]` pair per joint, from numbers (symmetric) or pairs."""
+    if _is_table(value) and value.shape[1] == 2:
+        return np.array(value, dtype=float)
     key = f"limits.{name}"
     if not _is_list(value) or len(value) == 0:
         raise InvalidInput(key, "one number or [low, high] pair per joint", value=value)
@@ -314,20 +316,18 @@ def _is_pair(item: Any) -> bool:
 
 def _check_signs(name: str, pairs: Array) -> None:
     """Velocity and acceleration are finite, rates allow rest, positions are in order."""
-    finite = name in ("velocity", "acceleration")
-    expected = "a positive number, or low < 0 < high"
-    if name == "position":
-        expected = "low < high"
-    if finite:
+    low, high = pairs.T
+    right = low < high
+    expected = "low < high"
+    if name != "position":
+        right = (low < 0) & (high > 0)
+        expected = "a positive number, or low < 0 < high"
+    if name in ("velocity", "acceleration"):
+        right &= np.isfinite(low) & np.isfinite(high)
         expected += ", finite"
-    for joint, (low, high) in enumerate(pairs):
-        ordered = low < high
-        if name != "position":
-            ordered = low < 0 < high
-        endless = np.isinf(low) or np.isinf(high)
-        if not ordered or (finite and endless):
-            value = _as_written(name, low, high)
-            raise InvalidInput(f"limits.{name}", expected, value=value, joint=joint)
+    for joint in np.flatnonzero(~right):
+        value = _as_written(name, low[joint], high[joint])
+        raise InvalidInput(f"limits.{name}", expected, value=value, joint=int(joint))
 
 
 def _as_written(name: str, low: float, high: float) -> float | list[float]:
@@ -341,6 +341,8 @@ def _as_written(name: str, low: float, high: float) -> float | list[float]:
 
 def _table(rows: Any) -> Array:
     """Waypoints as a table; errors name the waypoint and the joint, counted from 1."""
+    if _is_table(rows) and len(rows) > 1 and np.isfinite(rows).all():
+        return np.array(rows, dtype=float)
     if not _is_list(rows) or len(rows) < 2:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint", value=rows)
     for number, row in enumerate(rows, start=1):
@@ -388,6 +390,13 @@ def _check_joint_names(names: Sequence[str], joints: int) -> None:
         if name in seen:
             raise InvalidInput("joint_names", "names that differ", value=name, joint=joint)
         seen.add(name)
+
+
+def _is_table(value: Any) -> TypeGuard[Array]:
+    """Whether it is rows of Python's own floats, in which nothing else can hide."""
+    if not isinstance(value, np.ndarray) or value.dtype != float:
+        return False
+    return value.ndim == 2 and value.size > 0
 
 
 def _is_list(value: Any) -> bool:
