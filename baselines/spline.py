@@ -163,7 +163,7 @@ class Spline(Planner):
         if not best.duration < np.inf:
             return Solution(
                 Status.FAILED,
-                message=no_start_succeeded(statuses),
+                message=motion.failure(statuses),
                 setup_time=setup_time,
                 stats=stats,
             )
@@ -280,6 +280,32 @@ class _Motion:
         if problem.has("position"):
             starts = moving[list(family.segments), :, None]
             self.room = (limits.position - starts) / self.span[:, None]
+
+    def failure(self, statuses: list[str]) -> str:
+        """Why no start succeeded, and whether limits at waypoints leave a spline at all.
+
+        On a position limit at an inner waypoint a joint stands still. That is one equation, for
+        which the joint has the family's freedoms, and all joints together the ratios of the times.
+        """
+        ended = no_start_succeeded(statuses)
+        if self.room is None:
+            return ended
+        inner = self.problem.waypoints[1:-1, self.moving, None]
+        limits = self.problem.limits.position[self.moving]
+        on_limit = np.equal(inner, limits).any(axis=2)
+        stops = on_limit.sum(axis=0)
+        equations = int(np.maximum(stops - self.family.freedoms, 0).sum())
+        if not equations:
+            return ended
+        ratios = self.family.pieces - 1
+        chance = "may have no solution"
+        if equations > ratios:
+            chance = "have no solution but by coincidence"
+        return (
+            f"{ended}; joints have to stand still where an inner waypoint is on a position limit: "
+            f"equations that only the ratios of the times can meet, {equations} for {ratios}, "
+            f"{chance}; a higher degree has room for them"
+        )
 
     def stop_times(self) -> Array:
         """Time of each piece, if all stop at every waypoint, `(pieces,)`, s."""

@@ -80,6 +80,13 @@ class Family:
         free_positions = int((self.parts - 1).sum())
         return knots * len(SMOOTH_ORDERS) + free_positions
 
+    @property
+    def freedoms(self) -> int:
+        """Numbers per joint that times, waypoints, rest and joins leave free."""
+        is_fixed, _ = self.fixed(np.zeros((len(self.parts), 1)))
+        free = int((~is_fixed).sum())
+        return free - self.joins_count
+
     def fixed(self, displacements: Array) -> tuple[NDArray[np.bool_], Array]:
         """Which controls the waypoints and rest at both ends fix.
 

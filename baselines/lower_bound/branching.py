@@ -52,6 +52,8 @@ _FINEST_TOLERANCE = 1e-8
 _PROGRESS_SHARE = 0.01
 # Splits that raise the lowest bound by less than that share, after which the search stands still.
 _IDLE_SPLITS = 24
+# The first of a box's rows.
+_CUTOFF_ROW = 0
 # A ray, scaled so that it proves the cut-off this many times over.
 _RAY_FACTOR = 4.0
 # A box is split no closer to its sides than this share of its width.
@@ -238,18 +240,26 @@ class _Search:
             node.bound = max(node.bound, bound)
 
     def _scaled_ray(self, box: Box, ray: Array) -> Array:
-        """So long a ray that it proves more than the cut-off."""
+        """Multipliers that prove the target where no point meets the rows.
+
+        A ray that uses the cut-off's row `Σ T ≤ U` says of the others alone, divided by that row's
+        multiplier, that `Σ T > U`. These multipliers are of moderate size, so that they can be
+        rounded. One that does without the cut-off is made so long that it proves more than that.
+        """
+        of_cutoff = ray[_CUTOFF_ROW]
+        if of_cutoff > 0:
+            others = ray / of_cutoff
+            others[_CUTOFF_ROW] = 0.0
+            if self._proved(self.total, box, others) >= self.target:
+                return others
         nothing = np.zeros_like(self.total)
-        _, proved = self._step(
-            dual_check.LEAF,
-            0,
-            nothing,
-            box,
-            ray,
-        )
+        proved = self._proved(nothing, box, ray)
         if proved <= 0:
             return ray
         return ray * (_RAY_FACTOR * self.relaxation.cutoff / proved)
+
+    def _proved(self, objective: Array, box: Box, multipliers: Array) -> float:
+        return self.pool.proved(objective, box, multipliers).bound
 
     def _sweep(self, node: _Node, with_accelerations: bool) -> None:
         """Move both sides of the box's times (and accelerations) as far as the rows prove."""

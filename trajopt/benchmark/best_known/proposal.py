@@ -41,7 +41,7 @@ from trajopt.verification import verify
 # Digits of a proof's numbers, fewest first: whatever they are, it proves something.
 _PROOF_DIGITS = (5, 6, 7, 9, 12)
 # What a proof may lose by them, relative.
-_PROOF_RTOL = 1e-6
+_PROOF_RTOL = 1e-5
 # Of a proof: what it counts in, and what it asks about.
 _EXACT = ("units", "cutoff")
 # What a certified duration may lose where the file leaves out what goes on, relative: little of
