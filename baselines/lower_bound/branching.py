@@ -248,7 +248,7 @@ class _Search:
         """
         of_cutoff = ray[_CUTOFF_ROW]
         if of_cutoff > 0:
-            others = ray / of_cutoff
+            others = np.asarray(ray / of_cutoff)
             others[_CUTOFF_ROW] = 0.0
             if self._proved(self.total, box, others) >= self.target:
                 return others
@@ -256,7 +256,8 @@ class _Search:
         proved = self._proved(nothing, box, ray)
         if proved <= 0:
             return ray
-        return ray * (_RAY_FACTOR * self.relaxation.cutoff / proved)
+        longer = _RAY_FACTOR * self.relaxation.cutoff / proved
+        return np.asarray(ray * longer)
 
     def _proved(self, objective: Array, box: Box, multipliers: Array) -> float:
         return self.pool.proved(objective, box, multipliers).bound

@@ -82,8 +82,8 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
     walls, wall_size = _walls(relaxation, given, parts.slope)
     inverse_size = np.abs(displacement) + wall_size
     inverse_rounding = COEFFICIENT_RTOL * inverse_size
-    p_end = _value(parts.p, parts.widths)
-    q_end = _value(parts.q, parts.widths)
+    p_end = value(parts.p, parts.widths)
+    q_end = value(parts.q, parts.widths)
     coefficients = [
         -_by_acceleration(parts),
         displacement - walls - inverse_rounding,
@@ -168,7 +168,7 @@ def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
     vertex = _quotient(-p1, 2 * p2)
     inside = np.clip(vertex, 0.0, widths)
     places = [np.zeros_like(p0), inside, widths]
-    values = [_value(p, place) for place in places]
+    values = [value(p, place) for place in places]
     least = np.min(values, axis=0) - rounding
     largest = np.max(values, axis=0) + rounding
     free_down, free_up = np.isinf(limit)
@@ -177,6 +177,21 @@ def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
     raised = np.where(free_down & ~free_up, -too_low, 0.0)
     lowered = np.where(free_up & ~free_down, too_high, 0.0)
     return np.asarray(p0 + raised - lowered)
+
+
+def value(quadratic: Quadratic, s: Array) -> Array:
+    """`f0 + f1 s + f2 s²`."""
+    f0, f1, f2 = quadratic
+    slope = f1 + s * f2
+    return np.asarray(f0 + s * slope)
+
+
+def area(quadratic: Quadratic, s: Array) -> Array:
+    """Its integral from 0 to `s`."""
+    f0, f1, f2 = quadratic
+    halves = (f0, f1 / 2, f2 / 3)
+    mean = value(halves, s)
+    return np.asarray(s * mean)
 
 
 def integral(
@@ -206,19 +221,18 @@ def integral(
     rounding = COEFFICIENT_RTOL * size
     total = (up + down) * widths * rounding
     for start, end in pairwise(borders):
-        area = _area(quadratic, end) - _area(quadratic, start)
-        positive = area >= 0
+        gained = area(quadratic, end) - area(quadratic, start)
+        positive = gained >= 0
         sign = np.where(positive, 1.0, -1.0)
         weight = np.where(positive, up, down)
         inside = np.clip(vertex, start, end)
-        least = sign * _value(quadratic, inside)
-        for place in (start, end):
-            value = sign * _value(quadratic, place)
-            least = np.minimum(least, value)
+        places = (start, inside, end)
+        values = [sign * value(quadratic, place) for place in places]
+        least = np.min(values, axis=0)
         # the depth of the other sign
         depth = np.maximum(-least, 0.0) + rounding
         length = end - start
-        total += weight * np.abs(area)
+        total += weight * np.abs(gained)
         total += (up + down) * depth * length
     return np.asarray(total)
 
@@ -227,7 +241,7 @@ def _size(quadratic: Quadratic, widths: Array) -> Array:
     """The sizes of a quadratic's terms at the end of its piece."""
     f0, f1, f2 = quadratic
     sizes = (np.abs(f0), np.abs(f1), np.abs(f2))
-    return _value(sizes, widths)
+    return value(sizes, widths)
 
 
 def _rounding(terms: Array, limit: Array) -> Array:
@@ -245,7 +259,7 @@ def _weighed(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
 def _jumps(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
     """What the jumps between cells can add, and the rounding of all ends, the last one's too."""
     starts = quadratic[0]
-    ends = _value(quadratic, widths)
+    ends = value(quadratic, widths)
     jumps = starts[:, 1:] - ends[:, :-1]
     down, up = limit[..., 0]
     upwards = np.maximum(jumps, 0.0).sum(axis=1)
@@ -294,16 +308,3 @@ def _roots(quadratic: Quadratic) -> Array:
     first = _quotient(larger, f2)
     second = _quotient(f0, larger)
     return np.stack([first, second])
-
-
-def _value(quadratic: Quadratic, s: Array) -> Array:
-    f0, f1, f2 = quadratic
-    slope = f1 + s * f2
-    return np.asarray(f0 + s * slope)
-
-
-def _area(quadratic: Quadratic, s: Array) -> Array:
-    f0, f1, f2 = quadratic
-    halves = (f0, f1 / 2, f2 / 3)
-    mean = _value(halves, s)
-    return np.asarray(s * mean)

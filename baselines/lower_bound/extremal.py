@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from baselines.lower_bound import costates
 from baselines.lower_bound.costates import CELL_COLUMNS, Cut
 from baselines.lower_bound.relaxation import Relaxation
 
@@ -139,23 +140,28 @@ def _values(point: Point, cells: Array) -> tuple[Array, Array]:
     """
     _, p0, p1, p2, q0, q1, slope = np.moveaxis(cells, -1, 0)
     w = _widths(cells)
-    p_end = p0 + w * (p1 + w * p2)
-    q_end = q0 + w * q1
+    zero = np.zeros_like(q0)
+    p = (p0, p1, p2)
+    q = (q0, q1, zero)
+    p_end = costates.value(p, w)
+    q_end = costates.value(q, w)
+
+    # [p α] + [q v] + λ h S
     start = p0[..., 0] * point.a0 + q0[..., 0] * point.v0
     end = p_end[..., -1] * point.a1 + q_end[..., -1] * point.v1
     gains = end - start + slope[..., -1] * point.h
 
-    p_integral = w * (p0 + w * (p1 / 2 + w * p2 / 3))
-    bending = w * (p1 + q0 + w * (p2 + q1 / 2))
-    turning = w * (q1 + slope)
+    # ∫ p, ∫ (dp + q dτ) and ∫ (dq + λ dτ) over each cell, then the jumps between them
+    bending = (p1 + q0, 2 * p2 + q1, zero)
+    turning = (q1 + slope, zero, zero)
     p_jumps = p0[..., 1:] - p_end[..., :-1]
     q_jumps = q0[..., 1:] - q_end[..., :-1]
     j_down = np.where(np.isinf(point.j_down), 0.0, point.j_down)
     j_up = np.where(np.isinf(point.j_up), 0.0, point.j_up)
-    costs = _cost(p_integral, j_down, j_up)
-    costs += _cost(bending, point.a_down, point.a_up)
+    costs = _cost(costates.area(p, w), j_down, j_up)
+    costs += _cost(costates.area(bending, w), point.a_down, point.a_up)
     costs += _cost(p_jumps, point.a_down, point.a_up)
-    costs += _cost(turning, point.v_down, point.v_up)
+    costs += _cost(costates.area(turning, w), point.v_down, point.v_up)
     costs += _cost(q_jumps, point.v_down, point.v_up)
     return gains, costs
 
@@ -294,29 +300,9 @@ def _displacement(point: Point) -> Array:
     # p = ∫ q from the start to the end of the first phase
     p_start = at.jerk * (m_rise - at.jerk / 2)
     p_fall = (at.cruise - first_root) * (at.cruise - at.brake) / 2
-    rising_jerk = _cell(
-        zero,
-        p0=p_start,
-        p1=-m_rise,
-        p2=0.5,
-        q0=m_rise,
-        q1=-1.0,
-        slope=1.0,
-    )
-    holding = _cell(
-        at.jerk,
-        q0=m_rise - at.jerk,
-        q1=-1.0,
-        slope=1.0,
-    )
-    releasing = _cell(
-        at.hold,
-        p1=at.hold - m_rise,
-        p2=0.5,
-        q0=m_rise - at.hold,
-        q1=-1.0,
-        slope=1.0,
-    )
+    rising_jerk = _turning(zero, m_rise, p0=p_start)
+    holding = _held(at.jerk, m_rise)
+    releasing = _turning(at.hold, m_rise)
     # without a cruise its cell has no width, and continues what is beside it
     cruising = _cell(
         at.release,
@@ -324,31 +310,34 @@ def _displacement(point: Point) -> Array:
         q0=np.where(cruises, 0.0, m_fall - at.cruise),
         slope=1.0,
     )
-    braking_jerk = _cell(
-        at.cruise,
-        p0=p_fall,
-        p1=at.cruise - m_fall,
-        p2=0.5,
-        q0=m_fall - at.cruise,
-        q1=-1.0,
-        slope=1.0,
-    )
-    braking = _cell(
-        at.brake,
-        q0=m_fall - at.brake,
-        q1=-1.0,
-        slope=1.0,
-    )
-    ending = _cell(
-        at.brake_hold,
-        p1=at.brake_hold - m_fall,
-        p2=0.5,
-        q0=m_fall - at.brake_hold,
-        q1=-1.0,
-        slope=1.0,
-    )
+    braking_jerk = _turning(at.cruise, m_fall, p0=p_fall)
+    braking = _held(at.brake, m_fall)
+    ending = _turning(at.brake_hold, m_fall)
     phases = [rising_jerk, holding, releasing, cruising, braking_jerk, braking, ending]
     return np.stack(phases, axis=-2)
+
+
+def _turning(start: Array, m: Array, p0: Array | float = 0.0) -> Array:
+    """`q = m − τ` and `p' = −q`, while jerk is at a limit."""
+    return _cell(
+        start,
+        p0=p0,
+        p1=start - m,
+        p2=0.5,
+        q0=m - start,
+        q1=-1.0,
+        slope=1.0,
+    )
+
+
+def _held(start: Array, m: Array) -> Array:
+    """`q = m − τ` and `p = 0`, while acceleration is at a limit."""
+    return _cell(
+        start,
+        q0=m - start,
+        q1=-1.0,
+        slope=1.0,
+    )
 
 
 def _instants(point: Point) -> Instants:

@@ -76,8 +76,9 @@ class RowPool:
         self.program.set_box(box)
         differs = before.coefficients != self.box_rows.coefficients
         changed = differs.any(axis=1) | (before.bounds != self.box_rows.bounds)
-        for number in np.flatnonzero(changed):
-            self.program.set_row(int(number), self.box_rows)
+        for number in np.flatnonzero(changed).tolist():
+            row = self.box_rows.chosen(np.array([number]))
+            self.program.set_row(number, row)
 
     def _program(self) -> ScaledProgram:
         """The linear program in units that suit the box."""

@@ -38,79 +38,88 @@ class ScaledProgram:
     def __init__(self, solver: Any, box: Box, rows: Rows, nothing: int) -> None:
         self.nothing = nothing
         self.units = _reach(box)
-        coefficients = rows.coefficients * self.units[rows.columns]
-        self.row_units = _row_units(coefficients)
-        scaled = coefficients / self.row_units[:, None]
+        counted, self.row_units = self._counted(rows)
+        variables = len(self.units)
         self.program = Linear(
             solver,
             box.low / self.units,
             box.high / self.units,
-            _sparse(rows.columns, scaled, len(self.units), nothing),
-            below=np.full(len(self.row_units), -np.inf),
-            above=rows.bounds / self.row_units,
+            matrix=_sparse(counted, variables, nothing),
+            below=np.full(len(counted.bounds), -np.inf),
+            above=counted.bounds,
         )
+
+    def _counted(self, rows: Rows) -> tuple[Rows, Array]:
+        """Rows in the program's units, and what each was divided by."""
+        coefficients = rows.coefficients * self.units[rows.columns]
+        largest = np.abs(coefficients).max(axis=1)
+        row_units = powers_of_two(largest)
+        counted = Rows(
+            rows.columns,
+            coefficients / row_units[:, None],
+            rows.bounds / row_units,
+        )
+        return counted, row_units
 
     def suits(self, box: Box) -> bool:
         """Whether its units are still those of a box, about."""
         ratios = _reach(box) / self.units
-        return bool(np.abs(np.log2(ratios)).max() < np.log2(_OUTGROWN_FACTOR))
+        smallest = ratios.min()
+        largest = ratios.max()
+        return bool(smallest > 1 / _OUTGROWN_FACTOR and largest < _OUTGROWN_FACTOR)
 
     def minimised(self, objective: Array) -> Answer:
-        """The minimum of `objective · x`, at a point of the box.
+        """The minimum of `objective · x`.
 
         Raises:
             TrajoptError: HiGHS breaks down.
         """
-        scaled = objective * self.units
-        unit = powers_of_two(np.abs(scaled).max())
-        answer = self.program.minimised(scaled / unit)
+        costs = objective * self.units
+        largest = np.abs(costs).max()
+        unit = powers_of_two(largest)
+        answer = self.program.minimised(costs / unit)
+        per_row = answer.multipliers / self.row_units
         if answer.x is None:
-            return answer._replace(multipliers=answer.multipliers / self.row_units)
+            return answer._replace(multipliers=per_row)
         return Answer(
             x=answer.x * self.units,
             value=float(answer.value * unit),
-            multipliers=answer.multipliers * unit / self.row_units,
+            multipliers=per_row * unit,
         )
 
     def set_box(self, box: Box) -> None:
         """Another box; the rows that enclose its curves are to be set too."""
-        self.program.set_box(box.low / self.units, box.high / self.units)
+        low = box.low / self.units
+        high = box.high / self.units
+        self.program.set_box(low, high)
 
-    def set_row(self, number: int, rows: Rows) -> None:
-        """One of the first rows, as it is in another box."""
-        columns = rows.columns[number]
-        coefficients = rows.coefficients[number] * self.units[columns]
-        unit = _row_units(coefficients)
-        self.row_units[number] = unit
-        used = columns != self.nothing
-        self.program.set_row(
-            number,
-            columns[used],
-            coefficients[used] / unit,
-            float(rows.bounds[number] / unit),
-        )
-
-    def breaks(self, rows: Rows, x: Array) -> NDArray[np.bool_]:
-        """Which rows a point breaks by so much that HiGHS sees it."""
-        coefficients = rows.coefficients * self.units[rows.columns]
-        values = (rows.coefficients * x[rows.columns]).sum(axis=1)
-        violations = (values - rows.bounds) / _row_units(coefficients)
-        return np.asarray(violations > _BROKEN)
+    def set_row(self, number: int, row: Rows) -> None:
+        """Another one in the place of one of the first rows, with the same columns."""
+        counted, row_units = self._counted(row)
+        self.row_units[number] = row_units[0]
+        self.program.set_row(number, *self._entries(counted))
 
     def add_row(self, row: Rows) -> bool:
         """One more row after the last one; false if HiGHS refuses it, for its numbers."""
-        columns = row.columns[0]
-        coefficients = row.coefficients[0] * self.units[columns]
-        unit = _row_units(coefficients)
-        used = columns != self.nothing
-        taken = self.program.add_row(
-            columns[used],
-            coefficients[used] / unit,
-            float(row.bounds[0] / unit),
-        )
+        counted, row_units = self._counted(row)
+        taken = self.program.add_row(*self._entries(counted))
         if taken:
-            self.row_units = np.append(self.row_units, unit)
+            self.row_units = np.append(self.row_units, row_units)
         return taken
+
+    def _entries(self, counted: Rows) -> tuple[Indices, Array, float]:
+        """Columns, coefficients and bound of one row, without what multiplies nothing."""
+        columns, coefficients, bound = counted.row(0)
+        used = columns != self.nothing
+        return columns[used], coefficients[used], bound
+
+    def breaks(self, rows: Rows, x: Array) -> NDArray[np.bool_]:
+        """Which rows a point breaks by so much that HiGHS sees it."""
+        counted, _ = self._counted(rows)
+        point = x / self.units
+        terms = counted.coefficients * point[rows.columns]
+        violations = terms.sum(axis=1) - counted.bounds
+        return np.asarray(violations > _BROKEN)
 
     def drop_rows(self, numbers: Indices) -> None:
         """Without these rows; those after them move up."""
@@ -124,19 +133,15 @@ def _reach(box: Box) -> Array:
     return powers_of_two(farthest)
 
 
-def _row_units(coefficients: Array) -> Array:
-    """The powers of two next to rows' largest coefficients."""
-    largest = np.abs(coefficients).max(axis=-1)
-    return powers_of_two(largest)
-
-
-def _sparse(columns: Indices, coefficients: Array, variables: int, nothing: int) -> Any:
-    """Rows as SciPy's matrix."""
-    count, entries = columns.shape
+def _sparse(rows: Rows, variables: int, nothing: int) -> Any:
+    """Their coefficients as SciPy's matrix."""
+    count, entries = rows.columns.shape
     numbers = np.repeat(np.arange(count), entries)
-    places = columns.ravel()
-    used = places != nothing
+    columns = rows.columns.ravel()
+    values = rows.coefficients.ravel()
+    used = columns != nothing
+    places = (numbers[used], columns[used])
     return scipy.sparse.csr_matrix(
-        (coefficients.ravel()[used], (numbers[used], places[used])),
+        (values[used], places),
         shape=(count, variables),
     )
