@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -423,6 +424,35 @@ def _writer(figure: Figure, **usual: Any) -> Callable[..., None]:
     """What writes a text at a place in inches."""
 
     def write(x: float, y: float, words: str, **look: Any) -> None:
-        figure.text(x, y, words, transform=figure.dpi_scale_trans, **usual | look)
+        inches = figure.dpi_scale_trans
+        written = _Words(x, y, words, transform=inches, **usual | look)
+        written.set_figure(figure)
+        figure.texts.append(written)
 
     return write
+
+
+class _Words(Text):
+    """A text of which Matplotlib finds out once how wide and high it is, not in every figure.
+
+    Motions have eighty texts, numbers mostly, and a comparison draws one motion per planner.
+    """
+
+    def _get_layout(self, renderer: Any) -> Any:
+        """Where its lines are beside its place: of the same words in the same look, the same."""
+        figure = self.get_figure(root=True)
+        look = (
+            type(renderer),
+            getattr(figure, "dpi", None),
+            self.get_text(),
+            self.get_fontsize(),
+            self.get_rotation(),
+            self.get_horizontalalignment(),
+            self.get_verticalalignment(),
+        )
+        if look not in _LAYOUTS:
+            _LAYOUTS[look] = super()._get_layout(renderer)  # type: ignore[misc]
+        return _LAYOUTS[look]
+
+
+_LAYOUTS: dict[tuple[Any, ...], Any] = {}  # of this process
