@@ -98,8 +98,8 @@ class Filling:
         done = self.store.finished() | stopped
         waiting = [batch for task in tasks for batch in missing(task, done)]
         with console.progress(len(waiting), stage) as advance, Pool(self.jobs) as pool:
-            for count in runner.in_children(waiting, self.store, allowed, pool):
-                advance(count)
+            for task in runner.in_children(waiting, self.store, allowed, pool):
+                advance(len(task.seeds))
         if not tasks:
             return
         trials = proposal.of_trials(self.store.consolidate())

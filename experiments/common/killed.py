@@ -16,7 +16,7 @@ from typing import Any
 from trajopt.benchmark import compare as run
 from trajopt.benchmark import trial
 from trajopt.benchmark.run import workers
-from trajopt.benchmark.store.folder import Store
+from trajopt.benchmark.store.folder import Seen, Store
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
@@ -56,9 +56,9 @@ class Told(Store):
         _tell(f"solving {trial.id}")
         return path
 
-    def consolidate(self) -> Path:
+    def consolidate(self, seen: Seen | None = None) -> Path:
         _tell("consolidating")
-        path = super().consolidate()
+        path = super().consolidate(seen)
         _tell("end")
         return path
 

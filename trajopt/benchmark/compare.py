@@ -25,7 +25,7 @@ from trajopt.benchmark.run.plan import Allowance, Task, missing, plan
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.run.process import cpus as cpus
 from trajopt.benchmark.run.process import refuse_in_starting_worker
-from trajopt.benchmark.store.folder import Store, read
+from trajopt.benchmark.store.folder import Seen, Store, read
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration, Trial
 from trajopt.planner import Planner
@@ -148,15 +148,28 @@ def run(
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
     progress(Progress(len(asked), finished, len(done)))
-    for count in _run(waiting, store, allowed, pool, executor):
-        finished += count
+    seen = Seen()
+    for task in _run(waiting, store, allowed, pool, executor):
+        finished += len(task.seeds)
         progress(Progress(len(asked), finished, len(done)))
+        for trial_id in task.ids.values():
+            seen.read(store, trial_id)
     trials = None if waiting else store.current(asked)
     if trials is None:
-        trials = read(store.consolidate(), asked)
+        trials = _consolidated(store, asked, seen)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Comparison(trials, kept)
+
+
+def _consolidated(store: Store, asked: set[str], seen: Seen) -> list[Trial]:
+    """The trials asked for, all trials being in `results.h5` now, by their identities."""
+    file = store.consolidate(seen)
+    trials = [trial for trial_id, trial in seen.trials.items() if trial_id in asked]
+    others = asked - seen.trials.keys()
+    if others:
+        trials += read(file, others)
+    return sorted(trials, key=lambda trial: trial.id)
 
 
 def _configuration(planner: Contestant) -> Configuration:
@@ -181,7 +194,7 @@ def _run(
     allowed: Allowance,
     pool: Pool,
     executor: Executor | None,
-) -> Iterator[int]:
+) -> Iterator[Task]:
     if not tasks:
         return iter(())
     # asyncio and worker processes: not where nothing is to run

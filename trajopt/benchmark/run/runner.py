@@ -13,16 +13,16 @@ from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.store.folder import Store
 
 
-def here(tasks: Sequence[Task], store: Store) -> Iterator[int]:
-    """Run the tasks in this process, unsupervised; yields how many trials each one finished."""
+def here(tasks: Sequence[Task], store: Store) -> Iterator[Task]:
+    """Run the tasks in this process, unsupervised; yields each when it has finished."""
     for task in tasks:
         workers.do(task, store, Allowance())
-        yield len(task.seeds)
+        yield task
 
 
 def in_children(
     tasks: Sequence[Task], store: Store, allowed: Allowance, pool: Pool
-) -> Iterator[int]:
+) -> Iterator[Task]:
     """The same in supervised child processes, longest tasks first."""
     if not tasks:
         return
@@ -36,7 +36,7 @@ def in_children(
 
 def on_executor(
     tasks: Sequence[Task], store: Store, allowed: Allowance, executor: Executor
-) -> Iterator[int]:
+) -> Iterator[Task]:
     """The same on someone else's workers, which write their own trial files."""
     futures = {
         executor.submit(workers.supervised, cloudpickle.dumps(task), store, allowed): task
@@ -55,8 +55,10 @@ def _longest_first(tasks: Sequence[Task]) -> list[Task]:
     return sorted(tasks, key=lambda task: -len(task.seeds))
 
 
-def _finished(futures: dict[Future[None], Task], store: Store, allowed: Allowance) -> Iterator[int]:
+def _finished(
+    futures: dict[Future[None], Task], store: Store, allowed: Allowance
+) -> Iterator[Task]:
     for future in as_completed(futures):
         task = futures[future]
         workers.record_failure(future, task, store, allowed)
-        yield len(task.seeds)
+        yield task

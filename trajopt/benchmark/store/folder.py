@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Collection, Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,6 +25,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 
 T = TypeVar("T")
+Stamp = tuple[int, int]  # of a file: its inode, and the time of its last change, ns
 
 _UNANSWERED = ".missing.h5"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.h5")
@@ -89,10 +91,14 @@ class Store:
             self.path(trial.id, unanswered=True).unlink(missing_ok=True)
         return path
 
-    def consolidate(self) -> Path:
-        """Rebuild `results.h5` from every trial file; warns of damaged ones (`DamagedFile`)."""
+    def consolidate(self, seen: Seen | None = None) -> Path:
+        """Rebuild `results.h5` from every trial file; warns of damaged ones (`DamagedFile`).
+
+        Files that were `seen` are not read again.
+        """
         atomic.sweep(self.folder, self.folder / "trials")
-        atomic.write(self.results, self._rebuild)
+        rebuild = partial(self._rebuild, seen or Seen())
+        atomic.write(self.results, rebuild)
         return self.results
 
     def current(self, ids: Collection[str]) -> list[Trial] | None:
@@ -111,16 +117,22 @@ class Store:
             return None
         return stored if len(stored) == len(ids) else None
 
-    def _rebuild(self, place: Path) -> None:
+    def _rebuild(self, seen: Seen, place: Path) -> None:
         """Again if another run replaced `results.h5` meanwhile: it may know more trials."""
         while True:
             before = _stamp(self.results)
-            place.write_bytes(results_file.content(self._encoded))
+            encoded = partial(self._encoded, seen)
+            place.write_bytes(results_file.content(encoded))
             if _stamp(self.results) == before:
                 return
 
-    def _encoded(self) -> Iterator[Encoded]:
-        return _each(_trial_files(self.folder), _readable, _warn)
+    def _encoded(self, seen: Seen) -> Iterator[Encoded]:
+        for path in _trial_files(self.folder):
+            kept = seen.content(path)
+            if kept is None:
+                yield from _each([path], _readable, _warn)
+            else:
+                yield kept
 
     def unanswered(self) -> list[Trial]:
         """The trials that ended without an answer, for reasons that may be gone."""
@@ -130,6 +142,36 @@ class Store:
     def read(self) -> list[Trial]:
         """The stored trials, each from its own file; warns of damaged ones."""
         return list(_each(_trial_files(self.folder), decode, _warn))
+
+
+class Seen:
+    """Trials of a store that were read when they finished, while others were still running.
+
+    Attributes:
+        trials: by their identities.
+    """
+
+    def __init__(self) -> None:
+        self.trials: dict[str, Trial] = {}
+        self._files: dict[Path, tuple[Stamp | None, Encoded]] = {}
+
+    def read(self, store: Store, trial_id: str) -> None:
+        """Read a trial that has finished. A damaged file is left to who consolidates."""
+        for unanswered in (False, True):
+            path = store.path(trial_id, unanswered=unanswered)
+            if path.exists():
+                stamp = _stamp(path)
+                for kept, trial in _each([path], _both, damaged=lambda _: None):
+                    self.trials[trial_id] = trial
+                    self._files[path] = (stamp, kept)
+                return
+
+    def content(self, path: Path) -> Encoded | None:
+        """What a file holds, if it was seen as it is now."""
+        if path not in self._files:
+            return None
+        stamp, kept = self._files[path]
+        return kept if stamp == _stamp(path) else None
 
 
 def save(path: Path, trial: Trial) -> Path:
@@ -171,6 +213,11 @@ def _readable(kept: Encoded) -> Encoded:
     """The same, if it can be read: one bad trial must not spoil the `results.h5` of all."""
     decode(kept)
     return kept
+
+
+def _both(kept: Encoded) -> tuple[Encoded, Trial]:
+    """As it is stored, and what that is."""
+    return kept, decode(kept)
 
 
 def _all(path: Path, use: Callable[[Encoded], T], damaged: OnDamage) -> Iterator[T]:
@@ -269,7 +316,7 @@ def _loaded(path: Path) -> list[Encoded]:
     return list(results_file.read(path)) if consolidated else [trial_file.read(path)]
 
 
-def _stamp(path: Path) -> tuple[int, int] | None:
+def _stamp(path: Path) -> Stamp | None:
     try:
         found = path.stat()
     except OSError:
