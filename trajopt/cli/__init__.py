@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import gc
+import os
+
+_OBJECTS = 50_000  # made between two looks for garbage, of which modules that load make none
+
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; `arguments` are those of the process by default."""
+    gc.set_threshold(_OBJECTS)
+    # matrices here are small, and a thread per core takes a tenth of a second to start
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # here: worker processes import the script that calls this, and need no command line
     from trajopt.cli.app import main as run
 

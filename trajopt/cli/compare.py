@@ -25,7 +25,6 @@ from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, number, whole_number
 from trajopt.exceptions import InvalidInput, TrajoptError
-from trajopt.formats.motion import motion as motion_of
 from trajopt.given_motion import GivenMotion
 from trajopt.interpolation import Interpolation
 from trajopt.problem import Problem
@@ -156,6 +155,9 @@ def _motions(
     interpolation: Interpolation,
 ) -> Iterator[tuple[str, GivenMotion]]:
     """Each motion under its file's name, or its whole path where two have one name."""
+    # YAML and more: not where no motion is given
+    from trajopt.formats.motion import motion as motion_of
+
     names = Counter(file.name for file in files)
     for file in files:
         name = file.name if names[file.name] == 1 else str(file)

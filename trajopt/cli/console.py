@@ -18,14 +18,6 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 if TYPE_CHECKING:
@@ -202,15 +194,18 @@ def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]
     if not ERR.is_terminal:
         yield LoggedProgress(total, what)
         return
+    # not for commands without a bar: what draws it takes as long to import as the tables
+    from rich import progress as bars
+
     columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        bars.TextColumn("{task.description}"),
+        bars.BarColumn(),
+        bars.MofNCompleteColumn(),
+        bars.TimeElapsedColumn(),
+        bars.TextColumn("left"),
+        bars.TimeRemainingColumn(),
     )
-    with Progress(*columns, console=ERR, transient=True, speed_estimate_period=600) as bar:
+    with bars.Progress(*columns, console=ERR, transient=True, speed_estimate_period=600) as bar:
         task = bar.add_task(what, total=total)
         yield lambda count: bar.advance(task, count)
 
