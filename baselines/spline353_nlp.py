@@ -15,8 +15,8 @@ between the instants is moved back towards times that keep them.
 
 from __future__ import annotations
 
-import itertools
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import comb
@@ -376,7 +376,8 @@ def _solver(joints: int, orders: int, walled: bool) -> Program:
     utilisations = []
     displacements = ca.horzsplit(d)
     times = ca.vertsplit(t)
-    controls = _controls(displacements, times)
+    quintic = spline353.Quintic.between(displacements, times)
+    controls = (quintic.velocity(), quintic.acceleration(), quintic.jerk())
     for own, reciprocal, s in zip(controls, reciprocals, instants, strict=False):
         # a row per instant, a column per joint
         tables = [ca.repmat(control.T, _INSTANTS, 1) for control in own]
@@ -398,7 +399,7 @@ def _solver(joints: int, orders: int, walled: bool) -> Program:
         s = ca.MX.sym("s0", _INSTANTS, joints)
         reciprocals.append(reciprocal)
         instants.append(s)
-        own = _position_controls(displacements, times)
+        own = spline353.position_coefficients(displacements, times)
         tables = [ca.repmat(control.T, _INSTANTS, 1) for control in own]
         positions = _bernstein(tables, s)
         per_size = ca.repmat(reciprocal.T, _INSTANTS, 1)
@@ -414,64 +415,7 @@ def _solver(joints: int, orders: int, walled: bool) -> Program:
     )
 
 
-def _controls(displacements: list[Any], times: list[Any]) -> list[list[Any]]:
-    """Bernstein coefficients of the quintic's velocity, acceleration and jerk (section 1)."""
-    d1, h, d3 = displacements
-    t1, t2, t3 = times
-    v0 = 3 * d1 / t1
-    a0 = 6 * d1 / t1**2
-    v1 = 3 * d3 / t3
-    a1 = -6 * d3 / t3**2
-    # 5 h/T − 2 (v0 + v1) + (a1 − a0) T/4
-    mean = 5 * h / t2
-    ends = 2 * (v0 + v1)
-    bent = (a1 - a0) * t2 / 4
-    velocity = [
-        v0,
-        v0 + a0 * t2 / 4,
-        mean - ends + bent,
-        v1 - a1 * t2 / 4,
-        v1,
-    ]
-    # ± 20 h/T² ∓ (12 v0 + 8 v1)/T …
-    rise = 20 * h / t2**2
-    early = (12 * v0 + 8 * v1) / t2
-    late = (8 * v0 + 12 * v1) / t2
-    acceleration = [
-        a0,
-        rise - early + a1 - 2 * a0,
-        -rise + late - 2 * a1 + a0,
-        a1,
-    ]
-    jerk = []
-    for before, after in itertools.pairwise(acceleration):
-        step = after - before
-        jerk.append(3 * step / t2)
-    return [velocity, acceleration, jerk]
-
-
-def _position_controls(displacements: list[Any], times: list[Any]) -> list[Any]:
-    """Bernstein coefficients of the quintic from its start (section 1)."""
-    d1, h, d3 = displacements
-    t1, t2, t3 = times
-    r1 = t2 / t1
-    r3 = t2 / t3
-    rise = 3 * d1 * r1 / 5
-    bend = rise * r1 / 2
-    last_rise = 3 * d3 * r3 / 5
-    last_bend = last_rise * r3 / 2
-    fifth = h - last_rise
-    return [
-        0 * h,
-        rise,
-        2 * rise + bend,
-        fifth - last_rise - last_bend,
-        fifth,
-        h,
-    ]
-
-
-def _bernstein(controls: list[Any], s: Any) -> Any:
+def _bernstein(controls: Sequence[Any], s: Any) -> Any:
     """Values of Bernstein polynomials with these coefficients at `s`."""
     n = len(controls) - 1
     value = 0

@@ -83,6 +83,18 @@ def bernstein(coefficients: Array) -> Array:
     return np.tensordot(_to_bernstein(degree), coefficients, axes=1)
 
 
+def from_bernstein(controls: Array) -> Array:
+    """Polynomials given by Bernstein coefficients `(degree + 1, …)`, in powers of `s`."""
+    degree = len(controls) - 1
+    rows = []
+    differences = controls
+    for power in range(degree + 1):
+        # C(n, p) Δ^p b_0 multiplies s^p
+        rows.append(comb(degree, power) * differences[0])
+        differences = np.diff(differences, axis=0)
+    return np.stack(rows[::-1])
+
+
 def unit_roots(coefficients: Array) -> Array:
     """Roots in `[0, 1]` where the sign changes, `(degree, N)` for `(degree + 1, N)`; NaN elsewhere.
 

@@ -11,11 +11,10 @@ Symbols: displacements `d1, h, d3` and times `t1, T, t3` of the segments; veloci
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterable
-from functools import reduce
-from math import comb
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial, reduce
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,7 +106,7 @@ def coefficients(displacements: Array, times: Array) -> Array:
     t = _columns(times)
     d1, _, d3 = d
     t1, _, t3 = t
-    quintic = _quintic(d, t)
+    quintic = Quintic.between(d, t)
     T = quintic.T
     p1, p2, p3, p4, p5 = _hermite(quintic)
     pieces = np.zeros((3, *p5.shape, 6))
@@ -127,7 +126,7 @@ def coefficients(displacements: Array, times: Array) -> Array:
     return pieces
 
 
-def _hermite(quintic: _Quintic) -> tuple[Array, ...]:
+def _hermite(quintic: Quintic) -> tuple[Array, ...]:
     """From `(0, v0, a0)` to `(h, v1, a1)` in powers of `s = t/T`: `p1` to `p5`, h in sum."""
     h, T, v0, a0, v1, a1 = quintic
     # In units of s: velocities times T, half the accelerations times T².
@@ -142,12 +141,98 @@ def _hermite(quintic: _Quintic) -> tuple[Array, ...]:
     return p1, p2, p3, p4, p5
 
 
+class Quintic(NamedTuple):
+    """The middle segment: its displacement and time, and the states in which it starts and ends.
+
+    Attributes:
+        h: Displacement, rad.
+        T: Time, s.
+        v0, a0: Velocity, rad/s, and acceleration, rad/s², at its start.
+        v1, a1: The same at its end.
+
+    All are arrays that broadcast, or CasADi's symbols. Coefficients are Bernstein's.
+    """
+
+    h: Any
+    T: Any
+    v0: Any
+    a0: Any
+    v1: Any
+    a1: Any
+
+    @classmethod
+    def between(cls, displacements: Sequence[Any], times: Sequence[Any]) -> Quintic:
+        """The quintic between the cubics, from what the three segments have."""
+        d1, h, d3 = displacements
+        t1, T, t3 = times
+        # Segment 1, q = d1 (t/t1)³, ends with
+        v0 = 3 * d1 / t1
+        a0 = 6 * d1 / t1**2
+        # Segment 3, the same backwards in time, starts with
+        v1 = 3 * d3 / t3
+        a1 = -6 * d3 / t3**2
+        return cls(h, T, v0, a0, v1, a1)
+
+    def velocity(self) -> tuple[Any, ...]:
+        """Its five coefficients, rad/s; the first and last are also the peaks of the cubics."""
+        h, T, v0, a0, v1, a1 = self
+        # What acceleration adds to velocity in a quarter of T.
+        gain = a0 * T / 4
+        loss = a1 * T / 4
+        second = v0 + gain
+        fourth = v1 - loss
+        # The five must have the mean h/T.
+        bend = (a1 - a0) * T / 4
+        third = 5 * h / T - 2 * (v0 + v1) + bend
+        return v0, second, third, fourth, v1
+
+    def acceleration(self) -> tuple[Any, ...]:
+        """Its four coefficients, rad/s²; the first and last are also the peaks of the cubics."""
+        h, T, v0, a0, v1, a1 = self
+        # Four times the differences of the velocity's coefficients, over T.
+        rise = 20 * h / T**2
+        near_start = (12 * v0 + 8 * v1) / T
+        near_end = (8 * v0 + 12 * v1) / T
+        second = rise - near_start + a1 - 2 * a0
+        third = -rise + near_end - 2 * a1 + a0
+        return a0, second, third, a1
+
+    def jerk(self) -> tuple[Any, ...]:
+        """Its three coefficients, rad/s³."""
+        return _derivative(self.acceleration(), self.T)
+
+
+def _derivative(coefficients: Sequence[Any], T: Any) -> tuple[Any, ...]:
+    """Of a Bernstein polynomial over a time `T`: the differences times the degree, over `T`."""
+    degree = len(coefficients) - 1
+    steps = [after - before for before, after in pairwise(coefficients)]
+    return tuple(degree * step / T for step in steps)
+
+
+def position_coefficients(displacements: Sequence[Any], times: Sequence[Any]) -> tuple[Any, ...]:
+    """The quintic's six Bernstein coefficients from its start on, rad: of arrays or symbols."""
+    d1, h, d3 = displacements
+    t1, T, t3 = times
+    # A fifth of v0 T, and a twentieth of a0 T², with T/t1 alone; the same at the end.
+    r1 = T / t1
+    r3 = T / t3
+    rise = 3 * d1 * r1 / 5
+    bend = rise * r1 / 2
+    last_rise = 3 * d3 * r3 / 5
+    last_bend = last_rise * r3 / 2
+    third = 2 * rise + bend
+    fifth = h - last_rise
+    fourth = fifth - last_rise - last_bend
+    return 0 * h, rise, third, fourth, fifth, h
+
+
 def velocity_controls(displacements: Array, times: Array) -> Array:
     """Bernstein coefficients of the quintic's velocity, `(5, …)`, rad/s.
 
     The first and last are its ends, which are also the peaks of the two cubics.
     """
-    return _velocity_controls(_quintic(_columns(displacements), _columns(times)))
+    quintic = Quintic.between(_columns(displacements), _columns(times))
+    return _stacked(*quintic.velocity())
 
 
 def acceleration_controls(displacements: Array, times: Array) -> Array:
@@ -155,7 +240,8 @@ def acceleration_controls(displacements: Array, times: Array) -> Array:
 
     The first and last are its ends, which are also the peaks of the two cubics.
     """
-    return _acceleration_controls(_quintic(_columns(displacements), _columns(times)))
+    quintic = Quintic.between(_columns(displacements), _columns(times))
+    return _stacked(*quintic.acceleration())
 
 
 def limit_use(
@@ -173,48 +259,82 @@ def limit_use(
     axes = max(np.ndim(displacements), np.ndim(times))
     d = _joints_first(displacements, axes)
     t = _joints_first(times, axes)
-    quintic = _quintic(d, t)
-    velocity = _velocity_controls(quintic)
-    acceleration = _acceleration_controls(quintic)
-    # The derivative of a cubic in Bernstein form: three times the differences, over T.
-    jerk = 3 * (acceleration[1:] - acceleration[:-1]) / quintic.T
     uses = [
-        _use(
-            velocity,
-            limits.velocity,
-            exact_above,
-            slope=acceleration,
-            roots=_cubic_roots,
-        ),
-        _use(
-            acceleration,
-            limits.acceleration,
-            exact_above,
-            slope=jerk,
-            roots=_quadratic_roots,
-        ),
-        _jerk_use(d, t, jerk, limits.jerk),
+        velocity_use(d, t, limits.velocity, exact_above),
+        acceleration_use(d, t, limits.acceleration, exact_above),
+        jerk_use(d, t, limits.jerk),
     ]
     joints_last = (*range(1, axes - 1), 0)
-    velocity_use, acceleration_use, jerk_use = (use.transpose(joints_last) for use in uses)
-    return velocity_use, acceleration_use, jerk_use
+    of_velocity, of_acceleration, of_jerk = (use.transpose(joints_last) for use in uses)
+    return of_velocity, of_acceleration, of_jerk
 
 
-def use_at_ends(displacements: Array, times: Array, limits: Limits) -> tuple[Array, Array]:
-    """Velocity and acceleration where segments meet over their limits: at most `limit_use`'s.
+def velocity_use(
+    displacements: Segments,
+    times: Segments,
+    limits: Array,
+    exact_above: float = 0.0,
+) -> Array:
+    """Peak velocity over its limit, `(joints, …)`, with the joints first and all axes there.
 
-    They are also the peaks of the two cubics. Shapes as of `limit_use`.
+    Args:
+        displacements: Of the three segments, `(joints, 1, …)` each, rad.
+        times: Of the three segments, of as many axes, s.
+        limits: Low and high, `(joints, 2)`, rad/s.
+        exact_above: As for `limit_use`.
     """
-    axes = max(np.ndim(displacements), np.ndim(times))
-    d = _joints_first(displacements, axes)
-    t = _joints_first(times, axes)
-    quintic = _quintic(d, t)
-    velocities = (quintic.v0, quintic.v1)
-    accelerations = (quintic.a0, quintic.a1)
-    velocity_use = _ratio(velocities, _by_joint(limits.velocity, axes - 1))
-    acceleration_use = _ratio(accelerations, _by_joint(limits.acceleration, axes - 1))
-    joints_last = (*range(1, axes - 1), 0)
-    return velocity_use.transpose(joints_last), acceleration_use.transpose(joints_last)
+    quintic = Quintic.between(displacements, times)
+    return _use(
+        _stacked(*quintic.velocity()),
+        limits,
+        exact_above,
+        slope=quintic.acceleration,
+        roots=_cubic_roots,
+    )
+
+
+def acceleration_use(
+    displacements: Segments,
+    times: Segments,
+    limits: Array,
+    exact_above: float = 0.0,
+) -> Array:
+    """Peak acceleration over its limit; as `velocity_use`."""
+    quintic = Quintic.between(displacements, times)
+    controls = quintic.acceleration()
+    return _use(
+        _stacked(*controls),
+        limits,
+        exact_above,
+        slope=partial(_derivative, controls, quintic.T),
+        roots=_quadratic_roots,
+    )
+
+
+def jerk_use(displacements: Segments, times: Segments, limits: Array) -> Array:
+    """Peak jerk over its limit, always exact; as `velocity_use`.
+
+    The quintic's is a parabola, the cubics' are constant.
+    """
+    d1, _, d3 = displacements
+    t1, _, t3 = times
+    shape = np.broadcast_shapes(d1.shape, t1.shape)
+    if not np.isfinite(limits).any():
+        return np.zeros(shape)
+    quintic = Quintic.between(displacements, times)
+    jerk = _stacked(*quintic.jerk())
+    # j = 6 d/t³
+    first = 6 * d1 / t1**3
+    third = 6 * d3 / t3**3
+    # The parabola b0 (1−s)² + 2 b1 s (1−s) + b2 s² turns at s = (b0 − b1)/(b0 − 2 b1 + b2).
+    b0, b1, b2 = jerk
+    curvature = b0 - 2 * b1 + b2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = (b0 - b1) / curvature
+    turn = np.nan_to_num(turn)
+    extreme = _de_casteljau(jerk, np.clip(turn, 0.0, 1.0))
+    values = _stacked(b0, b2, first, third, extreme)
+    return _ratio(values, _by_joint(limits, len(shape)))
 
 
 def position_room(problem: Problem) -> Array | None:
@@ -243,7 +363,7 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
     axes = max(np.ndim(displacements), np.ndim(times))
     d = _joints_first(displacements, axes)
     t = _joints_first(times, axes)
-    controls = _position_controls(d, t)
+    controls = _stacked(*position_coefficients(d, t))
     own_room = _by_joint(room, axes - 1)
     low = own_room[..., 0]
     high = own_room[..., 1]
@@ -290,36 +410,12 @@ def keeping_times(displacements: Array, limits: Limits, room: Array, unit: float
     return np.asarray(times * dilation(displacements, times[None], limits))
 
 
-def _position_controls(displacements: Segments, times: Segments) -> Array:
-    d1, h, d3 = displacements
-    t1, T, t3 = times
-    # A fifth of v0 T, and a twentieth of a0 T², with T/t1 alone; the same at the end.
-    r1 = T / t1
-    r3 = T / t3
-    rise = 3 * d1 * r1 / 5
-    bend = rise * r1 / 2
-    last_rise = 3 * d3 * r3 / 5
-    last_bend = last_rise * r3 / 2
-    third = 2 * rise + bend
-    fifth = h - last_rise
-    fourth = fifth - last_rise - last_bend
-    start = np.zeros(())
-    return _stacked(
-        start,
-        rise,
-        third,
-        fourth,
-        fifth,
-        h,
-    )
-
-
 def _extremes(controls: Array) -> tuple[Array, Array]:
     """The lowest and the highest value of Bernstein quintics `(6, N)`, `(N,)` each."""
     # A derivative's controls are the differences; where it vanishes its factor does not matter.
     slope = np.diff(controls, axis=0)
     turns = _quartic_crossings(slope)
-    values = _de_casteljau(controls, turns)
+    values = _de_casteljau(controls[:, None], turns)
     ends = controls[[0, -1]]
     everywhere = np.concatenate([ends, values])
     return everywhere.min(axis=0), everywhere.max(axis=0)
@@ -338,7 +434,7 @@ def _quartic_crossings(controls: Array) -> Array:
     knots[1:4] = np.clip(roots, 0.0, 1.0)
     knots[4] = 1.0
     knots.sort(axis=0)
-    powers = _powers(controls)[:, None]
+    powers = polynomials.from_bernstein(controls)[:, None]
     low = knots[:-1]
     high = knots[1:]
     negative = polynomials.evaluate(powers, low) < 0
@@ -349,18 +445,6 @@ def _quartic_crossings(controls: Array) -> Array:
         low = np.where(left, middle, low)
         high = np.where(left, high, middle)
     return np.asarray((low + high) / 2)
-
-
-def _powers(controls: Array) -> Array:
-    """Bernstein polynomials `(degree + 1, N)` in powers of `s`, the highest first."""
-    degree = len(controls) - 1
-    rows = []
-    differences = controls
-    for power in range(degree + 1):
-        # C(n, p) Δ^p b_0 multiplies s^p
-        rows.append(comb(degree, power) * differences[0])
-        differences = np.diff(differences, axis=0)
-    return np.stack(rows[::-1])
 
 
 def dilation(displacements: Array, times: Array, limits: Limits) -> Array:
@@ -377,29 +461,6 @@ def cheapest_dilation(velocity_use: Array, acceleration_use: Array, jerk_use: Ar
     for_jerk = np.cbrt(jerk_use)
     factor = np.maximum(velocity_use, for_acceleration)
     return np.asarray(np.maximum(factor, for_jerk))
-
-
-class _Quintic(NamedTuple):
-    """The middle segment: its displacement and time, and the states in which it starts and ends."""
-
-    h: Array
-    T: Array
-    v0: Array
-    a0: Array
-    v1: Array
-    a1: Array
-
-
-def _quintic(displacements: Segments, times: Segments) -> _Quintic:
-    d1, h, d3 = displacements
-    t1, T, t3 = times
-    # Segment 1, q = d1 (t/t1)³, ends with
-    v0 = 3 * d1 / t1
-    a0 = 6 * d1 / t1**2
-    # Segment 3, the same backwards in time, starts with
-    v1 = 3 * d3 / t3
-    a1 = -6 * d3 / t3**2
-    return _Quintic(h, T, v0, a0, v1, a1)
 
 
 def _columns(values: Array) -> Segments:
@@ -425,30 +486,6 @@ def _joints_first(values: Array, axes: int) -> Segments:
     ordered = padded.transpose(axes - 1, axes - 2, *range(axes - 2))
     first, second, third = np.ascontiguousarray(ordered)
     return first, second, third
-
-
-def _velocity_controls(quintic: _Quintic) -> Array:
-    h, T, v0, a0, v1, a1 = quintic
-    # What acceleration adds to velocity in a quarter of T.
-    gain = a0 * T / 4
-    loss = a1 * T / 4
-    second = v0 + gain
-    fourth = v1 - loss
-    # The five must have the mean h/T.
-    bend = (a1 - a0) * T / 4
-    third = 5 * h / T - 2 * (v0 + v1) + bend
-    return _stacked(v0, second, third, fourth, v1)
-
-
-def _acceleration_controls(quintic: _Quintic) -> Array:
-    h, T, v0, a0, v1, a1 = quintic
-    # Four times the differences of the velocity's controls, over T.
-    rise = 20 * h / T**2
-    near_start = (12 * v0 + 8 * v1) / T
-    near_end = (8 * v0 + 12 * v1) / T
-    second = rise - near_start + a1 - 2 * a0
-    third = -rise + near_end - 2 * a1 + a0
-    return _stacked(a0, second, third, a1)
 
 
 def _stacked(*controls: Array) -> Array:
@@ -479,7 +516,7 @@ def _use(
     controls: Array,
     limits: Array,
     exact_above: float,
-    slope: Array,
+    slope: Callable[[], Sequence[Array]],
     roots: Roots,
 ) -> Array:
     """Worst ratio of Bernstein polynomials `(degree + 1, joints, …)`: `(joints, …)`.
@@ -495,7 +532,8 @@ def _use(
     needed = np.flatnonzero(bound > enough)
     if not needed.size:
         return use
-    turns = roots(_at(slope, needed))
+    steepness = _stacked(*slope())
+    turns = roots(_at(steepness, needed))
     # NaN, no root, becomes 0
     s = np.fmin(np.fmax(turns, 0.0), 1.0)
     inner = _at(controls, needed)
@@ -513,36 +551,12 @@ def _at(controls: Array, places: NDArray[np.intp]) -> Array:
     return flat[:, places]
 
 
-def _jerk_use(displacements: Segments, times: Segments, jerk: Array, limits: Array) -> Array:
-    """Worst ratio of the quintic's parabola `jerk` `(3, …)` and of the cubics' constants."""
-    shape = jerk.shape[1:]
-    if not np.isfinite(limits).any():
-        return np.zeros(shape)
-    # j = 6 d/t³
-    d1, _, d3 = displacements
-    t1, _, t3 = times
-    first = 6 * d1 / t1**3
-    third = 6 * d3 / t3**3
-    # The parabola b0 (1−s)² + 2 b1 s (1−s) + b2 s² turns at s = (b0 − b1)/(b0 − 2 b1 + b2).
-    b0, b1, b2 = jerk
-    curvature = b0 - 2 * b1 + b2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = (b0 - b1) / curvature
-    turn = np.nan_to_num(turn)
-    extreme = _de_casteljau(jerk, np.clip(turn, 0.0, 1.0))
-    values = _stacked(b0, b2, first, third, extreme)
-    return _ratio(values, _by_joint(limits, len(shape)))
-
-
 def _de_casteljau(controls: Array, s: Array) -> Array:
     """Evaluate Bernstein polynomials `(degree + 1, …)` at `s`."""
-    points = list(controls)
+    points = controls
     while len(points) > 1:
-        between = []
-        for a, b in itertools.pairwise(points):
-            step = (b - a) * s
-            between.append(a + step)
-        points = between
+        first = points[:-1]
+        points = first + (points[1:] - first) * s
     return np.asarray(points[0])
 
 

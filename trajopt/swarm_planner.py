@@ -21,6 +21,7 @@ from trajopt.planner import Planner, expanded, passing_once
 from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
+from trajopt.spline353_check import LimitCheck
 from trajopt.swarm import ISSA, PSO, SSA, Compared, Optimiser, Result, minimise
 from trajopt.swarm.optimiser import added, check_choices, require
 
@@ -147,66 +148,143 @@ class SwarmPlanner(Planner):
 
 
 @dataclass(frozen=True, eq=False)
+class Group:
+    """Joints with common segment times, between `low` and `high`, s.
+
+    `displacements` `(joints, 3)`, `limits` and `room` (None without position limits) are theirs.
+    """
+
+    displacements: Array
+    limits: Limits
+    room: Array | None
+    low: float
+    high: float
+    check: LimitCheck
+
+    @classmethod
+    def of(cls, problem: Problem, joints: NDArray[np.intp], planner: SwarmPlanner) -> Group:
+        """Of joints that move, their box as a planner's options say."""
+        own = problem.only(joints)
+        displacements = own.displacements.T
+        longest = stop_times(own.without("position")).max()
+        high = planner.upper * longest
+        room = spline353.position_room(own)
+        if room is not None:
+            times = spline353.keeping_times(displacements, own.limits, room, longest)
+            # the longest outer time of the best one may be longer still
+            high = max(high, 2 * times.max())
+        return cls(
+            displacements,
+            own.limits,
+            room,
+            low=planner.lower * high,
+            high=high,
+            check=LimitCheck.of(displacements, own.limits),
+        )
+
+    @property
+    def ceiling(self) -> float:
+        """The longest duration in the box, s: a fitness above it breaks a limit."""
+        return self.high + self.high + self.high
+
+    @property
+    def above_any(self) -> float:
+        """Above every duration in the box."""
+        return float(np.nextafter(self.ceiling, np.inf))
+
+    def penalty(self, times: Array) -> Array:
+        """Deb's rule as one number: the duration, or more than any by what breaks the limits.
+
+        Of candidates `(N, 3)`, s: `(N,)`.
+        """
+        uses = spline353.limit_use(
+            self.displacements,
+            times[:, None],
+            self.limits,
+            exact_above=1.0,
+        )
+        excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
+        if self.room is not None:
+            excesses.append(self._outside(times, self.room))
+        excess = added(reduce(np.add, excesses))
+        beyond = self.above_any + excess
+        return np.where(excess > 0, beyond, added(times))
+
+    def penalty_below(self, times: Array, incumbent: Array) -> Array:
+        """`penalty` where it is below the incumbent `(N,)`; elsewhere no less than that."""
+        duration = added(times)
+        value = np.full(len(times), self.above_any)
+        # what lasts no shorter cannot be better: half of a settled swarm
+        shorter = np.flatnonzero(duration < incumbent)
+        keeps = self.check(times[shorter])
+        within = shorter[keeps]
+        if self.room is not None:
+            outside = self._outside(times[within], self.room)
+            within = within[added(outside) == 0]
+        value[within] = duration[within]
+        # by how much limits are broken matters only to those that break some themselves
+        broken = (value > self.ceiling) & (incumbent > value)
+        if broken.any():
+            value[broken] = self.penalty(times[broken])
+        return value
+
+    def scaled(self, times: Array) -> Array:
+        """The duration once dilated to the limits; Deb's rule keeps what no dilation can mend."""
+        duration = self.dilation(times) * added(times)
+        if self.room is None:
+            return duration
+        excess = added(self._outside(times, self.room))
+        # Below `above_any` is then only what keeps its position limits.
+        beyond = np.maximum(duration, self.above_any) * (1.0 + excess)
+        return np.where(excess > 0, beyond, duration)
+
+    def dilation(self, times: Array) -> Array:
+        """The cheapest dilation to the limits, of candidates `(N, 3)`: `(N,)`."""
+        return spline353.dilation(self.displacements, times[:, None], self.limits)
+
+    def _outside(self, times: Array, room: Array) -> Array:
+        """How far each joint leaves its position limits, `(N, joints)`."""
+        return spline353.position_excess(self.displacements, times[:, None], room)
+
+
+@dataclass(frozen=True, eq=False)
 class SegmentTimes:
-    """What the swarm minimises. A group is a set of joints with common times: all, or each alone.
+    """What the swarm minimises: the duration of groups of the moving `joints`.
 
-    `displacements` `(joints, 3)`, `limits` and `room` (None without position limits) of the moving
-    `joints`; box `low`, `high` `(groups, 3)`, s.
-
-        search = SegmentTimes.of(problem, SwarmPlanner())
-        low, high = search.box(seeds=1)
-        minimise(PSO(), search.fitness, low, high, seeds=[0], iterations=100)
+    search = SegmentTimes.of(problem, SwarmPlanner())
+    low, high = search.box(seeds=1)
+    minimise(PSO(), search.fitness, low, high, seeds=[0], iterations=100)
     """
 
     planner: SwarmPlanner
     joints: NDArray[np.intp]
-    displacements: Array
-    limits: Limits
-    room: Array | None
-    low: Array
-    high: Array
+    groups: tuple[Group, ...]
 
     @classmethod
     def of(cls, problem: Problem, planner: SwarmPlanner) -> SegmentTimes:
         """Of a problem without consecutive identical waypoints, as a planner's options say."""
         joints = np.flatnonzero(problem.moving)
-        free = problem.without("position")
-        moving = free.only(joints)
-        groups = [joints]
+        together = [joints]
         if planner.timing == "per-joint":
-            groups = list(joints[:, None])
-        ends = []
-        for group in groups:
-            own = problem.only(group)
-            longest = stop_times(free.only(group)).max()
-            end = planner.upper * longest
-            room = spline353.position_room(own)
-            if room is not None:
-                times = spline353.keeping_times(own.displacements.T, own.limits, room, longest)
-                # the longest outer time of the best one may be longer still
-                end = max(end, 2 * times.max())
-            ends.append(end)
-        high = np.array(ends)
-        high = np.repeat(high[:, None], 3, axis=1)
-        return cls(
-            planner,
-            joints,
-            displacements=moving.displacements.T,
-            limits=moving.limits,
-            room=spline353.position_room(problem),
-            low=planner.lower * high,
-            high=high,
-        )
+            together = list(joints[:, None])
+        groups = [Group.of(problem, own, planner) for own in together]
+        return cls(planner, joints, tuple(groups))
 
     @property
-    def shared(self) -> bool:
-        """Whether one group holds all joints."""
-        return self.planner.timing == "shared"
+    def low(self) -> Array:
+        """The box's lower end, `(groups, 3)`, s."""
+        ends = [group.low for group in self.groups]
+        return np.repeat(ends, 3).reshape(-1, 3)
 
     @property
-    def ceiling(self) -> Array:
-        """The longest duration in the box, `(groups,)`, s: fitness above it breaks a limit."""
-        return added(self.high)
+    def high(self) -> Array:
+        """Its upper end, `(groups, 3)`, s."""
+        ends = [group.high for group in self.groups]
+        return np.repeat(ends, 3).reshape(-1, 3)
+
+    @property
+    def position_limited(self) -> bool:
+        return any(group.room is not None for group in self.groups)
 
     def box(self, seeds: int) -> tuple[Array, Array]:
         """Bounds of all runs, `(seeds · groups, 3)`."""
@@ -219,130 +297,68 @@ class SegmentTimes:
     def streams(self, seeds: Sequence[int]) -> list[SeedSequence]:
         """One per run: a joint's stream does not depend on which other joints move."""
         keys: list[tuple[int, ...]] = [()]
-        if not self.shared:
+        if self.planner.timing == "per-joint":
             keys = [(int(joint),) for joint in self.joints]
         streams = []
         for seed in seeds:
             streams += [SeedSequence(seed, spawn_key=key) for key in keys]
         return streams
 
-    def seconds(self, x: Array) -> Array:
-        """Segment times of candidates `(seeds · groups, m, 3)`: `(seeds, m, groups, 3)`, s."""
-        groups = len(self.low)
-        by_seed = x.reshape(-1, groups, *x.shape[1:])
-        times = by_seed.swapaxes(1, 2)
+    def seconds(self, x: Array, group: Group) -> Array:
+        """Segment times of a group's candidates `(seeds, m, 3)`: `(seeds · m, 3)`, s."""
+        candidates = x.reshape(-1, 3)
         if self.planner.space == "unit":
-            size = self.high - self.low
-            return self.low + times * size
-        return times
+            return group.low + candidates * (group.high - group.low)
+        return candidates
 
     def fitness(self, x: Array, incumbent: Array | None = None) -> Array:
         """Of candidates `(seeds · groups, m, 3)`, to be minimised: `(seeds · groups, m)`.
 
         Exact where it is below the `incumbent` `(seeds · groups, m)`, or where there is none.
         """
-        times = self.seconds(x)
-        if self.planner.fitness == "scaled":
-            value = self._scaled(times)
-        elif incumbent is None:
-            value = self._penalty(times)
-        else:
-            by_seed = incumbent.reshape(-1, len(self.low), x.shape[1])
-            value = self._penalty_below(times, by_seed.swapaxes(1, 2))
-        by_group = value.swapaxes(1, 2)
-        return by_group.reshape(x.shape[:2])
-
-    def _penalty_below(self, times: Array, incumbent: Array) -> Array:
-        """`_penalty` where it is below the incumbent `(seeds, m, groups)`; a lower bound elsewhere.
-
-        The bound takes the peaks where segments meet: of four candidates in a settled swarm three
-        already break a limit there, or last longer than what they are compared with.
-        """
-        ends = spline353.use_at_ends(self.displacements, times, self.limits)
-        value = self._deb(times, ends)
-        open_ = (value < incumbent).any(axis=-1)
-        if open_.any():
-            value[open_] = self._penalty(times[open_])
+        value = np.empty(x.shape[:2])
+        for row, group in enumerate(self.groups):
+            runs = slice(row, None, len(self.groups))
+            times = self.seconds(x[runs], group)
+            if self.planner.fitness == "scaled":
+                own = group.scaled(times)
+            elif incumbent is None:
+                own = group.penalty(times)
+            else:
+                own = group.penalty_below(times, incumbent[runs].ravel())
+            value[runs] = own.reshape(-1, x.shape[1])
         return value
-
-    def _penalty(self, times: Array) -> Array:
-        """The penalty of candidates `(…, groups, 3)`: `(…, groups)`."""
-        uses = spline353.limit_use(
-            self.displacements,
-            times,
-            self.limits,
-            exact_above=1.0,
-        )
-        if self.room is None:
-            return self._deb(times, uses)
-        outside = spline353.position_excess(self.displacements, times, self.room)
-        return self._deb(times, uses, [outside])
-
-    def _deb(self, times: Array, uses: Sequence[Array], outside: Sequence[Array] = ()) -> Array:
-        """Deb's rule as one number: the duration, or more than any by what breaks the limits.
-
-        Args:
-            times: `(…, groups, 3)`, s.
-            uses: peak velocity, acceleration and jerk over their limits, `(…, joints)` each.
-            outside: how far positions leave their limits, `(…, joints)`.
-        """
-        excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
-        excess = self._of_groups(reduce(np.add, [*excesses, *outside]))
-        above_any = np.nextafter(self.ceiling, np.inf)
-        beyond = above_any + excess
-        duration = added(times)
-        return np.asarray(np.where(excess > 0, beyond, duration))
-
-    def _of_groups(self, excess: Array) -> Array:
-        """The excess of joints `(…, joints)`, summed over each group, `(…, groups)`."""
-        if len(self.low) > 1:
-            return excess
-        return added(excess)[..., None]
-
-    def _scaled(self, times: Array) -> Array:
-        """The duration once dilated to the limits; Deb's rule keeps what no dilation can mend."""
-        duration = self._dilation(times) * added(times)
-        if self.room is None:
-            return duration
-        outside = spline353.position_excess(self.displacements, times, self.room)
-        excess = self._of_groups(outside)
-        # Below `above_any` is then only what keeps its position limits.
-        above_any = np.nextafter(self.ceiling, np.inf)
-        beyond = np.maximum(duration, above_any) * (1.0 + excess)
-        return np.asarray(np.where(excess > 0, beyond, duration))
-
-    def _dilation(self, times: Array) -> Array:
-        """The cheapest dilation of each group, `(…, groups)`."""
-        use = spline353.limit_use(self.displacements, times, self.limits)
-        factor = spline353.cheapest_dilation(*use)
-        if len(self.low) == 1:
-            factor = factor.max(axis=-1, keepdims=True)
-        return factor
 
     def answers(self, result: Result) -> Iterator[tuple[Array, list[Array]]]:
         """Per seed: the best times of each group `(groups, 3)`, s, and each group's history."""
-        groups = len(self.low)
-        one_candidate = result.position[:, None]
-        times = self.seconds(one_candidate)[:, 0]
-        if self.planner.fitness == "scaled":
-            duration = result.fitness.reshape(-1, groups)
-            factor = duration / added(times)
-            if self.room is not None:
-                # the fitness of what leaves its position limits is no duration
-                factor = self._dilation(times)
-            times = times * factor[..., None]
-        for row, own in enumerate(times):
-            first = row * groups
-            histories = result.histories[first : first + groups]
-            feasible = map(self._feasible, histories, self.ceiling)
-            yield own, list(feasible)
+        count = len(self.groups)
+        best = []
+        for row, group in enumerate(self.groups):
+            runs = slice(row, None, count)
+            times = self.seconds(result.position[runs], group)
+            best.append(self._dilated(times, group, result.fitness[runs]))
+        for seed, own in enumerate(zip(*best, strict=True)):
+            first = seed * count
+            histories = result.histories[first : first + count]
+            feasible = map(self._feasible, histories, self.groups)
+            yield np.array(own), list(feasible)
 
-    def _feasible(self, history: Array, ceiling: float) -> Array:
+    def _dilated(self, times: Array, group: Group, fitness: Array) -> Array:
+        """A group's best times `(seeds, 3)`, s, as long as their fitness stands for."""
+        if self.planner.fitness == "penalty":
+            return times
+        factor = fitness / added(times)
+        if self.position_limited:
+            # the fitness of what leaves its position limits is no duration
+            factor = group.dilation(times)
+        return times * factor[:, None]
+
+    def _feasible(self, history: Array, group: Group) -> Array:
         """A history with NaN until the first candidate within the limits."""
-        if self.planner.fitness == "scaled" and self.room is None:
+        if self.planner.fitness == "scaled" and not self.position_limited:
             return history
         spent, best = history.T
-        within = np.where(best > ceiling, np.nan, best)
+        within = np.where(best > group.ceiling, np.nan, best)
         return np.column_stack([spent, within])
 
     def joint_stats(

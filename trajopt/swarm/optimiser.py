@@ -8,7 +8,7 @@ gives the same bits alone, among others, and in another process.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Literal, NamedTuple, get_args, get_origin, get_type_hints
@@ -21,6 +21,9 @@ from trajopt.exceptions import InvalidInput
 
 Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
+
+# Iterations: a call for each run and draw costs as much as a hundred numbers.
+_DRAWN_TOGETHER = 50
 
 
 class Contest(NamedTuple):
@@ -146,6 +149,13 @@ class Streams:
         for generator, own in zip(self._generators, draws, strict=True):
             generator.random(out=own)
         return draws
+
+    def uniforms(self, count: int, *shape: int) -> Iterator[Array]:
+        """The same so many times, drawn many at once: for streams that nothing else is drawn of."""
+        for first in range(0, count, _DRAWN_TOGETHER):
+            together = min(_DRAWN_TOGETHER, count - first)
+            draws = self.uniform(together, *shape)
+            yield from draws.swapaxes(0, 1)
 
     def normal(self, *shape: int) -> Array:
         """Standard normal, `(runs, *shape)`."""

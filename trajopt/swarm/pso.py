@@ -59,13 +59,13 @@ class PSO(Optimiser):
         own_f = f
         v = np.zeros_like(x)
         v_max = self.clamp * box.size
-        for _ in range(iterations):
+        for drawn in streams.uniforms(iterations, 2, *shape):
             # p_g
             best = own_f.argmin(axis=1)
             swarm_x = own_x[rows, best, None]
             # v = χ v + χφ₁ u₁ (p_i − x) + χφ₂ u₂ (p_g − x), within ±v_max
-            u1 = streams.uniform(*shape)
-            u2 = streams.uniform(*shape)
+            u1 = drawn[:, 0]
+            u2 = drawn[:, 1]
             to_own = self.cognitive * u1 * (own_x - x)
             to_swarm = self.social * u2 * (swarm_x - x)
             v = self.inertia * v + to_own
