@@ -489,7 +489,7 @@ def _joints_first(values: Array, axes: int) -> Segments:
 
 
 def _stacked(*controls: Array) -> Array:
-    shape = np.broadcast_shapes(*[control.shape for control in controls])
+    shape = np.broadcast(*controls).shape
     table = np.empty((len(controls), *shape))
     for row, control in enumerate(controls):
         table[row] = control

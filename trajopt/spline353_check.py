@@ -43,7 +43,7 @@ class _Candidates(NamedTuple):
         return middle
 
     def only(self, chosen: Mask) -> _Candidates:
-        places = np.flatnonzero(chosen)
+        (places,) = chosen.nonzero()
         if len(places) == len(self.number):
             return self
         return _Candidates(
@@ -84,7 +84,8 @@ class LimitCheck:
         for rate in self.rates:
             left = left.only(~rate.broken_at_instants(left))
         for rate in self.rates:
-            left = left.only(~rate.broken_at_peaks(left, self.displacements))
+            if len(left.number) > 0:
+                left = left.only(~rate.broken_at_peaks(left, self.displacements))
         keeps = np.zeros(len(times), dtype=bool)
         keeps[left.number] = True
         return keeps
@@ -150,7 +151,7 @@ class _Rate:
         if self.order == 2:
             use, rounding = self._peak_acceleration(candidates, side, place)
             broken[place[use > 1 + rounding]] = True
-            close = np.flatnonzero((use > 1 - rounding) & ~broken[place])
+            (close,) = ((use > 1 - rounding) & ~broken[place]).nonzero()
             side = side[close]
             place = place[close]
         if side.size > 0:

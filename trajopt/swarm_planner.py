@@ -215,7 +215,7 @@ class Group:
         duration = added(times)
         value = np.full(len(times), self.above_any)
         # what lasts no shorter cannot be better: half of a settled swarm
-        shorter = np.flatnonzero(duration < incumbent)
+        (shorter,) = (duration < incumbent).nonzero()
         keeps = self.check(times[shorter])
         within = shorter[keeps]
         if self.room is not None:

@@ -173,14 +173,15 @@ def test_equations_39_to_41_sparrow_by_sparrow():
     flock.t = 3
     flock.settle(rng.uniform(0, 4, (runs, 30, 3)), rng.uniform(1, 2, (runs, 30)))
     draw = Streams(range(runs))
-    _, (discovered,) = ssa._discover(flock)
+    chance = ssa._drawn(flock.streams, 3)
+    _, (discovered,) = ssa._discover(flock, chance)
     r2, alpha, q = draw.uniform(1, 1), 1 - draw.uniform(6, 1), draw.normal(6, 1)
     for run, i in np.ndindex(runs, 6):
         x = flock.x[run, i]
         calm = x * np.exp(-(i + 1) / (alpha[run, i, 0] * t_max))
         expected = calm if r2[run, 0, 0] < 0.8 else x + q[run, i, 0] * np.ones(3)
         np.testing.assert_allclose(discovered[run, i], expected, rtol=1e-12)
-    slots, (followed,) = ssa._follow(flock)
+    slots, (followed,) = ssa._follow(flock, chance)
     q, u = draw.normal(24, 1), draw.uniform(24, 3)
     for run, row in np.ndindex(runs, 24):
         x, i, best = flock.x[run, 6 + row], 7 + row, flock.x[run, 0]
@@ -190,7 +191,7 @@ def test_equations_39_to_41_sparrow_by_sparrow():
         np.testing.assert_allclose(
             followed[run, row], far if i > 15 else near, rtol=1e-9, atol=1e-12
         )
-    slots, (watched,) = ssa._watch(flock)
+    slots, (watched,) = ssa._watch(flock, chance)
     draw.uniform(30)
     beta, k = draw.normal(3, 3), 2 * draw.uniform(3, 1) - 1
     for run, row in np.ndindex(runs, 3):
@@ -206,7 +207,8 @@ def test_vigilantes_are_all_different_and_any_sparrow_can_be_one():
     flock.settle(
         np.random.default_rng(1).uniform(0, 4, (50, 30, 3)), np.tile(np.arange(30.0), (50, 1))
     )
-    slots = SSA(vigilantes=0.5)._watch(flock)[0]
+    ssa = SSA(vigilantes=0.5)
+    slots, _ = ssa._watch(flock, ssa._drawn(flock.streams, 3))
     assert all(len(set(row)) == 15 for row in slots)
     assert len(np.unique(slots)) == 30
 

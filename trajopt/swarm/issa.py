@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from trajopt.swarm.optimiser import Array, require, require_size
-from trajopt.swarm.ssa import SSA, Flock, Move, Slots
+from trajopt.swarm.ssa import SSA, Chance, Flock, Move
 
 Reading = Literal["intended", "printed"]
 
@@ -90,19 +90,19 @@ class ISSA(SSA):
         progress = flock.t / flock.t_max
         return falling_weight(progress, self.weight_max, self.weight_min)
 
-    def _watch(self, flock: Flock) -> Move:
-        slots, places = super()._watch(flock)
+    def _watch(self, flock: Flock, chance: Chance) -> Move:
+        slots, places = super()._watch(flock, chance)
         if not self.opposition:
             return slots, places
-        opposite = self._opposite(flock, slots)
+        opposite = self._opposite(flock)
         return slots, [*places, opposite]
 
-    def _opposite(self, flock: Flock, slots: Slots) -> Array:
+    def _opposite(self, flock: Flock) -> Array:
         """Eq. 48 and 49."""
         best = flock.best_x
         box = flock.box
         # X* = u + r (l − X_b)
-        vigilantes = slots.shape[-1]
+        vigilantes = self._count(self.vigilantes)
         r = flock.extra.uniform(vigilantes, box.dim)
         opposite = box.high + r * (box.low - best)
         # X* + b1 (X_b − X*), or X_b + b1 (X_b − X*) as printed; b1 can be infinite

@@ -9,7 +9,7 @@ ones), `β` one per dimension, as in the authors' program.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +25,29 @@ from trajopt.swarm.optimiser import (
     require,
 )
 
-Slots = NDArray[np.intp]  # which sparrows of the flock: (m,), or (runs, m)
+Slots = NDArray[np.intp] | slice  # which sparrows of the flock: (m,), or (runs, m)
 Move = tuple[Slots, list[Array]]  # some sparrows, and the places that they consider
 
 _EPSILON = 1e-50  # ε of eq. 41, as in the authors' program
+
+
+class Chance(NamedTuple):
+    """What chance decides in one iteration, in each run.
+
+    - `r2` `(runs, 1, 1)`: R2;
+    - `alpha`, `Q` of discoverers, `Q_far` of followers, `K` of vigilantes: `(runs, m, 1)`;
+    - `coin`, below a half where followers' `A` is −1, and vigilantes' `beta`: `(runs, m, dim)`;
+    - `lots` `(runs, population)`: the lowest make vigilantes; None if those are the first sparrows.
+    """
+
+    r2: Array
+    alpha: Array
+    Q: Array
+    Q_far: Array
+    coin: Array
+    lots: Array | None
+    beta: Array
+    K: Array
 
 
 class Flock:
@@ -62,6 +81,9 @@ class Flock:
 
     def place(self, slots: Slots) -> tuple[Array, Array]:
         """Positions `(runs, m, dim)` and fitness `(runs, m)` of some sparrows."""
+        if isinstance(slots, slice):
+            # neighbours need no look-up
+            return self.x[:, slots], self.f[:, slots]
         x = self.x[self.rows, slots]
         f = self.f[self.rows, slots]
         return x, f
@@ -73,6 +95,10 @@ class Flock:
 
     def move(self, slots: Slots, x: Array, f: Array) -> None:
         """Put sparrows in new places."""
+        if isinstance(slots, slice):
+            self.x[:, slots] = x
+            self.f[:, slots] = f
+            return
         self.x[self.rows, slots] = x
         self.f[self.rows, slots] = f
 
@@ -135,34 +161,57 @@ class SSA(Optimiser):
         for flock.t in range(1, iterations + 1):
             if self.sorting == "iteration":
                 flock.sort()
+            chance = self._drawn(streams, box.dim)
             for phase in (self._discover, self._follow, self._watch):
                 if self.sorting == "phase":
                     flock.sort()
-                slots, places = phase(flock)
+                slots, places = phase(flock, chance)
                 yield from self._moved(flock, slots, places)
 
     def _start(self, flock: Flock) -> Array:
         unit = flock.streams.uniform(self.population, flock.box.dim)
         return flock.box.spread(unit)
 
-    def _discover(self, flock: Flock) -> Move:
-        """Eq. 39."""
-        draw = flock.streams
+    def _drawn(self, streams: Streams, dim: int) -> Chance:
+        """Phase after phase; what follows on its own kind is drawn with it."""
+        population = self.population
         m = self._count(self.discoverers)
-        slots = np.arange(m)
-        i = slots[:, None] + 1
+        watching = self._count(self.vigilantes)
+        followers = population - m
+        coins = followers * dim
+        lotteries = population if self.watch == "random" else 0
+        even = streams.uniform(1 + m, 1)
+        Q = streams.normal(population, 1)
+        later = streams.uniform(coins + lotteries)
+        beta = streams.normal(watching, dim)
+        unit = streams.uniform(watching, 1)
+        lots = None
+        if lotteries > 0:
+            lots = later[:, coins:]
+        return Chance(
+            r2=even[:, :1],
+            alpha=1.0 - even[:, 1:],
+            Q=Q[:, :m],
+            Q_far=Q[:, m:],
+            coin=later[:, :coins].reshape(-1, followers, dim),
+            lots=lots,
+            beta=beta,
+            K=2 * unit - 1,
+        )
+
+    def _discover(self, flock: Flock, chance: Chance) -> Move:
+        """Eq. 39."""
+        m = self._count(self.discoverers)
+        slots = slice(0, m)
+        i = np.arange(m)[:, None] + 1
         x = flock.x[:, slots]
-        # R2: one per run
-        r2 = draw.uniform(1, 1)
-        alpha = 1.0 - draw.uniform(m, 1)
-        Q = draw.normal(m, 1)
-        safe = r2 < self.safety
+        safe = chance.r2 < self.safety
         # X exp(−i/(α t_max)) where R2 < ST, else X + Q L
-        decay = -i / (alpha * flock.t_max)
+        decay = -i / (chance.alpha * flock.t_max)
         shrunk = x * np.exp(decay)
         calm = self._calm(flock, shrunk, x)
         weight = self._weight(flock)
-        alarmed = x + Q * weight
+        alarmed = x + chance.Q * weight
         places = np.where(safe, calm, alarmed)
         return slots, [places]
 
@@ -174,50 +223,41 @@ class SSA(Optimiser):
         """The factor of a discoverer's random step."""
         return 1.0
 
-    def _follow(self, flock: Flock) -> Move:
+    def _follow(self, flock: Flock, chance: Chance) -> Move:
         """Eq. 40."""
-        draw = flock.streams
         first = self._count(self.discoverers)
-        slots = np.arange(first, self.population)
-        i = slots[:, None] + 1
+        slots = slice(first, self.population)
+        i = np.arange(first, self.population)[:, None] + 1
         x = flock.x[:, slots]
         x_w, _ = flock.worst()
         discoverers_f = flock.f[:, :first]
         leader = discoverers_f.argmin(axis=1)
         x_p, _ = flock.place(leader[:, None])
-        _, m, dim = x.shape
-        Q = draw.normal(m, 1)
-        coin = draw.uniform(m, dim)
-        A = np.where(coin < 0.5, -1.0, 1.0)
+        A = np.where(chance.coin < 0.5, -1.0, 1.0)
         # The better half: X_p + |X − X_p| A⁺ L
         step = np.abs(x - x_p) * A
         if self.step == "matrix":
             # A⁺ = Aᵀ(AAᵀ)⁻¹ = Aᵀ/d; L spreads the sum over all dimensions
             total = added(step)
-            step = total[..., None] / dim
+            step = total[..., None] / flock.box.dim
         gathered = x_p + step
         # The others: Q exp((X_w − X)/i²); in a box hundreds wide the walls stop what overflows
         with np.errstate(over="ignore"):
             exponent = (x_w - x) / i**2
-            away = Q * np.exp(exponent)
+            away = chance.Q_far * np.exp(exponent)
         hungry = i > self.population / 2
         places = np.where(hungry, away, gathered)
         return slots, [places]
 
-    def _watch(self, flock: Flock) -> Move:
+    def _watch(self, flock: Flock, chance: Chance) -> Move:
         """Eq. 41."""
-        draw = flock.streams
-        slots = self._vigilantes(flock)
+        slots = self._vigilantes(chance)
         x, f = flock.place(slots)
         x_b = flock.best_x
         x_w, f_w = flock.worst()
-        _, m, dim = x.shape
-        beta = draw.normal(m, dim)
-        unit = draw.uniform(m, 1)
-        K = 2 * unit - 1
         # Behind the best, f > f_g: X_b + β |X − X_b|
         from_best = np.abs(x - x_b)
-        home = x_b + beta * from_best
+        home = x_b + chance.beta * from_best
         # The best itself: X + K |X − X_w| / ((f − f_w) + ε)
         fall = f - f_w
         if self.eq41 == "printed":
@@ -226,17 +266,16 @@ class SSA(Optimiser):
         denominator = fall + _EPSILON
         from_worst = np.abs(x - x_w)
         step = from_worst / denominator[..., None]
-        flee = x + K * step
+        flee = x + chance.K * step
         behind = f > flock.best_f
         places = np.where(behind[..., None], home, flee)
         return slots, [places]
 
-    def _vigilantes(self, flock: Flock) -> Slots:
+    def _vigilantes(self, chance: Chance) -> NDArray[np.intp]:
         count = self._count(self.vigilantes)
-        if self.watch == "first":
+        if chance.lots is None:
             return np.arange(count)
-        lots = flock.streams.uniform(self.population)
-        drawn = lots.argsort(axis=1)
+        drawn = chance.lots.argsort(axis=1)
         return drawn[:, :count]
 
     def _moved(self, flock: Flock, slots: Slots, places: list[Array]) -> Search:
@@ -246,12 +285,13 @@ class SSA(Optimiser):
         greedy = self.acceptance == "greedy"
         asked = np.concatenate(x, axis=1)
         if greedy:
-            incumbent = np.tile(own_f, len(places))
-            f = yield Contest(asked, incumbent)
+            incumbents = [own_f] * len(places)
+            f = yield Contest(asked, np.concatenate(incumbents, axis=1))
         else:
             f = yield asked
         best_x, *other_x = x
-        best_f, *other_f = np.split(f, len(places), axis=1)
+        by_place = f.reshape(len(f), len(places), -1)
+        best_f, *other_f = by_place.swapaxes(0, 1)
         others = zip(other_x, other_f, strict=True)
         for next_x, next_f in others:
             better = next_f < best_f
