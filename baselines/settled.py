@@ -56,7 +56,11 @@ def settled(
         if not np.isfinite(largest):
             return None
         rows = jacobian[active][:, free]
-        x[free] += _least_step(rows, miss)
+        try:
+            step = _least_step(rows, miss)
+        except RuntimeError:  # SuperLU's word for a singular matrix
+            return None
+        x[free] += step
         x = np.clip(x, lowest, highest)
     return None
 

@@ -32,20 +32,28 @@ from baselines.sizes import announce, cells
 from trajopt.planner import backend, passing_once
 from trajopt.problem import Problem
 from trajopt.solution import Solution
+from trajopt.verification import verify
 
 Start = tuple[Array, Array]  # segment times, waypoint states
 
-IPOPT = acceleration.IPOPT | {"tol": 1e-10}
+IPOPT = acceleration.IPOPT | {
+    "tol": 1e-10,
+    # The program is scaled as it is: MUMPS's own scaling costs a tenth of the time, and gains none.
+    "mumps_scaling": 0,
+    "mumps_permuting_scaling": 0,
+}
 
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
 _PATIENCE = 3  # times as many starts where all have failed so far
 _FOLLOW_ROUNDS = 5
-# From where every limit is active IPOPT takes twice as long as from a slower motion, or fails.
-_FOLLOW_DILATIONS = (1.2, 1.05)
+# From where every limit is active IPOPT takes twice as long as from a slower motion, or fails; from
+# much slower ones it takes a tenth longer.
+_FOLLOW_DILATIONS = (1.05, 1.2)
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
 # Without units: what is closer to a bound is put on it, if the motion stays as brief.
 _NEAR = 1e-4
+_CERTIFIED_RTOL = 1e-9  # what its certified duration may cost
 _START_DILATION = 1.3  # of the optimum without jerk limits: a start
 # Measured up to 343 segments times moving joints, in proportion to them.
 _SECONDS_PER_CELL = 0.02
@@ -138,19 +146,21 @@ def _solver(segments: int, joints: int) -> Program:
     lower = symbols(5)
     (share,) = symbols(1)
     x = _Variables(t, inner, upper, lower, share)
-    # parameters: displacements, stop times, and the limits V1, V2, r1, r2
+    # parameters: displacements, stop times, units of velocity, and the limits V1, V2, r1, r2
     (h,) = symbols(1)
     (stop,) = symbols(1, columns=1)
+    (speed,) = symbols(1, rows=1)
     limits = symbols(4, rows=1)
 
     # every constraint is a table over segments and joints
-    tables = [ca.repmat(limit, segments, 1) for limit in limits]
-    v1, v2, r1, r2 = tables
+    tables = [ca.repmat(limit, segments, 1) for limit in (speed, *limits)]
+    speeds, v1, v2, r1, r2 = tables
     times = ca.repmat(t, 1, joints)
     size = ca.repmat(stop, 1, joints)
     # both ends rest, without acceleration
     rest = ca.MX.zeros(1, joints)
-    velocities, accelerations = inner
+    shares_of_speed, accelerations = inner
+    velocities = shares_of_speed * speeds[1:, :]
     u = ca.vertcat(rest, velocities)
     w = ca.vertcat(velocities, rest)
     a = ca.vertcat(rest, accelerations)
@@ -160,6 +170,7 @@ def _solver(segments: int, joints: int) -> Program:
         (u, a, w, -b),
         times,
         size,
+        speeds,
         limits=(v2, r2, r1),
     )
     d_lo, lower_rows = _profile_rows(
@@ -167,18 +178,20 @@ def _solver(segments: int, joints: int) -> Program:
         (-u, -a, -w, b),
         times,
         size,
+        speeds,
         limits=(v1, r1, r2),
     )
     # λ D_up + (1 − λ) D_lo = h, the lower profile being mirrored
     covered = share * d_up - (1 - share) * d_lo
-    displacement_row = (covered - h) / size**2
+    missed = covered - h
+    displacement_row = missed / (size * ca.fmin(size, speeds))
     # all together hardly slower than stopping at every waypoint
     total = ca.dot(stop, t)
     spare_time = _LONGEST * ca.sum1(stop) - total
     return program(
         "exact_jerk",
         variables=x.tables,
-        parameters=[h, stop, *limits],
+        parameters=[h, stop, speed, *limits],
         objective=total,
         constraints=[*upper_rows, *lower_rows, displacement_row, spare_time],
         options=IPOPT,
@@ -190,6 +203,7 @@ def _profile_rows(
     ends: tuple[Any, Any, Any, Any],
     t: Any,
     size: Any,
+    speed: Any,
     limits: tuple[Any, Any, Any],
 ) -> tuple[Any, list[Any]]:
     """Displacement and constraints of one extreme profile, in CasADi's symbols.
@@ -199,6 +213,7 @@ def _profile_rows(
         ends: velocity and acceleration at the start, then at the end seen backwards.
         t: segment times, in stop times.
         size: stop times.
+        speed: units of velocity.
         limits: velocity limit, inverse jerk upwards and downwards.
 
     Returns:
@@ -229,9 +244,9 @@ def _profile_rows(
     rows = [
         # equal: the time is filled, rise and fall meet at one peak
         duration - t,
-        peak - same_peak,
+        (peak - same_peak) / speed,
         # not negative: the velocity limit, ramps forwards in time, straight from rise to fall
-        top - peak,
+        (top - peak) / speed,
         rise - a,
         fall - b,
         rise + fall,
@@ -245,7 +260,7 @@ def _bounds(scaled: Scaled, apart: Bools) -> tuple[Array, Array]:
     jerky = scaled.jerky
     zero = np.zeros(scaled.h.shape)
     inner = np.ones((len(stop) - 1, 1))
-    slowest, fastest = scaled.v
+    slowest, fastest = scaled.v / scaled.speed
     a1, a2 = np.where(jerky, scaled.a, 0.0)
     upper_side, lower_side = scaled.sides()
     upper_apart, lower_apart = apart
@@ -297,9 +312,10 @@ def _point(scaled: Scaled, times: Array, states: Array) -> Array:
     """IPOPT's variables for times and waypoint states, with their extreme profiles."""
     both = scaled.extremes(times, states)
     size = scaled.stop[:, None]
+    velocities, accelerations = states[:, 1:-1]
     variables = _Variables(
         times=times / scaled.stop,
-        inner=states[:, 1:-1],
+        inner=[velocities / scaled.speed, accelerations],
         upper=_profile_point(both.upper, size),
         lower=_profile_point(both.lower, size),
         share=both.share(scaled.h),
@@ -322,8 +338,8 @@ def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
     """Times and waypoint states from IPOPT's variables."""
     segments, joints = scaled.h.shape
     inner = (segments - 1, joints)
-    times, *states = unflat(x, [(segments,), inner, inner])
-    inner_states = np.stack(states)
+    times, velocities, accelerations = unflat(x, [(segments,), inner, inner])
+    inner_states = np.stack([velocities * scaled.speed, accelerations])
     return times * scaled.stop, _with_rest(inner_states)
 
 
@@ -451,6 +467,7 @@ def _parameters(scaled: Scaled) -> Array:
     return flat(
         scaled.h,
         scaled.stop,
+        scaled.speed,
         v1,
         v2,
         *scaled.r,
@@ -502,7 +519,19 @@ def _settled(solver: Program, scaled: Scaled, best: Optimum) -> Optimum:
     optimum = _reached(scaled, x, best.status)
     if optimum.duration > best.duration:
         return best
+    # Where the extreme profiles become one, rounding a break may cost more than its ramp did.
+    longest = _certified(scaled, best) * (1 + _CERTIFIED_RTOL)
+    if not _certified(scaled, optimum) <= longest:
+        return best
     return optimum
+
+
+def _certified(scaled: Scaled, optimum: Optimum) -> float:
+    """The certified duration of the motion through an optimum's states, s; infinite without."""
+    trajectory = scaled.trajectory(optimum.times, optimum.states)
+    relaxed = scaled.problem.without("position")
+    duration = verify(relaxed, trajectory).certified_duration
+    return np.inf if duration is None else duration
 
 
 def _powers(k: float) -> Array:

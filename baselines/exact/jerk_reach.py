@@ -39,6 +39,8 @@ class Scaled:
         v: velocity limits, `(2, joints)`, low first.
         a: acceleration limits, `(2, joints)`, low first.
         r: inverse jerk limits, `(2, joints)`, low first, not negative.
+        speed: the higher velocity limit, or 1 where that is more, `(joints,)`: a unit of velocity
+            for a solver with absolute tolerances.
         jerky: which joints have a jerk limit, `(joints,)`.
         stop: each segment's time if all joints stop at both its ends, `(segments,)`.
         shortest: each segment's time at the velocity limit, `(segments,)`.
@@ -74,6 +76,7 @@ class Scaled:
         self.a = acceleration / a_unit
         self.v = velocity / v_unit
         self.h = displacements / q_unit
+        self.speed = np.minimum(np.abs(self.v).max(axis=0), 1.0)
         self.jerky = self.r.any(axis=0)
         # T >= h / V2 forwards, T >= h / (-V1) backwards
         slowest, fastest = self.v
