@@ -95,7 +95,8 @@ def compare(
         raise InvalidInput("PROBLEM", right)
     loaded = _problems(problems, suite or [])
     specs: list[benchmark.Contestant] = [*(planner or _default_planners())]
-    specs += _motions(motion or [], interpolation)
+    if motion:
+        specs += _motions(motion, interpolation)
     if certify:
         specs = [*specs, "certify"]
     rival = None

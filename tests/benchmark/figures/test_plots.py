@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN
 from matplotlib.text import Text
 
 from trajopt.benchmark.analysis.summary import Line
@@ -296,6 +297,18 @@ def test_convergence_draws_the_median_and_the_best_353() -> None:
     assert curve.get_drawstyle() == "steps-post"
     assert figure.axes[1].lines[0].get_ydata()[-1] == pytest.approx(12.5)
     assert len(plots.convergence({"pso": sampling.over_runs(runs)}).axes) == 1
+
+
+def test_minor_ticks_are_those_of_matplotlib_in_every_panel() -> None:
+    """2, 3, … 9 times each power of ten from 1 to 110 evaluations, under both panels."""
+    runs = [np.array([[1, 8.0], [50, 4.2], [100, 4.1]])]
+    figure = plots.convergence({"pso": sampling.over_runs(runs)}, 4.0)
+    expected = [*range(2, 10), *range(20, 100, 10)]
+    drawn = [artist for artist in figure.artists if isinstance(artist, Line2D)]
+    ticks = [own.get_xdata() for own in drawn if own.get_marker() == TICKDOWN]
+    np.testing.assert_allclose(np.array(ticks), [expected] * 2)
+    for axes in figure.axes:
+        assert not len(axes.xaxis.get_minorticklocs())
 
 
 def test_gap_distribution_shows_every_run_and_those_that_ran_once() -> None:

@@ -272,9 +272,8 @@ def convergence(
         above.axhline(best, color=BLACK, lw=0.8, ls=_SHORT_DASHES, label=name)
         _log_percent(grid[1].yaxis)
         grid[1].set_ylabel("above the best 3-5-3 (%)")
-    _draw_minor_ticks(above.yaxis)
-    for axes in grid:
-        _draw_minor_ticks(axes.xaxis)
+    _draw_minor_ticks([above.yaxis])
+    _draw_minor_ticks([axes.xaxis for axes in grid])
     grid[-1].set_xlabel("evaluations")
     keys = above.get_legend_handles_labels()
     figure.legend(*keys, loc="outside right upper", title="median and quartiles")
@@ -407,13 +406,28 @@ def _log_percent(axis: XAxis | YAxis) -> None:
         axis.axes.set(yscale="log", ylim=limits)
     axis.set_major_locator(LogLocator(numticks=8))
     axis.set_major_formatter(FuncFormatter(_floored))
-    _draw_minor_ticks(axis)
+    _draw_minor_ticks([axis])
 
 
-def _draw_minor_ticks(axis: XAxis | YAxis) -> None:
-    """Its minor ticks as one artist, once its limits are set: Matplotlib draws five for each."""
-    places = np.asarray(axis.get_minorticklocs())
-    axis.set_minor_locator(NullLocator())
+def _draw_minor_ticks(sharing: Sequence[XAxis | YAxis]) -> None:
+    """Minor ticks as one artist an axis, once its limits are set: Matplotlib draws five for each.
+
+    Args:
+        sharing: all axes that share their ticks: without its own, none has any.
+    """
+    places = []
+    for axis in sharing:
+        low, high = sorted(axis.get_view_interval())
+        found = np.asarray(axis.get_minorticklocs())
+        inside = (found >= low) & (found <= high)
+        places.append(found[inside])
+    for axis, shown in zip(sharing, places, strict=True):
+        axis.set_minor_locator(NullLocator())
+        _draw_ticks(axis, shown)
+
+
+def _draw_ticks(axis: XAxis | YAxis, places: Array) -> None:
+    """Ticks without numbers, as Matplotlib draws minor ones."""
     edge = np.zeros_like(places)
     size = matplotlib.rcParams["xtick.minor.size"]
     width = matplotlib.rcParams["xtick.minor.width"]
