@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -168,17 +169,54 @@ def optima(
     Returns:
         The optima in the order of their starts.
     """
+
+    def solve_each(some: Sequence[Start]) -> list[TimedT]:
+        return [solve(start) for start in some]
+
+    return optima_together(
+        solve_each,
+        starts,
+        count,
+        agreeing,
+        rtol,
+    )
+
+
+def optima_together(
+    solve: Callable[[Sequence[Start]], Sequence[TimedT]],
+    starts: Iterable[Start],
+    count: int,
+    agreeing: int,
+    rtol: float = AGREEMENT_RTOL,
+) -> list[TimedT]:
+    """What `optima` returns, where several starts cost little more than one.
+
+    Args:
+        solve: leads from some starts to a local optimum each, at once: from as many as are missing
+            for agreement.
+        starts: as `optima` has them, and so on.
+        count: likewise.
+        agreeing: likewise.
+        rtol: likewise.
+    """
     results: list[TimedT] = []
-    for start in starts:
+    remaining = iter(starts)
+    while True:
         durations = np.array([result.duration for result in results])
         shortest = durations.min(initial=np.inf)
-        succeeded = shortest < np.inf
         as_short = durations <= shortest * (1 + rtol)
-        agreed = as_short.sum() >= agreeing
-        if succeeded and (agreed or len(results) >= count):
-            break
-        results.append(solve(start))
-    return results
+        agreed = 0
+        if shortest < np.inf:
+            agreed = int(as_short.sum())
+        missing = agreeing - agreed
+        untried = count - len(results)
+        if agreed > 0 and min(missing, untried) <= 0:
+            return results
+        wanted = min(missing, max(untried, 1))
+        batch = list(islice(remaining, wanted))
+        if not batch:
+            return results
+        results += solve(batch)
 
 
 def no_start_succeeded(statuses: Iterable[str]) -> str:

@@ -5,7 +5,7 @@ displacements that the limits allow fill an interval `[D_lo, D_up]`; its ends co
 to a peak `p`, cruising and braking. With the peaks as variables the minimum-time problem is a small
 smooth NLP over segment times, waypoint velocities and peaks. It is not convex, so there are several
 starts, and the answer is the best known, not a proof. From each an interior-point method made for
-this program (`exact.interior_point`) leads to a local optimum, or IPOPT where that fails.
+this program (`exact.crossover`) leads to a local optimum, or IPOPT where that fails.
 
     from baselines.exact.acceleration import Exact
     solution = Exact().solve(problem)
@@ -14,7 +14,7 @@ this program (`exact.interior_point`) leads to a local optimum, or IPOPT where t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Protocol
@@ -22,11 +22,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.exact.acceleration_profiles import Reach, extremes
-from baselines.exact.interior_point import minimised
-from baselines.exact.rounded import NO_PIECES, Clock, Pieces, assembled, clocks
+from baselines.exact.acceleration_motion import Task, pieces
+from baselines.exact.acceleration_profiles import extremes
+from baselines.exact.crossover import Passage, minimised
 from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
-from baselines.ipopt import Program, flat, optima, program, unflat
+from baselines.ipopt import Program, flat, optima_together, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.planner import backend, passing_once
 from trajopt.problem import LimitName, Problem
@@ -52,6 +52,12 @@ _PATIENCE = 5  # times as many starts where all have failed so far
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 _LARGEST_DILATION = 2.0  # what needs more is no answer
 _DILATION_TOL = 1e-15
+# What a velocity that is at its limit in the optimum misses it by: the duration feels the square.
+_LIMIT_RTOL = 1e-9
+# What the rounding of a segment's time may change, of its mean velocity and of the step over it.
+_MEAN_RTOL = 1e-12
+_STEP_RTOL = 1e-9
+_REACHED_DILATION = 1 + 1e-12  # what needs less is rounding
 # A start's time: in proportion to cells (segments times moving joints), measured up to 7000; and
 # where there are many joints to their square too, measured up to 250.
 _SECONDS_PER_CELL = 2e-4
@@ -75,11 +81,16 @@ class Exact(SeveralStarts):
         announce("exact", problem, self._seconds(problem))
         scaled = Scaled(problem)
 
-        def solve_from(start: Start) -> Optimum:
-            return _solve_from(scaled, start)
+        def solve_from(starts: Sequence[Start]) -> list[Optimum]:
+            return _solve_from(scaled, starts)
 
         starts = starting_points(scaled, _PATIENCE * self.starts)
-        local = optima(solve_from, starts, self.starts, self.agreeing)
+        local = optima_together(
+            solve_from,
+            starts,
+            self.starts,
+            self.agreeing,
+        )
         solution = self.best(scaled, local)
         return replace(solution, stats=statistics(scaled, local))
 
@@ -134,48 +145,70 @@ class Scaled:
         self.shortest = by_joint.max(axis=1)
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
-        """The explicit answer: in each segment a convex combination of both extreme profiles."""
+        """The explicit answer: each joint's motion of least acceleration through each segment."""
         passages = np.r_[0.0, np.cumsum(times)] * self.unit
-        ends = _with_rest(velocities)
-        segments = []
-        for k, clock in enumerate(clocks(passages, self.unit)):
-            segment = self._segment(
-                self.h[k],
-                ends[k : k + 2],
-                clock,
-            )
-            segments.append(segment)
-        return assembled(self.problem, passages, segments)
+        rounded = np.diff(passages) / self.unit
+        ends = _with_rest(self._in_rounded_times(times, rounded, velocities))
+        waypoints = self.problem.waypoints
+        task = Task(
+            self.h,
+            ends[:-1],
+            ends[1:],
+            self.v,
+            self.a,
+            self.unit,
+            self.units,
+            waypoints[:-1, self.moving],
+        )
+        return Trajectory.of_moving(
+            waypoints[0],
+            self.moving,
+            pieces(task, passages),
+            passages,
+        )
 
-    def _segment(self, h: Array, ends: Array, clock: Clock) -> list[Pieces]:
-        """Stored breaks (s) and coefficients (rad/s^power) of every joint over one segment.
+    def _in_rounded_times(
+        self,
+        times: Array,
+        rounded: Array,
+        velocities: Array,
+    ) -> Array:
+        """Waypoint velocities that brief segments are passed with in their rounded times.
 
-        Args:
-            h: displacement of each joint, `(joints,)`.
-            ends: velocities at the segment's start and end, `(2, joints)`.
-            clock: of the segment.
+        Of two segments the briefer one feels its rounding most. Its mean velocity becomes what its
+        displacement asks for, the step over it what acceleration gains.
         """
-        if clock.length == 0:
-            return [NO_PIECES] * len(h)
-        reaches = []
-        planned = []
-        for i, (u, w) in enumerate(ends.T):
-            reach = Reach.between(
-                u,
-                w,
-                clock.length,
-                self.v[:, i],
-                self.a[:, i],
-            )
-            reaches.append(reach)
-            planned.append(reach.breaks(h[i]))
-        pieces = []
-        for i, stored in enumerate(clock.shared(planned)):
-            local = clock.elapsed(stored)
-            part = reaches[i].covering(h[i], local)
-            units = self.units[:, i, None]
-            pieces.append((stored, part * units))
-        return pieces
+        quicker = _ratio(times, rounded, _MEAN_RTOL)
+        longer = _ratio(rounded, times, _STEP_RTOL)
+        ends = _with_rest(velocities)
+        mean = (ends[:-1] + ends[1:]) / 2
+        mean *= quicker[:, None]
+        step = ends[1:] - ends[:-1]
+        step *= longer[:, None]
+        half = step / 2
+        before = mean + half
+        after = mean - half
+        briefer = times[:-1] < times[1:]
+        rounded_velocities = np.where(briefer[:, None], before[:-1], after[1:])
+        return self.within(rounded_velocities)
+
+    def within(self, velocities: Array) -> Array:
+        """Velocities within their limits; one that hardly misses its limit is at it."""
+        lowest, highest = self.v
+        slowest, fastest = self.v * (1 - _LIMIT_RTOL)
+        within = np.where(velocities > fastest, highest, velocities)
+        return np.where(within < slowest, lowest, within)
+
+
+def _ratio(times: Array, others: Array, rtol: float) -> Array:
+    """Of two times of each segment, no further from 1 than their rounding may be worth."""
+    ratio = np.divide(
+        times,
+        others,
+        out=np.ones_like(times),
+        where=others > 0,
+    )
+    return np.asarray(np.clip(ratio, 1 - rtol, 1 + rtol))
 
 
 def _with_rest(velocities: Array) -> Array:
@@ -183,51 +216,59 @@ def _with_rest(velocities: Array) -> Array:
     return np.pad(velocities, ((1, 1), (0, 0)))
 
 
-def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
-    """The smallest dilation that makes times and waypoint velocities exactly reachable.
+def reachable(
+    times: Array,
+    velocities: Array,
+    scaled: Scaled,
+    k: float,
+) -> bool:
+    """Whether times and waypoint velocities are reachable where limits allow `k` times the speed.
 
-    Solvers meet constraints to a tolerance; dilating by `k` multiplies the velocity limits by
-    `k` and the accelerations by `k²`, which widens every reachable interval. In the briefest
-    segments velocities differ by less than their rounding, which no dilation mends: let it be.
+    Velocity limits are `k` times as wide, acceleration limits `k²` times. In the briefest segments
+    velocities differ by less than their rounding, which no dilation mends: let it be.
     """
     ends = _with_rest(velocities)
     u = ends[:-1]
     w = ends[1:]
     t = times[:, None]
     h = scaled.h
+    v = scaled.v * k
+    a = scaled.a * k**2
+    slowest, fastest = v
+    braking, speeding = a
     size = np.abs(u) + np.abs(w)
     rounding = _VELOCITY_RTOL * size
+    step = w - u
+    reach = extremes(u, w, t, v, a)
+    conditions = [
+        # −V1 ≤ v ≤ V2 at the waypoints
+        slowest <= ends,
+        ends <= fastest,
+        # −A1 T ≤ w − u ≤ A2 T
+        braking * t - rounding <= step,
+        step <= speeding * t + rounding,
+        # D_lo ≤ h ≤ D_up
+        reach.d_lo - h <= rounding * t,
+        h - reach.d_up <= rounding * t,
+    ]
+    return all(bool(condition.all()) for condition in conditions)
 
-    def reachable(k: float) -> bool:
-        v = scaled.v * k
-        a = scaled.a * k**2
-        slowest, fastest = v
-        braking, speeding = a
-        step = w - u
-        reach = extremes(u, w, t, v, a)
-        conditions = [
-            # −V1 ≤ v ≤ V2 at the waypoints
-            slowest <= ends,
-            ends <= fastest,
-            # −A1 T ≤ w − u ≤ A2 T
-            braking * t - rounding <= step,
-            step <= speeding * t + rounding,
-            # D_lo ≤ h ≤ D_up
-            reach.d_lo - h <= rounding * t,
-            h - reach.d_up <= rounding * t,
-        ]
-        return all(bool(condition.all()) for condition in conditions)
 
+def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
+    """The smallest dilation that makes times and waypoint velocities exactly reachable.
+
+    Solvers meet constraints to a tolerance; dilating by `k` widens every reachable interval.
+    """
     low = 1.0
     high = 1.0 + 1e-15
-    while not reachable(high):
+    while not reachable(times, velocities, scaled, high):
         low = high
         high = 1 + 4 * (high - 1)
         if high > _LARGEST_DILATION:
             return np.inf
     while high - low > _DILATION_TOL:
         middle = 0.5 * (low + high)
-        if reachable(middle):
+        if reachable(times, velocities, scaled, middle):
             high = middle
         else:
             low = middle
@@ -326,13 +367,22 @@ def starting_points(scaled: HasStopTimes, count: int) -> Iterator[Start]:
         yield times, between * speed
 
 
-def _solve_from(scaled: Scaled, start: Start) -> Optimum:
-    """The local optimum near a start, dilated until it is exactly reachable."""
-    optimum = minimised(scaled, *start)
-    if not optimum.converged:
-        return _solve_by_ipopt(scaled, start)
-    log, _, ends, _ = optimum.point
-    return _reached(scaled, log, ends, "Converged")
+def _solve_from(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
+    """The local optimum near each start, dilated until it is exactly reachable."""
+
+    def is_reachable(passage: Passage) -> bool:
+        times, velocities = _passing(scaled, passage.log, passage.ends)
+        return reachable(times, velocities, scaled, _REACHED_DILATION)
+
+    optima = []
+    passages = minimised(scaled, starts, is_reachable)
+    for start, passage in zip(starts, passages, strict=True):
+        if passage is None:
+            optimum = _solve_by_ipopt(scaled, start)
+        else:
+            optimum = _reached(scaled, passage.log, passage.ends, "Converged")
+        optima.append(optimum)
+    return optima
 
 
 def _solve_by_ipopt(scaled: Scaled, start: Start) -> Optimum:
@@ -405,7 +455,7 @@ def _passing(scaled: Scaled, log: Array, ends: Array) -> tuple[Array, Array]:
     after, before = mean + t * ends
     briefer = times[:-1] < times[1:]
     velocities = np.where(briefer[:, None], before[:-1], after[1:])
-    return times, velocities
+    return times, scaled.within(velocities)
 
 
 def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:

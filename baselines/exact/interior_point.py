@@ -4,27 +4,31 @@ IPOPT makes such steps with a general sparse solver; here each one eliminates wh
 segment of a joint alone (`exact.cells`), at a twentieth of the cost. Slacks and multipliers of all
 inequalities, Newton steps to a falling barrier parameter (Nocedal and Wright, Numerical
 Optimization, chapter 19), and no line search: end velocities and peaks are clipped to where an
-answer can have them instead. Where that does not converge it says so.
+answer can have them instead. Several starts take their steps together, each at its own barrier and
+length. Where that does not converge it says so.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
-from baselines.exact.cells import Cells, Linear, Point, Scaled
+from baselines.exact.cells import Cells, Linear, Point
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Start = tuple[Array, Array]  # segment times, inner waypoint velocities
 
 _MOST_STEPS = 100
 # Where the method has converged: what the objective, relative, and a constraint may miss.
 _GAP_RTOL = 1e-12
 _MISS_TOL = 1e-11
 # Of the objective, whose error is the square of that.
-_SLOPE_RTOL = 1e-8
+SLOPE_RTOL = 1e-8
 _LEAST_BARRIER_RTOL = 1e-13
 _START_BARRIER = 0.1
 _START_SLACK = 0.1
@@ -42,24 +46,10 @@ _LESS_CONVEXITY = 3.0
 _LARGEST_CONVEXITY = 1e12
 
 
-class Optimum(NamedTuple):
-    """Where the method ended.
-
-    Attributes:
-        converged: whether the point is a local optimum, to 1e-12 of the duration.
-        steps: how many it took.
-        point: the unknowns.
-    """
-
-    converged: bool
-    steps: int
-    point: Point
-
-
-class _State(NamedTuple):
+class State(NamedTuple):
     """A point with what its rows leave, their slacks (one and the same at an answer), multipliers.
 
-    One number per inequality each, `(rows,)`.
+    One number per inequality each, `(starts, rows)`.
     """
 
     point: Point
@@ -68,9 +58,10 @@ class _State(NamedTuple):
     multipliers: Array
 
     @property
-    def gap(self) -> float:
-        """What the multipliers leave of the objective."""
-        return float(self.slacks @ self.multipliers)
+    def gap(self) -> Array:
+        """What the multipliers leave of the objective, `(starts,)`."""
+        products = self.slacks * self.multipliers
+        return np.asarray(products.sum(axis=1))
 
     @property
     def miss(self) -> Array:
@@ -82,80 +73,135 @@ class _State(NamedTuple):
         """What each row's square counts in a Newton step."""
         return np.asarray(self.multipliers / self.slacks)
 
+    def linear(self, cells: Cells) -> Linear:
+        """The model of a Newton step from here."""
+        return cells.linear(self.point, self.multipliers, self.weights)
 
-def minimised(scaled: Scaled, times: Array, velocities: Array) -> Optimum:
-    """The local optimum near a start, where the method converges.
+    def of(self, some: Bools) -> State:
+        """The state of some of the starts."""
+        parts = [part[some] for part in self.point]
+        point = Point(*parts)
+        return State(
+            point,
+            self.values[some],
+            self.slacks[some],
+            self.multipliers[some],
+        )
+
+
+class Iterate(NamedTuple):
+    """How far some starts are.
+
+    Attributes:
+        state: where they are.
+        before: where they were before the last step.
+        convexity: what was last added to the diagonal of each one's matrix, `(starts,)`.
+        length: of each one's last step, up to 1, `(starts,)`.
+        steps: how many there were.
+    """
+
+    state: State
+    before: State
+    convexity: Array
+    length: Array
+    steps: int
+
+    @property
+    def lost(self) -> Bools:
+        """Which starts have diverged, `(starts,)`."""
+        diverged = ~np.isfinite(self.state.gap)
+        return np.asarray(diverged | (self.convexity > _LARGEST_CONVEXITY))
+
+    def of(self, some: Bools) -> Iterate:
+        """Some of the starts."""
+        return Iterate(
+            self.state.of(some),
+            self.before.of(some),
+            self.convexity[some],
+            self.length[some],
+            self.steps,
+        )
+
+
+Arrived = Callable[[Linear, State], Bools]
+"""Which starts need no more steps, `(starts,)`."""
+
+
+def begun(cells: Cells, starts: Sequence[Start]) -> Iterate:
+    """No step yet.
 
     Args:
-        scaled: the problem.
-        times: segment times to start from, `(segments,)`.
-        velocities: inner waypoint velocities to start from, `(segments - 1, joints)`.
+        cells: the problem.
+        starts: segment times `(segments,)` and inner waypoint velocities
+            `(segments - 1, joints)` to start from.
     """
-    cells = Cells(scaled)
-    # a method that diverges overflows: it has not converged
-    with np.errstate(all="ignore"):
-        return _minimised(cells, times, velocities)
-
-
-def _minimised(cells: Cells, times: Array, velocities: Array) -> Optimum:
-    state = _start(cells, times, velocities)
-    convexity = 0.0
-    length = _START_LENGTH
-    for steps in range(_MOST_STEPS):
-        point = state.point
-        if not np.isfinite(state.gap):
-            break
-        linear = cells.linear(
-            point,
-            state.multipliers,
-            state.weights,
-        )
-        if _converged(linear, state):
-            return Optimum(True, steps, point)
-        factor, convexity = _factor(linear.matrix(), convexity)
-        if convexity > _LARGEST_CONVEXITY:
-            break
-        left = max(1 - length, _LEAST_LEFT)
-        wanted = left**_FALL_POWER * state.gap
-        least = _LEAST_BARRIER_RTOL * linear.duration
-        barrier = max(wanted, least) / len(state.slacks)
-        state, length = _stepped(
-            cells,
-            linear,
-            factor,
-            state,
-            barrier,
-        )
-    return Optimum(False, steps, point)
-
-
-def _start(cells: Cells, times: Array, velocities: Array) -> _State:
+    times = np.stack([start[0] for start in starts])
+    velocities = np.stack([start[1] for start in starts])
     point = cells.start(times, velocities)
     values = cells.values(point)
     slacks = np.maximum(values, _START_SLACK)
     multipliers = _START_BARRIER / slacks
-    return _State(
+    state = State(
         point,
         values,
         slacks,
         multipliers,
     )
+    return Iterate(
+        state,
+        state,
+        convexity=np.zeros(len(starts)),
+        length=np.full(len(starts), _START_LENGTH),
+        steps=0,
+    )
 
 
-def _converged(linear: Linear, state: _State) -> bool:
-    """Whether a point is a local optimum to the tolerances."""
+def descended(
+    cells: Cells,
+    iterate: Iterate,
+    arrived: Arrived,
+) -> Iterate:
+    """Steps until every start has arrived or is lost."""
+    while iterate.steps < _MOST_STEPS:
+        linear = iterate.state.linear(cells)
+        if (arrived(linear, iterate.state) | iterate.lost).all():
+            break
+        iterate = _stepped(cells, linear, iterate)
+    return iterate
+
+
+def near(linear: Linear, state: State, gap_rtol: float) -> Bools:
+    """Which points' gaps are as small a share of their durations, `(starts,)`."""
+    return np.asarray(state.gap <= gap_rtol * linear.duration)
+
+
+def converged(linear: Linear, state: State) -> Bools:
+    """Which points are local optima to the tolerances, `(starts,)`."""
     duration = linear.duration
-    if state.gap > _GAP_RTOL * duration:
-        return False
-    largest = np.abs(state.miss).max()
-    if max(largest, linear.apart) > _MISS_TOL:
-        return False
-    slope = linear.slope(state.multipliers)
-    return slope <= _SLOPE_RTOL * duration
+    largest = np.abs(state.miss).max(axis=1)
+    closed = near(linear, state, _GAP_RTOL)
+    closed &= np.maximum(largest, linear.apart) <= _MISS_TOL
+    if not closed.any():
+        return closed
+    level = linear.slope(state.multipliers) <= SLOPE_RTOL * duration
+    return np.asarray(closed & level)
+
+
+def factors(matrices: Array, last: Array) -> tuple[list[Array], Array]:
+    """The Cholesky factor of every band, and what was last added to its diagonal."""
+    bands = []
+    added = []
+    for matrix, before in zip(matrices, last, strict=True):
+        factor, convexity = _factor(matrix, before)
+        bands.append(factor)
+        added.append(convexity)
+    return bands, np.array(added)
 
 
 def _factor(matrix: Array, last: float) -> tuple[Array, float]:
     """The Cholesky factor of a band, and the last addition to its diagonal that had to be made."""
+    if last > _LARGEST_CONVEXITY:
+        return matrix, last
     factor, failed = scipy.linalg.lapack.dpbtrf(matrix, lower=1)
     if not failed:
         return factor, last
@@ -171,49 +217,58 @@ def _factor(matrix: Array, last: float) -> tuple[Array, float]:
     return factor, last
 
 
-def _stepped(
-    cells: Cells,
-    linear: Linear,
-    factor: Array,
-    state: _State,
-    barrier: float,
-) -> tuple[_State, float]:
-    """The state after a Newton step to `slack × multiplier = barrier`, and its length, up to 1."""
+def _stepped(cells: Cells, linear: Linear, iterate: Iterate) -> Iterate:
+    """After a Newton step to `slack × multiplier = barrier`."""
+    state = iterate.state
     slacks = state.slacks
     multipliers = state.multipliers
     miss = state.miss
-    aim = barrier / slacks
-    step, change = linear.step(factor, aim - state.weights * miss)
+    weights = state.weights
+    left = np.maximum(1 - iterate.length, _LEAST_LEFT)
+    wanted = left**_FALL_POWER * state.gap
+    least = _LEAST_BARRIER_RTOL * linear.duration
+    barrier = np.maximum(wanted, least) / cells.rows
+    by_start = barrier[:, None]
+
+    bands, convexity = factors(linear.matrix(), iterate.convexity)
+    aim = by_start / slacks
+    step, change = linear.step(bands, aim - weights * miss)
     slack_step = change + miss
-    relaxed = state.weights * slack_step
+    relaxed = weights * slack_step
     multiplier_step = aim - multipliers - relaxed
 
-    farthest = np.abs(step.log).max()
-    shortened = _LONGEST_STEP / max(farthest, _LONGEST_STEP)
-    forwards = min(shortened, _longest(slacks, slack_step))
+    farthest = np.abs(step.log).max(axis=1)
+    shortened = _LONGEST_STEP / np.maximum(farthest, _LONGEST_STEP)
+    forwards = np.minimum(shortened, _longest(slacks, slack_step))
     upwards = _longest(multipliers, multiplier_step)
     moved = state.point.moved(step, forwards)
     point = cells.clipped(moved)
     values = cells.values(point)
     # a row that leaves more than its slack says keeps it
-    slacks = slacks + forwards * slack_step
+    slacks = slacks + forwards[:, None] * slack_step
     slacks = np.maximum(slacks, values)
-    aim = barrier / slacks
+    aim = by_start / slacks
     lowest = aim / _MULTIPLIER_SPREAD
     highest = aim * _MULTIPLIER_SPREAD
-    multipliers = multipliers + upwards * multiplier_step
+    multipliers = multipliers + upwards[:, None] * multiplier_step
     multipliers = np.clip(multipliers, lowest, highest)
-    stepped = _State(
+    stepped = State(
         point,
         values,
         slacks,
         multipliers,
     )
-    return stepped, min(forwards, upwards)
+    return Iterate(
+        stepped,
+        state,
+        convexity,
+        length=np.minimum(forwards, upwards),
+        steps=iterate.steps + 1,
+    )
 
 
-def _longest(values: Array, step: Array) -> float:
-    """How far along a step, at most all of it, no value loses more than its share."""
+def _longest(values: Array, step: Array) -> Array:
+    """How far along a step, at most all of it, no value loses more than its share, `(starts,)`."""
     losses = -step / values
-    fastest = losses.max()
-    return float(_TO_BOUNDARY / max(fastest, _TO_BOUNDARY))
+    fastest = losses.max(axis=1)
+    return np.asarray(_TO_BOUNDARY / np.maximum(fastest, _TO_BOUNDARY))

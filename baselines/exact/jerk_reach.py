@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from baselines.exact import jerk_profiles as jerk_profile
-from baselines.exact.acceleration_profiles import Reach
+from baselines.exact.acceleration_motion import covering
 from baselines.exact.jerk_profiles import BRIEF, Array, Extremes, Limit, Sides, State
 from baselines.exact.rounded import NO_PIECES, Clock, Pieces, assembled, clocks
 from trajopt.problem import Problem
@@ -189,16 +189,13 @@ class Scaled:
                 )
                 stored = clock.stored(local)
             else:
-                u, w = ends[0]
-                reach = Reach.between(
-                    u,
-                    w,
-                    clock.length,
+                stored, part = covering(
+                    h,
+                    ends[0],
                     self.v[:, i],
                     self.a[:, i],
+                    clock,
                 )
-                (stored,) = clock.shared([reach.breaks(h)])
-                part = reach.covering(h, clock.elapsed(stored))
             powers = len(part)
             units = self.units[-powers:, i]
             pieces.append((stored, part * units[:, None]))

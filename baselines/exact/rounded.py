@@ -20,7 +20,7 @@ from trajopt.trajectory import BREAK_RTOL, Trajectory, nearest
 
 Array = NDArray[np.float64]
 # Of the duration: breaks further apart are two, in whatever order the times were added up.
-_DISTINCT_RTOL = 2 * BREAK_RTOL
+DISTINCT_RTOL = 2 * BREAK_RTOL
 
 _MENDINGS = 2  # the second one mends the rounding of the first
 
@@ -96,7 +96,7 @@ def clocks(passages: Array, units: Array | float) -> Iterator[Clock]:
         passages: when the waypoints are passed, s.
         units: of each segment's own times, or of all of them, s.
     """
-    resolution = _DISTINCT_RTOL * passages[-1]
+    resolution = DISTINCT_RTOL * passages[-1]
     lengths = np.diff(passages)
     segment_units = np.broadcast_to(units, lengths.shape)
     segments = itertools.pairwise(passages)

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from baselines.ipopt import flat, no_start_succeeded, optima, program, unflat
+from baselines.ipopt import (
+    flat,
+    no_start_succeeded,
+    optima,
+    optima_together,
+    program,
+    unflat,
+)
 
 
 def nearest_point_of_a_circle(**options: float) -> tuple[object, np.ndarray]:
@@ -66,6 +74,14 @@ class Ended:
 )
 def test_several_starts_and_more_while_all_fail(durations: list[float], solved: int) -> None:
     assert len(optima(Ended, durations, count=3, agreeing=2)) == solved
+    batches = []
+
+    def solve(starts: Sequence[float]) -> list[Ended]:
+        batches.append(len(starts))
+        return [Ended(duration) for duration in starts]
+
+    assert len(optima_together(solve, durations, count=3, agreeing=2)) == solved
+    assert batches[0] == 2
 
 
 def test_the_message_names_every_status_once() -> None:

@@ -10,7 +10,6 @@ import pytest
 from baselines.exact import interior_point
 from baselines.exact.acceleration import Exact, Scaled, starting_points
 from baselines.exact.cells import Cells
-from baselines.exact.interior_point import minimised
 from trajopt import Limits, Problem, verify
 from trajopt.benchmark.suites import families
 from trajopt.benchmark.suites.catalogue import load
@@ -20,9 +19,12 @@ from trajopt.benchmark.suites.random import random_problem
 def duration(problem: Problem) -> float:
     """The optimum from the first start, s."""
     scaled = Scaled(problem)
-    optimum = minimised(scaled, *next(iter(starting_points(scaled, 1))))
-    assert optimum.converged
-    return scaled.unit * float((scaled.stop * np.exp(optimum.point.log)).sum())
+    iterate = interior_point.begun(Cells(scaled), list(starting_points(scaled, 1)))
+    arrived = interior_point.converged
+    iterate = interior_point.descended(Cells(scaled), iterate, arrived)
+    assert arrived(iterate.state.linear(Cells(scaled)), iterate.state)
+    times = scaled.stop * np.exp(iterate.state.point.log)
+    return scaled.unit * float(times.sum())
 
 
 def by_ipopt(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> float:
@@ -83,16 +85,17 @@ def test_a_step_changes_rows_as_differences_say(segments: int, joints: int) -> N
     sides = rng.uniform(0.5, 2.0, (2, joints, 2)) * [-1, 1]
     scaled = Scaled(Problem(path, Limits(*sides)))
     cells = Cells(scaled)
-    times, velocities = next(iter(starting_points(scaled, 1)))
-    point = cells.start(times, velocities + rng.uniform(-0.1, 0.1, velocities.shape))
-    multipliers = rng.uniform(0.1, 1.0, cells.rows)
+    ((times, velocities),) = starting_points(scaled, 1)
+    velocities = velocities + rng.uniform(-0.1, 0.1, (2, *velocities.shape))
+    point = cells.start(np.stack([times, 0.9 * times]), velocities)
+    multipliers = rng.uniform(0.1, 1.0, (2, cells.rows))
     linear = cells.linear(point, multipliers, multipliers)
-    factor, _ = interior_point._factor(linear.matrix(), 0.0)
-    step, change = linear.step(factor, multipliers)
-    small = 1e-6
+    factors, _ = interior_point.factors(linear.matrix(), np.zeros(2))
+    step, change = linear.step(factors, multipliers)
+    small = np.full(2, 1e-6)
     ahead = cells.values(point.moved(step, small))
     behind = cells.values(point.moved(step, -small))
-    differences = (ahead - behind) / (2 * small)
+    differences = (ahead - behind) / 2e-6
     np.testing.assert_allclose(change, differences, atol=1e-6 * np.abs(change).max())
 
 

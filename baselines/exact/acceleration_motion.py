@@ -1,0 +1,389 @@
+"""The motion through given waypoint velocities without a jerk limit (mathematics, section 3).
+
+In each segment each joint takes the profile of least acceleration, at most two ramps and a cruise.
+Those joints that need all of their limits decide when a segment's breaks are; the others have time
+to spare, so that a break of theirs a millionth of the segment beside another joint's, or beside a
+waypoint, moves there. What is stored are times since the motion's start, rounded, and each joint's
+peak follows from the rounded ones.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.exact.acceleration_profiles import Ramps, extremes, gentlest
+from baselines.exact.rounded import DISTINCT_RTOL, Clock, Pieces
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# Of a segment: breaks no further apart become one where limits allow it.
+_SLIVER = 1e-6
+_EXCESS_RTOL = 1e-12  # of a limit, or of the way a joint travels: what is rounding
+
+
+class Task(NamedTuple):
+    """What every joint has to do in every segment, in units of its own.
+
+    Attributes:
+        h: displacements, `(segments, joints)`.
+        u: velocities at the segments' starts, likewise.
+        w: velocities at their ends, likewise.
+        v: velocity limits, `(2, joints)`, low first.
+        a: acceleration limits, likewise.
+        unit: the unit of time, s.
+        units: the units of acceleration, velocity and position, rad/s^power, `(3, joints)`.
+        q: where the segments start, rad, `(segments, joints)`.
+    """
+
+    h: Array
+    u: Array
+    w: Array
+    v: Array
+    a: Array
+    unit: float
+    units: Array
+    q: Array
+
+
+def covering(
+    h: float,
+    ends: Array,
+    v: Array,
+    a: Array,
+    clock: Clock,
+) -> Pieces:
+    """One joint's stored breaks, s, and its displacement over one segment, in its units.
+
+    Args:
+        h: displacement.
+        ends: velocities at the segment's start and end.
+        v: velocity limits, low and high.
+        a: acceleration limits, likewise.
+        clock: of the segment.
+    """
+    u, w = ends
+    task = Task(
+        np.array([[h]]),
+        np.array([[u]]),
+        np.array([[w]]),
+        v[:, None],
+        a[:, None],
+        clock.unit,
+        units=np.ones((3, 1)),
+        q=np.zeros((1, 1)),
+    )
+    passages = np.array([clock.start, clock.end])
+    (alone,) = pieces(task, passages)
+    return alone
+
+
+class _Breaks(NamedTuple):
+    """Stored times of every segment and joint, s since the motion's start, `(segments, joints)`."""
+
+    start: Array
+    first: Array  # where the first ramp ends
+    last: Array  # where the last ramp begins
+    end: Array
+
+    def where(self, chosen: Bools, others: _Breaks) -> _Breaks:
+        """Others where they are chosen `(segments, joints)`."""
+        first = np.where(chosen, others.first, self.first)
+        last = np.where(chosen, others.last, self.last)
+        return self._replace(first=first, last=last)
+
+    def moved(self, priority: Array, closest: Array) -> _Breaks:
+        """Breaks of a segment that are no further apart than `closest`, at one place.
+
+        That is the break of highest `priority` `(segments, joints)`, or the segment's start or end.
+        """
+        inner = np.hstack([self.first, self.last])
+        priorities = np.hstack([priority, priority])
+        order = np.argsort(inner, axis=1)
+        times = np.take_along_axis(inner, order, axis=1)
+        ranks = np.take_along_axis(priorities, order, axis=1)
+        # neighbours that are as close form a group
+        steps = np.diff(times, axis=1)
+        is_new = np.ones(times.shape, dtype=bool)
+        is_new[:, 1:] = steps > closest
+        group = np.cumsum(is_new)
+        group -= 1
+        # the highest of each group comes last
+        by_rank = np.lexsort((ranks.ravel(), group))
+        sizes = np.bincount(group)
+        highest = by_rank[np.cumsum(sizes) - 1]
+        leaders = times.ravel()[highest]
+        shared = leaders[group]
+        moved = np.empty_like(inner)
+        np.put_along_axis(
+            moved,
+            order,
+            shared.reshape(inner.shape),
+            axis=1,
+        )
+        start = self.start[:, :1]
+        end = self.end[:, :1]
+        moved = np.where(end - moved <= closest, end, moved)
+        moved = np.where(moved - start <= closest, start, moved)
+        first, last = np.hsplit(moved, 2)
+        return self._replace(first=first, last=last)
+
+
+class _Profiles(NamedTuple):
+    """Velocity profiles over breaks, three pieces each."""
+
+    lengths: Array  # in units of time, `(3, segments, joints)`
+    velocity: Array  # at the breaks, `(4, segments, joints)`
+    acceleration: Array
+
+    @property
+    def travelled(self) -> Array:
+        """The displacement over each piece."""
+        before = self.velocity[:-1]
+        after = self.velocity[1:]
+        mean = (before + after) / 2
+        return np.asarray(self.lengths * mean)
+
+
+def pieces(task: Task, passages: Array) -> list[Pieces]:
+    """Each joint's breaks, s, and its position as coefficients, rad/s^power.
+
+    Args:
+        task: what the joints do.
+        passages: when the waypoints are passed, s, `(segments + 1,)`.
+    """
+    duration = passages[-1]
+    whole = np.diff(passages)[:, None]
+    between = (task.u, task.w, whole / task.unit)
+    limits = (task.v, task.a)
+    # in the segment's rounded time the limits may allow a little less than all of it
+    reach = extremes(*between, *limits)
+    covered = np.clip(task.h, reach.d_lo, reach.d_up)
+    task = task._replace(h=covered)
+    ramps = gentlest(*between, covered, *limits)
+    breaks = _apart(ramps, task, passages)
+    # what rounding alone keeps apart a trajectory stores as one
+    resolution = np.full_like(whole, DISTINCT_RTOL * duration)
+    breaks = breaks.moved(ramps.share, resolution)
+    profiles = _covering(breaks, task)
+    read = _read(breaks, ramps, task)
+    velocity = np.where(
+        _allowed(profiles, task),
+        profiles.velocity,
+        read.velocity,
+    )
+    profiles = _profiles(breaks, velocity, task)
+    return _by_joint(
+        breaks,
+        profiles,
+        task,
+        duration,
+    )
+
+
+def _apart(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
+    """The breaks of these ramps, none too close to others where limits allow that."""
+    own = _stored(ramps, task, passages)
+    start, first, last, end = own
+    whole = end - start
+    closest = np.maximum(_SLIVER * whole, DISTINCT_RTOL * passages[-1])
+    briefest = np.minimum(first - start, end - last)
+    # a longer ramp for a brief one
+    longer = _longer(own, task)
+    allowed = _allowed(_covering(longer, task), task)
+    is_brief = briefest <= closest
+    breaks = own.where(is_brief & allowed, longer)
+    # or the place of a waypoint, or of another joint's break
+    shared = own.moved(ramps.share, closest[:, :1])
+    allowed = _allowed(_covering(shared, task), task)
+    return breaks.where(allowed, shared)
+
+
+def _stored(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
+    """When ramps end and begin, rounded so that none gets briefer."""
+    shape = task.h.shape
+    start = np.broadcast_to(passages[:-1, None], shape)
+    end = np.broadcast_to(passages[1:, None], shape)
+    unit = task.unit
+    first = start + ramps.first * unit
+    later = np.nextafter(first, np.inf)
+    is_brief = (first - start) / unit < ramps.first
+    first = np.where(is_brief, later, first)
+    first = np.minimum(first, end)
+    last = end - ramps.last * unit
+    earlier = np.nextafter(last, -np.inf)
+    is_brief = (end - last) / unit < ramps.last
+    last = np.where(is_brief, earlier, last)
+    last = np.maximum(first, last)
+    return _Breaks(
+        start,
+        first,
+        last,
+        end,
+    )
+
+
+def _longer(own: _Breaks, task: Task) -> _Breaks:
+    """One break only, where the briefer ramp is as long as the limits of the other one allow.
+
+    The profile of least acceleration would have both as steep, and the briefer one the briefer, the
+    more evenly velocity changes.
+    """
+    start, first, last, end = own
+    unit = task.unit
+    takes_time = end > start
+    t = np.where(takes_time, end - start, unit) / unit
+    step = task.w - task.u
+    even = step / t
+    # at the break: what velocity differs from its even change by
+    sums = task.u + task.w
+    bend = 2 * task.h / t - sums
+    low, high = task.a
+    is_first = first - start < end - last
+    is_up = bend >= 0
+    margin = np.where(
+        is_up == is_first,
+        even - low,
+        high - even,
+    )
+    # the other ramp's acceleration differs by bend over its time
+    other = np.divide(
+        np.abs(bend),
+        margin,
+        out=t.copy(),
+        where=margin > 0,
+    )
+    other = np.clip(other, t / 2, t)
+    before_end = end - other * unit
+    after_start = start + other * unit
+    inner = np.where(is_first, before_end, after_start)
+    return own._replace(first=inner, last=inner)
+
+
+def _covering(breaks: _Breaks, task: Task) -> _Profiles:
+    """The profiles that have these breaks: their peaks cover the displacement.
+
+    Without the first ramp velocity changes evenly from the start to where the last one begins, and
+    likewise at the end.
+    """
+    u = task.u
+    w = task.w
+    first, middle, last = _lengths(breaks, task)
+    has_first = first > 0
+    has_last = last > 0
+    speeds_up = has_first & (middle + last > 0)
+    slows_down = has_last & (first + middle > 0)
+    # 2 h = (u + v1) t1 + (v1 + v2) t2 + (v2 + w) t3, where v1, v2 are the peak p, or u, w
+    by_first = np.where(speeds_up, first + middle, 0.0)
+    by_last = np.where(slows_down, middle + last, 0.0)
+    weight = by_first + by_last
+    from_u = u * np.where(speeds_up, first, middle)
+    from_w = w * np.where(slows_down, last, middle)
+    known = from_u + from_w
+    peak = np.divide(
+        2 * task.h - known,
+        weight,
+        out=np.zeros_like(u),
+        where=weight > 0,
+    )
+    # a ramp that is all of the segment leads from one end to the other
+    before = np.where(has_first, w, u)
+    before = np.where(speeds_up, peak, before)
+    after = np.where(has_last, u, w)
+    after = np.where(slows_down, peak, after)
+    velocity = np.stack([u, before, after, w])
+    return _profiles(breaks, velocity, task)
+
+
+def _read(breaks: _Breaks, ramps: Ramps, task: Task) -> _Profiles:
+    """The profiles that these ramps have at rounded breaks: no steeper than they are."""
+    peak = ramps.peak
+    from_start = task.u - peak
+    from_end = task.w - peak
+    velocity = [task.u]
+    for time in (breaks.first, breaks.last):
+        elapsed = (time - breaks.start) / task.unit
+        remaining = (breaks.end - time) / task.unit
+        rising = from_start * _left(elapsed, ramps.first)
+        falling = from_end * _left(remaining, ramps.last)
+        velocity.append(peak + rising + falling)
+    velocity.append(task.w)
+    return _profiles(breaks, np.stack(velocity), task)
+
+
+def _left(elapsed: Array, ramp: Array) -> Array:
+    """What is left of a ramp, 1 of all of it."""
+    gone = np.divide(
+        elapsed,
+        ramp,
+        out=np.ones_like(ramp),
+        where=ramp > 0,
+    )
+    return np.asarray(np.maximum(1 - gone, 0.0))
+
+
+def _lengths(breaks: _Breaks, task: Task) -> Array:
+    """Of the three pieces, in units of time, `(3, segments, joints)`."""
+    times = np.stack(breaks)
+    return np.diff(times, axis=0) / task.unit
+
+
+def _profiles(breaks: _Breaks, velocity: Array, task: Task) -> _Profiles:
+    lengths = _lengths(breaks, task)
+    acceleration = np.divide(
+        np.diff(velocity, axis=0),
+        lengths,
+        out=np.zeros_like(lengths),
+        where=lengths > 0,
+    )
+    return _Profiles(lengths, velocity, acceleration)
+
+
+def _allowed(profiles: _Profiles, task: Task) -> Bools:
+    """Which joints keep their limits, and cover their displacement, in which segments."""
+    wider = 1 + _EXCESS_RTOL
+    steep = _beyond(profiles.acceleration, wider * task.a)
+    fast = _beyond(profiles.velocity[1:3], wider * task.v)
+    travelled = profiles.travelled.sum(axis=0)
+    missed = np.abs(travelled - task.h)
+    speeds = np.abs(profiles.velocity)
+    fastest = np.maximum(speeds[:-1], speeds[1:])
+    paths = profiles.lengths * fastest
+    covered = missed <= _EXCESS_RTOL * paths.sum(axis=0)
+    return np.asarray(covered & ~steep & ~fast)
+
+
+def _beyond(values: Array, limits: Array) -> Bools:
+    """Where some of the values, along the first axis, lies beyond limits, low and high."""
+    low, high = limits
+    outside = (values < low) | (values > high)
+    return np.asarray(outside.any(axis=0))
+
+
+def _by_joint(
+    breaks: _Breaks,
+    profiles: _Profiles,
+    task: Task,
+    duration: float,
+) -> list[Pieces]:
+    """Every joint's pieces that take time, one segment after another."""
+    # over a brief piece, rounding of the velocities shows
+    acceleration = np.clip(profiles.acceleration, *task.a)
+    before = profiles.velocity[:-1]
+    position = np.zeros_like(before)
+    position[1:] = np.cumsum(profiles.travelled[:-1], axis=0)
+    by_power = np.stack([acceleration / 2, before, position])
+    by_power *= task.units[:, None, None]
+    by_power[-1] += task.q
+    starts = np.stack(breaks[:-1])
+    joints = []
+    for i in range(task.h.shape[1]):
+        takes_time = profiles.lengths[..., i].T > 0
+        own = starts[..., i].T[takes_time]
+        coefficients = by_power[..., i].swapaxes(1, 2)
+        stored = np.append(own, duration)
+        joints.append((stored, coefficients[:, takes_time]))
+    return joints

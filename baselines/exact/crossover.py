@@ -1,0 +1,135 @@
+"""Local optima of the program of `exact.acceleration`, on the limits that are active there.
+
+An interior-point method only tends to an active limit. Where a limit is active and its multiplier
+is nothing, as where a joint speeds up throughout a segment, both go to zero as the root of the
+barrier: the last half of all steps goes into that, and a ramp of 1e-7 of the segment remains. So
+from near the optimum (`exact.interior_point`) Newton's method leads to it: rows whose multipliers
+stay are equations, all others are left out (crossover; which ones, by the indicators of Tapia 1980:
+from one step to the next a multiplier keeps its value or loses it). What comes out is taken where
+it is an optimum of the whole program; else the interior-point method goes on, and this is tried
+again from nearer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.exact import interior_point
+from baselines.exact.cells import Cells, Point, Scaled
+from baselines.exact.interior_point import Arrived, Iterate, Start
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# How far the interior-point method goes before this is tried: to gaps, of the duration, or its end.
+_ATTEMPTS: tuple[Arrived, ...] = (
+    partial(interior_point.near, gap_rtol=1e-5),
+    partial(interior_point.near, gap_rtol=1e-7),
+    partial(interior_point.near, gap_rtol=1e-9),
+    interior_point.converged,
+)
+_MOST_STEPS = 8
+_MISS_TOL = 1e-13
+_KEPT = 0.75  # of an active row's multiplier, from one step to the next
+_STIFFNESS = 1e3  # of an equation, in what its row weighed in the interior-point method
+# What keeps the rest from moving further than it needs: the square of a row that leaves so much.
+_LEAST_WEIGHT = 1e-10
+_LEAST_SLACK = 1e-2
+_LEAST_MULTIPLIER = 1e-15
+
+
+class Passage(NamedTuple):
+    """A local optimum.
+
+    Attributes:
+        log: logarithms of the segment times in stop times, `(segments,)`.
+        ends: velocities at the start and at the end of each segment, from its mean velocity, in
+            units of its time, `(2, segments, joints)`.
+    """
+
+    log: Array
+    ends: Array
+
+
+def minimised(
+    scaled: Scaled,
+    starts: Sequence[Start],
+    is_reachable: Callable[[Passage], bool],
+) -> list[Passage | None]:
+    """The local optimum near each start; None where there is none that the method converges to.
+
+    Args:
+        scaled: the problem.
+        starts: segment times `(segments,)` and inner waypoint velocities
+            `(segments - 1, joints)` to start from.
+        is_reachable: whether what Newton's method leads to keeps all limits, to rounding.
+    """
+    cells = Cells(scaled)
+    optima: list[Passage | None] = [None] * len(starts)
+    running = np.arange(len(starts))
+    # a method that diverges overflows: it has not converged
+    with np.errstate(all="ignore"):
+        iterate = interior_point.begun(cells, starts)
+        for arrived in _ATTEMPTS:
+            iterate = interior_point.descended(cells, iterate, arrived)
+            point, ended = _crossed(cells, iterate)
+            for i in np.flatnonzero(ended):
+                passage = _passage(point, i)
+                ended[i] = is_reachable(passage)
+                if ended[i]:
+                    optima[running[i]] = passage
+            if ended.all():
+                return optima
+            running = running[~ended]
+            iterate = iterate.of(~ended)
+        linear = iterate.state.linear(cells)
+        converged = interior_point.converged(linear, iterate.state)
+        for i in np.flatnonzero(converged):
+            optima[running[i]] = _passage(iterate.state.point, i)
+    return optima
+
+
+def _passage(point: Point, start: np.intp) -> Passage:
+    return Passage(point.log[start], point.ends[start])
+
+
+def _crossed(cells: Cells, iterate: Iterate) -> tuple[Point, Bools]:
+    """Where Newton's method leads, and for which starts that is an optimum of the active rows."""
+    state = iterate.state
+    active = state.multipliers > _KEPT * iterate.before.multipliers
+    # a row that is left out counts as one that leaves something
+    leaves = state.slacks > _KEPT * iterate.before.slacks
+    slacks = np.where(leaves, state.slacks, 1.0)
+    slacks = np.maximum(slacks, _LEAST_SLACK)
+    held = _LEAST_WEIGHT / slacks**2
+    weights = np.where(active, _STIFFNESS * state.weights, held)
+    multipliers = np.where(active, state.multipliers, _LEAST_MULTIPLIER)
+    point = state.point
+    convexity = iterate.convexity
+    arrived = np.zeros(len(convexity), dtype=bool)
+    for _ in range(_MOST_STEPS):
+        linear = cells.linear(point, multipliers, weights)
+        values = cells.values(point)
+        miss = np.where(active, values, 0.0)
+        largest = np.abs(miss).max(axis=1)
+        met = np.maximum(largest, linear.apart) <= _MISS_TOL
+        level = linear.slope(multipliers) <= interior_point.SLOPE_RTOL * linear.duration
+        pressing = multipliers.min(axis=1) >= 0
+        # one step more: what the objective hardly feels is known to the root of its tolerance
+        ended = met & level & arrived
+        if ended.all():
+            break
+        arrived = met & level
+        bands, convexity = interior_point.factors(linear.matrix(), convexity)
+        step, change = linear.step(bands, multipliers - weights * miss)
+        # an equation's multiplier makes up for what the step leaves of its miss
+        made_up = np.where(active, weights * (miss + change), 0.0)
+        multipliers = multipliers - made_up
+        whole = np.ones(len(multipliers))
+        point = cells.clipped(point.moved(step, whole))
+    return point, ended & pressing

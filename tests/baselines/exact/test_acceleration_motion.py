@@ -1,0 +1,124 @@
+"""Motions of least acceleration: closed forms, rounded breaks, and no slivers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from baselines.exact.acceleration import Exact
+from baselines.exact.acceleration_motion import covering
+from baselines.exact.acceleration_profiles import extremes, gentlest
+from baselines.exact.rounded import Clock
+from trajopt import Limits, Problem, verify
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.benchmark.suites.random import random_problem
+
+ARM = Path(__file__).parents[3] / "docs/examples/motions/arm.toml"
+V = np.array([-1.0, 1.5])
+A = np.array([-2.0, 3.0])
+
+
+def gentle(u: float, w: float, t: float, h: float) -> np.ndarray:
+    """Peak, time of both ramps, and share of the limits."""
+    return np.array(gentlest(*np.array([u, w, t, h]), V, A))
+
+
+def test_from_rest_to_rest_it_is_a_triangle_of_the_acceleration_that_the_time_asks_for() -> None:
+    # both ramps fill 2 s: p T/2 = h, up in 2/(2 + 3) of the time at s 3, down in 3/5 at s 2
+    expected = [0.5, 2 * 2 / 5, 2 * 3 / 5, 0.5 / (0.8 * 3)]
+    np.testing.assert_allclose(gentle(0.0, 0.0, 2.0, 0.5), expected, rtol=1e-14)
+
+
+def test_above_the_velocity_limit_it_cruises() -> None:
+    # ramps to 1.5 lose V/2 each: h = V (T - (t1 + t3)/2), t1 = V/(3 s), t3 = V/(2 s)
+    peak, first, last, share = gentle(0.0, 0.0, 4.0, 5.0)
+    assert peak == 1.5
+    lost = 2 * (4.0 - 5.0 / 1.5)
+    np.testing.assert_allclose([first, last], [lost * 2 / 5, lost * 3 / 5], rtol=1e-14)
+    assert share == pytest.approx(1.5 / (3 * lost * 2 / 5), rel=1e-14)
+
+
+def test_constant_velocity_takes_no_acceleration() -> None:
+    assert gentle(0.7, 0.7, 2.0, 1.4)[3] == pytest.approx(0, abs=1e-15)
+    np.testing.assert_array_equal(gentle(1.5, 1.5, 2.0, 3.0)[3], 0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_extremes_take_all_of_the_limits_and_what_lies_between_less(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u, w = rng.uniform(*V, (2, 200))
+    t = np.abs(w - u) / 2 + rng.uniform(0.01, 2, 200)
+    _, upper, _, lower = extremes(u, w, t, V, A)
+    for h in (upper, lower):
+        np.testing.assert_allclose(gentlest(u, w, t, h, V, A).share, 1, rtol=1e-9)
+    between = rng.uniform(lower, upper)
+    share = gentlest(u, w, t, between, V, A).share
+    assert (share < 1).all()
+    # half of the limits reach no further than the profile that takes less than half of them
+    _, upper, _, lower = extremes(u, w, t, V, A / 2)
+    reached = (lower < between) & (between < upper) & (np.abs(w - u) < A[1] / 2 * t)
+    assert (share[reached & (w - u > A[0] / 2 * t)] < 0.5).all()
+
+
+def test_the_limit_of_a_velocity_step_follows_from_the_interval() -> None:
+    """Without a cruise the interval is (A2 T − d)(A1 T + d)/(A1 + A2) wide: none beyond A T."""
+    steps = np.linspace(-2.0, 3.0, 11)
+    at_rest = np.zeros(11)
+    far = np.array([-1e3, 1e3])
+    _, upper, _, lower = extremes(at_rest, steps, np.ones(11), far, A)
+    expected = (3 - steps) * (2 + steps) / 5
+    np.testing.assert_allclose(upper - lower, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_motion_late_in_a_long_trajectory_covers_its_displacement(seed: int) -> None:
+    """Breaks after 1000 s are rounded to 1e-13 s, a percent of some of these segments' ramps."""
+    rng = np.random.default_rng(seed)
+    for length in 10.0 ** rng.uniform(-6, 0, 50):
+        clock = Clock(1000.0, 1000.0 + length, unit=0.3, resolution=0.0)
+        t = clock.length
+        u = rng.uniform(*V)
+        w = np.clip(u + rng.uniform(*A) * t, *V)
+        _, upper, _, lower = extremes(u, w, t, V, A)
+        h = rng.uniform(lower, upper)
+        stored, (half, velocity, position) = covering(h, np.array([u, w]), V, A, clock)
+        lengths = np.diff(stored) / clock.unit
+        end = position + lengths * (velocity + lengths * half)
+        speed = velocity + 2 * lengths * half
+        assert end[-1] == pytest.approx(h, abs=1e-12 * max(abs(u), abs(w)) * t)
+        np.testing.assert_allclose(speed[:-1], velocity[1:], atol=1e-12)
+        assert speed[-1] == pytest.approx(w, abs=1e-12)
+        assert (A[0] / 2 <= half).all()
+        assert (half <= A[1] / 2).all()
+
+
+def shortest_piece(problem: Problem) -> float:
+    """Of its segment, the shortest piece of `exact`'s answer."""
+    trajectory = Exact().solve(problem).trajectory
+    assert trajectory is not None
+    assert verify(problem.without("jerk", "position"), trajectory).dilation < 1 + 1e-11
+    times = trajectory.waypoint_times
+    segment = np.searchsorted(times, trajectory.breaks[:-1], side="right") - 1
+    return float((trajectory.lengths / np.diff(times)[segment]).min())
+
+
+@pytest.mark.parametrize("name", ["six-axis", "asymmetric", "seven-waypoints", "reversal", ARM])
+def test_no_piece_is_a_sliver(name: str | Path) -> None:
+    """A shoulder that cruises through its waypoint once braked there for 3e-7 of the segment."""
+    assert shortest_piece(load(str(name))) > 1e-6
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 5, 8, 13, 21, 34])
+def test_no_piece_of_random_ones_is_a_sliver(seed: int) -> None:
+    assert shortest_piece(random_problem(seed, jerk=False)) > 1e-6
+
+
+def test_a_ramp_that_the_optimum_needs_remains() -> None:
+    # 1 rad at 1 rad/s and 1e8 rad/s²: h/V + V/A, and ramps of 1e-8 of it
+    problem = Problem([[0.0], [1.0]], Limits([1.0], [1e8]))
+    trajectory = Exact().solve(problem).trajectory
+    assert trajectory is not None
+    np.testing.assert_allclose(trajectory.lengths, [1e-8, 1 - 1e-8, 1e-8], rtol=1e-6)
+    assert verify(problem, trajectory).certified_duration == pytest.approx(1 + 1e-8, rel=1e-14)
