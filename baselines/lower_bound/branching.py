@@ -40,6 +40,8 @@ _ROOT_SWEEPS = 12
 _NODE_SWEEPS = 3
 # A bound that moves a side of the box by less than this share of its width is not worth a step.
 _WORTHWHILE_SHARE = 0.02
+# Of a box's width: how far a side is moved less than is proved.
+_ROUNDING_SHARE = 1e-4
 # Sweeps go on while they narrow the box's times by this share.
 _SWEEP_SHARE = 0.05
 # Of the gap that is asked for: how far the cut-off lies above the target.
@@ -300,15 +302,18 @@ class _Search:
             node.box,
             answer.multipliers,
         )
-        if bound <= _side(node.box, column, raises) + _WORTHWHILE_SHARE * width:
+        # what the multipliers' rounding is worth, for it not to grow from step to step
+        stated = bound - _ROUNDING_SHARE * width
+        if stated <= _side(node.box, column, raises) + _WORTHWHILE_SHARE * width:
             return
-        node.steps.append(step)
+        side = stated if raises else -stated
+        node.steps.append(step._replace(value=side))
         node.box = dual_check.moved(
             self.relaxation,
             node.box,
             column,
             raises,
-            bound,
+            stated,
         )
         if dual_check.is_empty(node.box):
             node.bound = np.inf

@@ -45,8 +45,9 @@ class Proof:
         cuts: Segment, joint and number of cells of each row of costates, `(cuts, 3)`.
         cells: Their cells one after the other, `(cells, 7)`, as in `costates.row`.
         steps: Kind, variable, value and number of multipliers, `(steps, 4)`. `RAISE` and `LOWER`
-            move a side of the box as far as the multipliers prove; `BRANCH` splits the box at the
-            value, the lower part first; `LEAF` bounds the time in what is left.
+            move a side of the box to the value, or as far as the multipliers prove if that is less
+            or the value is 0; `BRANCH` splits the box at the value, the lower part first; `LEAF`
+            bounds the time in what is left.
         multipliers: Row and value, `(multipliers, 2)`; rows count those of the box first (the
             cut-off, secants, McCormick's), then tangents, then cuts.
     """
@@ -226,6 +227,8 @@ def _walked(relaxation: Relaxation, rows: Rows, proof: Proof) -> float:
             objective = np.zeros(relaxation.variables)
             objective[column] = 1.0 if kind == RAISE else -1.0
             bound = _step_bound(relaxation, rows, box, objective, own)
+            if value != 0:
+                bound = min(bound, objective[column] * value)
             pending.append(moved(relaxation, box, column, kind == RAISE, bound))
     if pending:
         raise InvalidInput("proof steps", "a leaf at the end of every branch")

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import ruckig
 
+from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound import certify, costates, extremal
 from baselines.lower_bound.branching import prove
-from baselines.lower_bound.dual_check import Proof, cuts, proved_bound
+from baselines.lower_bound.dual_check import LOWER, RAISE, Proof, cuts, proved_bound
 from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.relaxation import Box, Relaxation
 from baselines.ruckig_ import RuckigStop, RuckigVia
@@ -246,6 +247,28 @@ def test_a_proof_proves_its_bound_again(proved):
     assert proved_bound(problem, stored) == bound.lower_bound
     # the trapezoid: 1.5/1 + 1/2
     assert 2.0 * (1 - 2e-5) < bound.lower_bound <= 2.0
+
+
+def test_rounding_a_proof_of_many_steps_costs_no_more_than_its_digits():
+    problem = limited_problem(0, waypoints=5)
+    motion = ExactJerk(starts=1).solve(problem).trajectory
+    known = verify(problem, motion).certified_duration
+    found = prove(problem, known / (1 + 5e-4), 5e-4, np.inf)
+    moves = found.proof.steps[:, 0] <= LOWER
+    assert moves.sum() > 10
+    arrays = vars(found.proof)
+    digits = {name: round_to_digits(arrays[name], 6) for name in ("cells", "multipliers")}
+    rounded = replace(found.proof, **digits)
+    assert proved_bound(problem, rounded) >= found.lower_bound * (1 - 1e-5)
+    # a side that is stated farther than its multipliers prove is moved no farther
+    boasting = found.proof.steps.copy()
+    boasting[moves, 2] *= np.where(boasting[moves, 0] == RAISE, 1.1, 0.9)
+    assert proved_bound(problem, replace(found.proof, steps=boasting)) <= known
+
+
+def round_to_digits(values, digits):
+    brief = [float(f"{value:.{digits}g}") for value in values.ravel()]
+    return np.reshape(brief, values.shape)
 
 
 def test_a_proof_proves_no_more_than_is_true(proved):

@@ -40,6 +40,7 @@ from trajopt.verification import verify
 
 # Digits of a proof's numbers, fewest first: whatever they are, it proves something.
 _PROOF_DIGITS = (5, 6, 7, 9, 12)
+_START_DIGITS = 12
 # What a proof may lose by them, relative.
 _PROOF_RTOL = 1e-5
 # Of a proof: what it counts in, and what it asks about.
@@ -241,12 +242,21 @@ def _rounded(proof: Mapping[str, Array], digits: int) -> dict[str, Array]:
     """The proof with fewer digits; whole numbers, and what it counts in, as they are."""
     found = {}
     for name, array in proof.items():
-        brief = [float(f"{value:.{digits}g}") for value in array.ravel()]
+        brief = _brief(array, digits)
         whole = array == np.rint(array)
         if name in _EXACT:
             whole[...] = True
-        found[name] = np.where(whole, array, np.reshape(brief, array.shape))
+        found[name] = np.where(whole, array, brief)
+    cells = proof.get("cells")
+    if cells is not None and cells.ndim == 2:
+        # where narrow cells start: they are to have a width still
+        found["cells"][:, 0] = _brief(cells[:, 0], _START_DIGITS)
     return found
+
+
+def _brief(array: Array, digits: int) -> Array:
+    numbers = [float(f"{value:.{digits}g}") for value in array.ravel()]
+    return np.reshape(numbers, array.shape)
 
 
 def _check_order(record: Record) -> None:
