@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 from dataclasses import replace
+from functools import partial
+from io import BytesIO
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from trajopt import Limits, Problem
 from trajopt.benchmark.figures import draw as figures
-from trajopt.benchmark.figures import drawn
+from trajopt.benchmark.figures import drawn, motions
+from trajopt.benchmark.figures.drawing import Drawing, NotDrawn, draw_all
+from trajopt.benchmark.figures.png import encoded
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import judge
 from trajopt.registry import load
@@ -83,3 +91,53 @@ def test_another_code_that_draws_draws_anew(trials, calls, tmp_path, monkeypatch
     monkeypatch.setattr(drawn, "code", lambda: "other")
     drawn.draw(trials, tmp_path)
     assert len(calls) == 2
+
+
+def broken(*_, **__):
+    raise RuntimeError("no ink")
+
+
+def test_a_figure_that_fails_is_a_warning_and_tried_again_by_the_next_run(
+    trials, tmp_path, monkeypatch
+):
+    with monkeypatch.context() as without_ink:
+        without_ink.setattr(motions, "motion", broken)
+        with pytest.warns(NotDrawn, match="motion-unoptimised: not drawn: no ink"):
+            made = drawn.draw(trials, tmp_path)
+    assert {file.stem for file in made} == {"durations"}
+    assert {file.stem for file in drawn.draw(trials, tmp_path)} == {
+        "durations",
+        "motion-unoptimised",
+    }
+
+
+class Deadly(Drawing):
+    """Kills any process but the one that the test runs in."""
+
+    def draw(self):
+        if multiprocessing.parent_process() is not None:
+            os._exit(3)
+        super().draw()
+
+
+def test_what_a_process_dies_of_is_drawn_here(trials, tmp_path):
+    drawing = Deadly("motion", arguments(trials[0]), tmp_path / "motion")
+    with Pool(1) as pool:
+        pool.submit(partial(os.getpid))
+        files = draw_all([drawing], pool)
+    assert set(files) == set(tmp_path.iterdir())
+    assert len(files) == 2
+
+
+def arguments(trial):
+    return {"problem": trial.problem, "trajectory": trial.certified_trajectory}
+
+
+def test_pixels_are_what_another_reader_finds():
+    pixels = np.random.default_rng(0).integers(0, 256, (3, 5, 4), dtype=np.uint8)
+    content = BytesIO(encoded(pixels, 200.0, {"Description": "drawn"}))
+    with Image.open(content) as picture:
+        picture.load()
+        np.testing.assert_array_equal(np.asarray(picture), pixels[:, :, :3])
+        assert picture.info["Description"] == "drawn"
+        assert picture.info["dpi"] == pytest.approx((200, 200), abs=0.01)

@@ -44,13 +44,12 @@ def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> lis
         pool: whose processes may help.
 
     Returns:
-        The files, also of figures that were there already and show the same. Not of figures that
-        cannot be drawn: of each there is a warning (`NotDrawn`).
+        The files, also of figures that were there already and show the same.
+
+    Raises:
+        NotDrawn: some cannot be drawn; the others are by then.
     """
-    drawings = _drawings(trials, folder)
-    failed = draw_all(drawings, pool)
-    made = [drawing for drawing in drawings if drawing not in failed]
-    return [file for drawing in made for file in drawing.files]
+    return draw_all(_drawings(trials, folder), pool)
 
 
 def write_pdf(trials: Sequence[Trial], folder: Path) -> None:

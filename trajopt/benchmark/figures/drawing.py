@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, cached_property
@@ -26,7 +25,12 @@ WORTH_A_PROCESS = 4  # figures: fewer are drawn sooner than a process starts
 
 
 class NotDrawn(UserWarning):
-    """A figure could not be drawn; the others were."""
+    """Figures that could not be drawn, and why; `files` are those of the others, which were."""
+
+    def __init__(self, reasons: Mapping[Path, str], files: Sequence[Path]) -> None:
+        words = [f"{stem}: not drawn: {reason}" for stem, reason in reasons.items()]
+        super().__init__("; ".join(words))
+        self.files = files
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,35 +90,35 @@ class Drawing:
         return function(**self.arguments)
 
 
-def draw_all(drawings: Sequence[Drawing], pool: Pool | None = None) -> list[Drawing]:
+def draw_all(drawings: Sequence[Drawing], pool: Pool | None = None) -> list[Path]:
     """Draw those whose files do not show them yet.
 
     In the pool's processes, if they run already or there is enough to draw for starting them. What
     one of them fails at is tried again in this process.
 
     Returns:
-        Those that cannot be drawn; of each there is a warning (`NotDrawn`).
+        The files of all.
+
+    Raises:
+        NotDrawn: once the others are drawn.
     """
     stale = [drawing for drawing in drawings if not drawing.current]
     enough = len(stale) >= WORTH_A_PROCESS
     if pool is not None and (enough or pool.is_running):
         jobs = [pool.submit(drawing.draw) for drawing in stale]
-        stale = [
-            drawing for drawing, job in zip(stale, jobs, strict=True) if job.exception() is not None
-        ]
-    return [drawing for drawing in stale if not _is_drawn(drawing)]
-
-
-def _is_drawn(drawing: Drawing) -> bool:
-    """Whether this process can draw it."""
-    try:
-        drawing.draw()
-    except Exception as error:
-        reason = str(error) or type(error).__name__
-        message = f"{drawing.stem}: not drawn: {reason}"
-        warnings.warn(message, NotDrawn, stacklevel=2)
-        return False
-    return True
+        ends = zip(stale, jobs, strict=True)
+        stale = [drawing for drawing, job in ends if job.exception() is not None]
+    reasons = {}
+    for drawing in stale:
+        try:
+            drawing.draw()
+        except Exception as error:
+            reasons[drawing.stem] = str(error) or type(error).__name__
+    made = [drawing for drawing in drawings if drawing.stem not in reasons]
+    files = [file for drawing in made for file in drawing.files]
+    if reasons:
+        raise NotDrawn(reasons, files)
+    return files
 
 
 def _head(file: Path) -> bytes:

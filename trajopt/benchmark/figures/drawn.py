@@ -7,12 +7,13 @@ would have to be computed to know that it is there already.
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
-from trajopt.benchmark.figures.drawing import code
+from trajopt.benchmark.figures.drawing import NotDrawn, code
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import Trial
 
@@ -28,7 +29,8 @@ def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> lis
         pool: whose processes may help.
 
     Returns:
-        The files, also of figures that were there already and show the same.
+        The files, also of figures that were there already and show the same. Not of those that
+        cannot be drawn, of which there is a warning (`NotDrawn`).
     """
     digest = _digest(trials)
     files = _noted(folder, digest)
@@ -37,7 +39,11 @@ def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> lis
     # what only drawing needs: not where there is nothing to draw
     from trajopt.benchmark.figures.draw import draw as draw_now
 
-    files = draw_now(trials, folder, pool)
+    try:
+        files = draw_now(trials, folder, pool)
+    except NotDrawn as failure:
+        warnings.warn(failure, stacklevel=2)
+        return [*failure.files]
     stamps = {file.relative_to(folder).as_posix(): _stamp(file) for file in files}
     note = json.dumps({"trials": digest, "files": stamps}, indent=1)
     folder.mkdir(parents=True, exist_ok=True)
