@@ -11,19 +11,20 @@ from trajopt.registry import load
 from trajopt.spline353 import trajectory
 from trajopt.verification import verify
 
+PEERS = ["pymoo", "pygmo", "niapy"]
 PROBLEM = Problem([[0.0], [1.0], [2.0], [3.0]], Limits([1.0], [1.0]))
 
 
 def test_quick_mode_has_every_task_and_says_what_is_missing(tmp_path, capsys, monkeypatch):
-    for package in ("pymoo", "pygmo"):
+    for package in PEERS:
         monkeypatch.setitem(sys.modules, package, None)
     speed.main("one-joint", quick=True, output=tmp_path)
     table = pd.read_csv(tmp_path / "speed.csv").set_index("way")
     assert table["task"].nunique() == 4
-    missing = table.loc[["pymoo", "pygmo"]]
+    missing = table.loc[PEERS]
     assert missing["cost"].isna().all()
     assert missing["note"].str.contains("trajopt[bench]", regex=False).all()
-    measured = table.drop(index=["pymoo", "pygmo"])
+    measured = table.drop(index=PEERS)
     assert (measured["cost"] >= 0).all()
     assert "pymoo" in capsys.readouterr().out
 
