@@ -173,7 +173,7 @@ def test_equations_39_to_41_sparrow_by_sparrow():
     flock.t = 3
     flock.settle(rng.uniform(0, 4, (runs, 30, 3)), rng.uniform(1, 2, (runs, 30)))
     draw = Streams(range(runs))
-    chance = ssa._drawn(flock.streams, 3)
+    chance = next(ssa._chances(flock.streams, 3, 1))
     _, (discovered,) = ssa._discover(flock, chance)
     r2, alpha, q = draw.uniform(1, 1), 1 - draw.uniform(6, 1), draw.normal(6, 1)
     for run, i in np.ndindex(runs, 6):
@@ -208,7 +208,7 @@ def test_vigilantes_are_all_different_and_any_sparrow_can_be_one():
         np.random.default_rng(1).uniform(0, 4, (50, 30, 3)), np.tile(np.arange(30.0), (50, 1))
     )
     ssa = SSA(vigilantes=0.5)
-    slots, _ = ssa._watch(flock, ssa._drawn(flock.streams, 3))
+    slots, _ = ssa._watch(flock, next(ssa._chances(flock.streams, 3, 1)))
     assert all(len(set(row)) == 15 for row in slots)
     assert len(np.unique(slots)) == 30
 

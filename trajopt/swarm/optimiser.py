@@ -22,7 +22,7 @@ from trajopt.exceptions import InvalidInput
 Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
 
-# Iterations: a call for each run and draw costs as much as a hundred numbers.
+# Rounds: their numbers stay in the processor's cache.
 _DRAWN_TOGETHER = 50
 
 
@@ -125,6 +125,13 @@ class Box:
         return self.clip(mirrored)
 
 
+class Draw(NamedTuple):
+    """So many numbers of one kind: a generator's method."""
+
+    method: Literal["random", "standard_normal"]
+    number: int
+
+
 class Streams:
     """One random stream per run; every draw has the runs as its first axis."""
 
@@ -150,12 +157,21 @@ class Streams:
             generator.random(out=own)
         return draws
 
-    def uniforms(self, count: int, *shape: int) -> Iterator[Array]:
-        """The same so many times, drawn many at once: for streams that nothing else is drawn of."""
+    def rounds(self, count: int, draws: Sequence[Draw]) -> Iterator[list[Array]]:
+        """So many times the same draws one after another, `(runs, number)` each.
+
+        The very numbers of single draws, but one run's of many rounds at once, which is faster.
+        """
         for first in range(0, count, _DRAWN_TOGETHER):
             together = min(_DRAWN_TOGETHER, count - first)
-            draws = self.uniform(together, *shape)
-            yield from draws.swapaxes(0, 1)
+            tables = [np.empty((together, len(self), draw.number)) for draw in draws]
+            for run, generator in enumerate(self._generators):
+                methods = [getattr(generator, draw.method) for draw in draws]
+                for row in range(together):
+                    for method, table in zip(methods, tables, strict=True):
+                        method(out=table[row, run])
+            for row in range(together):
+                yield [table[row] for table in tables]
 
     def normal(self, *shape: int) -> Array:
         """Standard normal, `(runs, *shape)`."""

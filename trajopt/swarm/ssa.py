@@ -8,6 +8,7 @@ ones), `β` one per dimension, as in the authors' program.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -18,6 +19,7 @@ from trajopt.swarm.optimiser import (
     Array,
     Box,
     Contest,
+    Draw,
     Optimiser,
     Search,
     Streams,
@@ -158,10 +160,10 @@ class SSA(Optimiser):
         x = self._start(flock)
         f = yield x
         flock.settle(x, f)
-        for flock.t in range(1, iterations + 1):
+        chances = self._chances(streams, box.dim, iterations)
+        for flock.t, chance in enumerate(chances, start=1):
             if self.sorting == "iteration":
                 flock.sort()
-            chance = self._drawn(streams, box.dim)
             for phase in (self._discover, self._follow, self._watch):
                 if self.sorting == "phase":
                     flock.sort()
@@ -172,32 +174,34 @@ class SSA(Optimiser):
         unit = flock.streams.uniform(self.population, flock.box.dim)
         return flock.box.spread(unit)
 
-    def _drawn(self, streams: Streams, dim: int) -> Chance:
-        """Phase after phase; what follows on its own kind is drawn with it."""
-        population = self.population
+    def _chances(self, streams: Streams, dim: int, iterations: int) -> Iterator[Chance]:
+        """Phase after phase of every iteration; what follows on its own kind is drawn with it."""
         m = self._count(self.discoverers)
         watching = self._count(self.vigilantes)
-        followers = population - m
+        followers = self.population - m
         coins = followers * dim
-        lotteries = population if self.watch == "random" else 0
-        even = streams.uniform(1 + m, 1)
-        Q = streams.normal(population, 1)
-        later = streams.uniform(coins + lotteries)
-        beta = streams.normal(watching, dim)
-        unit = streams.uniform(watching, 1)
-        lots = None
-        if lotteries > 0:
-            lots = later[:, coins:]
-        return Chance(
-            r2=even[:, :1],
-            alpha=1.0 - even[:, 1:],
-            Q=Q[:, :m],
-            Q_far=Q[:, m:],
-            coin=later[:, :coins].reshape(-1, followers, dim),
-            lots=lots,
-            beta=beta,
-            K=2 * unit - 1,
-        )
+        lotteries = self.population if self.watch == "random" else 0
+        draws = [
+            Draw("random", 1 + m),
+            Draw("standard_normal", self.population),
+            Draw("random", coins + lotteries),
+            Draw("standard_normal", watching * dim),
+            Draw("random", watching),
+        ]
+        for even, normal, later, beta, unit in streams.rounds(iterations, draws):
+            lots = None
+            if lotteries > 0:
+                lots = later[:, coins:]
+            yield Chance(
+                r2=even[:, :1, None],
+                alpha=1.0 - even[:, 1:, None],
+                Q=normal[:, :m, None],
+                Q_far=normal[:, m:, None],
+                coin=later[:, :coins].reshape(-1, followers, dim),
+                lots=lots,
+                beta=beta.reshape(-1, watching, dim),
+                K=2 * unit[..., None] - 1,
+            )
 
     def _discover(self, flock: Flock, chance: Chance) -> Move:
         """Eq. 39."""
