@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _START_ROOM = 0.98  # of the velocity limits
 
-# Axes from the last: joints, segments, sides, ends.
+# Axes from the last: joints, segments, sides (ends, where there are no sides), ends.
 _SIDE = -3
 _END = -4
 
