@@ -52,7 +52,7 @@ _FOLLOW_DILATIONS = (1.05, 1.2)
 _ENDED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
 # Without units: what is closer to a bound is put on it, if the motion stays as brief.
-_NEAR = 1e-4
+_NEAR = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 _CERTIFIED_RTOL = 1e-9  # what its certified duration may cost
 _START_DILATION = 1.3  # of the optimum without jerk limits: a start
 # Measured up to 343 segments times moving joints, in proportion to them.
@@ -502,28 +502,34 @@ def _reached(scaled: Scaled, x: Array, status: str) -> Optimum:
 
 
 def _settled(solver: Program, scaled: Scaled, best: Optimum) -> Optimum:
-    """An optimum without the phases of profiles that IPOPT's tolerance alone keeps above 0."""
+    """An optimum without the phases of profiles that IPOPT's tolerance alone keeps above 0.
+
+    The further from a bound counts as on it, the more phases vanish, and the likelier such bounds
+    contradict each other: the first distance that works.
+    """
     if not np.isfinite(best.duration):
         return best
-    apart = _avoiding(scaled, best)
-    x = settled(
-        solver,
-        _point(scaled, best.times, best.states),
-        _parameters(scaled),
-        _bounds(scaled, apart),
-        _constraint_bounds(scaled),
-        _NEAR,
-    )
-    if x is None:
-        return best
-    optimum = _reached(scaled, x, best.status)
-    if optimum.duration > best.duration:
-        return best
-    # Where the extreme profiles become one, rounding a break may cost more than its ramp did.
     longest = _certified(scaled, best) * (1 + _CERTIFIED_RTOL)
-    if not _certified(scaled, optimum) <= longest:
-        return best
-    return optimum
+    apart = _avoiding(scaled, best)
+    point = _point(scaled, best.times, best.states)
+    for near in _NEAR:
+        x = settled(
+            solver,
+            point,
+            _parameters(scaled),
+            _bounds(scaled, apart),
+            _constraint_bounds(scaled),
+            near,
+        )
+        if x is None:
+            continue
+        optimum = _reached(scaled, x, best.status)
+        if optimum.duration > best.duration:
+            continue
+        # Where the extreme profiles become one, rounding a break may cost more than its ramp did.
+        if _certified(scaled, optimum) <= longest:
+            return optimum
+    return best
 
 
 def _certified(scaled: Scaled, optimum: Optimum) -> float:
