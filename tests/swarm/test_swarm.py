@@ -13,6 +13,7 @@ from scipy.special import gamma
 from trajopt import InvalidInput
 from trajopt.swarm import ISSA, PSO, SSA, Box, Compared, Streams, minimise
 from trajopt.swarm.issa import chaotic_map, control, falling_weight, levy_scale
+from trajopt.swarm.optimiser import Draw
 from trajopt.swarm.ssa import Flock
 
 PRINTED = ISSA(eq41="printed", eq43="printed", eq49="printed", eq50="printed")
@@ -158,6 +159,18 @@ def test_every_candidate_is_in_its_runs_own_box(optimiser):
     assert np.isfinite(x).all()
     assert (x >= low[:, None]).all()
     assert (x <= high[:, None]).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 50, 101])
+def test_rounds_have_the_numbers_of_single_draws(count):
+    draws = [Draw("random", 7), Draw("standard_normal", 4), Draw("random", 1)]
+    one_by_one = Streams(range(3))
+    rounds = list(Streams(range(3)).rounds(count, draws))
+    assert len(rounds) == count
+    for even, normal, last in rounds:
+        np.testing.assert_array_equal(even, one_by_one.uniform(7))
+        np.testing.assert_array_equal(normal, one_by_one.normal(4))
+        np.testing.assert_array_equal(last, one_by_one.uniform(1))
 
 
 def test_reflection_mirrors_as_often_as_it_takes():
