@@ -36,12 +36,7 @@ from trajopt.verification import verify
 
 Start = tuple[Array, Array]  # segment times, waypoint states
 
-IPOPT = acceleration.IPOPT | {
-    "tol": 1e-10,
-    # The program is scaled as it is: MUMPS's own scaling costs a tenth of the time, and gains none.
-    "mumps_scaling": 0,
-    "mumps_permuting_scaling": 0,
-}
+IPOPT = acceleration.IPOPT | {"tol": 1e-10}
 
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
 _PATIENCE = 3  # times as many starts where all have failed so far
