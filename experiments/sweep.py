@@ -1,14 +1,15 @@
 """Every planner on every suite: who solves what, how far from optimal, and at what cost?
 
-    python -m experiments.sweep            # 7500 trials, about two hours on two cores
+    python -m experiments.sweep            # some 10,000 trials, about two hours on two cores
     python -m experiments.sweep --quick    # two problems of each suite, two seeds: three minutes
     python -m experiments.sweep --stored   # the tables anew, of the trials that are there
 
-It can be stopped and started again. Into `--output` go the results, `report.html`, `sweep.csv`
-and `.md` (one line per planner), `suites.csv` and `.md` (one per suite and planner), `files.csv`
-and `.md` (their sizes). `proved` counts the problems whose reference is the optimum but for 0.1 %,
-by this run's proofs or by those of the best known answers: after better proofs were recorded
-(`trajopt best-known propose`), `--stored` counts again.
+It can be stopped and started again; `--planner` runs only those named. Other people's planners
+have a comparison of their own (`trajopt compare --planner copp …`). Into `--output` go the
+results, `report.html`, `sweep.csv` and `.md` (one line per planner), `suites.csv` and `.md` (one
+per suite and planner), `files.csv` and `.md` (their sizes). `proved` counts the problems whose
+reference is the optimum but for 0.1 %, by this run's proofs or by those of the best known answers:
+after better proofs were recorded (`trajopt best-known propose`), `--stored` counts again.
 """
 
 from __future__ import annotations
@@ -41,8 +42,9 @@ def drawn(size: int | None = None) -> dict[str, list[Problem]]:
 
 
 def planners() -> list[str]:
-    """Every registered planner, those that wait to be asked for too, and the mended swarms."""
-    names = list(entries())
+    """Every planner of ours, those that wait to be asked for too, and the mended swarms."""
+    found = entries().items()
+    names = [name for name, entry in found if "third_party" not in entry.point.module]
     place = names.index("certify")
     names[place] = PROOF
     return names + MENDED
@@ -75,6 +77,7 @@ def main(
     timeout: float = 45.0,
     quick: bool = False,
     stored: bool = False,
+    planner: list[str] | None = None,
     output: Path = Path("results/sweep"),
 ) -> None:
     """Run what is missing, then write and print the tables."""
@@ -94,7 +97,7 @@ def main(
         with console.trials() as advance:
             results = run.compare(
                 problems,
-                planners(),
+                planner or planners(),
                 output,
                 seeds=seeds,
                 jobs=jobs,
