@@ -16,7 +16,7 @@ from pathlib import Path
 import cyclopts
 import pandas as pd
 
-from baselines.lower_bound import certify
+from baselines.lower_bound.bound import certify
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
 

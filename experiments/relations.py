@@ -24,7 +24,7 @@ import pandas as pd
 import pebble
 from numpy.typing import NDArray
 
-from baselines.lower_bound import certify
+from baselines.lower_bound.bound import certify
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from experiments.ordering import RELAXED, identities

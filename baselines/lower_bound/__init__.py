@@ -1,6 +1,6 @@
 """Proved lower bounds on the minimum time (docs/mathematics.md, sections 5 and 5b).
 
-    from baselines.lower_bound import certify
+    from baselines.lower_bound.bound import certify
     bound = certify(problem)
     print(bound.lower_bound, bound.upper_bound, bound.status)
 
@@ -10,7 +10,3 @@ those that are broken, `branching.py` searches with `row_pool.py` and HiGHS (`li
 `dual_check.py` checks the proof without a solver. By SCIP: `free.py` (velocity and acceleration
 limits) and `spline353.py`, with `program.py` for what they share.
 """
-
-from baselines.lower_bound.bound import Bound, certify, recheck
-
-__all__ = ["Bound", "certify", "recheck"]

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from baselines.lower_bound.bound import Bound, certify, recheck
-from baselines.lower_bound.dual_check import Proof, proved_bound
 from trajopt import spline353
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, Relation
 from trajopt.problem import LIMIT_NAMES, Problem
 from trajopt.solution import Solution, Status
+
+if TYPE_CHECKING:  # the proofs are imported when one is asked for: listing planners needs none
+    from baselines.lower_bound.bound import Bound
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,9 @@ class Certify(Planner):
         return Solution(Status.SOLVED, bound.trajectory, message, lower_bound, stats=stats)
 
     def bound(self, problem: Problem) -> Bound:
-        """Both bounds, as `baselines.lower_bound.certify` gives them."""
+        """Both bounds, as `baselines.lower_bound.bound.certify` gives them."""
+        from baselines.lower_bound.bound import certify
+
         index = None if self.joint is None else self.joint - 1
         return certify(
             problem,
@@ -106,6 +109,8 @@ class Certify(Planner):
             True if proved, False if a verified trajectory is faster, None if neither is shown
             within the time limit (a bound that rests on jerk or position limits never is).
         """
+        from baselines.lower_bound.bound import recheck
+
         index = None if self.joint is None else self.joint - 1
         return recheck(
             problem,
@@ -121,6 +126,8 @@ class Certify(Planner):
         Raises:
             InvalidInput: The proof is not one of this problem, or damaged.
         """
+        from baselines.lower_bound.dual_check import Proof, proved_bound
+
         proof = Proof.stored(stats)
         if proof is None or self.family != "free":
             return None

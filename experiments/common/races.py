@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from baselines.lower_bound import certify
+from baselines.lower_bound.bound import certify
 from trajopt import Problem, verify
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.figures import plots, style

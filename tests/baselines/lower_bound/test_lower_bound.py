@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
-from baselines.lower_bound import Bound, certify
 from baselines.lower_bound import bound as bound_module
-from baselines.lower_bound.bound import recheck
+from baselines.lower_bound.bound import Bound, certify, recheck
 from baselines.lower_bound.free import Free
 from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.spline353 import Spline353

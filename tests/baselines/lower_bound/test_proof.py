@@ -7,7 +7,8 @@ import pytest
 import ruckig
 
 from baselines.exact.jerk import ExactJerk
-from baselines.lower_bound import certify, costates, extremal
+from baselines.lower_bound import costates, extremal
+from baselines.lower_bound.bound import certify
 from baselines.lower_bound.branching import prove
 from baselines.lower_bound.dual_check import LOWER, RAISE, Proof, cuts, proved_bound
 from baselines.lower_bound.planner import Certify

@@ -6,9 +6,7 @@ import multiprocessing
 import os
 from dataclasses import replace
 from functools import partial
-from io import BytesIO
 
-import numpy as np
 import pytest
 from PIL import Image
 
@@ -16,7 +14,6 @@ from trajopt import Limits, Problem
 from trajopt.benchmark.figures import draw as figures
 from trajopt.benchmark.figures import drawn, motions
 from trajopt.benchmark.figures.drawing import Drawing, NotDrawn, draw_all
-from trajopt.benchmark.figures.png import encoded
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import judge
 from trajopt.registry import load
@@ -133,11 +130,9 @@ def arguments(trial):
     return {"problem": trial.problem, "trajectory": trial.certified_trajectory}
 
 
-def test_pixels_are_what_another_reader_finds():
-    pixels = np.random.default_rng(0).integers(0, 256, (3, 5, 4), dtype=np.uint8)
-    content = BytesIO(encoded(pixels, 200.0, {"Description": "drawn"}))
-    with Image.open(content) as picture:
-        picture.load()
-        np.testing.assert_array_equal(np.asarray(picture), pixels[:, :, :3])
-        assert picture.info["Description"] == "drawn"
+def test_a_png_is_opaque_of_its_density_and_says_what_it_shows(trials, tmp_path):
+    png, svg, *_ = figures.draw(trials, tmp_path)
+    with Image.open(png) as picture:
+        assert picture.mode == "RGB"
         assert picture.info["dpi"] == pytest.approx((200, 200), abs=0.01)
+        assert picture.info["Description"] in svg.read_text(encoding="utf-8")
