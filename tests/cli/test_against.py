@@ -85,7 +85,7 @@ def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
     fast = judge(Quintic(1.0), PROBLEM, range(5), "fast")
     asked = []
 
-    def compared(problems, planners, folder, **options):
+    def compared(problems, planners, folder, *pool, **options):
         asked.extend(planners)
         return Comparison([*fast, *slow], None)
 

@@ -500,9 +500,14 @@ def test_a_dark_page_has_light_ink_in_tables_and_charts(browser: Any, script: Sc
         const lines = charts.flatMap((c) => c.data).map((t) => t.line?.color);
         return [style.color, style.backgroundColor,
             [...new Set(charts.map((c) => c.layout.font.color))], lines.includes('#000000')]"""
+    drawn = """for (let i = 0; i < 100; i += 1) {
+        const charts = [...document.querySelectorAll('.chart')].filter((c) => c.layout);
+        if (charts.every((c) => c.layout.font.color === args[0])) return;
+        await new Promise((go) => setTimeout(go, 20));
+    }"""
     light = script(looks)
     chromium.prefer(browser, "dark")
-    script(PAUSE)
+    script(drawn, "#e9e9ea")
     ink, ground, fonts, black = script(looks)
     assert light[:3] == ["rgb(26, 26, 26)", "rgb(255, 255, 255)", ["#1a1a1a"]]
     assert (ink, ground, fonts, black) == (
@@ -511,11 +516,13 @@ def test_a_dark_page_has_light_ink_in_tables_and_charts(browser: Any, script: Sc
         ["#e9e9ea"],
         False,
     )
-    script("window.dispatchEvent(new Event('beforeprint'));" + PAUSE)
+    script("window.dispatchEvent(new Event('beforeprint'));")
+    script(drawn, "#1a1a1a")
     assert script(looks)[2] == ["#1a1a1a"]  # on paper
-    script("window.dispatchEvent(new Event('afterprint'));" + PAUSE)
+    script("window.dispatchEvent(new Event('afterprint'));")
+    script(drawn, "#e9e9ea")
     chromium.prefer(browser, "")
-    script(PAUSE)
+    script(drawn, "#1a1a1a")
     assert script(looks) == light
 
 

@@ -225,7 +225,9 @@ def _with_proof(record: Record, candidate: Candidate) -> Record:
         bound = proved(exact)
     except TrajoptError:
         return record  # of another question, or none
-    if bound <= record.lower_bound * (1 + BETTER_RTOL):
+    # less may be what the recorded one lost by rounding
+    least = record.lower_bound * (1 + BETTER_RTOL) / (1 - _PROOF_RTOL)
+    if bound <= least:
         return record
     for digits in _PROOF_DIGITS:
         brief = replace(exact, proof=_rounded(candidate.proof, digits))
