@@ -19,7 +19,6 @@ from typing import Any
 import cyclopts
 import numpy as np
 import pandas as pd
-from PIL import Image
 
 from experiments.common import browser as chromium
 from experiments.common.output import save_table
@@ -34,7 +33,6 @@ from trajopt.solution import Solution
 PROBLEMS = ("six-axis", "position-limits")
 SCHEMES = ("light", "dark")
 HEIGHTS = {390: 844, 1280: 800, 1440: 900, 1920: 1080}  # px, of each width
-COLOURS = 64  # of a picture: a page has few, and the pictures are kept
 VIEWS = {
     "curves": "document.getElementById('curves').scrollIntoView()",
     "crash": """for (const trace of document.querySelectorAll('.why details')) trace.open = true;
@@ -77,15 +75,6 @@ def made(seeds: int, folder: Path) -> Path:
     return report.write(results, folder / "report.html", command="python -m experiments.screens")
 
 
-def save(picture: bytes, file: Path) -> None:
-    """Keep a screenshot with few colours, a quarter of its size."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_bytes(picture)
-    with Image.open(file) as image:
-        few = image.convert("RGB").quantize(COLOURS)
-    few.save(file, optimize=True)
-
-
 def looked_at(
     browser: Any,
     page: Path,
@@ -94,6 +83,7 @@ def looked_at(
     output: Path,
 ) -> dict[str, object]:
     """Take the pictures of one screen; how far something stands out there, px."""
+    output.mkdir(parents=True, exist_ok=True)
     chromium.resize(browser, width, HEIGHTS[width])
     chromium.prefer(browser, scheme)
     browser.get("about:blank")  # another screen is another visit
@@ -102,7 +92,8 @@ def looked_at(
     for view, script in VIEWS.items():
         chromium.run(browser, f"{script}; {DRAWN}")
         picture = browser.get_screenshot_as_png()
-        save(picture, output / f"{view}-{width}-{scheme}.png")
+        file = output / f"{view}-{width}-{scheme}.png"
+        file.write_bytes(picture)
     page_over, chart_over = chromium.run(browser, STANDS_OUT)
     return {
         "width, px": width,
