@@ -179,7 +179,7 @@ def _solver(segments: int, joints: int) -> Program:
     # λ D_up + (1 − λ) D_lo = h, the lower profile being mirrored
     covered = share * d_up - (1 - share) * d_lo
     missed = covered - h
-    displacement_row = missed / (size * ca.fmin(size, speeds))
+    displacement_row = missed / (size**2 * speeds)
     # all together hardly slower than stopping at every waypoint
     total = ca.dot(stop, t)
     spare_time = _LONGEST * ca.sum1(stop) - total

@@ -19,6 +19,8 @@ from trajopt.trajectory import Trajectory
 _CHEAP = 1e-6  # a dilation below 1 + this is as good as none
 _LARGEST_DILATION = 2.0  # what needs more is no answer
 _DILATION_BISECTIONS = 5
+# Of a limit without units: a velocity below it is lost in a solver's absolute tolerances.
+_SLOW = 1e-3
 
 
 def unsupported(problem: Problem) -> str | None:
@@ -39,8 +41,8 @@ class Scaled:
         v: velocity limits, `(2, joints)`, low first.
         a: acceleration limits, `(2, joints)`, low first.
         r: inverse jerk limits, `(2, joints)`, low first, not negative.
-        speed: the higher velocity limit, or 1 where that is more, `(joints,)`: a unit of velocity
-            for a solver with absolute tolerances.
+        speed: a unit of velocity, `(joints,)`, for a solver with absolute tolerances: the higher
+            limit of joints that are slow beside the others, else 1.
         jerky: which joints have a jerk limit, `(joints,)`.
         stop: each segment's time if all joints stop at both its ends, `(segments,)`.
         shortest: each segment's time at the velocity limit, `(segments,)`.
@@ -76,7 +78,8 @@ class Scaled:
         self.a = acceleration / a_unit
         self.v = velocity / v_unit
         self.h = displacements / q_unit
-        self.speed = np.minimum(np.abs(self.v).max(axis=0), 1.0)
+        fastest = np.abs(self.v).max(axis=0)
+        self.speed = np.where(fastest < _SLOW, fastest, 1.0)
         self.jerky = self.r.any(axis=0)
         # T >= h / V2 forwards, T >= h / (-V1) backwards
         slowest, fastest = self.v
