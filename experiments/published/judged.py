@@ -7,10 +7,10 @@ from typing import Any
 
 import pandas as pd
 
-from trajopt.benchmark.best_known.surveyed import survey
+from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
-from trajopt.explain.claims import JudgedClaim, Known, judge
+from trajopt.explain.claims import JudgedClaim, Known, judge, survey
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +41,8 @@ def judged(name: str, time_limit: float) -> Judged:
     """Survey a published problem and judge its claims."""
     published = literature.published(name)
     assert published.problem is not None
-    known = survey(published.problem, published.families, time_limit=time_limit)
+    computed = survey(published.problem, published.families, time_limit=time_limit)
+    known = with_record(computed)
     judgements = [judge(claim, known) for claim in published.claims]
     return Judged(published, known, tuple(judgements))
 

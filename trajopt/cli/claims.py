@@ -6,14 +6,14 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from trajopt.benchmark.best_known.surveyed import survey
+from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.benchmark.figures import style
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
 from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, Json, number
 from trajopt.exceptions import InvalidInput
-from trajopt.explain.claims import MEANINGS, JudgedClaim, Known, Verdict, judge
+from trajopt.explain.claims import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
 
 _ZERO = 5e-5  # a ratio minus 1 that would be shown as 0.00 %
 _PROBLEM = "Published problem, or a problem file with claims; without it, they are listed."
@@ -35,7 +35,8 @@ def claims(
         right = f"a problem that can be stated here, but {published.beyond}"
         raise InvalidInput("problem", right, value=published.name)
     with console.waiting("asking the references"):
-        known = survey(published.problem, published.families, time_limit=time_limit)
+        computed = survey(published.problem, published.families, time_limit=time_limit)
+        known = with_record(computed)
         judgements = [judge(claim, known) for claim in published.claims]
     if json:
         console.print_json(as_dict(published, known, judgements))

@@ -1,8 +1,10 @@
-"""What is known of a problem: what the references find now, or what is recorded and better."""
+"""What is known of a problem: what the references find now, or what is recorded and better.
+
+known = with_record(survey(problem))
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -11,31 +13,12 @@ from trajopt.benchmark.best_known import records, verification
 from trajopt.benchmark.best_known.record import Record
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.exceptions import TrajoptError
-from trajopt.explain import claims
 from trajopt.explain.claims import Known
-from trajopt.problem import Problem
 from trajopt.verification import certified
 
 
-def survey(
-    problem: Problem,
-    families: Iterable[str] = (),
-    *,
-    time_limit: float = 20.0,
-) -> Known:
-    """Ask every reference about a problem, and its record.
-
-    Args:
-        problem: waypoints and limits.
-        families: whose best member is wanted too.
-        time_limit: for the proof of the lower bound, s; what is recorded is checked besides.
-    """
-    known = claims.survey(problem, families, time_limit=time_limit)
-    return with_record(known)
-
-
 def with_record(known: Known, where: Path | None = None) -> Known:
-    """The same with both ends of the record where they are better by more than 1e-6.
+    """What was found now, with both ends of the record where they are better by more than 1e-6.
 
     The recorded motion is verified now, and the recorded bound is what its proof proves now.
 
