@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.exact import interior_point
-from baselines.exact.cells import Cells, Point, Scaled
+from baselines.exact.cells import ROW_AXES, Cells, Point, Rows, Scaled
 from baselines.exact.interior_point import Arrived, Iterate, Start
+from baselines.exact.newton_step import Linear
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -69,15 +70,15 @@ def minimised(
             `(segments - 1, joints)` to start from.
         is_reachable: whether what Newton's method leads to keeps all limits, to rounding.
     """
-    cells = Cells(scaled)
+    cells = Cells(scaled, len(starts))
     optima: list[Passage | None] = [None] * len(starts)
     running = np.arange(len(starts))
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
         iterate = interior_point.begun(cells, starts)
         for arrived in _ATTEMPTS:
-            iterate = interior_point.descended(cells, iterate, arrived)
-            point, ended = _crossed(cells, iterate)
+            iterate = interior_point.descended(iterate, arrived)
+            point, ended = _crossed(iterate)
             for i in np.flatnonzero(ended):
                 passage = _passage(point, i)
                 ended[i] = is_reachable(passage)
@@ -85,20 +86,21 @@ def minimised(
                     optima[running[i]] = passage
             if ended.all():
                 return optima
-            running = running[~ended]
-            iterate = iterate.of(~ended)
-        linear = iterate.state.linear(cells)
-        converged = interior_point.converged(linear, iterate.state)
+            if ended.any():
+                running = running[~ended]
+                cells = Cells(scaled, len(running))
+                iterate = iterate.of(~ended, cells)
+        converged = interior_point.converged(iterate.state)
         for i in np.flatnonzero(converged):
-            optima[running[i]] = _passage(iterate.state.point, i)
+            optima[running[i]] = _passage(iterate.state.rows.point, i)
     return optima
 
 
 def _passage(point: Point, start: np.intp) -> Passage:
-    return Passage(point.log[start], point.ends[start])
+    return Passage(point.log[start], point.ends[:, start])
 
 
-def _crossed(cells: Cells, iterate: Iterate) -> tuple[Point, Bools]:
+def _crossed(iterate: Iterate) -> tuple[Point, Bools]:
     """Where Newton's method leads, and for which starts that is an optimum of the active rows."""
     state = iterate.state
     active = state.multipliers > _KEPT * iterate.before.multipliers
@@ -109,27 +111,27 @@ def _crossed(cells: Cells, iterate: Iterate) -> tuple[Point, Bools]:
     held = _LEAST_WEIGHT / slacks**2
     weights = np.where(active, _STIFFNESS * state.weights, held)
     multipliers = np.where(active, state.multipliers, _LEAST_MULTIPLIER)
-    point = state.point
+    rows = state.rows
     convexity = iterate.convexity
     arrived = np.zeros(len(convexity), dtype=bool)
     for _ in range(_MOST_STEPS):
-        linear = cells.linear(point, multipliers, weights)
-        values = cells.values(point)
-        miss = np.where(active, values, 0.0)
-        largest = np.abs(miss).max(axis=1)
+        linear = Linear(rows, multipliers, weights)
+        miss = np.where(active, rows.values, 0.0)
+        largest = np.abs(miss).max(axis=ROW_AXES)
         met = np.maximum(largest, linear.apart) <= _MISS_TOL
-        level = linear.slope(multipliers) <= interior_point.SLOPE_RTOL * linear.duration
-        pressing = multipliers.min(axis=1) >= 0
+        level = linear.slope(multipliers) <= interior_point.SLOPE_RTOL * rows.duration
+        pressing = multipliers.min(axis=ROW_AXES) >= 0
         # one step more: what the objective hardly feels is known to the root of its tolerance
         ended = met & level & arrived
         if ended.all():
             break
         arrived = met & level
-        bands, convexity = interior_point.factors(linear.matrix(), convexity)
+        bands, convexity = interior_point.factors(linear.matrices(), convexity)
         step, change = linear.step(bands, multipliers - weights * miss)
         # an equation's multiplier makes up for what the step leaves of its miss
         made_up = np.where(active, weights * (miss + change), 0.0)
         multipliers = multipliers - made_up
-        whole = np.ones(len(multipliers))
-        point = cells.clipped(point.moved(step, whole))
-    return point, ended & pressing
+        whole = np.ones(len(convexity))
+        point = rows.cells.clipped(rows.point.moved(step, whole))
+        rows = Rows(rows.cells, point)
+    return rows.point, ended & pressing

@@ -1,8 +1,8 @@
 """The program of `exact.acceleration` by a primal-dual interior-point method made for it.
 
 IPOPT makes such steps with a general sparse solver; here each one eliminates what belongs to a
-segment of a joint alone (`exact.cells`), at a twentieth of the cost. Slacks and multipliers of all
-inequalities, Newton steps to a falling barrier parameter (Nocedal and Wright, Numerical
+segment of a joint alone (`exact.newton_step`), at a twentieth of the cost. Slacks and multipliers
+of all inequalities, Newton steps to a falling barrier parameter (Nocedal and Wright, Numerical
 Optimization, chapter 19), and no line search: end velocities and peaks are clipped to where an
 answer can have them instead. Several starts take their steps together, each at its own barrier and
 length. Where that does not converge it says so.
@@ -11,13 +11,16 @@ length. Where that does not converge it says so.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
-from baselines.exact.cells import Cells, Linear, Point
+from baselines.exact.cells import ROW_AXES, Cells, Rows
+from baselines.exact.newton_step import Linear
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -46,46 +49,44 @@ _LESS_CONVEXITY = 3.0
 _LARGEST_CONVEXITY = 1e12
 
 
-class State(NamedTuple):
-    """A point with what its rows leave, their slacks (one and the same at an answer), multipliers.
+@dataclass(frozen=True, eq=False)
+class State:
+    """A point with its rows' slacks (what they leave, at an answer) and multipliers.
 
-    One number per inequality each, `(starts, rows)`.
+    One number per inequality each, `(2 kinds, 2 sides, starts, segments, joints)`.
     """
 
-    point: Point
-    values: Array
+    rows: Rows
     slacks: Array
     multipliers: Array
 
-    @property
+    @cached_property
     def gap(self) -> Array:
         """What the multipliers leave of the objective, `(starts,)`."""
         products = self.slacks * self.multipliers
-        return np.asarray(products.sum(axis=1))
+        return np.asarray(products.sum(axis=ROW_AXES))
 
-    @property
+    @cached_property
     def miss(self) -> Array:
         """What the slacks miss."""
-        return np.asarray(self.values - self.slacks)
+        return np.asarray(self.rows.values - self.slacks)
 
-    @property
+    @cached_property
     def weights(self) -> Array:
         """What each row's square counts in a Newton step."""
         return np.asarray(self.multipliers / self.slacks)
 
-    def linear(self, cells: Cells) -> Linear:
+    @cached_property
+    def linear(self) -> Linear:
         """The model of a Newton step from here."""
-        return cells.linear(self.point, self.multipliers, self.weights)
+        return Linear(self.rows, self.multipliers, self.weights)
 
-    def of(self, some: Bools) -> State:
-        """The state of some of the starts."""
-        parts = [part[some] for part in self.point]
-        point = Point(*parts)
+    def of(self, some: Bools, cells: Cells) -> State:
+        """The state of some of the starts; `cells` of as many."""
         return State(
-            point,
-            self.values[some],
-            self.slacks[some],
-            self.multipliers[some],
+            Rows(cells, self.rows.point.of(some)),
+            self.slacks[:, :, some],
+            self.multipliers[:, :, some],
         )
 
 
@@ -112,18 +113,18 @@ class Iterate(NamedTuple):
         diverged = ~np.isfinite(self.state.gap)
         return np.asarray(diverged | (self.convexity > _LARGEST_CONVEXITY))
 
-    def of(self, some: Bools) -> Iterate:
-        """Some of the starts."""
+    def of(self, some: Bools, cells: Cells) -> Iterate:
+        """Some of the starts; `cells` of as many."""
         return Iterate(
-            self.state.of(some),
-            self.before.of(some),
+            self.state.of(some, cells),
+            self.before.of(some, cells),
             self.convexity[some],
             self.length[some],
             self.steps,
         )
 
 
-Arrived = Callable[[Linear, State], Bools]
+Arrived = Callable[[State], Bools]
 """Which starts need no more steps, `(starts,)`."""
 
 
@@ -131,22 +132,16 @@ def begun(cells: Cells, starts: Sequence[Start]) -> Iterate:
     """No step yet.
 
     Args:
-        cells: the problem.
+        cells: the problem, for as many starts.
         starts: segment times `(segments,)` and inner waypoint velocities
             `(segments - 1, joints)` to start from.
     """
     times = np.stack([start[0] for start in starts])
     velocities = np.stack([start[1] for start in starts])
     point = cells.start(times, velocities)
-    values = cells.values(point)
-    slacks = np.maximum(values, _START_SLACK)
-    multipliers = _START_BARRIER / slacks
-    state = State(
-        point,
-        values,
-        slacks,
-        multipliers,
-    )
+    rows = Rows(cells, point)
+    slacks = np.maximum(rows.values, _START_SLACK)
+    state = State(rows, slacks, _START_BARRIER / slacks)
     return Iterate(
         state,
         state,
@@ -156,34 +151,29 @@ def begun(cells: Cells, starts: Sequence[Start]) -> Iterate:
     )
 
 
-def descended(
-    cells: Cells,
-    iterate: Iterate,
-    arrived: Arrived,
-) -> Iterate:
+def descended(iterate: Iterate, arrived: Arrived) -> Iterate:
     """Steps until every start has arrived or is lost."""
     while iterate.steps < _MOST_STEPS:
-        linear = iterate.state.linear(cells)
-        if (arrived(linear, iterate.state) | iterate.lost).all():
+        if (arrived(iterate.state) | iterate.lost).all():
             break
-        iterate = _stepped(cells, linear, iterate)
+        iterate = _stepped(iterate)
     return iterate
 
 
-def near(linear: Linear, state: State, gap_rtol: float) -> Bools:
+def near(state: State, gap_rtol: float) -> Bools:
     """Which points' gaps are as small a share of their durations, `(starts,)`."""
-    return np.asarray(state.gap <= gap_rtol * linear.duration)
+    return np.asarray(state.gap <= gap_rtol * state.rows.duration)
 
 
-def converged(linear: Linear, state: State) -> Bools:
+def converged(state: State) -> Bools:
     """Which points are local optima to the tolerances, `(starts,)`."""
-    duration = linear.duration
-    largest = np.abs(state.miss).max(axis=1)
-    closed = near(linear, state, _GAP_RTOL)
-    closed &= np.maximum(largest, linear.apart) <= _MISS_TOL
+    closed = near(state, _GAP_RTOL)
     if not closed.any():
         return closed
-    level = linear.slope(state.multipliers) <= SLOPE_RTOL * duration
+    linear = state.linear
+    largest = np.abs(state.miss).max(axis=ROW_AXES)
+    closed &= np.maximum(largest, linear.apart) <= _MISS_TOL
+    level = linear.slope(state.multipliers) <= SLOPE_RTOL * state.rows.duration
     return np.asarray(closed & level)
 
 
@@ -217,21 +207,23 @@ def _factor(matrix: Array, last: float) -> tuple[Array, float]:
     return factor, last
 
 
-def _stepped(cells: Cells, linear: Linear, iterate: Iterate) -> Iterate:
+def _stepped(iterate: Iterate) -> Iterate:
     """After a Newton step to `slack × multiplier = barrier`."""
     state = iterate.state
+    rows = state.rows
     slacks = state.slacks
     multipliers = state.multipliers
-    miss = state.miss
     weights = state.weights
+    miss = state.miss
+    linear = state.linear
     left = np.maximum(1 - iterate.length, _LEAST_LEFT)
     wanted = left**_FALL_POWER * state.gap
-    least = _LEAST_BARRIER_RTOL * linear.duration
-    barrier = np.maximum(wanted, least) / cells.rows
-    by_start = barrier[:, None]
+    least = _LEAST_BARRIER_RTOL * rows.duration
+    barrier = np.maximum(wanted, least) / rows.cells.rows
+    by_cell = barrier[:, None, None]
 
-    bands, convexity = factors(linear.matrix(), iterate.convexity)
-    aim = by_start / slacks
+    bands, convexity = factors(linear.matrices(), iterate.convexity)
+    aim = by_cell / slacks
     step, change = linear.step(bands, aim - weights * miss)
     slack_step = change + miss
     relaxed = weights * slack_step
@@ -241,25 +233,17 @@ def _stepped(cells: Cells, linear: Linear, iterate: Iterate) -> Iterate:
     shortened = _LONGEST_STEP / np.maximum(farthest, _LONGEST_STEP)
     forwards = np.minimum(shortened, _longest(slacks, slack_step))
     upwards = _longest(multipliers, multiplier_step)
-    moved = state.point.moved(step, forwards)
-    point = cells.clipped(moved)
-    values = cells.values(point)
+    moved = rows.point.moved(step, forwards)
+    rows = Rows(rows.cells, rows.cells.clipped(moved))
     # a row that leaves more than its slack says keeps it
-    slacks = slacks + forwards[:, None] * slack_step
-    slacks = np.maximum(slacks, values)
-    aim = by_start / slacks
-    lowest = aim / _MULTIPLIER_SPREAD
-    highest = aim * _MULTIPLIER_SPREAD
-    multipliers = multipliers + upwards[:, None] * multiplier_step
-    multipliers = np.clip(multipliers, lowest, highest)
-    stepped = State(
-        point,
-        values,
-        slacks,
-        multipliers,
-    )
+    slacks = slacks + forwards[:, None, None] * slack_step
+    slacks = np.maximum(slacks, rows.values)
+    aim = by_cell / slacks
+    multipliers = multipliers + upwards[:, None, None] * multiplier_step
+    multipliers = np.maximum(multipliers, aim / _MULTIPLIER_SPREAD)
+    multipliers = np.minimum(multipliers, aim * _MULTIPLIER_SPREAD)
     return Iterate(
-        stepped,
+        State(rows, slacks, multipliers),
         state,
         convexity,
         length=np.minimum(forwards, upwards),
@@ -269,6 +253,6 @@ def _stepped(cells: Cells, linear: Linear, iterate: Iterate) -> Iterate:
 
 def _longest(values: Array, step: Array) -> Array:
     """How far along a step, at most all of it, no value loses more than its share, `(starts,)`."""
-    losses = -step / values
-    fastest = losses.max(axis=1)
+    gains = step / values
+    fastest = -gains.min(axis=ROW_AXES)
     return np.asarray(_TO_BOUNDARY / np.maximum(fastest, _TO_BOUNDARY))

@@ -9,7 +9,8 @@ import pytest
 
 from baselines.exact import interior_point
 from baselines.exact.acceleration import Exact, Scaled, starting_points
-from baselines.exact.cells import Cells
+from baselines.exact.cells import Cells, Rows
+from baselines.exact.newton_step import Linear
 from trajopt import Limits, Problem, verify
 from trajopt.benchmark.suites import families
 from trajopt.benchmark.suites.catalogue import load
@@ -19,12 +20,10 @@ from trajopt.benchmark.suites.random import random_problem
 def duration(problem: Problem) -> float:
     """The optimum from the first start, s."""
     scaled = Scaled(problem)
-    iterate = interior_point.begun(Cells(scaled), list(starting_points(scaled, 1)))
-    arrived = interior_point.converged
-    iterate = interior_point.descended(Cells(scaled), iterate, arrived)
-    assert arrived(iterate.state.linear(Cells(scaled)), iterate.state)
-    times = scaled.stop * np.exp(iterate.state.point.log)
-    return scaled.unit * float(times.sum())
+    iterate = interior_point.begun(Cells(scaled, starts=1), list(starting_points(scaled, 1)))
+    iterate = interior_point.descended(iterate, interior_point.converged)
+    assert interior_point.converged(iterate.state)
+    return scaled.unit * float(iterate.state.rows.times.sum())
 
 
 def by_ipopt(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> float:
@@ -84,17 +83,17 @@ def test_a_step_changes_rows_as_differences_say(segments: int, joints: int) -> N
     path = np.cumsum(rng.uniform(-1, 1, (segments + 1, joints)), axis=0)
     sides = rng.uniform(0.5, 2.0, (2, joints, 2)) * [-1, 1]
     scaled = Scaled(Problem(path, Limits(*sides)))
-    cells = Cells(scaled)
+    cells = Cells(scaled, starts=2)
     ((times, velocities),) = starting_points(scaled, 1)
     velocities = velocities + rng.uniform(-0.1, 0.1, (2, *velocities.shape))
     point = cells.start(np.stack([times, 0.9 * times]), velocities)
-    multipliers = rng.uniform(0.1, 1.0, (2, cells.rows))
-    linear = cells.linear(point, multipliers, multipliers)
-    factors, _ = interior_point.factors(linear.matrix(), np.zeros(2))
+    multipliers = rng.uniform(0.1, 1.0, (2, 2, *cells.every))
+    linear = Linear(Rows(cells, point), multipliers, multipliers)
+    factors, _ = interior_point.factors(linear.matrices(), np.zeros(2))
     step, change = linear.step(factors, multipliers)
     small = np.full(2, 1e-6)
-    ahead = cells.values(point.moved(step, small))
-    behind = cells.values(point.moved(step, -small))
+    ahead = Rows(cells, point.moved(step, small)).values
+    behind = Rows(cells, point.moved(step, -small)).values
     differences = (ahead - behind) / 2e-6
     np.testing.assert_allclose(change, differences, atol=1e-6 * np.abs(change).max())
 
