@@ -175,22 +175,50 @@ def extremes(
     u, a = start
     w, b = end
     upper_side, lower_side = sides
-    upper_end = (w, -b)
-    upper = highest(
-        start,
-        upper_end,
-        t,
-        upper_side,
+    # the upper one and the mirrored lower one in one go, on an axis of their own
+    shape = np.broadcast_shapes(
+        np.shape(u),
+        upper_side.velocity.shape,
     )
-    lower_start = (-u, -a)
-    lower_end = (-w, b)
-    lower = highest(
-        lower_start,
-        lower_end,
-        t,
-        lower_side,
+    starts = (
+        _pair(u, -u, shape),
+        _pair(a, -a, shape),
     )
-    return Extremes(upper, lower)
+    ends = (
+        _pair(w, -w, shape),
+        _pair(-b, b, shape),
+    )
+    limits = []
+    for upper_limit, lower_limit in zip(upper_side, lower_side, strict=True):
+        pair = _pair(
+            upper_limit,
+            lower_limit,
+            shape,
+        )
+        limits.append(pair)
+    both = highest(
+        starts,
+        ends,
+        t,
+        Limit(*limits),
+    )
+    upper = []
+    lower = []
+    for one, other in both:
+        upper.append(one)
+        lower.append(other)
+    return Extremes(
+        Profile(*upper),
+        Profile(*lower),
+    )
+
+
+def _pair(one: Array, other: Array, shape: tuple[int, ...]) -> Array:
+    """Both on a first axis, each broadcast to this shape."""
+    pair = np.empty((2, *shape))
+    pair[0] = one
+    pair[1] = other
+    return pair
 
 
 def highest(
@@ -207,11 +235,11 @@ def highest(
     low = np.full(family.shape, -1.0)
     high = np.full(family.shape, 1.0)
     # the highest candidate of all, where it leaves time
-    fits = family.at(high).slack >= 0
+    fits = family.slack(high) >= 0
     low = np.where(fits, high, low)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        fits = family.at(middle).slack >= 0
+        fits = family.slack(middle) >= 0
         low = np.where(fits, middle, low)
         high = np.where(fits, high, middle)
     profile = family.at(low)
@@ -227,7 +255,7 @@ class _Family:
 
     From 0 to 1 the peak grows, from the lowest one to the limit. From −1 to 0 it is the
     acceleration that stays below 0 which grows, from `deep` to `shallow`: the fall's if that is
-    `late`, else the rise's.
+    `late`, else the rise's. Arrays of both, of the rise and of the fall, have them on a first axis.
     """
 
     def __init__(
@@ -237,28 +265,40 @@ class _Family:
         t: Array,
         limit: Limit,
     ) -> None:
-        self.start = start
-        self.end = end
         self.t = t
-        self.limit = limit
+        self.up = limit.up
+        self.down = limit.down
         u, a = start
         w, b = end
+        shape = np.broadcast_shapes(
+            np.shape(u),
+            limit.velocity.shape,
+        )
+        velocity = _pair(u, w, shape)
+        acceleration = _pair(a, b, shape)
+        steepest = _pair(
+            limit.rise,
+            limit.fall,
+            shape,
+        )
         r2 = limit.up
         c = r2 + limit.down
         # u − r2 a²/2: the peak of a rise that aims at acceleration 0
-        rise_base = u - a**2 * r2 / 2
-        fall_base = w - b**2 * r2 / 2
+        lifted = acceleration**2 * r2 / 2
+        bases = velocity - lifted
+        rise_base, fall_base = bases
         late = fall_base > rise_base
-        base = np.maximum(rise_base, fall_base)
+        base = bases.max(axis=0)
         # and (r1 + r2) a²/2 more: the lowest peak of a rise that starts with acceleration a > 0
-        rise_gain = c * np.maximum(a, 0) ** 2 / 2
-        fall_gain = c * np.maximum(b, 0) ** 2 / 2
-        lowest_rise = rise_base + rise_gain
-        lowest_fall = fall_base + fall_gain
-        lowest_peak = np.maximum(lowest_rise, lowest_fall)
+        upwards = np.maximum(acceleration, 0)
+        gains = c * upwards**2 / 2
+        lowest = bases + gains
+        lowest_peak = lowest.max(axis=0)
 
+        self.velocity = velocity
+        self.acceleration = acceleration
+        self.steepest = steepest
         self.c = c
-        self.late = late
         self.base = base
         self.lowest_peak = lowest_peak
         self.shape = lowest_peak.shape
@@ -269,63 +309,51 @@ class _Family:
         above_base = 2 * (lowest_peak - base)
         fallen = np.sqrt(above_base / finite_c)
         self.shallow = np.maximum(-fallen, self.deep)
+        self.depth = self.deep - self.shallow
         # above 0: up to the velocity limit, or as far as time allows
-        steepest = np.where(late, limit.fall, limit.rise)
+        quickest = np.where(late, limit.fall, limit.rise)
         spare = limit.velocity - lowest_peak
-        self.span = np.clip(spare, 0.0, steepest * t)
+        self.span = np.clip(spare, 0.0, quickest * t)
         self.top = np.maximum(limit.velocity, lowest_peak)  # lowest + span, but for rounding
+
+        # what every candidate needs: r2 a²/2, (r1 + r2) A²/2 of the steepest, who stays below 0
+        self.lifted = lifted
+        self.ramped = steepest**2 * c / 2
+        self.some_c = np.maximum(c, _TINY)
+        self.jerky = c > 0
+        staying = np.stack([~late, late])
+        self.may_stay_below = staying & self.jerky
+
+    def slack(self, z: Array) -> Array:
+        """The time that candidate `z` leaves of `t`; negative where it takes longer."""
+        _, rises, holds = self._ascents(z)
+        # r2 (A − a) + d + r1 A
+        first = (rises - self.acceleration) * self.up
+        last = rises * self.down
+        before, after = first + holds + last
+        return np.asarray(self.t - before - after)
 
     def at(self, z: Array) -> Profile:
         """The candidate `z`; its slack is negative where it takes longer than `t`."""
-        up = self.limit.up
-        down = self.limit.down
-        negative = np.minimum(z, 0.0)
-        positive = np.maximum(z, 0.0)
-        depth = self.deep - self.shallow
-        below = self.shallow - negative * depth
-        raised = self.lowest_peak + positive * self.span
-        raised = np.minimum(raised, self.top)
-        # p = u − r2 a²/2 + (r1 + r2) A²/2
-        from_below = self.base + self.c * below**2 / 2
-        peak = np.where(z < 0, from_below, raised)
-        apart = (self.c > 0) & (z < 0)
-        rise, rise_hold = self._ascent(
-            self.start,
-            peak,
-            self.limit.rise,
-            apart & ~self.late,
-            below,
+        peak, rises, holds = self._ascents(z)
+        _, times, displacements = risen(
+            self.velocity,
+            self.acceleration,
+            rises,
+            holds,
+            self.up,
+            self.down,
         )
-        fall, fall_hold = self._ascent(
-            self.end,
-            peak,
-            self.limit.fall,
-            apart & self.late,
-            below,
-        )
-        u, a = self.start
-        w, b = self.end
-        _, before, ascended = risen(
-            u,
-            a,
-            rise,
-            rise_hold,
-            up,
-            down,
-        )
-        _, after, descended = risen(
-            w,
-            b,
-            fall,
-            fall_hold,
-            up,
-            down,
-        )
+        before, after = times
+        ascended, descended = displacements
         slack = self.t - before - after
         cruise = np.maximum(slack, 0.0)
         # a rise to an acceleration below 0 returns in negative time: much may cancel
-        times = self.t + np.abs(before) + np.abs(after)
-        speeds = np.abs(u) + np.abs(w) + np.abs(peak)
+        all_times = self.t + np.abs(before) + np.abs(after)
+        u, w = np.abs(self.velocity)
+        speeds = u + w + np.abs(peak)
+        rise, fall = rises
+        rise_hold, fall_hold = holds
         return Profile(
             rise=rise,
             fall=fall,
@@ -335,34 +363,37 @@ class _Family:
             peak=peak,
             displacement=ascended + cruise * peak + descended,
             slack=slack,
-            displacement_rounding=_ROUNDING_RTOL * times * speeds,
-            slack_rounding=_ROUNDING_RTOL * times,
+            displacement_rounding=_ROUNDING_RTOL * all_times * speeds,
+            slack_rounding=_ROUNDING_RTOL * all_times,
         )
 
-    def _ascent(
-        self,
-        state: State,
-        peak: Array,
-        steepest: Array,
-        apart: Bools,
-        below: Array,
-    ) -> State:
-        """Acceleration and hold of the quickest rise to `peak`; of one `apart` from 0, `below`."""
-        u, a = state
-        c = self.c
+    def _ascents(self, z: Array) -> tuple[Array, Array, Array]:
+        """The peak of candidate `z`; accelerations and holds of the quickest rise and fall to it.
+
+        Those of a rise that stays below 0 are given by `z`, without a hold.
+        """
+        is_below = z < 0
+        negative = np.minimum(z, 0.0)
+        positive = np.maximum(z, 0.0)
+        below = self.shallow - negative * self.depth
+        raised = self.lowest_peak + positive * self.span
+        raised = np.minimum(raised, self.top)
+        # p = u − r2 a²/2 + (r1 + r2) A²/2
+        from_below = self.base + self.c * below**2 / 2
+        peak = np.where(is_below, from_below, raised)
         # p − u + r2 a²/2 = (r1 + r2) A²/2 + A d
-        lifted = a**2 * self.limit.up / 2
-        gap = np.maximum(peak - u + lifted, 0.0)
+        gaps = np.maximum(peak - self.velocity + self.lifted, 0.0)
         # without a hold: A = sqrt(2 gap / (r1 + r2))
-        without_hold = np.sqrt(2 * gap / np.maximum(c, _TINY))
-        full = np.where(c > 0, without_hold, np.inf)
+        without_hold = np.sqrt(2 * gaps / self.some_c)
+        full = np.where(self.jerky, without_hold, np.inf)
         # with one, at the limit: d = (gap − (r1 + r2) A²/2) / A
-        ramped = steepest**2 * c / 2
-        needed = (gap - ramped) / steepest
-        hold = np.where(full > steepest, needed, 0.0)
-        through_zero = np.minimum(full, steepest)
-        rise = np.where(apart, below, through_zero)
-        return rise, np.where(apart, 0.0, hold)
+        needed = (gaps - self.ramped) / self.steepest
+        holds = np.where(full > self.steepest, needed, 0.0)
+        through_zero = np.minimum(full, self.steepest)
+        stays_below = self.may_stay_below & is_below
+        rises = np.where(stays_below, below, through_zero)
+        holds = np.where(stays_below, 0.0, holds)
+        return peak, rises, holds
 
 
 def risen(
@@ -439,7 +470,12 @@ def combined(
     if both.narrow(start, end, np.array(t), h):
         # q(t) = u t + a t²/2 + j t³/6
         jerk = (b - a) / t
-        cubic = [jerk / 6, a / 2, u, 0.0]
+        cubic = [
+            jerk / 6,
+            a / 2,
+            u,
+            0.0,
+        ]
         return np.array([0.0, t]), np.array(cubic)[:, None]
     upper_side, lower_side = sides
     mirrored = (-u, -a)
@@ -536,7 +572,11 @@ def _phases(
     jerks = np.array([rising, 0.0, falling, 0.0, falling, 0.0, rising])
     changes = np.diff(levels)[::2]
     ramps = np.abs(changes) * [up, down, down, up]
-    holds = [profile.rise_hold, profile.cruise, profile.fall_hold]
+    holds = [
+        profile.rise_hold,
+        profile.cruise,
+        profile.fall_hold,
+    ]
     lengths = np.zeros(7)
     lengths[::2] = ramps
     lengths[1::2] = holds
@@ -548,7 +588,12 @@ def _phases(
     mean = velocity + lengths * (2 * first + last) / 6
     position = accumulated(0.0, lengths * mean)
     starts = accumulated(0.0, lengths)
-    rows = [jerks / 6, first / 2, velocity, position]
+    rows = [
+        jerks / 6,
+        first / 2,
+        velocity,
+        position,
+    ]
     return starts, np.stack(rows)
 
 

@@ -311,12 +311,14 @@ def _reachable(
     velocity, acceleration = states
     v1, v2 = scaled.v * k
     a1, a2 = scaled.a * k**2
-    both = scaled.extremes(times, states, k)
     conditions = [
         v1 <= velocity,
         velocity <= v2,
         a1 <= acceleration,
         acceleration <= a2,
-        both.reach(scaled.h, scaled.sides(k)),
     ]
-    return all(bool(condition.all()) for condition in conditions)
+    if not all(bool(condition.all()) for condition in conditions):
+        return False
+    both = scaled.extremes(times, states, k)
+    reached = both.reach(scaled.h, scaled.sides(k))
+    return bool(reached.all())
