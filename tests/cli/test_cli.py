@@ -444,7 +444,7 @@ def test_compare_stores_everything_and_draws(compared):
     with h5py.File(folder / "results.h5") as file:
         assert len(file["trials/id"]) == len(list((folder / "trials").iterdir())) == 10
     suffixes = {p.suffix for p in (folder / "figures").glob("*/*")}
-    assert suffixes == {".png", ".svg"}
+    assert suffixes == {".png"}
 
 
 def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
@@ -716,12 +716,14 @@ def test_a_mailed_results_file_alone_is_reported_and_exported(compared, trajopt,
     assert trajopt("report", mailed)[0] == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Every number is a\n    link to the trials" in page
-    for to, name in (("csv", "trials.csv"), ("latex", "summary.tex"), ("pdf", "pdf")):
+    exports = {"csv": "trials.csv", "latex": "summary.tex", "svg": "svg", "pdf": "pdf"}
+    for to, name in exports.items():
         code, out, _ = trajopt("export", mailed, "--to", to)
         assert (code, name in out) == (0, True)
         assert (tmp_path / name).exists()
     assert len(pd.read_csv(tmp_path / "trials.csv")) == len(Results(mailed).items)
     assert (tmp_path / "pdf" / "one-joint" / "durations.pdf").read_bytes().startswith(b"%PDF-")
+    assert b"<svg" in (tmp_path / "svg" / "one-joint" / "durations.svg").read_bytes()
 
 
 def test_report_of_nothing_exits_2(trajopt, tmp_path):

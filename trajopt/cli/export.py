@@ -18,6 +18,7 @@ _NAMES = {
     "parquet": "trials.parquet",
     "ioh": "ioh",
     "latex": "summary.tex",
+    "svg": "svg",
     "pdf": "pdf",
 }
 
@@ -29,22 +30,22 @@ def export(
     ],
     *,
     to: Annotated[
-        Literal["csv", "parquet", "ioh", "latex", "pdf"],
+        Literal["csv", "parquet", "ioh", "latex", "svg", "pdf"],
         Parameter(
             help="Trials as CSV or Parquet, convergence histories for IOHanalyzer, "
-            "the summary as a LaTeX table, or the figures as PDF."
+            "the summary as a LaTeX table, or the figures as SVG or PDF."
         ),
     ],
     out: Annotated[
         Path | None,
-        Parameter(help="File; for pdf a folder, for ioh a new one."),
+        Parameter(help="File; for svg and pdf a folder, for ioh a new one."),
     ] = None,
 ) -> int:
     """Write the trials of a folder for other tools."""
     results = Results(folder)
     path = out or beside(folder, _NAMES[to])
-    if to == "pdf":
-        draw.write_pdf(results.items, path)
+    if to == "svg" or to == "pdf":
+        draw.write(results.items, path, to)
     else:
         all_trials.write(results, to, path)
     trials = len(results.items)

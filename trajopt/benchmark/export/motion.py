@@ -143,11 +143,7 @@ def _draw(path: Path, trial: Trial) -> None:
     title = f"{trial.label} on {trial.problem.name}"
     figure = motions.motion(trial.problem, _certified(trial), title=title)
     with TemporaryDirectory() as folder:
-        if path.suffix == ".pdf":
-            drawn = Path(folder) / "motion.pdf"
-            plots.save_pdf(figure, drawn)
-        else:
-            drawn, _ = plots.save(figure, Path(folder) / "motion")
+        drawn = plots.write(figure, Path(folder) / f"motion{path.suffix}")
         content = drawn.read_bytes()
     atomic.write(path, lambda file: file.write_bytes(content))
 

@@ -16,7 +16,7 @@ from trajopt.benchmark.analysis.searches import histories, searches
 from trajopt.benchmark.analysis.summary import Summary
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.figures import sampling
-from trajopt.benchmark.figures.drawing import Drawing, draw_all
+from trajopt.benchmark.figures.drawing import Drawing, VectorKind, draw_all
 from trajopt.benchmark.figures.style import headline
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import Trial
@@ -33,7 +33,7 @@ NAME_LENGTH = 80  # characters of a file's name
 
 
 def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> list[Path]:
-    """Draw every problem of the trials into `folder/<problem>/`, as PNG and SVG.
+    """Draw every problem of the trials into `folder/<problem>/`, as PNG.
 
     `durations`; `motion-<label>` of every planner with a certified trajectory, of several runs the
     median one; `convergence` where planners keep a history; `gaps` where any ran more than once.
@@ -52,15 +52,15 @@ def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> lis
     return draw_all(_drawings(trials, folder), pool)
 
 
-def write_pdf(trials: Sequence[Trial], folder: Path) -> None:
-    """Write the figures that `draw` makes into `folder/<problem>/`, as PDF for a paper.
+def write(trials: Sequence[Trial], folder: Path, kind: VectorKind) -> None:
+    """Write the figures that `draw` makes into `folder/<problem>/`, as SVG or PDF for a paper.
 
     Raises:
         StoreError: where the disk refuses.
     """
     try:
         for drawing in _drawings(trials, folder):
-            drawing.write_pdf()
+            drawing.write(kind)
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror}") from error
 

@@ -1,4 +1,4 @@
-"""One figure to be drawn: what it shows, its files, and whether they show it already."""
+"""One figure to be drawn: what it shows, its file, and whether that shows it already."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hashlib import sha256
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from trajopt.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+VectorKind = Literal["svg", "pdf"]
 
 HEAD = 4096  # bytes of a file within which its metadata ends
 WORTH_A_PROCESS = 4  # figures: fewer are drawn sooner than a process starts
@@ -35,19 +37,16 @@ class NotDrawn(UserWarning):
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A function of `plots` by name, its arguments, and the files' path without a suffix."""
+    """A function of `plots` by name, its arguments, and the file's path without a suffix."""
 
     figure: str
     arguments: Mapping[str, Any]
     stem: Path
 
     @property
-    def files(self) -> list[Path]:
-        name = self.stem.name
-        return [
-            self.stem.with_name(f"{name}.png"),
-            self.stem.with_name(f"{name}.svg"),
-        ]
+    def file(self) -> Path:
+        """The PNG: what is drawn where nobody asks for another kind."""
+        return self._with("png")
 
     @cached_property
     def digest(self) -> str:
@@ -59,23 +58,25 @@ class Drawing:
 
     @property
     def current(self) -> bool:
-        """Whether both files are there and carry this digest."""
-        return all(self.digest.encode() in _head(file) for file in self.files)
+        """Whether the file is there and carries this digest."""
+        return self.digest.encode() in _head(self.file)
 
     def draw(self) -> None:
-        """Make the files."""
+        """Make the file."""
+        self._write(self.file, self.digest)
+
+    def write(self, kind: VectorKind) -> None:
+        """Make the same figure as vectors, beside where its file is."""
+        self._write(self._with(kind))
+
+    def _with(self, suffix: str) -> Path:
+        return self.stem.with_name(f"{self.stem.name}.{suffix}")
+
+    def _write(self, file: Path, digest: str = "") -> None:
         from trajopt.benchmark.figures import plots  # Matplotlib: not where nothing is drawn
 
-        self.stem.parent.mkdir(parents=True, exist_ok=True)
-        plots.save(self._figure(), self.stem, self.digest)
-
-    def write_pdf(self) -> None:
-        """Make the same figure as a PDF, beside where its files are."""
-        from trajopt.benchmark.figures import plots
-
-        self.stem.parent.mkdir(parents=True, exist_ok=True)
-        file = self.stem.with_name(f"{self.stem.name}.pdf")
-        plots.save_pdf(self._figure(), file)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        plots.write(self._figure(), file, digest)
 
     def _figure(self) -> Figure:
         from trajopt.benchmark.figures import motions, plots
@@ -91,7 +92,7 @@ class Drawing:
 
 
 def draw_all(drawings: Sequence[Drawing], pool: Pool | None = None) -> list[Path]:
-    """Draw those whose files do not show them yet.
+    """Draw those whose file does not show them yet.
 
     In the pool's processes, if they run already or there is enough to draw for starting them. What
     one of them fails at is tried again in this process.
@@ -115,7 +116,7 @@ def draw_all(drawings: Sequence[Drawing], pool: Pool | None = None) -> list[Path
         except Exception as error:
             reasons[drawing.stem] = str(error) or type(error).__name__
     made = [drawing for drawing in drawings if drawing.stem not in reasons]
-    files = [file for drawing in made for file in drawing.files]
+    files = [drawing.file for drawing in made]
     if reasons:
         raise NotDrawn(reasons, files)
     return files

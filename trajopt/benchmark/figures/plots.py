@@ -63,34 +63,34 @@ styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings are lef
 
 
 @styled
-def save(figure: Figure, stem: Path, digest: str = "") -> list[Path]:
-    """Write `stem.png` and `stem.svg`; the same figure gives the same bytes.
+def write(figure: Figure, file: Path, digest: str = "") -> Path:
+    """Write a figure, its text as text but in a PNG; the same figure gives the same bytes.
 
     Args:
-        figure: laid out once, for both files.
-        stem: the path without a suffix.
-        digest: of what the figure shows; both files carry it in their metadata.
+        figure: laid out once, for whatever files are written of it.
+        file: its suffix, `.png`, `.svg` or `.pdf`, says what it is.
+        digest: of what the figure shows; a PNG or SVG carries it in its metadata.
 
     Returns:
-        The two files, PNG first.
+        The file.
     """
-    png = stem.with_name(f"{stem.name}.png")
-    svg = stem.with_name(f"{stem.name}.svg")
     said = {"Description": digest} if digest else {}
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         _lay_out(figure)
-        _write_png(figure, png, said)
-        _write(figure, svg, metadata={"Date": None} | said)
-    return [png, svg]
+        if file.suffix == ".png":
+            _write_png(figure, file, said)
+        elif file.suffix == ".svg":
+            _write_vector(figure, file, {"Date": None, **said})
+        else:
+            _write_vector(figure, file, {"CreationDate": None})
+    return file
 
 
-@styled
-def save_pdf(figure: Figure, file: Path) -> None:
-    """Write a figure as PDF, its text as text; the same figure gives the same bytes."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        _write(figure, file, metadata={"CreationDate": None})
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write `stem.png` and `stem.svg`, which are returned."""
+    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
+    return [write(figure, file) for file in files]
 
 
 def _lay_out(figure: Figure) -> None:
@@ -124,10 +124,10 @@ def _write_png(figure: Figure, file: Path, said: Mapping[str, str]) -> None:
     file.write_bytes(content.getvalue())
 
 
-def _write(figure: Figure, file: Path, **options: Any) -> None:
+def _write_vector(figure: Figure, file: Path, metadata: Mapping[str, str | None]) -> None:
     """Write all of it at once, so that a figure that cannot be drawn leaves the old one."""
     content = BytesIO()
-    figure.savefig(content, format=file.suffix.removeprefix("."), **options)
+    figure.savefig(content, format=file.suffix.removeprefix("."), metadata=metadata)
     file.write_bytes(content.getvalue())
 
 
