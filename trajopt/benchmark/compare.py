@@ -13,7 +13,7 @@ down is a recorded trial, and the run goes on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from datetime import datetime
@@ -131,10 +131,13 @@ def run(
     memory: float | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
     executor: Executor | None = None,
+    spare: Callable[[Sequence[Trial]], None] = lambda _: None,
 ) -> Comparison:
     """`compare`, which says what the arguments are, without its tables: pandas takes long.
 
-    The pool's processes run the trials, and stay for what comes after them.
+    The pool's processes run the trials, and stay for what comes after them. While some of them have
+    nothing to do since only the last tasks still run, `spare` is called with the trials that this
+    run has made of the other planners.
     """
     refuse_in_starting_worker()
     store = Store(Path(folder))
@@ -149,17 +152,28 @@ def run(
     finished = len(done)
     progress(Progress(len(asked), finished, len(done)))
     seen = Seen()
+    unfinished = {id(task): task for task in waiting}
     for task in _run(waiting, store, allowed, pool, executor):
         finished += len(task.seeds)
         progress(Progress(len(asked), finished, len(done)))
         for trial_id in task.ids.values():
             seen.read(store, trial_id)
+        del unfinished[id(task)]
+        if 0 < len(unfinished) < side_by_side:
+            spare(_settled(seen, unfinished.values()))
     trials = None if waiting else store.current(asked)
     if trials is None:
         trials = _consolidated(store, asked, seen)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Comparison(trials, kept)
+
+
+def _settled(seen: Seen, unfinished: Iterable[Task]) -> list[Trial]:
+    """Trials of planners that have finished on their problem."""
+    running = {(task.problem.digest(), task.configuration.label) for task in unfinished}
+    trials = seen.trials.values()
+    return [t for t in trials if (t.problem.digest(), t.label) not in running]
 
 
 def _consolidated(store: Store, asked: set[str], seen: Seen) -> list[Trial]:

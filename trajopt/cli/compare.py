@@ -18,6 +18,7 @@ from trajopt.benchmark.analysis.summary import Line, Summary
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.compare import Comparison
 from trajopt.benchmark.figures import drawn
+from trajopt.benchmark.figures.drawing import Begun
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue
@@ -107,7 +108,14 @@ def compare(
     folder = output.resolve()
     _leave_deleted_folder(folder)
     elsewhere = cluster.executor(dask) if dask else nullcontext()
+    few = len(loaded) <= MANY
+    begun: dict[Path, Begun] = {}
     with Pool(processes) as pool:
+
+        def spare(trials: Sequence[Trial]) -> None:
+            if few:
+                drawn.begin(trials, folder / "figures", pool, begun)
+
         with console.trials() as advance, elsewhere as executor:
             ran = benchmark.run(
                 loaded,
@@ -120,15 +128,17 @@ def compare(
                 memory=memory,
                 progress=advance,
                 executor=executor,
+                spare=spare,
             )
-        if len(loaded) <= MANY:
-            figures = _draw(ran, folder, pool)
+        if few:
+            with console.waiting("drawing the figures"):
+                figures = drawn.draw(ran.trials, folder / "figures", pool, begun)
     if ran.kept:
         console.line(str(ran.kept))
         console.paragraph()
     summary = Summary(ran.trials)
     trials = f"{len(ran.trials)} trials"
-    if len(loaded) > MANY:
+    if not few:
         page = _show_many(ran, output)
         made = [f"stored:  {output / 'results.h5'} ({trials})", f"report:  {page} ({trials})"]
     else:
@@ -241,12 +251,6 @@ def _better_than_recorded(summary: Summary, folder: Path) -> Iterator[str]:
 
 
 # --- a table per problem ---
-
-
-def _draw(ran: Comparison, folder: Path, pool: Pool) -> list[Path]:
-    """Every problem's figures, whose paths are returned."""
-    with console.waiting("drawing the figures"):
-        return drawn.draw(ran.trials, folder / "figures", pool)
 
 
 def _show_each(summary: Summary) -> None:

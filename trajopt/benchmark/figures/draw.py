@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,13 @@ from trajopt.benchmark.analysis.searches import histories, searches
 from trajopt.benchmark.analysis.summary import Summary
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.figures import sampling
-from trajopt.benchmark.figures.drawing import Drawing, VectorKind, draw_all
+from trajopt.benchmark.figures.drawing import Begun, Drawing, VectorKind, draw_all
 from trajopt.benchmark.figures.style import headline
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 from trajopt.explain.decomposition import Explanation
-from trajopt.explain.references import REFERENCES
+from trajopt.explain.references import REFERENCES, references
 from trajopt.judgement import Judgement
 from trajopt.problem import LimitName
 from trajopt.trajectory import Trajectory
@@ -32,7 +32,12 @@ Array = NDArray[np.float64]
 NAME_LENGTH = 80  # characters of a file's name
 
 
-def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> list[Path]:
+def draw(
+    trials: Sequence[Trial],
+    folder: Path,
+    pool: Pool | None = None,
+    begun: Mapping[Path, Begun] | None = None,
+) -> list[Path]:
     """Draw every problem of the trials into `folder/<problem>/`, as PNG.
 
     `durations`; `motion-<label>` of every planner with a certified trajectory, of several runs the
@@ -42,6 +47,7 @@ def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> lis
         trials: of one comparison.
         folder: where the problems' folders are, or will be.
         pool: whose processes may help.
+        begun: what they draw already (`ahead`), by its file.
 
     Returns:
         The files, also of figures that were there already and show the same.
@@ -49,7 +55,16 @@ def draw(trials: Sequence[Trial], folder: Path, pool: Pool | None = None) -> lis
     Raises:
         NotDrawn: some cannot be drawn; the others are by then.
     """
-    return draw_all(_drawings(trials, folder), pool)
+    return draw_all(_drawings(trials, folder), pool, begun)
+
+
+def ahead(trials: Sequence[Trial], folder: Path) -> list[Drawing]:
+    """Motions that can be drawn while other planners still run: only references change them."""
+    drawings = []
+    for own, name in _problems(trials):
+        if set(references(own[0].problem)) <= {trial.planner for trial in own}:
+            drawings += _motions(own, folder / name)
+    return drawings
 
 
 def write(trials: Sequence[Trial], folder: Path, kind: VectorKind) -> None:
@@ -67,15 +82,20 @@ def write(trials: Sequence[Trial], folder: Path, kind: VectorKind) -> None:
 
 def _drawings(trials: Sequence[Trial], folder: Path) -> list[Drawing]:
     """The figures of every problem."""
+    drawings: list[Drawing] = []
+    for own, name in _problems(trials):
+        drawings += _of_problem(own, folder / name)
+    return drawings
+
+
+def _problems(trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], str]]:
+    """The trials of every problem, and its folder's name."""
     problems: dict[tuple[str, str], list[Trial]] = {}
     for trial in trials:
         key = trial.problem.name, trial.problem.digest()
         problems.setdefault(key, []).append(trial)
     names = distinct_names(list(problems))
-    drawings: list[Drawing] = []
-    for own, name in zip(problems.values(), names, strict=True):
-        drawings += _of_problem(own, folder / name)
-    return drawings
+    yield from zip(problems.values(), names, strict=True)
 
 
 def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:

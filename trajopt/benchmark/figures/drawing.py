@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, cached_property
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -91,11 +92,38 @@ class Drawing:
         return function(**self.arguments)
 
 
-def draw_all(drawings: Sequence[Drawing], pool: Pool | None = None) -> list[Path]:
+class Begun(NamedTuple):
+    """A drawing that is being drawn: its digest, and what ends when it is."""
+
+    digest: str
+    job: Future[None]
+
+
+def begin(drawings: Sequence[Drawing], pool: Pool, begun: dict[Path, Begun]) -> None:
+    """Let the pool's processes draw what is stale and not `begun` yet, without waiting for it.
+
+    Where later trials change a figure, `draw_all` draws it again.
+    """
+    for drawing in drawings:
+        if drawing.file not in begun and not drawing.current:
+            job = pool.submit(drawing.draw)
+            begun[drawing.file] = Begun(drawing.digest, job)
+
+
+def draw_all(
+    drawings: Sequence[Drawing],
+    pool: Pool | None = None,
+    begun: Mapping[Path, Begun] | None = None,
+) -> list[Path]:
     """Draw those whose file does not show them yet.
 
     In the pool's processes, if they run already or there is enough to draw for starting them. What
     one of them fails at is tried again in this process.
+
+    Args:
+        drawings: all of them.
+        pool: whose processes may help.
+        begun: what they draw already, by its file.
 
     Returns:
         The files of all.
@@ -103,12 +131,14 @@ def draw_all(drawings: Sequence[Drawing], pool: Pool | None = None) -> list[Path
     Raises:
         NotDrawn: once the others are drawn.
     """
-    stale = [drawing for drawing in drawings if not drawing.current]
+    jobs = _still_right(begun or {}, drawings)
+    stale = [d for d in drawings if d.file in jobs or not d.current]
     enough = len(stale) >= WORTH_A_PROCESS
     if pool is not None and (enough or pool.is_running):
-        jobs = [pool.submit(drawing.draw) for drawing in stale]
-        ends = zip(stale, jobs, strict=True)
-        stale = [drawing for drawing, job in ends if job.exception() is not None]
+        for drawing in stale:
+            if drawing.file not in jobs:
+                jobs[drawing.file] = pool.submit(drawing.draw)
+        stale = [drawing for drawing in stale if jobs[drawing.file].exception() is not None]
     reasons = {}
     for drawing in stale:
         try:
@@ -120,6 +150,23 @@ def draw_all(drawings: Sequence[Drawing], pool: Pool | None = None) -> list[Path
     if reasons:
         raise NotDrawn(reasons, files)
     return files
+
+
+def _still_right(
+    begun: Mapping[Path, Begun],
+    drawings: Sequence[Drawing],
+) -> dict[Path, Future[None]]:
+    """What was begun and is still to be shown; the rest ends first, and leaves no other file."""
+    digests = {drawing.file: drawing.digest for drawing in drawings}
+    right = {}
+    for file, (digest, job) in begun.items():
+        if digests.get(file) == digest:
+            right[file] = job
+            continue
+        wait([job])
+        if file not in digests:
+            file.unlink(missing_ok=True)
+    return right
 
 
 def _head(file: Path) -> bytes:
