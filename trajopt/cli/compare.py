@@ -95,27 +95,29 @@ def compare(
         right = "at least one problem file or built-in name (see `trajopt list`), or a --suite"
         raise InvalidInput("PROBLEM", right)
     loaded = _problems(problems, suite or [])
-    specs: list[benchmark.Contestant] = [*(planner or _default_planners())]
-    if motion:
-        specs += _motions(motion, interpolation)
-    if certify:
-        specs = [*specs, "certify"]
-    rival = None
-    if against is not None:
-        rival = label_of(*named(against))
-        specs = [*specs, against]
     processes = jobs or benchmark.cpus()
     folder = output.resolve()
     _leave_deleted_folder(folder)
-    elsewhere = cluster.executor(dask) if dask else nullcontext()
     few = len(loaded) <= MANY
     begun: dict[Path, Begun] = {}
     with Pool(processes) as pool:
+        if dask is None and not (folder / "results.h5").exists():
+            pool.start(most=len(loaded) * len(planner or entries()))
+        specs: list[benchmark.Contestant] = [*(planner or _default_planners())]
+        if motion:
+            specs += _motions(motion, interpolation)
+        if certify:
+            specs = [*specs, "certify"]
+        rival = None
+        if against is not None:
+            rival = label_of(*named(against))
+            specs = [*specs, against]
 
         def spare(trials: Sequence[Trial]) -> None:
             if few:
                 drawn.begin(trials, folder / "figures", pool, begun)
 
+        elsewhere = cluster.executor(dask) if dask else nullcontext()
         with console.trials() as advance, elsewhere as executor:
             ran = benchmark.run(
                 loaded,
