@@ -14,7 +14,7 @@ from PIL import Image
 from trajopt import Limits, Problem
 from trajopt.benchmark.figures import draw as figures
 from trajopt.benchmark.figures import drawn, motions
-from trajopt.benchmark.figures.drawing import Drawing, NotDrawn, draw_all
+from trajopt.benchmark.figures.drawing import Drawing, NotDrawn, begin, draw_all
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import judge
 from trajopt.registry import load
@@ -31,7 +31,7 @@ def calls(monkeypatch):
     """How often anything was drawn; each time two files, of what the trials are called."""
     seen = []
 
-    def draw(trials, folder, pool):
+    def draw(trials, folder, pool, begun):
         seen.append(pool)
         files = [folder / "one" / "durations.png", folder / "one" / "gaps.png"]
         for file in files:
@@ -125,6 +125,42 @@ def test_what_a_process_dies_of_is_drawn_here(trials, tmp_path):
         files = draw_all([drawing], pool)
     assert files == list(tmp_path.iterdir())
     assert len(files) == 1
+
+
+def test_what_was_begun_and_is_right_is_not_drawn_again(trials, tmp_path):
+    begun = {}
+    with Pool(1) as pool:
+        begin([Drawing("motion", arguments(trials[0]), tmp_path / "motion")], pool, begun)
+        (early,) = begun.values()
+        early.job.result()
+        drawn_at = (tmp_path / "motion.png").stat().st_mtime_ns
+        same = Drawing("motion", arguments(trials[0]), tmp_path / "motion")
+        (file,) = draw_all([same], pool, begun)
+    assert file.stat().st_mtime_ns == drawn_at
+
+
+def test_what_was_begun_too_early_is_drawn_anew_and_what_nobody_wants_is_removed(trials, tmp_path):
+    shown = arguments(trials[0])
+    early = Drawing("motion", shown, tmp_path / "motion")
+    stray = Drawing("motion", shown, tmp_path / "motion-of-another-name")
+    final = Drawing("motion", shown | {"title": "all trials"}, tmp_path / "motion")
+    begun = {}
+    with Pool(2) as pool:
+        begin([early, stray], pool, begun)
+        draw_all([final], pool, begun)
+    assert list(tmp_path.iterdir()) == [tmp_path / "motion.png"]
+    assert final.current
+
+
+def test_motions_are_settled_once_the_references_of_their_problem_are(trials, tmp_path):
+    (unoptimised,) = trials
+    assert figures.ahead(trials, tmp_path) == []
+    exact = judge(load("exact"), unoptimised.problem, [0], "exact")
+    ahead = figures.ahead([*exact, unoptimised], tmp_path)
+    names = {drawing.file.name for drawing in ahead}
+    assert names == {"motion-exact.png", "motion-unoptimised.png"}
+    figures.draw([*exact, unoptimised], tmp_path)
+    assert all(drawing.current for drawing in ahead)
 
 
 def arguments(trial):
