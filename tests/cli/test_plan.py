@@ -176,7 +176,12 @@ def test_what_is_written_is_verified_as_executed(trajopt, tmp_path, name, flags,
 
 
 def test_pictures_and_everything_else(trajopt, tmp_path):
-    for name, start in {"m.png": b"\x89PNG", "m.pdf": b"%PDF", "m.json": b"{"}.items():
+    for name, start in {
+        "m.png": b"\x89PNG",
+        "m.svg": b"<?xml",
+        "m.pdf": b"%PDF",
+        "m.json": b"{",
+    }.items():
         assert trajopt(*OUT, name)[0] == 0
         assert (tmp_path / name).read_bytes().startswith(start)
     shown = trajopt(*OUT, "m.yaml")[1]

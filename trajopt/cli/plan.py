@@ -41,8 +41,8 @@ def plan(
     out: Annotated[
         Path | None,
         Parameter(
-            help="Write the certified motion: .csv, .yaml (a ROS message), .json, .png, .pdf; or "
-            "the trial: .h5."
+            help="Write the certified motion: .csv, .yaml (a ROS message), .json, .png, .svg, "
+            ".pdf; or the trial: .h5."
         ),
     ] = None,
     force: Annotated[bool, Parameter(negative=(), help="Overwrite the file of --out.")] = False,

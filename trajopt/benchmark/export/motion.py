@@ -27,7 +27,8 @@ from trajopt.verification import Certificate, verify
 Points = Literal["breaks", "cycles"]
 
 MESSAGES = (".yaml", ".yml")
-_ENDINGS = (".csv", ".json", ".yaml", ".yml", ".png", ".pdf", ".h5")
+_PICTURES = (".png", ".svg", ".pdf")
+_ENDINGS = (".csv", ".json", *MESSAGES, *_PICTURES, ".h5")
 _KINDS = ("velocity", "acceleration", "jerk")
 
 
@@ -54,7 +55,7 @@ class Target:
         if self.path.suffix not in _ENDINGS:
             right = f"a file ending in {', '.join(_ENDINGS)}"
             raise InvalidInput("--out", right, value=str(self.path))
-        if self.points is not None and self.path.suffix in (".png", ".pdf", ".h5"):
+        if self.points is not None and self.path.suffix in (*_PICTURES, ".h5"):
             right = f"left out for a {self.path.suffix} file, which has no points"
             raise InvalidInput("--points", right, value=self.points)
 
