@@ -529,7 +529,7 @@ def _settled(solver: Program, scaled: Scaled, best: Optimum) -> Optimum:
 
 def _certified(scaled: Scaled, optimum: Optimum) -> float:
     """The certified duration of the motion through an optimum's states, s; infinite without."""
-    trajectory = scaled.trajectory(optimum.times, optimum.states)
+    trajectory = scaled.motion(optimum.times, optimum.states)
     relaxed = scaled.problem.without("position")
     duration = verify(relaxed, trajectory).certified_duration
     return np.inf if duration is None else duration

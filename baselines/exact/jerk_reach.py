@@ -11,6 +11,8 @@ import numpy as np
 from baselines.exact import jerk_profiles as jerk_profile
 from baselines.exact.acceleration_motion import covering
 from baselines.exact.jerk_profiles import BRIEF, Array, Extremes, Limit, Sides, State
+from baselines.exact.jerk_slivers import Task, without_slivers
+from baselines.exact.jerk_stretch import JointLimits
 from baselines.exact.rounded import NO_PIECES, Clock, Pieces, assembled, clocks
 from trajopt.problem import Problem
 from trajopt.rest_to_rest import stop_times
@@ -100,10 +102,52 @@ class Scaled:
     def extremes(self, times: Array, states: Array, k: float = 1.0) -> Extremes:
         """The extreme profiles of every segment and joint."""
         start, end = _ends(states)
-        return jerk_profile.extremes(start, end, times[:, None], self.sides(k))
+        return jerk_profile.extremes(
+            start,
+            end,
+            times[:, None],
+            self.sides(k),
+        )
 
     def trajectory(self, times: Array, states: Array) -> Trajectory:
-        """The explicit answer: in each segment a convex combination of both extreme profiles."""
+        """The explicit answer: the motion through these states, without slivers."""
+        motion = self.motion(times, states)
+        passages = motion.waypoint_times
+        joints = []
+        takes_time = np.diff(passages) > 0
+        mendable = self.jerky & takes_time.all()
+        for index, joint in enumerate(np.flatnonzero(self.moving)):
+            own = _own_pieces(motion, joint)
+            if mendable[index]:
+                task = self._task(index, joint, passages)
+                own = without_slivers(own, task)
+            joints.append(own)
+        return Trajectory.of_moving(
+            self.problem.waypoints[0],
+            self.moving,
+            joints,
+            passages,
+        )
+
+    def _task(self, index: int, joint: np.intp, passages: Array) -> Task:
+        """What one of the moving joints does, and its number among all."""
+        lowest, highest = 1 / self.r[:, index]
+        limits = JointLimits(
+            velocity=self.v[:, index],
+            acceleration=self.a[:, index],
+            jerk=np.array([-lowest, highest]),
+        )
+        return Task(
+            alone=self.problem.without("position").only([joint]),
+            passages=passages,
+            unit=self.unit,
+            units=self.units[:, index],
+            h=self.h[:, index],
+            limits=limits,
+        )
+
+    def motion(self, times: Array, states: Array) -> Trajectory:
+        """In each segment a convex combination of both extreme profiles."""
         passages = np.r_[0.0, np.cumsum(times)] * self.unit
         rounded = np.diff(passages) / self.unit
         states = self._through_brief(times, rounded, states)
@@ -203,6 +247,22 @@ class Scaled:
             units = self.units[-powers:, i]
             pieces.append((stored, part * units[:, None]))
         return pieces
+
+
+def _own_pieces(motion: Trajectory, joint: np.intp) -> Pieces:
+    """One joint's pieces: they begin where its own polynomial changes, and at waypoints."""
+    coefficients = motion.coefficients[..., joint]
+    cubic, square, *_ = coefficients
+    jerk_changes = np.diff(cubic, prepend=np.nan) != 0
+    # without jerk, where another acceleration begins
+    is_steady = cubic == 0
+    acceleration_changes = np.diff(square, prepend=np.nan) != 0
+    changes = jerk_changes | (is_steady & acceleration_changes)
+    begins = motion.breaks[:-1]
+    passed = np.isin(begins, motion.waypoint_times)
+    starts = changes | passed
+    breaks = motion.breaks[np.append(starts, True)]
+    return breaks, coefficients[:, starts]
 
 
 def _ends(states: Array) -> tuple[State, State]:

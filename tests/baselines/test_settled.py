@@ -6,11 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from baselines.exact.jerk import ExactJerk
 from baselines.ipopt import Program, program
 from baselines.settled import settled
-from trajopt import verify
-from trajopt.benchmark.suites.catalogue import load
 
 NONE = np.zeros(0)
 
@@ -45,15 +42,3 @@ def test_bounds_that_contradict_each_other_are_no_answer() -> None:
     line = with_constraint(x[0] + x[1] - 1 - 1e-5, x)
     start = np.full(2, 0.500005)
     assert settled(line, start, NONE, (np.zeros(2), np.full(2, 0.5)), (0.0, 0.0), 1e-4) is None
-
-
-@pytest.mark.parametrize("name", ["jerk-limit", "edges-jerk-soft", "edges-jerk-asymmetric"])
-def test_no_sliver_is_left_at_a_waypoint(name: str) -> None:
-    """Of 1e-10 to 1e-5 of a segment there were up to a dozen."""
-    problem = load(name)
-    answer = ExactJerk().solve(problem).trajectory
-    assert answer is not None
-    assert verify(problem.without("position"), answer).dilation == pytest.approx(1, abs=1e-12)
-    distances = np.abs(answer.breaks[:, None] - answer.waypoint_times).min(axis=1)
-    away = distances[distances > 0]
-    assert away.min() > 1e-6 * answer.duration

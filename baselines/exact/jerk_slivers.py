@@ -1,0 +1,323 @@
+"""Motions of jerk-limited joints without slivers (mathematics, section 4).
+
+A motion between two extreme profiles has the breaks of both. Some come to lie 1e-9 to 1e-6 s beside
+a waypoint or beside each other: what the duration hardly feels, a solver leaves. With the waypoints
+passed when they are, every joint is free for itself, so a sliver is removed where it is, with the
+segments around it: one of its knots goes and the other pieces share what it did; or, where limits
+do not allow that, it grows until it is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.exact.jerk_stretch import JointLimits, Stretch, refitted
+from baselines.exact.rounded import Pieces, accumulated
+from baselines.linear_programs import LinearPrograms
+from trajopt.problem import Problem
+from trajopt.trajectory import Trajectory
+from trajopt.verification import verify
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+_SLIVER_S = 1e-6
+_SLIVER_RTOL = 1e-6  # of the segment
+_SLIVER_UNIT_RTOL = 1e-3  # of the mean stop time: where that is brief, so are slivers
+_GROWN = 1.02  # times as long as the longest sliver is what one grows to
+_AROUND = (1, 3)  # segments on either side that may help
+_DILATIONS = (1e-12, 3e-10)  # that it may cost, the less the better
+_CERTIFIED_RTOL = 1e-9  # what the certified duration may cost, rounding included
+_MISS_RTOL = 1e-13
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one joint has to do.
+
+    Attributes:
+        alone: the problem of this joint.
+        passages: when the waypoints are passed, s, `(segments + 1,)`.
+        unit: the unit of time, s.
+        units: of jerk, acceleration, velocity and position, rad/s^power, `(4,)`.
+        h: displacements in these units, `(segments,)`.
+        limits: likewise.
+    """
+
+    alone: Problem
+    passages: Array
+    unit: float
+    units: Array
+    h: Array
+    limits: JointLimits
+
+    @property
+    def shortest(self) -> Array:
+        """What is shorter is a sliver, in each segment, s."""
+        briefest = min(_SLIVER_S, _SLIVER_UNIT_RTOL * self.unit)
+        by_segment = _SLIVER_RTOL * np.diff(self.passages)
+        return np.maximum(briefest, by_segment)
+
+    def segments(self, knots: Array) -> Indices:
+        """Which segment each piece between the knots belongs to."""
+        begun = np.searchsorted(self.passages, knots[:-1], side="right")
+        return begun - 1
+
+    def slivers(self, knots: Array) -> Bools:
+        """Which pieces are slivers; the only piece of a segment is none."""
+        segment = self.segments(knots)
+        pieces = np.bincount(segment)
+        several = pieces > 1
+        brief = np.diff(knots) < self.shortest[segment]
+        return np.asarray(brief & several[segment])
+
+    def part(self, first: int, last: int) -> Task:
+        """The segments from one waypoint to another."""
+        passages = self.passages[first : last + 1]
+        return replace(self, passages=passages, h=self.h[first:last])
+
+
+class _Motion(NamedTuple):
+    """One joint's motion: acceleration is straight between knots, waypoints among them.
+
+    Attributes:
+        knots: s since the motion's start, `(knots,)`.
+        acceleration: at the knots, without units, likewise.
+        velocity: likewise.
+    """
+
+    knots: Array
+    acceleration: Array
+    velocity: Array
+
+    def part(self, chosen: slice) -> _Motion:
+        """Some of its knots."""
+        return _Motion(*(values[chosen] for values in self))
+
+
+def without_slivers(pieces: Pieces, task: Task) -> Pieces:
+    """One joint's motion without the slivers that its limits can do without.
+
+    Args:
+        pieces: its breaks, s, with the waypoints among them, and cubics, rad/s^power.
+        task: what it does.
+    """
+    knots, (_, square, linear, _) = pieces
+    _, acceleration_unit, velocity_unit, _ = task.units
+    acceleration = np.r_[2 * square, 0.0] / acceleration_unit
+    velocity = np.r_[linear, 0.0] / velocity_unit
+    motion = _Motion(knots, acceleration, velocity)
+    mended = _mended(motion, task)
+    if mended is motion:
+        return pieces
+    new = _pieces(mended, task)
+    longest = _certified(pieces, task) * (1 + _CERTIFIED_RTOL)
+    return new if _certified(new, task) <= longest else pieces
+
+
+def _certified(pieces: Pieces, task: Task) -> float:
+    """The certified duration of the joint alone, s; infinite without."""
+    trajectory = Trajectory.joined([pieces], task.passages)
+    duration = verify(task.alone, trajectory).certified_duration
+    return np.inf if duration is None else duration
+
+
+def _pieces(motion: _Motion, task: Task) -> Pieces:
+    """Breaks, s, and cubics, rad/s^power."""
+    knots, acceleration, velocity = motion
+    lengths = np.diff(knots) / task.unit
+    before = acceleration[:-1]
+    after = acceleration[1:]
+    start = velocity[:-1]
+    jerk = (after - before) / lengths
+    # q += t (v + t (2a + b)/6), from every waypoint anew
+    twice = 2 * before + after
+    mean = start + lengths * twice / 6
+    travelled = lengths * mean
+    position = accumulated(0.0, travelled)
+    segment = task.segments(knots)
+    first = _first_pieces(segment)
+    passed = position[first]
+    position -= passed[segment]
+    cubic = jerk / 6
+    square = before / 2
+    cubics = np.stack([cubic, square, start, position])
+    cubics *= task.units[:, None]
+    waypoints = task.alone.waypoints[segment]
+    cubics[-1] += waypoints[:, 0]
+    return knots, cubics
+
+
+def _first_pieces(segment: Indices) -> Indices:
+    """Which pieces begin a segment."""
+    begins = np.diff(segment, prepend=-1) > 0
+    return np.flatnonzero(begins)
+
+
+def _mended(motion: _Motion, task: Task) -> _Motion:
+    """The motion without slivers, but for those that its limits need."""
+    programs = LinearPrograms()
+    needed = np.zeros(len(task.h), dtype=bool)
+    while True:
+        segment = task.segments(motion.knots)
+        is_sliver = task.slivers(motion.knots)
+        left = segment[is_sliver & ~needed[segment]]
+        if not left.size:
+            return motion
+        first = int(left[0])
+        mended = _mended_segment(programs, motion, task, first)
+        if mended is None:
+            needed[first] = True
+        else:
+            motion = mended
+
+
+def _mended_segment(
+    programs: LinearPrograms,
+    motion: _Motion,
+    task: Task,
+    segment: int,
+) -> _Motion | None:
+    """The motion without this segment's slivers; None where limits need them."""
+    for window in _windows(motion, task, segment):
+        for kept in (window.without_slivers(), window.all_knots()):
+            for dilation in _DILATIONS:
+                mended = window.mended(programs, kept, dilation)
+                if mended is not None:
+                    return mended
+    return None
+
+
+def _windows(motion: _Motion, task: Task, segment: int) -> Iterator[_Window]:
+    """The segments around one, more and more."""
+    widest = 0
+    for around in _AROUND:
+        first = max(segment - around, 0)
+        last = min(segment + around + 1, len(task.h))
+        if last - first > widest:
+            yield _Window(motion, task, first, last)
+        widest = last - first
+
+
+class _Window:
+    """The part of a motion from one waypoint to another."""
+
+    def __init__(
+        self,
+        motion: _Motion,
+        task: Task,
+        first: int,
+        last: int,
+    ) -> None:
+        self._task = task.part(first, last)
+        start, end = task.passages[[first, last]]
+        begin = np.searchsorted(motion.knots, start)
+        finish = np.searchsorted(motion.knots, end)
+        self._before = motion.part(slice(None, begin))
+        self._after = motion.part(slice(finish + 1, None))
+        inside = slice(begin, finish + 1)
+        self._inside = motion.part(inside)
+
+    def all_knots(self) -> Bools:
+        """Every knot is kept."""
+        return np.ones(len(self._inside.knots), dtype=bool)
+
+    def without_slivers(self) -> Bools:
+        """Which knots are kept: one of each sliver's goes, the briefest first; waypoints stay."""
+        kept = self.all_knots()
+        is_waypoint = np.isin(self._inside.knots, self._task.passages)
+        while True:
+            at = np.flatnonzero(kept)
+            knots = self._inside.knots[at]
+            is_sliver = self._task.slivers(knots)
+            if not is_sliver.any():
+                return kept
+            lengths = np.diff(knots)
+            lengths[~is_sliver] = np.inf
+            briefest = lengths.argmin()
+            left, right = at[briefest : briefest + 2]
+            goes = left if is_waypoint[right] else right
+            kept[goes] = False
+
+    def mended(
+        self,
+        programs: LinearPrograms,
+        kept: Bools,
+        dilation: float,
+    ) -> _Motion | None:
+        """The whole motion, within limits but for a dilation, with only these knots inside."""
+        start = self._stretch(kept)
+        limits = self._task.limits
+        found = refitted(
+            programs,
+            start,
+            limits.widened(1 + dilation),
+            self._shortest(start, kept),
+            self._rounded,
+        )
+        if found is None:
+            return None
+        missed_before = self._stretch(self.all_knots()).missed()
+        missed = found.missed() > max(_MISS_RTOL, missed_before)
+        slow = found.dilation(limits) > 1 + _CERTIFIED_RTOL
+        if missed or slow:
+            return None
+        return self._with(found)
+
+    def _stretch(self, kept: Bools) -> Stretch:
+        """The motion between some of the knots."""
+        knots, acceleration, velocity = self._inside
+        left = knots[kept]
+        return Stretch(
+            np.diff(left) / self._task.unit,
+            acceleration[kept],
+            ends=(velocity[0], velocity[-1]),
+            segment=self._task.segments(left),
+            h=self._task.h,
+        )
+
+    def _shortest(self, stretch: Stretch, kept: Bools) -> Array:
+        """How long pieces are at least, in units: nothing becomes a sliver.
+
+        In a segment with hardly time for its pieces, half of their mean.
+        """
+        task = self._task
+        longest_sliver = task.shortest / task.unit
+        by_segment = _GROWN * longest_sliver
+        shortest = by_segment[stretch.segment]
+        if not kept.all():
+            shortest = np.minimum(shortest, stretch.lengths)
+        pieces = np.bincount(stretch.segment)
+        half = stretch.times / pieces / 2
+        return np.asarray(np.minimum(shortest, half[stretch.segment]))
+
+    def _rounded(self, stretch: Stretch) -> Stretch:
+        """The same with lengths between stored breaks."""
+        breaks = self._breaks(stretch)
+        lengths = np.diff(breaks) / self._task.unit
+        return replace(stretch, lengths=lengths)
+
+    def _breaks(self, stretch: Stretch) -> Array:
+        """When its pieces begin and end, as a trajectory stores it, s."""
+        passages = self._task.passages
+        ends = np.cumsum(stretch.lengths)
+        since_start = np.r_[0.0, ends]
+        times: Array = passages[0] + since_start * self._task.unit
+        first = _first_pieces(stretch.segment)
+        times[first] = passages[:-1]
+        times[-1] = passages[-1]
+        return times
+
+    def _with(self, stretch: Stretch) -> _Motion:
+        """The whole motion with this one inside."""
+        velocity = stretch.velocity
+        velocity[-1] = self._inside.velocity[-1]
+        inside = (self._breaks(stretch), stretch.acceleration, velocity)
+        whole = zip(self._before, inside, self._after, strict=True)
+        return _Motion(*map(np.concatenate, whole))
