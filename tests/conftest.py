@@ -1,5 +1,6 @@
 """What every test process and its children share."""
 
+import gc
 import os
 import sys
 
@@ -11,3 +12,9 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 # Children find modules compiled, as Python does unless told otherwise: hundreds of them start here.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+
+def pytest_collection_finish() -> None:
+    """Set aside what the imports left: each full collection would walk through all of it again."""
+    gc.collect()
+    gc.freeze()

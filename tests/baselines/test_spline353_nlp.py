@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 
 from baselines.spline353_nlp import Spline353NLP
-from trajopt import Limits, Problem, Status, spline353, verify
+from trajopt import Limits, Problem, Solution, Status, spline353, verify
 from trajopt.benchmark.suites.catalogue import load, problem_files
 from trajopt.benchmark.suites.random import random_problem
 
 FOUR = [name for name in problem_files() if spline353.unsupported(load(name)) is None]
 
 
+@cache
+def shipped(name: str) -> Solution:
+    return Spline353NLP().solve(load(name))
+
+
 def global_search(problem: Problem) -> float:
-    """Uniform time scaling: only two ratios matter. Random ratios, the best ones polished."""
+    """Uniform time scaling: only two ratios matter. Random ratios, the best ones refined.
+
+    Many candidates at once: around the best so far, as far apart as the best of the last ones were,
+    until these are equally good. Nelder and Mead find the same to 1e-12 in three times the time.
+    """
     merged = problem.merged()[0]
     h = merged.displacements.T
     room = spline353.position_room(merged)
@@ -31,16 +41,29 @@ def global_search(problem: Problem) -> float:
 
     rng = np.random.default_rng(1)
     points = rng.normal(scale=2.5, size=(20000, 2))
-    best = points[np.argsort(duration(points))[:3]]
-    options = {"xatol": 1e-10, "fatol": 1e-12, "maxiter": 2000, "maxfev": 4000}
-    found = [minimize(duration, x, method="Nelder-Mead", options=options).fun for x in best]
+    found = []
+    for best in points[np.argsort(duration(points))[:3]]:
+        elite = best + 0.3 * np.vstack([np.eye(2), -np.eye(2)])
+        shortest = longest = np.inf
+        for _ in range(80):
+            apart = 1.4 * (elite - best) / np.sqrt(len(elite))
+            around = best + rng.normal(size=(96, len(elite))) @ apart
+            candidates = np.vstack([best, around])
+            durations = duration(candidates)
+            order = np.argsort(durations)[:16]
+            best, elite = candidates[order[0]], candidates[order]
+            shortest, longest = durations[order[[0, -1]]]
+            if longest <= shortest * (1 + 1e-12):
+                break
+        assert longest <= shortest * (1 + 1e-10)
+        found.append(shortest)
     return float(min(found))
 
 
 @pytest.mark.parametrize("name", FOUR)
 def test_shipped_problems_reach_the_global_search(name: str) -> None:
     problem = load(name)
-    solution = Spline353NLP().solve(problem)
+    solution = shipped(name)
     assert solution.status is Status.SOLVED
     assert solution.trajectory is not None
     assert verify(problem, solution.trajectory).feasible
@@ -60,7 +83,7 @@ def test_random_problems_reach_the_global_search(seed: int) -> None:
 
 def test_the_limits_hold_at_every_instant_not_on_a_grid() -> None:
     problem = load("six-axis")
-    trajectory = Spline353NLP().solve(problem).trajectory
+    trajectory = shipped("six-axis").trajectory
     assert trajectory is not None
     assert verify(problem, trajectory).dilation == pytest.approx(1, abs=1e-9)
 
@@ -108,7 +131,7 @@ def test_limits_that_are_never_met_change_nothing() -> None:
     free = load("six-axis")
     limits = free.limits.by_name() | {"position": np.full((6, 2), [-1e3, 1e3])}
     far = Spline353NLP().solve(Problem(free.waypoints, Limits(**limits))).trajectory
-    near = Spline353NLP().solve(free).trajectory
+    near = shipped("six-axis").trajectory
     assert far is not None
     assert near is not None
     assert far.duration == pytest.approx(near.duration, rel=1e-9)
