@@ -17,18 +17,20 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from math import comb, factorial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy  # which imports its parts, half a second, where they are first used
 from numpy.typing import NDArray
-from scipy.optimize import linprog
-from scipy.sparse import csr_array, vstack
 
 from trajopt.problem import Limits
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
-_Rows = tuple[csr_array, Array]  # a matrix, and the right-hand side
+_Rows = tuple["csr_array", Array]  # a matrix, and the right-hand side
 
 _LIMIT_RTOL = 1e-5  # by which the program stays below each limit: its own tolerance follows
 _CORRECTIONS = 3  # each takes the misses to what the one before rounded
@@ -110,14 +112,14 @@ class JointProgram:
         matrix, most = self._distances()
         inside = self._inside()
         if inside is not None:
-            matrix = vstack([matrix, inside[0]])
+            matrix = scipy.sparse.vstack([matrix, inside[0]])
             most = np.concatenate([most, inside[1]])
         dynamics = self._dynamics()
         first_rate = self.order * self._points
         first_distance = first_rate + self._pieces
         cost = np.zeros(first_distance + self._pieces)
         cost[first_distance:] = self._lengths
-        answer = linprog(
+        answer = scipy.optimize.linprog(
             cost,
             A_ub=matrix,
             b_ub=most,
@@ -245,7 +247,7 @@ class JointProgram:
         states = self.order * self._points
         rates_and_distances = 2 * self._pieces
         shape = (rows, states + rates_and_distances)
-        return csr_array((value, (row, column)), shape=shape)
+        return scipy.sparse.csr_array((value, (row, column)), shape=shape)
 
     # ---- from the program's answer to exact states ------------------------------------------
 
