@@ -51,13 +51,12 @@ _IGNORED: tuple[LimitName, ...] = ("jerk", "position")
 _PATIENCE = 5  # times as many starts where all have failed so far
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 _LARGEST_DILATION = 2.0  # what needs more is no answer
-_DILATION_TOL = 1e-15
+_DILATION_TOL = 2e-15
 # What a velocity that is at its limit in the optimum misses it by: the duration feels the square.
 _LIMIT_RTOL = 1e-9
 # What the rounding of a segment's time may change, of its mean velocity and of the step over it.
 _MEAN_RTOL = 1e-12
 _STEP_RTOL = 1e-9
-_REACHED_DILATION = 1 + 1e-12  # what needs less is rounding
 # A start's time: in proportion to cells (segments times moving joints), measured up to 7000; and
 # where there are many joints to their square too, measured up to 250.
 _SECONDS_PER_CELL = 2e-4
@@ -257,17 +256,23 @@ def reachable(
     return all(bool(condition.all()) for condition in conditions)
 
 
-def repair(times: Array, velocities: Array, scaled: Scaled) -> float:
+def repair(
+    times: Array,
+    velocities: Array,
+    scaled: Scaled,
+    largest: float = _LARGEST_DILATION,
+) -> float:
     """The smallest dilation that makes times and waypoint velocities exactly reachable.
 
     Solvers meet constraints to a tolerance; dilating by `k` widens every reachable interval.
+    Infinite where it were larger than the `largest`.
     """
     low = 1.0
-    high = 1.0 + 1e-15
+    high = 1.0 + _DILATION_TOL
     while not reachable(times, velocities, scaled, high):
         low = high
         high = 1 + 4 * (high - 1)
-        if high > _LARGEST_DILATION:
+        if high > largest:
             return np.inf
     while high - low > _DILATION_TOL:
         middle = 0.5 * (low + high)
@@ -351,13 +356,23 @@ class HasStopTimes(Protocol):
     stop: Array
 
 
-def starting_points(scaled: HasStopTimes, count: int) -> Iterator[Start]:
-    """Times and waypoint velocities to start from: generous stopping first, then random ones."""
+def starting_points(
+    scaled: HasStopTimes,
+    count: int,
+    stopping: float = 1.0,
+) -> Iterator[Start]:
+    """Times and waypoint velocities to start from: stopping first, then random ones.
+
+    Args:
+        scaled: the problem.
+        count: how many.
+        stopping: times the stop times is what the first one takes.
+    """
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)
     inner = (segments - 1, joints)
     at_rest = np.zeros(inner)
-    yield 1.5 * scaled.stop, at_rest
+    yield stopping * scaled.stop, at_rest
     for _ in range(count - 1):
         times = scaled.stop * rng.uniform(0.5, 1.5, segments)
         # between the mean velocities before and after the waypoint, times a random speed
@@ -373,17 +388,14 @@ def starting_points(scaled: HasStopTimes, count: int) -> Iterator[Start]:
 def _solve_from(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     """The local optimum near each start, dilated until it is exactly reachable."""
 
-    def is_reachable(passage: Passage) -> bool:
-        times, velocities = _passing(scaled, passage.log, passage.ends)
-        return reachable(times, velocities, scaled, _REACHED_DILATION)
+    def reached(passage: Passage, largest_dilation: float) -> Optimum | None:
+        optimum = _reached(scaled, passage, "Converged", largest_dilation)
+        return optimum if np.isfinite(optimum.duration) else None
 
     optima = []
-    passages = minimised(scaled, starts, is_reachable)
-    for start, passage in zip(starts, passages, strict=True):
-        if passage is None:
+    for start, optimum in zip(starts, minimised(scaled, starts, reached), strict=True):
+        if optimum is None:
             optimum = _solve_by_ipopt(scaled, start)
-        else:
-            optimum = _reached(scaled, passage.log, passage.ends, "Converged")
         optima.append(optimum)
     return optima
 
@@ -425,22 +437,22 @@ def _solve_by_ipopt(scaled: Scaled, start: Start) -> Optimum:
         bounds=(low, high),
         constraint_bounds=(0.0, highest),
     )
-    log, ends = _read(scaled, run.x)
+    passage = _read(scaled, run.x)
     if not run.success:
-        times, velocities = _passing(scaled, log, ends)
+        times, velocities = _passing(scaled, passage)
         return Optimum(np.inf, times, velocities, run.status)
-    return _reached(scaled, log, ends, run.status)
+    return _reached(scaled, passage, run.status)
 
 
 def _reached(
     scaled: Scaled,
-    log: Array,
-    ends: Array,
+    passage: Passage,
     status: str,
+    largest_dilation: float = _LARGEST_DILATION,
 ) -> Optimum:
-    """The optimum of such logarithms of times and end velocities."""
-    times, velocities = _passing(scaled, log, ends)
-    k = repair(times, velocities, scaled)
+    """A passage, dilated by no more until it is exactly reachable."""
+    times, velocities = _passing(scaled, passage)
+    k = repair(times, velocities, scaled, largest_dilation)
     duration = k * float(times.sum())
     return Optimum(
         duration,
@@ -450,12 +462,12 @@ def _reached(
     )
 
 
-def _passing(scaled: Scaled, log: Array, ends: Array) -> tuple[Array, Array]:
+def _passing(scaled: Scaled, passage: Passage) -> tuple[Array, Array]:
     """Times and waypoint velocities; of two segments the briefer one knows better."""
-    times = scaled.stop * np.exp(log)
+    times = scaled.stop * np.exp(passage.log)
     t = times[:, None]
     mean = scaled.h / t
-    after, before = mean + t * ends
+    after, before = mean + t * passage.ends
     briefer = times[:-1] < times[1:]
     velocities = np.where(briefer[:, None], before[:-1], after[1:])
     return times, scaled.within(velocities)
@@ -481,14 +493,14 @@ def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
     )
 
 
-def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
-    """Logarithms of times and end velocities, `(2, segments, joints)`, from IPOPT's variables."""
+def _read(scaled: Scaled, x: Array) -> Passage:
+    """What IPOPT's variables say of the passage."""
     every = scaled.h.shape
     segments, joints = every
     inner = (segments - 1, joints)
     shapes = [(segments,), inner, every, every]
     log, _, u, w = unflat(x, shapes)
-    return log, np.stack([u, w])
+    return Passage(log, np.stack([u, w]))
 
 
 def _bounds(scaled: Scaled) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ _ATTEMPTS: tuple[Arrived, ...] = (
     partial(interior_point.near, gap_rtol=1e-9),
     interior_point.converged,
 )
-_MOST_STEPS = 8
+_MOST_STEPS = 6
 _MISS_TOL = 1e-13
 _KEPT = 0.75  # of an active row's multiplier, from one step to the next
 _STIFFNESS = 1e3  # of an equation, in what its row weighed in the interior-point method
@@ -42,6 +42,12 @@ _STIFFNESS = 1e3  # of an equation, in what its row weighed in the interior-poin
 _LEAST_WEIGHT = 1e-10
 _LEAST_SLACK = 1e-2
 _LEAST_MULTIPLIER = 1e-15
+# What rounding asks for, and what an interior-point method's tolerances do.
+_ROUNDING_DILATION = 1 + 1e-12
+_LARGEST_DILATION = 1 + 1e-9
+
+
+OptimumT = TypeVar("OptimumT")
 
 
 class Passage(NamedTuple):
@@ -60,18 +66,18 @@ class Passage(NamedTuple):
 def minimised(
     scaled: Scaled,
     starts: Sequence[Start],
-    is_reachable: Callable[[Passage], bool],
-) -> list[Passage | None]:
+    reached: Callable[[Passage, float], OptimumT | None],
+) -> list[OptimumT | None]:
     """The local optimum near each start; None where there is none that the method converges to.
 
     Args:
         scaled: the problem.
         starts: segment times `(segments,)` and inner waypoint velocities
             `(segments - 1, joints)` to start from.
-        is_reachable: whether what Newton's method leads to keeps all limits, to rounding.
+        reached: the optimum of a passage, None where limits ask for a larger dilation than this.
     """
     cells = Cells(scaled, len(starts))
-    optima: list[Passage | None] = [None] * len(starts)
+    optima: list[OptimumT | None] = [None] * len(starts)
     running = np.arange(len(starts))
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
@@ -80,10 +86,9 @@ def minimised(
             iterate = interior_point.descended(iterate, arrived)
             point, ended = _crossed(iterate)
             for i in np.flatnonzero(ended):
-                passage = _passage(point, i)
-                ended[i] = is_reachable(passage)
-                if ended[i]:
-                    optima[running[i]] = passage
+                optimum = reached(_passage(point, i), _ROUNDING_DILATION)
+                optima[running[i]] = optimum
+                ended[i] = optimum is not None
             if ended.all():
                 return optima
             if ended.any():
@@ -92,7 +97,8 @@ def minimised(
                 iterate = iterate.of(~ended, cells)
         converged = interior_point.converged(iterate.state)
         for i in np.flatnonzero(converged):
-            optima[running[i]] = _passage(iterate.state.rows.point, i)
+            passage = _passage(iterate.state.rows.point, i)
+            optima[running[i]] = reached(passage, _LARGEST_DILATION)
     return optima
 
 
@@ -113,18 +119,12 @@ def _crossed(iterate: Iterate) -> tuple[Point, Bools]:
     multipliers = np.where(active, state.multipliers, _LEAST_MULTIPLIER)
     rows = state.rows
     convexity = iterate.convexity
-    arrived = np.zeros(len(convexity), dtype=bool)
     for _ in range(_MOST_STEPS):
         linear = Linear(rows, multipliers, weights)
         miss = np.where(active, rows.values, 0.0)
         largest = np.abs(miss).max(axis=ROW_AXES)
         met = np.maximum(largest, linear.apart) <= _MISS_TOL
         level = linear.slope(multipliers) <= interior_point.SLOPE_RTOL * rows.duration
-        pressing = multipliers.min(axis=ROW_AXES) >= 0
-        # one step more: what the objective hardly feels is known to the root of its tolerance
-        ended = met & level & arrived
-        if ended.all():
-            break
         arrived = met & level
         bands, convexity = interior_point.factors(linear.matrices(), convexity)
         step, change = linear.step(bands, multipliers - weights * miss)
@@ -134,4 +134,8 @@ def _crossed(iterate: Iterate) -> tuple[Point, Bools]:
         whole = np.ones(len(convexity))
         point = rows.cells.clipped(rows.point.moved(step, whole))
         rows = Rows(rows.cells, point)
-    return rows.point, ended & pressing
+        # after one step more: what the objective hardly feels was known to a tolerance's root
+        if arrived.all():
+            break
+    pressing = multipliers.min(axis=ROW_AXES) >= 0
+    return rows.point, arrived & pressing

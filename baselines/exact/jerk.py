@@ -50,6 +50,7 @@ _PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
 _NEAR = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 _CERTIFIED_RTOL = 1e-9  # what its certified duration may cost
 _START_DILATION = 1.3  # of the optimum without jerk limits: a start
+_STOPPING_DILATION = 1.5  # of stopping at every waypoint, likewise
 # Measured up to 343 segments times moving joints, in proportion to them.
 _SECONDS_PER_CELL = 0.02
 
@@ -340,7 +341,7 @@ def _read(scaled: Scaled, x: Array) -> tuple[Array, Array]:
 
 def _starts(scaled: Scaled, count: int) -> list[Start]:
     """Times and waypoint states to start from: stopping, section 3's optimum, then random ones."""
-    stopping, *others = acceleration.starting_points(scaled, count)
+    stopping, *others = acceleration.starting_points(scaled, count, _STOPPING_DILATION)
     ordered = [stopping, *_relaxed(scaled), *others]
     starts = []
     for times, velocity in ordered[:count]:
