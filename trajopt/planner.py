@@ -397,7 +397,10 @@ def passing_once(solve: SolveT) -> SolveT:
     @wraps(solve)
     def merged_solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
         merged, index = problem.merged()
-        return expanded(solve(self, merged, seed=seed), index)
+        solution = solve(self, merged, seed=seed)
+        if merged is problem:
+            return solution
+        return expanded(solution, index)
 
     return cast(SolveT, merged_solve)
 

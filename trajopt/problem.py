@@ -180,6 +180,8 @@ class Problem:
         moves = self.displacements.any(axis=1)
         differs = np.concatenate([[True], moves])
         index = np.cumsum(differs) - 1
+        if differs.all():
+            return self, index
         merged = replace(self, waypoints=self.waypoints[differs])
         return merged, index
 

@@ -29,8 +29,8 @@ from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
 from baselines.ipopt import Program, flat, optima_together, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.planner import backend, passing_once
-from trajopt.problem import LimitName, Problem
-from trajopt.rest_to_rest import stop_times
+from trajopt.problem import Problem
+from trajopt.rest_to_rest import trapezoidal
 from trajopt.solution import Solution
 from trajopt.trajectory import Trajectory
 
@@ -47,7 +47,6 @@ IPOPT: dict[str, float | str] = {
     "mumps_pivot_order": 0,  # approximate minimum degree: a fifth faster here than MUMPS's choice
 }
 
-_IGNORED: tuple[LimitName, ...] = ("jerk", "position")
 _PATIENCE = 5  # times as many starts where all have failed so far
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
 _LARGEST_DILATION = 2.0  # what needs more is no answer
@@ -120,8 +119,8 @@ class Scaled:
         acceleration = problem.limits.acceleration[moving]
         displacements = problem.displacements[:, moving]
 
-        relaxed = problem.without(*_IGNORED)
-        stop = stop_times(relaxed)
+        by_joint = trapezoidal(displacements, velocity, acceleration)
+        stop = by_joint.max(axis=1)
         unit = float(stop.mean())
         tighter = np.abs(acceleration).min(axis=1)
         powers = np.arange(3)[:, None]

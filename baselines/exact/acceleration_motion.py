@@ -100,7 +100,9 @@ class _Breaks(NamedTuple):
 
         That is the break of highest `priority` `(segments, joints)`, or the segment's start or end.
         """
-        inner = np.hstack([self.first, self.last])
+        inner = np.concatenate([self.first, self.last], axis=1)
+        if not self._crowded(inner, closest):
+            return self
         priorities = np.hstack([priority, priority])
         order = np.argsort(inner, axis=1)
         times = np.take_along_axis(inner, order, axis=1)
@@ -130,6 +132,15 @@ class _Breaks(NamedTuple):
         moved = np.where(moved - start <= closest, start, moved)
         first, last = np.hsplit(moved, 2)
         return self._replace(first=first, last=last)
+
+    def _crowded(self, inner: Array, closest: Array) -> bool:
+        """Whether breaks are as close and yet apart, or as close to the start or the end."""
+        ends = (self.start[:, :1], self.end[:, :1])
+        times = np.concatenate([*ends, inner], axis=1)
+        times.sort(axis=1)
+        steps = np.diff(times, axis=1)
+        crowded = (steps > 0) & (steps <= closest)
+        return bool(crowded.any())
 
 
 class _Profiles(NamedTuple):
@@ -169,13 +180,11 @@ def pieces(task: Task, passages: Array) -> list[Pieces]:
     resolution = np.full_like(whole, DISTINCT_RTOL * duration)
     breaks = breaks.moved(ramps.share, resolution)
     profiles = _covering(breaks, task)
-    read = _read(breaks, ramps, task)
-    velocity = np.where(
-        _allowed(profiles, task),
-        profiles.velocity,
-        read.velocity,
-    )
-    profiles = _profiles(breaks, velocity, task)
+    allowed = _allowed(profiles, task)
+    if not allowed.all():
+        read = _read(breaks, ramps, task)
+        velocity = np.where(allowed, profiles.velocity, read)
+        profiles = _profiles(profiles.lengths, velocity)
     return _by_joint(
         breaks,
         profiles,
@@ -198,6 +207,8 @@ def _apart(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
     breaks = own.where(is_brief & allowed, longer)
     # or the place of a waypoint, or of another joint's break
     shared = own.moved(ramps.share, closest[:, :1])
+    if shared is own:
+        return breaks
     allowed = _allowed(_covering(shared, task), task)
     return breaks.where(allowed, shared)
 
@@ -271,7 +282,8 @@ def _covering(breaks: _Breaks, task: Task) -> _Profiles:
     """
     u = task.u
     w = task.w
-    first, middle, last = _lengths(breaks, task)
+    lengths = _lengths(breaks, task)
+    first, middle, last = lengths
     has_first = first > 0
     has_last = last > 0
     speeds_up = has_first & (middle + last > 0)
@@ -294,12 +306,12 @@ def _covering(breaks: _Breaks, task: Task) -> _Profiles:
     before = np.where(speeds_up, peak, before)
     after = np.where(has_last, u, w)
     after = np.where(slows_down, peak, after)
-    velocity = np.stack([u, before, after, w])
-    return _profiles(breaks, velocity, task)
+    velocity = np.array([u, before, after, w])
+    return _profiles(lengths, velocity)
 
 
-def _read(breaks: _Breaks, ramps: Ramps, task: Task) -> _Profiles:
-    """The profiles that these ramps have at rounded breaks: no steeper than they are."""
+def _read(breaks: _Breaks, ramps: Ramps, task: Task) -> Array:
+    """The velocities that these ramps have at rounded breaks: no steeper than they are."""
     peak = ramps.peak
     from_start = task.u - peak
     from_end = task.w - peak
@@ -311,7 +323,7 @@ def _read(breaks: _Breaks, ramps: Ramps, task: Task) -> _Profiles:
         falling = from_end * _left(remaining, ramps.last)
         velocity.append(peak + rising + falling)
     velocity.append(task.w)
-    return _profiles(breaks, np.stack(velocity), task)
+    return np.array(velocity)
 
 
 def _left(elapsed: Array, ramp: Array) -> Array:
@@ -327,14 +339,16 @@ def _left(elapsed: Array, ramp: Array) -> Array:
 
 def _lengths(breaks: _Breaks, task: Task) -> Array:
     """Of the three pieces, in units of time, `(3, segments, joints)`."""
-    times = np.stack(breaks)
-    return np.diff(times, axis=0) / task.unit
+    times = np.array(breaks)
+    lengths = times[1:] - times[:-1]
+    lengths /= task.unit
+    return lengths
 
 
-def _profiles(breaks: _Breaks, velocity: Array, task: Task) -> _Profiles:
-    lengths = _lengths(breaks, task)
+def _profiles(lengths: Array, velocity: Array) -> _Profiles:
+    steps = velocity[1:] - velocity[:-1]
     acceleration = np.divide(
-        np.diff(velocity, axis=0),
+        steps,
         lengths,
         out=np.zeros_like(lengths),
         where=lengths > 0,
@@ -375,10 +389,10 @@ def _by_joint(
     before = profiles.velocity[:-1]
     position = np.zeros_like(before)
     position[1:] = np.cumsum(profiles.travelled[:-1], axis=0)
-    by_power = np.stack([acceleration / 2, before, position])
+    by_power = np.array([acceleration / 2, before, position])
     by_power *= task.units[:, None, None]
     by_power[-1] += task.q
-    starts = np.stack(breaks[:-1])
+    starts = np.array(breaks[:-1])
     joints = []
     for i in range(task.h.shape[1]):
         takes_time = profiles.lengths[..., i].T > 0

@@ -136,8 +136,8 @@ def begun(cells: Cells, starts: Sequence[Start]) -> Iterate:
         starts: segment times `(segments,)` and inner waypoint velocities
             `(segments - 1, joints)` to start from.
     """
-    times = np.stack([start[0] for start in starts])
-    velocities = np.stack([start[1] for start in starts])
+    times = np.array([start[0] for start in starts])
+    velocities = np.array([start[1] for start in starts])
     point = cells.start(times, velocities)
     rows = Rows(cells, point)
     slacks = np.maximum(rows.values, _START_SLACK)
