@@ -5,9 +5,9 @@ is nothing, as where a joint speeds up throughout a segment, both go to zero as 
 barrier: the last half of all steps goes into that, and a ramp of 1e-7 of the segment remains. So
 from near the optimum (`exact.interior_point`) Newton's method leads to it: rows whose multipliers
 stay are equations, all others are left out (crossover; which ones, by the indicators of Tapia 1980:
-from one step to the next a multiplier keeps its value or loses it). What comes out is taken where
-it is an optimum of the whole program; else the interior-point method goes on, and this is tried
-again from nearer.
+from one step to the next a multiplier keeps its value or loses it), and so are those whose
+multipliers turn negative. What comes out is taken where it is an optimum of the whole program; else
+the interior-point method goes on, and this is tried again from nearer.
 """
 
 from __future__ import annotations
@@ -131,11 +131,15 @@ def _crossed(iterate: Iterate) -> tuple[Point, Bools]:
         # an equation's multiplier makes up for what the step leaves of its miss
         made_up = np.where(active, weights * (miss + change), 0.0)
         multipliers = multipliers - made_up
+        pressing = (multipliers >= 0).all(axis=ROW_AXES)
         whole = np.ones(len(convexity))
         point = rows.cells.clipped(rows.point.moved(step, whole))
         rows = Rows(rows.cells, point)
         # after one step more: what the objective hardly feels was known to a tolerance's root
-        if arrived.all():
+        if (arrived & pressing).all():
             break
-    pressing = multipliers.min(axis=ROW_AXES) >= 0
+        # an equation whose multiplier pulls is none
+        active &= multipliers >= 0
+        multipliers = np.where(active, multipliers, _LEAST_MULTIPLIER)
+        weights = np.where(active, weights, held)
     return rows.point, arrived & pressing
