@@ -163,6 +163,7 @@ class _Search:
     def _grow(self, root: _Node) -> None:
         """Treat and split boxes, that of the lowest bound first, until the search stands still."""
         order = itertools.count()
+        self._narrow_by_cutoff(root)
         self._treat(root, _ROOT_ROUNDS, _ROOT_SWEEPS)
         pending = [(root.bound, next(order), root)]
         best = root.bound
@@ -264,6 +265,26 @@ class _Search:
     def _proved(self, objective: Array, box: Box, multipliers: Array) -> float:
         return self.pool.proved(objective, box, multipliers).bound
 
+    def _narrow_by_cutoff(self, node: _Node) -> None:
+        """No segment takes longer than the cut-off leaves when all others are briefest."""
+        rows = np.array([_CUTOFF_ROW])
+        cutoff_row = self.pool.box_rows.chosen(rows)
+        one = np.ones(1)
+        for column in self.relaxation.time.tolist():
+            objective = np.zeros_like(self.total)
+            objective[column] = -1.0
+            bound = dual_check.dual_bound(objective, node.box, cutoff_row, one)
+            if bound <= _side(node.box, column, raises=False):
+                continue
+            node.steps.append(_Step(dual_check.LOWER, column, 0.0, rows, one))
+            node.box = dual_check.moved(
+                self.relaxation,
+                node.box,
+                column,
+                raises=False,
+                bound=bound,
+            )
+
     def _sweep(self, node: _Node, with_accelerations: bool) -> None:
         """Move both sides of the box's times (and accelerations) as far as the rows prove."""
         relaxation = self.relaxation
@@ -359,13 +380,12 @@ class _Search:
         """Per segment, what the bound would gain if its curves were met, to first order."""
         relaxation = self.relaxation
         assert answer.x is not None
-        rows = self.pool.box_rows
-        y = np.maximum(answer.multipliers[: self.pool.box_count], 0.0)
+        enclosing = self.pool.enclosing()
+        y = np.maximum(answer.multipliers[enclosing.numbers], 0.0)
         misses = np.abs(self._on_the_curves(answer.x) - answer.x)
-        errors = np.abs(rows.coefficients) * misses[rows.columns]
-        segments = relaxation.row_segments()
+        errors = np.abs(enclosing.rows.coefficients) * misses[enclosing.rows.columns]
         shares = y * errors.sum(axis=1)
-        costs = np.bincount(segments[1:], shares[1:], relaxation.segments)
+        costs = np.bincount(enclosing.segments, shares, relaxation.segments)
         return np.asarray(costs, dtype=float)
 
     def _on_the_curves(self, x: Array) -> Array:
@@ -395,6 +415,8 @@ class _Search:
             product = x[relaxation.inverse[k]] * x[relaxation.time[k]]
             if product < 1 - tangent_rtol:
                 self.pool.add_broken_tangent(k, x)
+        if relaxation.jerky.any():
+            self.pool.add_broken_jerk_rows(x)
         broken = extremal.broken(relaxation, x, tolerance / 2)
         places = {(row.segment, row.joint) for row in broken}
         for (k, j), separation in self.separations.items():
@@ -440,13 +462,13 @@ class _Search:
         steps = list(_walk(root))
         every = [step.rows for step in steps]
         used = np.unique(np.concatenate(every))
-        tables = self.pool.tables(used)
+        tables, new_numbers = self.pool.tables(used)
         table = []
         multipliers = []
         for step in steps:
             line = (step.kind, step.variable, step.value, len(step.rows))
             table.append(line)
-            numbers = tables.numbers[step.rows]
+            numbers = new_numbers[step.rows]
             pairs = np.column_stack([numbers, step.multipliers])
             multipliers.append(pairs)
         relaxation = self.relaxation
@@ -454,7 +476,9 @@ class _Search:
         return Proof(
             units=np.append(relaxation.time_unit, relaxation.length_units),
             cutoff=np.array([cutoff]),
+            square_tangents=tables.square_tangents,
             tangents=tables.tangents,
+            ramps=tables.ramps,
             cuts=tables.cuts,
             cells=tables.cells,
             steps=np.array(table, dtype=float),

@@ -8,14 +8,15 @@ has to be believed. What arithmetic can round is bounded by the sizes of all ter
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.lower_bound import costates
+from baselines.lower_bound import costates, jerk_rows
 from baselines.lower_bound.costates import Cut
+from baselines.lower_bound.jerk_rows import Ramp, SquareTangent
 from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows
 from trajopt.exceptions import InvalidInput
 from trajopt.problem import Problem
@@ -42,6 +43,8 @@ class Proof:
         units: The unit of time, s, then of each moving joint's lengths, rad; powers of two.
         cutoff: What lies above was not asked about, s, `(1,)`.
         tangents: Segment and place of each tangent to `1/T`, `(tangents, 2)`.
+        square_tangents: The same of each of `jerk_rows`; none in proofs of older versions.
+        ramps: Segment, joint and side of each of `jerk_rows`, `(ramps, 3)`; likewise.
         cuts: Segment, joint and number of cells of each row of costates, `(cuts, 3)`.
         cells: Their cells one after the other, `(cells, 7)`, as in `costates.row`.
         steps: Kind, variable, value and number of multipliers, `(steps, 4)`. `RAISE` and `LOWER`
@@ -49,7 +52,7 @@ class Proof:
             or the value is 0; `BRANCH` splits the box at the value, the lower part first; `LEAF`
             bounds the time in what is left.
         multipliers: Row and value, `(multipliers, 2)`; rows count those of the box first (the
-            cut-off, secants, McCormick's), then tangents, then cuts.
+            cut-off, secants, McCormick's), then square tangents, tangents, ramps, cuts.
     """
 
     units: Array
@@ -59,6 +62,8 @@ class Proof:
     cells: Array
     steps: Array
     multipliers: Array
+    square_tangents: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    ramps: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def arrays(self) -> dict[str, Array]:
         """By the names under which a trial stores them."""
@@ -75,6 +80,8 @@ class Proof:
             return None
         found = {}
         for name, columns in _SHAPES.items():
+            if name in _LATER and _PREFIX + name not in stats:
+                continue
             value = np.asarray(stats.get(_PREFIX + name, np.nan), dtype=float)
             if columns and not value.size:
                 value = value.reshape(0, columns)
@@ -93,7 +100,24 @@ _SHAPES = {
     "cells": costates.CELL_COLUMNS,
     "steps": 4,
     "multipliers": 2,
+    "square_tangents": 2,
+    "ramps": 3,
 }
+# Rows that proofs before 0.2 did not know.
+_LATER = ("square_tangents", "ramps")
+
+
+class _ProofRows(NamedTuple):
+    """A proof's own rows: those that change with the box, and all others."""
+
+    squares: list[SquareTangent]
+    others: Rows
+
+    def with_box(self, relaxation: Relaxation, box: Box) -> Rows:
+        """All rows of a step, in the order in which multipliers count them."""
+        of_box = relaxation.box_rows(box)
+        squares = jerk_rows.square_rows(relaxation, self.squares, box)
+        return joined([of_box, squares, self.others])
 
 
 def proved_bound(problem: Problem, proof: Proof) -> float:
@@ -108,7 +132,7 @@ def proved_bound(problem: Problem, proof: Proof) -> float:
     """
     merged, _ = problem.merged()
     relaxation = relaxation_of(merged, proof)
-    rows = global_rows(relaxation, proof)
+    rows = _proof_rows(relaxation, proof)
     try:
         lowest = _walked(relaxation, rows, proof)
     except IndexError as error:
@@ -125,14 +149,41 @@ def relaxation_of(problem: Problem, proof: Proof) -> Relaxation:
     return Relaxation(problem, float(proof.cutoff[0]), time_unit, np.array(lengths))
 
 
-def global_rows(relaxation: Relaxation, proof: Proof) -> Rows:
-    """Tangents and rows of costates: they hold in every box."""
-    tangents = [relaxation.blank(0)]
+def _proof_rows(relaxation: Relaxation, proof: Proof) -> _ProofRows:
+    squares = []
+    for segment, at in proof.square_tangents.tolist():
+        _check_place(at)
+        number = _index(segment, relaxation.segments)
+        squares.append(SquareTangent(number, at))
+    parts = [relaxation.blank(0)]
     for segment, at in proof.tangents.tolist():
-        chosen = _index(segment, relaxation.segments)
-        if not at > 0:
-            raise InvalidInput("proof tangents", "places above 0", value=at)
-        tangents.append(relaxation.tangent(chosen, at))
+        _check_place(at)
+        number = _index(segment, relaxation.segments)
+        parts.append(relaxation.tangent(number, at))
+    for row in proof.ramps.tolist():
+        given = _ramp(relaxation, *row)
+        parts.append(jerk_rows.ramp_row(relaxation, given))
+    parts.append(_cuts(relaxation, proof))
+    return _ProofRows(squares, joined(parts))
+
+
+def _check_place(at: float) -> None:
+    if not at > 0:
+        raise InvalidInput("proof tangents", "places above 0", value=at)
+
+
+def _ramp(relaxation: Relaxation, segment: float, joint: float, side: float) -> Ramp:
+    ramp = Ramp(
+        _index(segment, relaxation.segments),
+        _index(joint, relaxation.joints),
+        _index(side, 2),
+    )
+    if not np.isfinite(relaxation.j[ramp.side, ramp.joint]):
+        raise InvalidInput("proof ramps", "joints with a jerk limit on that side", value=joint)
+    return ramp
+
+
+def _cuts(relaxation: Relaxation, proof: Proof) -> Rows:
     first = 0
     given = []
     for segment, joint, count in proof.cuts.tolist():
@@ -142,7 +193,7 @@ def global_rows(relaxation: Relaxation, proof: Proof) -> Rows:
         broken = Cut(k, j, proof.cells[first:last])
         given.append(broken)
         first = last
-    return joined([*tangents, cuts(relaxation, given)])
+    return cuts(relaxation, given)
 
 
 def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> Rows:
@@ -203,7 +254,7 @@ def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> fl
     return bound if np.isfinite(bound) else -np.inf
 
 
-def _walked(relaxation: Relaxation, rows: Rows, proof: Proof) -> float:
+def _walked(relaxation: Relaxation, rows: _ProofRows, proof: Proof) -> float:
     """The lowest of all leaves' bounds."""
     box = relaxation.root_box()
     pending = [box]
@@ -290,7 +341,7 @@ def _completed(relaxation: Relaxation, box: Box) -> Box:
 
 def _step_bound(
     relaxation: Relaxation,
-    rows: Rows,
+    rows: _ProofRows,
     box: Box,
     objective: Array,
     multipliers: Array,
@@ -301,8 +352,7 @@ def _step_bound(
     numbers = multipliers[:, 0].astype(np.intp)
     if (numbers < 0).any():
         raise InvalidInput("proof multipliers", "rows counted from 0")
-    every = joined([relaxation.box_rows(box), rows])
-    used = every.chosen(numbers)
+    used = rows.with_box(relaxation, box).chosen(numbers)
     return dual_bound(objective, box, used, multipliers[:, 1])
 
 

@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 # HiGHS's own, for bounds and rows, primal and dual.
 TOLERANCE = 1e-9
+# Where it ends without an answer.
+_LARGER_TOLERANCE = 1e-7
 
 
 class Answer(NamedTuple):
@@ -69,11 +71,10 @@ class Linear:
             "output_flag": False,
             "threads": 1,
             "presolve": "off",
-            "primal_feasibility_tolerance": TOLERANCE,
-            "dual_feasibility_tolerance": TOLERANCE,
         }
         for name, value in options.items():
             self.highs.setOptionValue(name, value)
+        self._tolerate(TOLERANCE)
         self.highs.passModel(program)
 
     def minimised(self, objective: Array) -> Answer:
@@ -86,9 +87,7 @@ class Linear:
         status = self._run()
         words = self.solver.HighsModelStatus
         if status not in (words.kOptimal, words.kInfeasible):
-            # from scratch: a basis that went bad is left behind
-            self.highs.clearSolver()
-            status = self._run()
+            status = self._run_anew()
         if status == words.kOptimal:
             solution = self.highs.getSolution()
             multipliers = -np.array(solution.row_dual)
@@ -101,6 +100,26 @@ class Linear:
     def _run(self) -> Any:
         self.highs.run()
         return self.highs.getModelStatus()
+
+    def _run_anew(self) -> Any:
+        """From scratch, with more tolerance if need be: a basis that went bad is left behind.
+
+        Any multipliers are a proof of something.
+        """
+        words = self.solver.HighsModelStatus
+        status = words.kUnknown
+        for tolerance in (TOLERANCE, _LARGER_TOLERANCE):
+            self._tolerate(tolerance)
+            self.highs.clearSolver()
+            status = self._run()
+            if status in (words.kOptimal, words.kInfeasible):
+                break
+        self._tolerate(TOLERANCE)
+        return status
+
+    def _tolerate(self, tolerance: float) -> None:
+        for name in ("primal_feasibility_tolerance", "dual_feasibility_tolerance"):
+            self.highs.setOptionValue(name, tolerance)
 
     def _ray(self) -> Array:
         """Multipliers that prove that no point meets the rows; zeros where HiGHS has none."""

@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.lower_bound import dual_check
+from baselines.lower_bound import dual_check, jerk_rows, sources
 from baselines.lower_bound.costates import Cut
+from baselines.lower_bound.jerk_rows import SquareTangent
 from baselines.lower_bound.linear import Answer
 from baselines.lower_bound.relaxation import Box, Relaxation, Rows
 from baselines.lower_bound.scaled import ScaledProgram
+from baselines.lower_bound.sources import Source, Tables, Tangent
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -34,13 +36,12 @@ class Proved(NamedTuple):
     bound: float
 
 
-class Tables(NamedTuple):
-    """The pool's rows as a proof stores them, and the new numbers of all rows."""
+class Enclosing(NamedTuple):
+    """Rows, their numbers through box and pool, and the segments whose curves they enclose."""
 
-    tangents: Array
-    cuts: Array
-    cells: Array
     numbers: Indices
+    rows: Rows
+    segments: Indices
 
 
 class RowPool:
@@ -56,7 +57,9 @@ class RowPool:
         self.solver = solver
         self.programs = 0
         self.found: list[Rows] = []
-        self.origins: list[Cut | tuple[int, float]] = []
+        self.sources: list[Source] = []
+        # which of the pool's rows are square tangents
+        self.squares: list[int] = []
         # the pool's rows in the program, in its order, and when each was of use
         self.present: list[int] = []
         self.used_at: list[int] = []
@@ -70,6 +73,7 @@ class RowPool:
         before = self.box_rows
         self.box = box
         self.box_rows = self.relaxation.box_rows(box)
+        renewed = self._renewed_squares()
         if not self.program.suits(box):
             self.program = self._program()
             return
@@ -79,6 +83,25 @@ class RowPool:
         for number in np.flatnonzero(changed).tolist():
             row = self.box_rows.chosen(np.array([number]))
             self.program.set_row(number, row)
+        places = {number: place for place, number in enumerate(self.present)}
+        for number in renewed:
+            if number in places:
+                self.program.set_row(self.box_count + places[number], self.found[number])
+
+    def _renewed_squares(self) -> list[int]:
+        """Square tangents are other rows in another box: which they are in the pool."""
+        rows = jerk_rows.square_rows(self.relaxation, self._squares(), self.box)
+        renewed = []
+        for place, number in enumerate(self.squares):
+            row = rows.chosen(np.array([place]))
+            if row.bounds[0] != self.found[number].bounds[0]:
+                self.found[number] = row
+                renewed.append(number)
+        return renewed
+
+    def _squares(self) -> list[SquareTangent]:
+        sources = [self.sources[number] for number in self.squares]
+        return [source for source in sources if isinstance(source, SquareTangent)]
 
     def _program(self) -> ScaledProgram:
         """The linear program in units that suit the box."""
@@ -122,29 +145,62 @@ class RowPool:
     def add_tangent(self, segment: int, at: float) -> None:
         """A tangent to `1/T` of a segment."""
         row = self.relaxation.tangent(segment, at)
-        self._add(row, (segment, at))
+        self._add(row, Tangent(segment, at))
 
     def add_broken_tangent(self, segment: int, x: Array) -> None:
         """The tangent at a point, if the point breaks it."""
         at = float(x[self.relaxation.time[segment]])
         row = self.relaxation.tangent(segment, at)
         if self.program.breaks(row, x)[0]:
-            self._add(row, (segment, at))
+            self._add(row, Tangent(segment, at))
+
+    def add_broken_jerk_rows(self, x: Array) -> None:
+        """The square tangents and ramps that a point breaks."""
+        relaxation = self.relaxation
+        squares = jerk_rows.square_tangents(relaxation, x, self.box)
+        rows = jerk_rows.square_rows(relaxation, squares, self.box)
+        self._add_broken(squares, rows, x)
+        ramps = jerk_rows.broken_ramps(relaxation, x)
+        if ramps:
+            parts = [jerk_rows.ramp_row(relaxation, ramp) for ramp in ramps]
+            self._add_broken(ramps, dual_check.joined(parts), x)
 
     def add_broken_cuts(self, given: Sequence[Cut], x: Array) -> None:
         """Those rows of costates that a point breaks."""
         rows = dual_check.cuts(self.relaxation, given)
+        self._add_broken(given, rows, x)
+
+    def _add_broken(self, given: Sequence[Source], rows: Rows, x: Array) -> None:
+        if not given:
+            return
         broken = self.program.breaks(rows, x)
         for number in np.flatnonzero(broken).tolist():
             row = rows.chosen(np.array([number]))
             self._add(row, given[number])
 
-    def _add(self, row: Rows, origin: Cut | tuple[int, float]) -> None:
-        if self.program.add_row(row):
-            self.present.append(len(self.found))
-            self.used_at.append(self.programs)
-            self.found.append(row)
-            self.origins.append(origin)
+    def _add(self, row: Rows, source: Source) -> None:
+        if not self.program.add_row(row):
+            return
+        if isinstance(source, SquareTangent):
+            self.squares.append(len(self.found))
+        self.present.append(len(self.found))
+        self.used_at.append(self.programs)
+        self.found.append(row)
+        self.sources.append(source)
+
+    def enclosing(self) -> Enclosing:
+        """The rows that depend on the box, but for the cut-off."""
+        own = np.array(self.squares, dtype=np.intp)
+        of_box = np.arange(1, self.box_count)
+        parts = [self.box_rows.chosen(of_box)]
+        parts += [self.found[number] for number in self.squares]
+        of_squares = [square.segment for square in self._squares()]
+        segments = self.relaxation.row_segments()[1:]
+        return Enclosing(
+            numbers=np.concatenate([of_box, self.box_count + own]),
+            rows=dual_check.joined(parts),
+            segments=np.append(segments, of_squares).astype(np.intp),
+        )
 
     def proved(self, objective: Array, box: Box, multipliers: Array) -> Proved:
         """What multipliers prove of an objective on the box that was entered."""
@@ -158,28 +214,12 @@ class RowPool:
         bound = dual_check.dual_bound(objective, box, rows, own)
         return Proved(used, own, bound)
 
-    def tables(self, used: Indices) -> Tables:
-        """What a proof stores of the rows that it uses, tangents first."""
-        tangents = []
-        cuts = []
-        cells = [np.zeros((0, 7))]
-        tangent_places = []
-        cut_places = []
-        for place in used[used >= self.box_count]:
-            origin = self.origins[place - self.box_count]
-            if isinstance(origin, Cut):
-                cuts.append((origin.segment, origin.joint, len(origin.cells)))
-                cells.append(origin.cells)
-                cut_places.append(place)
-            else:
-                tangents.append(origin)
-                tangent_places.append(place)
+    def tables(self, used: Indices) -> tuple[Tables, Indices]:
+        """What a proof stores of the rows that it uses, and the new numbers of all rows."""
+        of_pool = used[used >= self.box_count] - self.box_count
+        ordered = sources.in_order(self.sources, of_pool.tolist())
+        stored = sources.tables([self.sources[number] for number in ordered])
         numbers = np.arange(self.box_count + len(self.found))
-        places = np.array(tangent_places + cut_places, dtype=np.intp)
-        numbers[places] = self.box_count + np.arange(len(places))
-        return Tables(
-            tangents=np.array(tangents, dtype=float).reshape(-1, 2),
-            cuts=np.array(cuts, dtype=float).reshape(-1, 3),
-            cells=np.concatenate(cells),
-            numbers=numbers,
-        )
+        places = self.box_count + np.array(ordered, dtype=np.intp)
+        numbers[places] = self.box_count + np.arange(len(ordered))
+        return stored, numbers

@@ -11,6 +11,7 @@ from baselines.lower_bound import costates, extremal
 from baselines.lower_bound.bound import certify
 from baselines.lower_bound.branching import prove
 from baselines.lower_bound.dual_check import LOWER, RAISE, Proof, cuts, proved_bound
+from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
 from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.relaxation import Box, Relaxation
 from baselines.ruckig_ import RuckigStop, RuckigVia
@@ -102,6 +103,30 @@ def test_every_row_holds_for_a_verified_trajectory(seed, jerk, walls, one_sided)
         assert (values <= rows.bounds + 1e-7).all()
         tangent = relaxation.tangent(0, float(rng.uniform(0.1, 5)))
         assert tangent.coefficients[0] @ x[tangent.columns[0]] <= tangent.bounds[0] + 1e-9
+        places = enumerate(rng.uniform(0.01, 5, relaxation.segments).tolist())
+        touching = [SquareTangent(k, t) for k, t in places]
+        squares = square_rows(relaxation, touching, box)
+        values = (squares.coefficients * x[squares.columns]).sum(axis=1)
+        assert (values <= squares.bounds + 1e-9).all()
+    for side, k, j in np.ndindex(2, relaxation.segments, relaxation.joints):
+        if np.isfinite(relaxation.j[side, j]):
+            ramp = ramp_row(relaxation, Ramp(k, j, side))
+            assert ramp.coefficients[0] @ x[ramp.columns[0]] <= 1e-6
+
+
+def test_a_square_tangent_leaves_no_room_where_the_inverse_is_met():
+    problem = limited_problem(0)
+    relaxation = Relaxation.of(problem, 20.0)
+    root = relaxation.root_box()
+    time = relaxation.time[1]
+    for t in np.linspace(root.low[time], root.high[time], 7)[1:-1].tolist():
+        row = square_rows(relaxation, [SquareTangent(1, t)], root)
+        x = np.zeros(relaxation.variables)
+        x[time] = t
+        x[relaxation.inverse[1]] = 1 / t
+        # the largest square that the row allows
+        largest = row.bounds[0] - row.coefficients[0] @ x[row.columns[0]]
+        assert largest == pytest.approx(t**2, rel=1e-12)
 
 
 def test_the_integral_of_a_quadratic_is_bounded_from_above_and_tightly():
@@ -248,6 +273,66 @@ def test_a_proof_proves_its_bound_again(proved):
     assert proved_bound(problem, stored) == bound.lower_bound
     # the trapezoid: 1.5/1 + 1/2
     assert 2.0 * (1 - 2e-5) < bound.lower_bound <= 2.0
+
+
+@pytest.fixture(scope="module")
+def proved_with_jerk():
+    """Two joints of a walk with steps of 1 and of 1e-7 rad."""
+    walk = load("random-tiny-j7-w10-jerk-17")
+    problem = replace(walk, waypoints=walk.waypoints[4:9]).only([0, 1])
+    motion = ExactJerk(starts=1).solve(problem).trajectory
+    known = verify(problem, motion).certified_duration
+    found = prove(problem, known / (1 + 1e-3), 1e-3, np.inf)
+    return problem, known, found
+
+
+def test_a_tiny_step_with_jerk_limits_is_proved(proved_with_jerk):
+    _, known, found = proved_with_jerk
+    assert len(found.proof.square_tangents)
+    assert len(found.proof.ramps)
+    assert known / (1 + 1e-3) * (1 - 1e-9) <= found.lower_bound <= known
+
+
+def test_rows_that_were_changed_prove_no_more_than_is_true(proved_with_jerk):
+    problem, known, found = proved_with_jerk
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        places = found.proof.square_tangents.copy()
+        places[:, 1] *= np.exp(rng.normal(size=len(places)))
+        ramps = found.proof.ramps.copy()
+        ramps[:, 2] = rng.integers(2, size=len(ramps))
+        changed = replace(found.proof, square_tangents=places, ramps=ramps)
+        assert proved_bound(problem, changed) <= known
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ramps", [[0, 0, 2]]),
+        ("ramps", [[0, 9, 1]]),
+        ("square_tangents", [[0, -1.0]]),
+        ("square_tangents", [[9, 1.0]]),
+    ],
+)
+def test_rows_of_other_segments_joints_or_sides_are_refused(proved_with_jerk, name, value):
+    problem, _, found = proved_with_jerk
+    with pytest.raises(InvalidInput, match="proof"):
+        proved_bound(problem, replace(found.proof, **{name: np.array(value, dtype=float)}))
+
+
+def test_no_ramp_bounds_a_jerk_that_is_free(proved):
+    problem, bound = proved
+    free = replace(bound.proof, ramps=np.array([[0.0, 0.0, 1.0]]))
+    with pytest.raises(InvalidInput, match="jerk limit"):
+        proved_bound(problem, free)
+
+
+def test_a_proof_of_an_older_version_is_read(proved):
+    problem, bound = proved
+    arrays = bound.proof.arrays()
+    for name in ("square_tangents", "ramps"):
+        assert not arrays.pop(f"proof_{name}").size
+    assert proved_bound(problem, Proof.stored(arrays)) == bound.lower_bound
 
 
 def test_rounding_a_proof_of_many_steps_costs_no_more_than_its_digits():
