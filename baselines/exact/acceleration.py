@@ -53,9 +53,8 @@ _LARGEST_DILATION = 2.0  # what needs more is no answer
 _DILATION_TOL = 2e-15
 # What a velocity that is at its limit in the optimum misses it by: the duration feels the square.
 _LIMIT_RTOL = 1e-9
-# What the rounding of a segment's time may change, of its mean velocity and of the step over it.
-_MEAN_RTOL = 1e-12
-_STEP_RTOL = 1e-9
+# Of a segment's time: where rounding changes more, positions round by as much as is travelled then.
+_ROUNDED_TIME_RTOL = 1e-9
 # A start's time: in proportion to cells (segments times moving joints), measured up to 7000; and
 # where there are many joints to their square too, measured up to 250.
 _SECONDS_PER_CELL = 2e-4
@@ -176,8 +175,8 @@ class Scaled:
         Of two segments the briefer one feels its rounding most. Its mean velocity becomes what its
         displacement asks for, the step over it what acceleration gains.
         """
-        quicker = _ratio(times, rounded, _MEAN_RTOL)
-        longer = _ratio(rounded, times, _STEP_RTOL)
+        quicker = _ratio(times, rounded)
+        longer = _ratio(rounded, times)
         ends = _with_rest(velocities)
         mean = (ends[:-1] + ends[1:]) / 2
         mean *= quicker[:, None]
@@ -198,15 +197,16 @@ class Scaled:
         return np.where(within < slowest, lowest, within)
 
 
-def _ratio(times: Array, others: Array, rtol: float) -> Array:
-    """Of two times of each segment, no further from 1 than their rounding may be worth."""
+def _ratio(times: Array, others: Array) -> Array:
+    """Of two times of each segment; 1 where they differ by more than is worth following."""
     ratio = np.divide(
         times,
         others,
         out=np.ones_like(times),
         where=others > 0,
     )
-    return np.asarray(np.clip(ratio, 1 - rtol, 1 + rtol))
+    is_close = np.abs(ratio - 1) <= _ROUNDED_TIME_RTOL
+    return np.where(is_close, ratio, 1.0)
 
 
 def _with_rest(velocities: Array) -> Array:

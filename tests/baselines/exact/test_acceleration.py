@@ -74,6 +74,14 @@ def test_rounding_of_breaks_costs_nothing(seed: int) -> None:
     assert certificate.waypoint.value <= 1e-13 * farthest
 
 
+def test_a_brief_segment_passed_fast_keeps_its_limits_in_rounded_time() -> None:
+    """2.6e-6 s at 19 s round by 3e-10, and so does the mean velocity: once a dilation of 6e-5."""
+    problem = load("random-tiny-j10-w50-jerk-16").without("jerk", "position")
+    certificate = verify(problem, solved(problem))
+    assert certificate.valid
+    assert certificate.dilation == pytest.approx(1, abs=1e-9)
+
+
 def test_a_segment_that_takes_less_time_than_can_be_stored_is_flown_by() -> None:
     problem = one_joint(-10, 0, 1e-16, 1e-15, 10)
     certificate = verify(problem, solved(problem))
