@@ -17,11 +17,13 @@ from trajopt.testing import check_planner
 
 # The same planners with less work, where that exists: the contract does not depend on effort.
 _QUICK = {
-    "iterations": 30,
-    "gridpoints": 200,
-    "evaluations": 1000,
-    "starts": 2,
+    "iterations": 10,
+    "gridpoints": 100,
+    "evaluations": 300,
+    "starts": 1,
     "rounds": 6,
+    "refinements": 1,
+    "gap": 1e-2,
 }
 # One path instead of the best of twelve, where others' planners follow paths.
 _ONE_PATH = {

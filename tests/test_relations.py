@@ -15,7 +15,7 @@ from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import RuckigStop, RuckigVia
 from baselines.spline353_nlp import Spline353NLP
 from baselines.topp_ra import ToppRa, along
-from trajopt import Limits, Problem, spline353, verify
+from trajopt import Limits, Problem, Solution, spline353, verify
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.planner import Planner
 from trajopt.registry import configured
@@ -29,16 +29,24 @@ SYMMETRIC = [EXACT, COLLOCATION, STOP, Spline353NLP()]  # whose answers must obe
 
 
 @cache
+def solved(planner: Planner, problem: Problem) -> Solution:
+    return planner.solve(problem)
+
+
+@cache
 def certified(planner: Planner, problem: Problem) -> float:
     """Certified duration, NaN where there is none."""
-    trajectory = planner.solve(problem).trajectory
+    trajectory = solved(planner, problem).trajectory
     duration = verify(problem, trajectory).certified_duration if trajectory else None
     return np.nan if duration is None else duration
 
 
-@cache
-def problem_of(seed: int, waypoints: int | None = None) -> Problem:
-    return random_problem(seed, waypoints=waypoints)
+drawn = cache(random_problem)
+
+
+def problem_of(seed: int, waypoints: int | None = None, jerk: bool = False) -> Problem:
+    """The same object each time."""
+    return drawn(seed, waypoints=waypoints, jerk=jerk)
 
 
 def rewritten(problem: Problem, waypoints: np.ndarray, **changes: np.ndarray) -> Problem:
@@ -67,8 +75,8 @@ def test_exact_is_never_above_a_spline(planner: Planner, seed: int) -> None:
 @pytest.mark.parametrize("jerk", [False, True])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_ruckig_through_is_never_above_ruckig_stopping(seed: int, jerk: bool) -> None:
-    problem = random_problem(seed, jerk=jerk)
-    through, stopping = VIA.solve(problem).trajectory, STOP.solve(problem).trajectory
+    problem = problem_of(seed, jerk=jerk)
+    through, stopping = (solved(planner, problem).trajectory for planner in (VIA, STOP))
     assert through is not None
     assert stopping is not None
     assert through.duration <= stopping.duration * (1 + 1e-12)
@@ -83,8 +91,8 @@ def test_stopping_with_ruckig_is_the_closed_form(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_without_the_jerk_limit_is_never_slower(seed: int) -> None:
-    problem = random_problem(seed, jerk=True)
-    bound = EXACT.solve(problem).lower_bound
+    problem = problem_of(seed, jerk=True)
+    bound = solved(EXACT, problem).lower_bound
     assert bound is not None
     for planner in (COLLOCATION, STOP):
         assert not certified(planner, problem) < bound * (1 - 1e-6)
