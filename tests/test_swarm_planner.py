@@ -113,7 +113,7 @@ def elsewhere():
         "from tests.test_swarm_planner import *\n"
         "for mode in MODES:\n"
         "    for optimiser in (PSO(), SSA(), ISSA()):\n"
-        "        planner = SwarmPlanner(optimiser, iterations=30, **mode)\n"
+        "        planner = SwarmPlanner(optimiser, iterations=10, **mode)\n"
         "        print(digest([planner.solve(SIX_AXIS, seed=7)]))"
     )
     there = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -122,7 +122,7 @@ def elsewhere():
 
 @pytest.mark.parametrize("mode", MODES)
 def test_a_run_gives_the_same_bits_alone_in_a_batch_and_in_another_process(mode, elsewhere):
-    planners = [SwarmPlanner(o, iterations=30, **mode) for o in (PSO(), SSA(), ISSA())]
+    planners = [SwarmPlanner(o, iterations=10, **mode) for o in (PSO(), SSA(), ISSA())]
     batches = [planner.solve_batch(SIX_AXIS, range(30)) for planner in planners]
     for planner, batch in zip(planners, batches, strict=True):
         assert digest([planner.solve(SIX_AXIS, seed=7)]) == digest([batch[7]])
@@ -135,7 +135,7 @@ def test_a_run_gives_the_same_bits_alone_in_a_batch_and_in_another_process(mode,
 @pytest.mark.parametrize("optimiser", [PSO(), SSA(), ISSA()])
 def test_every_answer_is_certified(name, mode, optimiser):
     problem = named(name)
-    planner = SwarmPlanner(optimiser, iterations=30, **mode)
+    planner = SwarmPlanner(optimiser, iterations=15, **mode)
     assert planner.unsupported(problem) is None
     for solution in planner.solve_batch(problem, [0, 1]):
         certificate = verify(problem, solution.trajectory)
@@ -304,7 +304,7 @@ def test_half_the_time_scale_gives_half_the_times_bit_for_bit():
     limits = SIX_AXIS.limits
     faster = Problem(SIX_AXIS.waypoints, Limits(2 * limits.velocity, 4 * limits.acceleration))
     for optimiser in (PSO(), SSA(), ISSA()):
-        planner = SwarmPlanner(optimiser, space="unit", fitness="scaled", iterations=100)
+        planner = SwarmPlanner(optimiser, space="unit", fitness="scaled", iterations=30)
         slow, fast = (planner.solve(p).stats["segment_times"] for p in (SIX_AXIS, faster))
         assert (slow == 2 * fast).all()
 

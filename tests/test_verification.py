@@ -6,6 +6,7 @@ it as bumps `ε sᵐ (1 − s)ⁿ` inside one piece, whose peaks and end slopes 
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +31,11 @@ SHORT = 1e-7  # s
 
 def quintic_motion(waypoints, segment_time, cuts=()) -> Trajectory:
     """From rest to rest, segment by segment; every segment is cut at the same shares of it."""
+    return _quintic_motion(tuple(map(tuple, waypoints)), segment_time, cuts)
+
+
+@cache
+def _quintic_motion(waypoints, segment_time, cuts) -> Trajectory:
     shares = np.array([0.0, *cuts, 1.0])
     blend, columns, breaks = np.poly1d([6, -15, 10, 0, 0, 0]), [], [0.0]
     for k, h in enumerate(np.diff(waypoints, axis=0)):
@@ -62,11 +68,17 @@ def hump(m: int, n: int) -> np.ndarray:
 
 def extremes(bump, order: int) -> tuple[float, float]:
     """The least and greatest value of a derivative on `[0, 1]`, by NumPy's roots."""
+    return _extremes(tuple(bump), order)
+
+
+@cache
+def _extremes(bump, order: int) -> tuple[float, float]:
     p = np.polyder(np.poly1d(bump), order)
     points = np.clip(np.r_[np.roots(p.deriv().coeffs).real, 0, 1], 0, 1)
     return p(points).min(), p(points).max()
 
 
+@cache
 def with_spike() -> tuple[Trajectory, int]:
     """A wait of 1000 s, in its midst a piece of 1e-7 s; the number of that piece."""
     share = 0.371
