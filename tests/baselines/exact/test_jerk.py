@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,12 @@ from trajopt.testing import examples
 QUICK = ExactJerk(starts=2)
 
 
+@cache
+def drawn(seed: int, waypoints: int | None = None) -> Problem:
+    return random_problem(seed, waypoints=waypoints, jerk=True)
+
+
+@cache
 def solved(problem: Problem, planner: ExactJerk = QUICK) -> Trajectory:
     solution = planner.solve(problem)
     assert solution.status is Status.SOLVED, solution.message
@@ -96,7 +103,7 @@ def test_without_a_jerk_limit_it_is_exact(problem: Problem) -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_two_waypoints_equal_ruckig(seed: int) -> None:
-    problem = random_problem(seed, waypoints=2, jerk=True)
+    problem = drawn(seed, waypoints=2)
     ruckig = RuckigStop().solve(problem).trajectory
     assert ruckig is not None
     assert solved(problem, ExactJerk(starts=1)).duration == pytest.approx(ruckig.duration, rel=1e-6)
@@ -105,7 +112,7 @@ def test_two_waypoints_equal_ruckig(seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 3, 6, 7, 8])
 def test_ruckig_from_its_waypoint_states_returns_its_segment_times(seed: int) -> None:
     """Mathematics, section 8: states divided by 1 + 1e-6 keep rounding off a longer branch."""
-    problem = random_problem(seed, jerk=True)
+    problem = drawn(seed)
     trajectory = solved(problem)
     times = trajectory.waypoint_times
     velocities, accelerations = (trajectory(times, order) / (1 + 1e-6) for order in (1, 2))
@@ -135,7 +142,7 @@ def test_collocation_tends_to_it_from_above(problem: Problem) -> None:
 
 @pytest.mark.parametrize("seed", [0, 1, 3, 6, 7, 8])
 def test_never_above_ruckig_nor_below_exact(seed: int) -> None:
-    problem = random_problem(seed, jerk=True)
+    problem = drawn(seed)
     duration = solved(problem).duration
     ruckig = RuckigVia(evaluations=1000).solve(problem).trajectory
     exact = Exact().solve(problem).trajectory
@@ -227,7 +234,7 @@ def test_a_joint_that_rests_and_a_waypoint_twice() -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_no_joint_has_slivers_in_a_brief_segment_nor_pieces_of_rounding(seed: int) -> None:
     """Pieces of 1e-12 s once cost twice the duration: their rounding, mended, breaks the jerk."""
-    trajectory = solved(random_problem(seed, jerk=True))
+    trajectory = solved(drawn(seed))
     for joint in trajectory.coefficients[0].T:
         own = np.flatnonzero(np.diff(joint)) + 1
         switches = trajectory.breaks[np.r_[0, own, -1]]
