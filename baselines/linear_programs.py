@@ -15,12 +15,21 @@ Array = NDArray[np.float64]
 
 
 class LinearPrograms:
-    """HiGHS, which solves one program at a time."""
+    """HiGHS, which solves one program at a time.
 
-    def __init__(self) -> None:
+    Args:
+        row_tolerance: what a row may be missed by, and a variable's bound.
+    """
+
+    def __init__(self, row_tolerance: float = 1e-7) -> None:
         self._solver = backend("highspy")
         self._highs = self._solver.Highs()
-        options = {"output_flag": False, "threads": 1, "presolve": "off"}
+        options = {
+            "output_flag": False,
+            "threads": 1,
+            "presolve": "off",
+            "primal_feasibility_tolerance": row_tolerance,
+        }
         for name, value in options.items():
             self._highs.setOptionValue(name, value)
 

@@ -73,6 +73,8 @@ class ExactJerk(SeveralStarts):
 
     starts: int = 4
 
+    requires = ("casadi", "highspy")
+
     knows = ("velocity", "acceleration", "jerk")
 
     def unsupported(self, problem: Problem) -> str | None:

@@ -35,6 +35,7 @@ _AROUND = (1, 3)  # segments on either side that may help
 _DILATIONS = (1e-12, 3e-10)  # that it may cost, the less the better
 _CERTIFIED_RTOL = 1e-9  # what the certified duration may cost, rounding included
 _MISS_RTOL = 1e-13
+_ROW_TOLERANCE = 1e-10  # of the radius of a step: HiGHS's least
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,8 @@ def without_slivers(pieces: Pieces, task: Task) -> Pieces:
         task: what it does.
     """
     knots, (_, square, linear, _) = pieces
+    if not task.slivers(knots).any():
+        return pieces
     _, acceleration_unit, velocity_unit, _ = task.units
     acceleration = np.r_[2 * square, 0.0] / acceleration_unit
     velocity = np.r_[linear, 0.0] / velocity_unit
@@ -162,7 +165,7 @@ def _first_pieces(segment: Indices) -> Indices:
 
 def _mended(motion: _Motion, task: Task) -> _Motion:
     """The motion without slivers, but for those that its limits need."""
-    programs = LinearPrograms()
+    programs = LinearPrograms(_ROW_TOLERANCE)
     needed = np.zeros(len(task.h), dtype=bool)
     while True:
         segment = task.segments(motion.knots)

@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
-# How far a first step may lead: of a segment's time, of the largest acceleration.
-_RADII = (1e-3, 1e-1)
+# How far a step may lead: of a segment's time, of the largest acceleration.
+_FIRST_RADIUS = 0.1
 _LAST_RADIUS = 1e-9  # where breaks are rounded, and only accelerations move
 _LEAST_RADIUS = 1e-13
 _SHRINKING = 30.0  # times as far as a step went may the next one go
@@ -243,11 +243,15 @@ def refitted(
         shortest: what each piece's length is at least, `(pieces,)`.
         rounded: the same with the lengths between breaks as they are stored.
     """
-    for radius in _RADII:
-        found = _stepped(programs, stretch, limits, shortest, radius)
-        if found is not None:
-            return _mended(programs, rounded(found), limits)
-    return None
+    found = _stepped(
+        programs,
+        stretch,
+        limits,
+        shortest,
+    )
+    if found is None:
+        return None
+    return _mended(programs, rounded(found), limits)
 
 
 def _stepped(
@@ -255,9 +259,9 @@ def _stepped(
     stretch: Stretch,
     limits: JointLimits,
     shortest: Array,
-    radius: float,
 ) -> Stretch | None:
-    """Where steps lead that change lengths and accelerations."""
+    """Where steps lead that change lengths and accelerations, each smaller than the last."""
+    radius = _FIRST_RADIUS
     for _ in range(_MOST_STEPS):
         step = _Step(stretch, limits, shortest, breaks_move=True)
         found = step.nearest(programs, radius)
