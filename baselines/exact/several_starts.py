@@ -56,7 +56,7 @@ class SeveralStarts(Planner):
     starts: int = 8
     agreeing: int = 2
 
-    requires = ("casadi",)
+    requires: tuple[str, ...] = ("casadi",)
 
     def __post_init__(self) -> None:
         for name in ("starts", "agreeing"):
