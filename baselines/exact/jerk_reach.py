@@ -140,6 +140,7 @@ class Scaled:
         return Task(
             alone=self.problem.without("position").only([joint]),
             passages=passages,
+            waypoints=self.problem.waypoints[:-1, joint],
             unit=self.unit,
             units=self.units[:, index],
             h=self.h[:, index],

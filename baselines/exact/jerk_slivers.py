@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +44,7 @@ class Task:
     Attributes:
         alone: the problem of this joint.
         passages: when the waypoints are passed, s, `(segments + 1,)`.
+        waypoints: where the segments start, rad, `(segments,)`.
         unit: the unit of time, s.
         units: of jerk, acceleration, velocity and position, rad/s^power, `(4,)`.
         h: displacements in these units, `(segments,)`.
@@ -53,6 +53,7 @@ class Task:
 
     alone: Problem
     passages: Array
+    waypoints: Array
     unit: float
     units: Array
     h: Array
@@ -80,26 +81,13 @@ class Task:
 
     def part(self, first: int, last: int) -> Task:
         """The segments from one waypoint to another."""
-        passages = self.passages[first : last + 1]
-        return replace(self, passages=passages, h=self.h[first:last])
-
-
-class _Motion(NamedTuple):
-    """One joint's motion: acceleration is straight between knots, waypoints among them.
-
-    Attributes:
-        knots: s since the motion's start, `(knots,)`.
-        acceleration: at the knots, without units, likewise.
-        velocity: likewise.
-    """
-
-    knots: Array
-    acceleration: Array
-    velocity: Array
-
-    def part(self, chosen: slice) -> _Motion:
-        """Some of its knots."""
-        return _Motion(*(values[chosen] for values in self))
+        segments = slice(first, last)
+        return replace(
+            self,
+            passages=self.passages[first : last + 1],
+            waypoints=self.waypoints[segments],
+            h=self.h[segments],
+        )
 
 
 def without_slivers(pieces: Pieces, task: Task) -> Pieces:
@@ -109,19 +97,12 @@ def without_slivers(pieces: Pieces, task: Task) -> Pieces:
         pieces: its breaks, s, with the waypoints among them, and cubics, rad/s^power.
         task: what it does.
     """
-    knots, (_, square, linear, _) = pieces
+    knots, _ = pieces
     if not task.slivers(knots).any():
         return pieces
-    _, acceleration_unit, velocity_unit, _ = task.units
-    acceleration = np.r_[2 * square, 0.0] / acceleration_unit
-    velocity = np.r_[linear, 0.0] / velocity_unit
-    motion = _Motion(knots, acceleration, velocity)
-    mended = _mended(motion, task)
-    if mended is motion:
-        return pieces
-    new = _pieces(mended, task)
+    mended = _mended(pieces, task)
     longest = _certified(pieces, task) * (1 + _CERTIFIED_RTOL)
-    return new if _certified(new, task) <= longest else pieces
+    return mended if _certified(mended, task) <= longest else pieces
 
 
 def _certified(pieces: Pieces, task: Task) -> float:
@@ -131,64 +112,44 @@ def _certified(pieces: Pieces, task: Task) -> float:
     return np.inf if duration is None else duration
 
 
-def _pieces(motion: _Motion, task: Task) -> Pieces:
-    """Breaks, s, and cubics, rad/s^power."""
-    knots, acceleration, velocity = motion
-    lengths = np.diff(knots) / task.unit
-    before = acceleration[:-1]
-    after = acceleration[1:]
-    start = velocity[:-1]
-    jerk = (after - before) / lengths
-    # q += t (v + t (2a + b)/6), from every waypoint anew
-    twice = 2 * before + after
-    mean = start + lengths * twice / 6
-    travelled = lengths * mean
-    position = accumulated(0.0, travelled)
-    segment = task.segments(knots)
-    first = _first_pieces(segment)
-    passed = position[first]
-    position -= passed[segment]
-    cubic = jerk / 6
-    square = before / 2
-    cubics = np.stack([cubic, square, start, position])
-    cubics *= task.units[:, None]
-    waypoints = task.alone.waypoints[segment]
-    cubics[-1] += waypoints[:, 0]
-    return knots, cubics
-
-
 def _first_pieces(segment: Indices) -> Indices:
     """Which pieces begin a segment."""
     begins = np.diff(segment, prepend=-1) > 0
     return np.flatnonzero(begins)
 
 
-def _mended(motion: _Motion, task: Task) -> _Motion:
+def _mended(pieces: Pieces, task: Task) -> Pieces:
     """The motion without slivers, but for those that its limits need."""
     programs = LinearPrograms(_ROW_TOLERANCE)
     needed = np.zeros(len(task.h), dtype=bool)
     while True:
-        segment = task.segments(motion.knots)
-        is_sliver = task.slivers(motion.knots)
+        knots, _ = pieces
+        segment = task.segments(knots)
+        is_sliver = task.slivers(knots)
         left = segment[is_sliver & ~needed[segment]]
         if not left.size:
-            return motion
+            return pieces
         first = int(left[0])
-        mended = _mended_segment(programs, motion, task, first)
+        mended = _mended_segment(
+            programs,
+            pieces,
+            task,
+            first,
+        )
         if mended is None:
             needed[first] = True
         else:
-            motion = mended
+            pieces = mended
 
 
 def _mended_segment(
     programs: LinearPrograms,
-    motion: _Motion,
+    pieces: Pieces,
     task: Task,
     segment: int,
-) -> _Motion | None:
+) -> Pieces | None:
     """The motion without this segment's slivers; None where limits need them."""
-    for window in _windows(motion, task, segment):
+    for window in _windows(pieces, task, segment):
         for kept in (window.without_slivers(), window.all_knots()):
             for dilation in _DILATIONS:
                 mended = window.mended(programs, kept, dilation)
@@ -197,14 +158,19 @@ def _mended_segment(
     return None
 
 
-def _windows(motion: _Motion, task: Task, segment: int) -> Iterator[_Window]:
+def _windows(pieces: Pieces, task: Task, segment: int) -> Iterator[_Window]:
     """The segments around one, more and more."""
     widest = 0
     for around in _AROUND:
         first = max(segment - around, 0)
         last = min(segment + around + 1, len(task.h))
         if last - first > widest:
-            yield _Window(motion, task, first, last)
+            yield _Window(
+                pieces,
+                task,
+                first,
+                last,
+            )
         widest = last - first
 
 
@@ -213,31 +179,37 @@ class _Window:
 
     def __init__(
         self,
-        motion: _Motion,
+        pieces: Pieces,
         task: Task,
         first: int,
         last: int,
     ) -> None:
         self._task = task.part(first, last)
+        knots, cubics = pieces
         start, end = task.passages[[first, last]]
-        begin = np.searchsorted(motion.knots, start)
-        finish = np.searchsorted(motion.knots, end)
-        self._before = motion.part(slice(None, begin))
-        self._after = motion.part(slice(finish + 1, None))
+        begin = np.searchsorted(knots, start)
+        finish = np.searchsorted(knots, end)
+        self._before = (knots[:begin], cubics[:, :begin])
+        self._after = (knots[finish + 1 :], cubics[:, finish:])
         inside = slice(begin, finish + 1)
-        self._inside = motion.part(inside)
+        self._knots = knots[inside]
+        # at rest in the end
+        at_knots = np.pad(cubics, ((0, 0), (0, 1)))
+        _, acceleration, velocity, _ = at_knots[:, inside] / task.units[:, None]
+        self._acceleration = 2 * acceleration
+        self._velocity = velocity
 
     def all_knots(self) -> Bools:
         """Every knot is kept."""
-        return np.ones(len(self._inside.knots), dtype=bool)
+        return np.ones(len(self._knots), dtype=bool)
 
     def without_slivers(self) -> Bools:
         """Which knots are kept: one of each sliver's goes, the briefest first; waypoints stay."""
         kept = self.all_knots()
-        is_waypoint = np.isin(self._inside.knots, self._task.passages)
+        is_waypoint = np.isin(self._knots, self._task.passages)
         while True:
             at = np.flatnonzero(kept)
-            knots = self._inside.knots[at]
+            knots = self._knots[at]
             is_sliver = self._task.slivers(knots)
             if not is_sliver.any():
                 return kept
@@ -253,7 +225,7 @@ class _Window:
         programs: LinearPrograms,
         kept: Bools,
         dilation: float,
-    ) -> _Motion | None:
+    ) -> Pieces | None:
         """The whole motion, within limits but for a dilation, with only these knots inside."""
         start = self._stretch(kept)
         limits = self._task.limits
@@ -275,12 +247,11 @@ class _Window:
 
     def _stretch(self, kept: Bools) -> Stretch:
         """The motion between some of the knots."""
-        knots, acceleration, velocity = self._inside
-        left = knots[kept]
+        left = self._knots[kept]
         return Stretch(
             np.diff(left) / self._task.unit,
-            acceleration[kept],
-            ends=(velocity[0], velocity[-1]),
+            self._acceleration[kept],
+            ends=(self._velocity[0], self._velocity[-1]),
             segment=self._task.segments(left),
             h=self._task.h,
         )
@@ -317,10 +288,32 @@ class _Window:
         times[-1] = passages[-1]
         return times
 
-    def _with(self, stretch: Stretch) -> _Motion:
+    def _with(self, stretch: Stretch) -> Pieces:
         """The whole motion with this one inside."""
-        velocity = stretch.velocity
-        velocity[-1] = self._inside.velocity[-1]
-        inside = (self._breaks(stretch), stretch.acceleration, velocity)
-        whole = zip(self._before, inside, self._after, strict=True)
-        return _Motion(*map(np.concatenate, whole))
+        earlier, cubics_before = self._before
+        later, cubics_after = self._after
+        breaks = self._breaks(stretch)
+        knots = np.concatenate([earlier, breaks, later])
+        cubics = [cubics_before, self._cubics(stretch), cubics_after]
+        return knots, np.hstack(cubics)
+
+    def _cubics(self, stretch: Stretch) -> Array:
+        """The motion's pieces, rad/s^power."""
+        t = stretch.lengths
+        a = stretch.acceleration[:-1]
+        b = stretch.acceleration[1:]
+        v = stretch.velocity[:-1]
+        jerk = (b - a) / t
+        # x = t (v + t (2a + b)/6), from every waypoint anew
+        mean = v + t * (2 * a + b) / 6
+        position = accumulated(0.0, t * mean)
+        first = _first_pieces(stretch.segment)
+        passed = position[first]
+        position -= passed[stretch.segment]
+        cubic = jerk / 6
+        square = a / 2
+        cubics = np.stack([cubic, square, v, position])
+        cubics *= self._task.units[:, None]
+        waypoints = self._task.waypoints[stretch.segment]
+        cubics[-1] += waypoints
+        return cubics

@@ -37,7 +37,7 @@ def to_one(pieces: Pieces, jerk: float, waypoints: list[float]) -> Task:
     places = trajectory(passages)[:, 0]
     problem = Problem(places[:, None], Limits([9.0], [9.0], [jerk]))
     limits = JointLimits(*(np.array([-x, x]) for x in (9.0, 9.0, jerk)))
-    return Task(problem, passages, 1.0, np.ones(4), np.diff(places), limits)
+    return Task(problem, passages, places[:-1], 1.0, np.ones(4), np.diff(places), limits)
 
 
 def own_lengths(trajectory: Trajectory, joint: int) -> Array:
