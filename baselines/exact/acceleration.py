@@ -53,8 +53,7 @@ _LARGEST_DILATION = 2.0  # what needs more is no answer
 _DILATION_TOL = 2e-15
 # What a velocity that is at its limit in the optimum misses it by: the duration feels the square.
 _LIMIT_RTOL = 1e-9
-# Of a segment's time: where rounding changes more, positions round by as much as is travelled then.
-_ROUNDED_TIME_RTOL = 1e-9
+_ROUNDED_TIME_RTOL = 1e-9  # of a segment's time: what its velocities can follow its rounding by
 # A start's time: in proportion to cells (segments times moving joints), measured up to 7000; and
 # where there are many joints to their square too, measured up to 250.
 _SECONDS_PER_CELL = 2e-4
@@ -106,6 +105,7 @@ class Scaled:
         h: displacements, `(segments, joints)`.
         v: velocity limits, `(2, joints)`, low first.
         a: acceleration limits, `(2, joints)`, low first.
+        rounding: of the waypoints, at the larger of a segment's two, likewise.
         stop: each segment's time if all joints stop at both its ends, `(segments,)`.
         shortest: each segment's time at the velocity limit, `(segments,)`.
         unit: the unit of time, s.
@@ -134,6 +134,9 @@ class Scaled:
         self.a = acceleration.T / a_unit
         self.v = velocity.T / v_unit
         self.h = displacements / q_unit
+        positions = np.abs(problem.waypoints[:, moving])
+        larger = np.maximum(positions[:-1], positions[1:])
+        self.rounding = np.spacing(larger) / q_unit
         # T >= h / V2 forwards, T >= h / (-V1) backwards
         slowest, fastest = self.v
         forwards = self.h / fastest
@@ -173,15 +176,18 @@ class Scaled:
         """Waypoint velocities that brief segments are passed with in their rounded times.
 
         Of two segments the briefer one feels its rounding most. Its mean velocity becomes what its
-        displacement asks for, the step over it what acceleration gains.
+        displacement asks for (where rounding of the waypoints does not hide the difference), the
+        step over it what acceleration gains.
         """
-        quicker = _ratio(times, rounded)
-        longer = _ratio(rounded, times)
+        quicker = _ratio(times, rounded)[:, None]
+        longer = _ratio(rounded, times)[:, None]
+        missed = np.abs(quicker - 1) * np.abs(self.h)
+        is_hidden = missed <= self.rounding
         ends = _with_rest(velocities)
         mean = (ends[:-1] + ends[1:]) / 2
-        mean *= quicker[:, None]
+        mean *= np.where(is_hidden, 1.0, quicker)
         step = ends[1:] - ends[:-1]
-        step *= longer[:, None]
+        step *= longer
         half = step / 2
         before = mean + half
         after = mean - half
