@@ -105,10 +105,15 @@ class Spline353:
         return self._searched_times(moves | middle)
 
     def _searched_times(self, free: NDArray[np.bool_]) -> Array:
-        """The best segment times by Nelder and Mead; those that are not `free` tend to 0."""
+        """The best segment times by Nelder and Mead; those that are not `free` tend to 0.
+
+        Only their ratios to the middle one matter, which is always free.
+        """
+        middle = int(free[0])
 
         def times(y: Array) -> Array:
-            own = np.exp(y)
+            ratios = np.insert(y, middle, 0.0)
+            own = np.exp(ratios)
             vanishing = _NO_TIME * own.sum()
             t = np.full(3, vanishing)
             t[free] = own
@@ -121,8 +126,11 @@ class Spline353:
                 return np.inf
             return float(t.sum())
 
+        unknowns = int(free.sum()) - 1
+        if not unknowns:
+            return times(np.empty(0))
         rng = np.random.default_rng(0)
-        starts = rng.uniform(-3, 3, (_SEARCHES, free.sum()))
+        starts = rng.uniform(-3, 3, (_SEARCHES, unknowns))
         if self.spline.room is not None:
             kept = spline353.keeping_times(
                 self.spline.displacements,
@@ -130,7 +138,9 @@ class Spline353:
                 self.spline.room,
                 unit=float(stop_times(self.problem).max()),
             )
-            starts = np.vstack([starts, np.log(kept[free])])
+            ratios = np.log(kept[free] / kept[1])
+            start = np.delete(ratios, middle)
+            starts = np.vstack([starts, start])
         optima = []
         for start in starts:
             optimum = scipy.optimize.minimize(
