@@ -24,7 +24,7 @@ from trajopt.swarm_planner import issa, pso, ssa
 
 SEEDS = range(100, 112)
 EXACT, COLLOCATION, VIA, STOP = Exact(4), Collocation(), RuckigVia(3000), RuckigStop()
-TOPPRA = ToppRa(gridpoints=300)
+TOPPRA = ToppRa(gridpoints=150)
 SYMMETRIC = [EXACT, COLLOCATION, STOP, Spline353NLP()]  # whose answers must obey every symmetry
 
 
@@ -68,7 +68,7 @@ def test_exact_is_never_above_another_planner(planner: Planner, seed: int) -> No
 @pytest.mark.parametrize("seed", SEEDS)
 def test_exact_is_never_above_a_spline(planner: Planner, seed: int) -> None:
     problem = problem_of(seed, waypoints=4)
-    quick = configured(planner, {"iterations": 40} if planner in (pso, ssa, issa) else {})
+    quick = configured(planner, {"iterations": 20} if planner in (pso, ssa, issa) else {})
     assert certified(quick, problem) >= certified(EXACT, problem) * (1 - 1e-6)
 
 

@@ -36,6 +36,8 @@ QUICK = {
     "gridpoints": 100,
     "evaluations": 300,
     "starts": 1,
+    "rounds": 6,
+    "refinements": 1,
     "gap": 1e-2,
     "knots": "limit",
     "ends": "natural",

@@ -53,7 +53,7 @@ def _quintic_motion(waypoints, segment_time, cuts) -> Trajectory:
 def bumped(trajectory: Trajectory, piece: int, joint: int, bump) -> Trajectory:
     """The trajectory with a polynomial of `s` in `[0, 1]` added to one joint in one piece."""
     length = np.diff(trajectory.breaks)[piece]
-    added = np.poly1d(bump)(np.poly1d([1 / length, 0])).coeffs
+    added = np.array(bump) / length ** np.arange(len(bump) - 1.0, -1.0, -1.0)
     rows = max(len(added), len(trajectory.coefficients))
     coefficients = np.zeros((rows, *trajectory.coefficients.shape[1:]))
     coefficients[rows - len(trajectory.coefficients) :] = trajectory.coefficients
@@ -414,7 +414,7 @@ def worst_by_numpy(trajectory: Trajectory, order: int, measure) -> tuple[float, 
     for joint in range(trajectory.joints):
         for piece, length in enumerate(lengths):
             p = np.polyder(np.poly1d(trajectory.coefficients[:, piece, joint]), order)
-            unit = p(np.poly1d([length, 0])) if p.order else p
+            unit = np.poly1d(p.coeffs * length ** np.arange(p.order, -1.0, -1.0))
             points = np.clip(np.r_[np.roots(unit.deriv().coeffs).real, 0, 1], 0, 1)
             worst += [(measure(value, joint), joint) for value in unit(points)]
     return max(worst)

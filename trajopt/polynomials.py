@@ -24,7 +24,8 @@ def evaluate(coefficients: Array, s: Array) -> Array:
     shape = np.broadcast_shapes(coefficients.shape[1:], np.shape(s))
     value = np.zeros(shape)
     for c in coefficients:
-        value = value * s + c
+        value *= s
+        value += c
     return value
 
 

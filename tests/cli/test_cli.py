@@ -684,7 +684,7 @@ def test_certify_of_bad_input_exits_2(trajopt, arguments, word):
 
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     command = [sys.executable, "-m", "trajopt.cli", "compare", "six-axis", "--jobs", "1"]
-    command += ["--planner", "pso:iterations=3000", "--seeds", "600"]  # minutes, in small batches
+    command += ["--planner", "pso:iterations=500", "--seeds", "3000"]  # minutes, in small batches
     running = subprocess.Popen(
         [*command, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # pytest may run behind &

@@ -377,8 +377,14 @@ def _distribution(module: str) -> Distribution | None:
     try:
         return distribution(package)
     except PackageNotFoundError:
-        names = packages_distributions().get(package, [])
+        names = _packages().get(package, [])
     return distribution(names[0]) if names else None
+
+
+@cache
+def _packages() -> Mapping[str, list[str]]:
+    """The installed distributions of every package: their records of files are read, a second."""
+    return packages_distributions()
 
 
 def _is_script(module: str) -> bool:
