@@ -24,8 +24,7 @@ def evaluate(coefficients: Array, s: Array) -> Array:
     shape = np.broadcast_shapes(coefficients.shape[1:], np.shape(s))
     value = np.zeros(shape)
     for c in coefficients:
-        value *= s
-        value += c
+        value = value * s + c
     return value
 
 
