@@ -159,6 +159,7 @@ class Scaled:
             self.unit,
             self.units,
             waypoints[:-1, self.moving],
+            self.problem.limits.position[self.moving].T,
         )
         return Trajectory.of_moving(
             waypoints[0],

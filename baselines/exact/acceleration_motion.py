@@ -3,7 +3,8 @@
 In each segment each joint takes the profile of least acceleration, at most two ramps and a cruise.
 Those joints that need all of their limits decide when a segment's breaks are; the others have time
 to spare, so that a break of theirs a millionth of the segment beside another joint's, or beside a
-waypoint, moves there. What is stored are times since the motion's start, rounded, and each joint's
+waypoint, moves there, and where the profile leaves the joint's position limits it is the one that
+strays least. What is stored are times since the motion's start, rounded, and each joint's
 peak follows from the rounded ones.
 """
 
@@ -14,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.exact.acceleration_profiles import Ramps, extremes, gentlest
+from baselines.exact.acceleration_profiles import Ramps, extremes, gentlest, straightest
 from baselines.exact.rounded import DISTINCT_RTOL, Clock, Pieces
 
 Array = NDArray[np.float64]
@@ -37,6 +38,7 @@ class Task(NamedTuple):
         unit: the unit of time, s.
         units: the units of acceleration, velocity and position, rad/s^power, `(3, joints)`.
         q: where the segments start, rad, `(segments, joints)`.
+        positions: position limits, rad, `(2, joints)`, low first.
     """
 
     h: Array
@@ -47,6 +49,7 @@ class Task(NamedTuple):
     unit: float
     units: Array
     q: Array
+    positions: Array
 
 
 def covering(
@@ -75,6 +78,7 @@ def covering(
         clock.unit,
         units=np.ones((3, 1)),
         q=np.zeros((1, 1)),
+        positions=np.array([[-np.inf], [np.inf]]),
     )
     passages = np.array([clock.start, clock.end])
     (alone,) = pieces(task, passages)
@@ -158,6 +162,13 @@ class _Profiles(NamedTuple):
         mean = (before + after) / 2
         return np.asarray(self.lengths * mean)
 
+    @property
+    def starts(self) -> Array:
+        """The displacement before each piece."""
+        displacement = np.zeros_like(self.lengths)
+        displacement[1:] = np.cumsum(self.travelled[:-1], axis=0)
+        return displacement
+
 
 def pieces(task: Task, passages: Array) -> list[Pieces]:
     """Each joint's breaks, s, and its position as coefficients, rad/s^power.
@@ -175,6 +186,8 @@ def pieces(task: Task, passages: Array) -> list[Pieces]:
     covered = np.clip(task.h, reach.d_lo, reach.d_up)
     task = task._replace(h=covered)
     ramps = gentlest(*between, covered, *limits)
+    if np.isfinite(task.positions).any():
+        ramps = _within_positions(ramps, task, whole / task.unit)
     breaks = _apart(ramps, task, passages)
     # what rounding alone keeps apart a trajectory stores as one
     resolution = np.full_like(whole, DISTINCT_RTOL * duration)
@@ -191,6 +204,46 @@ def pieces(task: Task, passages: Array) -> list[Pieces]:
         task,
         duration,
     )
+
+
+def _within_positions(ramps: Ramps, task: Task, t: Array) -> Ramps:
+    """Ramps that stray least, where these ones leave the position limits."""
+    leaves = _leaves_positions(ramps, task, t)
+    cruise, first, last = straightest(
+        task.u,
+        task.w,
+        t,
+        task.h,
+        task.a,
+    )
+    return Ramps(
+        np.where(leaves, cruise, ramps.peak),
+        np.where(leaves, first, ramps.first),
+        np.where(leaves, last, ramps.last),
+        ramps.share,
+    )
+
+
+def _leaves_positions(ramps: Ramps, task: Task, t: Array) -> Bools:
+    """Which joints leave their position limits, in which segments: waypoints are within them."""
+    peak = ramps.peak
+    cruise = t - ramps.first - ramps.last
+    lengths = np.array([ramps.first, cruise, ramps.last])
+    velocity = np.array([task.u, peak, peak, task.w])
+    profiles = _profiles(lengths, velocity)
+    before = velocity[:-1]
+    after = velocity[1:]
+    # where velocity vanishes: v₀ T/(v₀ − v₁) into a piece, at half of v₀ on average
+    turns = before * after < 0
+    elapsed = np.divide(
+        before * lengths,
+        before - after,
+        out=np.zeros_like(lengths),
+        where=turns,
+    )
+    turning = profiles.starts + before * elapsed / 2
+    positions = task.q + task.units[-1] * turning
+    return _beyond(positions, task.positions)
 
 
 def _apart(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
@@ -387,9 +440,7 @@ def _by_joint(
     # over a brief piece, rounding of the velocities shows
     acceleration = np.clip(profiles.acceleration, *task.a)
     before = profiles.velocity[:-1]
-    position = np.zeros_like(before)
-    position[1:] = np.cumsum(profiles.travelled[:-1], axis=0)
-    by_power = np.array([acceleration / 2, before, position])
+    by_power = np.array([acceleration / 2, before, profiles.starts])
     by_power *= task.units[:, None, None]
     by_power[-1] += task.q
     starts = np.array(breaks[:-1])

@@ -2,7 +2,8 @@
 
 Between two velocities, which motion of time `t` covers most displacement, and which least? Both
 speed up or brake to a peak, cruise, and go on to the other velocity at full acceleration. What lies
-between both displacements is covered in the same way at less acceleration.
+between both displacements is covered in the same way at less acceleration; or at full acceleration,
+with a cruise in between that is longer.
 """
 
 from __future__ import annotations
@@ -152,3 +153,67 @@ def gentlest(
         last,
         np.nan_to_num(share),
     )
+
+
+def straightest(
+    u: Array,
+    w: Array,
+    t: Array,
+    h: Array,
+    a: Array,
+) -> tuple[Array, Array, Array]:
+    """The profile of full acceleration to a cruise that covers a displacement, and from it.
+
+    No motion between these velocities strays less: it overshoots its start by `u²/(2 A)` and its
+    end by `w²/(2 A)` where it cannot stop before, and goes straight from one to the other. All
+    arguments broadcast.
+
+    Args:
+        u: velocity at the start.
+        w: velocity at the end.
+        t: time of the segment.
+        h: displacement, between `D_lo` and `D_up`.
+        a: acceleration limits, low and high.
+
+    Returns:
+        The cruise's velocity, the time of the ramp to it, and that of the ramp from it.
+    """
+    a1 = -a[0]
+    a2 = a[1]
+    # from the mean velocity: then the displacement is 0
+    mean = h / np.where(t > 0, t, 1.0)
+    u = u - mean
+    w = w - mean
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # a cruise between u and w takes A T − d from p T, and adds d (u + w)/2
+        step = np.abs(w - u)
+        limit = np.where(w > u, a2, a1)
+        between = -step * (u + w) / 2 / (limit * t - step)
+    above = _cruise_above(u, w, t, a1, a2)
+    below = -_cruise_above(-u, -w, t, a2, a1)
+    cruise = np.where(between > np.maximum(u, w), above, between)
+    cruise = np.where(between < np.minimum(u, w), below, cruise)
+    cruise = np.nan_to_num(cruise)
+
+    first = np.abs(cruise - u) / np.where(cruise > u, a2, a1)
+    last = np.abs(w - cruise) / np.where(w > cruise, a2, a1)
+    first = np.minimum(first, t)
+    return mean + cruise, first, np.minimum(last, t - first)
+
+
+def _cruise_above(
+    u: Array,
+    w: Array,
+    t: Array,
+    a1: Array,
+    a2: Array,
+) -> Array:
+    """The cruise that makes up for ramps from `u` up to it, and down to `w`, over no displacement.
+
+    `p T = (p − u)²/(2 A2) + (p − w)²/(2 A1)`, the smaller root.
+    """
+    square = (1 / a1 + 1 / a2) / 2
+    linear = t + u / a2 + w / a1
+    constant = u**2 / (2 * a2) + w**2 / (2 * a1)
+    root = np.sqrt(np.maximum(linear**2 - 4 * square * constant, 0.0))
+    return np.asarray((linear - root) / (2 * square))

@@ -9,7 +9,7 @@ import pytest
 
 from baselines.exact.acceleration import Exact
 from baselines.exact.acceleration_motion import covering
-from baselines.exact.acceleration_profiles import extremes, gentlest
+from baselines.exact.acceleration_profiles import extremes, gentlest, straightest
 from baselines.exact.rounded import Clock
 from trajopt import Limits, Problem, verify
 from trajopt.benchmark.suites.catalogue import load
@@ -60,6 +60,52 @@ def test_the_extremes_take_all_of_the_limits_and_what_lies_between_less(seed: in
     _, upper, _, lower = extremes(u, w, t, V, A / 2)
     reached = (lower < between) & (between < upper) & (np.abs(w - u) < A[1] / 2 * t)
     assert (share[reached & (w - u > A[0] / 2 * t)] < 0.5).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_straightest_turns_round_as_soon_as_it_can(seed: int) -> None:
+    """Beyond both ends by u²/(2 A) and w²/(2 A) at most, which no motion can better."""
+    rng = np.random.default_rng(seed)
+    u, w = rng.uniform(*V, (2, 200))
+    t = np.abs(w - u) / 2 + rng.uniform(0.0, 4, 200)
+    far = np.array([-1e3, 1e3])
+    _, upper, _, lower = extremes(u, w, t, far, A)
+    h = rng.uniform(lower, upper)
+    cruise, first, last = straightest(u, w, t, h, A)
+    middle = t - first - last
+    assert (middle >= 0).all()
+    travelled = (u + cruise) / 2 * first + cruise * middle + (cruise + w) / 2 * last
+    np.testing.assert_allclose(travelled, h, atol=1e-12)
+    for ramp, step in ((first, cruise - u), (last, w - cruise)):
+        np.testing.assert_allclose(np.where(step > 0, 3.0, 2.0) * ramp, np.abs(step), atol=1e-12)
+    start = u**2 / np.where(u > 0, 4, -6)
+    end = w**2 / np.where(w < 0, 4, -6)
+    at = np.linspace(0, 1, 101)[:, None] * t
+    first_part = u * np.minimum(at, first) + (cruise - u) * np.minimum(at, first) ** 2 / 2 / first
+    cruised = cruise * np.clip(at - first, 0, middle)
+    late = np.clip(at - first - middle, 0, None)
+    position = first_part + cruised + cruise * late + (w - cruise) * late**2 / 2 / last
+    turns = [0 * h, h, np.where(u * cruise < 0, start, 0), h + np.where(w * cruise < 0, end, 0)]
+    assert (position <= np.max(turns, axis=0) + 1e-12).all()
+    assert (position >= np.min(turns, axis=0) - 1e-12).all()
+
+
+def test_the_straightest_of_constant_velocity_and_of_one_ramp() -> None:
+    assert straightest(*np.array([0.5, 0.5, 2.0, 1.0]), A) == (0.5, 0.0, 0.0)
+    _, first, last = straightest(*np.array([-1.0, 0.5, 0.5, -0.125]), A)
+    assert first + last == pytest.approx(0.5, abs=1e-12)  # at 3 all the time
+    assert straightest(*np.array([0.5, 0.5, 0.0, 0.0]), A)[1:] == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", ["robots-abb-irb-120-w4", "robots-kinova-gen3-w8"])
+def test_position_limits_are_kept_where_the_time_and_the_velocities_allow_it(name: str) -> None:
+    """Joints with time to spare once strayed by up to 0.6 rad beyond their limits."""
+    problem = load(name)
+    trajectory = Exact().solve(problem).trajectory
+    assert trajectory is not None
+    certificate = verify(problem, trajectory)
+    assert certificate.valid
+    assert certificate.dilation < 1 + 1e-11
 
 
 def test_the_limit_of_a_velocity_step_follows_from_the_interval() -> None:
