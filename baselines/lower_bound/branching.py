@@ -205,16 +205,19 @@ class _Search:
     def _bound_total(self, node: _Node, rounds: int) -> None:
         """The least total time in a box, with rows added until none is broken."""
         self.pool.enter(node.box)
+        if node.leaf is not None:
+            self.pool.hold(node.leaf.rows)
         tolerance = max(self.finest, _COARSE_TOLERANCE)
+        before = -np.inf
         for _ in range(rounds):
             answer = self.pool.minimised(self.total)
-            before = node.bound
             self._prove_leaf(node, answer)
             missing = self.target - node.bound
             if missing <= 0 or answer.x is None or self.late:
                 return
             added = self._separate(answer.x, tolerance)
-            slow = node.bound - before < _PROGRESS_SHARE * missing
+            slow = answer.value - before < _PROGRESS_SHARE * missing
+            before = answer.value
             if added and not slow:
                 continue
             if not added and tolerance <= _FINEST_TOLERANCE:

@@ -63,6 +63,7 @@ class RowPool:
         # the pool's rows in the program, in its order, and when each was of use
         self.present: list[int] = []
         self.used_at: list[int] = []
+        self.held: set[int] = set()
         self.box = box
         self.box_rows = relaxation.box_rows(box)
         self.box_count = len(self.box_rows.bounds)
@@ -133,9 +134,25 @@ class RowPool:
         inside = np.clip(answer.x, self.box.low, self.box.high)
         return Answer(inside, answer.value, multipliers)
 
-    def _drop_idle(self) -> None:
+    def hold(self, rows: Indices) -> None:
+        """Keep those of the pool in the program, whatever it is asked next; no others are held.
+
+        Args:
+            rows: Counted through box and pool.
+        """
+        of_pool = rows[rows >= self.box_count] - self.box_count
+        self.held = set(of_pool.tolist())
+        for number in sorted(self.held.difference(self.present)):
+            if self.program.add_row(self.found[number]):
+                self.present.append(number)
+                self.used_at[number] = self.programs
+
+    def _is_idle(self, number: int) -> bool:
         oldest = self.programs - _IDLE_PROGRAMS
-        idle = [self.used_at[number] < oldest for number in self.present]
+        return self.used_at[number] < oldest and number not in self.held
+
+    def _drop_idle(self) -> None:
+        idle = [self._is_idle(number) for number in self.present]
         places = np.flatnonzero(idle)
         self.program.drop_rows(self.box_count + places)
         self.present = [

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import highspy
 import numpy as np
 import pytest
 import ruckig
@@ -14,6 +15,7 @@ from baselines.lower_bound.dual_check import LOWER, RAISE, Proof, cuts, proved_b
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
 from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.relaxation import Box, Relaxation
+from baselines.lower_bound.row_pool import RowPool
 from baselines.ruckig_ import RuckigStop, RuckigVia
 from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.store import folder
@@ -142,6 +144,31 @@ def test_the_integral_of_a_quadratic_is_bounded_from_above_and_tightly():
     expected = (weighed[1:] + weighed[:-1]).sum(axis=0) / 2 * widths / 20000
     bound = costates.integral(tuple(quadratic), widths, 2.0, 3.0)
     assert bound == pytest.approx(expected, abs=1e-6)
+
+
+def test_rows_that_are_held_stay_in_the_program_and_others_leave_it():
+    relaxation = Relaxation.of(limited_problem(0), 20.0)
+    pool = RowPool(relaxation, highspy, relaxation.root_box())
+    total = relaxation.total()
+    for _ in range(10):
+        answer = pool.minimised(total)
+        for k in range(relaxation.segments):
+            pool.add_broken_tangent(k, answer.x)
+        pool.add_broken_cuts(extremal.broken(relaxation, answer.x, 1e-6), answer.x)
+    answer = pool.minimised(total)
+
+    def minimum_after_other_questions():
+        for _ in range(80):
+            pool.minimised(-total)
+        return pool.minimised(total).value
+
+    pool.hold(np.flatnonzero(answer.multipliers > 0))
+    assert minimum_after_other_questions() == pytest.approx(answer.value, rel=1e-9)
+    pool.hold(np.zeros(0, dtype=np.intp))
+    assert minimum_after_other_questions() < 0.9 * answer.value
+    # what left is found again by its number
+    pool.hold(np.flatnonzero(answer.multipliers > 0))
+    assert pool.minimised(total).value == pytest.approx(answer.value, rel=1e-9)
 
 
 # --- against optima that are known ---
