@@ -188,17 +188,23 @@ def straightest(
         # a cruise between u and w takes A T − d from p T, and adds d (u + w)/2
         step = np.abs(w - u)
         limit = np.where(w > u, a2, a1)
-        between = -step * (u + w) / 2 / (limit * t - step)
+        spare = limit * t - step
+        between = -step * (u + w) / 2 / spare
     above = _cruise_above(u, w, t, a1, a2)
     below = -_cruise_above(-u, -w, t, a2, a1)
-    cruise = np.where(between > np.maximum(u, w), above, between)
-    cruise = np.where(between < np.minimum(u, w), below, cruise)
+    highest = np.maximum(u, w)
+    lowest = np.minimum(u, w)
+    cruise = np.where(between > highest, above, between)
+    cruise = np.where(between < lowest, below, cruise)
     cruise = np.nan_to_num(cruise)
 
-    first = np.abs(cruise - u) / np.where(cruise > u, a2, a1)
-    last = np.abs(w - cruise) / np.where(w > cruise, a2, a1)
+    limit = np.where(cruise > u, a2, a1)
+    first = np.abs(cruise - u) / limit
+    limit = np.where(w > cruise, a2, a1)
+    last = np.abs(w - cruise) / limit
     first = np.minimum(first, t)
-    return mean + cruise, first, np.minimum(last, t - first)
+    rest = t - first
+    return mean + cruise, first, np.minimum(last, rest)
 
 
 def _cruise_above(
@@ -214,6 +220,8 @@ def _cruise_above(
     """
     square = (1 / a1 + 1 / a2) / 2
     linear = t + u / a2 + w / a1
-    constant = u**2 / (2 * a2) + w**2 / (2 * a1)
-    root = np.sqrt(np.maximum(linear**2 - 4 * square * constant, 0.0))
+    rise = u**2 / (2 * a2)
+    fall = w**2 / (2 * a1)
+    below_root = linear**2 - 4 * square * (rise + fall)
+    root = np.sqrt(np.maximum(below_root, 0.0))
     return np.asarray((linear - root) / (2 * square))
