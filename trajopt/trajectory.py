@@ -175,9 +175,18 @@ class Trajectory:
         """
         times = np.asarray(waypoint_times, dtype=float)
         breaks = _union([breaks for breaks, _ in joints], times)
-        degree = max(len(coefficients) for _, coefficients in joints)
-        columns = [_resampled(own, c, breaks, degree) for own, c in joints]
-        return cls(breaks, np.stack(columns, axis=-1), times)
+        rows = max(len(coefficients) for _, coefficients in joints)
+        starts = breaks[:-1]
+        middles = 0.5 * (starts + breaks[1:])
+        # each joint's own pieces, from where they start, missing powers as zeros
+        offsets = np.zeros((len(starts), len(joints)))
+        own_pieces = np.zeros((rows, *offsets.shape))
+        for joint, (own, coefficients) in enumerate(joints):
+            piece = np.searchsorted(own[1:-1], middles, side="right")
+            offsets[:, joint] = starts - own[piece]
+            first_row = rows - len(coefficients)
+            own_pieces[first_row:, :, joint] = coefficients[:, piece]
+        return cls(breaks, polynomials.shifted(own_pieces, offsets), times)
 
     @classmethod
     def of_moving(
@@ -368,15 +377,3 @@ def _union(all_breaks: Sequence[Array], times: Array) -> Array:
     merged = np.unique(np.concatenate([times, inside]))
     apart = np.diff(merged) > slack
     return merged[np.r_[True, apart]]
-
-
-def _resampled(own: Array, coefficients: Array, breaks: Array, degree: int) -> Array:
-    """One joint's polynomials on finer breaks, padded with zero leading coefficients."""
-    middle = 0.5 * (breaks[:-1] + breaks[1:])
-    after = np.searchsorted(own, middle, side="right")
-    piece = np.clip(after - 1, 0, len(own) - 2)
-    offset = breaks[:-1] - own[piece]
-    moved = polynomials.shifted(coefficients[:, piece], offset)
-    missing_rows = degree - len(moved)
-    padding = np.zeros((missing_rows, moved.shape[1]))
-    return np.concatenate([padding, moved])
