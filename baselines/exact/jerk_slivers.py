@@ -28,6 +28,7 @@ Indices = NDArray[np.intp]
 
 _SLIVER_S = 1e-6
 _SLIVER_RTOL = 1e-6  # of the segment
+_SLIVER_RAMP_RTOL = 1e-3  # of the joint's own ramps, where that is less
 _SLIVER_UNIT_RTOL = 1e-3  # of the mean stop time: where that is brief, so are slivers
 _GROWN = 1.02  # times as long as the longest sliver is what one grows to
 _AROUND = (1, 3)  # segments on either side that may help
@@ -61,9 +62,15 @@ class Task:
 
     @property
     def shortest(self) -> Array:
-        """What is shorter is a sliver, in each segment, s."""
+        """What is shorter is a sliver, in each segment, s.
+
+        In a segment of hours, a joint that reaches its limits in milliseconds has ramps of a
+        millionth: those are none.
+        """
         briefest = min(_SLIVER_S, _SLIVER_UNIT_RTOL * self.unit)
         by_segment = _SLIVER_RTOL * np.diff(self.passages)
+        by_ramp = _SLIVER_RAMP_RTOL * self.limits.ramp * self.unit
+        by_segment = np.minimum(by_segment, by_ramp)
         return np.maximum(briefest, by_segment)
 
     def segments(self, knots: Array) -> Indices:
