@@ -31,7 +31,7 @@ _SLIVER_RTOL = 1e-6  # of the segment
 _SLIVER_RAMP_RTOL = 1e-3  # of the joint's own ramps, where that is less
 _SLIVER_UNIT_RTOL = 1e-3  # of the mean stop time: where that is brief, so are slivers
 _GROWN = 1.02  # times as long as the longest sliver is what one grows to
-_AROUND = (1, 3)  # segments on either side that may help
+_AROUND = (1, 0, 3)  # segments on either side that may help
 _DILATIONS = (1e-12, 3e-10)  # that it may cost, the less the better
 _CERTIFIED_RTOL = 1e-9  # what the certified duration may cost, rounding included
 _MISS_RTOL = 1e-13
@@ -166,19 +166,20 @@ def _mended_segment(
 
 
 def _windows(pieces: Pieces, task: Task, segment: int) -> Iterator[_Window]:
-    """The segments around one, more and more."""
-    widest = 0
+    """Some segments around one; a few, it alone, more."""
+    tried = set()
     for around in _AROUND:
         first = max(segment - around, 0)
         last = min(segment + around + 1, len(task.h))
-        if last - first > widest:
-            yield _Window(
-                pieces,
-                task,
-                first,
-                last,
-            )
-        widest = last - first
+        if (first, last) in tried:
+            continue
+        tried.add((first, last))
+        yield _Window(
+            pieces,
+            task,
+            first,
+            last,
+        )
 
 
 class _Window:
