@@ -23,6 +23,9 @@ Bools = NDArray[np.bool_]
 
 # Of a segment: breaks no further apart become one where limits allow it.
 _SLIVER = 1e-6
+# Of the acceleration that a joint has to spare: what it keeps, for breaks to move.
+_KEPT_SHARE = 1e-3
+_LEAST_SPARE = 1e-6  # of the acceleration limit: with less, there is one motion
 _EXCESS_RTOL = 1e-12  # of a limit, or of the way a joint travels: what is rounding
 
 
@@ -208,13 +211,17 @@ def pieces(task: Task, passages: Array) -> list[Pieces]:
 
 def _within_positions(ramps: Ramps, task: Task, t: Array) -> Ramps:
     """Ramps that stray least, where these ones leave the position limits."""
-    leaves = _leaves_positions(ramps, task, t)
+    spare = np.maximum(1 - ramps.share, 0.0)
+    # those that the segment waits for have no choice
+    has_choice = spare > _LEAST_SPARE
+    leaves = has_choice & _leaves_positions(ramps, task, t)
+    taken = 1 - _KEPT_SHARE * spare
     cruise, first, last = straightest(
         task.u,
         task.w,
         t,
         task.h,
-        task.a,
+        taken * task.a[:, None],
     )
     return Ramps(
         np.where(leaves, cruise, ramps.peak),

@@ -97,6 +97,11 @@ def test_the_straightest_of_constant_velocity_and_of_one_ramp() -> None:
     assert straightest(*np.array([0.5, 0.5, 0.0, 0.0]), A)[1:] == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("name", ["position-limits", "robots-kuka-kr6-r700-w16"])
+def test_what_must_leave_position_limits_does_so_without_slivers(name: str) -> None:
+    assert shortest_piece(load(name)) > 1e-6
+
+
 @pytest.mark.parametrize("name", ["robots-abb-irb-120-w4", "robots-kinova-gen3-w8"])
 def test_position_limits_are_kept_where_the_time_and_the_velocities_allow_it(name: str) -> None:
     """Joints with time to spare once strayed by up to 0.6 rad beyond their limits."""
