@@ -30,7 +30,7 @@ _SLIVER_S = 1e-6
 _SLIVER_RTOL = 1e-6  # of the segment
 _SLIVER_RAMP_RTOL = 1e-3  # of the joint's own ramps, where that is less
 _SLIVER_UNIT_RTOL = 1e-3  # of the mean stop time: where that is brief, so are slivers
-_GROWN = 1.02  # times as long as the longest sliver is what one grows to
+_GROWN = (3.0, 1.02)  # times as long as the longest sliver is what one grows to, if it can
 _AROUND = (1, 0, 3)  # segments on either side that may help
 _DILATIONS = (1e-12, 3e-10)  # that it may cost, the less the better
 _CERTIFIED_RTOL = 1e-9  # what the certified duration may cost, rounding included
@@ -128,12 +128,12 @@ def _first_pieces(segment: Indices) -> Indices:
 def _mended(pieces: Pieces, task: Task) -> Pieces:
     """The motion without slivers, but for those that its limits need."""
     programs = LinearPrograms(_ROW_TOLERANCE)
-    needed = np.zeros(len(task.h), dtype=bool)
+    tried = np.zeros(len(task.h), dtype=bool)
     while True:
         knots, _ = pieces
         segment = task.segments(knots)
         is_sliver = task.slivers(knots)
-        left = segment[is_sliver & ~needed[segment]]
+        left = segment[is_sliver & ~tried[segment]]
         if not left.size:
             return pieces
         first = int(left[0])
@@ -143,9 +143,8 @@ def _mended(pieces: Pieces, task: Task) -> Pieces:
             task,
             first,
         )
-        if mended is None:
-            needed[first] = True
-        else:
+        tried[first] = True
+        if mended is not None:
             pieces = mended
 
 
@@ -157,9 +156,14 @@ def _mended_segment(
 ) -> Pieces | None:
     """The motion without this segment's slivers; None where limits need them."""
     for window in _windows(pieces, task, segment):
-        for kept in (window.without_slivers(), window.all_knots()):
+        for start, shortest in window.starts():
             for dilation in _DILATIONS:
-                mended = window.mended(programs, kept, dilation)
+                mended = window.mended(
+                    programs,
+                    start,
+                    shortest,
+                    dilation,
+                )
                 if mended is not None:
                     return mended
     return None
@@ -207,13 +211,22 @@ class _Window:
         self._acceleration = 2 * acceleration
         self._velocity = velocity
 
-    def all_knots(self) -> Bools:
+    def starts(self) -> Iterator[tuple[Stretch, Array]]:
+        """Motions to start from, and how long their pieces shall be at least, in units."""
+        fewer = self._stretch(self._without_slivers())
+        shortest = self._shortest(fewer, min(_GROWN))
+        yield fewer, np.minimum(shortest, fewer.lengths)
+        same = self._stretch(self._all_knots())
+        for grown in _GROWN:
+            yield same, self._shortest(same, grown)
+
+    def _all_knots(self) -> Bools:
         """Every knot is kept."""
         return np.ones(len(self._knots), dtype=bool)
 
-    def without_slivers(self) -> Bools:
+    def _without_slivers(self) -> Bools:
         """Which knots are kept: one of each sliver's goes, the briefest first; waypoints stay."""
-        kept = self.all_knots()
+        kept = self._all_knots()
         is_waypoint = np.isin(self._knots, self._task.passages)
         while True:
             at = np.flatnonzero(kept)
@@ -231,23 +244,23 @@ class _Window:
     def mended(
         self,
         programs: LinearPrograms,
-        kept: Bools,
+        start: Stretch,
+        shortest: Array,
         dilation: float,
     ) -> Pieces | None:
-        """The whole motion, within limits but for a dilation, with only these knots inside."""
-        start = self._stretch(kept)
+        """The whole motion, within limits but for a dilation, with one near `start` inside."""
         limits = self._task.limits
         found = refitted(
             programs,
             start,
             limits.widened(1 + dilation),
-            self._shortest(start, kept),
+            shortest,
             self._rounded,
         )
         if found is None:
             return None
-        missed_before = self._stretch(self.all_knots()).missed()
-        missed = found.missed() > max(_MISS_RTOL, missed_before)
+        before = self._stretch(self._all_knots())
+        missed = found.missed() > max(_MISS_RTOL, before.missed())
         slow = found.dilation(limits) > 1 + _CERTIFIED_RTOL
         if missed or slow:
             return None
@@ -264,17 +277,12 @@ class _Window:
             h=self._task.h,
         )
 
-    def _shortest(self, stretch: Stretch, kept: Bools) -> Array:
-        """How long pieces are at least, in units: nothing becomes a sliver.
-
-        In a segment with hardly time for its pieces, half of their mean.
-        """
+    def _shortest(self, stretch: Stretch, grown: float) -> Array:
+        """Times as long as the longest sliver, or half of the mean where there is hardly time."""
         task = self._task
         longest_sliver = task.shortest / task.unit
-        by_segment = _GROWN * longest_sliver
+        by_segment = grown * longest_sliver
         shortest = by_segment[stretch.segment]
-        if not kept.all():
-            shortest = np.minimum(shortest, stretch.lengths)
         pieces = np.bincount(stretch.segment)
         half = stretch.times / pieces / 2
         return np.asarray(np.minimum(shortest, half[stretch.segment]))
