@@ -114,8 +114,10 @@ class Scaled:
         motion = self.motion(times, states)
         passages = motion.waypoint_times
         joints = []
+        # not where a segment is flown by in less time than can be stored
         takes_time = np.diff(passages) > 0
-        mendable = self.jerky & takes_time.all()
+        stored = np.isin(passages, motion.breaks)
+        mendable = self.jerky & takes_time.all() & stored.all()
         for index, joint in enumerate(np.flatnonzero(self.moving)):
             own = _own_pieces(motion, joint)
             if mendable[index]:

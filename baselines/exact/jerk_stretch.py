@@ -259,7 +259,10 @@ def refitted(
     )
     if found is None:
         return None
-    return _mended(programs, rounded(found), limits)
+    stored = rounded(found)
+    if stored.lengths.min() <= 0:
+        return None
+    return _mended(programs, stored, limits)
 
 
 def _stepped(
