@@ -103,7 +103,7 @@ _SHAPES = {
     "square_tangents": 2,
     "ramps": 3,
 }
-# Rows that proofs before 0.2 did not know.
+# Rows that older proofs do not have.
 _LATER = ("square_tangents", "ramps")
 
 

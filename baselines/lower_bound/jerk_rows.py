@@ -33,7 +33,11 @@ class Ramp(NamedTuple):
     side: int
 
 
-def square_rows(relaxation: Relaxation, given: Sequence[SquareTangent], box: Box) -> Rows:
+def square_rows(
+    relaxation: Relaxation,
+    given: Sequence[SquareTangent],
+    box: Box,
+) -> Rows:
     """`Q ≤ (h + 2t) T − (2 h t + t²) + h t² S` for `T ≤ h`, since `(h − T)(T − t)²/T ≥ 0`.
 
     Args:
@@ -44,34 +48,50 @@ def square_rows(relaxation: Relaxation, given: Sequence[SquareTangent], box: Box
     rows = relaxation.blank(len(given))
     if not given:
         return rows
-    segments, touched = zip(*given, strict=True)
-    numbers = list(segments)
-    times = relaxation.time[numbers]
-    t = np.array(touched)
-    h = box.high[times]
-    rows.columns[:, 0] = times
-    rows.columns[:, 1] = relaxation.inverse[numbers]
-    rows.columns[:, 2] = relaxation.square[numbers]
-    rows.coefficients[:, 0] = -(h + 2 * t)
-    rows.coefficients[:, 1] = -h * t**2
-    rows.coefficients[:, 2] = 1.0
-    rows.bounds[:] = -(2 * h + t) * t
+    table = np.array(given)
+    segments = table[:, 0].astype(np.intp)
+    t = table[:, 1]
+    time = relaxation.time[segments]
+    inverse = relaxation.inverse[segments]
+    square = relaxation.square[segments]
+    h = box.high[time]
+
+    # Q − (h + 2t) T − h t² S ≤ −(2 h t + t²)
+    twice = 2 * t
+    by_time = h + twice
+    by_inverse = h * t**2
+    constant = h * twice + t**2
+    columns = (time, inverse, square)
+    coefficients = (-by_time, -by_inverse, 1.0)
+    for entry, column in enumerate(columns):
+        rows.columns[:, entry] = column
+    for entry, coefficient in enumerate(coefficients):
+        rows.coefficients[:, entry] = coefficient
+    rows.bounds[:] = -constant
     return rows
 
 
-def square_tangents(relaxation: Relaxation, x: Array, box: Box) -> list[SquareTangent]:
+def square_tangents(
+    relaxation: Relaxation,
+    x: Array,
+    box: Box,
+) -> list[SquareTangent]:
     """Per segment the one that a point meets least, if the point has room for one."""
     time = x[relaxation.time]
     inverse = x[relaxation.inverse]
     longest = box.high[relaxation.time]
     # (h S − 1) t² − 2 (h − T) t is least there
-    curvature = longest * inverse - 1
+    product = longest * inverse
+    curvature = product - 1
     slope = longest - time
     given = []
-    for segment in np.flatnonzero(curvature > 0).tolist():
-        at = float(slope[segment] / curvature[segment])
-        if 0 < at < longest[segment]:
-            given.append(SquareTangent(segment, at))
+    curved = np.flatnonzero(curvature > 0)
+    for segment in curved.tolist():
+        at = slope[segment] / curvature[segment]
+        end = longest[segment]
+        if 0 < at < end:
+            tangent = SquareTangent(segment, float(at))
+            given.append(tangent)
     return given
 
 
@@ -79,16 +99,21 @@ def ramp_row(relaxation: Relaxation, given: Ramp) -> Rows:
     """`a₁ − a₀ ≤ J T` of the accelerations at the segment's ends; downwards `a₀ − a₁ ≤ J T`."""
     segment, joint, side = given
     sign = 1.0 if side else -1.0
+    limit = relaxation.j[side, joint]
+    accelerations = relaxation.acceleration[:, joint]
+    last = relaxation.segments - 1
     row = relaxation.blank(1)
-    row.columns[0, 0] = relaxation.time[segment]
-    row.coefficients[0, 0] = -relaxation.j[side, joint]
+    columns = row.columns[0]
+    columns[0] = relaxation.time[segment]
+    coefficients = row.coefficients[0]
+    coefficients[0] = -limit
     # the motion rests at both ends of the path
     if segment > 0:
-        row.columns[0, 1] = relaxation.acceleration[segment - 1, joint]
-        row.coefficients[0, 1] = -sign
-    if segment < relaxation.segments - 1:
-        row.columns[0, 2] = relaxation.acceleration[segment, joint]
-        row.coefficients[0, 2] = sign
+        columns[1] = accelerations[segment - 1]
+        coefficients[1] = -sign
+    if segment < last:
+        columns[2] = accelerations[segment]
+        coefficients[2] = sign
     return row
 
 
@@ -100,9 +125,13 @@ def broken_ramps(relaxation: Relaxation, x: Array) -> list[Ramp]:
     rises = np.diff(states, axis=0)
     time = x[relaxation.time][:, None]
     given = []
-    for side, change in enumerate((-rises, rises)):
-        broken = change > relaxation.j[side] * time
+    changes = (-rises, rises)
+    for side, change in enumerate(changes):
+        allowed = relaxation.j[side] * time
+        broken = change > allowed
         broken &= relaxation.jerky
-        for segment, joint in np.argwhere(broken).tolist():
-            given.append(Ramp(segment, joint, side))
+        places = np.argwhere(broken)
+        for segment, joint in places.tolist():
+            ramp = Ramp(segment, joint, side)
+            given.append(ramp)
     return given

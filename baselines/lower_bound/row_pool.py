@@ -82,20 +82,23 @@ class RowPool:
         differs = before.coefficients != self.box_rows.coefficients
         changed = differs.any(axis=1) | (before.bounds != self.box_rows.bounds)
         for number in np.flatnonzero(changed).tolist():
-            row = self.box_rows.chosen(np.array([number]))
+            row = _one(self.box_rows, number)
             self.program.set_row(number, row)
         places = {number: place for place, number in enumerate(self.present)}
         for number in renewed:
             if number in places:
-                self.program.set_row(self.box_count + places[number], self.found[number])
+                place = self.box_count + places[number]
+                row = self.found[number]
+                self.program.set_row(place, row)
 
     def _renewed_squares(self) -> list[int]:
         """Square tangents are other rows in another box: which they are in the pool."""
         rows = jerk_rows.square_rows(self.relaxation, self._squares(), self.box)
         renewed = []
         for place, number in enumerate(self.squares):
-            row = rows.chosen(np.array([place]))
-            if row.bounds[0] != self.found[number].bounds[0]:
+            row = _one(rows, place)
+            before = self.found[number]
+            if row.bounds[0] != before.bounds[0]:
                 self.found[number] = row
                 renewed.append(number)
         return renewed
@@ -142,8 +145,10 @@ class RowPool:
         """
         of_pool = rows[rows >= self.box_count] - self.box_count
         self.held = set(of_pool.tolist())
-        for number in sorted(self.held.difference(self.present)):
-            if self.program.add_row(self.found[number]):
+        absent = self.held.difference(self.present)
+        for number in sorted(absent):
+            row = self.found[number]
+            if self.program.add_row(row):
                 self.present.append(number)
                 self.used_at[number] = self.programs
 
@@ -187,12 +192,17 @@ class RowPool:
         rows = dual_check.cuts(self.relaxation, given)
         self._add_broken(given, rows, x)
 
-    def _add_broken(self, given: Sequence[Source], rows: Rows, x: Array) -> None:
+    def _add_broken(
+        self,
+        given: Sequence[Source],
+        rows: Rows,
+        x: Array,
+    ) -> None:
         if not given:
             return
         broken = self.program.breaks(rows, x)
         for number in np.flatnonzero(broken).tolist():
-            row = rows.chosen(np.array([number]))
+            row = _one(rows, number)
             self._add(row, given[number])
 
     def _add(self, row: Rows, source: Source) -> None:
@@ -235,8 +245,17 @@ class RowPool:
         """What a proof stores of the rows that it uses, and the new numbers of all rows."""
         of_pool = used[used >= self.box_count] - self.box_count
         ordered = sources.in_order(self.sources, of_pool.tolist())
-        stored = sources.tables([self.sources[number] for number in ordered])
-        numbers = np.arange(self.box_count + len(self.found))
+        chosen = [self.sources[number] for number in ordered]
+        stored = sources.tables(chosen)
+        count = self.box_count + len(self.found)
+        numbers = np.arange(count)
         places = self.box_count + np.array(ordered, dtype=np.intp)
-        numbers[places] = self.box_count + np.arange(len(ordered))
+        new = np.arange(len(ordered))
+        numbers[places] = self.box_count + new
         return stored, numbers
+
+
+def _one(rows: Rows, number: int) -> Rows:
+    """One of the rows."""
+    chosen = np.array([number])
+    return rows.chosen(chosen)
