@@ -56,8 +56,6 @@ class SeveralStarts(Planner):
     starts: int = 8
     agreeing: int = 2
 
-    requires: tuple[str, ...] = ("casadi",)
-
     def __post_init__(self) -> None:
         for name in ("starts", "agreeing"):
             value = getattr(self, name)
