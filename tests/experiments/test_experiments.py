@@ -10,6 +10,7 @@ import pytest
 
 from experiments import (
     certificates,
+    commands,
     explained,
     ordering,
     proved_sizes,
@@ -132,6 +133,24 @@ def test_throughput_times_the_same_trials_at_one_and_two_jobs(
     assert table["jobs"].tolist() == [1, 2]
     assert table["trials"].nunique() == 1
     assert (table["wall (s)"] > 0).all()
+
+
+def test_commands_are_compared_by_their_medians(tmp_path: Path) -> None:
+    rounds = [
+        {"new": {"list": new}, "old": {"list": old}}
+        for new, old in ((1.0, 6.0), (9.0, 4.0), (2.0, 5.0))
+    ]
+    table = commands.medians(rounds)
+    assert table.loc["list"].to_dict() == {"new, s": 2.0, "old, s": 5.0, "old / new": 2.5}
+
+    said = tmp_path / "said"
+    command = tmp_path / "command"
+    command.write_text(f"#!/bin/sh\necho $1 >> {said}\n")
+    command.chmod(0o755)
+    commands.main(str(command), rounds=2, output=tmp_path / "output")
+    assert said.read_text().split() == ["compare", "compare", "list"] * 2
+    written = pd.read_csv(tmp_path / "output" / "commands.csv")
+    assert written["task"].tolist() == ["main job", "second run", "list"]
 
 
 def test_the_sweep_writes_its_report_and_counts_every_trial(
