@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import dataclass
+from types import ModuleType
+
 import pytest
 
 from trajopt import compare
+from trajopt.benchmark import provenance
 from trajopt.benchmark.trial import Configuration, judge
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, Relation, adapted
@@ -49,18 +54,43 @@ def test_it_is_compared_beside_names(tmp_path):
     assert set(results.trials()["planner"]) >= {"ruckig-stop", "stopping"}
 
 
-def test_another_body_or_another_option_is_another_trial():
-    def of(text):
-        names = {"Solution": Solution, "Status": Status}
-        exec(text, names)
-        configuration = Configuration.of(names["plan"])
+FUNCTION = "def plan(problem, *, size=1): return Solution(Status.FAILED, message={})"
+CLASS = """
+@dataclass(frozen=True)
+class plan(Planner):
+    size: int = 1
+    def solve(self, problem, *, seed=0): return Solution(Status.FAILED, message={})
+"""
+
+
+@pytest.mark.parametrize("module", [None, "__main__"])
+@pytest.mark.parametrize("text", [FUNCTION, CLASS])
+def test_another_text_or_another_option_is_another_trial(text, module, tmp_path, monkeypatch):
+    """Also where a script, whose file stays as it is, executes texts that it was given."""
+    script = ModuleType("__main__")
+    script.__file__ = str(tmp_path / "script.py")
+    (tmp_path / "script.py").write_text("", encoding="utf-8")
+    monkeypatch.setitem(sys.modules, "__main__", script)
+    monkeypatch.setattr(provenance, "_sources", provenance._sources.__wrapped__)  # not kept
+
+    def of(executed):
+        names = {
+            "dataclass": dataclass,
+            "Planner": Planner,
+            "Solution": Solution,
+            "Status": Status,
+        }
+        if module:
+            names["__name__"] = module
+        exec(executed, names)
+        plan = names["plan"]
+        configuration = Configuration.of(plan() if text == CLASS else plan)
         return configuration.trial_id(PROBLEM, 0)
 
-    head = "def plan(problem, *, size=1): return Solution(Status.FAILED, message={})"
-    one = of(head.format("'one'"))
-    assert one == of(head.format("'one'"))
-    assert one != of(head.format("'two'"))
-    assert one != of(head.format("'one'").replace("size=1", "size=2"))
+    one = of(text.format("'one'"))
+    assert one == of(text.format("'one'"))
+    assert one != of(text.format("'two'"))
+    assert one != of(text.format("'one'").replace("1", "2"))
 
 
 def test_what_it_says_of_itself_by_attributes():

@@ -6,7 +6,8 @@ What is digested depends on where the code lies:
 - installed from a wheel: the distribution's version, and the module's own file;
 - a package that is not (an editable install, a checkout): every source of the package;
 - a script: its file, and the modules beside it that it imports;
-- a notebook: the compiled functions of the class, and of whatever they use of the notebook.
+- a notebook, or a text given to `exec`: the compiled functions of the class, and of whatever they
+  use of the notebook.
 
 This package belongs to every digest, since it judges: of a checkout the modules that can change a
 trial, not those that only show it.
@@ -149,16 +150,18 @@ def _classes(planner: Planner) -> Iterator[type]:
     while waiting:
         value = waiting.pop()
         for cls in type(value).__mro__:
-            if not _is_standard(cls.__module__):
+            if not _is_standard(cls):
                 yield cls
         if is_dataclass(value):
             waiting += [getattr(value, field.name, None) for field in fields(value)]
 
 
-def _is_standard(module: str) -> bool:
-    package = module.partition(".")[0]
+def _is_standard(cls: type) -> bool:
+    package = cls.__module__.partition(".")[0]
     if package == "__main__":
         return False
+    if package == "builtins":  # also of a class that `exec` made where no module was named
+        return "__module__" not in vars(cls)
     return package in sys.stdlib_module_names
 
 
@@ -170,10 +173,30 @@ def _digest(cls: type | FunctionType) -> str:
         compiled = list(_compiled(cls, set()))
         return _sha(json.dumps(compiled))
     sources = _sources(module.__name__)
-    if "<locals>" in cls.__qualname__:  # made by a function, perhaps with values of its own
+    made_by_a_function = "<locals>" in cls.__qualname__  # perhaps with values of its own
+    if made_by_a_function or _is_executed_text(cls):
         compiled = list(_compiled(cls, set()))
         return _sha(json.dumps([sources, *compiled]))
     return sources
+
+
+def _is_executed_text(value: type | FunctionType) -> bool:
+    """Whether `exec` made it of a text, which the file of its module need not hold."""
+    members = vars(value) if isinstance(value, type) else {value.__name__: value}
+    waiting: list[Any] = []
+    for name, member in members.items():
+        if not name.startswith("__"):  # as those that `dataclass` made, by `exec` too
+            waiting += _functions(member)
+    seen: set[int] = set()
+    while waiting:
+        function = waiting.pop()
+        if not isinstance(function, FunctionType) or id(function) in seen:
+            continue
+        seen.add(id(function))
+        if not Path(function.__code__.co_filename).is_file():
+            return True
+        waiting += _enclosed(function)
+    return False
 
 
 @cache
@@ -316,6 +339,11 @@ def _used(function: FunctionType) -> Iterator[Any]:
         own = getattr(value, "__module__", function.__module__) == function.__module__
         if value is not None and own:
             yield value
+    yield from _enclosed(function)
+
+
+def _enclosed(function: FunctionType) -> Iterator[Any]:
+    """What a function uses of the functions around it."""
     for cell in function.__closure__ or ():
         try:
             yield cell.cell_contents
