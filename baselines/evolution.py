@@ -15,12 +15,9 @@ import time
 from abc import abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
-from numpy.random import PCG64
-from numpy.random import Generator as Random
 from numpy.typing import NDArray
 
 from trajopt.planner import backend
@@ -29,6 +26,9 @@ from trajopt.solution import Solution
 from trajopt.swarm import Box, Optimiser, Streams
 from trajopt.swarm.optimiser import Search, require
 from trajopt.swarm_planner import SwarmPlanner
+
+if TYPE_CHECKING:
+    from numpy.random import Generator as Random
 
 Array = NDArray[np.float64]
 Run = Generator[Array, Array, None]
@@ -52,7 +52,7 @@ class Evolution(Optimiser):
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
         dim = box.low.shape[-1]
         seeds = np.ldexp(streams.uniform(1)[:, 0], 53).astype(np.int64)
-        runs = [self.run(Random(PCG64(int(seed))), dim) for seed in seeds]
+        runs = [self.run(np.random.Generator(np.random.PCG64(int(seed))), dim) for seed in seeds]
         unit = np.stack([next(run) for run in runs])
         for _ in range(iterations):
             fitness = _finite((yield box.spread(unit)))
@@ -167,6 +167,8 @@ class DE(Evolution):
         SciPy calls its objective and cannot be asked. So each generation is a call of its own: its
         first evaluation is known, its second shows the rivals, and none of them is accepted yet.
         """
+        import scipy  # late: planners that are only listed need none of it
+
         seen: list[Array] = []
 
         def objective(columns: Array) -> Array:

@@ -10,13 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from trajopt.planner import backend
+
+if TYPE_CHECKING:
+    import scipy
 
 Array = NDArray[np.float64]
 Options = Mapping[str, float | str]
@@ -79,6 +81,8 @@ class Program:
 
     def linear(self, x: Array, parameters: Array) -> tuple[Array, scipy.sparse.csr_array]:
         """All constraints at a point, and their derivatives by the variables."""
+        import scipy  # late: planners that are only listed need none of it
+
         derivatives = self._solver.get_function("nlp_jac_g")
         constraints, jacobian = derivatives(x, parameters)
         values = np.asarray(constraints).ravel()

@@ -7,11 +7,15 @@ is put on it, and the nearest point at which all equations hold then is found.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines.ipopt import Array, Bounds, Program
+
+if TYPE_CHECKING:
+    import scipy
 
 Bools = NDArray[np.bool_]
 
@@ -78,6 +82,8 @@ def _nearest_bound(values: Array, bounds: Bounds, near: float) -> tuple[Array, B
 
 def _least_step(rows: scipy.sparse.csr_array, miss: Array) -> Array:
     """The shortest step that makes up for `miss`, where equations allow it."""
+    import scipy  # late: planners that are only listed need none of it
+
     # A Aᵀ y = miss, step = Aᵀ y
     squared = rows @ rows.T
     count = len(miss)

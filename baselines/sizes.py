@@ -5,14 +5,10 @@ As a warning of the logger `trajopt.sizes`, so that a script sees it and can tur
 
 from __future__ import annotations
 
-import logging
-
 from trajopt.problem import Problem
 
 # Briefer than that is not worth a word, s.
 ANNOUNCED_SECONDS = 30.0
-
-_LOGGER = logging.getLogger("trajopt.sizes")
 
 
 def cells(problem: Problem) -> int:
@@ -35,5 +31,8 @@ def announce(planner: str, problem: Problem, seconds: float) -> None:
         seconds: What was measured on smaller problems, carried on.
     """
     if seconds > ANNOUNCED_SECONDS:
+        import logging  # late: planners that are only listed need none of it
+
         size = described(problem)
-        _LOGGER.warning("%s: %s will need about %.0f s or more", planner, size, seconds)
+        logger = logging.getLogger("trajopt.sizes")
+        logger.warning("%s: %s will need about %.0f s or more", planner, size, seconds)

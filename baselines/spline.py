@@ -21,7 +21,6 @@ from math import comb
 from typing import Any, Literal
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines import spline_family
@@ -431,6 +430,8 @@ def _starts(motion: _Motion, count: int) -> list[tuple[Array, Array]]:
 
 def _local_minima(points: Array, values: Array) -> NDArray[np.intp]:
     """Which points have the lowest value among their neighbours, the lowest of all first."""
+    import scipy  # late: planners that are only listed need none of it
+
     neighbours = min(_NEIGHBOURS, len(points) - 1)
     tree = scipy.spatial.KDTree(points)
     _, nearest = tree.query(points, k=np.arange(1, neighbours + 2))

@@ -23,7 +23,6 @@ from math import comb
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines.ipopt import Bounds, Options, Program, Run, flat, no_start_succeeded, program
@@ -246,6 +245,8 @@ def _nearest_walls(position: Array, room: Array, instants: Array) -> Array:
 
 def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
     """Feasible segment times to start from: the best local minima of a grid over their ratios."""
+    import scipy  # late: planners that are only listed need none of it
+
     first, last = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
     middle = np.zeros_like(first)
     ratios = np.stack([first, middle, last], axis=-1)

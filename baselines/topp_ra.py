@@ -18,7 +18,6 @@ from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from trajopt import polynomials
@@ -134,6 +133,8 @@ def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
     Its "time" is the path parameter. Not-a-knot is a parabola with three waypoints, a line
     with two.
     """
+    import scipy  # late: planners that are only listed need none of it
+
     at = np.r_[0.0, np.cumsum(steps(problem, knots))]
     cubics = scipy.interpolate.CubicSpline(at, problem.waypoints, bc_type=ends)
     return Trajectory(at, cubics.c, at)

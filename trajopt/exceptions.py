@@ -6,7 +6,6 @@ Not solving a problem is not an error: it is a `Status` (see `trajopt.solution`)
 from __future__ import annotations
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Any
 
 
@@ -77,6 +76,8 @@ class UnknownName(TrajoptError, LookupError):
     """No planner or problem of this name; the message lists those there are."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        from difflib import get_close_matches  # late: most commands know their names
+
         self.kind = kind
         self.name = name
         self.known = sorted(known)

@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.random import SeedSequence
 from numpy.typing import NDArray
 
 from trajopt import spline353
@@ -24,6 +23,9 @@ from trajopt.solution import Solution, Status
 from trajopt.spline353_check import LimitCheck
 from trajopt.swarm import ISSA, PSO, SSA, Compared, Optimiser, Result, minimise
 from trajopt.swarm.optimiser import added, check_choices, require
+
+if TYPE_CHECKING:
+    from numpy.random import SeedSequence
 
 Array = NDArray[np.float64]
 
@@ -301,7 +303,7 @@ class SegmentTimes:
             keys = [(int(joint),) for joint in self.joints]
         streams = []
         for seed in seeds:
-            streams += [SeedSequence(seed, spawn_key=key) for key in keys]
+            streams += [np.random.SeedSequence(seed, spawn_key=key) for key in keys]
         return streams
 
     def seconds(self, x: Array, group: Group) -> Array:

@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines.exact.cells import ROW_AXES, Cells, Rows
@@ -190,6 +189,8 @@ def factors(matrices: Array, last: Array) -> tuple[list[Array], Array]:
 
 def _factor(matrix: Array, last: float) -> tuple[Array, float]:
     """The Cholesky factor of a band, and the last addition to its diagonal that had to be made."""
+    import scipy  # late: planners that are only listed need none of it
+
     if last > _LARGEST_CONVEXITY:
         return matrix, last
     factor, failed = scipy.linalg.lapack.dpbtrf(matrix, lower=1)

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines.exact.cells import Point, Rows, at_ends, both_sides
@@ -149,6 +148,8 @@ class Linear:
             factors: the Cholesky factors of `matrices`.
             aim: the multipliers, less what the rows' misses cost.
         """
+        import scipy  # late: planners that are only listed need none of it
+
         rows = self.rows
         by_s, by_x, by_p = rows.gradients(aim)
         by_s -= self.peak_s * by_p

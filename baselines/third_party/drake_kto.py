@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-import scipy  # its parts are imported when they are used: listing needs none
 from numpy.typing import NDArray
 
 from baselines.third_party import imported, in_own_units
@@ -115,6 +114,8 @@ def _limit(search: Any, problem: Problem) -> None:
 
 def _polynomials(answer: Any, shares: Array) -> Trajectory:
     """Drake's B-spline as polynomials between its knots."""
+    import scipy  # late: planners that are only listed need none of it
+
     basis = answer.basis()
     knots = np.array(basis.knots())
     controls = np.array([point[:, 0] for point in answer.control_points()])

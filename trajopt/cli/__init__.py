@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 
@@ -11,6 +12,7 @@ _OBJECTS = 50_000  # made between two looks for garbage, of which modules that l
 def main(arguments: list[str] | None = None) -> None:
     """Run a command; `arguments` are those of the process by default."""
     gc.set_threshold(_OBJECTS)
+    atexit.register(gc.freeze)  # a last look through all that was loaded takes a tenth of a second
     # matrices here are small, and a thread per core takes a tenth of a second to start
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # here: worker processes import the script that calls this, and need no command line

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, Literal
 
 from trajopt.benchmark.suites import catalogue, robots
@@ -77,6 +78,7 @@ def _fate(planner: Planner, limit: LimitName) -> Literal["lifts", "refuses"] | N
     return None
 
 
+@cache
 def _limited_by(name: LimitName) -> Problem:
     """One joint through four waypoints, as many as a 3-5-3 spline takes."""
     limits = Limits([1.0], [1.0], jerk=[1.0], position=[10.0])

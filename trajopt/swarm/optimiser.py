@@ -11,13 +11,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.random import PCG64, SeedSequence
 from numpy.typing import ArrayLike, NDArray
 
 from trajopt.exceptions import InvalidInput
+
+if TYPE_CHECKING:
+    from numpy.random import SeedSequence
 
 Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
@@ -137,7 +139,7 @@ class Streams:
 
     def __init__(self, seeds: Sequence[int | SeedSequence]) -> None:
         self._seeds = [_sequence(seed) for seed in seeds]
-        self._generators = [np.random.Generator(PCG64(seed)) for seed in self._seeds]
+        self._generators = [np.random.Generator(np.random.PCG64(seed)) for seed in self._seeds]
 
     def __len__(self) -> int:
         return len(self._seeds)
@@ -147,7 +149,7 @@ class Streams:
         children = []
         for seed in self._seeds:
             key = (*seed.spawn_key, 0)
-            children.append(SeedSequence(seed.entropy, spawn_key=key))
+            children.append(np.random.SeedSequence(seed.entropy, spawn_key=key))
         return Streams(children)
 
     def uniform(self, *shape: int) -> Array:
@@ -182,9 +184,9 @@ class Streams:
 
 
 def _sequence(seed: int | SeedSequence) -> SeedSequence:
-    if isinstance(seed, SeedSequence):
+    if isinstance(seed, np.random.SeedSequence):
         return seed
-    return SeedSequence(seed)
+    return np.random.SeedSequence(seed)
 
 
 @dataclass(frozen=True, eq=False)

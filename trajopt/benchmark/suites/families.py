@@ -14,13 +14,16 @@ import itertools
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 import numpy as np
 
 from trajopt.exceptions import InvalidInput, UnknownName
 from trajopt.problem import Array, Limits, Problem
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
 
 # Raise it whenever a family and an index come to mean other numbers.
 VERSION = 1
@@ -35,8 +38,6 @@ _JERK_SHARES = np.array([1.0, 10.0, 100.0])
 _NAME = re.compile(
     r"random-(?P<family>[a-z]+)-j(?P<joints>\d+)-w(?P<waypoints>\d+)(?P<jerk>-jerk)?-(?P<index>\d+)"
 )
-
-Generator = np.random.Generator
 
 
 @dataclass(frozen=True)

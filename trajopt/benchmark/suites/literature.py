@@ -18,13 +18,15 @@ from decimal import Decimal
 from itertools import starmap
 from math import pi
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from trajopt import built_in
 from trajopt.exceptions import InvalidInput, UnknownName
-from trajopt.explain.claims import Claim
 from trajopt.problem import Problem
 from trajopt.problem_file import check_keys, text_at, toml
+
+if TYPE_CHECKING:
+    from trajopt.explain.claims import Claim
 
 # Raise it whenever a file changes, or one is added.
 LITERATURE_VERSION = 1
@@ -151,6 +153,9 @@ def _published(path: Path) -> Published:
 
 def _claim(number: int, entry: Any) -> Claim:
     """One `[[published.claims]]`: `time` and `unit`; `peak_jerk` goes with `jerk_unit`."""
+    # planners and the verifier: not where problems are only looked up
+    from trajopt.explain.claims import Claim
+
     key = f"published.claims, claim {number}"
     table = _table(entry, key)
     check_keys(f"{key}, ", table, (*_CLAIM_TEXTS, "time", "unit", "peak_jerk", "jerk_unit"))
