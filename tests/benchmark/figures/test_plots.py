@@ -496,7 +496,8 @@ def test_what_cannot_be_printed_is_a_space_and_what_is_too_long_is_cut(tmp_path:
     assert len(style.headline("p" * 500, ", 1.234 s")) == style.TITLE_LENGTH
     figure = motions.motion(*motion_of(2), title=style.headline("n" * 500, ", 1.234 s"))
     FigureCanvasAgg(figure).draw()
-    (title,) = (t for t in figure.texts if t.get_text().startswith("n"))
+    found = figure.findobj(Text)
+    (title,) = (t for t in found if isinstance(t, Text) and t.get_text().startswith("n"))
     assert title.get_window_extent().x1 <= figure.bbox.x1
     plots.save(plots.durations(table(label="机器人"), "机器人"), tmp_path / "glyphs")
 

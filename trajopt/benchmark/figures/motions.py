@@ -7,7 +7,7 @@ that. Every place is in inches from the lower left corner.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,6 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -30,6 +29,7 @@ from trajopt.benchmark.figures.style import (
     plain,
     text,
 )
+from trajopt.benchmark.figures.words import Lettering, Words, depth, height
 from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 
@@ -55,6 +55,17 @@ _AFTER_TICK = 7.0 / 72
 _NAME_LEFT = 0.48
 _TITLE_RISE = 0.08
 _TIME_DROP = 0.23
+_TITLE_DROP = 0.17  # from the top to the title's baseline
+_KEYS_DROP = 0.34  # to the baseline of what the lines mean
+_KEY = 0.29
+_AFTER_KEY = 0.08
+_BETWEEN_KEYS = 0.2
+
+# points
+_LARGE = 9.0
+_USUAL = 8.0
+_SMALL = 7.0
+_TINY = 6.0
 
 _LONG_LABEL = 10  # characters of a joint's name
 _MARGIN = 0.08  # of the values' range, above and below them
@@ -150,12 +161,13 @@ def motion(
     shown = panels(problem, trajectory, reference)
     _draw_lines(figure, shown, trajectory.waypoint_times)
     _draw_waypoints(figure, shown, problem, trajectory)
-    _draw_ticks(figure, shown)
-    _draw_names(figure, shown, problem)
+    numbers = _draw_ticks(figure, shown)
+    names = _names(shown, problem)
     looks = {own_name: _OWN, "limit": _LIMIT, "waypoint": _PASSING | _DOT}
     if reference:
         looks[reference_name] = _BEHIND
-    _draw_caption(figure, title, looks)
+    caption = _draw_caption(figure, title, looks)
+    figure.add_artist(Lettering([*numbers, *names, *caption], figure.dpi_scale_trans))
     return figure
 
 
@@ -311,41 +323,45 @@ def _draw_waypoints(
     figure.add_artist(marks)
 
 
-def _draw_ticks(figure: Figure, shown: Sequence[Panel]) -> None:
-    """Ticks with their numbers: time under the last row, values beside every panel."""
-    write = _writer(figure, fontsize=7)
+def _draw_ticks(figure: Figure, shown: Sequence[Panel]) -> list[Words]:
+    """Ticks, and their numbers: time under the last row, values beside every panel."""
     last = shown[-1].joint
     intervals = 3 if last > 0 else 6
     of_values = MaxNLocator(intervals)
     of_times = MaxNLocator(6, steps=_TIME_STEPS)
+    digits = height("0") * _SMALL / 72
     ticks = []
+    numbers = []
     for panel in shown:
         left, bottom = panel.corner
         for value in _in_view(of_values, panel.low, panel.high):
             y = panel.y(value)
             ticks.append([(left - _TICK, y), (left, y)])
-            write(
+            number = Words(
                 left - _AFTER_TICK,
-                y,
+                y - digits / 2,
                 plain(value),
-                ha="right",
-                va="center_baseline",
+                _SMALL,
+                "right",
             )
+            numbers.append(number)
         if panel.joint < last:
             continue
         for time in _in_view(of_times, 0.0, panel.end):
             x = panel.x(time)
             ticks.append([(x, bottom - _TICK), (x, bottom)])
-            write(
+            number = Words(
                 x,
-                bottom - _AFTER_TICK,
+                bottom - _AFTER_TICK - digits,
                 plain(time),
-                ha="center",
-                va="top",
+                _SMALL,
+                "center",
             )
+            numbers.append(number)
     artist = LineCollection(ticks, transform=figure.dpi_scale_trans, **_FRAME)
     artist.set_gid("ticks")
     figure.add_artist(artist)
+    return numbers
 
 
 def _in_view(locator: MaxNLocator, low: float, high: float) -> Array:
@@ -359,100 +375,60 @@ def _in_view(locator: MaxNLocator, low: float, high: float) -> Array:
     return places[above & below]
 
 
-def _draw_names(figure: Figure, shown: Sequence[Panel], problem: Problem) -> None:
+def _names(shown: Sequence[Panel], problem: Problem) -> list[Words]:
     """Quantities with units over the columns, joints beside the rows, time under the last row."""
-    write = _writer(figure, fontsize=8)
+    names = []
     for panel in shown:
         left, bottom = panel.corner
-        width, height = panel.size
+        width, panel_height = panel.size
         quantity, unit = QUANTITIES[panel.order]
         middle = left + width / 2
         if panel.joint == 0:
-            top = bottom + height
-            write(
-                middle,
-                top + _TITLE_RISE,
-                f"{quantity} ({unit})",
-                ha="center",
-                va="baseline",
-            )
+            over = bottom + panel_height + _TITLE_RISE
+            names.append(Words(middle, over, f"{quantity} ({unit})", _USUAL, "center"))
         if panel.joint == problem.joints - 1:
-            write(
-                middle,
-                bottom - _TIME_DROP,
-                "time (s)",
-                ha="center",
-                va="top",
-            )
-        if panel.order > 0:
-            continue
-        name = text(problem.joint_labels[panel.joint])
-        size = 8.0
-        if len(name) > _LONG_LABEL:
-            size = 6.0
-        beside = bottom + height / 2
-        write(
-            left - _NAME_LEFT,
-            beside,
-            name,
-            ha="right",
-            va="center",
-            rotation=90,
-            fontsize=size,
-        )
+            under = bottom - _TIME_DROP - height("l") * _USUAL / 72
+            names.append(Words(middle, under, "time (s)", _USUAL, "center"))
+        if panel.order == 0:
+            beside = bottom + panel_height / 2
+            names.append(_joint_name(problem.joint_labels[panel.joint], beside))
+    return names
 
 
-def _draw_caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> None:
-    """The title, and under it what the lines mean."""
-    width, height = figure.get_size_inches()
-    write = _writer(figure, fontsize=9)
-    write(_LEFT, height - 0.08, text(title), ha="left", va="top")
-    keys = []
-    for label, look in looks.items():
-        keys.append(Line2D([], [], label=label, **look))
-    figure.legend(
-        handles=keys,
-        loc="upper left",
-        ncols=4,
-        borderpad=0,
-        borderaxespad=0,
-        bbox_to_anchor=(_LEFT / width, 1 - 0.26 / height),
+def _joint_name(label: str, middle: float) -> Words:
+    """A joint's name, upwards, left of its row."""
+    name = text(label)
+    size = _USUAL if len(name) <= _LONG_LABEL else _TINY
+    baseline = _LEFT - _NAME_LEFT - depth("p") * size / 72
+    return Words(
+        baseline,
+        middle,
+        name,
+        size,
+        "center",
+        upwards=True,
     )
 
 
-def _writer(figure: Figure, **usual: Any) -> Callable[..., None]:
-    """What writes a text at a place in inches."""
-
-    def write(x: float, y: float, words: str, **look: Any) -> None:
-        inches = figure.dpi_scale_trans
-        written = _Words(x, y, words, transform=inches, **usual | look)
-        written.set_figure(figure)
-        figure.texts.append(written)
-
-    return write
-
-
-class _Words(Text):
-    """A text of which Matplotlib finds out once how wide and high it is, not in every figure.
-
-    Motions have eighty texts, numbers mostly, and a comparison draws one motion per planner.
-    """
-
-    def _get_layout(self, renderer: Any) -> Any:
-        """Where its lines are beside its place: of the same words in the same look, the same."""
-        figure = self.get_figure(root=True)
-        look = (
-            type(renderer),
-            getattr(figure, "dpi", None),
-            self.get_text(),
-            self.get_fontsize(),
-            self.get_rotation(),
-            self.get_horizontalalignment(),
-            self.get_verticalalignment(),
+def _draw_caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> list[Words]:
+    """What the lines mean, as lines; the title over them, and their names."""
+    top = figure.get_figheight()
+    baseline = top - _TITLE_DROP
+    words = [Words(_LEFT, baseline, text(title), _LARGE, "left")]
+    baseline = top - _KEYS_DROP
+    middle = baseline + height("x") * _SMALL / 72 / 2
+    x = _LEFT
+    for label, look in looks.items():
+        ends = x + _KEY * np.array([0.0, 0.5, 1.0])
+        key = Line2D(
+            ends,
+            np.full(3, middle),
+            markevery=[1],
+            transform=figure.dpi_scale_trans,
+            **look,
         )
-        if look not in _LAYOUTS:
-            _LAYOUTS[look] = super()._get_layout(renderer)  # type: ignore[misc]
-        return _LAYOUTS[look]
-
-
-_LAYOUTS: dict[tuple[Any, ...], Any] = {}  # of this process
+        figure.add_artist(key)
+        name = Words(x + _KEY + _AFTER_KEY, baseline, label, _SMALL, "left")
+        words.append(name)
+        x = name.x + name.width + _BETWEEN_KEYS
+    return words

@@ -108,13 +108,13 @@ def _write_png(figure: Figure, file: Path, said: Mapping[str, str]) -> None:
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     figure.set_dpi(usual)
-    pixels = np.asarray(canvas.buffer_rgba())
-    opaque = np.ascontiguousarray(pixels[:, :, :3])
+    pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
+    opaque = pixels.convert("RGB")
     texts = PngInfo()
     for keyword, value in said.items():
         texts.add_text(keyword, value)
     content = BytesIO()
-    Image.fromarray(opaque).save(
+    opaque.save(
         content,
         "png",
         pnginfo=texts,
