@@ -19,13 +19,14 @@ Every dataset carries its `units` and a `description`. The fastest trajectory, w
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from trajopt.benchmark.store import hdf5
 from trajopt.benchmark.store.columns import (
@@ -39,6 +40,7 @@ from trajopt.benchmark.store.columns import (
     Malformed,
     naming,
 )
+from trajopt.benchmark.store.draft import Draft, Filters, checked, compressed, unfiltered
 from trajopt.benchmark.store.schema import Encoded, unpack
 
 _CHUNK = 1 << 14  # values, 128 KiB: read or damaged together
@@ -46,17 +48,12 @@ _BUFFER = 1 << 20  # values kept in memory before they are written
 _PADDED_BYTES = 1 << 22  # of a column's texts, beyond which they are stored one by one
 _PADDED_RATIO = 4  # if they also take as many times what they say
 
-Row = dict[str, Any]
-Numbers = dict[str, Array]  # of a problem, by the names of `PROBLEM`
-Parts = list[Array | None]  # an array per trial or problem
+_NO_VALUES = np.empty(0)
 
-_CHECKED: Row = {"fletcher32": True}
-_COMPRESSED: Row = {
-    "fletcher32": True,
-    "compression": "gzip",
-    "compression_opts": 1,
-    "shuffle": True,
-}
+Columns = dict[str, list[Any]]
+Numbers = dict[str, Array]  # of a problem, by the names of `PROBLEM`
+Problems = dict[str, Numbers]  # by the problems' digests
+Parts = list[Array | None]  # an array per trial or problem
 
 _DESCRIPTION = "trials of minimum-time planners, each judged by the verifier"
 _OFFSETS = Block(None, "1", "where each starts in values, and where the last one ends")
@@ -71,33 +68,32 @@ def content(trials: Callable[[], Iterable[Encoded]]) -> bytes:
     What would compress so well that readers took it for a bomb is stored as it is.
     """
     data = b""
-    for filters in (_COMPRESSED, _CHECKED):
-        with h5py.File.in_memory(libver=hdf5.LIBRARY) as file:
-            file.attrs["schema"] = hdf5.SCHEMA
-            file.attrs["description"] = _DESCRIPTION
-            _write(_Writer(file, filters), trials())
-            data = hdf5.content(file)
-            claimed = hdf5.claimed(file)
-        if claimed <= hdf5.allowance(len(data)):
+    for filters in (compressed, checked):
+        with Draft(_DESCRIPTION) as draft:
+            _write(_Writer(draft, filters), trials())
+            data = draft.content()
+        if draft.claimed <= hdf5.allowance(len(data)):
             break
     return data
 
 
 def _write(writer: _Writer, trials: Iterable[Encoded]) -> None:
-    columns: dict[str, list[Any]] = {name: [] for name in COLUMNS}
-    problems: dict[str, Numbers] = {}
-    arrays = {name: _Ragged(writer, name, block) for name, block in ARRAYS.items()}
+    columns: Columns = {name: [] for name in COLUMNS}
+    problems: Problems = {}
+    arrays: dict[str, _Ragged] = {}
+    for name, block in ARRAYS.items():
+        arrays[name] = _Ragged(writer, name, block)
     for count, trial in enumerate(trials):
-        for name in trial.arrays.keys() - arrays:
+        for name in sorted(trial.arrays.keys() - arrays):
             arrays[name] = _Ragged(writer, name, STATS, before=count)
         for name, ragged in arrays.items():
             ragged.add(trial.arrays.get(name))
         for name, values in columns.items():
             values.append(trial.row[name])
         problems.setdefault(trial.row["digest"], trial.problem)
-    for name, values in columns.items():
-        column = COLUMNS[name]
-        writer.put(f"trials/{name}", _stored(column, values), column)
+    for name, column in COLUMNS.items():
+        values = _stored(column, columns[name])
+        writer.put(f"trials/{name}", values, column)
     row_of = {digest: row for row, digest in enumerate(problems)}
     rows = [row_of[digest] for digest in columns["digest"]]
     writer.put("trials/problem_row", np.array(rows, dtype=int), _PROBLEM_ROW)
@@ -107,7 +103,7 @@ def _write(writer: _Writer, trials: Iterable[Encoded]) -> None:
     _write_problems(writer, problems)
 
 
-def _write_problems(writer: _Writer, problems: Mapping[str, Numbers]) -> None:
+def _write_problems(writer: _Writer, problems: Problems) -> None:
     digests = _padded(list(problems))
     writer.put("problems/digest", digests, _PROBLEM_DIGEST)
     scale = writer.scaled("problems", "digest", "problem")
@@ -131,68 +127,69 @@ def read(path: Path) -> Iterator[Encoded]:
         for name in COLUMNS.keys() - columns:
             columns[name] = [""] * count
         for name, values in columns.items():
-            if len(values) != count:
-                raise Malformed(f"trials/{name}: {len(values)} entries, but {count} trials")
+            entries = len(values)
+            if entries != count:
+                raise Malformed(f"trials/{name}: {entries} entries, but {count} trials")
         problems = _problems(source)
         stats = [f"stats/{name}" for name in source.names("stats")]
-        arrays = {name: _parts(source, name, count) for name in [*ARRAYS, *stats]}
+        arrays: dict[str, Parts] = {}
+        for name in (*ARRAYS, *stats):
+            arrays[name] = _parts(source, name, count)
     for i in range(count):
-        row = _item(columns, i)
+        row = {name: values[i] for name, values in columns.items()}
         digest = row["digest"]
         if digest not in problems:
             raise Malformed(f"trials/digest: {digest!r:.80} is not in problems/digest")
-        own = _item(arrays, i)
-        present = {name: part for name, part in own.items() if part is not None}
+        present = {}
+        for name, parts in arrays.items():
+            part = parts[i]
+            if part is not None:
+                present[name] = part
         yield Encoded(row, problems[digest], present)
 
 
 def _present(source: hdf5.Source) -> list[str]:
     """The columns that a file must have, and the newer ones that it has."""
     there = source.names("trials")
-    return [name for name, column in COLUMNS.items() if not column.newer or name in there]
-
-
-def _item(table: Mapping[str, list[Any]], i: int) -> Row:
-    return {name: values[i] for name, values in table.items()}
+    present = []
+    for name, column in COLUMNS.items():
+        if not column.newer or name in there:
+            present.append(name)
+    return present
 
 
 @dataclass(frozen=True)
 class _Writer:
-    """An HDF5 file being written, and the filters that its datasets pass."""
+    """A file being made, and the filters that its datasets pass."""
 
-    file: h5py.File
-    filters: Row
+    draft: Draft
+    filters: Filters
 
-    def put(self, name: str, values: Any, about: Block | Column) -> h5py.Dataset:
+    def put(self, name: str, values: NDArray[Any], about: Block | Column) -> None:
         """Write values into a dataset that can grow."""
-        rest = values.shape[1:]
-        rows = max(1, min(len(values), _CHUNK))
         filters = self.filters
+        if name == "trajectory/coefficients/values":  # they hardly get shorter
+            filters = checked
         if values.dtype.kind == "O":  # texts of any length take none
-            filters = {}
-        data = self.file.create_dataset(
-            name,
-            data=values,
-            chunks=(rows, *rest),
-            maxshape=(None, *rest),
-            **filters,
-        )
-        return self.describe(data, about)
+            filters = unfiltered
+        rows = max(1, min(len(values), _CHUNK))
+        self.draft.put_growing(name, values, about, rows=rows, filters=filters)
 
-    def describe(self, data: h5py.Dataset, about: Block | Column) -> h5py.Dataset:
-        """The dataset with its units and its meaning."""
-        data.attrs["units"] = about.units
-        data.attrs["description"] = about.text
-        return data
+    def extend(self, name: str, values: Array, about: Block) -> None:
+        """Let these values follow those that there are."""
+        if name not in self.draft.datasets:
+            self.put(name, values, about)
+        elif values.size:
+            self.draft.append(name, values)
 
-    def scaled(self, group: str, name: str, dimension: str) -> h5py.Dataset:
-        """The dataset `name`, made the dimension scale of all others in the group."""
-        members = self.file[group]
-        scale = members[name]
-        scale.make_scale(dimension)
-        for other in members:
-            if other != name:
-                members[other].dims[0].attach_scale(scale)
+    def scaled(self, group: str, name: str, dimension: str) -> str:
+        """The path of the dataset `name`, made the dimension scale of all others in the group."""
+        scale = f"{group}/{name}"
+        self.draft.make_scale(scale, dimension)
+        for path in self.draft.datasets:
+            above, _, _ = path.rpartition("/")
+            if above == group and path != scale:
+                self.draft.attach(path, scale)
         return scale
 
 
@@ -209,55 +206,40 @@ class _Ragged:
         self.shapes: list[tuple[int, ...]] = [()] * before  # empty where there is no array
 
     def add(self, array: Array | None) -> None:
+        end = self.offsets[-1]
         if array is None:
             self.shapes.append(())
-            self.offsets.append(self.offsets[-1])
+            self.offsets.append(end)
             return
         self.shapes.append(array.shape)
-        self.offsets.append(self.offsets[-1] + array.size)
+        self.offsets.append(end + array.size)
         self.buffer.append(array.ravel())
         self.waiting += array.size
         if self.waiting > _BUFFER:
             self._flush()
 
-    def close(self, scale: h5py.Dataset) -> None:
+    def close(self, scale: str) -> None:
         self._flush()
-        axes = max(map(len, self.shapes), default=1)
-        table = np.full((len(self.shapes), max(1, axes)), -1)
-        for row, shape in zip(table, self.shapes, strict=True):
-            row[: len(shape)] = shape
-        data = self.writer.put(f"{self.name}/shape", table, _SHAPE)
-        data.dims[0].attach_scale(scale)
+        shape = f"{self.name}/shape"
+        self.writer.put(shape, self._table(), _SHAPE)
+        self.writer.draft.attach(shape, scale)
         offsets = np.array(self.offsets)
         self.writer.put(f"{self.name}/offsets", offsets, _OFFSETS)
 
+    def _table(self) -> NDArray[np.int64]:
+        """The shapes, one a row."""
+        axes = max(map(len, self.shapes), default=0)
+        rows = len(self.shapes)
+        table = np.full((rows, max(1, axes)), -1)
+        for row, shape in zip(table, self.shapes, strict=True):
+            row[: len(shape)] = shape
+        return table
+
     def _flush(self) -> None:
-        values = self._values()
-        if not self.waiting:
-            return
-        start = len(values)
-        values.resize((start + self.waiting,))
-        values[start:] = np.concatenate(self.buffer)
+        values = np.concatenate([_NO_VALUES, *self.buffer])
+        self.writer.extend(f"{self.name}/values", values, self.block)
         self.buffer = []
         self.waiting = 0
-
-    def _values(self) -> h5py.Dataset:
-        name = f"{self.name}/values"
-        if name in self.writer.file:
-            return self.writer.file[name]
-        filters = self.writer.filters
-        if name.startswith("trajectory/coefficients"):  # they hardly get shorter
-            filters = _CHECKED
-        chunk = max(1, min(self.waiting, _CHUNK))
-        data = self.writer.file.create_dataset(
-            name,
-            shape=(0,),
-            dtype=float,
-            chunks=(chunk,),
-            maxshape=(None,),
-            **filters,
-        )
-        return self.writer.describe(data, self.block)
 
 
 def _parts(source: hdf5.Source, name: str, count: int) -> Parts:
@@ -284,12 +266,13 @@ def _parts(source: hdf5.Source, name: str, count: int) -> Parts:
     return parts
 
 
-def _problems(source: hdf5.Source) -> dict[str, Numbers]:
+def _problems(source: hdf5.Source) -> Problems:
     """Waypoints and limits by the problem's digest."""
     digests = source.texts("problems/digest")
-    problems: dict[str, Numbers] = {digest: {} for digest in digests}
+    count = len(digests)
+    problems: Problems = {digest: {} for digest in digests}
     for name in PROBLEM:
-        parts = _parts(source, f"problems/{name}", len(digests))
+        parts = _parts(source, f"problems/{name}", count)
         for digest, part in zip(digests, parts, strict=True):
             if part is None:
                 raise Malformed(f"problems/{name}: none for problem {digest!r:.80}")

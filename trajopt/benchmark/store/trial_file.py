@@ -28,6 +28,7 @@ from trajopt.benchmark.store.columns import (
     Malformed,
     naming,
 )
+from trajopt.benchmark.store.draft import Draft
 from trajopt.benchmark.store.schema import Encoded, pack, unpack
 
 _DESCRIPTION = "one planner on one problem with one seed, judged by the verifier"
@@ -41,14 +42,12 @@ def content(kept: Encoded) -> bytes:
     numbers = {name: pack(array.tolist()) for name, array in kept.problem.items()}
     record = kept.row | {"numbers": numbers, "arrays": list(kept.arrays)}
     text = json.dumps(record).encode()
-    with h5py.File.in_memory(libver=hdf5.LIBRARY) as file:
-        file.attrs["schema"] = hdf5.SCHEMA
-        file.attrs["description"] = _DESCRIPTION
-        kind = h5py.string_dtype("utf-8", len(text))
-        _put(file, "record", np.array(text, dtype=kind), _RECORD)
+    kind = h5py.string_dtype("utf-8", len(text))
+    with Draft(_DESCRIPTION) as draft:
+        draft.put("record", np.array(text, dtype=kind), _RECORD)
         for name, array in kept.arrays.items():
-            _put(file, name, array, ARRAYS.get(name, STATS))
-        return hdf5.content(file)
+            draft.put(name, array, ARRAYS.get(name, STATS))
+        return draft.content()
 
 
 def read(path: Path) -> Encoded:
@@ -70,12 +69,6 @@ def read(path: Path) -> Encoded:
 
 def _table(value: Any) -> Array:
     return np.array(unpack(value), dtype=float)
-
-
-def _put(file: h5py.File, name: str, array: Any, block: Block) -> None:
-    data = file.create_dataset(name, data=array)
-    data.attrs["units"] = block.units
-    data.attrs["description"] = block.text
 
 
 def _check_keys(record: Any) -> None:
