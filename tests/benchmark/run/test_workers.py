@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from trajopt import Planner, Solution, Status, compare
-from trajopt.benchmark.run import workers
+from trajopt.benchmark.run.threads import single_threaded
 from trajopt.registry import load
 
 SCRIPT = """
@@ -146,7 +146,7 @@ def test_overlapping_blocks_leave_the_environment_as_it_was(
 ) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    first, second = workers.single_threaded(), workers.single_threaded()
+    first, second = single_threaded(), single_threaded()
     first.__enter__()
     second.__enter__()
     first.__exit__(None, None, None)

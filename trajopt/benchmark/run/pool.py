@@ -8,6 +8,8 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from trajopt.benchmark.run.threads import single_threaded
+
 if TYPE_CHECKING:
     from pebble import ProcessPool
 
@@ -48,7 +50,7 @@ class Pool:
         from trajopt.benchmark.run import workers
 
         if self._processes is None:
-            self._open.enter_context(workers.single_threaded())
+            self._open.enter_context(single_threaded())
             pool = workers.pool_of(min(self.jobs, most))
             self._processes = self._open.enter_context(pool)
         return self._processes

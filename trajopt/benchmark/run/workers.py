@@ -22,13 +22,14 @@ from pathlib import Path
 import cloudpickle
 import pebble
 
+from trajopt.benchmark.run import fork_server
 from trajopt.benchmark.run.plan import Allowance, Task
+from trajopt.benchmark.run.threads import single_threaded
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.trial import run, unanswered
 from trajopt.exceptions import StoreError, WorkerError
 from trajopt.solution import Solution, Status
 
-_THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _GUARD = """\
 no worker process could start. A script that calls compare does it under a guard, since each worker
 imports the script first:
@@ -75,13 +76,14 @@ def _stopped(pool: pebble.ProcessPool) -> None:
 
 
 def _pool(workers: int) -> pebble.ProcessPool:
-    """Fresh interpreters: forking a process that has loaded solvers is not safe."""
+    """Processes of the fork server, which started with an environment of its own."""
     _forget_standard_input()
+    fork_server.start()
     return pebble.ProcessPool(
         max_workers=workers,
-        context=multiprocessing.get_context("spawn"),
-        initializer=_lead_group,
-        initargs=(os.getpid(),),
+        context=fork_server.context(),
+        initializer=_begin,
+        initargs=(os.getpid(), dict(os.environ)),
     )
 
 
@@ -93,8 +95,15 @@ def _forget_standard_input() -> None:
         del script["__file__"]
 
 
+def _begin(run: int, environment: dict[str, str]) -> None:
+    """In a new worker: the run's environment and a process group of its own."""
+    os.environ.clear()
+    os.environ.update(environment)
+    _lead_group(run)
+
+
 def _lead_group(run: int) -> None:
-    """In a new worker: a process group of its own, which ends with it or with the run."""
+    """Make this process lead a group, which ends with it or with the run."""
     if not hasattr(os, "setsid"):  # not a Unix
         return
     os.setsid()
@@ -215,47 +224,3 @@ def pool_of(jobs: int) -> Iterator[pebble.ProcessPool]:
     finally:
         pool.close()  # type: ignore[no-untyped-call]
         pool.join()
-
-
-class _SingleThreaded:
-    """How many blocks ask for single threads, and the environment before the first of them."""
-
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.blocks = 0
-        self.before: dict[str, str | None] = {}
-
-    def enter(self) -> None:
-        with self.lock:
-            if self.blocks == 0:
-                self.before = {name: os.environ.get(name) for name in _THREADS}
-                os.environ.update(_THREADS)
-            self.blocks += 1
-
-    def leave(self) -> None:
-        with self.lock:
-            self.blocks -= 1
-            if self.blocks > 0:
-                return
-            for name, value in self.before.items():
-                del os.environ[name]
-                if value is not None:
-                    os.environ[name] = value
-
-
-_single_threaded = _SingleThreaded()
-
-
-@contextmanager
-def single_threaded() -> Iterator[None]:
-    """Children inherit one thread each for linear algebra, so that jobs do not fight for cores.
-
-    By the environment, since a child imports the user's script, and with it NumPy, before any line
-    of ours could limit the threads that NumPy has started by then; and what a planner starts
-    inherits it too. Blocks may overlap: an executor's worker may have several threads.
-    """
-    _single_threaded.enter()
-    try:
-        yield
-    finally:
-        _single_threaded.leave()
