@@ -9,7 +9,7 @@ from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.compare import Comparison
 from trajopt.benchmark.trial import judge
-from trajopt.cli import against, app, compare
+from trajopt.cli import against, app, comparison
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one step")
 
@@ -89,10 +89,10 @@ def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
         asked.extend(planners)
         return Comparison([*fast, *slow], None)
 
-    monkeypatch.setattr(compare.benchmark, "run", compared)
-    monkeypatch.setattr(compare.drawn, "draw", lambda *arguments, **options: [])
+    monkeypatch.setattr(comparison.benchmark, "run", compared)
+    monkeypatch.setattr(comparison.drawn, "draw", lambda *arguments, **options: [])
     rival = "slow:first=11.0"
-    monkeypatch.setattr(compare, "label_of", lambda name, planner: rival)
+    monkeypatch.setattr(comparison, "label_of", lambda name, planner: rival)
     command = ["compare", "one-joint", "--planner", "exact", "--output", str(tmp_path)]
     with pytest.raises(SystemExit) as stop:
         app.main([*command, "--against", "ruckig-stop"])

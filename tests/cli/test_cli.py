@@ -20,7 +20,7 @@ from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
-from trajopt.cli import compare, overview, plan
+from trajopt.cli import comparison, overview, plan
 from trajopt.registry import entries, load, options
 
 NAMES = {
@@ -483,7 +483,7 @@ def test_a_run_that_computes_nothing_imports_neither_pandas_nor_matplotlib(compa
 def test_compare_of_many_problems_has_a_line_per_planner_and_a_report(
     compared, trajopt, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(compare, "MANY", 1)
+    monkeypatch.setattr(comparison, "MANY", 1)
     shutil.copytree(compared[0] / "trials", tmp_path / "trials")
     code, out, _ = trajopt(*compared[2][3:-1], tmp_path)
     lines = out.splitlines()
@@ -498,7 +498,7 @@ def test_compare_of_many_problems_has_a_line_per_planner_and_a_report(
 
 def test_the_table_of_many_problems_says_why_planners_failed(trajopt, tmp_path, monkeypatch):
     """Straight from 1 to 0 is inside; a cubic through 0, 1, 0, 0 swings below 0."""
-    monkeypatch.setattr(compare, "MANY", 0)
+    monkeypatch.setattr(comparison, "MANY", 0)
     corridor = Limits([1.0], [1.0], position=[[0.0, 1.0]])
     problem = Problem([[0.0], [1.0], [0.0], [0.0005]], corridor, "corridor")
     file = tmp_path / "corridor.toml"
