@@ -6,12 +6,28 @@ rows.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.planner import backend
 
 Array = NDArray[np.float64]
+
+
+class Entries(NamedTuple):
+    """The entries of a matrix, row by row; any of them may be zero.
+
+    Attributes:
+        row: of each entry, never falling, `(entries,)`.
+        column: of each entry.
+        value: of each entry.
+    """
+
+    row: NDArray[np.intp]
+    column: NDArray[np.intp]
+    value: Array
 
 
 class LinearPrograms:
@@ -44,22 +60,49 @@ class LinearPrograms:
 
         None where HiGHS finds no such place.
         """
-        rows, columns = matrix.shape
-        program = self._solver.HighsLp()
-        program.num_col_ = columns
-        program.num_row_ = rows
-        program.col_cost_ = cost
-        program.col_lower_ = np.zeros(columns)
-        program.col_upper_ = high
-        program.row_lower_ = np.full(rows, -np.inf)
-        program.row_upper_ = above
-        # column by column, without zeros
-        column, row = matrix.T.nonzero()
-        program.a_matrix_.format_ = self._solver.MatrixFormat.kColwise
-        program.a_matrix_.start_ = np.searchsorted(column, range(columns + 1))
-        program.a_matrix_.index_ = row
-        program.a_matrix_.value_ = matrix[row, column]
-        self._highs.passModel(program)
+        row, column = matrix.nonzero()
+        entries = Entries(row, column, matrix[row, column])
+        return self.minimised_sparse(
+            cost,
+            entries,
+            above,
+            high,
+        )
+
+    def minimised_sparse(
+        self,
+        cost: Array,
+        entries: Entries,
+        above: Array,
+        high: Array,
+    ) -> Array | None:
+        """The same, of a matrix that is given by its entries."""
+        rows = len(above)
+        columns = len(cost)
+        present = entries.value != 0
+        row = entries.row[present]
+        value = entries.value[present]
+        row_starts = np.searchsorted(row, np.arange(rows + 1))
+        no_offset = 0.0
+        status = self._highs.passModel(
+            columns,
+            rows,
+            len(value),
+            int(self._solver.MatrixFormat.kRowwise),
+            int(self._solver.ObjSense.kMinimize),
+            no_offset,
+            cost,
+            np.zeros(columns),
+            high,
+            np.full(rows, -np.inf),
+            above,
+            row_starts,
+            entries.column[present],
+            value,
+            np.full(columns, int(self._solver.HighsVarType.kContinuous)),
+        )
+        if status == self._solver.HighsStatus.kError:
+            return None
         self._highs.run()
         if self._highs.getModelStatus() != self._solver.HighsModelStatus.kOptimal:
             return None

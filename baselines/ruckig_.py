@@ -11,6 +11,7 @@ accelerations. Its tolerances are absolute, so every section has units of its ow
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from baselines import segment_units
 from baselines.exact.rounded import Clock, assembled, clocks, through
-from baselines.linear_programs import LinearPrograms
+from baselines.linear_programs import Entries, LinearPrograms
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner, backend, passing_once
@@ -32,14 +33,18 @@ Array = NDArray[np.float64]
 
 # One joint's breaks and coefficients, as `Trajectory.joined` takes them.
 Part = tuple[Array, Array]
+# Of each case's segment, from 0.
+Numbers = NDArray[np.intp]
 # Evaluations spent, and the best total by then, s.
 History = list[tuple[int, float]]
 
 _LOPSIDED = "Ruckig's jerk limit is symmetric: the tighter side was used"
 # Relative: how far inside its limits a state at a waypoint stays.
 _INSIDE_MARGIN = 1e-9
-# Of the trust region: how far differences reach.
-_PROBE_SHARE = 0.1
+# The directions of a rise and a fall.
+_WAYS = np.array([1.0, -1.0])[:, None, None, None, None]
+# Of the trust region: how far differences reach to either side.
+_PROBES = 0.1 * _WAYS
 # Starts: parts of the mean velocity about a waypoint.
 _MEAN_SHARES = (0.0, 1.0, 0.5, 1.5)
 # Of the limits: how far random starts lie from the best.
@@ -94,7 +99,9 @@ class Sections:
 
     `states` are `(2, waypoints, moving joints)`: velocity, rad/s, and acceleration, rad/s² (unused
     for joints without a jerk limit). A segment's `start` and `end` are such states at one waypoint,
-    `(2, moving joints)`. `evaluations` counts the sections computed.
+    `(2, moving joints)`; those of several cases are `(2, cases, moving joints)`. `unit_times` are
+    the segments' units of time, s; `low` and `high` bound the states at every waypoint;
+    `evaluations` counts the sections computed.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -106,47 +113,80 @@ class Sections:
         self._solver = ruckig.Ruckig(joints)
         self._trajectory = ruckig.Trajectory(joints)
         self._units = segment_units.of_segments(Problem(self.waypoints, self.limits))
+        self.unit_times = np.array([units.time for units in self._units])
+        self._unit_lengths = np.array([units.lengths for units in self._units])
         self._inputs = self._sections(ruckig)
         # Units of the whole motion: its longest segment's time, each joint's range.
-        self.longest_stop = max(units.time for units in self._units)
+        self.longest_stop = float(self.unit_times.max())
         speeds = np.ptp(self.waypoints, axis=0) / self.longest_stop
         self.state_units = np.stack([speeds, speeds / self.longest_stop])[:, None]
+        self.low, self.high = self._bounds()
+        self._lowest, self._highest = self._positions()
+        self._walled = np.isfinite(self.limits.position).any()
         self._success = (ruckig.Result.Working, ruckig.Result.Finished)
         self._error = ruckig.RuckigError
         self.evaluations = 0
+
+    def _bounds(self) -> tuple[Array, Array]:
+        """The lowest and highest states: inside limits, resting at both ends, not idly accelerated.
+
+        Without a jerk limit Ruckig does not read a joint's acceleration.
+        """
+        own = self.limits
+        limits = np.stack([own.velocity, own.acceleration])
+        boxes = limits * (1 - _INSIDE_MARGIN)
+        jerk_limited = np.isfinite(own.jerk).any(axis=1)
+        boxes[1, ~jerk_limited] = 0
+        low = self.at_rest
+        high = self.at_rest
+        low[:, 1:-1] = boxes[:, None, :, 0]
+        high[:, 1:-1] = boxes[:, None, :, 1]
+        return low, high
+
+    def _positions(self) -> tuple[Array, Array]:
+        """Each joint's lowest and highest position, but for rounding."""
+        coordinates = np.abs(self.waypoints)
+        size = np.maximum(coordinates.max(axis=0), 1)
+        slack = _POSITION_RTOL * size
+        lowest, highest = self.limits.position.T
+        return lowest - slack, highest + slack
 
     @property
     def at_rest(self) -> Array:
         return np.zeros((2, *self.waypoints.shape))
 
-    def minima(self, k: int, starts: Array, ends: Array) -> Array:
-        """Each joint's own least time for segment `k`, s; NaN where Ruckig refuses.
+    def minima(self, k: Numbers, starts: Array, ends: Array) -> Array:
+        """Each joint's own least time, s; NaN where Ruckig refuses.
 
         Args:
-            k: the segment's number, from 0.
-            starts: states that it starts from, `(2, cases, moving joints)`.
-            ends: states that it ends at, of the same shape.
+            k: the segments' numbers, from 0, `(cases,)`.
+            starts: states that they start from, `(2, cases, moving joints)`.
+            ends: states that they end at, of the same shape.
 
         Returns:
             `(cases, moving joints)`.
         """
         refused = [np.nan] * len(self.moving)
         minima = []
-        for section in self._between(k, starts, ends):
-            if self._is_solved(k, *section):
-                minima.append(self._trajectory.independent_min_durations)
-            else:
-                minima.append(refused)
-        own = np.array(minima).reshape(-1, len(self.moving))
-        return own * self._units[k].time
+        for _, solved in self._calculated(k, starts, ends):
+            own = refused
+            if solved:
+                own = self._trajectory.independent_min_durations
+            minima.append(own)
+        return np.asarray(minima * self.unit_times[k, None])
 
-    def duration(self, k: int, start: Array, end: Array) -> float:
-        """Time of segment `k` with all joints together; infinite if the states break a limit, s."""
-        if not self._calculate(k, start, end, checked=True):
-            return np.inf
-        if not self._inside(k):
-            return np.inf
-        return self._time(k)
+    def durations(self, k: Numbers, starts: Array, ends: Array) -> list[float]:
+        """Times with all joints together, s; infinite where the states break a limit.
+
+        The arguments are those of `minima`.
+        """
+        durations = []
+        for number, solved in self._calculated(k, starts, ends, checked=True):
+            duration = np.inf
+            if solved and self._inside(number):
+                duration = self._time(number)
+            durations.append(duration)
+        return durations
 
     def profiles(
         self,
@@ -155,7 +195,9 @@ class Sections:
         end: Array,
     ) -> tuple[float, list[Part]]:
         """The duration of segment `k`, s, and every joint's `(breaks, cubics)` in its units."""
-        if not self._calculate(k, start, end):
+        only = np.array([k])
+        ((_, solved),) = self._calculated(only, start[:, None], end[:, None])
+        if not solved:
             raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
         return self._time(k), self._own_profiles()
 
@@ -198,11 +240,6 @@ class Sections:
             parts.append((stored, units.in_radians(mended, j)))
         return parts
 
-    @property
-    def unit_times(self) -> Array:
-        """The unit of time of each segment, s."""
-        return np.array([units.time for units in self._units])
-
     def _time(self, k: int) -> float:
         """Of segment `k`, just computed, s."""
         time: float = self._trajectory.duration
@@ -214,15 +251,14 @@ class Sections:
         profiles = self._trajectory.profiles[0]
         return [_cubics(profile, duration) for profile in profiles]
 
-    def _rebuilt(self, k: int) -> list[Part]:
-        """Every joint's motion in segment `k`, just computed, s and rad."""
+    def _rebuilt(self, k: int, joint: int) -> Part:
+        """A joint's motion in segment `k`, just computed, s and rad."""
         units = self._units[k]
-        parts = []
-        for joint, (breaks, cubics) in enumerate(self._own_profiles()):
-            coefficients = units.in_radians(cubics, joint)
-            coefficients[-1] += self.waypoints[k, joint]
-            parts.append((breaks * units.time, coefficients))
-        return parts
+        profile = self._trajectory.profiles[0][joint]
+        breaks, cubics = _cubics(profile, self._trajectory.duration)
+        coefficients = units.in_radians(cubics, joint)
+        coefficients[-1] += self.waypoints[k, joint]
+        return breaks * units.time, coefficients
 
     def _sections(self, ruckig: Any) -> list[Any]:
         """Ruckig's input for every segment in its units, but for the states at its ends."""
@@ -235,26 +271,28 @@ class Sections:
             inputs.append(given)
         return inputs
 
-    def _calculate(
+    def _calculated(
         self,
-        k: int,
-        start: Array,
-        end: Array,
+        k: Numbers,
+        starts: Array,
+        ends: Array,
         *,
         checked: bool = False,
-    ) -> bool:
-        """Whether Ruckig solves segment `k`; `checked`, from states that keep their limits."""
-        (section,) = self._between(k, start[:, None], end[:, None])
-        return self._is_solved(k, *section, checked=checked)
+    ) -> Iterator[tuple[int, bool]]:
+        """Each case's segment, and whether Ruckig solves it, which has just been computed then.
 
-    def _between(self, k: int, starts: Array, ends: Array) -> Iterator[tuple[list[float], ...]]:
-        """Velocity and acceleration at both ends of each case, as Ruckig's input takes them."""
-        units = self._units[k]
+        `checked`, from states that keep their limits.
+        """
+        time = self.unit_times[k, None]
+        lengths = self._unit_lengths[k]
         states = [
-            *units.states(starts),
-            *units.states(ends * _INWARDS),
+            *segment_units.states_in(starts, time, lengths),
+            *segment_units.states_in(ends * _INWARDS, time, lengths),
         ]
-        return zip(*[state.tolist() for state in states], strict=True)
+        numbers = k.tolist()
+        by_case = zip(*[state.tolist() for state in states], strict=True)
+        for number, section in zip(numbers, by_case, strict=True):
+            yield number, self._is_solved(number, *section, checked=checked)
 
     def _is_solved(
         self,
@@ -264,7 +302,7 @@ class Sections:
         target_velocity: list[float],
         target_acceleration: list[float],
         *,
-        checked: bool = False,
+        checked: bool,
     ) -> bool:
         """Whether Ruckig solves segment `k` between states in its units."""
         given = self._inputs[k]
@@ -283,17 +321,17 @@ class Sections:
 
     def _inside(self, k: int) -> bool:
         """Whether segment `k`, just computed, keeps the position limits."""
-        position = self.limits.position
-        if not np.isfinite(position).any():
+        if not self._walled:
             return True
-        coordinates = np.abs(self.waypoints)
-        size = np.maximum(coordinates.max(axis=0), 1)
-        slack = _POSITION_RTOL * size
-        lowest, highest = position.T
-        low = lowest - slack
-        high = highest + slack
-        for j, (breaks, coefficients) in enumerate(self._rebuilt(k)):
-            if not _within(breaks, coefficients, low[j], high[j]):
+        # No joint gets beyond where it would turn at top speed: (q0 + q1 ± V T)/2.
+        top_speed = np.abs(self.limits.velocity).max(axis=1)
+        both = self.waypoints[k] + self.waypoints[k + 1]
+        reach = top_speed * self._time(k)
+        low = (both - reach) / 2 < self._lowest
+        high = (both + reach) / 2 > self._highest
+        for j in np.flatnonzero(low | high).tolist():
+            motion = self._rebuilt(k, j)
+            if not _within(*motion, self._lowest[j], self._highest[j]):
                 return False
         return True
 
@@ -314,8 +352,11 @@ def section(
     sections = Sections(Problem(waypoints, limits))
     leaving = np.array(start_rates)[:, sections.moving]
     arriving = np.array(end_rates)[:, sections.moving]
-    (minima,) = sections.minima(0, leaving[:, None], arriving[:, None])
-    return sections.duration(0, leaving, arriving), minima
+    only = np.zeros(1, dtype=int)
+    ends = (leaving[:, None], arriving[:, None])
+    (minima,) = sections.minima(only, *ends)
+    (duration,) = sections.durations(only, *ends)
+    return duration, minima
 
 
 def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
@@ -332,7 +373,7 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
     if refused or inner.size == 0:
         return best, history
     generator = np.random.default_rng(0)
-    programs = LinearPrograms()
+    programs = StepPrograms(sections)
     guesses = _guesses(sections)
     while sections.evaluations < evaluations:
         radius = generator.choice(_KICK_RADII)
@@ -351,8 +392,8 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
 def _guesses(sections: Sections) -> list[Array]:
     """Rest, and shares of the mean velocity about each waypoint if one stops at its neighbours."""
     rest = sections.at_rest
-    minima = _minima(sections, rest)
-    times = np.array([np.nanmax(own) for own in minima])
+    minima = sections.minima(*_every_segment(rest))
+    times = np.nanmax(minima, axis=1)
     waypoints = sections.waypoints
     # v_k = (q_(k+1) − q_(k−1)) / (T_k + T_(k+1))
     ways = waypoints[2:] - waypoints[:-2]
@@ -369,7 +410,7 @@ def _guesses(sections: Sections) -> list[Array]:
 
 def _descended(
     sections: Sections,
-    programs: LinearPrograms,
+    programs: StepPrograms,
     states: Array,
     evaluations: int,
 ) -> tuple[Array, float]:
@@ -383,7 +424,7 @@ def _descended(
     best = _total(sections, states)
     radius = _START_RADIUS
     while radius > _LAST_RADIUS and sections.evaluations < evaluations:
-        trial = _proposed(sections, programs, states, radius)
+        trial = programs.proposed(states, radius)
         total = _total(sections, trial)
         if total < best * (1 - _GAIN_RTOL):
             states = trial
@@ -396,10 +437,15 @@ def _descended(
 
 def _total(sections: Sections, states: Array) -> float:
     """The duration of all segments, s."""
-    total = 0.0
-    for k, (start, end) in _each_segment(states):
-        total += sections.duration(k, start, end)
-    return total
+    return sum(sections.durations(*_every_segment(states)))
+
+
+def _every_segment(states: Array) -> tuple[Numbers, Array, Array]:
+    """All segments' numbers, and the states that they start from and end at."""
+    starts = states[:, :-1]
+    ends = states[:, 1:]
+    _, count, _ = starts.shape
+    return np.arange(count), starts, ends
 
 
 def _bounds(
@@ -407,139 +453,128 @@ def _bounds(
     states: Array,
     radius: float,
 ) -> tuple[Array, Array]:
-    """The trust region around the states, inside their limits; ends, and no idle acceleration."""
-    own = sections.limits
-    limits = np.stack([own.velocity, own.acceleration])
-    boxes = limits * (1 - _INSIDE_MARGIN)
-    jerk_limited = np.isfinite(own.jerk).any(axis=1)
-    boxes[1, ~jerk_limited] = 0
-    # (order, 1, joints): velocity and acceleration
-    low = boxes[:, None, :, 0]
-    high = boxes[:, None, :, 1]
-    reach = radius * np.minimum(high, -low)
-    lower = np.maximum(states - reach, low)
-    upper = np.minimum(states + reach, high)
-    lower[:, [0, -1]] = 0
-    upper[:, [0, -1]] = 0
+    """The trust region around the states."""
+    reach = radius * np.minimum(sections.high, -sections.low)
+    lower = np.maximum(states - reach, sections.low)
+    upper = np.minimum(states + reach, sections.high)
     return lower, upper
 
 
-def _proposed(
-    sections: Sections,
-    programs: LinearPrograms,
-    states: Array,
-    radius: float,
-) -> Array:
-    """The states that minimise the linear model within the trust region."""
-    lower, upper = _bounds(sections, states, radius)
-    above = upper - states
-    below = states - lower
-    times, up, down = _model(sections, states, above, below)
-    segments, joints = times.shape
+class StepPrograms:
+    """The linear programs that propose steps.
 
-    # Rows: times + up·rise − down·fall ≤ τ, one per segment and joint; columns: rise, fall, τ.
-    # The solver's tolerances are absolute, so states and times are in units of the whole motion.
-    units = sections.state_units
-    longest = sections.longest_stop
-    own_segment = np.repeat(np.eye(segments), joints, axis=0)
-    rises = (up * units).reshape(len(up), -1) / longest
-    falls = (down * units).reshape(len(up), -1) / longest
-    columns = [rises, -falls, -own_segment]
-    matrix = np.concatenate(columns, axis=1)
-    free = np.zeros(2 * states.size)
-    cost = np.r_[free, np.ones(segments)]
-    unbounded = np.full(segments, np.inf)
-    room_above = above / units
-    room_below = below / units
-    highest = np.r_[room_above.ravel(), room_below.ravel(), unbounded]
-
-    answer = programs.minimised(
-        cost,
-        matrix,
-        -times.ravel() / longest,
-        highest,
-    )
-    if answer is None:
-        return states
-    steps = answer[: 2 * states.size]
-    rise, fall = steps.reshape(2, *states.shape)
-    proposed = states + (rise - fall) * units
-    return np.asarray(np.clip(proposed, lower, upper))
-
-
-def _model(
-    sections: Sections,
-    states: Array,
-    above: Array,
-    below: Array,
-) -> tuple[Array, Array, Array]:
-    """Least times `(segments, joints)`, and their slopes upwards and downwards, a row for each.
-
-    Where the slope upwards is the smaller one (a dent), both are their mean.
+    Rows, one per segment and joint: times + up·rise − down·fall ≤ τ. Variables: the rise of every
+    state, its fall, and every segment's τ. The solver's tolerances are absolute, so states and
+    times are in units of the whole motion.
     """
-    times = np.array(_minima(sections, states))
-    up = _slopes(sections, states, times, above)
-    down = _slopes(sections, states, times, -below)
-    mean = 0.5 * (up + down)
-    dent = up < down
-    up = np.where(dent, mean, up)
-    down = np.where(dent, mean, down)
-    return np.nan_to_num(times), up, down
 
+    def __init__(self, sections: Sections) -> None:
+        self._sections = sections
+        self._programs = LinearPrograms()
+        rest = sections.at_rest
+        self._segments, *_ = _every_segment(rest)
+        # the waypoints at both ends of every segment, `(2, segments)`
+        self._ends = np.stack([self._segments, self._segments + 1])
+        free = np.zeros(2 * rest.size)
+        taken = np.ones(len(self._segments))
+        self._cost = np.concatenate([free, taken])
 
-def _slopes(
-    sections: Sections,
-    states: Array,
-    times: Array,
-    room: Array,
-) -> Array:
-    """Differences of the least times towards one side, `(segments · joints, *states.shape)`."""
-    _, count, joints = states.shape
-    segments = count - 1
-    slopes = np.zeros((segments, joints, *states.shape))
-    own = np.arange(joints)
-    steps = _PROBE_SHARE * room
-    for k in range(segments):
-        # one case for every state at either end that may move
-        at_ends = _ends(steps, k)
-        side, order = np.nonzero(at_ends.any(axis=2))
-        case = np.arange(len(side))
-        step = at_ends[side, order]
-        moved = np.repeat(_ends(states, k)[:, :, None], len(case), axis=2)
-        moved[side, order, case] += step
-        change = sections.minima(k, *moved) - times[k]
+        # in a segment's and joint's row: the states at both ends of the segment, and its τ
+        variables = np.arange(free.size)
+        both_ways = variables.reshape(2, *rest.shape)
+        at_ends = both_ways[..., self._ends, :]
+        *_, segments, joints = at_ends.shape
+        row = np.arange(segments * joints)
+        by_joint = row.reshape(segments, joints)
+        own_row = np.broadcast_to(by_joint, at_ends.shape)
+        time = free.size + row // joints
+        rows = _raveled(own_row, row)
+        columns = _raveled(at_ends, time)
+        self._row_by_row = np.argsort(rows, kind="stable")
+        self._rows = rows[self._row_by_row]
+        self._columns = columns[self._row_by_row]
+
+    def proposed(self, states: Array, radius: float) -> Array:
+        """The states that minimise the linear model within the trust region."""
+        sections = self._sections
+        lower, upper = _bounds(sections, states, radius)
+        above = upper - states
+        below = states - lower
+        room = np.stack([above, below])
+        times, slopes = self._model(states, room)
+
+        units = sections.state_units
+        longest = sections.longest_stop
+        scaled = slopes * units[:, None] / longest
+        less_time = np.full(times.size, -1.0)
+        values = _raveled(scaled, less_time)
+        matrix = Entries(
+            self._rows,
+            self._columns,
+            values[self._row_by_row],
+        )
+        above_rows = -times.ravel() / longest
+        unbounded = np.full(len(times), np.inf)
+        highest = _raveled(room / units, unbounded)
+        answer = self._programs.minimised_sparse(
+            self._cost,
+            matrix,
+            above_rows,
+            highest,
+        )
+        if answer is None:
+            return states
+        steps = answer[: room.size]
+        rise, fall = steps.reshape(room.shape)
+        proposed = states + (rise - fall) * units
+        return np.asarray(np.clip(proposed, lower, upper))
+
+    def _model(self, states: Array, room: Array) -> tuple[Array, Array]:
+        """The least times, and by how much they grow with the rises and falls.
+
+        Args:
+            states: where the model is made.
+            room: how far each state may rise and fall, `(2, *states.shape)`.
+
+        Returns:
+            The least times, `(segments, joints)`, and what a joint's grows by with the rise and the
+            fall of its own states at the segment's ends, `(2, 2, 2 ends, segments, joints)`. Where
+            both directions gain (a dent), it is linear, with the slopes' mean.
+        """
+        # a case is one state at one end of one segment, moved in all joints at once
+        steps = _PROBES * room[..., self._ends, :]
+        way, order, end, segment = np.nonzero(steps.any(axis=-1))
+        step = steps[way, order, end, segment]
+        numbers = np.concatenate([self._segments, segment])
+        count = len(self._segments)
+        case = np.arange(count, len(numbers))
+        at_ends = states[:, self._ends]
+        moved = at_ends[:, :, numbers]
+        moved[order, end, case] += step
+
+        starts, ends = moved.swapaxes(0, 1)
+        minima = self._sections.minima(numbers, starts, ends)
+        times = minima[:count]
+        change = minima[count:] - times[segment]
         slope = np.divide(
             change,
             step,
             out=np.zeros_like(step),
             where=step != 0,
         )
-        waypoint = k + side
-        slopes[k, own, order[:, None], waypoint[:, None], own] = slope
-    finite = np.nan_to_num(slopes)
-    return finite.reshape(segments * joints, *states.shape)
+        slope[np.isnan(slope)] = 0
+        slopes = np.zeros_like(steps)
+        slopes[way, order, end, segment] = slope
+
+        up, down = slopes
+        mean = 0.5 * (up + down)
+        slopes = np.where(up < down, mean, slopes)
+        refused = np.isnan(times)
+        return np.where(refused, 0, times), slopes * _WAYS
 
 
-def _minima(sections: Sections, states: Array) -> list[Array]:
-    """Each segment's least times, `(joints,)` each."""
-    minima = []
-    for k, (start, end) in _each_segment(states):
-        (own,) = sections.minima(k, start[:, None], end[:, None])
-        minima.append(own)
-    return minima
-
-
-def _each_segment(states: Array) -> Iterator[tuple[int, Array]]:
-    """Every segment's number and the states at its ends."""
-    segments = states.shape[1] - 1
-    for k in range(segments):
-        yield k, _ends(states, k)
-
-
-def _ends(states: Array, k: int) -> Array:
-    """The states where segment `k` starts and ends: `(2, 2, joints)`."""
-    both = states[:, k : k + 2]
-    return both.swapaxes(0, 1)
+def _raveled(*arrays: NDArray[Any]) -> NDArray[Any]:
+    return np.concatenate([array.ravel() for array in arrays])
 
 
 def _input(ruckig: Any, limits: Limits) -> Any:
@@ -618,10 +653,11 @@ def _solution(
     states: Array,
     history: History,
 ) -> Solution:
+    by_waypoint = states.swapaxes(0, 1)
     durations = []
     profiles = []
     try:
-        for k, (start, end) in _each_segment(states):
+        for k, (start, end) in enumerate(itertools.pairwise(by_waypoint)):
             duration, own = sections.profiles(k, start, end)
             durations.append(duration)
             profiles.append(own)
@@ -633,7 +669,7 @@ def _solution(
         fitted = sections.fitted(
             k,
             profiles[k],
-            _ends(states, k),
+            by_waypoint[k : k + 2],
             clock,
         )
         segments.append(fitted)

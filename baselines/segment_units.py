@@ -31,8 +31,7 @@ class Units:
 
     def states(self, states: Array) -> tuple[Array, Array]:
         """Velocities and accelerations `(2, joints)`, rad/s and rad/s², in these units."""
-        velocity, acceleration = states * self.time / self.lengths
-        return velocity, acceleration * self.time
+        return states_in(states, self.time, self.lengths)
 
     def limits(self, limits: Limits) -> Limits:
         """Limits of velocity, acceleration and jerk in these units."""
@@ -47,6 +46,22 @@ class Units:
         """A joint's polynomials of time `(degree + 1, pieces)` in these units, in rad and s."""
         by_time = polynomials.stretched(coefficients, 1 / self.time)
         return np.asarray(by_time * self.lengths[joint])
+
+
+def states_in(
+    states: Array,
+    time: Array | float,
+    lengths: Array,
+) -> tuple[Array, Array]:
+    """Velocities and accelerations `(2, …, joints)`, rad/s and rad/s², in units of each case.
+
+    Args:
+        states: the velocities, then the accelerations.
+        time: units of time, s, `(…, 1)`, or one for all cases.
+        lengths: units of length, rad, `(…, joints)`.
+    """
+    velocity, acceleration = states * time / lengths
+    return velocity, acceleration * time
 
 
 def of_segments(problem: Problem) -> list[Units]:

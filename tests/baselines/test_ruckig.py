@@ -154,7 +154,7 @@ def test_a_section_that_starts_too_fast_is_refused():
 
 @pytest.mark.parametrize("planner", [RuckigStop(), SHORT])
 def test_a_solver_that_gives_up_is_a_failure_with_a_reason(monkeypatch, planner):
-    monkeypatch.setattr(Sections, "_calculate", lambda *_, **__: False)
+    monkeypatch.setattr(Sections, "_is_solved", lambda *_, **__: False)
     solution = planner.solve(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
     assert solution.status is Status.FAILED
     assert solution.message == "Ruckig gave up on segment 1"
@@ -168,7 +168,8 @@ def test_exactly_opposite_states_at_one_place_do_not_crash() -> None:
     a, moving = np.array([0.9566539870753419, 0.0]), np.array([0.0, 0.01])
     sections = Sections(Problem([q - moving, q + moving, q], limits))
     sections.waypoints = np.array([q, q])
-    assert np.isfinite(sections.minima(0, np.array([[-v], [a]]), np.array([[v], [a]]))).all()
+    first = np.zeros(1, int)
+    assert np.isfinite(sections.minima(first, np.array([[-v], [a]]), np.array([[v], [a]]))).all()
 
 
 @pytest.mark.parametrize("name", ["edges-huge", "edges-slow", "edges-tiny-beside-huge"])
