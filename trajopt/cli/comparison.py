@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from math import isnan
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
@@ -22,12 +23,14 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.exceptions import TrajoptError
-from trajopt.given_motion import GivenMotion
 from trajopt.interpolation import Interpolation
 from trajopt.problem import Problem
 from trajopt.registry import entries, named
 from trajopt.registry import label as label_of
 from trajopt.solution import Status
+
+if TYPE_CHECKING:
+    from trajopt.given_motion import GivenMotion
 
 MANY = 12  # problems, beyond which there is one page in place of a table and figures each
 
@@ -147,6 +150,7 @@ def _motions(
     """Each motion under its file's name, or its whole path where two have one name."""
     # YAML and more: not where no motion is given
     from trajopt.formats.motion import motion as motion_of
+    from trajopt.given_motion import GivenMotion
 
     names = Counter(file.name for file in files)
     for file in files:

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy  # which imports scipy.stats, a second, where it is first used
 from numpy.typing import ArrayLike, NDArray
 
 from trajopt.exceptions import InvalidInput
@@ -81,7 +80,7 @@ def success_rate(successes: ArrayLike, confidence: float = 0.95) -> Estimate:
     _require(binary, "successes", "true or false", outcomes)
     _require_level(confidence)
     successful = int(outcomes.sum())
-    counted = scipy.stats.binomtest(successful, outcomes.size)
+    counted = _scipy().binomtest(successful, outcomes.size)
     low, high = counted.proportion_ci(confidence, method="wilson")
     return Estimate(
         value=float(outcomes.mean()),
@@ -260,7 +259,7 @@ def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
     below = change < 0
     above = change > 0
     size = np.abs(change)
-    ranks = scipy.stats.rankdata(size)
+    ranks = _scipy().rankdata(size)
     negative = ranks[below].sum()
     positive = ranks[above].sum()
     rank_sum = float(min(negative, positive))
@@ -290,7 +289,7 @@ def mann_whitney(a: ArrayLike, b: ArrayLike) -> RankSum:
     n = x.size
     m = y.size
     both = np.concatenate([x, y])
-    ranks = scipy.stats.rankdata(both)
+    ranks = _scipy().rankdata(both)
     rank_sum = ranks[:n].sum()
     # pairs lost: U' = R − n (n + 1) / 2; pairs won: U = n m − U'
     lost = rank_sum - n * (n + 1) / 2
@@ -322,14 +321,14 @@ def friedman(costs: ArrayLike) -> Ranking:
     Ties share their mean rank; the statistic is corrected for them. If all are tied, p = 1.
     """
     table = _costs("costs", costs, 2)
-    ranks = scipy.stats.rankdata(table, axis=1)
+    ranks = _scipy().rankdata(table, axis=1)
     solvers = table.shape[1]
     _require(solvers > 2, "costs", "3 solvers or more (for 2, wilcoxon)", table.shape)
     mean_ranks = ranks.mean(axis=0)
     spread = np.ptp(ranks, axis=1)
     if not spread.any():
         return Ranking(0.0, 1.0, mean_ranks)
-    statistic, pvalue = scipy.stats.friedmanchisquare(*ranks.T)
+    statistic, pvalue = _scipy().friedmanchisquare(*ranks.T)
     return Ranking(float(statistic), float(pvalue), mean_ranks)
 
 
@@ -338,7 +337,7 @@ def critical_difference(problems: int, solvers: int, confidence: float = 0.95) -
     _require_level(confidence)
     several = problems > 0 and solvers > 1
     _require(several, "size", "a problem, 2 solvers", (problems, solvers))
-    studentized = scipy.stats.studentized_range.ppf(confidence, solvers, np.inf)
+    studentized = _scipy().studentized_range.ppf(confidence, solvers, np.inf)
     # CD = q √(k (k + 1) / 6 N), with q the studentized range over √2
     q = studentized / np.sqrt(2)
     orders = solvers * (solvers + 1)
@@ -359,7 +358,7 @@ def a12(a: ArrayLike, b: ArrayLike) -> Values:
     expected = f"shape {(*leading, 'm')}"
     _require(leading == others, "b", expected, y.shape)
     both = np.concatenate([x, y], axis=-1)
-    ranks = scipy.stats.rankdata(both, axis=-1)
+    ranks = _scipy().rankdata(both, axis=-1)
     own = ranks[..., :n]
     # A12 = (R − n (n + 1) / 2) / (n m), R the sum of its own ranks
     rank_sum = own.sum(axis=-1)
@@ -399,7 +398,7 @@ def bootstrap(
     values = sum(sizes)
     batch = max(1, _BOOTSTRAP_VALUES // values)
     with np.errstate(invalid="ignore"):  # SciPy's own interval is NaN where resamples are inf
-        found = scipy.stats.bootstrap(
+        found = _scipy().bootstrap(
             arrays,
             lambda *drawn, axis: statistic(*drawn),
             paired=paired,
@@ -419,6 +418,13 @@ def bootstrap(
         low=float(low),
         high=float(high),
     )
+
+
+def _scipy() -> Any:
+    """`scipy.stats`, which takes a second to import and few commands need."""
+    from scipy import stats
+
+    return stats
 
 
 def _doubled(ranks: Array) -> NDArray[np.int64]:
@@ -441,7 +447,7 @@ def _exact_signed_rank(ranks: Array, rank_sum: float) -> float:
 
 
 def _normal_signed_rank(change: Array) -> float:
-    found = scipy.stats.wilcoxon(change, method="asymptotic")
+    found = _scipy().wilcoxon(change, method="asymptotic")
     return float(found.pvalue)
 
 
@@ -467,7 +473,7 @@ def _exact_rank_sum(ranks: Array, n: int, rank_sum: float) -> float:
 def _normal_rank_sum(ranks: Array, n: int) -> float:
     first = ranks[:n]
     second = ranks[n:]
-    found = scipy.stats.mannwhitneyu(first, second, method="asymptotic")
+    found = _scipy().mannwhitneyu(first, second, method="asymptotic")
     return float(found.pvalue)
 
 
