@@ -25,14 +25,10 @@ and all limits their sides. Without a jerk limit (`r = 0`) ramps take no time: s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from baselines.exact.rounded import Pieces, accumulated, apart, through
-from trajopt import polynomials
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -45,10 +41,6 @@ _BLOCKED = 1e-9  # of a segment: time that a profile without a cruise may leave 
 _NEAR_ZERO = 1e-2  # of a joint's acceleration, and of a segment's time
 _ROUNDING_RTOL = 4e-16  # of the largest term of a sum
 _TINY = 1e-300  # instead of dividing by 0
-# Of a segment: pieces so short are left out, the longest first, where the limits allow it.
-_SLIVERS = (1e-5, 1e-7, 1e-9, 1e-12)
-_BRIEF_PIECES = 4
-_MENDED_RTOL = 1e-9  # what leaving slivers out may pass a limit by
 
 
 class Limit(NamedTuple):
@@ -436,172 +428,3 @@ def risen(
     duration = first + hold + last
     displacement = ramped + held + released
     return peak, duration, displacement
-
-
-def combined(
-    states: Array,
-    t: float,
-    h: Array,
-    both: Extremes,
-    sides: Sides,
-    rounded: Callable[[Array], Array],
-) -> Pieces:
-    """The convex combination of one segment's extreme profiles that covers exactly `h`.
-
-    Breaks are rounded before the motion is fitted to them: in a segment of 1e-6 s, a break's
-    rounding is worth 1e-9 of the displacement, and mending that later would cost a large jerk.
-
-    Args:
-        states: velocities, then accelerations, at both ends, `(2, 2)`.
-        t: time of the segment, in mean stop times.
-        h: displacement.
-        both: the extreme profiles.
-        sides: the limits of both.
-        rounded: what times since the segment's start become when they are stored.
-
-    Returns:
-        Breaks `(pieces + 1,)`, from 0 to `t`, and position coefficients `(4, pieces)`.
-    """
-    velocities, accelerations = states
-    u, w = velocities
-    a, b = accelerations
-    start = (u, a)
-    end = (w, b)
-    if both.narrow(start, end, np.array(t), h):
-        # q(t) = u t + a t²/2 + j t³/6
-        jerk = (b - a) / t
-        cubic = [
-            jerk / 6,
-            a / 2,
-            u,
-            0.0,
-        ]
-        return np.array([0.0, t]), np.array(cubic)[:, None]
-    upper_side, lower_side = sides
-    mirrored = (-u, -a)
-    upper = _phases(both.upper, start, -b, upper_side)
-    lower = _phases(both.lower, mirrored, b, lower_side)
-    upper_starts, _ = upper
-    lower_starts, _ = lower
-    knots = np.r_[upper_starts, lower_starts]
-    knots = np.clip(knots, 0.0, t)
-    breaks = np.unique(np.r_[knots, t])
-    # q(t) = λ q_up(t) + (1 − λ) q_lo(t), the lower one being mirrored
-    share = float(both.share(h))
-    high = _resampled(upper, breaks)
-    low = _resampled(lower, breaks)
-    exact = share * high - (1 - share) * low
-    acceleration = np.r_[2 * exact[1], b]
-    for kept in _grids(knots, t):
-        levels = np.interp(kept, breaks, acceleration)
-        own = rounded(kept)
-        mended = through(
-            np.diff(own),
-            levels,
-            (u, w),
-            float(h),
-        )
-        if mended is None:
-            continue
-        pieces = (own, mended)
-        if _within(pieces, upper_side, lower_side):
-            return pieces
-    return breaks, exact
-
-
-def _grids(knots: Array, t: float) -> Iterator[Array]:
-    """Breaks to try, the fewest first.
-
-    In a brief segment one grid for all joints: pieces between breaks that differ by rounding would
-    cost a large jerk.
-    """
-    if t < BRIEF:
-        yield np.linspace(0.0, t, _BRIEF_PIECES + 1)
-    for closest in _SLIVERS:
-        yield apart(knots, t, closest * t)
-
-
-def _within(pieces: Pieces, upper: Limit, lower: Limit) -> bool:
-    """Whether a motion keeps its limits of jerk, acceleration and velocity, to `_MENDED_RTOL`."""
-    _, (cubic, square, linear, _) = pieces
-    jerk = 6 * cubic
-    acceleration = 2 * square
-    velocity = np.r_[linear, _turning(pieces)]
-    utilisations = [
-        jerk * upper.up,
-        -jerk * upper.down,
-        acceleration / upper.rise,
-        -acceleration / upper.fall,
-        velocity / upper.velocity,
-        -velocity / lower.velocity,
-    ]
-    highest = np.concatenate(utilisations).max()
-    return bool(highest <= 1 + _MENDED_RTOL)
-
-
-def _turning(pieces: Pieces) -> Array:
-    """Velocity where acceleration vanishes in a piece; where it does not, at the nearer end."""
-    breaks, (cubic, square, linear, _) = pieces
-    jerk = 6 * cubic
-    acceleration = 2 * square
-    changing = np.where(jerk == 0, np.inf, jerk)
-    zero = -acceleration / changing
-    when = np.clip(zero, 0.0, np.diff(breaks))
-    # v + t (a + j t/2)
-    mean = acceleration + when * jerk / 2
-    return np.asarray(linear + when * mean)
-
-
-def _phases(
-    profile: Profile,
-    start: State,
-    b: Array,
-    limit: Limit,
-) -> Pieces:
-    """The seven phases of an extreme profile from `start` to acceleration `−b`: starts, cubics."""
-    u, a = start
-    rise = float(profile.rise)
-    fall = float(profile.fall)
-    up = float(limit.up)
-    down = float(limit.down)
-    # accelerations between the phases, whose jerks are + 0 − 0 − 0 +
-    between = float(np.clip(0.0, -fall, rise))
-    levels = np.array([a, rise, rise, between, between, -fall, -fall, -b])
-    rising = 1 / up
-    falling = -1 / down
-    jerks = np.array([rising, 0.0, falling, 0.0, falling, 0.0, rising])
-    changes = np.diff(levels)[::2]
-    ramps = np.abs(changes) * [up, down, down, up]
-    holds = [
-        profile.rise_hold,
-        profile.cruise,
-        profile.fall_hold,
-    ]
-    lengths = np.zeros(7)
-    lengths[::2] = ramps
-    lengths[1::2] = holds
-    # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
-    first = levels[:-1]
-    last = levels[1:]
-    gains = lengths * (first + last) / 2
-    velocity = accumulated(u, gains)
-    mean = velocity + lengths * (2 * first + last) / 6
-    position = accumulated(0.0, lengths * mean)
-    starts = accumulated(0.0, lengths)
-    rows = [
-        jerks / 6,
-        first / 2,
-        velocity,
-        position,
-    ]
-    return starts, np.stack(rows)
-
-
-def _resampled(pieces: Pieces, breaks: Array) -> Array:
-    """Coefficients of the same profile between these breaks, its own among them."""
-    starts, coefficients = pieces
-    begins = breaks[:-1]
-    middle = (begins + breaks[1:]) / 2
-    at = np.searchsorted(starts, middle, side="right") - 1
-    moved = begins - starts[at]
-    return polynomials.shifted(coefficients[:, at], moved)

@@ -10,6 +10,7 @@ import numpy as np
 
 from baselines.exact import jerk_profiles as jerk_profile
 from baselines.exact.acceleration_motion import covering
+from baselines.exact.jerk_motion import combined
 from baselines.exact.jerk_profiles import BRIEF, Array, Extremes, Limit, Sides, State
 from baselines.exact.jerk_slivers import Task, without_slivers
 from baselines.exact.jerk_stretch import JointLimits
@@ -223,21 +224,23 @@ class Scaled:
         """Stored breaks (s) and coefficients (rad/s^power) of every joint over one segment."""
         if clock.length == 0:
             return [NO_PIECES] * len(self.jerky)
-        pieces = []
-        for i in range(len(self.jerky)):
+        # The breaks of joints without a jerk limit are where they are: acceleration may jump there.
+        order = np.argsort(self.jerky, kind="stable")
+        places = np.array([clock.start, clock.end])
+        pieces: list[Pieces] = [NO_PIECES] * len(order)
+        for i in order:
             ends = states[:, k : k + 2, i]
             h = self.h[k, i]
             if self.jerky[i]:
                 upper, lower = self.sides()
-                local, part = jerk_profile.combined(
+                stored, part = combined(
                     ends,
-                    clock.length,
                     h,
                     both.at(k, i),
                     sides=(upper.at(i), lower.at(i)),
-                    rounded=clock.rounded,
+                    clock=clock,
+                    places=places,
                 )
-                stored = clock.stored(local)
             else:
                 stored, part = covering(
                     h,
@@ -246,9 +249,10 @@ class Scaled:
                     self.a[:, i],
                     clock,
                 )
+            places = np.union1d(places, stored)
             powers = len(part)
             units = self.units[-powers:, i]
-            pieces.append((stored, part * units[:, None]))
+            pieces[i] = (stored, part * units[:, None])
         return pieces
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.exact.jerk_stretch import JointLimits, Stretch, refitted
+from baselines.exact.jerk_stretch import ROW_TOLERANCE, JointLimits, Stretch, refitted
 from baselines.exact.rounded import Pieces, accumulated
 from baselines.linear_programs import LinearPrograms
 from trajopt.problem import Problem
@@ -35,7 +35,6 @@ _AROUND = (1, 0, 3)  # segments on either side that may help
 _DILATIONS = (1e-12, 3e-10)  # that it may cost, the less the better
 _CERTIFIED_RTOL = 1e-9  # what the certified duration may cost, rounding included
 _MISS_RTOL = 1e-13
-_ROW_TOLERANCE = 1e-10  # of the radius of a step: HiGHS's least
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ def _first_pieces(segment: Indices) -> Indices:
 
 def _mended(pieces: Pieces, task: Task) -> Pieces:
     """The motion without slivers, but for those that its limits need."""
-    programs = LinearPrograms(_ROW_TOLERANCE)
+    programs = LinearPrograms(ROW_TOLERANCE)
     tried = np.zeros(len(task.h), dtype=bool)
     while True:
         knots, _ = pieces

@@ -23,7 +23,7 @@ Bools = NDArray[np.bool_]
 
 # How far a step may lead: of a segment's time, of the largest acceleration.
 _FIRST_RADIUS = 0.1
-_LAST_RADIUS = 1e-9  # where breaks are rounded, and only accelerations move
+_LAST_RADIUS = 1e-9  # where breaks were rounded, and only accelerations move
 _LEAST_RADIUS = 1e-13
 _SHRINKING = 30.0  # times as far as a step went may the next one go
 _LENGTH_SHARE = 0.1  # of a piece's length: how far that may change in one step
@@ -32,6 +32,7 @@ _LAST_STEPS = 3
 _MISS_RTOL = 1e-14
 _NEAR_LIMIT = 0.9  # of a velocity limit: what is slower in every place stays below it
 _NO_COEFFICIENT = 1e-11
+ROW_TOLERANCE = 1e-10  # of the radius of a step: HiGHS's least
 
 
 class JointLimits(NamedTuple):
@@ -184,9 +185,9 @@ class Stretch:
         course = self._course()
         jerk = np.diff(self.acceleration) / self.lengths
         velocity = np.r_[course.velocity.values, course.turning_velocity.values]
-        by_velocity = _utilisation(velocity, limits.velocity)
-        by_acceleration = _utilisation(self.acceleration, limits.acceleration)
-        by_jerk = _utilisation(jerk, limits.jerk)
+        by_velocity = utilisation(velocity, limits.velocity)
+        by_acceleration = utilisation(self.acceleration, limits.acceleration)
+        by_jerk = utilisation(jerk, limits.jerk)
         quicker = np.sqrt(by_acceleration)
         smoother = np.cbrt(by_jerk)
         return float(max(by_velocity, quicker, smoother))
@@ -219,7 +220,7 @@ def _constant(values: Array) -> Linear:
     return Linear(values, np.zeros((len(values), 0)))
 
 
-def _utilisation(values: Array, limits: Array) -> float:
+def utilisation(values: Array, limits: Array) -> float:
     """The largest share of a limit that values use."""
     low, high = limits
     shares = np.maximum(values / low, values / high)
@@ -262,7 +263,7 @@ def refitted(
     stored = rounded(found)
     if stored.lengths.min() <= 0:
         return None
-    return _mended(programs, stored, limits)
+    return between_breaks(programs, stored, limits, _LAST_RADIUS)
 
 
 def _stepped(
@@ -287,13 +288,23 @@ def _stepped(
     return stretch
 
 
-def _mended(
+def between_breaks(
     programs: LinearPrograms,
     stretch: Stretch,
     limits: JointLimits,
+    radius: float,
 ) -> Stretch | None:
-    """The same between the same breaks: what rounding them missed is made up for."""
-    radius = _LAST_RADIUS
+    """The nearest motion between the same breaks: what rounding them missed is made up for.
+
+    Args:
+        programs: solves its linear programs.
+        stretch: what to start from.
+        limits: of the joint.
+        radius: how far the first step may lead, of the largest acceleration.
+
+    Returns:
+        The motion; None where the linear programs have no answer.
+    """
     for _ in range(_LAST_STEPS):
         step = _Step(stretch, limits, stretch.lengths, breaks_move=False)
         found = step.nearest(programs, radius)

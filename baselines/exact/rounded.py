@@ -57,6 +57,43 @@ class Clock:
         times[-1] = self.end
         return times
 
+    def stored_at(self, local: Array, places: Array) -> Array:
+        """The same, but those that are one with a place of other joints' breaks are there.
+
+        Args:
+            local: breaks, from 0 to the segment's end, in `unit`.
+            places: stored breaks in order, s.
+        """
+        times = self.stored(local)
+        place = places[nearest(places, times)]
+        is_there = np.abs(times - place) <= self.resolution
+        return np.where(is_there, place, times)
+
+    def stored_outwards(self, local: Array, places: Array) -> Array:
+        """The same such that no piece gets briefer, but for the longest."""
+        times = self.stored(local)
+        lengths = np.diff(local) * self.unit
+        longest = int(lengths.argmax())
+        for k in range(longest):
+            later = _later(times[k], lengths[k])
+            times[k + 1] = self._onwards(later, places)
+        mirrored = -places[::-1]
+        for k in range(len(lengths) - 1, longest, -1):
+            later = _later(-times[k + 1], lengths[k])
+            times[k] = -self._onwards(later, mirrored)
+        return times
+
+    def _onwards(self, time: float, places: Array) -> float:
+        """The time, or the first one after it that is a place or apart from all."""
+        for place in places:
+            if place > time + self.resolution:
+                break
+            if place >= time:
+                return float(place)
+            if place >= time - self.resolution:
+                time = np.nextafter(place + self.resolution, np.inf)
+        return float(time)
+
     def elapsed(self, stored: Array) -> Array:
         """Stored breaks as the motion counts time."""
         return (stored - self.start) / self.unit
@@ -67,10 +104,6 @@ class Clock:
         From the breaks themselves: over a brief piece, another rounding in between would count.
         """
         return np.diff(stored) / self.unit
-
-    def rounded(self, local: Array) -> Array:
-        """What these times become when they are stored, as the motion counts time."""
-        return self.elapsed(self.stored(local))
 
     def shared(self, joints: Sequence[Array]) -> list[Array]:
         """Each joint's breaks as they are stored, where those that are one are at one place.
@@ -87,6 +120,14 @@ class Clock:
         common = self.start + apart(since_start, whole, self.resolution)
         common[-1] = self.end
         return [np.unique(common[nearest(common, own)]) for own in stored]
+
+
+def _later(time: float, length: float) -> float:
+    """The first time that is later by at least this length."""
+    later = time + length
+    if later - time < length:
+        return float(np.nextafter(later, np.inf))
+    return later
 
 
 def clocks(passages: Array, units: Array | float) -> Iterator[Clock]:
@@ -172,9 +213,9 @@ def through(
         h: displacement.
 
     Returns:
-        Position coefficients `(4, pieces)`; None for less than three pieces.
+        Position coefficients `(4, pieces)`; None for less than three pieces, or one of no length.
     """
-    if len(lengths) < 3:
+    if len(lengths) < 3 or lengths.min() <= 0:
         return None
     u, w = velocities
     t = lengths.sum()
@@ -190,22 +231,31 @@ def through(
     effect = np.stack([gained, travelled])
     mended = acceleration.copy()
     for _ in range(_MENDINGS):
-        _, velocity, position = _integrated(lengths, mended, u)
+        _, velocity, position = integrated(lengths, mended, u)
         slow = (w - velocity) / t
         short = (h - position) / t**2
         missed = np.array([slow, short])
         change, *_ = np.linalg.lstsq(effect, missed, rcond=None)
         mended[1:-1] += change
-    coefficients, _, _ = _integrated(lengths, mended, u)
+    coefficients, _, _ = integrated(lengths, mended, u)
     return coefficients
 
 
-def _integrated(
+def integrated(
     lengths: Array,
     acceleration: Array,
     u: float,
 ) -> tuple[Array, float, float]:
-    """The motion of piecewise linear acceleration, and its velocity and displacement at the end."""
+    """The motion of piecewise linear acceleration, and its velocity and displacement at the end.
+
+    Args:
+        lengths: of the pieces, `(pieces,)`.
+        acceleration: at the breaks, `(pieces + 1,)`.
+        u: velocity at the start.
+
+    Returns:
+        Position coefficients `(4, pieces)`, velocity, displacement.
+    """
     first = acceleration[:-1]
     last = acceleration[1:]
     jerk = (last - first) / lengths

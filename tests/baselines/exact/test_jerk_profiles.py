@@ -7,7 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from baselines.exact.jerk_profiles import Limit, combined, extremes, highest
+from baselines.exact.jerk_motion import combined
+from baselines.exact.jerk_profiles import Limit, extremes, highest
+from baselines.exact.rounded import Clock
 from trajopt import polynomials
 
 Array = NDArray[np.float64]
@@ -83,8 +85,10 @@ def test_combinations_cover_their_displacement_within_the_limits(factor: float) 
     wider = tuple(side._replace(velocity=side.velocity * (1 + 1e-12)) for side in sides)
     assert both.reach(h, wider).all()  # wider: peaks at the limit are rounded
     assert not both.reach(most + 1e-6, wider).any()
+    clock = Clock(start=0.0, end=t, unit=1.0, resolution=0.0)
+    places = np.array([0.0, t])
     for i, ends in enumerate(np.moveaxis(states, 2, 0)):
-        breaks, cubics = combined(ends, t, h[i], both.at(i), sides, rounded=np.copy)
+        breaks, cubics = combined(ends, h[i], both.at(i), sides, clock, places)
         check_ends_and_breaks(breaks, cubics, np.vstack([[0.0, h[i]], ends]))
         check_limits(breaks, cubics, factor)
 

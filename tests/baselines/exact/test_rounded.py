@@ -43,6 +43,30 @@ def test_shared_breaks_are_those_of_the_trajectory() -> None:
     np.testing.assert_array_equal(joined.breaks, every)
 
 
+def test_outwards_no_ramp_gets_briefer() -> None:
+    """Random ramps of 1e-9 to 1e-3 s about a cruise, hours after the start."""
+    rng = np.random.default_rng(1)
+    shorter = 0
+    for _ in range(50):
+        clock = Clock(start=25_000.0, end=25_700.0, unit=7.0, resolution=0.0)
+        ramps = 10 ** rng.uniform(-9, -3, 6) / clock.unit
+        local = np.r_[0.0, np.cumsum(ramps[:3]), np.zeros(4)]
+        local[4:] = clock.length - np.r_[np.cumsum(ramps[3:])[::-1], 0.0]
+        wanted = np.diff(local)
+        ulp = np.spacing(clock.end)
+        ends = np.array([clock.start, clock.end])
+        stored = clock.stored_outwards(local, ends)
+        lengths = clock.lengths(stored)
+        assert stored[0] == clock.start
+        assert stored[-1] == clock.end
+        is_ramp = np.arange(7) != 3
+        assert (lengths[is_ramp] >= wanted[is_ramp]).all()
+        assert (lengths[is_ramp] * 7.0 <= wanted[is_ramp] * 7.0 + 2 * ulp).all()
+        nearest = clock.lengths(clock.stored(local))
+        shorter += (nearest[is_ramp] < wanted[is_ramp]).sum()
+    assert shorter > 50  # the nearest stored times are no such
+
+
 def test_assembled_joints_start_from_their_waypoints_and_the_others_rest() -> None:
     problem = Problem([[0, 7, 1], [1, 7, 0], [3, 7, 2]], Limits([9.0] * 3, [9.0] * 3))
     passages = np.array([0.0, 1.0, 2.0])
