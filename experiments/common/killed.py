@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,11 +51,17 @@ def sweep(
 class Told(Store):
     """A store that tells before and after it writes."""
 
-    def write(self, trial: Trial) -> Path:
+    def write_all(
+        self,
+        trials: Iterable[Trial],
+        instead: Callable[[Trial], Trial] | None = None,
+    ) -> list[Path]:
         _tell("writing")
-        path = super().write(trial)
-        _tell(f"solving {trial.id}")
-        return path
+        paths = super().write_all(trials, instead)
+        for path in paths:
+            trial_id, _, _ = path.name.partition(".")
+            _tell(f"solving {trial_id}")
+        return paths
 
     def consolidate(self, seen: Seen | None = None) -> Path:
         _tell("consolidating")

@@ -160,6 +160,48 @@ def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, 
     assert steps == [".tmp", "rename", ""]
 
 
+def test_trials_that_finish_together_are_synced_before_any_is_renamed(tmp_path, trial, monkeypatch):
+    steps = []
+    sync, rename = atomic._sync, os.replace
+    monkeypatch.setattr(atomic, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
+    monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
+    trials = [replace(trial, seed=seed) for seed in range(3)]
+    paths = Store(tmp_path).write_all(trials)
+    assert steps == [".tmp", ".tmp", ".tmp", "rename", "rename", "rename", ""]
+    assert paths == [Store(tmp_path).path(one.id) for one in trials]
+    assert {t.id for t in read(tmp_path)} == {one.id for one in trials}
+
+
+def test_what_the_disk_refuses_does_not_take_those_before_it_along(tmp_path, trial, monkeypatch):
+    write = Path.write_bytes
+    trials = [replace(trial, seed=seed) for seed in range(4)]
+
+    def full(path, data):
+        if path.name.startswith(f".{trials[2].id}"):
+            write(path, data[:1000])
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(StoreError, match=rf"{trials[2].id}\.h5.*No space left on device"):
+        Store(tmp_path).write_all(trials)
+    assert files(tmp_path) == sorted(f"trials/{one.id}.h5" for one in trials[:2])
+
+
+def test_another_trial_takes_the_place_of_one_that_no_file_can_hold(tmp_path, trial):
+    odd = replace(trial, seed=4, solution=replace(trial.solution, stats={"x": object()}))
+
+    def blank(one):
+        assert one is odd
+        return absent_of(one)
+
+    with pytest.raises(TypeError, match="cannot hold"):
+        Store(tmp_path).write_all([trial, odd])
+    assert files(tmp_path) == []
+    Store(tmp_path).write_all([trial, odd], instead=blank)
+    assert {(t.seed, t.status) for t in read(tmp_path)} == {(3, Status.SOLVED), (4, Status.MISSING)}
+
+
 def test_a_file_where_a_folder_should_be_is_a_store_error(tmp_path, trial):
     (tmp_path / "file").write_text("")
     with pytest.raises(StoreError, match=re.escape(str(tmp_path / "file"))):

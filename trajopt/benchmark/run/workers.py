@@ -26,7 +26,7 @@ from trajopt.benchmark.run import fork_server
 from trajopt.benchmark.run.plan import Allowance, Task
 from trajopt.benchmark.run.threads import single_threaded
 from trajopt.benchmark.store.folder import Store
-from trajopt.benchmark.trial import run, unanswered
+from trajopt.benchmark.trial import Trial, run, unanswered
 from trajopt.exceptions import StoreError, WorkerError
 from trajopt.solution import Solution, Status
 
@@ -163,17 +163,16 @@ def _hold_to(memory: float | None) -> None:
 
 def do(task: Task, store: Store, allowed: Allowance) -> None:
     """Run, judge and store the task's trials, in this process."""
-    for trial in run(task.configuration, task.problem, task.seeds, allowed.as_dict()):
-        try:
-            store.write(trial)
-        except StoreError:
-            raise
-        except Exception:  # an answer that HDF5 cannot hold
-            message = traceback.format_exc()
-            status = Status.CRASHED
-            lost = Solution(status, message=message)
-            blank = replace(trial, status=status, message=message, solution=lost, certificate=None)
-            store.write(blank)
+    trials = run(task.configuration, task.problem, task.seeds, allowed.as_dict())
+    store.write_all(trials, instead=_lost)
+
+
+def _lost(trial: Trial) -> Trial:
+    """Instead of a trial whose answer HDF5 cannot hold, while it says why."""
+    message = traceback.format_exc()
+    status = Status.CRASHED
+    solution = Solution(status, message=message)
+    return replace(trial, status=status, message=message, solution=solution, certificate=None)
 
 
 def record_failure(future: Future[None], task: Task, store: Store, allowed: Allowance) -> None:

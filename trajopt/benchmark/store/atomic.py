@@ -6,8 +6,8 @@ import os
 import platform
 import re
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -18,22 +18,66 @@ _ORPHAN_AGE = 60.0  # s untouched, after which it is litter if its process is go
 _LITTER_AGE = 86400.0  # s untouched, after which it is litter anyway
 
 
-def write(path: Path, content: Callable[[Path], Any]) -> None:
+Content = Callable[[Path], Any]  # fills the file of a path
+
+
+def write(path: Path, content: Content) -> None:
     """Temporary name in the same folder, `content` fills it, sync, rename, sync the folder.
 
     Raises `StoreError` with the system's reason; what was there before stays as it was.
     """
+    write_all({path: content})
+
+
+def write_all(contents: Mapping[Path, Content]) -> None:
+    """The same of several files, of which each is there whole or not at all.
+
+    One after the other would wait for the disk twice a file: what is to be synced together goes
+    there together. Where the system refuses one, those before it are kept.
+    """
+    temporaries: dict[Path, Path] = {}
+    for path in contents:
+        with _refusal(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        temporaries[path] = _temporary(path)
+    filled: dict[Path, Path] = {}
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        owner = f"{platform.node()}~{os.getpid()}"
-        temporary = path.with_name(f".{path.stem}~{owner}~{uuid4().hex}.tmp")
+        for path, content in contents.items():
+            with _refusal(path):
+                content(temporaries[path])
+            filled[path] = temporaries[path]
+    finally:
         try:
-            content(temporary)
-            _sync(temporary)
-            os.replace(temporary, path)
-            _sync(path.parent)
+            _keep(filled)
         finally:
-            temporary.unlink(missing_ok=True)
+            for temporary in temporaries.values():
+                temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    """A name that says whose it is: see `sweep`."""
+    owner = f"{platform.node()}~{os.getpid()}"
+    return path.with_name(f".{path.stem}~{owner}~{uuid4().hex}.tmp")
+
+
+def _keep(temporaries: Mapping[Path, Path]) -> None:
+    """Give files that are filled their names; after this returns they survive a power cut."""
+    for path, temporary in temporaries.items():
+        with _refusal(path):
+            _sync(temporary)
+    for path, temporary in temporaries.items():
+        with _refusal(path):
+            os.replace(temporary, path)
+    for folder in dict.fromkeys(path.parent for path in temporaries):
+        with _refusal(folder):
+            _sync(folder)
+
+
+@contextmanager
+def _refusal(path: Path) -> Iterator[None]:
+    """What the system refuses is an error that names the file."""
+    try:
+        yield
     except StoreError:
         raise
     except OSError as error:

@@ -97,9 +97,11 @@ def harmless(value: Any, *, lines: bool = True) -> Any:
     the direction of writing, and lone surrogates.
     """
     if isinstance(value, str):
+        if value.isprintable():  # no control character, mark or surrogate is; quickly seen
+            return value
         unsafe = _UNSAFE if lines else _UNSAFE_IN_LINE
         return unsafe.sub(_spelt, value)
-    if isinstance(value, Mapping):
+    if isinstance(value, dict):
         return {harmless(key): harmless(item) for key, item in value.items()}
     if isinstance(value, list):
         return [harmless(item) for item in value]

@@ -22,7 +22,10 @@ Filters = Callable[[Any], None]  # adds them to the plan of a dataset
 
 _BLOCK_BYTES = 1 << 16  # by which the memory grows
 _DEFLATE_LEVEL = 1  # the fastest
+_DOUBLE = np.dtype("<f8")
 _TEXT = h5py.string_dtype()
+_TEXT_STORED = h5t.py_create(_TEXT, logical=True)
+_TEXT_IN_MEMORY = h5t.py_create(_TEXT)
 _ONE = h5s.create(h5s.SCALAR)
 
 _made = count()  # no two files that are open at once may have the same name
@@ -62,11 +65,11 @@ class Draft:
         name = f"draft-{next(_made)}"
         self._file = h5f.create(name.encode(), h5f.ACC_EXCL, plan, access)
         self._groups: dict[str, Any] = {"": self._file}
-        self._text = h5t.py_create(_TEXT, logical=True)
         self.datasets: dict[str, Any] = {}
         self.claimed = 0
-        self._set(self._file, "schema", h5t.NATIVE_INT64, np.array(SCHEMA))
-        self._say(self._file, "description", description)
+        schema = h5a.create(self._file, b"schema", h5t.NATIVE_INT64, _ONE)
+        schema.write(np.array(SCHEMA))
+        _say(self._file, b"description", description)
 
     def __enter__(self) -> Draft:
         return self
@@ -137,11 +140,11 @@ class Draft:
     ) -> None:
         path, _, last = name.rpartition("/")
         group = self._group(path)
-        kind = h5t.py_create(values.dtype, logical=True)
-        data = h5d.create(group, last.encode(), kind, space, plan)
-        data.write(h5s.ALL, h5s.ALL, np.asarray(values, order="C"))
-        self._say(data, "units", about.units)
-        self._say(data, "description", about.text)
+        stored, memory = _types(values.dtype)
+        data = h5d.create(group, last.encode(), stored, space, plan)
+        data.write(h5s.ALL, h5s.ALL, np.asarray(values, order="C"), memory)
+        _say(data, b"units", about.units)
+        _say(data, b"description", about.text)
         self.datasets[name] = data
         self.claimed += values.nbytes
 
@@ -153,13 +156,18 @@ class Draft:
             self._groups[path] = h5g.create(parent, last.encode(), None, plan)
         return self._groups[path]
 
-    def _say(self, about: Any, name: str, text: str) -> None:
-        self._set(about, name, self._text, np.array(text, dtype=_TEXT))
 
-    def _set(self, about: Any, name: str, kind: Any, value: NDArray[Any]) -> None:
-        """Give a dataset or the file an attribute."""
-        attribute = h5a.create(about, name.encode(), kind, _ONE)
-        attribute.write(value)
+def _say(about: Any, name: bytes, text: str) -> None:
+    """Let a dataset or the file have an attribute."""
+    attribute = h5a.create(about, name, _TEXT_STORED, _ONE)
+    attribute.write(np.array(text, dtype=_TEXT), _TEXT_IN_MEMORY)
+
+
+def _types(kind: np.dtype[Any]) -> tuple[Any, Any]:
+    """HDF5's types for values in the file, and for them in memory."""
+    if kind == _DOUBLE:  # nearly all: known at once
+        return h5t.IEEE_F64LE, h5t.IEEE_F64LE
+    return h5t.py_create(kind, logical=True), h5t.py_create(kind)
 
 
 def _plan(kind: Any) -> Any:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Collection, Container, Iterator
+from collections.abc import Callable, Collection, Container, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -85,11 +85,43 @@ class Store:
 
         Raises `StoreError` where the disk refuses; what was stored before stays as it was.
         """
-        unanswered = trial.runs_again
-        path = save(self.path(trial.id, unanswered=unanswered), trial)
-        if not unanswered:
-            self.path(trial.id, unanswered=True).unlink(missing_ok=True)
+        (path,) = self.write_all([trial])
         return path
+
+    def write_all(
+        self,
+        trials: Iterable[Trial],
+        instead: Callable[[Trial], Trial] | None = None,
+    ) -> list[Path]:
+        """Store trials that finished together, which takes hardly longer than to store one.
+
+        Args:
+            trials: Each gets a file of its own, which is there whole or not at all.
+            instead: Called while the exception is handled that says why no file can hold a trial,
+                and answers with the trial to store in its place; without it, that is an error.
+
+        Raises:
+            StoreError: where the disk refuses a file. Those before it are kept.
+        """
+        files: dict[Path, atomic.Content] = {}
+        for trial in trials:
+            kept = trial
+            try:
+                content = _filling(trial)
+            except StoreError:
+                raise
+            except Exception:
+                if instead is None:
+                    raise
+                kept = instead(trial)
+                content = _filling(kept)
+            path = self.path(kept.id, unanswered=kept.runs_again)
+            files[path] = content
+        atomic.write_all(files)
+        for path in files:
+            if not _is_unanswered(path):
+                self.path(path.stem, unanswered=True).unlink(missing_ok=True)
+        return list(files)
 
     def consolidate(self, seen: Seen | None = None) -> Path:
         """Rebuild `results.h5` from every trial file; warns of damaged ones (`DamagedFile`).
@@ -176,9 +208,14 @@ class Seen:
 
 def save(path: Path, trial: Trial) -> Path:
     """Write one trial to a file of its own, whole or not at all."""
-    data = trial_file.content(encode(trial))
-    atomic.write(path, lambda place: place.write_bytes(data))
+    atomic.write(path, _filling(trial))
     return path
+
+
+def _filling(trial: Trial) -> atomic.Content:
+    """What fills a file with a trial."""
+    data = trial_file.content(encode(trial))
+    return lambda place: place.write_bytes(data)
 
 
 def read(path: Path | str, ids: Container[str] | None = None) -> list[Trial]:

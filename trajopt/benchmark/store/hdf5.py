@@ -22,7 +22,7 @@ from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
-from h5py import h5a, h5d, h5f, h5g, h5l, h5o, h5p, h5s, h5z
+from h5py import h5a, h5d, h5f, h5g, h5l, h5o, h5p, h5s, h5t, h5z
 from numpy.typing import NDArray
 
 from trajopt.benchmark.store.columns import Array, Malformed, naming
@@ -39,6 +39,7 @@ _SEAL_2_BYTES = len(_MARK_2) + 8
 _ALLOWANCE_BYTES = 1 << 24  # what the datasets of a file may take, however small it is,
 _ALLOWANCE_RATIO = 100  # and besides, times its size
 
+_DOUBLE = np.dtype("<f8")
 _FILTERS = {
     (),
     (h5z.FILTER_FLETCHER32,),
@@ -230,28 +231,16 @@ class Source:
         found = self._at(name)
         if not isinstance(found, h5d.DatasetID):
             raise Malformed(f"{name}: expected a dataset")
-        plan = found.get_create_plist()
-        layout = plan.get_layout()
-        if layout == h5d.VIRTUAL or plan.get_external_count():
-            raise Malformed(f"{name}: its data lie in another file, which is never read")
-        count = plan.get_nfilters()
-        filters = tuple(plan.get_filter(i)[0] for i in range(count))
-        if filters not in _FILTERS:
-            raise Malformed(f"{name}: filters {filters} are not this program's")
         space = found.get_space()
         if space.get_simple_extent_type() == h5s.NULL:
             raise Malformed(f"{name}: expected {axes} axes, found nothing")
         shape = space.get_simple_extent_dims()
-        data = _Dataset(found, found.dtype, shape)
         if axes not in (None, len(shape)):
             raise Malformed(f"{name}: expected {axes} axes, found shape {shape}")
+        data = _Dataset.of(found, shape)
         self._spend(name, data.size)
-        if layout == h5d.CHUNKED:
-            chunk = plan.get_chunk()
-            _check_chunk_size(name, data, chunk)
-            if data.size and h5z.FILTER_DEFLATE in filters:
-                place = filters.index(h5z.FILTER_DEFLATE)
-                _check_inflation(name, data, chunk, skipped=1 << place)
+        if found.get_offset() is None:  # not simply one after the other in this very file
+            _check_storage(name, data)
         return data
 
     def _spend(self, name: str, size: int) -> None:
@@ -262,11 +251,23 @@ class Source:
 
 @dataclass(frozen=True)
 class _Dataset:
-    """A dataset of a file, the type and the shape of its values."""
+    """A dataset of a file, with the type and the shape of its values.
+
+    `memory` is their type in memory, where HDF5 need not find that out.
+    """
 
     id: Any
     kind: np.dtype[Any]
     shape: tuple[int, ...]
+    memory: Any
+
+    @classmethod
+    def of(cls, found: Any, shape: tuple[int, ...]) -> _Dataset:
+        """Nearly all are doubles: their type is known at once."""
+        stored = found.get_type()
+        if stored.equal(h5t.IEEE_F64LE):
+            return cls(found, _DOUBLE, shape, h5t.IEEE_F64LE)
+        return cls(found, stored.dtype, shape, None)
 
     @property
     def size(self) -> int:
@@ -276,7 +277,7 @@ class _Dataset:
     def values(self) -> NDArray[Any]:
         """All of them."""
         found = np.empty(self.shape, self.kind)
-        self.id.read(h5s.ALL, h5s.ALL, found)
+        self.id.read(h5s.ALL, h5s.ALL, found, self.memory)
         return found
 
 
@@ -290,6 +291,25 @@ def _child(group: Any, name: str, path: str) -> Any:
     if link.type != h5l.TYPE_HARD:
         raise Malformed(f"{path}: a link to elsewhere, which is never followed")
     return h5o.open(group, encoded)
+
+
+def _check_storage(name: str, data: _Dataset) -> None:
+    """Where and how the values are stored: in this file, by no filters but ours."""
+    plan = data.id.get_create_plist()
+    layout = plan.get_layout()
+    if layout == h5d.VIRTUAL or plan.get_external_count():
+        raise Malformed(f"{name}: its data lie in another file, which is never read")
+    count = plan.get_nfilters()
+    filters = tuple(plan.get_filter(i)[0] for i in range(count))
+    if filters not in _FILTERS:
+        raise Malformed(f"{name}: filters {filters} are not this program's")
+    if layout != h5d.CHUNKED:
+        return
+    chunk = plan.get_chunk()
+    _check_chunk_size(name, data, chunk)
+    if data.size and h5z.FILTER_DEFLATE in filters:
+        place = filters.index(h5z.FILTER_DEFLATE)
+        _check_inflation(name, data, chunk, skipped=1 << place)
 
 
 def _check_chunk_size(name: str, data: _Dataset, chunk: tuple[int, ...]) -> None:

@@ -10,6 +10,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields
 from functools import lru_cache
+from math import isfinite
 from numbers import Integral, Real
 from typing import Any
 from urllib.parse import quote, unquote
@@ -37,6 +38,7 @@ from trajopt.verification import WORST_KINDS, Certificate, Tolerance, Worst
 
 DEGREE_MAX = 100  # of a stored trajectory: finding roots takes memory by the degree's square
 
+_PLAIN = (type(None), str, bool, int)  # what JSON says as it is
 _TRAJECTORY = ("breaks", "coefficients", "waypoint_times")
 
 
@@ -168,7 +170,10 @@ def recorded(kept: Encoded) -> dict[str, Any]:
 
 def pack(value: Any) -> Any:
     """The value in JSON's terms; raises `TypeError` where it has none."""
-    if value is None or isinstance(value, str | bool):
+    kind = type(value)
+    if kind in _PLAIN or (kind is float and isfinite(value)):  # nearly all
+        return value
+    if isinstance(value, str | bool):
         return value
     if isinstance(value, np.generic):
         return pack(value.item())
