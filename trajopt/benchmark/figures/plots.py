@@ -52,7 +52,7 @@ _SHORT_DASHES = (0, (3, 2))
 _BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
 _RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
 
-_PNG_DPI = 200
+_PNG_DPI = 150
 _PNG_COMPRESSION = 3  # of 9: a tenth larger than 6, in three quarters of its time
 _COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
