@@ -135,9 +135,9 @@ def run(
 ) -> Comparison:
     """`compare`, which says what the arguments are, without its tables: pandas takes long.
 
-    The pool's processes run the trials, and stay for what comes after them. While some of them have
-    nothing to do since only the last tasks still run, `spare` is called with the trials that this
-    run has made of the other planners.
+    The pool's processes run the trials, and stay for what comes after them. As soon as some of them
+    have nothing to do, since only the last tasks still run or none does, `spare` is called with the
+    trials that this run has made of the planners that have finished.
     """
     refuse_in_starting_worker()
     store = Store(Path(folder))
@@ -159,7 +159,7 @@ def run(
         for trial_id in task.ids.values():
             seen.read(store, trial_id)
         del unfinished[id(task)]
-        if 0 < len(unfinished) < side_by_side:
+        if len(unfinished) < side_by_side:
             spare(_settled(seen, unfinished.values()))
     trials = None if waiting else store.current(asked)
     if trials is None:
