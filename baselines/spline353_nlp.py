@@ -40,6 +40,13 @@ _OPTIONS: Options = {
     "acceptable_tol": 1e-8,
     "max_iter": 300,
     "bound_relax_factor": 0.0,  # else every limit is passed by 1e-8, and no round is the last
+    # With three variables, and rows that are scaled already, reordering, scaling and refining cost
+    # more than the solution itself, which stays the same.
+    "mumps_pivot_order": 0,
+    "mumps_permuting_scaling": 0,
+    "mumps_scaling": 0,
+    "fast_step_computation": "yes",
+    "min_refinement_steps": 0,
 }
 # Per joint and limit; evenly spread at first.
 _INSTANTS = 11
@@ -245,8 +252,6 @@ def _nearest_walls(position: Array, room: Array, instants: Array) -> Array:
 
 def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
     """Feasible segment times to start from: the best local minima of a grid over their ratios."""
-    import scipy  # late: planners that are only listed need none of it
-
     first, last = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
     middle = np.zeros_like(first)
     ratios = np.stack([first, middle, last], axis=-1)
@@ -271,8 +276,9 @@ def _starts(spline: Spline, problem: Problem, count: int) -> list[Array]:
                 unit=longest,
             )
             return [times]
-    around = scipy.ndimage.minimum_filter(total, size=3, mode="nearest")
-    lowest = (total <= around) & np.isfinite(total)
+    padded = np.pad(total, 1, mode="edge")
+    neighbours = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+    lowest = (total <= neighbours.min(axis=(2, 3))) & np.isfinite(total)
     by_duration = np.argsort(total[lowest])
     minima = times[lowest]
     return list(minima[by_duration[:count]])
@@ -320,7 +326,7 @@ def _solve_at(
     unit = float(times.mean())
     reciprocals = []
     for order, bounds in enumerate(spline.bounds, start=1):
-        limit = bounds * unit**order
+        limit = _tighter(bounds) * unit**order
         reciprocals.append(1 / limit)
     y = np.log(times / unit)
     parameters = [spline.displacements, *reciprocals]
@@ -336,31 +342,36 @@ def _solve_at(
 
 
 def _constraint_bounds(spline: Spline) -> Bounds:
-    """Utilisations are at most 1; positions over the displacements come last, if limited."""
-    if spline.room is None:
-        return -np.inf, 1.0
-    each = _INSTANTS * spline.orders
+    """Both limits over the tighter one; positions over the displacements come last, if limited."""
+    tables = []
+    for bounds in spline.bounds:
+        tighter = _tighter(bounds)
+        unit = np.where(np.isinf(tighter), 1.0, tighter)
+        share = bounds / unit
+        tables.append(np.repeat(share, _INSTANTS, axis=0))
     if spline.orders == 3:
-        each += 2
-    # both sides of every limit
-    utilisations = 2 * each * spline.joints
+        # jerk over both cubics
+        tables += [share, share]
+    if spline.room is not None:
+        room = spline.room / spline.sizes[:, None]
+        tables.append(np.repeat(room, _INSTANTS, axis=0))
     # instants of one joint after those of another
-    room = spline.room / spline.sizes[:, None]
-    lows, highs = np.repeat(room, _INSTANTS, axis=0).T
-    free = np.full(utilisations, -np.inf)
-    ones = np.ones(utilisations)
-    low = np.concatenate([free, lows])
-    high = np.concatenate([ones, highs])
+    low, high = np.concatenate(tables).T
     return low, high
+
+
+def _tighter(bounds: Array) -> Array:
+    """The tighter side of limits `(joints, 2)`, `(joints, 1)`."""
+    return np.asarray(np.abs(bounds).min(axis=1, keepdims=True))
 
 
 @cache
 def _solver(joints: int, orders: int, walled: bool) -> Program:
     """IPOPT for this many joints, limited up to this derivative; built once for all problems.
 
-    Every constraint reads "value over its limit is at most 1", for both sides of every limit; an
-    infinite limit has a reciprocal of zero. Where joints are `walled` by position limits, their
-    positions over their sizes follow.
+    Every constraint is a value over the tighter side of its limit, between both sides over it
+    (`_constraint_bounds`); an infinite limit has a reciprocal of zero. Where joints are `walled` by
+    position limits, their positions over their sizes follow.
     """
     ca = backend("casadi")
     d = ca.MX.sym("d", joints, 3)
@@ -368,7 +379,7 @@ def _solver(joints: int, orders: int, walled: bool) -> Program:
     reciprocals = []
     instants = []
     for order in range(1, orders + 1):
-        reciprocal = ca.MX.sym(f"limit{order}", joints, 2)
+        reciprocal = ca.MX.sym(f"limit{order}", joints)
         s = ca.MX.sym(f"s{order}", _INSTANTS, joints)
         reciprocals.append(reciprocal)
         instants.append(s)
@@ -382,17 +393,13 @@ def _solver(joints: int, orders: int, walled: bool) -> Program:
     for own, reciprocal, s in zip(controls, reciprocals, instants, strict=False):
         # a row per instant, a column per joint
         tables = [ca.repmat(control.T, _INSTANTS, 1) for control in own]
-        values = _bernstein(tables, s)
-        for side in (0, 1):
-            row = reciprocal[:, side].T
-            limit = ca.repmat(row, _INSTANTS, 1)
-            utilisations.append(values * limit)
+        limit = ca.repmat(reciprocal.T, _INSTANTS, 1)
+        utilisations.append(_bernstein(tables, s) * limit)
     if orders == 3:
         # the cubics' constant jerk, 6 d/t³
         for segment in (0, 2):
             cubic = displacements[segment] / times[segment] ** 3
-            jerk = 6 * ca.repmat(cubic, 1, 2)
-            utilisations.append(jerk * reciprocals[2])
+            utilisations.append(6 * cubic * reciprocals[2])
 
     constraints = utilisations
     if walled:
