@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from trajopt.cli import app, console
+from trajopt.cli import app, compare, console
 from trajopt.cli.console import LoggedProgress
 
 EVIL = "[red]evil[/red] \x1b]0;title\x07 $x_$ \\frac :smile: \u202e[/bold]"
@@ -38,44 +38,106 @@ def trajopt(*arguments, encoding="utf-8", shell=None, cwd=None):
 # --- streams that are not UTF-8, or not there ---
 
 
-@pytest.mark.parametrize(
-    ("encoding", "dash"), [("ascii", "-"), ("latin-1", "-"), ("cp437", "-"), ("utf-8", "–")]
-)
-def test_what_an_encoding_cannot_hold_is_written_in_ascii(encoding, dash):
-    code, out, err = trajopt("suite", "list", encoding=encoding)
+@pytest.fixture
+def written(monkeypatch):
+    """Runs a command here, its standard streams of this encoding: exit code, what it wrote."""
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def run(*arguments, encoding):
+        out = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+        err = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
+        with monkeypatch.context() as patched:
+            patched.setattr(sys, "stdout", out)
+            patched.setattr(sys, "stderr", err)
+            with pytest.raises(SystemExit) as ended:
+                app.main([str(argument) for argument in arguments])
+        for stream in (out, err):
+            stream.flush()
+        return ended.value.code, out.buffer.getvalue(), err.buffer.getvalue()
+
+    return run
+
+
+def check_list(code, out, err, encoding, dash):
     text = out.decode(encoding)
     assert (code, err) == (0, b"")
     assert f" 1{dash}12 " in text
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_a_comparison_ends_well_where_its_table_cannot_be_written_as_it_is(tmp_path):
+@pytest.mark.parametrize(
+    ("encoding", "dash"), [("ascii", "-"), ("latin-1", "-"), ("cp437", "-"), ("utf-8", "–")]
+)
+def test_what_an_encoding_cannot_hold_is_written_in_ascii(written, encoding, dash):
+    check_list(*written("suite", "list", encoding=encoding), encoding, dash)
+
+
+def test_a_process_whose_streams_are_ascii_writes_ascii():
+    check_list(*trajopt("suite", "list", encoding="ascii"), "ascii", "-")
+
+
+def test_a_comparison_ends_well_where_its_table_cannot_be_written_as_it_is(
+    written, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(compare.drawn, "draw", lambda *arguments, **options: [])
     arguments = ("--planner", "unoptimised:segment_time=0.1", "--jobs", 1, "--output", tmp_path)
-    code, out, err = trajopt("compare", "one-joint", *arguments, encoding="ascii")
+    code, out, err = written("compare", "one-joint", *arguments, encoding="ascii")
     assert (code, err) == (0, b"")
     assert "claimed x max(1, dilation)" in out.decode("ascii")
 
 
-def test_errors_are_one_line_in_ascii_too():
-    code, out, err = trajopt("plan", "größe", "--planner", "exact", encoding="ascii")
+def test_errors_are_one_line_in_ascii_too(written):
+    code, out, err = written("plan", "größe", "--planner", "exact", encoding="ascii")
     assert (code, out) == (2, b"")
     assert err.decode("ascii").startswith("trajopt: no problem is called 'groesse'")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        (["suite", "show", "six-axis"], 0),
-        (["plan", "one-joint", "--planner", "unoptimised"], 0),
-        (["plan", "seven-waypoints", "--planner", "unoptimised", "--json"], 1),
-        (["plan", "nosuch", "--planner", "unoptimised"], 2),
-    ],
-)
-@pytest.mark.parametrize("closed", [">&-", ">&- 2>&- <&-"])
-def test_closed_streams_keep_the_exit_code(arguments, expected, closed):
-    code, out, err = trajopt(*arguments, shell=closed)
-    assert (code, out) == (expected, b"")
-    assert b"Traceback" not in err
+COMMANDS = [
+    (["suite", "show", "six-axis"], 0),
+    (["plan", "one-joint", "--planner", "unoptimised"], 0),
+    (["plan", "seven-waypoints", "--planner", "unoptimised", "--json"], 1),
+    (["plan", "nosuch", "--planner", "unoptimised"], 2),
+]
+# The first command meets the streams as the shell left them, the others as Python finds them then.
+IN_TURNS = """
+import json, os, sys
+from trajopt.cli import main
+
+commands, closed, file = json.loads(sys.argv[1])
+codes = []
+for arguments in commands:
+    for descriptor in closed:
+        try:
+            os.close(descriptor)
+        except OSError:
+            pass
+        setattr(sys, ("stdin", "stdout", "stderr")[descriptor], None)
+    try:
+        main(arguments)
+    except SystemExit as ended:
+        codes.append(ended.code)
+with open(file, "w") as stream:
+    json.dump(codes, stream)
+sys.exit(codes[-1])
+"""
+
+
+@pytest.mark.parametrize("turn", range(2))
+@pytest.mark.parametrize(("closed", "descriptors"), [(">&-", [1]), (">&- 2>&- <&-", [0, 1, 2])])
+def test_closed_streams_keep_the_exit_code(closed, descriptors, turn, tmp_path):
+    """Two processes for each way of closing, so that each begins and ends with other commands."""
+    commands = COMMANDS if turn == 0 else COMMANDS[::-1]
+    file = tmp_path / "codes.json"
+    told = json.dumps([[arguments for arguments, _ in commands], descriptors, str(file)])
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$@" {closed}', "sh", sys.executable, "-c", IN_TURNS, told],
+        capture_output=True,
+        check=False,
+    )
+    codes = [code for _, code in commands]
+    assert (done.returncode, done.stdout) == (codes[-1], b"")
+    assert json.loads(file.read_text(encoding="utf-8")) == codes
+    assert b"Traceback" not in done.stderr
 
 
 def test_a_file_does_not_take_a_closed_streams_place(tmp_path):

@@ -16,6 +16,7 @@ import pytest
 from experiments import issa_ablation, swarms
 from experiments.common import races
 from trajopt import Limits, Problem, Solution, Status, spline353, verify
+from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.figures import plots
 from trajopt.exceptions import TrajoptError
 from trajopt.swarm import SSA
@@ -180,6 +181,10 @@ def test_quick_forms_resume(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.setattr(races, "proved", full_speed)
+    # Small where size shows nothing: intervals, boxes and batches are as many as it takes.
+    monkeypatch.setattr(statistics, "bootstrap", partial(statistics.bootstrap, resamples=99))
+    monkeypatch.setattr(issa_ablation, "PLACES", (0.0, 0.5))
+    monkeypatch.setattr(swarms, "BATCH", 2)
     experiment.main(output=tmp_path, quick=True)
     folder = tmp_path / "2-problems-2-seeds-100-evaluations"
     summary = pd.read_csv(folder / "summary.csv").set_index("entrant")
@@ -189,7 +194,8 @@ def test_quick_forms_resume(
     again = ((races, "measured"), (races, "proved"), (issa_ablation, "biased"), (swarms, "nlp"))
     for module, name in (*again, (swarms, "speed")):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("done twice"))
-    monkeypatch.setattr(plots, "save", lambda *_: None)  # slow
+    for module, name in ((races, "gap_rows"), (issa_ablation, "origin_figure"), (plots, "save")):
+        monkeypatch.setattr(module, name, lambda *_: None)  # slow
     experiment.main(output=tmp_path, quick=True)
     printed = capsys.readouterr().out
     assert printed[: len(printed) // 2] == printed[len(printed) // 2 :]
