@@ -17,9 +17,10 @@ from trajopt.testing import check_planner
 
 # The same planners with less work, where that exists: the contract does not depend on effort.
 _QUICK = {
-    "iterations": 10,
-    "gridpoints": 100,
-    "evaluations": 300,
+    "iterations": 4,
+    "gridpoints": 50,
+    "evaluations": 100,
+    "intervals": 10,
     "starts": 1,
     "rounds": 6,
     "refinements": 1,

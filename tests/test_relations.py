@@ -23,7 +23,7 @@ from trajopt.rest_to_rest import stop_times
 from trajopt.swarm_planner import issa, pso, ssa
 
 SEEDS = range(100, 112)
-EXACT, COLLOCATION, VIA, STOP = Exact(4), Collocation(), RuckigVia(3000), RuckigStop()
+EXACT, COLLOCATION, VIA, STOP = Exact(4), Collocation(), RuckigVia(600), RuckigStop()
 TOPPRA = ToppRa(gridpoints=150)
 SYMMETRIC = [EXACT, COLLOCATION, STOP, Spline353NLP()]  # whose answers must obey every symmetry
 
@@ -64,7 +64,7 @@ def test_exact_is_never_above_another_planner(planner: Planner, seed: int) -> No
     assert not certified(planner, problem_of(seed)) < exact * (1 - 1e-6)
 
 
-@pytest.mark.parametrize("planner", [pso, ssa, issa, Spline353NLP()])
+@pytest.mark.parametrize("planner", [pso, ssa, issa, Spline353NLP(starts=1)])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_exact_is_never_above_a_spline(planner: Planner, seed: int) -> None:
     problem = problem_of(seed, waypoints=4)

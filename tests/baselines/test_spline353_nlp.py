@@ -40,7 +40,7 @@ def global_search(problem: Problem) -> float:
         return np.where(leaves, np.inf, total)
 
     rng = np.random.default_rng(1)
-    points = rng.normal(scale=2.5, size=(20000, 2))
+    points = rng.normal(scale=2.5, size=(6000, 2))
     found = []
     for best in points[np.argsort(duration(points))[:3]]:
         elite = best + 0.3 * np.vstack([np.eye(2), -np.eye(2)])

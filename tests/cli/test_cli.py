@@ -16,6 +16,7 @@ import pytest
 from trials import edited
 
 from trajopt import Limits, Problem
+from trajopt.benchmark import compare as run
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue as suite
@@ -535,7 +536,6 @@ def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
 
 def test_beating_the_reference_is_said_loudly(trajopt, tmp_path, monkeypatch):
     """A stand-in called exact that is slower than what it should bound, of an unknown problem."""
-    from trajopt.benchmark import compare as run
     from trajopt.benchmark.figures import draw as figures
 
     monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
@@ -710,9 +710,10 @@ def test_report_writes_one_page_that_stands_alone(compared, trajopt):
     assert 'src="http' not in page
 
 
-def test_a_mailed_results_file_alone_is_reported_and_exported(compared, trajopt, tmp_path):
-    folder, _, _ = compared
-    mailed = Path(shutil.copy(folder / "results.h5", tmp_path / "from-a-friend.h5"))
+def test_a_mailed_results_file_alone_is_reported_and_exported(trajopt, tmp_path):
+    planners = [("unoptimised", load("unoptimised"))]
+    run.run([suite.load("one-joint")], planners, tmp_path / "sent", Pool(0))
+    mailed = Path(shutil.copy(tmp_path / "sent" / "results.h5", tmp_path / "from-a-friend.h5"))
     assert trajopt("report", mailed)[0] == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Every number is a\n    link to the trials" in page
