@@ -14,7 +14,12 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 
+# What imports make, they keep: looking for garbage among it is in vain.
+gc.disable()
+
+
 def pytest_collection_finish() -> None:
     """Set aside what the imports left: each full collection would walk through all of it again."""
     gc.collect()
     gc.freeze()
+    gc.enable()

@@ -131,7 +131,7 @@ def test_topp_ra_along_a_spline_is_never_above_its_own_timing(seed: int) -> None
 @pytest.mark.parametrize("seed", [101, 105, 109])
 def test_the_best_spline_is_never_above_a_swarm(planner: Planner, fitness: str, seed: int) -> None:
     problem = problem_of(seed, waypoints=4)
-    swarm = configured(planner, {"fitness": fitness, "iterations": 200})
+    swarm = configured(planner, {"fitness": fitness, "iterations": 120})
     assert certified(swarm, problem) >= certified(Spline353NLP(), problem) * (1 - 1e-8)
 
 

@@ -64,7 +64,9 @@ def code_lines(text, tree):
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         is_docstring = token.type == tokenize.STRING and token.start[0] in starts
         if token.type not in _NO_CODE and not is_docstring:
-            lines |= set(range(token.start[0], token.end[0] + 1))
+            lines.add(token.start[0])
+            if token.end[0] > token.start[0]:
+                lines.update(range(token.start[0], token.end[0] + 1))
     return lines
 
 
@@ -84,6 +86,8 @@ def packed_assignments(tree):
 def unformatted_statements(text, tree):
     """Statements that the formatter must leave alone, but for tables of literals."""
     marked = {n for n, line in enumerate(text.splitlines(), 1) if "# fmt: skip" in line}
+    if not marked:
+        return
     for node in ast.walk(tree):
         if isinstance(node, ast.stmt) and node.end_lineno in marked:
             marked.discard(node.end_lineno)

@@ -165,7 +165,7 @@ def test_no_swarm_beats_the_best_353_and_pso_reaches_it():
     for optimiser in (PSO(), SSA(), ISSA()):
         for fitness in ("penalty", "scaled"):
             planner = SwarmPlanner(optimiser, fitness=fitness, iterations=150)
-            solutions = planner.solve_batch(SIX_AXIS, range(5))
+            solutions = planner.solve_batch(SIX_AXIS, range(3))
             durations = [verify(SIX_AXIS, s.trajectory).certified_duration for s in solutions]
             assert min(durations) > found.fun * (1 - 1e-7)
             assert isinstance(optimiser, SSA) or min(durations) < found.fun * (1 + 1e-3)

@@ -151,7 +151,7 @@ def cheats(draw) -> Trick:
     return Trick("random", problem, bent_motion, optimum)
 
 
-@settings(deadline=None, derandomize=True, max_examples=400)
+@settings(deadline=None, derandomize=True, max_examples=250)
 @given(cheats())
 def test_hypothesis_cannot_cheat_either(trick):
     for tolerance in (Tolerance(), WIDE):

@@ -420,7 +420,7 @@ def worst_by_numpy(trajectory: Trajectory, order: int, measure) -> tuple[float, 
     return max(worst)
 
 
-@settings(reproducible, max_examples=120)
+@reproducible
 @given(seeds, st.integers(1, 8), st.integers(1, 7))
 def test_peaks_are_those_that_numpys_roots_give(seed, degree, joints):
     problem, trajectory = random_pieces(seed, degree, joints)

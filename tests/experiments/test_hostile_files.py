@@ -12,7 +12,7 @@ from experiments import hostile_files as hostile
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="a process's memory, by Linux")
 
-EACH = 6  # times each craft: 96 files
+EACH = 4  # times each craft: 64 files
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def test_crafted_files_are_read_or_refused_in_a_line(
 def test_corrupted_files_export_no_other_number(folder: Path, tmp_path: Path) -> None:
     expected = hostile.true_numbers(folder)
     assert len(expected) == len(hostile.PLANNERS)
-    for seed in range(60):
+    for seed in range(40):
         path = hostile.corrupted(folder, tmp_path, np.random.default_rng(seed))
         assert hostile.faults(path, expected=expected, report=False) == [], seed
 

@@ -502,7 +502,7 @@ for seed in range(int(sys.argv[3]), 10**6):
 def test_killed_writers_lose_nothing_they_reported(tmp_path):
     """Two at once into one folder, killed at random moments; each line is a promise."""
     rng, promised = np.random.default_rng(1), set()
-    for turn in range(3):
+    for turn in range(2):
         command = [sys.executable, "-c", WRITER, str(tmp_path), str(Path(__file__).parents[2])]
         running = [
             subprocess.Popen(
