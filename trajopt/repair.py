@@ -61,7 +61,11 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
         The mended trajectory; None where there is nothing to mend: two different waypoints at one
         instant, or a number that overflows.
     """
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+    with np.errstate(
+        over="ignore",
+        invalid="ignore",
+        divide="ignore",
+    ):
         layout = _layout(problem, trajectory)
         if layout is None:
             return None
@@ -69,13 +73,20 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
         jerk_limited = problem.limits.jerk_limited
         by_order = {1: ~jerk_limited, 2: jerk_limited}
         for order, joints in by_order.items():
-            if joints.any():
-                added = _corrections(layout, joints, order)
+            if not joints.any():
+                continue
+            added = _corrections(layout, joints, order)
+            if added is not None:
                 coefficients = _with_added(coefficients, added, joints)
-    if not np.isfinite(coefficients).all():
+    finite = np.isfinite(coefficients)
+    if not finite.all():
         return None
-    breaks = layout.trajectory.breaks
-    return Trajectory(breaks, coefficients, breaks[layout.waypoint_breaks])
+    breaks = layout.breaks
+    return Trajectory(
+        breaks,
+        coefficients,
+        waypoint_times=breaks[layout.waypoint_breaks],
+    )
 
 
 @dataclass(frozen=True)
@@ -88,6 +99,7 @@ class _Layout:
         waypoint_breaks: the index of each waypoint's break, `(waypoints,)`.
         segment: of each piece, `(pieces,)`.
         first: the first piece of each segment, `(segments,)`.
+        after: the first piece after each segment, `(segments,)`.
         start, end: of each segment, s, `(segments,)`.
         displacements: of each joint in each segment, rad, `(segments, joints)`.
         origins: the waypoint where each segment starts, rad, `(segments, joints)`.
@@ -98,35 +110,58 @@ class _Layout:
     waypoint_breaks: Indices
     segment: Indices
     first: Indices
+    after: Indices
     start: Array
     end: Array
     displacements: Array
     origins: Array
 
+    @property
+    def breaks(self) -> Array:
+        """When pieces begin, and the last one ends, s, `(pieces + 1,)`."""
+        return self.trajectory.breaks
+
+    @property
+    def fly_by_time(self) -> float:
+        """What rounding in one segment may be worth, s."""
+        segments = len(self.first)
+        return _fly_by_time(self.trajectory, segments)
+
+    def of_pieces(self, of_segments: Array) -> Array:
+        """What each piece's segment has."""
+        return np.asarray(of_segments[self.segment])
+
 
 def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
     """The segments that take time; None where one without time is not just flown by."""
-    refined = trajectory.refined(trajectory.waypoint_times)
+    waypoint_times = trajectory.waypoint_times
+    refined = trajectory.refined(waypoint_times)
     breaks = refined.breaks
-    at = nearest(breaks, trajectory.waypoint_times)
+    last_break = len(breaks) - 1
+    at = nearest(breaks, waypoint_times)
     at[0] = 0
-    at[-1] = len(breaks) - 1
+    at[-1] = last_break
     if not _flown_by(problem, refined, at):
         return None
     # Of the waypoints at one break the first counts, at the end of the motion the last.
+    last_waypoint = len(at) - 1
     _, counted = np.unique(at, return_index=True)
-    counted[-1] = len(at) - 1
+    counted[-1] = last_waypoint
     waypoints = problem.waypoints[counted]
     own_breaks = at[counted]
     first = own_breaks[:-1]
     after = own_breaks[1:]
     segments = np.arange(len(first))
+    pieces = after - first
+    # The position at a piece's start is not its travel.
+    powers = refined.pieces()[:-1]
     return _Layout(
         trajectory=refined,
-        travel=refined.pieces()[:-1].sum(axis=0),
+        travel=powers.sum(axis=0),
         waypoint_breaks=at,
-        segment=np.repeat(segments, after - first),
+        segment=np.repeat(segments, pieces),
         first=first,
+        after=after,
         start=breaks[first],
         end=breaks[after],
         displacements=np.diff(waypoints, axis=0),
@@ -134,7 +169,11 @@ def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
     )
 
 
-def _flown_by(problem: Problem, refined: Trajectory, at: Indices) -> bool:
+def _flown_by(
+    problem: Problem,
+    refined: Trajectory,
+    at: Indices,
+) -> bool:
     """Whether what lies between waypoints at one break is worth next to nothing.
 
     So it is where every joint flies by in the direction of its displacement: a segment of one unit
@@ -144,20 +183,33 @@ def _flown_by(problem: Problem, refined: Trajectory, at: Indices) -> bool:
     displacements = problem.displacements[instant]
     if not displacements.any():
         return True
-    here = at[1:][instant]
+    ends = at[1:]
+    here = ends[instant]
     velocity = refined.pieces(1)
-    last_piece = len(velocity[0]) - 1
-    arriving = velocity.sum(axis=0)[np.maximum(here - 1, 0)]
-    leaving = velocity[-1][np.minimum(here, last_piece)]
+    starts = velocity[-1]
+    stops = velocity.sum(axis=0)
+    last_piece = len(starts) - 1
+    piece_before = np.maximum(here - 1, 0)
+    piece_after = np.minimum(here, last_piece)
+    arriving = stops[piece_before]
+    leaving = starts[piece_after]
+    # |h| ≤ v t, with the slower of both velocities towards the waypoint
     sign = np.sign(displacements)
-    speed = np.minimum(sign * arriving, sign * leaving)
-    reach = speed * _fly_by_time(refined, len(at) - 1)
-    return bool((np.abs(displacements) <= np.where(sign == 0, 0.0, reach)).all())
+    towards = sign * arriving
+    onwards = sign * leaving
+    speed = np.minimum(towards, onwards)
+    segments = len(ends)
+    reach = speed * _fly_by_time(refined, segments)
+    reach = np.where(sign == 0, 0.0, reach)
+    distance = np.abs(displacements)
+    within = distance <= reach
+    return bool(within.all())
 
 
 def _fly_by_time(trajectory: Trajectory, segments: int) -> float:
     """What rounding in one segment may be worth, s."""
-    return FLY_BY_RTOL * trajectory.duration / segments
+    whole = FLY_BY_RTOL * trajectory.duration
+    return whole / segments
 
 
 def _rebased(layout: _Layout) -> Array:
@@ -166,39 +218,57 @@ def _rebased(layout: _Layout) -> Array:
     So positions do not jump within a segment; the misses of its end are left.
     """
     # The travel before each piece: since the motion's start, less that before its segment.
-    before = np.cumsum(layout.travel, axis=0) - layout.travel
-    within = before - before[layout.first][layout.segment]
+    travel = layout.travel
+    ended = np.cumsum(travel, axis=0)
+    before = ended - travel
+    before_segment = before[layout.first]
+    within = before - layout.of_pieces(before_segment)
+    origin = layout.of_pieces(layout.origins)
     coefficients = np.array(layout.trajectory.coefficients)
-    origin = layout.origins[layout.segment]
     coefficients[-1] = origin + within
     return coefficients
 
 
-def _corrections(layout: _Layout, joints: Bools, order: int) -> Array | None:
+def _corrections(
+    layout: _Layout,
+    joints: Bools,
+    order: int,
+) -> Array | None:
     """What to add to some joints, `(2 order + 2, pieces, joints)`; None where nothing is amiss.
 
     `order` is the highest derivative that may not jump.
     """
     missed = _missed(layout)[:, joints]
+    amiss = missed.any()
     jumps = []
     for derivative in range(1, order + 1):
-        jumps.append(_jumps(layout, joints, derivative))
-    if not any(amiss.any() for amiss in (missed, *jumps)):
+        jump = _jumps(layout, joints, derivative)
+        amiss |= jump.any()
+        jumps.append(jump)
+    if not amiss:
         return None
     growing, dying = _jump_corrections(layout, jumps)
     blends = missed[..., None] * _BLEND[order]
-    growing += blends[layout.segment]
+    growing += layout.of_pieces(blends)
     # From powers of σ and 1 − σ to powers of the time since the piece's start.
-    start = layout.start[layout.segment]
-    end = layout.end[layout.segment]
+    start = layout.of_pieces(layout.start)
+    end = layout.of_pieces(layout.end)
     length = end - start
-    breaks = layout.trajectory.breaks[:-1]
-    elapsed = (breaks - start) / length  # σ at the piece's start
-    left = (end - breaks) / length  # 1 − σ there
-    grown = polynomials.shifted(_rows(growing), elapsed[:, None])
-    died = polynomials.shifted(_rows(dying), left[:, None])
+    begins = layout.breaks[:-1]
+    elapsed = (begins - start) / length  # σ at the piece's start
+    left = (end - begins) / length  # 1 − σ there
+    grown = polynomials.shifted(
+        _rows(growing),
+        elapsed[:, None],
+    )
+    died = polynomials.shifted(
+        _rows(dying),
+        left[:, None],
+    )
     rate = 1 / length
-    return polynomials.stretched(grown, rate) + polynomials.stretched(died, -rate)
+    forwards = polynomials.stretched(grown, rate)
+    backwards = polynomials.stretched(died, -rate)
+    return forwards + backwards
 
 
 def _missed(layout: _Layout) -> Array:
@@ -208,20 +278,23 @@ def _missed(layout: _Layout) -> Array:
     joint flies by so fast that it is worth next to nothing: mended within a segment of 1e-7 s, the
     last digit of a coordinate would cost a tenth of the acceleration limit.
     """
-    reached = np.add.reduceat(layout.travel, layout.first)
-    short = layout.displacements - reached
+    travel = layout.travel
+    displacements = layout.displacements
+    reached = np.add.reduceat(travel, layout.first)
+    short = displacements - reached
     size = np.abs(short)
-    distances = np.abs(layout.travel)
+    distances = np.abs(travel)
     way = np.add.reduceat(distances, layout.first)
     of_travel = size <= TRAVEL_RTOL * way
     if of_travel.all():
         return np.zeros_like(short)
-    destinations = layout.origins + layout.displacements
-    ends = np.stack([layout.origins, destinations])
+    origins = layout.origins
+    destinations = origins + displacements
+    ends = np.stack([origins, destinations])
     coordinates = np.abs(ends).max(axis=0)
     of_coordinates = size <= COORDINATE_RTOL * coordinates
     worth = size / _slowest(layout)  # s
-    flies_by = worth <= _fly_by_time(layout.trajectory, len(layout.first))
+    flies_by = worth <= layout.fly_by_time
     rounding = of_travel | (of_coordinates & flies_by)
     return np.where(rounding, 0.0, short)
 
@@ -231,49 +304,66 @@ def _slowest(layout: _Layout) -> Array:
 
     Zero where it does not move in the direction of its displacement all the time.
     """
-    velocity = polynomials.bernstein(layout.trajectory.pieces(1))
+    # A polynomial is between the least and the largest of its Bernstein coefficients.
+    powers = layout.trajectory.pieces(1)
+    velocity = polynomials.bernstein(powers)
     lowest = velocity.min(axis=0)
     highest = velocity.max(axis=0)
-    forwards = np.minimum.reduceat(lowest, layout.first)
-    backwards = -np.maximum.reduceat(highest, layout.first)
-    speed = np.where(layout.displacements > 0, forwards, backwards)
-    moves = (layout.displacements != 0) & (speed > 0)
+    first = layout.first
+    forwards = np.minimum.reduceat(lowest, first)
+    backwards = -np.maximum.reduceat(highest, first)
+    displacements = layout.displacements
+    is_forwards = displacements > 0
+    speed = np.where(is_forwards, forwards, backwards)
+    towards = speed > 0
+    moves = (displacements != 0) & towards
     return np.where(moves, speed, 0.0)
 
 
-def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array]:
+def _jump_corrections(
+    layout: _Layout,
+    jumps: list[Array],
+) -> tuple[Array, Array]:
     """The powers of `σ` and of `1 − σ` that cancel all jumps, `(pieces, joints, order + 1)`.
 
     `jumps` has those of velocity, and of acceleration if it may not jump, `(breaks, joints)` each.
     """
     order = len(jumps)
-    breaks = layout.trajectory.breaks
+    breaks = layout.breaks
     # The room on both sides of each break, within its segment; none before and after the motion.
-    start = layout.start[layout.segment]
-    end = layout.end[layout.segment]
-    room_before = np.full(len(breaks), -1.0)
-    room_after = np.full(len(breaks), -1.0)
-    room_before[1:] = breaks[1:] - start
-    room_after[:-1] = end - breaks[:-1]
+    start = layout.of_pieces(layout.start)
+    end = layout.of_pieces(layout.end)
+    none = np.array([-1.0])
+    since_start = breaks[1:] - start
+    until_end = end - breaks[:-1]
+    room_before = np.concatenate([none, since_start])
+    room_after = np.concatenate([until_end, none])
     dies = room_after > room_before
     room = np.where(dies, room_after, room_before)
-    length_before = np.r_[np.inf, end - start]
-    length_after = np.r_[end - start, np.inf]
-    share = room / np.where(dies, length_after, length_before)
+    # and as a share of the segment
+    length = end - start
+    outside = np.array([np.inf])
+    length_before = np.concatenate([outside, length])
+    length_after = np.concatenate([length, outside])
+    segment_length = np.where(dies, length_after, length_before)
+    share = room / segment_length
 
     # What the correction's derivatives must be at the break, in units of its room; what dies out
     # runs backwards in time and takes the jump away after the break instead of before it.
-    sign = np.where(dies, -1.0, 1.0)
-    unit = (sign * room)[:, None]
+    sign = np.where(dies, -1.0, 1.0)[:, None]
+    unit = sign * room[:, None]
     slopes = []
     for derivative, jump in enumerate(jumps, start=1):
-        cancelled = sign[:, None] * jump
-        slopes.append(cancelled * unit**derivative)
+        cancelled = sign * jump
+        slope = cancelled * unit**derivative
+        slopes.append(slope)
     # x^(r+1) … x^(2r+1), in x = σ / share.
-    powers = np.arange(order + 1, 2 * order + 2)
+    lowest_power = order + 1
+    powers = np.arange(lowest_power, lowest_power + order + 1)
     scale = share[:, None, None] ** -powers
     coefficients = _ending(*slopes) * scale
-    dying = np.where(dies[:, None, None], coefficients, 0.0)
+    by_coefficient = dies[:, None, None]
+    dying = np.where(by_coefficient, coefficients, 0.0)
     growing = coefficients - dying
 
     # A piece has what died out from breaks at or before its start, and what grows to later breaks,
@@ -282,20 +372,23 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     grown = np.cumsum(growing, axis=0)
     before = died - dying
     before_segment = before[layout.first]
-    last_break = len(breaks) - 1
-    segment_ends = np.r_[layout.first[1:], last_break]
-    to_segment_end = grown[segment_ends]
-    still_growing = to_segment_end[layout.segment] - grown[:-1]
-    still_dying = died[:-1] - before_segment[layout.segment]
+    to_segment_end = grown[layout.after]
+    still_growing = layout.of_pieces(to_segment_end) - grown[:-1]
+    still_dying = died[:-1] - layout.of_pieces(before_segment)
     return still_growing, still_dying
 
 
-def _jumps(layout: _Layout, joints: Bools, order: int) -> Array:
+def _jumps(
+    layout: _Layout,
+    joints: Bools,
+    order: int,
+) -> Array:
     """Jumps of a derivative at every break, `(breaks, joints)`, those of rounding left out.
 
     Before and after the motion the robot rests.
     """
-    pieces = layout.trajectory.pieces(order)
+    trajectory = layout.trajectory
+    pieces = trajectory.pieces(order)
     unit = pieces[..., joints]
     starts = unit[-1]
     stops = unit.sum(axis=0)
@@ -304,15 +397,18 @@ def _jumps(layout: _Layout, joints: Bools, order: int) -> Array:
     after = np.vstack([starts, rest])
     jumps = after - before
     values = np.stack([before, after])
-    largest = np.abs(values).max(axis=(0, 1))
-    size = np.abs(jumps)
+    sizes = np.abs(values)
+    largest = sizes.max(axis=(0, 1))
     # A break's time is rounded too, which moves the value by as much as it changes meanwhile.
-    changes = layout.trajectory.pieces(order + 1)[-1, :, joints]
+    derivatives = trajectory.pieces(order + 1)
+    changes = derivatives[-1, :, joints]
     steepest = np.abs(changes).max(axis=1)
-    in_time = np.outer(layout.trajectory.breaks, steepest)
+    in_time = np.outer(layout.breaks, steepest)
+    size = np.abs(jumps)
     rounding = size <= JUMP_RTOL * (largest + in_time)
     forgiven = np.where(rounding, size, 0.0)
-    few = forgiven.sum(axis=0) <= JUMPS_SUM_RTOL * largest
+    total = forgiven.sum(axis=0)
+    few = total <= JUMPS_SUM_RTOL * largest
     return np.where(rounding & few, 0.0, jumps)
 
 
@@ -330,12 +426,15 @@ def _ending(slope: Array, curvature: Array | None = None) -> Array:
         The coefficients of x², x³ for a slope; of x³, x⁴, x⁵ for a slope and a curvature, last.
     """
     if curvature is None:
-        return np.stack([-slope, slope], axis=-1)  # s (x³ − x²)
+        # s (x³ − x²)
+        factors = [-slope, slope]
+        return np.stack(factors, axis=-1)
     # x³ (s (x − 1) + c (x − 1)²), whose curvature at 1 is 6 s + 2 c.
     c = curvature / 2 - 3 * slope
     cubic = c - slope
     quartic = slope - 2 * c
-    return np.stack([cubic, quartic, c], axis=-1)
+    factors = [cubic, quartic, c]
+    return np.stack(factors, axis=-1)
 
 
 def _rows(factors: Array) -> Array:
@@ -346,13 +445,17 @@ def _rows(factors: Array) -> Array:
     return np.concatenate([highest_first, lower_powers])
 
 
-def _with_added(coefficients: Array, added: Array | None, joints: Bools) -> Array:
-    """The sum, of the higher degree of both."""
-    if added is None:
-        return coefficients
+def _with_added(
+    coefficients: Array,
+    added: Array,
+    joints: Bools,
+) -> Array:
+    """The sum for some joints, of the higher degree of both."""
     rows = len(added)
-    missing_rows = max(0, rows - len(coefficients))
-    padding = np.zeros((missing_rows, *coefficients.shape[1:]))
+    own_rows, *shape = coefficients.shape
+    missing_rows = max(0, rows - own_rows)
+    padding = np.zeros((missing_rows, *shape))
     total = np.concatenate([padding, coefficients])
-    total[-rows:, :, joints] += added
+    lowest = total[-rows:]
+    lowest[..., joints] += added
     return total
