@@ -27,7 +27,8 @@ _START_ROOM = 0.98  # of the velocity limits
 ROW_AXES = (0, 1, 3, 4)
 
 # The upper profile, and the lower one seen mirrored: h, u, w and peaks change their signs.
-_SIDES = np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
+_SIGNS = np.array([1.0, -1.0])
+_SIDES = _SIGNS.reshape(2, 1, 1, 1)
 
 
 class Scaled(Protocol):
@@ -84,7 +85,9 @@ class Point(NamedTuple):
 def at_ends(velocity: Array) -> Array:
     """Waypoint velocities at the start and the end of each segment, the motion's ends at rest."""
     starts, inner, joints = velocity.shape
-    ends = np.zeros((2, starts, inner + 1, joints))
+    segments = inner + 1
+    shape = (2, starts, segments, joints)
+    ends = np.zeros(shape)
     first, last = ends
     first[:, 1:] = velocity
     last[:, :-1] = velocity
@@ -93,7 +96,8 @@ def at_ends(velocity: Array) -> Array:
 
 def _by_axes_of_two(limits: ArrayLike) -> Array:
     """Limits `(…, joints)`, for tables of so many axes of two."""
-    return np.asarray(limits)[..., None, None, :]
+    tables = np.asarray(limits)
+    return tables[..., None, None, :]
 
 
 class Cells:
@@ -103,7 +107,9 @@ class Cells:
         every = (starts, *scaled.h.shape)
 
         def table(numbers: Array) -> Array:
-            repeated = np.empty((*numbers.shape[:-3], *every))
+            axes_of_two = numbers.shape[:-3]
+            shape = (*axes_of_two, *every)
+            repeated = np.empty(shape)
             repeated[:] = numbers
             return repeated
 
@@ -111,7 +117,8 @@ class Cells:
         a1, a2 = np.abs(scaled.a)
         # no velocity is above its limit, nor above accelerating at 1 all the time
         limit = np.maximum(v1, v2)
-        top = np.minimum(limit, scaled.stop.sum())
+        whole = scaled.stop.sum()
+        top = np.minimum(limit, whole)
         fastest = _by_axes_of_two([v2, v1])
         # of both sides: what leads from the start to a peak, and from it to the end
         speeding = [a2, a1]
@@ -121,14 +128,18 @@ class Cells:
         half_a2 = a2 / 2
         wide = half_a1 + half_a2
         zero = 0 * wide
-        lowest = [[-half_a2, -half_a1], [zero, zero]]
-        highest = [[half_a1, half_a2], [wide, wide]]
+        lowest_ends = [-half_a2, -half_a1]
+        highest_ends = [half_a1, half_a2]
+        lowest = [lowest_ends, [zero, zero]]
+        highest = [highest_ends, [wide, wide]]
 
         self.every = every
         self.h = table(_SIDES * scaled.h)
-        self.stop = np.array([scaled.stop] * starts)
+        stops = [scaled.stop] * starts
+        self.stop = np.array(stops)
         self.ones = np.ones(every)
-        self.a = table(_by_axes_of_two([speeding, braking]))
+        leading = [speeding, braking]
+        self.a = table(_by_axes_of_two(leading))
         self.lowest = table(_by_axes_of_two(lowest))
         self.highest = table(_by_axes_of_two(highest))
         # velocities in units of their top
@@ -149,24 +160,37 @@ class Cells:
             velocities: at the inner waypoints, `(starts, segments - 1, joints)`.
         """
         fastest = _START_ROOM * self.fastest * self.top
-        highest, lowest = fastest[:, :, :-1]
+        inner_limits = fastest[:, :, :-1]
+        highest, lowest = inner_limits
         velocity = np.clip(velocities, -lowest, highest)
         t = times[..., None]
         mean = self.h / t
-        excess = at_ends(velocity) - mean[0]
+        upper_mean, _ = mean
+        excess = at_ends(velocity) - upper_mean
         inner = np.empty_like(self.lowest)
-        inner[0] = np.clip(excess / t, self.lowest[0], self.highest[0])
-        # (A1 A2 T + A1 u + A2 w) / (A1 + A2)
-        x = both_sides(inner[0])
-        weighted = self.a[::-1] * x
+        ends, peaks = inner
+        lowest_ends, _ = self.lowest
+        highest_ends, _ = self.highest
+        np.clip(
+            excess / t,
+            lowest_ends,
+            highest_ends,
+            out=ends,
+        )
+        # the peak that fills the time: (A1 A2 T + A1 u + A2 w) / (A1 + A2)
+        x = both_sides(ends)
+        other_a = self.a[::-1]
+        weighted = other_a * x
         gained = self.a.prod(axis=0)
         faster = gained + weighted.sum(axis=0)
         filling = faster / self.a.sum(axis=0)
         allowed = (fastest - mean) / t
-        peaks = np.minimum(filling, allowed)
-        inner[1] = np.maximum(peaks, x.max(axis=0))
+        limited = np.minimum(filling, allowed)
+        faster_end = x.max(axis=0)
+        np.maximum(limited, faster_end, out=peaks)
         log = np.log(times / self.stop)
-        return self.clipped(Point(log, velocity, inner))
+        point = Point(log, velocity, inner)
+        return self.clipped(point)
 
     def clipped(self, point: Point) -> Point:
         """End velocities and peaks where an answer can have them."""
@@ -207,8 +231,10 @@ class Rows:
 
     def __init__(self, cells: Cells, point: Point) -> None:
         peaks = point.peaks
-        times = cells.stop * np.exp(point.log)
-        t = times[..., None] * cells.ones
+        in_stop_times = np.exp(point.log)
+        times = cells.stop * in_stop_times
+        by_segment = times[..., None]
+        t = by_segment * cells.ones
         # (V − h/T − p T) / top
         mean = cells.h_by_top / t
         room_p = -t / cells.top
@@ -218,10 +244,11 @@ class Rows:
         x = both_sides(point.ends)
         risen = peaks - x
         reach_x = risen / cells.a
-        spent = risen * reach_x
+        spent_each = risen * reach_x
+        spent = spent_each[0] + spent_each[1]
         values = np.empty_like(cells.lowest)
         values[0] = cells.fastest - cruise
-        values[1] = peaks - (spent[0] + spent[1]) / 2
+        values[1] = peaks - spent / 2
 
         self.cells = cells
         self.point = point
@@ -233,12 +260,14 @@ class Rows:
         self.room_s = mean + falling
         self.room_p = room_p
         self.reach_x = reach_x
-        self.reach_p = 1 - (reach_x[0] + reach_x[1])
+        of_both_ends = reach_x[0] + reach_x[1]
+        self.reach_p = 1 - of_both_ends
 
     @cached_property
     def duration(self) -> Array:
         """The sum of the segment times, `(starts,)`."""
-        return np.asarray(self.times.sum(axis=1))
+        total = self.times.sum(axis=1)
+        return np.asarray(total)
 
     def gradients(self, numbers: Array) -> Gradients:
         """The rows' gradients times a number each."""
@@ -255,13 +284,16 @@ class Rows:
         """By how much a step changes every row; `x` are its ends, of both sides."""
         s = step.log[..., None]
         peaks = step.peaks
-        reached = self.reach_x * x
         change = np.empty_like(self.values)
-        change[0] = self.room_s * s + self.room_p * peaks
-        change[1] = reached[0] + reached[1] + self.reach_p * peaks
+        by_time = self.room_s * s
+        change[0] = by_time + self.room_p * peaks
+        reached = self.reach_x * x
+        by_ends = reached[0] + reached[1]
+        change[1] = by_ends + self.reach_p * peaks
         return change
 
 
 def both_sides(ends: Array) -> Array:
     """Ends as both sides see them, the lower one mirrored: `(2, …)` to `(2, 2, …)`."""
-    return np.asarray(ends[:, None] * _SIDES)
+    of_each_side = ends[:, None]
+    return np.asarray(of_each_side * _SIDES)

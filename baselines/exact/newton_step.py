@@ -37,7 +37,7 @@ class Linear:
         weights: Array,
     ) -> None:
         cells = rows.cells
-        ends = rows.point.ends
+        point = rows.point
         y_room, y_reach = multipliers
         w_room, w_reach = weights
         t = rows.t
@@ -46,16 +46,21 @@ class Linear:
         reach_x = rows.reach_x
         reach_p = rows.reach_p
 
-        # the matrix over x and p
+        # Over x and p the reach bends by 1/a, the same for both. xx = y/a + w (∂reach/∂x)²
         curved = y_reach / cells.a
         weighted = w_reach * reach_x
         squared = weighted * reach_x
         xx = curved + squared
-        uw = weighted[0] * reach_x[1]
+        # of the one end and the other: uw = w ∂reach/∂u ∂reach/∂w
+        weighted_start = weighted[0]
+        reach_end = reach_x[1]
+        uw = weighted_start * reach_end
+        # xp = w ∂reach/∂x ∂reach/∂p − y/a
         xp = weighted * reach_p
         xp -= curved
+        # pp = Σ y/a + w (∂room/∂p)² + w (∂reach/∂p)²
         pressed = w_room * room_p
-        pp = curved[0] + curved[1]
+        pp = _sum(curved)
         pp += pressed * room_p
         pp += w_reach * reach_p**2
         # and over s: x counts from the mean velocity, so its share of the Lagrangian bends
@@ -65,37 +70,45 @@ class Linear:
         sp = pressed * room_s
         sp -= y_room * room_p
         bent = sx * (steep + rows.x)
-        ss = bent[0] + bent[1]
+        ss = _sum(bent)
         ss += w_room * room_s**2
         ss += y_room * rows.cruise
 
-        # peaks eliminated; then both sides are one
+        # peaks eliminated (Schur complement): A −= b bᵀ / pp, where b are xp and sp
         peak_x = xp / pp
         peak_s = sp / pp
         ss -= sp * peak_s
         sx -= xp * peak_s
         xx -= xp * peak_x
-        uw -= xp[0] * peak_x[1]
+        peak_start = xp[0]
+        peak_end = peak_x[1]
+        uw -= peak_start * peak_end
 
+        # then both sides are one
         self.rows = rows
         self.pp = pp
         self.peak_x = peak_x
         self.peak_s = peak_s
-        self.ss = ss[0] + ss[1]
+        self.ss = _sum(ss)
         self.sx = _both(sx)
-        self.xx = xx[:, 0] + xx[:, 1]
-        self.uw = uw[0] + uw[1]
+        upper_xx = xx[:, 0]
+        lower_xx = xx[:, 1]
+        self.xx = upper_xx + lower_xx
+        self.uw = _sum(uw)
         # x = (v − h/T)/T: its slope over s, and what it misses
-        self.slope_x = steep[0] - ends
-        at_waypoints = at_ends(rows.point.velocity)
-        excess = at_waypoints - mean[0]
+        ends = point.ends
+        upper_mean = mean[0]
+        upper_steep = steep[0]
+        self.slope_x = upper_steep - ends
+        at_waypoints = at_ends(point.velocity)
+        excess = at_waypoints - upper_mean
         self.missing = excess / t - ends
 
     @cached_property
     def apart(self) -> Array:
         """The most that an end velocity differs from its waypoint's, in the fastest ones."""
         missing = self.missing * self.rows.room_p
-        return np.asarray(np.abs(missing).max(axis=(0, 2, 3)))
+        return _largest(missing)
 
     def matrices(self) -> Array:
         """The rest over `(s, v)`, segment by segment, as LAPACK's lower band, of every start."""
@@ -105,7 +118,8 @@ class Linear:
         pulled = self._pulled(slope)
         twice = 2 * self.sx
         along = slope * (twice + pulled)
-        ss = self.ss + along[0] + along[1]
+        ss = self.ss + along[0]
+        ss += along[1]
         sv = self.sx + pulled
         sv /= rows.t
         squared = rows.t**2
@@ -115,33 +129,51 @@ class Linear:
         # columns: a segment's time, then the velocities after it; after the last there are none
         columns = joints + 1
         height = joints + 2
-        band = np.zeros((starts, segments, columns, height))
+        shape = (starts, segments, columns, height)
+        band = np.zeros(shape)
         times = band[:, :, 0]
         velocities = band[:, :-1, 1:]
-        diagonal = velocities[..., 0]
-        times[..., 0] = ss.sum(axis=2)
-        times[..., 0] += rows.times
+        none = band[:, -1, 1:]
+        # the diagonal
+        own_time = times[..., 0]
+        own_time += ss.sum(axis=2)
+        own_time += rows.times
+        own_velocity = velocities[..., 0]
         before, after = _around(vv)
-        np.add(before, after, out=diagonal)
-        band[:, -1, 1:, 0] = 1.0
+        np.add(before, after, out=own_velocity)
+        none[..., 0] = 1.0
         # a time beside the velocities after it, and the next time beside them
         before, after = _around(sv)
+        beside = times[:, :-1]
+        beside[..., 1:-1] = before
         joint = np.arange(joints)
-        times[:, :-1, 1:-1] = before
-        velocities[:, :, joint, joints - joint] = after
-        velocities[:, :-1, :, -1] = across[:, 1:-1]
+        to_next_time = joints - joint
+        velocities[:, :, joint, to_next_time] = after
+        # a velocity beside the same joint's at the next waypoint
+        farthest = velocities[..., -1]
+        between = across[:, 1:-1]
+        farthest[:, :-1] = between
         by_start = band.reshape(starts, -1, height)
         return by_start.swapaxes(1, 2)
 
     def slope(self, multipliers: Array) -> Array:
         """The largest entry of the Lagrangian's gradient, `(starts,)`."""
-        by = self.rows.gradients(multipliers)
-        down = self._descent(by.s[0] + by.s[1], _both(by.x))
-        steepest = np.abs(down).max(axis=(1, 2))
-        steepest_peak = np.abs(by.p).max(axis=(0, 2, 3))
-        return np.asarray(np.maximum(steepest, steepest_peak))
+        rows = self.rows
+        by_s, by_x, by_p = rows.gradients(multipliers)
+        segment_s = _sum(by_s)
+        ends_x = _both(by_x)
+        down = self._descent(segment_s, ends_x)
+        size = np.abs(down)
+        steepest = size.max(axis=(1, 2))
+        steepest_peak = _largest(by_p)
+        largest = np.maximum(steepest, steepest_peak)
+        return np.asarray(largest)
 
-    def step(self, factors: Sequence[Array], aim: Array) -> tuple[Point, Array]:
+    def step(
+        self,
+        factors: Sequence[Array],
+        aim: Array,
+    ) -> tuple[Point, Array]:
         """The Newton step to multipliers, and by how much it changes every row.
 
         Args:
@@ -151,49 +183,60 @@ class Linear:
         import scipy  # late: planners that are only listed need none of it
 
         rows = self.rows
+        missing = self.missing
         by_s, by_x, by_p = rows.gradients(aim)
+        # peaks eliminated, ends where their waypoints are
         by_s -= self.peak_s * by_p
         by_x -= self.peak_x * by_p
-        cost = self.sx * self.missing
-        segment_s = by_s[0] + by_s[1]
+        cost = self.sx * missing
+        segment_s = _sum(by_s)
         segment_s -= cost[0]
         segment_s -= cost[1]
         ends_x = _both(by_x)
-        ends_x -= self._pulled(self.missing)
+        ends_x -= self._pulled(missing)
         columns = self._descent(segment_s, ends_x)
+        dpbtrs = scipy.linalg.lapack.dpbtrs
         for factor, own in zip(factors, columns, strict=True):
-            solved, _ = scipy.linalg.lapack.dpbtrs(factor, own.ravel(), lower=1)
+            flat = own.ravel()
+            solved, _ = dpbtrs(factor, flat, lower=1)
             own[:] = solved.reshape(own.shape)
 
+        # back: x from s and v, p from s and x
         log = columns[..., 0]
         velocity = columns[:, :-1, 1:]
         s = log[..., None]
-        inner = np.empty((2, *self.missing.shape))
+        shape = (2, *missing.shape)
+        inner = np.empty(shape)
         ends, peaks = inner
-        np.divide(at_ends(velocity), rows.t, out=ends)
+        at_waypoints = at_ends(velocity)
+        np.divide(at_waypoints, rows.t, out=ends)
         ends += self.slope_x * s
-        ends += self.missing
+        ends += missing
         x = both_sides(ends)
         led = self.peak_x * x
         np.divide(by_p, self.pp, out=peaks)
         peaks -= self.peak_s * s
-        peaks -= led[0] + led[1]
+        peaks -= _sum(led)
         step = Point(log, velocity, inner)
         return step, rows.change(step, x)
 
     def _pulled(self, ends: Array) -> Array:
         """The matrix over both ends, times these."""
-        other = self.uw * ends[::-1]
-        return np.asarray(self.xx * ends + other)
+        opposite = ends[::-1]
+        own = self.xx * ends
+        other = self.uw * opposite
+        return np.asarray(own + other)
 
     def _descent(self, by_s: Array, by_x: Array) -> Array:
         """Gradients over `(s, v)`, a row per segment, less that of the duration."""
         rows = self.rows
         starts, segments, joints = rows.cells.every
         through_x = self.slope_x * by_x
-        by_time = by_s + through_x[0] + through_x[1]
+        by_time = by_s + through_x[0]
+        by_time += through_x[1]
         by_end = by_x / rows.t
-        down = np.zeros((starts, segments, joints + 1))
+        shape = (starts, segments, joints + 1)
+        down = np.zeros(shape)
         times = down[..., 0]
         times += by_time.sum(axis=2)
         times -= rows.times
@@ -206,7 +249,9 @@ class Linear:
 def _around(by_end: Array) -> tuple[Array, Array]:
     """Of the ends `(2, starts, segments, joints)`, those before and after the inner waypoints."""
     starts, ends = by_end
-    return ends[:, :-1], starts[:, 1:]
+    before = ends[:, :-1]
+    after = starts[:, 1:]
+    return before, after
 
 
 def _both(by_side: Array) -> Array:
@@ -214,3 +259,18 @@ def _both(by_side: Array) -> Array:
     upper = by_side[:, 0]
     lower = by_side[:, 1]
     return np.asarray(upper - lower)
+
+
+def _sum(pair: Array) -> Array:
+    """Of the two on the first axis."""
+    first = pair[0]
+    second = pair[1]
+    total: Array = first + second
+    return total
+
+
+def _largest(values: Array) -> Array:
+    """The largest size of `(2, starts, segments, joints)`, `(starts,)`."""
+    size = np.abs(values)
+    largest = size.max(axis=(0, 2, 3))
+    return np.asarray(largest)
