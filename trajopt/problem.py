@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -218,6 +217,8 @@ class Problem:
 
     @cached_property
     def _digest(self) -> str:
+        import hashlib  # OpenSSL: not where problems are only listed
+
         digest = hashlib.sha256()
         limits = self.limits.by_name()
         for array in (self.waypoints, *limits.values()):

@@ -6,7 +6,7 @@ import atexit
 import gc
 import os
 
-_OBJECTS = 50_000  # made between two looks for garbage, of which modules that load make none
+_OBJECTS = 200_000  # made between two looks for garbage, of which modules that load make none
 
 
 def main(arguments: list[str] | None = None) -> None:
