@@ -28,6 +28,29 @@ _TEXT_STORED = h5t.py_create(_TEXT, logical=True)
 _TEXT_IN_MEMORY = h5t.py_create(_TEXT)
 _ONE = h5s.create(h5s.SCALAR)
 
+
+def _plan(kind: Any) -> Any:
+    """How to create what: without times, so that the same trial makes the same file."""
+    plan = h5p.create(kind)
+    plan.set_obj_track_times(False)
+    return plan
+
+
+def _in_memory() -> Any:
+    """How to open a file that no disk knows."""
+    access = h5p.create(h5p.FILE_ACCESS)
+    access.set_fapl_core(_BLOCK_BYTES, False)
+    # compact, checksummed metadata that HDF5 1.10 (2016) and later read
+    access.set_libver_bounds(h5f.LIBVER_V110, h5f.LIBVER_LATEST)
+    access.set_fclose_degree(h5f.CLOSE_STRONG)
+    return access
+
+
+_IN_MEMORY = _in_memory()
+_FILE = _plan(h5p.FILE_CREATE)
+_GROUP = _plan(h5p.GROUP_CREATE)
+_FIXED = _plan(h5p.DATASET_CREATE)
+
 _made = count()  # no two files that are open at once may have the same name
 
 
@@ -56,14 +79,8 @@ class Draft:
     """
 
     def __init__(self, description: str) -> None:
-        access = h5p.create(h5p.FILE_ACCESS)
-        access.set_fapl_core(_BLOCK_BYTES, False)
-        # compact, checksummed metadata that HDF5 1.10 (2016) and later read
-        access.set_libver_bounds(h5f.LIBVER_V110, h5f.LIBVER_LATEST)
-        access.set_fclose_degree(h5f.CLOSE_STRONG)
-        plan = _plan(h5p.FILE_CREATE)
         name = f"draft-{next(_made)}"
-        self._file = h5f.create(name.encode(), h5f.ACC_EXCL, plan, access)
+        self._file = h5f.create(name.encode(), h5f.ACC_EXCL, _FILE, _IN_MEMORY)
         self._groups: dict[str, Any] = {"": self._file}
         self.datasets: dict[str, Any] = {}
         self.claimed = 0
@@ -84,9 +101,8 @@ class Draft:
 
     def put(self, name: str, values: NDArray[Any], about: Block | Column) -> None:
         """Values that are there to stay."""
-        plan = _plan(h5p.DATASET_CREATE)
         space = h5s.create_simple(values.shape)
-        self._create(name, values, about, plan, space)
+        self._create(name, values, about, _FIXED, space)
 
     def put_growing(
         self,
@@ -152,8 +168,7 @@ class Draft:
         if path not in self._groups:
             above, _, last = path.rpartition("/")
             parent = self._group(above)
-            plan = _plan(h5p.GROUP_CREATE)
-            self._groups[path] = h5g.create(parent, last.encode(), None, plan)
+            self._groups[path] = h5g.create(parent, last.encode(), None, _GROUP)
         return self._groups[path]
 
 
@@ -168,10 +183,3 @@ def _types(kind: np.dtype[Any]) -> tuple[Any, Any]:
     if kind == _DOUBLE:  # nearly all: known at once
         return h5t.IEEE_F64LE, h5t.IEEE_F64LE
     return h5t.py_create(kind, logical=True), h5t.py_create(kind)
-
-
-def _plan(kind: Any) -> Any:
-    """How to create what: without times, so that the same trial makes the same file."""
-    plan = h5p.create(kind)
-    plan.set_obj_track_times(False)
-    return plan

@@ -47,6 +47,16 @@ _FILTERS = {
 }
 
 
+def _unlocked() -> Any:
+    """How to open files that are replaced, but never changed."""
+    access = h5p.create(h5p.FILE_ACCESS)
+    access.set_file_locking(False, False)
+    return access
+
+
+_UNLOCKED = _unlocked()
+
+
 class WrongSchema(StoreError):
     """A file that another version wrote and this one does not read."""
 
@@ -74,9 +84,7 @@ def opened(path: Path) -> Iterator[Source]:
     """
     with path.open("rb") as stream:
         has_seal = _is_seal_right(stream)
-    access = h5p.create(h5p.FILE_ACCESS)
-    access.set_file_locking(False, False)  # files are replaced, never changed
-    file = h5f.open(os.fsencode(path), h5f.ACC_RDONLY, access)
+    file = h5f.open(os.fsencode(path), h5f.ACC_RDONLY, _UNLOCKED)
     source = Source(file, path.stat().st_size)
     try:
         _check_schema(path, file, has_seal)
@@ -139,11 +147,11 @@ def _schema(file: Any) -> int:
         raise Malformed("it has no schema")
     attribute = h5a.open(file, b"schema")
     space = attribute.get_space()
-    kind = attribute.dtype
-    if space.get_simple_extent_type() != h5s.SCALAR or kind.kind not in "iu":
+    kind = attribute.get_type()
+    if space.get_simple_extent_type() != h5s.SCALAR or kind.get_class() != h5t.INTEGER:
         raise Malformed("attribute schema: expected a whole number")
-    schema = np.empty((), kind)
-    attribute.read(schema)
+    schema = np.zeros((), np.int64)
+    attribute.read(schema, h5t.NATIVE_INT64)
     return int(schema)
 
 

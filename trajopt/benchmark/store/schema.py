@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from functools import lru_cache
 from math import isfinite
 from numbers import Integral, Real
@@ -175,22 +175,22 @@ def pack(value: Any) -> Any:
         return value
     if isinstance(value, str | bool):
         return value
+    if isinstance(value, list | tuple):
+        return [pack(item) for item in value]
+    if isinstance(value, Mapping):
+        return {str(key): pack(item) for key, item in value.items()}
     if isinstance(value, np.generic):
         return pack(value.item())
     if isinstance(value, Integral):
         return int(value)
     if isinstance(value, Real):
         number = float(value)
-        return number if np.isfinite(number) else {"$float": repr(number)}
-    if isinstance(value, Mapping):
-        return {str(key): pack(item) for key, item in value.items()}
+        return number if isfinite(number) else {"$float": repr(number)}
     if isinstance(value, np.ndarray):
         items = pack(value.tolist())
         if value.ndim == 0:
             return items
         return {"$array": items, "dtype": value.dtype.str}
-    if isinstance(value, list | tuple):
-        return [pack(item) for item in value]
     raise TypeError(f"a result cannot hold {value!r:.200}")
 
 
@@ -336,11 +336,17 @@ def _problem_of(
 
 
 def _certificate_row(certificate: Certificate) -> dict[str, Any]:
-    row = asdict(certificate)
+    row = _fields(certificate)
+    row["tolerance"] = _fields(certificate.tolerance)
     for name in WORST_KINDS:
-        if row[name] is not None:
-            row[name]["joint"] += 1
+        worst: Worst | None = row[name]
+        if worst is not None:
+            row[name] = _fields(worst) | {"joint": worst.joint + 1}
     return row
+
+
+def _fields(value: Certificate | Tolerance | Worst) -> dict[str, Any]:
+    return {field.name: getattr(value, field.name) for field in fields(value)}
 
 
 def _certificate(row: Mapping[str, Any] | None, joints: int) -> Certificate | None:

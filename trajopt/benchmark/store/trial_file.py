@@ -39,7 +39,7 @@ _RECORD = Block(
 
 def content(kept: Encoded) -> bytes:
     """The file's bytes. Made in memory: a full disk then is no business of HDF5's."""
-    numbers = {name: pack(array.tolist()) for name, array in kept.problem.items()}
+    numbers = {name: _listed(array) for name, array in kept.problem.items()}
     record = kept.row | {"numbers": numbers, "arrays": list(kept.arrays)}
     text = json.dumps(record).encode()
     kind = h5py.string_dtype("utf-8", len(text))
@@ -67,8 +67,19 @@ def read(path: Path) -> Encoded:
     return Encoded(row, numbers, arrays)
 
 
+def _listed(table: Array) -> Any:
+    """A table in JSON's terms."""
+    rows = table.tolist()
+    if np.isfinite(table).all():
+        return rows
+    return pack(rows)
+
+
 def _table(value: Any) -> Array:
-    return np.array(unpack(value), dtype=float)
+    try:
+        return np.array(value, dtype=float)
+    except TypeError:  # something in it is infinite, and spelled out
+        return np.array(unpack(value), dtype=float)
 
 
 def _check_keys(record: Any) -> None:
