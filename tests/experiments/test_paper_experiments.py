@@ -201,5 +201,6 @@ def test_readings_in_small_and_not_twice(
     assert len(pd.read_csv(tmp_path / "claims.csv")) == 3
     first = capsys.readouterr().out
     monkeypatch.setattr(paper_choices, "swarm", again)
+    monkeypatch.setattr(paper_readings.plots, "save", lambda *_: None)  # slow
     paper_readings.main(quick=True, output=tmp_path)
     assert capsys.readouterr().out == first

@@ -533,7 +533,7 @@ def drawing_is_whole(file: Path) -> bool:
 def test_other_processes_draw_the_same_bytes(
     trials: list[Trial], once_drawn: Path, tmp_path: Path
 ) -> None:
-    with Pool(2) as pool:
+    with Pool(1) as pool:
         files = figures.draw(trials, tmp_path, pool)
     assert len(files) == 6
     for file in files:
