@@ -16,7 +16,7 @@ from trajopt.benchmark.analysis.summary import Line, Summary
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.compare import Comparison
 from trajopt.benchmark.figures import drawn
-from trajopt.benchmark.figures.drawing import Begun
+from trajopt.benchmark.figures.drawing import Drawer
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue
@@ -79,8 +79,8 @@ def run(
     processes = jobs or benchmark.cpus()
     folder = output.resolve()
     few = len(loaded) <= MANY
-    begun: dict[Path, Begun] = {}
     with Pool(processes) as pool:
+        drawer = Drawer(pool)
         if dask is None and not (folder / "results.h5").exists():
             pool.start(most=len(loaded) * len(planners or entries()))
         specs: list[benchmark.Contestant] = [*(planners or _default_planners())]
@@ -95,7 +95,7 @@ def run(
 
         def spare(trials: Sequence[Trial]) -> None:
             if few:
-                drawn.begin(trials, folder / "figures", pool, begun)
+                drawn.begin(trials, folder / "figures", drawer)
 
         elsewhere = cluster.executor(dask) if dask else nullcontext()
         with console.trials() as advance, elsewhere as executor:
@@ -114,7 +114,7 @@ def run(
             )
         if few:
             with console.waiting("drawing the figures"):
-                figures = drawn.draw(ran.trials, folder / "figures", pool, begun)
+                figures = drawn.draw(ran.trials, folder / "figures", drawer)
     if ran.kept:
         console.line(str(ran.kept))
         console.paragraph()

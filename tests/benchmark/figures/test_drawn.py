@@ -14,7 +14,7 @@ from PIL import Image
 from trajopt import Limits, Problem
 from trajopt.benchmark.figures import draw as figures
 from trajopt.benchmark.figures import drawn, motions
-from trajopt.benchmark.figures.drawing import Drawing, NotDrawn, begin, draw_all
+from trajopt.benchmark.figures.drawing import Drawer, Drawing, NotDrawn
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import judge
 from trajopt.registry import load
@@ -31,8 +31,8 @@ def calls(monkeypatch):
     """How often anything was drawn; each time two files, of what the trials are called."""
     seen = []
 
-    def draw(trials, folder, pool, begun):
-        seen.append(pool)
+    def draw(trials, folder, drawer):
+        seen.append(drawer)
         files = [folder / "one" / "durations.png", folder / "one" / "gaps.png"]
         for file in files:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -44,11 +44,11 @@ def calls(monkeypatch):
 
 
 def test_the_same_trials_are_drawn_once(trials, calls, tmp_path):
-    with Pool(2) as pool:
-        first = drawn.draw(trials, tmp_path, pool)
-        again = drawn.draw(trials, tmp_path, pool)
+    drawer = Drawer()
+    first = drawn.draw(trials, tmp_path, drawer)
+    again = drawn.draw(trials, tmp_path, drawer)
     assert again == first
-    assert calls == [pool]
+    assert calls == [drawer]
 
 
 @pytest.mark.parametrize(
@@ -122,20 +122,20 @@ def test_what_a_process_dies_of_is_drawn_here(trials, tmp_path):
     drawing = Deadly("motion", arguments(trials[0]), tmp_path / "motion")
     with Pool(1) as pool:
         pool.submit(partial(os.getpid))
-        files = draw_all([drawing], pool)
+        files = Drawer(pool).finish([drawing])
     assert files == list(tmp_path.iterdir())
     assert len(files) == 1
 
 
 def test_what_was_begun_and_is_right_is_not_drawn_again(trials, tmp_path):
-    begun = {}
+    early = Drawing("motion", arguments(trials[0]), tmp_path / "motion")
     with Pool(1) as pool:
-        begin([Drawing("motion", arguments(trials[0]), tmp_path / "motion")], pool, begun)
-        (early,) = begun.values()
-        early.job.result()
+        drawer = Drawer(pool)
+        drawer.begin([early])
+        pool.submit(partial(os.getpid)).result()  # the only process has drawn it
         drawn_at = (tmp_path / "motion.png").stat().st_mtime_ns
         same = Drawing("motion", arguments(trials[0]), tmp_path / "motion")
-        (file,) = draw_all([same], pool, begun)
+        (file,) = drawer.finish([same])
     assert file.stat().st_mtime_ns == drawn_at
 
 
@@ -144,10 +144,10 @@ def test_what_was_begun_too_early_is_drawn_anew_and_what_nobody_wants_is_removed
     early = Drawing("motion", shown, tmp_path / "motion")
     stray = Drawing("motion", shown, tmp_path / "motion-of-another-name")
     final = Drawing("motion", shown | {"title": "all trials"}, tmp_path / "motion")
-    begun = {}
     with Pool(2) as pool:
-        begin([early, stray], pool, begun)
-        draw_all([final], pool, begun)
+        drawer = Drawer(pool)
+        drawer.begin([early, stray])
+        drawer.finish([final])
     assert list(tmp_path.iterdir()) == [tmp_path / "motion.png"]
     assert final.current
 

@@ -21,6 +21,7 @@ from matplotlib.text import Text
 from trajopt.benchmark.analysis.summary import Line
 from trajopt.benchmark.figures import draw as figures
 from trajopt.benchmark.figures import explanation, motions, plots, sampling, style
+from trajopt.benchmark.figures.drawing import Drawer
 from trajopt.benchmark.report import panels
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue as suite
@@ -534,7 +535,7 @@ def test_other_processes_draw_the_same_bytes(
     trials: list[Trial], once_drawn: Path, tmp_path: Path
 ) -> None:
     with Pool(1) as pool:
-        files = figures.draw(trials, tmp_path, pool)
+        files = figures.draw(trials, tmp_path, Drawer(pool))
     assert len(files) == 6
     for file in files:
         assert file.read_bytes() == (once_drawn / file.relative_to(tmp_path)).read_bytes()

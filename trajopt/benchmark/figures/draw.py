@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,8 @@ from trajopt.benchmark.analysis.searches import histories, searches
 from trajopt.benchmark.analysis.summary import Summary
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.figures import sampling
-from trajopt.benchmark.figures.drawing import Begun, Drawing, VectorKind, draw_all
+from trajopt.benchmark.figures.drawing import Drawer, Drawing, VectorKind
 from trajopt.benchmark.figures.style import headline
-from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 from trajopt.explain.decomposition import Explanation
@@ -35,8 +34,7 @@ NAME_LENGTH = 80  # characters of a file's name
 def draw(
     trials: Sequence[Trial],
     folder: Path,
-    pool: Pool | None = None,
-    begun: Mapping[Path, Begun] | None = None,
+    drawer: Drawer | None = None,
 ) -> list[Path]:
     """Draw every problem of the trials into `folder/<problem>/`, as PNG.
 
@@ -46,8 +44,7 @@ def draw(
     Args:
         trials: of one comparison.
         folder: where the problems' folders are, or will be.
-        pool: whose processes may help.
-        begun: what they draw already (`ahead`), by its file.
+        drawer: has processes that may help, and may have begun (`ahead`).
 
     Returns:
         The files, also of figures that were there already and show the same.
@@ -55,7 +52,8 @@ def draw(
     Raises:
         NotDrawn: some cannot be drawn; the others are by then.
     """
-    return draw_all(_drawings(trials, folder), pool, begun)
+    drawer = drawer or Drawer()
+    return drawer.finish(_drawings(trials, folder))
 
 
 def ahead(trials: Sequence[Trial], folder: Path) -> list[Drawing]:

@@ -92,81 +92,90 @@ class Drawing:
         return function(**self.arguments)
 
 
-class Begun(NamedTuple):
-    """A drawing that is being drawn: its digest, and what ends when it is."""
+class _Begun(NamedTuple):
+    """A drawing that a process has been given: its digest, and what ends when it is drawn."""
 
     digest: str
     job: Future[None]
 
 
-def begin(drawings: Sequence[Drawing], pool: Pool, begun: dict[Path, Begun]) -> None:
-    """Let the pool's processes draw what is stale and not `begun` yet, without waiting for it.
-
-    Where later trials change a figure, `draw_all` draws it again.
-    """
-    for drawing in drawings:
-        if drawing.file not in begun and not drawing.current:
-            job = pool.submit(drawing.draw)
-            begun[drawing.file] = Begun(drawing.digest, job)
-
-
-def draw_all(
-    drawings: Sequence[Drawing],
-    pool: Pool | None = None,
-    begun: Mapping[Path, Begun] | None = None,
-) -> list[Path]:
-    """Draw those whose file does not show them yet.
-
-    In the pool's processes, if they run already or there is enough to draw for starting them. What
-    one of them fails at is tried again in this process.
+class Drawer:
+    """Draws in the processes of a pool, if there is one; it may begin before all is known.
 
     Args:
-        drawings: all of them.
-        pool: whose processes may help.
-        begun: what they draw already, by its file.
-
-    Returns:
-        The files of all.
-
-    Raises:
-        NotDrawn: once the others are drawn.
+        pool: whose processes draw, if they run already or there is enough to draw for starting
+            them.
     """
-    jobs = _still_right(begun or {}, drawings)
-    stale = [d for d in drawings if d.file in jobs or not d.current]
-    enough = len(stale) >= WORTH_A_PROCESS
-    if pool is not None and (enough or pool.is_running):
+
+    def __init__(self, pool: Pool | None = None) -> None:
+        self._pool = pool
+        self._begun: dict[Path, _Begun] = {}
+
+    def begin(self, drawings: Sequence[Drawing]) -> None:
+        """Begin those that are stale, without waiting for them, if there are processes.
+
+        Where later trials change what a figure shows, `finish` draws it again.
+        """
+        if self._pool is None:
+            return
+        for drawing in drawings:
+            if drawing.file not in self._begun and not drawing.current:
+                self._submit(drawing, self._pool)
+
+    def finish(self, drawings: Sequence[Drawing]) -> list[Path]:
+        """Draw those whose file does not show them yet; what nobody wants any more is removed.
+
+        What a process fails at is tried again in this one.
+
+        Args:
+            drawings: all of them.
+
+        Returns:
+            The files of all.
+
+        Raises:
+            NotDrawn: once the others are drawn.
+        """
+        self._forget_others(drawings)
+        stale = [d for d in drawings if d.file in self._begun or not d.current]
+        if self._pool is not None and self._is_worth_it(stale, self._pool):
+            stale = self._failed(stale, self._pool)
+        reasons = {}
         for drawing in stale:
-            if drawing.file not in jobs:
-                jobs[drawing.file] = pool.submit(drawing.draw)
-        stale = [drawing for drawing in stale if jobs[drawing.file].exception() is not None]
-    reasons = {}
-    for drawing in stale:
-        try:
-            drawing.draw()
-        except Exception as error:
-            reasons[drawing.stem] = str(error) or type(error).__name__
-    made = [drawing for drawing in drawings if drawing.stem not in reasons]
-    files = [drawing.file for drawing in made]
-    if reasons:
-        raise NotDrawn(reasons, files)
-    return files
+            try:
+                drawing.draw()
+            except Exception as error:
+                reasons[drawing.stem] = str(error) or type(error).__name__
+        made = [drawing for drawing in drawings if drawing.stem not in reasons]
+        files = [drawing.file for drawing in made]
+        if reasons:
+            raise NotDrawn(reasons, files)
+        return files
 
+    def _submit(self, drawing: Drawing, pool: Pool) -> None:
+        job = pool.submit(drawing.draw)
+        self._begun[drawing.file] = _Begun(drawing.digest, job)
 
-def _still_right(
-    begun: Mapping[Path, Begun],
-    drawings: Sequence[Drawing],
-) -> dict[Path, Future[None]]:
-    """What was begun and is still to be shown; the rest ends first, and leaves no other file."""
-    digests = {drawing.file: drawing.digest for drawing in drawings}
-    right = {}
-    for file, (digest, job) in begun.items():
-        if digests.get(file) == digest:
-            right[file] = job
-            continue
-        wait([job])
-        if file not in digests:
-            file.unlink(missing_ok=True)
-    return right
+    def _is_worth_it(self, stale: Sequence[Drawing], pool: Pool) -> bool:
+        return pool.is_running or len(stale) >= WORTH_A_PROCESS
+
+    def _failed(self, stale: Sequence[Drawing], pool: Pool) -> list[Drawing]:
+        """Let the processes draw them all; those that they failed at."""
+        for drawing in stale:
+            if drawing.file not in self._begun:
+                self._submit(drawing, pool)
+        return [d for d in stale if self._begun[d.file].job.exception() is not None]
+
+    def _forget_others(self, drawings: Sequence[Drawing]) -> None:
+        """What was begun and is shown no more ends first, and leaves no other file."""
+        digests = {drawing.file: drawing.digest for drawing in drawings}
+        for file, (digest, job) in list(self._begun.items()):
+            if digests.get(file) == digest:
+                continue
+            wait([job])
+            del self._begun[file]
+            if file not in digests:
+                file.unlink(missing_ok=True)
 
 
 def _head(file: Path) -> bytes:

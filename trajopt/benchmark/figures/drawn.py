@@ -8,46 +8,41 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
-from trajopt.benchmark.figures import drawing
-from trajopt.benchmark.figures.drawing import Begun, NotDrawn, code
-from trajopt.benchmark.run.pool import Pool
+from trajopt.benchmark.figures.drawing import Drawer, NotDrawn, code
 from trajopt.benchmark.trial import Trial
 
 NOTE = ".drawn.json"  # in the folder of figures
 
 
-def begin(trials: Sequence[Trial], folder: Path, pool: Pool, begun: dict[Path, Begun]) -> None:
-    """Let the pool's processes draw what these trials settle, while others still run.
+def begin(trials: Sequence[Trial], folder: Path, drawer: Drawer) -> None:
+    """Begin to draw what these trials settle, while others still run.
 
     Args:
         trials: of the planners that have finished.
         folder: where the problems' folders are, or will be.
-        pool: has a process with nothing to do.
-        begun: what is drawn already, by its file; this adds to it.
+        drawer: has a process with nothing to do.
     """
     from trajopt.benchmark.figures import draw as figures
 
-    drawing.begin(figures.ahead(trials, folder), pool, begun)
+    drawer.begin(figures.ahead(trials, folder))
 
 
 def draw(
     trials: Sequence[Trial],
     folder: Path,
-    pool: Pool | None = None,
-    begun: Mapping[Path, Begun] | None = None,
+    drawer: Drawer | None = None,
 ) -> list[Path]:
     """Draw every problem's figures into `folder`, as `figures.draw.draw` does, unless it has.
 
     Args:
         trials: those of the comparison.
         folder: where the problems' folders are, or will be.
-        pool: whose processes may help.
-        begun: what they draw already (`begin`), by its file.
+        drawer: has processes that may help, and may have begun.
 
     Returns:
         The files, also of figures that were there already and show the same. Not of those that
@@ -61,7 +56,7 @@ def draw(
     from trajopt.benchmark.figures.draw import draw as draw_now
 
     try:
-        files = draw_now(trials, folder, pool, begun)
+        files = draw_now(trials, folder, drawer)
     except NotDrawn as failure:
         warnings.warn(failure, stacklevel=2)
         return [*failure.files]
