@@ -35,7 +35,7 @@ import pandas as pd
 
 from experiments.common.output import save_table
 from trajopt.benchmark.store.folder import DamagedFile, Store
-from trajopt.benchmark.store.hdf5 import sealed
+from trajopt.benchmark.store.seal import sealed
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
 from trajopt.cli import app

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
-from trajopt.benchmark.store.hdf5 import sealed
+from trajopt.benchmark.store.seal import sealed
 from trajopt.benchmark.trial import judge
 
 PROBLEM = Problem(

@@ -6,7 +6,8 @@ import pytest
 
 from trajopt.benchmark.store.columns import Block
 from trajopt.benchmark.store.draft import Draft, checked, compressed, unfiltered
-from trajopt.benchmark.store.hdf5 import SCHEMA, sealed
+from trajopt.benchmark.store.hdf5 import SCHEMA
+from trajopt.benchmark.store.seal import sealed
 
 ABOUT = Block(("row", "joint"), "rad/s²", "an array")
 TEXT = h5py.string_dtype("utf-8", 5)

@@ -20,6 +20,7 @@ from trials import PROBLEM, assert_same, datasets, edited, solved
 
 from trajopt import Solution, Status, StoreError
 from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.store import results_file
 from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, read, records, save
 from trajopt.benchmark.store.hdf5 import SCHEMA
 
@@ -144,7 +145,7 @@ def test_a_crash_while_consolidating_keeps_the_old_results(tmp_path, trial, monk
     def crash(trials):
         raise RuntimeError("pulled the plug")
 
-    monkeypatch.setattr(store.results_file, "content", crash)
+    monkeypatch.setattr(results_file, "content", crash)
     with pytest.raises(RuntimeError):
         results.consolidate()
     assert results.results.read_bytes() == old
@@ -454,7 +455,7 @@ def test_litter_of_killed_runs_is_removed_and_live_ones_keep_theirs(tmp_path, tr
 def test_results_are_rebuilt_when_another_run_finished_meanwhile(tmp_path, trial, monkeypatch):
     results, other = Store(tmp_path), replace(trial, seed=4)
     results.write(trial)
-    content, turns = store.results_file.content, []
+    content, turns = results_file.content, []
 
     def interrupted(trials):
         data = content(trials)
@@ -464,7 +465,7 @@ def test_results_are_rebuilt_when_another_run_finished_meanwhile(tmp_path, trial
             Store(tmp_path).consolidate()
         return data
 
-    monkeypatch.setattr(store.results_file, "content", interrupted)
+    monkeypatch.setattr(results_file, "content", interrupted)
     results.consolidate()
     assert {t.id for t in read(results.results)} == {trial.id, other.id}
 

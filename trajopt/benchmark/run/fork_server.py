@@ -18,7 +18,7 @@ from multiprocessing.context import BaseContext
 from trajopt.benchmark.run.threads import single_threaded
 
 _IS_SAFE = sys.platform == "linux"
-_LOADED = ["trajopt.benchmark.run.workers"]
+_LOADED = ["trajopt.benchmark.run.workers", "trajopt.benchmark.store.trial_file"]
 
 
 def context() -> BaseContext:

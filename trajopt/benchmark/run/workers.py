@@ -99,6 +99,9 @@ def _begin(run: int, environment: dict[str, str]) -> None:
     """In a new worker: the run's environment and a process group of its own."""
     os.environ.clear()
     os.environ.update(environment)
+    # h5py: before a limit to the memory may keep a trial from being written
+    from trajopt.benchmark.store import trial_file as trial_file
+
     _lead_group(run)
 
 

@@ -16,7 +16,8 @@ from h5py import h5a, h5d, h5ds, h5f, h5g, h5p, h5s, h5t
 from numpy.typing import NDArray
 
 from trajopt.benchmark.store.columns import Block, Column
-from trajopt.benchmark.store.hdf5 import SCHEMA, sealed
+from trajopt.benchmark.store.hdf5 import SCHEMA
+from trajopt.benchmark.store.seal import sealed
 
 Filters = Callable[[Any], None]  # adds them to the plan of a dataset
 

@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from trajopt.benchmark.store import atomic, hdf5, results_file, trial_file
+from trajopt.benchmark.store import atomic, seal
 from trajopt.benchmark.store.columns import harmless
 from trajopt.benchmark.store.schema import Encoded, decode, encode, recorded
 from trajopt.benchmark.trial import Trial
@@ -151,6 +151,9 @@ class Store:
 
     def _rebuild(self, seen: Seen, place: Path) -> None:
         """Again if another run replaced `results.h5` meanwhile: it may know more trials."""
+        # h5py, here and below: not where nothing is read or written yet
+        from trajopt.benchmark.store import results_file
+
         while True:
             before = _stamp(self.results)
             encoded = partial(self._encoded, seen)
@@ -214,6 +217,8 @@ def save(path: Path, trial: Trial) -> Path:
 
 def _filling(trial: Trial) -> atomic.Content:
     """What fills a file with a trial."""
+    from trajopt.benchmark.store import trial_file
+
     data = trial_file.content(encode(trial))
     return lambda place: place.write_bytes(data)
 
@@ -310,7 +315,7 @@ def _is_whole(path: Path) -> bool:
     Of what is inside the end says nothing, but to look there takes a hundred times as long.
     """
     try:
-        if hdf5.ends_sealed(path):
+        if seal.ends_sealed(path):
             return True
         with _reading(path):
             decode(_load(path))
@@ -343,11 +348,15 @@ def _reading(path: Path) -> Iterator[None]:
 def _load(path: Path) -> Encoded:
     if _is_unanswered(path) and not path.exists():  # another run has finished it meanwhile
         path = path.with_name(f"{_id(path)}.h5")
+    from trajopt.benchmark.store import trial_file
+
     return trial_file.read(path)
 
 
 def _loaded(path: Path) -> list[Encoded]:
     """All trials of a file, whichever of the two kinds it is."""
+    from trajopt.benchmark.store import hdf5, results_file, trial_file
+
     with hdf5.opened(path) as source:
         consolidated = "trials" in source
     return list(results_file.read(path)) if consolidated else [trial_file.read(path)]

@@ -1,7 +1,6 @@
-"""HDF5 files that say when they were damaged, and that are read without trusting who made them.
+"""HDF5 files that are read without trusting who made them.
 
-A file ends with a seal, `trajopt3` and the SHA-256 of all bytes before it, which HDF5 ignores. Who
-edits a file breaks its seal: every reader notices. A stranger can seal what he made up, therefore
+A stranger can seal what he made up (`seal` says when a file was damaged or edited), therefore
 nothing outside of the file is ever read (no links, no external or virtual data, no filter that
 would have to be loaded), only the declared types and shapes are, nothing is unpickled, and the
 memory to read it all is bounded by the size of the file.
@@ -9,7 +8,6 @@ memory to read it all is bounded by the size of the file.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import zlib
 from collections.abc import Iterator
@@ -18,23 +16,19 @@ from dataclasses import dataclass
 from itertools import product, repeat
 from math import prod
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import h5py
 import numpy as np
 from h5py import h5a, h5d, h5f, h5g, h5l, h5o, h5p, h5s, h5t, h5z
 from numpy.typing import NDArray
 
+from trajopt.benchmark.store import seal
 from trajopt.benchmark.store.columns import Array, Malformed, naming
 from trajopt.exceptions import StoreError
 
 SCHEMA = 3  # raise it whenever a reader of this version could misread the file
 _READABLE = (2, 3)
-
-_MARK = b"trajopt3"
-_SEAL_BYTES = len(_MARK) + hashlib.sha256().digest_size
-_MARK_2 = b"trajopt2"  # schema 2: only trial files, with CRC-32 as hexadecimal digits
-_SEAL_2_BYTES = len(_MARK_2) + 8
 
 _ALLOWANCE_BYTES = 1 << 24  # what the datasets of a file may take, however small it is,
 _ALLOWANCE_RATIO = 100  # and besides, times its size
@@ -61,19 +55,6 @@ class WrongSchema(StoreError):
     """A file that another version wrote and this one does not read."""
 
 
-def sealed(data: bytes) -> bytes:
-    """The same with its seal."""
-    return data + _MARK + hashlib.sha256(data).digest()
-
-
-def ends_sealed(path: Path) -> bool:
-    """Whether the file ends with a seal, right or wrong: quickly found, and no cut file does."""
-    with path.open("rb") as stream:
-        tail = _tail(stream)
-    end = tail[-_SEAL_2_BYTES:]
-    return tail.startswith(_MARK) or end.startswith(_MARK_2)
-
-
 @contextmanager
 def opened(path: Path) -> Iterator[Source]:
     """The file's datasets, once its seal and its schema are those of a file of ours.
@@ -82,8 +63,7 @@ def opened(path: Path) -> Iterator[Source]:
         WrongSchema: for what another version wrote.
         Malformed: if it was damaged or edited.
     """
-    with path.open("rb") as stream:
-        has_seal = _is_seal_right(stream)
+    has_seal = seal.is_right(path)
     file = h5f.open(os.fsencode(path), h5f.ACC_RDONLY, _UNLOCKED)
     source = Source(file, path.stat().st_size)
     try:
@@ -93,41 +73,6 @@ def opened(path: Path) -> Iterator[Source]:
         h5py.File(file).close()  # whatever the error's traceback still holds of it
         raise
     source.close()
-
-
-def _tail(stream: BinaryIO) -> bytes:
-    size = stream.seek(0, os.SEEK_END)
-    stream.seek(max(0, size - _SEAL_BYTES))
-    return stream.read()
-
-
-def _is_seal_right(stream: BinaryIO) -> bool:
-    """Whether there is a seal; raises `Malformed` if it is another file's."""
-    tail = _tail(stream)
-    size = stream.tell()
-    if tail.startswith(_MARK):
-        digest = _sha256(stream, size - _SEAL_BYTES)
-        right = tail[len(_MARK) :] == digest
-    elif tail[-_SEAL_2_BYTES:].startswith(_MARK_2):
-        stream.seek(0)
-        crc = zlib.crc32(stream.read(size - _SEAL_2_BYTES))
-        right = tail[-8:] == b"%08x" % crc
-    else:
-        return False
-    if not right:
-        raise Malformed("its checksum differs, it was damaged or edited")
-    return True
-
-
-def _sha256(stream: BinaryIO, size: int) -> bytes:
-    """Of the first `size` bytes, little by little."""
-    stream.seek(0)
-    digest = hashlib.sha256()
-    while size > 0:
-        block = stream.read(min(size, 1 << 20))
-        digest.update(block)
-        size -= len(block)
-    return digest.digest()
 
 
 def _check_schema(path: Path, file: Any, has_seal: bool) -> None:
