@@ -81,7 +81,7 @@ class RuckigStop(Planner):
 class RuckigVia(RuckigStop):
     """Ruckig through the waypoints, their velocities (and accelerations) improved from stopping."""
 
-    evaluations: int = 8000  # Ruckig's sections, about 0.1 ms each with the search around them
+    evaluations: int = 8000  # Ruckig's sections, about 0.06 ms each with the search around them
 
     def __post_init__(self) -> None:
         if self.evaluations < 1:
@@ -538,8 +538,8 @@ class StepPrograms:
 
         Returns:
             The least times, `(segments, joints)`, and what a joint's grows by with the rise and the
-            fall of its own states at the segment's ends, `(2, 2, 2 ends, segments, joints)`. Where
-            both directions gain (a dent), it is linear, with the slopes' mean.
+            fall of its own states at the segment's ends, `(2 ways, 2 orders, 2 ends, segments,
+            joints)`. Where the slope upwards is the smaller one (a dent), both are their mean.
         """
         # a case is one state at one end of one segment, moved in all joints at once
         steps = _PROBES * room[..., self._ends, :]
