@@ -11,7 +11,6 @@ accelerations. Its tolerances are absolute, so every section has units of its ow
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -54,8 +53,8 @@ _START_RADIUS = 0.5
 _LAST_RADIUS = 1e-5
 # Relative: the smallest gain that is a step.
 _GAIN_RTOL = 1e-7
-# Times an end state: exactly opposite states at one place crash Ruckig 0.19.
-_INWARDS = 1 - 1e-14
+# Times the states at both ends: exactly opposite states at one place crash Ruckig 0.19.
+_INWARDS = np.array([1.0, 1 - 1e-14])[:, None, None]
 # Of the highest acceleration: jumps that are rounding, as the judge counts them.
 _JUMPS_RTOL = 1e-11
 # Of the highest jerk: what fitting a motion to rounded breaks may add, a third of it in duration.
@@ -98,10 +97,10 @@ class Sections:
     """Ruckig on the segments of a problem (no two consecutive waypoints alike), moving joints only.
 
     `states` are `(2, waypoints, moving joints)`: velocity, rad/s, and acceleration, rad/s² (unused
-    for joints without a jerk limit). A segment's `start` and `end` are such states at one waypoint,
-    `(2, moving joints)`; those of several cases are `(2, cases, moving joints)`. `unit_times` are
-    the segments' units of time, s; `low` and `high` bound the states at every waypoint;
-    `evaluations` counts the sections computed.
+    for joints without a jerk limit). `at_ends` are such states where segments start and end, of
+    several cases: `(2, 2 ends, cases, moving joints)`. `unit_times` are the segments' units of
+    time, s; `low` and `high` bound the states at every waypoint; `evaluations` counts the sections
+    computed.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -155,51 +154,44 @@ class Sections:
     def at_rest(self) -> Array:
         return np.zeros((2, *self.waypoints.shape))
 
-    def minima(self, k: Numbers, starts: Array, ends: Array) -> Array:
+    def minima(self, k: Numbers, at_ends: Array) -> Array:
         """Each joint's own least time, s; NaN where Ruckig refuses.
 
         Args:
             k: the segments' numbers, from 0, `(cases,)`.
-            starts: states that they start from, `(2, cases, moving joints)`.
-            ends: states that they end at, of the same shape.
+            at_ends: the states that they start from and end at.
 
         Returns:
             `(cases, moving joints)`.
         """
         refused = [np.nan] * len(self.moving)
         minima = []
-        for _, solved in self._calculated(k, starts, ends):
+        for _, solved in self._calculated(k, at_ends):
             own = refused
             if solved:
                 own = self._trajectory.independent_min_durations
             minima.append(own)
         return np.asarray(minima * self.unit_times[k, None])
 
-    def durations(self, k: Numbers, starts: Array, ends: Array) -> list[float]:
+    def durations(self, k: Numbers, at_ends: Array) -> list[float]:
         """Times with all joints together, s; infinite where the states break a limit.
 
         The arguments are those of `minima`.
         """
         durations = []
-        for number, solved in self._calculated(k, starts, ends, checked=True):
+        for number, solved in self._calculated(k, at_ends, checked=True):
             duration = np.inf
             if solved and self._inside(number):
                 duration = self._time(number)
             durations.append(duration)
         return durations
 
-    def profiles(
-        self,
-        k: int,
-        start: Array,
-        end: Array,
-    ) -> tuple[float, list[Part]]:
-        """The duration of segment `k`, s, and every joint's `(breaks, cubics)` in its units."""
-        only = np.array([k])
-        ((_, solved),) = self._calculated(only, start[:, None], end[:, None])
-        if not solved:
-            raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
-        return self._time(k), self._own_profiles()
+    def profiles(self, states: Array) -> Iterator[tuple[float, list[Part]]]:
+        """Each segment's duration, s, and every joint's `(breaks, cubics)` in its units."""
+        for k, solved in self._calculated(*_every_segment(states)):
+            if not solved:
+                raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
+            yield self._time(k), self._own_profiles()
 
     def fitted(
         self,
@@ -274,8 +266,7 @@ class Sections:
     def _calculated(
         self,
         k: Numbers,
-        starts: Array,
-        ends: Array,
+        at_ends: Array,
         *,
         checked: bool = False,
     ) -> Iterator[tuple[int, bool]]:
@@ -285,21 +276,17 @@ class Sections:
         """
         time = self.unit_times[k, None]
         lengths = self._unit_lengths[k]
-        states = [
-            *segment_units.states_in(starts, time, lengths),
-            *segment_units.states_in(ends * _INWARDS, time, lengths),
-        ]
-        numbers = k.tolist()
-        by_case = zip(*[state.tolist() for state in states], strict=True)
-        for number, section in zip(numbers, by_case, strict=True):
+        states = segment_units.states_in(at_ends * _INWARDS, time, lengths)
+        velocity, acceleration = [state.tolist() for state in states]
+        for number, *section in zip(k.tolist(), *velocity, *acceleration, strict=True):
             yield number, self._is_solved(number, *section, checked=checked)
 
     def _is_solved(
         self,
         k: int,
         velocity: list[float],
-        acceleration: list[float],
         target_velocity: list[float],
+        acceleration: list[float],
         target_acceleration: list[float],
         *,
         checked: bool,
@@ -350,12 +337,10 @@ def section(
     end_position, *end_rates = end
     waypoints = np.array([start_position, end_position])
     sections = Sections(Problem(waypoints, limits))
-    leaving = np.array(start_rates)[:, sections.moving]
-    arriving = np.array(end_rates)[:, sections.moving]
-    only = np.zeros(1, dtype=int)
-    ends = (leaving[:, None], arriving[:, None])
-    (minima,) = sections.minima(only, *ends)
-    (duration,) = sections.durations(only, *ends)
+    by_waypoint = np.array([start_rates, end_rates])
+    states = by_waypoint[:, :, sections.moving].swapaxes(0, 1)
+    (minima,) = sections.minima(*_every_segment(states))
+    (duration,) = sections.durations(*_every_segment(states))
     return duration, minima
 
 
@@ -440,12 +425,12 @@ def _total(sections: Sections, states: Array) -> float:
     return sum(sections.durations(*_every_segment(states)))
 
 
-def _every_segment(states: Array) -> tuple[Numbers, Array, Array]:
-    """All segments' numbers, and the states that they start from and end at."""
-    starts = states[:, :-1]
-    ends = states[:, 1:]
-    _, count, _ = starts.shape
-    return np.arange(count), starts, ends
+def _every_segment(states: Array) -> tuple[Numbers, Array]:
+    """All segments' numbers, and the states at their ends."""
+    _, waypoints, _ = states.shape
+    k = np.arange(waypoints - 1)
+    both_ends = np.array([k, k + 1])
+    return k, states[:, both_ends]
 
 
 def _bounds(
@@ -472,7 +457,7 @@ class StepPrograms:
         self._sections = sections
         self._programs = LinearPrograms()
         rest = sections.at_rest
-        self._segments, *_ = _every_segment(rest)
+        self._segments, _ = _every_segment(rest)
         # the waypoints at both ends of every segment, `(2, segments)`
         self._ends = np.stack([self._segments, self._segments + 1])
         free = np.zeros(2 * rest.size)
@@ -552,8 +537,7 @@ class StepPrograms:
         moved = at_ends[:, :, numbers]
         moved[order, end, case] += step
 
-        starts, ends = moved.swapaxes(0, 1)
-        minima = self._sections.minima(numbers, starts, ends)
+        minima = self._sections.minima(numbers, moved)
         times = minima[:count]
         change = minima[count:] - times[segment]
         slope = np.divide(
@@ -653,16 +637,15 @@ def _solution(
     states: Array,
     history: History,
 ) -> Solution:
-    by_waypoint = states.swapaxes(0, 1)
     durations = []
     profiles = []
     try:
-        for k, (start, end) in enumerate(itertools.pairwise(by_waypoint)):
-            duration, own = sections.profiles(k, start, end)
+        for duration, own in sections.profiles(states):
             durations.append(duration)
             profiles.append(own)
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
+    by_waypoint = states.swapaxes(0, 1)
     passages = np.r_[0.0, np.cumsum(durations)]
     segments = []
     for k, clock in enumerate(clocks(passages, sections.unit_times)):

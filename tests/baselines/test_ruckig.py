@@ -168,8 +168,8 @@ def test_exactly_opposite_states_at_one_place_do_not_crash() -> None:
     a, moving = np.array([0.9566539870753419, 0.0]), np.array([0.0, 0.01])
     sections = Sections(Problem([q - moving, q + moving, q], limits))
     sections.waypoints = np.array([q, q])
-    first = np.zeros(1, int)
-    assert np.isfinite(sections.minima(first, np.array([[-v], [a]]), np.array([[v], [a]]))).all()
+    at_ends = np.array([[-v, v], [a, a]])[:, :, None]
+    assert np.isfinite(sections.minima(np.zeros(1, int), at_ends)).all()
 
 
 @pytest.mark.parametrize("name", ["edges-huge", "edges-slow", "edges-tiny-beside-huge"])
