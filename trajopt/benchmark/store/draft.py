@@ -75,7 +75,7 @@ class Draft:
     """A file of this schema that is being made.
 
     Attributes:
-        datasets: what it has so far, by their paths.
+        datasets: the paths of what it has so far.
         claimed: the bytes that these take in memory.
     """
 
@@ -83,7 +83,8 @@ class Draft:
         name = f"draft-{next(_made)}"
         self._file = h5f.create(name.encode(), h5f.ACC_EXCL, _FILE, _IN_MEMORY)
         self._groups: dict[str, Any] = {"": self._file}
-        self.datasets: dict[str, Any] = {}
+        self._scales: dict[str, Any] = {}
+        self.datasets: list[str] = []
         self.claimed = 0
         schema = h5a.create(self._file, b"schema", h5t.NATIVE_INT64, _ONE)
         schema.write(np.array(SCHEMA))
@@ -124,7 +125,7 @@ class Draft:
 
     def append(self, name: str, values: NDArray[Any]) -> None:
         """Let these values follow those in a dataset of one axis."""
-        data = self.datasets[name]
+        data = self._opened(name)
         (start,) = data.shape
         end = start + len(values)
         data.set_extent((end,))
@@ -135,12 +136,14 @@ class Draft:
 
     def make_scale(self, name: str, dimension: str) -> None:
         """Make a dataset the dimension scale of those that it is attached to."""
-        h5ds.set_scale(self.datasets[name], dimension.encode())
+        scale = self._opened(name)
+        h5ds.set_scale(scale, dimension.encode())
+        self._scales[name] = scale
 
     def attach(self, name: str, scale: str) -> None:
         """Let the first axis of a dataset have this scale."""
-        data = self.datasets[name]
-        h5ds.attach_scale(data, self.datasets[scale], 0)
+        data = self._opened(name)
+        h5ds.attach_scale(data, self._scales[scale], 0)
 
     def content(self) -> bytes:
         """The file's bytes, sealed."""
@@ -162,8 +165,12 @@ class Draft:
         data.write(h5s.ALL, h5s.ALL, np.asarray(values, order="C"), memory)
         _say(data, b"units", about.units)
         _say(data, b"description", about.text)
-        self.datasets[name] = data
+        self.datasets.append(name)
         self.claimed += values.nbytes
+
+    def _opened(self, name: str) -> Any:
+        """A dataset; one that stays open keeps its values in memory."""
+        return h5d.open(self._file, name.encode())
 
     def _group(self, path: str) -> Any:
         if path not in self._groups:
