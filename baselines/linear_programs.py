@@ -15,6 +15,9 @@ from trajopt.planner import backend
 
 Array = NDArray[np.float64]
 
+# A hundred rows take some hundred; where rounding makes HiGHS go in circles, it has no answer.
+_MOST_ITERATIONS = 1_000
+
 
 class Entries(NamedTuple):
     """The entries of a matrix, row by row; any of them may be zero.
@@ -45,6 +48,7 @@ class LinearPrograms:
             "threads": 1,
             "presolve": "off",
             "primal_feasibility_tolerance": row_tolerance,
+            "simplex_iteration_limit": _MOST_ITERATIONS,
         }
         for name, value in options.items():
             self._highs.setOptionValue(name, value)

@@ -9,7 +9,7 @@ do not allow that, it grows until it is none.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,10 +28,11 @@ Indices = NDArray[np.intp]
 
 _SLIVER_S = 1e-6
 _SLIVER_RTOL = 1e-6  # of the segment
-_SLIVER_RAMP_RTOL = 1e-3  # of the joint's own ramps, where that is less
 _SLIVER_UNIT_RTOL = 1e-3  # of the mean stop time: where that is brief, so are slivers
 _GROWN = (3.0, 1.02)  # times as long as the longest sliver is what one grows to, if it can
 _AROUND = (1, 0, 3)  # segments on either side that may help
+_AROUND_RAMPS = (1, 0)  # the same where nothing is briefer than `_SLIVER_S`
+_PATIENCE = 5  # segments in a row whose ramps its limits need: then the joint needs all of them
 _DILATIONS = (1e-12, 3e-10)  # that it may cost, the less the better
 _CERTIFIED_RTOL = 1e-9  # what the certified duration may cost, rounding included
 _MISS_RTOL = 1e-13
@@ -61,16 +62,14 @@ class Task:
 
     @property
     def shortest(self) -> Array:
-        """What is shorter is a sliver, in each segment, s.
-
-        In a segment of hours, a joint that reaches its limits in milliseconds has ramps of a
-        millionth: those are none.
-        """
-        briefest = min(_SLIVER_S, _SLIVER_UNIT_RTOL * self.unit)
+        """What is shorter is a sliver, in each segment, s."""
         by_segment = _SLIVER_RTOL * np.diff(self.passages)
-        by_ramp = _SLIVER_RAMP_RTOL * self.limits.ramp * self.unit
-        by_segment = np.minimum(by_segment, by_ramp)
-        return np.maximum(briefest, by_segment)
+        return np.maximum(self.briefest, by_segment)
+
+    @property
+    def briefest(self) -> float:
+        """What is shorter is one in any segment, s: else it may be a ramp in a segment of hours."""
+        return min(_SLIVER_S, _SLIVER_UNIT_RTOL * self.unit)
 
     def segments(self, knots: Array) -> Indices:
         """Which segment each piece between the knots belongs to."""
@@ -128,6 +127,7 @@ def _mended(pieces: Pieces, task: Task) -> Pieces:
     """The motion without slivers, but for those that its limits need."""
     programs = LinearPrograms(ROW_TOLERANCE)
     tried = np.zeros(len(task.h), dtype=bool)
+    in_vain = 0
     while True:
         knots, _ = pieces
         segment = task.segments(knots)
@@ -136,15 +136,24 @@ def _mended(pieces: Pieces, task: Task) -> Pieces:
         if not left.size:
             return pieces
         first = int(left[0])
+        tried[first] = True
+        own_lengths = np.diff(knots)[segment == first]
+        is_ramp = own_lengths.min() >= task.briefest
+        if is_ramp and in_vain == _PATIENCE:
+            continue
+        around = _AROUND_RAMPS if is_ramp else _AROUND
         mended = _mended_segment(
             programs,
             pieces,
             task,
             first,
+            around,
         )
-        tried[first] = True
         if mended is not None:
             pieces = mended
+            in_vain = 0
+        elif is_ramp:
+            in_vain += 1
 
 
 def _mended_segment(
@@ -152,9 +161,10 @@ def _mended_segment(
     pieces: Pieces,
     task: Task,
     segment: int,
+    around: Sequence[int],
 ) -> Pieces | None:
     """The motion without this segment's slivers; None where limits need them."""
-    for window in _windows(pieces, task, segment):
+    for window in _windows(pieces, task, segment, around):
         for start, shortest in window.starts():
             for dilation in _DILATIONS:
                 mended = window.mended(
@@ -168,12 +178,17 @@ def _mended_segment(
     return None
 
 
-def _windows(pieces: Pieces, task: Task, segment: int) -> Iterator[_Window]:
-    """Some segments around one; a few, it alone, more."""
+def _windows(
+    pieces: Pieces,
+    task: Task,
+    segment: int,
+    around: Sequence[int],
+) -> Iterator[_Window]:
+    """So many segments on either side of one, and it."""
     tried = set()
-    for around in _AROUND:
-        first = max(segment - around, 0)
-        last = min(segment + around + 1, len(task.h))
+    for count in around:
+        first = max(segment - count, 0)
+        last = min(segment + count + 1, len(task.h))
         if (first, last) in tried:
             continue
         tried.add((first, last))

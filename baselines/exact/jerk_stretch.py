@@ -42,14 +42,6 @@ class JointLimits(NamedTuple):
     acceleration: Array
     jerk: Array
 
-    @property
-    def ramp(self) -> float:
-        """How long jerk takes at most, from rest, to its acceleration or velocity limit."""
-        jerk = _largest(self.jerk)
-        to_acceleration = _largest(self.acceleration) / jerk
-        to_velocity = np.sqrt(_largest(self.velocity) / jerk)
-        return float(min(to_acceleration, to_velocity))
-
     def widened(self, dilation: float) -> JointLimits:
         """Those that a motion keeps which a dilation by this brings within these."""
         velocity = self.velocity * dilation
