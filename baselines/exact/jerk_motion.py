@@ -32,6 +32,9 @@ Array = NDArray[np.float64]
 # Of a segment: pieces so short are left out, the longest first, where the limits allow it.
 _SLIVERS = (1e-5, 1e-7, 1e-9, 1e-12)
 _BRIEF_PIECES = 4
+# Breaks of two joints that are so near each other are at one place, where limits allow it.
+_NEAR_S = 1e-6
+_NEAR_UNIT_RTOL = 1e-3  # of the mean stop time, where that is brief
 _MENDED_RTOL = 1e-9  # what rounding breaks and leaving slivers out may pass a limit by
 # That a linear program may cost: what is worth fewer pieces, then as little as limits allow.
 _DILATIONS = ((1e-12, 3e-10), (3e-9,), (3e-8,), (3e-7,), (3e-6,))
@@ -104,11 +107,13 @@ def combined(
     )
     closest = clock.resolution / clock.unit
     grids = list(_grids(knots, t, closest))
+    near = min(_NEAR_S, _NEAR_UNIT_RTOL * clock.unit)
     for kept in grids:
         levels = np.interp(kept, breaks, acceleration)
-        pieces = task.least_change(kept, levels)
-        if pieces is not None:
-            return pieces
+        for distance in (near, 0.0):
+            pieces = task.least_change(kept, levels, distance)
+            if pieces is not None:
+                return pieces
     for dilations in _DILATIONS:
         for kept in grids:
             levels = np.interp(kept, breaks, acceleration)
@@ -163,9 +168,17 @@ class _Task:
     clock: Clock
     places: Array
 
-    def least_change(self, kept: Array, levels: Array) -> Pieces | None:
-        """The motion nearest to these accelerations at these breaks, if it keeps its limits."""
-        stored = self.clock.stored_at(kept, self.places)
+    def least_change(
+        self,
+        kept: Array,
+        levels: Array,
+        near: float,
+    ) -> Pieces | None:
+        """The motion nearest to these accelerations at these breaks, if it keeps its limits.
+
+        Breaks so `near` those of other joints, s, are there.
+        """
+        stored = self.clock.stored_at(kept, self.places, near)
         lengths = self.clock.lengths(stored)
         mended = through(lengths, levels, self.ends, self.h)
         if mended is None or not _keeps(self.limits, lengths, mended):

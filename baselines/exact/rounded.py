@@ -57,16 +57,23 @@ class Clock:
         times[-1] = self.end
         return times
 
-    def stored_at(self, local: Array, places: Array) -> Array:
-        """The same, but those that are one with a place of other joints' breaks are there.
+    def stored_at(
+        self,
+        local: Array,
+        places: Array,
+        near: float,
+    ) -> Array:
+        """The same, but those near a place of other joints' breaks are there.
 
         Args:
             local: breaks, from 0 to the segment's end, in `unit`.
             places: stored breaks in order, s.
+            near: so far from a place, s, or within the resolution.
         """
+        within = max(near, self.resolution)
         times = self.stored(local)
         place = places[nearest(places, times)]
-        is_there = np.abs(times - place) <= self.resolution
+        is_there = np.abs(times - place) <= within
         return np.where(is_there, place, times)
 
     def stored_outwards(self, local: Array, places: Array) -> Array:

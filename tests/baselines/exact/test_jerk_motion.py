@@ -73,6 +73,23 @@ def test_breaks_of_two_joints_that_are_nearly_one(excess: float) -> None:
     assert certificate.certified_duration == pytest.approx(times.sum(), rel=1e-9)
 
 
+@pytest.mark.parametrize("excess", [1e-7, 1e-6, 5e-6])
+def test_breaks_that_another_joint_can_do_without(excess: float) -> None:
+    """The second joint has less to do and a little more jerk: it can change with the first."""
+    velocity, acceleration, jerk = 1.0, 10.0, 50.0
+    distances = np.array([3.0, 5.0])
+    jerks = jerk * np.array([1.0, 1 + excess])
+    limits = Limits(np.full(2, velocity), np.full(2, acceleration), jerks)
+    waypoints = np.r_[0.0, np.cumsum(distances)]
+    problem = Problem(np.outer(waypoints, [1.0, 0.9]), limits)
+    times = rest_to_rest(distances, velocity, acceleration, jerk)
+    scaled = Scaled(problem)
+    motion = scaled.motion(times / scaled.unit, np.zeros((2, 3, 2)))
+    certificate = verify(problem, motion)
+    assert certificate.certified_duration == pytest.approx(times.sum(), rel=1e-9)
+    assert np.diff(motion.breaks).min() > 1e-6
+
+
 def test_waypoints_within_ramps() -> None:
     """One way at the velocity limit, through waypoints in both ramps: the closed-form time.
 
