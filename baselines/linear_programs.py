@@ -15,8 +15,9 @@ from trajopt.planner import backend
 
 Array = NDArray[np.float64]
 
-# A hundred rows take some hundred; where rounding makes HiGHS go in circles, it has no answer.
-_MOST_ITERATIONS = 1_000
+# As many iterations as rows are usual; where rounding makes HiGHS go in circles, it has no answer.
+_FEWEST_ALLOWED_ITERATIONS = 1_000
+_ITERATIONS_PER_ROW = 10
 
 
 class Entries(NamedTuple):
@@ -48,7 +49,6 @@ class LinearPrograms:
             "threads": 1,
             "presolve": "off",
             "primal_feasibility_tolerance": row_tolerance,
-            "simplex_iteration_limit": _MOST_ITERATIONS,
         }
         for name, value in options.items():
             self._highs.setOptionValue(name, value)
@@ -107,6 +107,8 @@ class LinearPrograms:
         )
         if status == self._solver.HighsStatus.kError:
             return None
+        allowed = max(_FEWEST_ALLOWED_ITERATIONS, _ITERATIONS_PER_ROW * rows)
+        self._highs.setOptionValue("simplex_iteration_limit", allowed)
         self._highs.run()
         if self._highs.getModelStatus() != self._solver.HighsModelStatus.kOptimal:
             return None

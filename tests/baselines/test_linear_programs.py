@@ -36,3 +36,15 @@ def test_no_answer_where_there_is_none_and_another_after_it():
     assert programs.minimised(one, np.array([[1.0]]), -one, 5 * one) is None
     assert programs.minimised(one, np.array([[np.inf]]), one, one) is None
     assert programs.minimised(-one, np.array([[1.0]]), 2 * one, 5 * one) == pytest.approx([2.0])
+
+
+def test_many_rows_may_take_many_iterations():
+    # min Σ x with x_i + x_(i+1) ≥ 1: every other one, 1000 of 2001; an iteration or more for each.
+    rows = np.arange(2000)
+    columns = np.stack([rows, rows + 1], axis=1)
+    entries = Entries(rows.repeat(2), columns.ravel(), np.full(4000, -1.0))
+    cost = np.ones(2001)
+    unlimited = np.full(2001, np.inf)
+    place = LinearPrograms().minimised_sparse(cost, entries, -np.ones(2000), unlimited)
+    assert place is not None
+    assert cost @ place == pytest.approx(1000.0, rel=1e-9)
