@@ -75,7 +75,7 @@ def test_the_bound_is_the_same_without_the_cut_off(name: str, family: type) -> N
     program = family(load(name), backend("pyscipopt"))
     best = program.incumbent().duration
     for _ in range(6):
-        _, dual, found = bound_module._solved(program, None, 10.0)
+        _, dual, found = bound_module._solved(program, None, 60.0)
         assert dual <= best * (1 + 1e-7)
         assert found is not None
         if dual >= best * (1 - 1e-5) or not program.exchanges:
