@@ -1,6 +1,7 @@
 """The command line as scripts and people meet it: words, keys, exit codes, one-line errors."""
 
 import json
+import os
 import re
 import shutil
 import signal
@@ -697,6 +698,21 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
     assert running.returncode == 130
     assert err.strip().endswith("finished trials are kept, run the same command to go on")
     assert list(tmp_path.glob("trials/*.h5"))
+
+
+@pytest.mark.parametrize("began", [0.2, 0.5, 0.8])  # s: commands, the fork server, workers start
+def test_ctrl_c_at_the_start_says_one_line_whoever_hears_it(tmp_path, began):
+    command = [sys.executable, "-m", "trajopt.cli", "compare", "six-axis", "--jobs", "2"]
+    running = subprocess.Popen(
+        [*command, "--output", str(tmp_path)], stderr=subprocess.PIPE, text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    time.sleep(began)
+    os.killpg(running.pid, signal.SIGINT)  # as a terminal does: everyone hears it
+    _, err = running.communicate(timeout=60)
+    assert running.returncode in (130, -signal.SIGINT)  # that where Python itself still starts
+    assert len(err.strip().splitlines()) <= 1 or running.returncode < 0
 
 
 # --- report ---

@@ -5,7 +5,9 @@ from __future__ import annotations
 import atexit
 import gc
 import os
+import sys
 
+STOPPED = 130  # the exit code after Ctrl-C
 _OBJECTS = 200_000  # made between two looks for garbage, of which modules that load make none
 
 
@@ -15,7 +17,9 @@ def main(arguments: list[str] | None = None) -> None:
     atexit.register(gc.freeze)  # a last look through all that was loaded takes a tenth of a second
     # matrices here are small, and a thread per core takes a tenth of a second to start
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # here: worker processes import the script that calls this, and need no command line
-    from trajopt.cli.app import main as run
-
+    try:
+        # here: worker processes import the script that calls this, and need no command line
+        from trajopt.cli.app import main as run
+    except KeyboardInterrupt:
+        sys.exit(STOPPED)
     run(arguments)

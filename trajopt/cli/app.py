@@ -15,7 +15,7 @@ from typing import TextIO
 
 import cyclopts
 
-from trajopt.cli import console
+from trajopt.cli import STOPPED, console
 from trajopt.exceptions import TrajoptError, UnitWarning
 
 app = cyclopts.App(
@@ -111,7 +111,7 @@ def main(arguments: list[str] | None = None) -> None:
     except KeyboardInterrupt:
         print(file=sys.stderr)
         console.note("stopped; finished trials are kept, run the same command to go on")
-        sys.exit(130)
+        sys.exit(STOPPED)
     sys.exit(code)
 
 

@@ -81,8 +81,6 @@ def run(
     few = len(loaded) <= MANY
     with Pool(processes) as pool:
         drawer = Drawer(pool)
-        if dask is None and not (folder / "results.h5").exists():
-            pool.start(most=len(loaded) * len(planners or entries()))
         specs: list[benchmark.Contestant] = [*(planners or _default_planners())]
         if motions:
             specs += _motions(motions, interpolation)

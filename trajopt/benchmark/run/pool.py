@@ -55,18 +55,8 @@ class Pool:
             self._processes = self._open.enter_context(pool)
         return self._processes
 
-    def start(self, most: int) -> None:
-        """Start `most` processes at most, which load what every trial needs meanwhile."""
-        from trajopt.benchmark.run import workers
-
-        workers.submit(self.processes(most), _nothing)
-
     def submit(self, job: Callable[[], None]) -> Future[None]:
         """Do something that can be pickled, after what was submitted before."""
         from trajopt.benchmark.run import workers
 
         return workers.submit(self.processes(self.jobs), job)
-
-
-def _nothing() -> None:
-    """The first job of processes that have no other yet."""

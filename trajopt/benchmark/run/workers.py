@@ -103,6 +103,7 @@ def _begin(run: int, environment: dict[str, str]) -> None:
     from trajopt.benchmark.store import trial_file as trial_file
 
     _lead_group(run)
+    fork_server.hear_ctrl_c()
 
 
 def _lead_group(run: int) -> None:
@@ -219,6 +220,8 @@ def pool_of(jobs: int) -> Iterator[pebble.ProcessPool]:
     """So many workers, none of which outlives the block."""
     pool = _pool(jobs)
     try:
+        with fork_server.uninterrupted():
+            _ = pool.active  # starts them
         yield pool
     except BaseException:
         pool.stop()  # type: ignore[no-untyped-call]
