@@ -166,8 +166,7 @@ class Linear:
         size = np.abs(down)
         steepest = size.max(axis=(1, 2))
         steepest_peak = _largest(by_p)
-        largest = np.maximum(steepest, steepest_peak)
-        return np.asarray(largest)
+        return np.asarray(np.maximum(steepest, steepest_peak))
 
     def step(
         self,
@@ -223,9 +222,10 @@ class Linear:
     def _pulled(self, ends: Array) -> Array:
         """The matrix over both ends, times these."""
         opposite = ends[::-1]
-        own = self.xx * ends
+        own: Array = self.xx * ends
         other = self.uw * opposite
-        return np.asarray(own + other)
+        own += other
+        return own
 
     def _descent(self, by_s: Array, by_x: Array) -> Array:
         """Gradients over `(s, v)`, a row per segment, less that of the duration."""
@@ -258,14 +258,13 @@ def _both(by_side: Array) -> Array:
     """Of both sides together, seen from the upper one: `(2, 2, …)` to `(2, …)`."""
     upper = by_side[:, 0]
     lower = by_side[:, 1]
-    return np.asarray(upper - lower)
+    both: Array = upper - lower
+    return both
 
 
 def _sum(pair: Array) -> Array:
     """Of the two on the first axis."""
-    first = pair[0]
-    second = pair[1]
-    total: Array = first + second
+    total: Array = pair[0] + pair[1]
     return total
 
 
