@@ -12,7 +12,6 @@ piecewise polynomial of twice the path's degree, composed exactly.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from itertools import product
 from types import SimpleNamespace
@@ -54,10 +53,6 @@ _BREAK_RTOL = 1e-8
 _SPEED_RTOL = 1e-6
 # Times the limits: a path's only timing may lie on the edge, rounding beyond it.
 _WIDER = 1 + 1e-6
-# Beside the squared path speed in what a stage minimises, as in toppra.
-_LOWER_ACCELERATION = 1e-9
-# Times a squared path speed, as in toppra.
-_SLOWER = 0.9999
 # More than any path speed, in units of the cheapest uniform one.
 _FREE_SPEED = 1e2
 
@@ -395,90 +390,26 @@ def _path_speeds(
         gridpoints=grid.at,
         solver_wrapper="seidel",
     )
-    stages = algorithm.solver_wrapper
-    controllable = _controllable(stages, *end)
-    if controllable is None:
+    controllable = algorithm.compute_controllable_sets(*end)
+    if not np.isfinite(controllable).all():
         return None, "the path cannot be followed to its end"
+    # The package takes one end speed; here the end's whole interval is allowed.
+    algorithm.compute_controllable_sets = lambda *_: controllable
     fastest = float(np.sqrt(controllable[0, 1]))
     slowest_start, fastest_start = start
     if slowest_start > fastest * (1 + _SPEED_RTOL):
         times = slowest_start / fastest
         return None, f"the path cannot be started at {times:.6g} times its top speed"
     start_speed = min(fastest_start, fastest)
-    forwards = _forwards(stages, controllable, start_speed)
-    if forwards is None:
-        # The package tries again from lower speeds. It takes one end speed; here the end's whole
-        # interval is allowed.
-        algorithm.compute_controllable_sets = lambda *_: controllable
-        algorithm.compute_parameterization(start_speed, 0.0)
-        data = algorithm.problem_data
-        if data.sd_vec is None or not np.isfinite(data.sd_vec).all():
-            return None, data.return_code.value
-        forwards = (data.sd_vec, data.sdd_vec)
-    speeds = _smoothed(*forwards, grid.step)
+    algorithm.compute_parameterization(start_speed, 0.0)
+    data = algorithm.problem_data
+    if data.sd_vec is None or not np.isfinite(data.sd_vec).all():
+        return None, data.return_code.value
+    speeds = _smoothed(data.sd_vec, data.sdd_vec, grid.step)
     sums = speeds[1:] + speeds[:-1]
     if (sums <= 0).any():
         return None, "the path comes to a standstill"
     return speeds, ""
-
-
-def _controllable(stages: Any, slowest: float, fastest: float) -> Array | None:
-    """Lowest and highest squared path speeds that lead to the end's, `(N + 1, 2)`; None if none do.
-
-    The package's backward pass, a stage's linear programs by the package: its own pass spends most
-    of its time around them. And where the end may be at rest, so may the whole path.
-    """
-    # the highest x, and of those with it the lowest u, minimise g · (u, x)
-    g = np.array([_LOWER_ACCELERATION, -1.0])
-    low = slowest**2
-    high = fastest**2
-    sets = [(low, high)]
-    for i in reversed(range(stages.get_no_stages())):
-        stage = (np.nan, np.nan, low, high)
-        _, top = stages.solve_stagewise_optim(i, None, g, *stage)
-        if low > 0:
-            _, low = stages.solve_stagewise_optim(i, None, -g, *stage)
-        if math.isnan(low + top):
-            return None
-        low = max(0.0, low)
-        high = max(0.0, top)
-        sets.append((low, high))
-    sets.reverse()
-    return np.array(sets)
-
-
-def _forwards(
-    stages: Any,
-    controllable: Array,
-    start_speed: float,
-) -> tuple[Array, Array] | None:
-    """The fastest path speeds and their accelerations; None where a stage has no answer.
-
-    The package's forward pass, as `_controllable` is its backward one.
-    """
-    tiny = backend("toppra").constants.TINY
-    # x_(i+1) = x_i + 2 Δ u, of which the highest minimises g · (u, x)
-    gains = 2 * stages.get_deltas()
-    g = np.full((len(gains), 2), -1.0)
-    g[:, 0] = -gains
-    following = controllable[1:]
-    lows, highs = following.T.tolist()
-    x = start_speed**2
-    squared = [x]
-    accelerations = []
-    for i, gain in enumerate(gains.tolist()):
-        low = lows[i]
-        high = highs[i]
-        u, _ = stages.solve_stagewise_optim(i, None, g[i], x, x, low, high)
-        if math.isnan(u):
-            return None
-        highest = x + gain * u
-        # a little slower, so that rounding leaves the next stage an answer
-        slower = max(highest - tiny, _SLOWER * highest)
-        x = min(high, max(low, slower))
-        squared.append(x)
-        accelerations.append(u)
-    return np.sqrt(squared), np.array(accelerations)
 
 
 def _smoothed(

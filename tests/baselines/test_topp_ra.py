@@ -79,46 +79,6 @@ def test_the_answer_is_the_path_at_the_parameter(ends, monkeypatch):
     np.testing.assert_allclose(answer(answer.waypoint_times), problem.waypoints, atol=1e-10)
 
 
-@pytest.mark.parametrize("end_speed", [0.0, 0.1])
-@pytest.mark.parametrize("seed", range(4))
-def test_both_passes_are_the_package_s_own(seed, end_speed, monkeypatch):
-    problem = random_problem(seed)
-    path = spline(problem, "chord", "natural")
-    timed_path = path.dilated(verify(problem, path).dilation)
-    algorithms = []
-    sets = []
-    algorithm = toppra.algorithm.TOPPRA
-    controllable = topp_ra._controllable
-
-    def kept_algorithm(*given, **options):
-        algorithms.append(algorithm(*given, **options))
-        return algorithms[-1]
-
-    def kept_sets(stages, *end):
-        sets.append((end, controllable(stages, *end)))
-        return sets[-1][1]
-
-    monkeypatch.setattr(toppra.algorithm, "TOPPRA", kept_algorithm)
-    monkeypatch.setattr(topp_ra, "_controllable", kept_sets)
-    given = {"gridpoints": 100, "start_speed": 0.0, "end_speed": end_speed}
-    ours = along(problem, timed_path, **given).trajectory
-    end, own = sets[0]
-    theirs = algorithms[0].compute_controllable_sets(*end)
-    np.testing.assert_allclose(own, theirs, rtol=1e-9, atol=1e-10)
-    # where a stage has no answer, the package's forward pass takes over
-    monkeypatch.setattr(topp_ra, "_forwards", lambda *_: None)
-    package_s = along(problem, timed_path, **given).trajectory
-    np.testing.assert_allclose(ours.breaks, package_s.breaks, rtol=1e-12)
-
-
-def test_a_stage_without_an_answer_is_told(monkeypatch):
-    problem, exact = bang_bang()
-    monkeypatch.setattr(topp_ra, "_controllable", lambda *_: None)
-    solution = along(problem, exact)
-    assert solution.status is Status.FAILED
-    assert solution.message == "TOPP-RA: the path cannot be followed to its end"
-
-
 def test_a_line_takes_the_trapezoid():
     problem = Problem([[0.0, 0.0], [3.0, -1.5]], Limits([1.0, 1.0], [1.0, 1.0]))
     for ends in ("not-a-knot", "natural"):
