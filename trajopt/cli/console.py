@@ -61,22 +61,9 @@ _ASCII = {
 def prepare() -> None:
     """Make the standard streams take any text, and be there at all."""
     codecs.register_error(_DEGRADE, _degraded)
-    _reopen()
     sys.stdin = sys.stdin or open(os.devnull, encoding="utf-8")  # noqa: SIM115
     sys.stdout = _tolerant(sys.stdout)
     sys.stderr = _tolerant(sys.stderr)
-
-
-def _reopen() -> None:
-    """Point closed standard streams at nothing, lest the next file opened takes their place."""
-    for descriptor in (0, 1, 2):
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            null = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
-            if null != descriptor:
-                os.dup2(null, descriptor)
-                os.close(null)
 
 
 def _tolerant(stream: TextIO | None) -> TextIO:
