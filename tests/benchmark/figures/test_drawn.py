@@ -154,9 +154,9 @@ def test_what_was_begun_too_early_is_drawn_anew_and_what_nobody_wants_is_removed
 
 def test_motions_are_settled_once_the_references_of_their_problem_are(trials, tmp_path):
     (unoptimised,) = trials
-    assert figures.ahead(trials, tmp_path) == []
+    assert list(figures.ahead(trials, tmp_path)) == []
     exact = judge(load("exact"), unoptimised.problem, [0], "exact")
-    ahead = figures.ahead([*exact, unoptimised], tmp_path)
+    ahead = list(figures.ahead([*exact, unoptimised], tmp_path))
     names = {drawing.file.name for drawing in ahead}
     assert names == {"motion-exact.png", "motion-unoptimised.png"}
     figures.draw([*exact, unoptimised], tmp_path)

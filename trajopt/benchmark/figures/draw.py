@@ -56,13 +56,11 @@ def draw(
     return drawer.finish(_drawings(trials, folder))
 
 
-def ahead(trials: Sequence[Trial], folder: Path) -> list[Drawing]:
+def ahead(trials: Sequence[Trial], folder: Path) -> Iterator[Drawing]:
     """Motions that can be drawn while other planners still run: only references change them."""
-    drawings = []
     for own, name in _problems(trials):
         if set(references(own[0].problem)) <= {trial.planner for trial in own}:
-            drawings += _motions(own, folder / name)
-    return drawings
+            yield from _motions(own, folder / name)
 
 
 def write(trials: Sequence[Trial], folder: Path, kind: VectorKind) -> None:
@@ -165,13 +163,12 @@ def _gaps(summary: Summary) -> dict[str, Array]:
     return gaps
 
 
-def _motions(trials: Sequence[Trial], folder: Path) -> list[Drawing]:
+def _motions(trials: Sequence[Trial], folder: Path) -> Iterator[Drawing]:
     """One figure per planner, the optimum behind all but its own."""
     certified = [trial for trial in trials if trial.certified_duration is not None]
     groups = by_label(certified)
     keys = [(label, sha256(label.encode()).hexdigest()) for label in groups]
     reference, reference_name = _optimum(trials)
-    drawings = []
     for runs, name in zip(groups.values(), distinct_names(keys), strict=True):
         trial = median_run(runs)
         if trial is None:
@@ -183,8 +180,7 @@ def _motions(trials: Sequence[Trial], folder: Path) -> list[Drawing]:
             "title": _title(trial, len(runs)),
             "reference_name": reference_name,
         }
-        drawings.append(Drawing("motion", motion, folder / f"motion-{name}"))
-    return drawings
+        yield Drawing("motion", motion, folder / f"motion-{name}")
 
 
 def _title(trial: Trial, runs: int) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, cached_property
@@ -111,8 +111,8 @@ class Drawer:
         self._pool = pool
         self._begun: dict[Path, _Begun] = {}
 
-    def begin(self, drawings: Sequence[Drawing]) -> None:
-        """Begin those that are stale, without waiting for them, if there are processes.
+    def begin(self, drawings: Iterable[Drawing]) -> None:
+        """Begin each that is stale, without waiting for it or for the next, if there are processes.
 
         Where later trials change what a figure shows, `finish` draws it again.
         """
