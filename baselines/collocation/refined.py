@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.collocation.uniform import Grid, Nodes, transcription
-from baselines.exact import jerk_reach
+from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact, Scaled, starting_points
 from baselines.exact.jerk import ExactJerk
 from baselines.ipopt import no_start_succeeded, optima
@@ -84,7 +84,7 @@ class CollocationRefined(Planner):
                 raise InvalidInput(name, "at least 1", value=getattr(self, name))
 
     def unsupported(self, problem: Problem) -> str | None:
-        return jerk_reach.unsupported(problem)
+        return one_sided_jerk.unsupported(problem)
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

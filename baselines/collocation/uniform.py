@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.exact import jerk_reach
+from baselines.exact import one_sided_jerk
 from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
 from trajopt.exceptions import InvalidInput
@@ -75,7 +75,7 @@ class Collocation(Planner):
             raise InvalidInput("intervals", "at least 2 per segment", value=self.intervals)
 
     def unsupported(self, problem: Problem) -> str | None:
-        return jerk_reach.unsupported(problem)
+        return one_sided_jerk.unsupported(problem)
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

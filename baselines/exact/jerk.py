@@ -17,14 +17,13 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from baselines.exact import acceleration, jerk_reach
+from baselines.exact import acceleration, one_sided_jerk
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk_profiles import Array, Bools, Limit, Profile, risen
-from baselines.exact.jerk_reach import Scaled, repaired
 from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
 from baselines.ipopt import Bounds, Program, flat, optima, program, unflat
 from baselines.settled import settled
@@ -33,6 +32,9 @@ from trajopt.planner import backend, passing_once
 from trajopt.problem import Problem
 from trajopt.solution import Solution
 from trajopt.verification import verify
+
+if TYPE_CHECKING:
+    from baselines.exact.jerk_reach import Scaled
 
 Start = tuple[Array, Array]  # segment times, waypoint states
 
@@ -78,7 +80,7 @@ class ExactJerk(SeveralStarts):
     knows = ("velocity", "acceleration", "jerk")
 
     def unsupported(self, problem: Problem) -> str | None:
-        return jerk_reach.unsupported(problem)
+        return one_sided_jerk.unsupported(problem)
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -87,6 +89,9 @@ class ExactJerk(SeveralStarts):
         A start that IPOPT leads where an earlier one led ends where that one ended. Where no joint
         that moves has a jerk limit, section 3's program is the same problem and much smaller.
         """
+        # profiles, slivers and their linear programs: not where planners are only listed
+        from baselines.exact.jerk_reach import Scaled
+
         moving = problem.moving
         if not problem.limits.jerk_limited[moving].any():
             return Exact(self.starts, self.agreeing).solve(problem)
@@ -486,6 +491,8 @@ def _constraint_bounds(scaled: Scaled) -> Bounds:
 
 def _reached(scaled: Scaled, x: Array, status: str) -> Optimum:
     """The optimum at IPOPT's variables, dilated until it is exactly reachable."""
+    from baselines.exact.jerk_reach import repaired
+
     times, states = _read(scaled, x)
     k = np.inf
     if np.isfinite(x).all() and (times > 0).all():

@@ -26,16 +26,6 @@ _DILATION_BISECTIONS = 5
 _SLOW = 1e-3
 
 
-def unsupported(problem: Problem) -> str | None:
-    """Why jerk limits as these have no optimum, or None."""
-    jerk = problem.limits.jerk[problem.moving]
-    downwards, upwards = np.isfinite(jerk).T
-    one_sided = downwards != upwards
-    if one_sided.any():
-        return "a jerk limit on one side only has no optimum, only an infimum"
-    return None
-
-
 class Scaled:
     """The moving joints without units: time in mean stop times, accelerations of order one.
 
