@@ -80,7 +80,8 @@ class Planner(ABC):
     Attributes:
         stochastic: Whether the seed matters. If not, a comparison runs it once.
         on_request: Whether it is left out where all planners run, unless asked for by name.
-        requires: Packages that `solve` imports, looked for before the planner is listed.
+        requires: Modules that `solve` imports, from packages that may be missing: looked for before
+            the planner is listed, and imported before its time is taken.
         extra: The extra of this package that installs them, if there is one.
         knows: Kinds of limits that it plans for. Where it breaks another kind the verifier says
             so: it dilates the answer, or finds it outside its position limits.

@@ -51,10 +51,8 @@ class Entry:
             planner = self.load()
         except TrajoptError as error:
             return str(error)
-        absent = []
-        for name in planner.requires:
-            if importlib.util.find_spec(name) is None:
-                absent.append(name)
+        packages = [name.partition(".")[0] for name in planner.requires]
+        absent = [name for name in packages if importlib.util.find_spec(name) is None]
         if not absent:
             return None
         return str(MissingBackend(" ".join(absent), planner.extra))

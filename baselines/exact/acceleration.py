@@ -68,7 +68,7 @@ class Exact(SeveralStarts):
     what the second of two that agree is for is a start that ends badly.
     """
 
-    requires = ("casadi",)
+    requires = ("casadi", "scipy.linalg")
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

@@ -75,7 +75,7 @@ class ExactJerk(SeveralStarts):
 
     starts: int = 4
 
-    requires = ("casadi", "highspy")
+    requires = ("casadi", "highspy", "scipy.linalg")
 
     knows = ("velocity", "acceleration", "jerk")
 

@@ -39,7 +39,7 @@ class Certify(Planner):
     joint: int | None = None
 
     on_request = True
-    requires = ("highspy", "pyscipopt", "casadi")
+    requires = ("highspy", "pyscipopt", "casadi", "scipy.linalg")
     knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:

@@ -38,3 +38,21 @@ def test_without_a_certified_answer_nothing_in_the_history_is_certified():
     assert trial.certified_duration is None
     assert trial.certified_history[:, 0].tolist() == [1, 4, 7, 7]
     assert np.isnan(trial.certified_history[:, 1]).all()
+
+
+def test_importing_what_a_planner_requires_is_no_part_of_solving(tmp_path, monkeypatch):
+    (tmp_path / "slow_to_import.py").write_text("import time; time.sleep(0.5)")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    class Requiring(Stopping):
+        requires = ("slow_to_import", "no_such_module")
+
+        def solve(self, problem, *, seed=0):
+            import slow_to_import  # noqa: F401
+
+            return super().solve(problem, seed=seed)
+
+    first, second = (judge(Requiring(), PROBLEM, [0], "requiring")[0] for _ in range(2))
+    assert first.setup_time >= 0.5
+    assert first.solve_time < 0.5
+    assert second.setup_time < 0.5

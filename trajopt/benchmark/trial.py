@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
+import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -38,8 +41,9 @@ class Trial:
 
     `planner` is its name, `label` the name with the options that differ from the registered ones.
     `status` and `message` are the verdict: the planner's own status, unless the verifier found
-    what no dilation can mend. `solve_time` and `setup_time` are wall seconds without and for
-    building what later calls reuse; of a batch of `batch` runs solved together, each has its share.
+    what no dilation can mend. `solve_time` and `setup_time` are wall seconds without and for what
+    later calls need not do again: importing what the planner requires, and building what it keeps.
+    Of a batch of `batch` runs solved together, each has its share.
     """
 
     problem: Problem
@@ -198,6 +202,7 @@ def run(
     planner = configuration.planner
     given = _copy(problem)
     started = _now()
+    loading_time = _load(planner.requires)
     began = time.perf_counter()
     solutions = _solutions(planner, given, seeds)
     wall_time = (time.perf_counter() - began) / len(seeds)
@@ -205,15 +210,15 @@ def run(
     trials = []
     for seed, solution in zip(seeds, solutions, strict=True):
         status, message, certificate = verdict(problem, solution)
-        setup_time = solution.setup_time / len(seeds)
+        building_time = solution.setup_time / len(seeds)
         blank = unanswered(configuration, problem, seed, status, message, limits)
         trial = replace(
             blank,
             relation=relation,
             solution=solution,
             certificate=certificate,
-            setup_time=setup_time,
-            solve_time=max(0.0, wall_time - setup_time),
+            setup_time=building_time + loading_time / len(seeds),
+            solve_time=max(0.0, wall_time - building_time),
             batch=len(seeds),
             started=started,
         )
@@ -277,6 +282,18 @@ def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certific
         return solution.status, solution.message, certificate
     flaws = "; ".join(certificate.flaws)
     return Status.INVALID, "; ".join(filter(None, [solution.message, flaws])), certificate
+
+
+def _load(modules: Sequence[str]) -> float:
+    """Import what a planner requires and is not there yet; how long that took, s."""
+    absent = [name for name in modules if name not in sys.modules]
+    if not absent:
+        return 0.0
+    began = time.perf_counter()
+    for name in absent:
+        with suppress(Exception, SystemExit):  # `solve` meets it again, and is recorded
+            importlib.import_module(name)
+    return time.perf_counter() - began
 
 
 def _relation(planner: Planner, problem: Problem) -> Relation:

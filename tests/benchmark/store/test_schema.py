@@ -61,7 +61,7 @@ def test_every_field_of_a_real_planner_comes_back(stored, spec):
     (trial,) = judge(load(spec), problem, [0], spec.split(":")[0])
     back = stored(trial)
     assert back.certified_duration is not None
-    assert back.solution.setup_time == pytest.approx(trial.solution.setup_time)
+    assert back.solution.setup_time == pytest.approx(trial.setup_time)
     assert_same(back, replace(trial, solution=replace(trial.solution, setup_time=trial.setup_time)))
 
 
