@@ -5,7 +5,7 @@ Forking a process that has loaded solvers, or runs threads, is not safe. This on
 interpreter takes half a second. Systems without it, or whose libraries do not stand a fork, start
 fresh interpreters, as Python itself does there.
 
-Nothing of this package is imported here: a command starts the server first of all, and imports the
+Nothing that takes long is imported here: a command starts the server first of all, and imports the
 rest meanwhile.
 """
 
