@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.markers import TICKDOWN
 from matplotlib.text import Text
+from PIL import Image
 
 from trajopt.benchmark.analysis.summary import Line
 from trajopt.benchmark.figures import draw as figures
@@ -145,6 +146,26 @@ def test_no_text_overlaps(planners: int) -> None:
     assert overlaps(plots.gap_distribution(gaps, "problem")) == []
     curve = sampling.over_runs([np.array([[1, np.nan], [10, 6.0], [3000, 4.4]])])
     assert overlaps(plots.convergence(dict.fromkeys(labels, curve), 4.3, "problem")) == []
+
+
+def test_letters_keep_a_margin_in_pixels(tmp_path: Path) -> None:
+    """Half of the layout's own, 0.04 inches: hinted letters are wider or narrower by the density."""
+    labels = [f"{LONG},evaluations={10**k}" for k in range(3)]
+    rows = [replace(MANY, label=label, solved=20) for label in labels]
+    curve = sampling.over_runs([np.array([[1, np.nan], [10, 6.0], [3000, 4.4]])])
+    made = {
+        "durations": plots.durations(rows, "problem"),
+        "gaps": plots.gap_distribution(dict.fromkeys(labels, np.array([0.5, 0.7])), "problem"),
+        "convergence": plots.convergence(dict.fromkeys(labels, curve), 4.3, "problem"),
+        "motion": motions.motion(*motion_of(3, jerk=True), title="problem"),
+    }
+    for name, figure in made.items():
+        with Image.open(plots.write(figure, tmp_path / f"{name}.png")) as picture:
+            pixels = np.asarray(picture)
+            margin = round(0.02 * picture.info["dpi"][0])
+        inside = np.zeros(pixels.shape[:2], dtype=bool)
+        inside[margin:-margin, margin:-margin] = True
+        assert (pixels[~inside] == 255).all(), name
 
 
 @pytest.mark.parametrize("joints", [1, 6, 12])

@@ -7,7 +7,8 @@ others chose (problems, planners and their options) are drawn as they are writte
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from itertools import cycle
 from math import isnan
@@ -94,20 +95,32 @@ def save(figure: Figure, stem: Path) -> list[Path]:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Find every place once: else each file's writer draws the figure for it, and again."""
+    """Find every place once: else each file's writer draws the figure for it, and again.
+
+    In the PNG's pixels: at another density its hinted letters are up to a tenth wider or narrower.
+    """
     engine = figure.get_layout_engine()
-    if engine is not None:
+    if engine is None:
+        return
+    with _dense(figure):
         engine.execute(figure)
-        figure.set_layout_engine(None)
+    figure.set_layout_engine(None)
+
+
+@contextmanager
+def _dense(figure: Figure) -> Iterator[None]:
+    """A figure with the PNG's density."""
+    usual = figure.get_dpi()
+    figure.set_dpi(_PNG_DPI)
+    yield
+    figure.set_dpi(usual)
 
 
 def _write_png(figure: Figure, file: Path, said: Mapping[str, str]) -> None:
     """The same figure in pixels; `said` are texts that the file carries."""
-    usual = figure.get_dpi()
-    figure.set_dpi(_PNG_DPI)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    figure.set_dpi(usual)
+    with _dense(figure):
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.draw()
     pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
     opaque = pixels.convert("RGB")
     texts = PngInfo()
