@@ -149,7 +149,7 @@ def test_no_text_overlaps(planners: int) -> None:
 
 
 def test_letters_keep_a_margin_in_pixels(tmp_path: Path) -> None:
-    """Half of the layout's own, 0.04 inches: hinted letters are wider or narrower by the density."""
+    """Half of the layout's own, 0.04 inches: hinted letters vary in width with the density."""
     labels = [f"{LONG},evaluations={10**k}" for k in range(3)]
     rows = [replace(MANY, label=label, solved=20) for label in labels]
     curve = sampling.over_runs([np.array([[1, np.nan], [10, 6.0], [3000, 4.4]])])
