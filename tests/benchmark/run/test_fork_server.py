@@ -18,7 +18,10 @@ NAME = "TRAJOPT_TEST_FORK_SERVER"
 UNLOADED = ("casadi", "highspy", "matplotlib", "numpy.random", "pandas", "scipy.optimize")
 LOOK = """
 import sys
-import trajopt.benchmark.run.workers
+from importlib import import_module
+from trajopt.benchmark.run import fork_server
+for name in fork_server._LOADED:
+    import_module(name)
 print(*(name for name in sys.argv[1:] if name in sys.modules))
 """
 LEFT = """
