@@ -84,7 +84,7 @@ class Judgement:
 
     @property
     def gap(self) -> float | None:
-        """The certified duration over the best known optimum of `problem`."""
+        """The certified duration over the best known optimum of `problem`, minus 1."""
         return None if self.explanation is None else self.explanation.gap
 
     def as_dict(self) -> dict[str, Any]:

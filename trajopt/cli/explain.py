@@ -78,13 +78,13 @@ def _sentences(trial: Trial, found: Explanation) -> Iterator[str]:
 def sentences(subject: str, problem: Problem, found: Explanation) -> Iterator[str]:
     """The gap of a planner's or anyone's motion in five sentences."""
     what = f"{subject} takes {found.certified_duration:.4f} s on {problem.name}"
-    if found.exact is None:
+    if found.exact is None or found.gap is None:
         yield f"{what}; no optimum to compare with: {found.notes['gap']}."
     else:
         known = f"{found.exact:.4f} s"
         if found.recorded:
             known += f" (recorded: {found.recorded})"
-        yield f"{what}, {found.gap:.3f} times the best known optimum, {known}."
+        yield f"{what}, {1 + found.gap:.3f} times the best known optimum, {known}."
     steps = found.steps()
     yield _path_and_timing(found, dict(steps.get("path and timing", ())))
     yield _family(found, dict(steps.get("the 3-5-3 family", ())))
@@ -114,11 +114,8 @@ def _family(found: Explanation, step: dict[str, float]) -> str:
     )
 
 
-def _percent(ratio: float | None) -> str:
-    if ratio is None:
-        return "–"
-    gap = 100 * (ratio - 1)
-    return f"{gap:.2f} %"
+def _percent(gap: float | None) -> str:
+    return "–" if gap is None else f"{100 * gap:.2f} %"
 
 
 def _share_at_limits(problem: Problem, found: Explanation) -> str:

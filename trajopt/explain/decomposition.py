@@ -51,13 +51,13 @@ _CHAINS = {
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Two decompositions of one gap, each a product, and the active limits. Gaps are ratios.
+    """Two decompositions of one gap, and the active limits. Each gap is a ratio minus 1.
 
-    - `gap = certified_duration / exact`, both in seconds; `exact` is the best known optimum;
-    - `gap = timing_gap * route_gap`: over the best timing of its own path, and that over the
-      optimum;
-    - `gap = optimiser_gap * shape_gap * smoothness_gap`, of a 3-5-3 spline: over the best 3-5-3,
-      that over the optimum with its jerk, and that over the optimum.
+    - `gap = certified_duration / exact - 1`, both in seconds; `exact` is the best known optimum;
+    - `1 + gap = (1 + timing_gap) (1 + route_gap)`: over the best timing of its own path, and that
+      over the optimum;
+    - `1 + gap = (1 + optimiser_gap) (1 + shape_gap) (1 + smoothness_gap)`, of a 3-5-3 spline: over
+      the best 3-5-3, that over the optimum with its jerk, and that over the optimum.
 
     A gap that does not apply is None, and `notes` has the reason under its name. `trajectory` and
     `optimum` are what was compared. Where the optimum was recorded and not computed, `recorded`
@@ -82,16 +82,17 @@ class Explanation:
         """Both decompositions that apply, from the optimum up: what was added, the duration, s."""
         found = {}
         for title, names in _CHAINS.items():
-            ratios = [getattr(self, f"{name}_gap") for name in names]
-            if self.exact is None or None in ratios:
+            gaps = [getattr(self, f"{name}_gap") for name in names]
+            if self.exact is None or None in gaps:
                 continue
-            durations = np.cumprod([1.0, *ratios]) * self.exact
+            ratios = 1 + np.array([0.0, *gaps])
+            durations = np.cumprod(ratios) * self.exact
             steps = zip(("optimum", *names), durations, strict=True)
             found[title] = list(steps)
         return found
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: seconds and ratios; joints count from 1."""
+        """For JSON: seconds, and gaps as ratios minus 1; joints count from 1."""
         return {
             "certified_duration": self.certified_duration,
             "exact": self.exact,
@@ -139,7 +140,7 @@ def explain(
     if recorded is not None and _is_shorter(recorded, optimum):
         optimum = recorded
         origin = recorded.reason
-    ratios, notes = _ratios(problem, own, optimum)
+    gaps, notes = _gaps(problem, own, optimum)
     solver, savings_are_of = _solver(planner, problem, own)
     active = active_limits(problem, own, solver)
     if scattered(active, own.duration):
@@ -147,7 +148,7 @@ def explain(
     return Explanation(
         own.duration,
         optimum.duration,
-        **ratios,
+        **gaps,
         notes=notes | {"worth": savings_are_of},
         active_limits=active,
         trajectory=own,
@@ -171,7 +172,7 @@ def _solver(
     return None, "this trajectory, dilated less"
 
 
-def _ratios(
+def _gaps(
     problem: Problem,
     trajectory: Trajectory,
     optimum: Answer,
@@ -189,15 +190,15 @@ def _ratios(
         "shape_gap": (best, smooth),
         "smoothness_gap": (smooth, optimum),
     }
-    ratios: dict[str, float | None] = {}
+    gaps: dict[str, float | None] = {}
     notes = {}
     for name, (above, below) in pairs.items():
         if above.duration is None or below.duration is None:
-            ratios[name] = None
+            gaps[name] = None
             notes[name] = above.reason or below.reason
         else:
-            ratios[name] = above.duration / below.duration
-    return ratios, notes
+            gaps[name] = above.duration / below.duration - 1
+    return gaps, notes
 
 
 def _optimum(problem: Problem) -> Answer:

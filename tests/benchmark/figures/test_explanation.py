@@ -65,7 +65,7 @@ def test_explain_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     table = json.loads(out)
     assert (code, err, list(table)) == (0, "", KEYS)
     assert table["seed"] == 3
-    assert table["gap"] == pytest.approx(table["timing_gap"] * table["route_gap"])
+    assert table["gap"] == pytest.approx((1 + table["timing_gap"]) * (1 + table["route_gap"]) - 1)
     assert {(b["joint"], b["limit"]) for b in table["binding"]} <= {
         (joint, limit) for joint in range(1, 7) for limit in ("velocity", "acceleration")
     }
