@@ -50,7 +50,7 @@ def row(
     name: str,
     explanation: Explanation,
 ) -> dict[str, object]:
-    """Durations in seconds, gaps as ratios, and the share of time at a limit."""
+    """Durations in seconds, gaps as ratios minus 1, and the share of time at a limit."""
     values = explanation.as_dict()
     del values["notes"], values["binding"]
     share = share_at_limits(problem, explanation.trajectory)

@@ -24,7 +24,7 @@ _QUICK = {
     "starts": 1,
     "rounds": 6,
     "refinements": 1,
-    "gap": 1e-2,
+    "within": 1e-2,
 }
 # One path instead of the best of twelve, where others' planners follow paths.
 _ONE_PATH = {

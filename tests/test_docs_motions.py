@@ -37,7 +37,7 @@ def test_the_python_runs(examples):
     (code,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     names: dict[str, object] = {}
     exec(compile(code, "motions.md", "exec"), names)
-    assert names["judged"].gap == pytest.approx(1.425, abs=1e-3)
+    assert names["judged"].gap == pytest.approx(0.425, abs=1e-3)
 
 
 def test_the_pictures_and_files_exist():

@@ -38,7 +38,7 @@ QUICK = {
     "starts": 1,
     "rounds": 6,
     "refinements": 1,
-    "gap": 1e-2,
+    "within": 1e-2,
     "knots": "limit",
     "ends": "natural",
 }

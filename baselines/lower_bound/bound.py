@@ -55,10 +55,11 @@ class Bound:
         lower_bound: No trajectory is faster, SCIP's tolerance allowed for.
         upper_bound: The certified duration of `trajectory`; infinite if none is known to keep
             every limit, or none was looked for.
-        relative_gap: Upper over lower bound, minus 1.
-        status: "proved" (to the gap), "time limit", "tolerance" (SCIP is done, but its tolerance is
-            worth more than the gap), "infeasible" (no 3-5-3 spline keeps the position limits: the
-            message says why, and both bounds are infinite), or "stopped" with the reason.
+        proved_within: Upper over lower bound, minus 1.
+        status: "proved" (within what was asked), "time limit", "tolerance" (SCIP is done, but its
+            tolerance is worth more than that), "infeasible" (no 3-5-3 spline keeps the position
+            limits: the message says why, and both bounds are infinite), or "stopped" with the
+            reason.
         solve_time: Wall time spent.
         trajectory: The fastest one known.
         message: Why there was no time to begin, if there was none.
@@ -67,7 +68,7 @@ class Bound:
 
     lower_bound: float
     upper_bound: float
-    relative_gap: float
+    proved_within: float
     status: str
     solve_time: float
     trajectory: Trajectory | None
@@ -101,7 +102,7 @@ def certify(
     problem: Problem,
     family: Family = "free",
     *,
-    gap: float = 1e-4,
+    within: float = 1e-4,
     time_limit: float = 60.0,
     joint: int | None = None,
 ) -> Bound:
@@ -110,7 +111,7 @@ def certify(
     Args:
         problem: All its limits count.
         family: Any trajectory, or the 3-5-3 spline only.
-        gap: Relative, at which to stop.
+        within: Relative distance of upper and lower bound at which to stop.
         time_limit: Seconds, building the model included; then the bounds reached are the answer. A
             problem whose model alone would take longer gets its trivial bound and a message. Below
             one second it counts as one for that.
@@ -121,7 +122,7 @@ def certify(
         MissingBackend: HiGHS or SCIP is not installed.
         TrajoptError: HiGHS or SCIP breaks down.
     """
-    for name, value in (("gap", gap), ("time_limit", time_limit)):
+    for name, value in (("within", within), ("time_limit", time_limit)):
         if not value > 0:
             raise InvalidInput(name, "a positive number", value=value)
     began = time.perf_counter()
@@ -133,11 +134,11 @@ def certify(
     elif needed > max(time_limit, _GRACE_SECONDS):
         bound = _not_begun(question.problem, needed, time_limit)
     elif family == "free":
-        bound = _free(question.problem, gap, began, time_limit)
+        bound = _free(question.problem, within, began, time_limit)
     else:
         scip = backend("pyscipopt")
         program = question.kind(question.problem, scip, seconds=time_limit)
-        bound = _prove(question.problem, program, gap, began + time_limit)
+        bound = _prove(question.problem, program, within, began + time_limit)
     trajectory = bound.trajectory
     if trajectory is not None:
         trajectory = Trajectory(
@@ -217,7 +218,7 @@ def _not_begun(problem: Problem, needed: float, time_limit: float) -> Bound:
     return Bound(
         lower_bound=trivial_bound(problem),
         upper_bound=np.inf,
-        relative_gap=np.inf,
+        proved_within=np.inf,
         status="time limit",
         solve_time=0.0,
         trajectory=None,
@@ -225,8 +226,8 @@ def _not_begun(problem: Problem, needed: float, time_limit: float) -> Bound:
     )
 
 
-def _free(problem: Problem, gap: float, began: float, time_limit: float) -> Bound:
-    """Linear programs under every limit; SCIP too where they leave a gap that it can close."""
+def _free(problem: Problem, within: float, began: float, time_limit: float) -> Bound:
+    """Linear programs under every limit; SCIP too where they leave something that it can prove."""
     deadline = began + time_limit
     best = incumbent(problem, _INCUMBENT_SHARE * time_limit)
     # without a trajectory there is something to prove all the same
@@ -236,23 +237,23 @@ def _free(problem: Problem, gap: float, began: float, time_limit: float) -> Boun
     for_scip = not (problem.has("jerk") or problem.has("position"))
     share = _PROGRAMS_SHARE if for_scip else 1.0
     end = began + share * time_limit
-    outcome = prove(problem, known / (1 + gap), gap, end)
+    outcome = prove(problem, known / (1 + within), within, end)
     late = time.perf_counter() > end
     lower = outcome.lower_bound
     own_proof: Proof | None = outcome.proof
     trivial = trivial_bound(problem)
-    if trivial > lower * (1 + gap):
+    if trivial > lower * (1 + within):
         lower = trivial
         own_proof = None
     if best is None:
         return Bound(lower, np.inf, np.inf, "time limit", 0.0, None, proof=own_proof)
     status = "time limit" if late else "stopped: no progress"
-    if best.duration <= lower * (1 + gap) * (1 + 1e-12):
+    if best.duration <= lower * (1 + within) * (1 + 1e-12):
         status = "proved"
     bound = Bound(
         lower_bound=lower,
         upper_bound=best.duration,
-        relative_gap=best.duration / lower - 1,
+        proved_within=best.duration / lower - 1,
         status=status,
         solve_time=0.0,
         trajectory=best.trajectory,
@@ -261,32 +262,32 @@ def _free(problem: Problem, gap: float, began: float, time_limit: float) -> Boun
     if status == "proved" or not for_scip or time.perf_counter() > deadline:
         return bound
     program = Free(problem, backend("pyscipopt"), seconds=deadline - time.perf_counter())
-    by_scip = _prove(problem, program, gap, deadline)
+    by_scip = _prove(problem, program, within, deadline)
     if by_scip.lower_bound > lower:
         return by_scip
     return replace(bound, status=by_scip.status)
 
 
-def _prove(problem: Problem, program: Program, gap: float, deadline: float) -> Bound:
-    """Ask for anything shorter than the incumbent by the gap until there is none, or no time."""
+def _prove(problem: Problem, program: Program, within: float, deadline: float) -> Bound:
+    """Ask for anything shorter than the incumbent by `within` until there is none, or no time."""
     best = program.incumbent()
     lower = program.trivial_bound
     word = "timelimit"
     while (left := deadline - time.perf_counter()) > 0:
-        # SCIP's tolerance is allowed for in advance, as far as the gap leaves room for it
-        allowance = min(program.margin, gap / 2)
-        cutoff = best.duration * (1 + allowance) / (1 + gap)
+        # SCIP's tolerance is allowed for in advance, as far as `within` leaves room for it
+        allowance = min(program.margin, within / 2)
+        cutoff = best.duration * (1 + allowance) / (1 + within)
         word, dual, answer = _solved(program, cutoff, left)
         lower = max(lower, dual / (1 + program.margin))
         if answer is not None and answer.duration < best.duration:
             best = answer
         asked_anew = answer is not None and program.exchanges
-        if not asked_anew or best.duration <= lower * (1 + gap):
+        if not asked_anew or best.duration <= lower * (1 + within):
             break
     if lower > best.duration * (1 + 1e-9):
         raise TrajoptError(f"the bound {lower} s is above a trajectory of {best.duration} s")
     status = _STATUSES.get(word, f"stopped: {word}")
-    if best.duration <= lower * (1 + gap) * (1 + 1e-12):
+    if best.duration <= lower * (1 + within) * (1 + 1e-12):
         status = "proved"
     return _bound(problem, best, min(lower, best.duration), status)
 

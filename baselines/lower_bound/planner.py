@@ -25,7 +25,7 @@ class Certify(Planner):
     Every kind of limit counts.
 
     Args:
-        gap: Relative, at which to stop.
+        within: Relative distance of upper and lower bound at which to stop.
         time_limit: Seconds, after which the bounds reached are the answer; building the model
             counts.
         family: `free` bounds every trajectory, `spline353` only the 3-5-3 splines with shared
@@ -33,7 +33,7 @@ class Certify(Planner):
         joint: That joint alone, counted from 1; a bound without a trajectory.
     """
 
-    gap: float = 1e-4
+    within: float = 1e-4
     time_limit: float = 60.0
     family: Literal["free", "spline353"] = "free"
     joint: int | None = None
@@ -43,7 +43,7 @@ class Certify(Planner):
     knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:
-        for name in ("gap", "time_limit"):
+        for name in ("within", "time_limit"):
             if not getattr(self, name) > 0:
                 raise InvalidInput(name, "a positive number", value=getattr(self, name))
         if self.joint is not None and self.joint < 1:
@@ -68,7 +68,7 @@ class Certify(Planner):
         """The proof's two ends; without the upper one if it breaks a lifted limit.
 
         `stats`, about what was asked: `proof` (its status), `lower_bound` and `upper_bound`, s, and
-        `relative_gap`; the last two are NaN where no trajectory is known. Where no solver need
+        `proved_within`; the last two are NaN where no trajectory is known. Where no solver need
         be believed, the arrays of `dual_check.Proof` too.
         """
         bound = self.bound(problem)
@@ -79,7 +79,7 @@ class Certify(Planner):
             "proof": bound.status,
             "lower_bound": bound.lower_bound,
             "upper_bound": bound.upper_bound if known else np.nan,
-            "relative_gap": bound.relative_gap if known else np.nan,
+            "proved_within": bound.proved_within if known else np.nan,
         }
         if bound.proof is not None:
             stats |= bound.proof.arrays()
@@ -97,7 +97,7 @@ class Certify(Planner):
         return certify(
             problem,
             self.family,
-            gap=self.gap,
+            within=self.within,
             time_limit=self.time_limit,
             joint=index,
         )

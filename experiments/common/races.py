@@ -135,7 +135,7 @@ def stored(
 
 def proved(problem: Problem) -> pd.DataFrame:
     """Bounds on the best 3-5-3 (s), their relative width, how they ended, seconds spent."""
-    bound = certify(problem, "spline353", gap=1e-6, time_limit=20.0)
+    bound = certify(problem, "spline353", within=1e-6, time_limit=20.0)
     row = {
         "problem": problem.name,
         "joints": problem.joints,

@@ -70,7 +70,7 @@ def test_list_as_json(run, known):
     six_axis, one_joint = json.loads(out)["records"]
     assert code == 0
     assert six_axis["status"] == "closed"
-    assert 0 < six_axis["gap"] < 1e-3
+    assert 0 < six_axis["proved_within"] < 1e-3
     assert six_axis["file"].endswith(known.name)
     assert one_joint["status"] is None
 

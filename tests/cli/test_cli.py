@@ -655,11 +655,11 @@ def test_certify_proves_the_known_optimum(trajopt):
     assert (code, err) == (0, "")
     assert bound["status"] == "proved"
     assert bound["lower_bound"] <= 2.0 <= bound["upper_bound"] * (1 + 1e-9)  # 1.5/1 + 1/2
-    assert bound["relative_gap"] <= 1e-4
+    assert bound["proved_within"] <= 1e-4
 
 
 def test_certify_counts_jerk_limits(trajopt):
-    code, out, _ = trajopt("certify", "jerk-limit", "--gap", "0.01", "--json")
+    code, out, _ = trajopt("certify", "jerk-limit", "--within", "0.01", "--json")
     bound = json.loads(out)
     without = load("exact").solve(suite.load("jerk-limit").without("jerk")).trajectory
     assert (code, bound["status"]) == (0, "proved")
@@ -672,7 +672,7 @@ def test_certify_counts_jerk_limits(trajopt):
         (["seven-waypoints", "--family", "spline353"], "4 waypoints"),
         (["six-axis", "--joint", "7"], "joint from 1 to 6"),
         (["six-axis", "--joint", "1"], "a joint that moves"),
-        (["six-axis", "--gap", "0"], "positive"),
+        (["six-axis", "--within", "0"], "positive"),
         (["six-axis", "--family", "best"], "spline353"),
     ],
 )

@@ -73,8 +73,8 @@ def test_explained_draws_both_decompositions(
 ) -> None:
     explained.main(planner=("ruckig-stop", "unoptimised"), output=tmp_path)
     table = pd.read_csv(tmp_path / "explained.csv").set_index("planner")
-    product = table["timing_gap"] * table["route_gap"]
-    assert product.tolist() == pytest.approx(table["gap"].tolist(), rel=1e-9)
+    product = (1 + table["timing_gap"]) * (1 + table["route_gap"])
+    assert product.tolist() == pytest.approx((1 + table["gap"]).tolist(), rel=1e-9)
     assert table["shape_gap"].notna().tolist() == [False, True]
     assert {f.name for f in tmp_path.iterdir()} >= {"waterfalls.png", "waterfalls.svg"}
     assert "ruckig-stop" in capsys.readouterr().out

@@ -158,5 +158,9 @@ def test_a_record_is_the_optimum_only_where_it_is_shorter() -> None:
     # no such motion exists: it only has to be believed that it is shorter
     shorter = Answer(bang.dilated(0.9), "theirs, 2026-11-22")
     known = explain(problem, None, slow, shorter)
-    assert (known.exact, known.gap, known.recorded) == (1.8, approx(3 / 1.8 - 1), "theirs, 2026-11-22")
+    assert (known.exact, known.gap, known.recorded) == (
+        1.8,
+        approx(3 / 1.8 - 1),
+        "theirs, 2026-11-22",
+    )
     assert explain(problem, None, slow, Answer(None, "nothing")).recorded == ""

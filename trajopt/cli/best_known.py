@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from trajopt import judgement
 from trajopt.benchmark.best_known import proposal, records, verification
 from trajopt.benchmark.best_known.proposal import Candidate, Outcome
-from trajopt.benchmark.best_known.record import CLOSED_GAP, Record, origin
+from trajopt.benchmark.best_known.record import CLOSED_WITHIN, Record, origin
 from trajopt.benchmark.best_known.verification import CheckedRecord
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
@@ -159,7 +159,7 @@ def _row(problem: Problem, record: Record | None, where: Path) -> dict[str, Any]
         "status": _status(record),
         "duration": record.duration,
         "lower_bound": record.lower_bound,
-        "gap": record.gap,
+        "proved_within": record.proved_within,
         "motion": vars(record.motion),
         "bound": vars(record.bound),
         "file": str(records.file_of(problem, where)),
@@ -171,7 +171,7 @@ def _status(record: Record) -> str:
 
 
 def _print_list(found: Sequence[tuple[Problem, Record | None]]) -> None:
-    numbers = ("best s", "bound s", "gap %")
+    numbers = ("best s", "bound s", "within %")
     headings = ("problem", *numbers, "status", "by", "date")
     table = console.table(*headings, numbers=(*numbers, "date"))
     table.columns[0].no_wrap = True
@@ -184,7 +184,7 @@ def _print_list(found: Sequence[tuple[Problem, Record | None]]) -> None:
             name,
             f"{record.duration:.5g}",
             f"{record.lower_bound:.5g}",
-            f"{100 * record.gap:.3f}",
+            f"{100 * record.proved_within:.3f}",
             _status(record),
             console.option_lines(record.motion.method),
             record.motion.date,
@@ -202,13 +202,13 @@ def _in_lines(name: str) -> str:
 
 def _print_suites(known: Mapping[str, Record | None]) -> None:
     """How much is closed, suite by suite; a problem counts in each of its suites."""
-    numbers = ("problems", "closed", "open", "none", "median gap %", "largest gap %")
+    numbers = ("problems", "closed", "open", "none", "median within %", "largest within %")
     table = console.table("suite", *numbers, numbers=numbers)
     for name in catalogue.suites():
         digests = [problem.digest() for problem in catalogue.problems(name)]
         found = [known[digest] for digest in digests]
         kept = [record for record in found if record is not None]
-        gaps = [100 * record.gap for record in kept]
+        within = [100 * record.proved_within for record in kept]
         closed = sum(record.closed for record in kept)
         table.add_row(
             name,
@@ -216,12 +216,12 @@ def _print_suites(known: Mapping[str, Record | None]) -> None:
             str(closed),
             str(len(kept) - closed),
             str(len(found) - len(kept)),
-            f"{median(gaps):.3f}" if gaps else "–",
-            f"{max(gaps):.3f}" if gaps else "–",
+            f"{median(within):.3f}" if within else "–",
+            f"{max(within):.3f}" if within else "–",
         )
     console.OUT.print(table)
     console.paragraph(
-        f"closed: the best known is proved to be the optimum within {100 * CLOSED_GAP:g} %"
+        f"closed: the best known is proved to be the optimum within {100 * CLOSED_WITHIN:g} %"
     )
 
 
@@ -341,4 +341,5 @@ def _sentences(outcome: Outcome) -> Iterator[str]:
         yield "no motion keeps every limit, and none is recorded."
     if after is not None and outcome.tighter:
         bound = f"{after.lower_bound:.9g} s ({after.bound.method})"
-        yield f"no motion is briefer than {bound}, proved: a gap of {100 * after.gap:.3g} %."
+        within = 100 * after.proved_within
+        yield f"no motion is briefer than {bound}: the optimum is proved within {within:.3g} %."

@@ -22,7 +22,9 @@ def certify(
         Literal["free", "spline353"],
         Parameter(help="Any trajectory, or the 3-5-3 spline with shared times."),
     ] = "free",
-    gap: Annotated[float, number("Relative gap at which to stop.")] = 1e-4,
+    within: Annotated[
+        float, number("Relative distance of the two bounds at which to stop.")
+    ] = 1e-4,
     time_limit: Annotated[
         float, number("Seconds; the bounds reached are the answer.", most=MAX_SECONDS)
     ] = 60.0,
@@ -32,7 +34,7 @@ def certify(
     """Prove a lower bound on the minimum time."""
     file = catalogue.find(problem)
     loaded = catalogue.load(problem)
-    options = {"family": family, "gap": gap, "time_limit": time_limit, "joint": joint}
+    options = {"family": family, "within": within, "time_limit": time_limit, "joint": joint}
     planner = configured(entries()["certify"].load(), options, "certify")
     began = time.perf_counter()
     proof = planner.solve(loaded)
@@ -45,7 +47,7 @@ def certify(
         "joint": joint,
         "lower_bound": proof.stats["lower_bound"],
         "upper_bound": proof.stats["upper_bound"],
-        "relative_gap": proof.stats["relative_gap"],
+        "proved_within": proof.stats["proved_within"],
         "status": proof.stats["proof"],
         "solve_time": time.perf_counter() - began,
     }
@@ -63,11 +65,11 @@ def _print(table: dict[str, Any], message: str) -> None:
         what += f", joint {table['joint']} alone"
     console.OUT.print(f"{console.markup(what)}: [bold]{table['status']}[/bold]", soft_wrap=True)
     console.line(f"  lower bound {table['lower_bound']:.9f} s")
-    if table["relative_gap"] < float("inf"):
+    if table["proved_within"] < float("inf"):
         console.line(
             f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration"
         )
-        console.line(f"  gap         {100 * table['relative_gap']:.6f} %")
+        console.line(f"  within      {100 * table['proved_within']:.6f} %")
     else:
         console.line("  upper bound none")
         console.line(f"  {message}")

@@ -25,13 +25,13 @@ def one_joint(*waypoints: float, v: float = 1.0, a: float = 2.0) -> Problem:
 
 def sane(bound: Bound, problem: Problem) -> None:
     assert 0 < bound.lower_bound <= bound.upper_bound
-    assert bound.relative_gap == pytest.approx(bound.upper_bound / bound.lower_bound - 1)
+    assert bound.proved_within == pytest.approx(bound.upper_bound / bound.lower_bound - 1)
     assert bound.trajectory is not None
     judged = verify(problem, bound.trajectory)
     assert judged.certified_duration == pytest.approx(bound.upper_bound, rel=1e-9)
 
 
-@pytest.mark.parametrize("gap", [1e-3, 1e-5])
+@pytest.mark.parametrize("within", [1e-3, 1e-5])
 @pytest.mark.parametrize(
     ("problem", "optimum"),
     [
@@ -48,25 +48,25 @@ def sane(bound: Bound, problem: Problem) -> None:
         (Problem([[0.0], [-1.0]], Limits([[-0.5, 1]], [[-4.0, 1.0]])), 2 + 0.25 * 1.25),
     ],
 )
-def test_closed_forms(problem: Problem, optimum: float, gap: float) -> None:
-    bound = certify(problem, gap=gap)
+def test_closed_forms(problem: Problem, optimum: float, within: float) -> None:
+    bound = certify(problem, within=within)
     sane(bound, problem)
     assert bound.status == "proved"
-    assert bound.relative_gap <= gap * (1 + 1e-6)
+    assert bound.proved_within <= within * (1 + 1e-6)
     assert bound.lower_bound <= optimum * (1 + 1e-12)
     assert bound.upper_bound == pytest.approx(optimum, rel=1e-8)
 
 
 def test_six_axis_is_proved_in_time() -> None:
     problem = load("six-axis")
-    free, spline = certify(problem), certify(problem, "spline353", gap=1e-6)
+    free, spline = certify(problem), certify(problem, "spline353", within=1e-6)
     for bound, seconds in ((free, 10), (spline, 30)):
         sane(bound, problem)
         assert bound.status == "proved"
         assert bound.solve_time < seconds
     assert free.upper_bound < spline.lower_bound
-    assert free.relative_gap <= 1e-4 * (1 + 1e-6)
-    assert spline.relative_gap <= 1e-6 * (1 + 1e-6)
+    assert free.proved_within <= 1e-4 * (1 + 1e-6)
+    assert spline.proved_within <= 1e-6 * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("name", ["six-axis", "asymmetric", "reversal"])
@@ -87,7 +87,7 @@ def test_the_bound_is_the_same_without_the_cut_off(name: str, family: type) -> N
 def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) -> None:
     problem = random_problem(seed)
     answer = Exact().solve(problem).trajectory
-    bound = certify(problem, gap=1e-3, time_limit=4)
+    bound = certify(problem, within=1e-3, time_limit=4)
     sane(bound, problem)
     limits = np.abs(problem.limits.velocity).max(axis=1)
     assert answer is not None
@@ -99,7 +99,7 @@ def test_random_problems_lie_between_trivial_bounds_and_every_answer(seed: int) 
 def test_random_splines_with_and_without_jerk(seed: int) -> None:
     problem = random_problem(seed, waypoints=4, jerk=seed % 2 == 0)
     answer = Spline353NLP().solve(problem).trajectory
-    bound = certify(problem, "spline353", gap=1e-3, time_limit=4)
+    bound = certify(problem, "spline353", within=1e-3, time_limit=4)
     sane(bound, problem)
     assert answer is not None
     assert bound.lower_bound <= answer.duration * (1 + 1e-9)
@@ -109,7 +109,7 @@ def test_random_splines_with_and_without_jerk(seed: int) -> None:
 def test_each_joint_alone_against_a_search_over_its_ratios(joint: int) -> None:
     """Random times, dilated exactly: none may beat the bound, the best must come near."""
     problem = load("six-axis")
-    bound = certify(problem, "spline353", gap=1e-5, joint=joint, time_limit=10)
+    bound = certify(problem, "spline353", within=1e-5, joint=joint, time_limit=10)
     assert bound.status == "proved"
     ratios = np.exp(np.random.default_rng(0).uniform(-4, 4, (20000, 3)))
     limits = Limits(problem.limits.velocity[[joint]], problem.limits.acceleration[[joint]])
@@ -130,8 +130,8 @@ def test_free_alone_is_the_problem_of_that_joint() -> None:
 
 
 def test_jerk_and_position_limits_count() -> None:
-    for name, gap in (("jerk-limit", 5e-3), ("position-limits", 5e-4)):
-        bound = certify(load(name), gap=gap)
+    for name, within in (("jerk-limit", 5e-3), ("position-limits", 5e-4)):
+        bound = certify(load(name), within=within)
         free = certify(load(name).without("jerk", "position"))
         sane(bound, load(name))
         assert bound.status == "proved"
@@ -141,13 +141,13 @@ def test_jerk_and_position_limits_count() -> None:
 def test_position_limits_bound_the_353_too() -> None:
     """Between the bound and the best known lies nothing; without the limits it is far below."""
     problem = load("position-limits")
-    bound = certify(problem, "spline353", gap=1e-3, time_limit=20)
+    bound = certify(problem, "spline353", within=1e-3, time_limit=20)
     assert bound.status == "proved"
     assert bound.trajectory is not None
     assert verify(problem, bound.trajectory).feasible
     # the best of a grid of ratios, refined
     assert bound.lower_bound <= 35.18858 <= bound.upper_bound * (1 + 1e-6)
-    alone = certify(problem, "spline353", gap=1e-3, joint=0, time_limit=20)
+    alone = certify(problem, "spline353", within=1e-3, joint=0, time_limit=20)
     assert alone.status == "proved"
     assert alone.lower_bound < bound.lower_bound
 
@@ -168,7 +168,7 @@ def test_no_353_passes_a_limit_at_speed() -> None:
 def test_a_time_limit_returns_the_bounds_reached(family: str) -> None:
     problem = load("six-axis")
     for seconds in (1e-6, 0.5):
-        bound = certify(problem, family, gap=1e-9, time_limit=seconds)  # type: ignore[arg-type]
+        bound = certify(problem, family, within=1e-9, time_limit=seconds)  # type: ignore[arg-type]
         sane(bound, problem)
         assert bound.status in ("time limit", "tolerance")
 
@@ -183,7 +183,7 @@ def test_without_a_solver_the_message_is_the_command(
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"family": "5-3-5"}, {"gap": 0}, {"time_limit": -1}, {"joint": 0}, {"joint": 9}]
+    "wrong", [{"family": "5-3-5"}, {"within": 0}, {"time_limit": -1}, {"joint": 0}, {"joint": 9}]
 )
 def test_wrong_arguments(wrong: dict[str, object]) -> None:
     with pytest.raises(InvalidInput):

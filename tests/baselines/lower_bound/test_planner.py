@@ -33,7 +33,7 @@ def test_the_trapezoid_has_both_ends():
 
 
 def test_a_bound_of_splines_is_not_a_bound_of_every_trajectory():
-    planner = Certify(family="spline353", gap=1e-2, time_limit=20.0)
+    planner = Certify(family="spline353", within=1e-2, time_limit=20.0)
     # one way with waypoints on it: the trapezoid of 1.5/1 + 1/2 s passes them, a 3-5-3 is slower
     problem = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]))
     solution = planner.solve(problem)
@@ -95,7 +95,7 @@ def test_every_bound_that_was_proved_is_proved_again():
 @pytest.mark.parametrize("seed", range(4))
 def test_random_problems_are_proved_again_or_left_open(seed):
     problem = random_problem(seed, waypoints=4, joints=2)
-    planner = Certify(gap=1e-3, time_limit=5.0)
+    planner = Certify(within=1e-3, time_limit=5.0)
     solution = planner.solve(problem)
     verdict = planner.recheck_bound(problem, solution.lower_bound)
     assert verdict is not False

@@ -181,7 +181,7 @@ def test_rows_that_are_held_stay_in_the_program_and_others_leave_it():
 def test_two_waypoints_meet_ruckigs_optimum(v, a, j, h):
     problem = Problem([[0.0], [h]], Limits([v], [a], [j]))
     optimum = RuckigStop().solve(problem).trajectory.duration
-    bound = certify(problem, gap=1e-7, time_limit=20)
+    bound = certify(problem, within=1e-7, time_limit=20)
     assert bound.status == "proved"
     assert optimum * (1 - 1e-6) <= bound.lower_bound <= optimum * (1 + 1e-9)
 
@@ -234,7 +234,7 @@ def test_a_free_side_of_jerk_is_free_and_the_other_counts(free_side):
     infimum = ramp + end + hold + (1.0 - rising - falling) / v
     proof = prove(problem, infimum, 1e-5, np.inf)
     assert infimum * (1 - 1e-5) <= proof.lower_bound <= infimum * (1 + 1e-9)
-    bound = certify(problem, gap=1e-3, time_limit=20)
+    bound = certify(problem, within=1e-3, time_limit=20)
     assert bound.status == "proved"
     assert infimum * (1 - 1e-9) <= bound.upper_bound <= infimum * (1 + 1e-3)
 
@@ -278,10 +278,10 @@ def test_no_rows_of_extremal_motions_are_missing_and_none_is_false(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_no_bound_exceeds_a_certified_duration(seed):
     problem = limited_problem(seed, waypoints=3)
-    bound = certify(problem, gap=1e-2, time_limit=20)
+    bound = certify(problem, within=1e-2, time_limit=20)
     stopping = verify(problem, RuckigStop().solve(problem).trajectory).certified_duration
     assert bound.lower_bound <= bound.upper_bound <= stopping * (1 + 1e-9)
-    assert bound.relative_gap < 0.02
+    assert bound.proved_within < 0.02
 
 
 # --- proofs ---
@@ -290,7 +290,7 @@ def test_no_bound_exceeds_a_certified_duration(seed):
 @pytest.fixture(scope="module")
 def proved():
     problem = load("one-joint")
-    bound = certify(problem, gap=1e-5)
+    bound = certify(problem, within=1e-5)
     return problem, bound
 
 
@@ -441,7 +441,7 @@ def test_what_is_no_proof_is_refused(proved, name, value):
 
 
 def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path):
-    planner = Certify(gap=1e-3, time_limit=20.0)
+    planner = Certify(within=1e-3, time_limit=20.0)
     (trial,) = judge(planner, load("one-joint"), [0], "certify")
     folder.save(tmp_path / "trials" / f"{trial.id}.h5", trial)
     assert verification(tmp_path).holds

@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 
 from trajopt.benchmark.analysis.results import Results, competing, median_gap
-from trajopt.benchmark.best_known.record import CLOSED_GAP
+from trajopt.benchmark.best_known.record import CLOSED_WITHIN
 from trajopt.solution import Status
 
 
@@ -83,8 +83,8 @@ def _line(runs: pd.DataFrame) -> dict[str, Any]:
 
 
 def _proved(runs: pd.DataFrame) -> int:
-    """Of how many problems the reference is the optimum, but for `CLOSED_GAP`."""
+    """Of how many problems the reference is the optimum, but for `CLOSED_WITHIN`."""
     gaps = runs["reference"] / runs["proved"] - 1
     has_motion = runs["kind"] != "lower bound"
-    closed = runs[has_motion & (gaps < CLOSED_GAP)]
+    closed = runs[has_motion & (gaps < CLOSED_WITHIN)]
     return int(closed["digest"].nunique())

@@ -26,7 +26,7 @@ from trajopt.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 SCHEMA = 1
-CLOSED_GAP = 1e-3
+CLOSED_WITHIN = 1e-3
 """A best known duration this close to its proved lower bound leaves no question open."""
 
 CLOSED_FORM = "closed form"
@@ -82,14 +82,14 @@ class Record:
     proof: Mapping[str, Array]
 
     @property
-    def gap(self) -> float:
-        """The duration over the lower bound, minus 1."""
+    def proved_within(self) -> float:
+        """By how much the duration may exceed the optimum, as a ratio minus 1."""
         return self.duration / self.lower_bound - 1
 
     @property
     def closed(self) -> bool:
-        """Whether the best known motion is the optimum, but for `CLOSED_GAP`."""
-        return self.gap < CLOSED_GAP
+        """Whether the best known motion is the optimum, but for `CLOSED_WITHIN`."""
+        return self.proved_within < CLOSED_WITHIN
 
     @property
     def proof_stats(self) -> dict[str, Array]:
