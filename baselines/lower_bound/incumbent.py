@@ -56,8 +56,11 @@ def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
 def _answer(planner: Planner, problem: Problem) -> Incumbent | None:
     """A planner's answer, dilated until it keeps every limit, where that is possible."""
     answer = planner.solve(_two_sided(problem)).trajectory
-    if answer is None:
-        return None
+    return None if answer is None else kept(problem, answer)
+
+
+def kept(problem: Problem, answer: Trajectory) -> Incumbent | None:
+    """A trajectory dilated until it keeps every limit, where that is possible."""
     duration = verify(problem, answer).certified_duration
     trajectory = certified(problem, answer)
     if duration is None or trajectory is None:

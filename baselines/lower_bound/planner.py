@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # the proofs are imported when one is asked for: listing plan
 
 @dataclass(frozen=True)
 class Certify(Planner):
-    """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS, SCIP).
+    """A proved lower bound on the minimum time, with the fastest trajectory known (HiGHS).
 
     Every kind of limit counts.
 
@@ -39,7 +39,7 @@ class Certify(Planner):
     joint: int | None = None
 
     on_request = True
-    requires = ("highspy", "pyscipopt", "casadi", "scipy.linalg")
+    requires = ("highspy", "casadi", "scipy.linalg")
     knows = LIMIT_NAMES
 
     def __post_init__(self) -> None:
@@ -68,8 +68,8 @@ class Certify(Planner):
         """The proof's two ends; without the upper one if it breaks a lifted limit.
 
         `stats`, about what was asked: `proof` (its status), `lower_bound` and `upper_bound`, s, and
-        `proved_within`; the last two are NaN where no trajectory is known. Where no solver need
-        be believed, the arrays of `dual_check.Proof` too.
+        `proved_within`; the last two are NaN where no trajectory is known. The arrays of
+        `dual_check.Proof` or `ratio_boxes.RatioProof` too: no solver need be believed.
         """
         bound = self.bound(problem)
         if bound.status == "infeasible":
@@ -102,39 +102,24 @@ class Certify(Planner):
             joint=index,
         )
 
-    def recheck_bound(self, problem: Problem, lower_bound: float) -> bool | None:
-        """Prove again that nothing asked about is faster than a stated bound, s.
-
-        Returns:
-            True if proved, False if a verified trajectory is faster, None if neither is shown
-            within the time limit (a bound that rests on jerk or position limits never is).
-        """
-        from baselines.lower_bound.bound import recheck
-
-        index = None if self.joint is None else self.joint - 1
-        return recheck(
-            problem,
-            lower_bound,
-            self.family,
-            time_limit=self.time_limit,
-            joint=index,
-        )
-
     def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
-        """What the proof among a solution's `stats` proves, s, without a solver; None without one.
+        """What the proof among a solution's `stats` proves, s, without a solver.
+
+        None without a proof: then the bound is in closed form, or none at all.
 
         Raises:
             InvalidInput: The proof is not one of this problem, or damaged.
         """
-        from baselines.lower_bound.dual_check import Proof, proved_bound
+        from baselines.lower_bound import dual_check, ratio_boxes
+        from baselines.lower_bound.bound import asked
 
-        proof = Proof.stored(stats)
-        if proof is None or self.family != "free":
-            return None
-        asked = problem
-        if self.joint is not None:
-            asked = problem.only([self.joint - 1])
-        return proved_bound(asked, proof)
+        index = None if self.joint is None else self.joint - 1
+        question, _ = asked(problem, self.family, index)
+        if self.family == "free":
+            of_all = dual_check.Proof.stored(stats)
+            return None if of_all is None else dual_check.proved_bound(question, of_all)
+        of_splines = ratio_boxes.RatioProof.stored(stats)
+        return None if of_splines is None else ratio_boxes.proved_bound(question, of_splines)
 
     def _message(self, bound: Bound) -> str:
         about = "trajectory" if self.family == "free" else "3-5-3 spline"

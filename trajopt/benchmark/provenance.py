@@ -47,7 +47,7 @@ from trajopt.exceptions import InvalidInput
 from trajopt.planner import Planner
 from trajopt.registry import entries
 
-PACKAGES = ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "pyscipopt", "h5py")
+PACKAGES = ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "highspy", "h5py")
 
 _OURS = ("trajopt", "baselines")
 _SHOWS_ONLY = ("trajopt/cli/", "trajopt/benchmark/")  # but no trial depends on it, except on:

@@ -1,4 +1,4 @@
-"""Proved bounds against closed forms, other solvers, and themselves without the cut-off."""
+"""Proved bounds against closed forms and other searches."""
 
 from __future__ import annotations
 
@@ -6,17 +6,13 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
-from baselines.lower_bound import bound as bound_module
-from baselines.lower_bound.bound import Bound, certify, recheck
-from baselines.lower_bound.free import Free
+from baselines.lower_bound.bound import Bound, certify
 from baselines.lower_bound.planner import Certify
-from baselines.lower_bound.spline353 import Spline353
 from baselines.spline353_nlp import Spline353NLP
 from trajopt import InvalidInput, Limits, Problem, Status, spline353, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.exceptions import MissingBackend
-from trajopt.planner import backend
 
 
 def one_joint(*waypoints: float, v: float = 1.0, a: float = 2.0) -> Problem:
@@ -69,18 +65,13 @@ def test_six_axis_is_proved_in_time() -> None:
     assert spline.proved_within <= 1e-6 * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("name", ["six-axis", "asymmetric", "reversal"])
-@pytest.mark.parametrize("family", [Free, Spline353])
-def test_the_bound_is_the_same_without_the_cut_off(name: str, family: type) -> None:
-    program = family(load(name), backend("pyscipopt"))
-    best = program.incumbent().duration
-    for _ in range(6):
-        _, dual, found = bound_module._solved(program, None, 60.0)
-        assert dual <= best * (1 + 1e-7)
-        assert found is not None
-        if dual >= best * (1 - 1e-5) or not program.exchanges:
-            break
-    assert dual == pytest.approx(best, rel=1e-4)
+def test_a_segment_of_one_rounding_unit_is_left_unproved() -> None:
+    """Flown by at full speed its spline takes 6 s, which no other spline comes near."""
+    problem = load("edges-one-ulp")
+    bound = certify(problem, "spline353", time_limit=2)
+    assert bound.status == "stopped: no progress"
+    # 3 d1/t1 <= V = 1 and 6 d1/t1^2 <= A = 2 for d1 = 1, twice; the middle one takes no time
+    assert bound.lower_bound <= 6.0
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -158,7 +149,6 @@ def test_no_353_passes_a_limit_at_speed() -> None:
     bound = certify(problem, "spline353")
     assert (bound.status, bound.lower_bound, bound.trajectory) == ("infeasible", np.inf, None)
     assert "at its limit at waypoint 2" in bound.message
-    assert recheck(problem, 1e6, "spline353") is True
     answer = Certify(family="spline353").solve(problem)
     assert answer.status is Status.INFEASIBLE
     assert answer.message == bound.message
@@ -170,16 +160,13 @@ def test_a_time_limit_returns_the_bounds_reached(family: str) -> None:
     for seconds in (1e-6, 0.5):
         bound = certify(problem, family, within=1e-9, time_limit=seconds)  # type: ignore[arg-type]
         sane(bound, problem)
-        assert bound.status in ("time limit", "tolerance")
+        assert bound.status in ("time limit", "stopped: no progress")
 
 
-@pytest.mark.parametrize(("family", "package"), [("free", "highspy"), ("spline353", "pyscipopt")])
-def test_without_a_solver_the_message_is_the_command(
-    family: str, package: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(__import__("sys").modules, package, None)
-    with pytest.raises(MissingBackend, match=f"pip install {package}"):
-        certify(load("six-axis"), family)  # type: ignore[arg-type]
+def test_without_a_solver_the_message_is_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "highspy", None)
+    with pytest.raises(MissingBackend, match="pip install highspy"):
+        certify(load("six-axis"))
 
 
 @pytest.mark.parametrize(

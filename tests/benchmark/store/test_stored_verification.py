@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from trials import PROBLEM, Stopping, edited, solved
 
-from trajopt import Limits, Problem, Relation, Solution, Status
+from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status
 from trajopt.benchmark.store import verification as module
 from trajopt.benchmark.store.folder import Store, save
 from trajopt.benchmark.store.verification import verification
@@ -122,14 +122,14 @@ def test_a_bound_above_a_certified_duration_of_the_same_problem_does_not_hold(tm
 
 @dataclass(frozen=True)
 class Proving(Stopping):
-    """Knows that nothing is faster than 2 s, and needs `effort` to see it."""
+    """Stores what proves a bound of 1.9 s, unless it has lost it."""
 
-    effort: int = 1
+    lost: bool = False
 
-    def recheck_bound(self, problem, lower_bound):
-        if self.effort < 1:
-            return None
-        return lower_bound <= 2.0
+    def stored_bound(self, problem, stats):
+        if self.lost:
+            raise InvalidInput("proof", "boxes that cover everything")
+        return 1.9
 
     def relation(self, problem):
         return Relation.SAME
@@ -146,14 +146,17 @@ class Entry:
 @pytest.mark.parametrize(
     ("bound", "options", "said"),
     [
-        (1.99, {}, "proved again"),
-        (2.01, {}, "refuted"),
-        (1.99, {"effort": 0}, "not decided in its time"),
-        (1.99, {"unknown": 1}, "not rechecked"),
+        (1.9, {}, "proved again"),
+        (1.8, {}, "not proved"),
+        (2.01, {}, "not proved"),
+        (1.9, {"lost": True}, "not proved"),
+        (1.9, {"unknown": 1}, "not rechecked"),
         (None, {}, ""),
     ],
 )
-def test_bounds_are_proved_again_by_their_planner(tmp_path, monkeypatch, bound, options, said):
+def test_bounds_are_proved_again_from_what_their_planner_stored(
+    tmp_path, monkeypatch, bound, options, said
+):
     monkeypatch.setattr(module, "entries", lambda: {"stopping": Entry()})
     trial = solved()
     solution = replace(trial.solution, lower_bound=bound)
@@ -161,7 +164,7 @@ def test_bounds_are_proved_again_by_their_planner(tmp_path, monkeypatch, bound, 
     path = save(tmp_path / "t.h5", trial)
     found = verification(path)
     assert found.trials[0].bound == said
-    assert found.holds == (said != "refuted")
+    assert found.holds == (said != "not proved")
     assert not said or f"1 lower bounds: 1 {said}." in found.summary()
 
 

@@ -22,6 +22,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
 from trajopt.problem import Problem
 from trajopt.registry import configured, entries
+from trajopt.rest_to_rest import end_to_end_bound
 from trajopt.verification import RATIO_KINDS, WORST_KINDS
 
 DURATION_RTOL = 1e-9  # a duration computed again is the recorded one within this
@@ -31,17 +32,7 @@ BOUND_RTOL = 1e-6  # a proof may exceed a certified duration by so much, which i
 
 PROVED_AGAIN = "proved again"
 NOT_RECHECKED = "not rechecked"
-UNDECIDED = "not decided in its time"
-REFUTED = "refuted"
-
-
-@runtime_checkable
-class RechecksBounds(Protocol):
-    """A planner that can prove a lower bound again."""
-
-    def recheck_bound(self, problem: Problem, lower_bound: float) -> bool | None:
-        """Whether no trajectory beats `lower_bound` (s); `None` where that stayed undecided."""
-        ...
+NOT_PROVED = "not proved"
 
 
 @runtime_checkable
@@ -58,8 +49,8 @@ class CheckedTrial:
     """A stored trial computed again (durations in s), beside what was recorded of it.
 
     `flaws` are the verifier's, or why there is no trajectory; `differences` say what does not
-    hold. `bound` says what came of its lower bound: `PROVED_AGAIN`, `NOT_RECHECKED`, `UNDECIDED`,
-    `REFUTED`, or nothing where it has none.
+    hold. `bound` says what came of its lower bound: `PROVED_AGAIN`, `NOT_PROVED`,
+    `NOT_RECHECKED` (its planner is not installed, or proves nothing), or nothing where it has none.
     """
 
     id: str
@@ -125,8 +116,7 @@ def verification(path: Path | str) -> Verification:
     damaged: list[Damaged] = []
     found = records(path, damaged.append)
     shortest = _shortest([trial for trial, _ in found])
-    proofs: dict[str, str] = {}
-    trials = [_checked(trial, recorded, shortest, proofs) for trial, recorded in found]
+    trials = [_checked(trial, recorded, shortest) for trial, recorded in found]
     return Verification((*trials, *map(_damaged, damaged)))
 
 
@@ -164,15 +154,14 @@ def _checked(
     trial: Trial,
     recorded: Mapping[str, Any],
     shortest: Mapping[str, float],
-    proofs: dict[str, str],
 ) -> CheckedTrial:
     certificate = trial.certificate
-    bound = _recheck(trial, proofs)
+    bound, unproved = _rechecked(trial)
     differences = [
         *_changed(trial, recorded),
         *_foreign(trial.problem),
-        *_refuted(trial, bound, shortest),
-        *_unlike_its_proof(trial),
+        *_refuted(trial, shortest),
+        *unproved,
     ]
     return CheckedTrial(
         id=recorded["id"],
@@ -267,68 +256,40 @@ def _suite_problems() -> tuple[Problem, ...]:
     return tuple(p for name in catalogue.suites() for p in catalogue.problems(name))
 
 
-def _refuted(trial: Trial, bound: str, shortest: Mapping[str, float]) -> list[str]:
-    """Why a lower bound cannot be one."""
+def _refuted(trial: Trial, shortest: Mapping[str, float]) -> list[str]:
+    """Why a lower bound on all trajectories cannot be one."""
     if trial.lower_bound is None:
         return []
-    if bound == REFUTED:
-        return [f"lower bound: {trial.lower_bound:.9g} s is refuted by {trial.planner}"]
     best = shortest.get(trial.problem.digest(), np.inf)
     if trial.lower_bound > best * (1 + BOUND_RTOL):
         return [f"lower bound: {trial.lower_bound:.9g} s, but {best:.9g} s is certified"]
     return []
 
 
-def _unlike_its_proof(trial: Trial) -> list[str]:
-    """Whether the stored proof proves another bound than the recorded one."""
-    if trial.lower_bound is None:
-        return []
-    try:
-        proved = _stored_bound(trial)
-    except TrajoptError as error:
-        return [f"lower bound: its proof is none: {error}"]
-    if proved is None or _close(proved, trial.lower_bound, rtol=DURATION_RTOL, atol=0.0):
-        return []
-    return [_difference("lower bound", proved, trial.lower_bound)]
-
-
-def _stored_bound(trial: Trial) -> float | None:
-    """What the trial's own proof proves, s, if it has one and its planner is installed."""
-    planner = _planner(trial)
-    if not isinstance(planner, StoresProofs):
-        return None
-    return planner.stored_bound(trial.problem, trial.solution.stats)
-
-
-def _recheck(trial: Trial, proofs: dict[str, str]) -> str:
-    """What came of the trial's lower bound; of equal ones, `proofs` remembers it."""
+def _rechecked(trial: Trial) -> tuple[str, list[str]]:
+    """What came of the trial's lower bound, and what does not hold of it."""
     bound = trial.lower_bound
     if bound is None:
-        return ""
-    key = repr((trial.problem.digest(), trial.planner, sorted(trial.options.items()), bound))
-    if key not in proofs:
-        proofs[key] = _proof(trial, bound)
-    return proofs[key]
-
-
-def _proof(trial: Trial, bound: float) -> str:
-    try:
-        proved = _stored_bound(trial)
-    except TrajoptError:
-        proved = None
-    if proved is not None and proved >= bound * (1 - DURATION_RTOL):
-        return PROVED_AGAIN
+        # a bound on some trajectories only, as of the 3-5-3 splines
+        bound = trial.solution.stats.get("lower_bound")
+    if bound is None:
+        return "", []
     planner = _planner(trial)
     if planner is None:
-        return NOT_RECHECKED
-    answer = planner.recheck_bound(trial.problem, bound)
-    if answer is None:
-        return UNDECIDED
-    return PROVED_AGAIN if answer else REFUTED
+        return NOT_RECHECKED, []
+    try:
+        proved = planner.stored_bound(trial.problem, trial.solution.stats)
+    except TrajoptError as error:
+        return NOT_PROVED, [f"lower bound: {error}"]
+    if proved is None:
+        proved = end_to_end_bound(trial.problem)
+    if _close(proved, float(bound), rtol=DURATION_RTOL, atol=0.0):
+        return PROVED_AGAIN, []
+    return NOT_PROVED, [_difference("lower bound", proved, bound)]
 
 
-def _planner(trial: Trial) -> RechecksBounds | None:
-    """The trial's planner with its options, where it is installed and proves bounds again."""
+def _planner(trial: Trial) -> StoresProofs | None:
+    """The trial's planner with its options, where it is installed and stores proofs."""
     entry = entries().get(trial.planner)
     if entry is None or entry.missing():
         return None
@@ -336,4 +297,4 @@ def _planner(trial: Trial) -> RechecksBounds | None:
         planner = configured(entry.load(), trial.options, trial.planner)
     except TrajoptError:
         return None
-    return planner if isinstance(planner, RechecksBounds) else None
+    return planner if isinstance(planner, StoresProofs) else None
