@@ -2,8 +2,8 @@
 
 Any trajectory is bounded under every kind of limit by linear programs (`branching.py`,
 `dual_check.py`), the 3-5-3 splines with shared times by boxes of their two ratios
-(`ratio_boxes.py`). Both ask for anything that is shorter than the incumbent by a given share, until there is none.
-Each bound has a proof that is checked without a solver.
+(`ratio_boxes.py`). Both ask for anything that is shorter than the incumbent by a given share, until
+there is none. Each bound has a proof that is checked without a solver.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class Bound:
         upper_bound: The certified duration of `trajectory`; infinite if none is known to keep
             every limit, or none was looked for.
         proved_within: Upper over lower bound, minus 1.
-        status: "proved" (within what was asked), "time limit", "stopped: no progress", or "infeasible" (no
-            3-5-3 spline keeps the position limits: the message says why, and both bounds are
-            infinite).
+        status: "proved" (within what was asked), "time limit", "stopped: no progress", or
+            "infeasible" (no 3-5-3 spline keeps the position limits: the message says why, and both
+            bounds are infinite).
         solve_time: Wall time spent.
         trajectory: The fastest one known.
         message: Why there was no time to begin, if there was none.
