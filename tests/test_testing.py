@@ -323,13 +323,28 @@ def test_every_breach_is_named(planner, words):
         check_planner(planner)
 
 
-def test_a_relaxation_may_break_what_it_ignores():
+def test_a_relaxation_may_break_what_it_ignores_if_it_says_so():
     @dataclass(frozen=True)
-    class Bound(ThroughTheAir):
+    class Relaxed(ThroughTheAir):
+        status: str = "relaxed"
+
         def relation(self, problem):
             return Relation.RELAXATION
 
-    check_planner(Bound())
+        def solve(self, problem, *, seed=0):
+            return replace(super().solve(problem), status=Status(self.status), message="sorry")
+
+    check_planner(Relaxed())
+    with pytest.raises(ContractError, match="invalid on 'one joint'"):
+        check_planner(Relaxed(status="solved"))
+
+    @dataclass(frozen=True)
+    class Denying(ThroughTheAir):
+        def solve(self, problem, *, seed=0):
+            return replace(super().solve(problem), status=Status.RELAXED, message="sorry")
+
+    with pytest.raises(ContractError, match="not what its relation says"):
+        check_planner(Denying())
 
 
 def test_failing_with_a_word_is_allowed():

@@ -41,7 +41,7 @@ class Relation(Enum):
 
     SAME = "solves the same problem"
     RESTRICTION = "cannot beat the optimum"
-    RELAXATION = "ignores a limit: its answer is a lower bound"
+    RELAXATION = "ignores a limit: its motion may break it"
 
 
 def _refusing(solve: Callable[..., Solution]) -> Callable[..., Solution]:

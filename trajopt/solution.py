@@ -17,6 +17,7 @@ class Status(StrEnum):
     """How a trial ended. Anything but `SOLVED` comes with a message that says why."""
 
     SOLVED = "solved"
+    RELAXED = "relaxed"  # without limits that the planner ignores; the motion may break those
     INFEASIBLE = "infeasible"  # proved: no trajectory exists
     FAILED = "failed"  # the solver gave up
     INVALID = "invalid"  # the verifier found what no dilation can mend
@@ -31,7 +32,7 @@ class Solution:
     """A planner's answer, before anyone has checked it.
 
     - `trajectory`: its duration is the planner's *claim*; the verifier certifies another;
-    - `lower_bound`: seconds that no trajectory through these waypoints can beat, if known;
+    - `lower_bound`: seconds that no trajectory through these waypoints can beat, if that is proved;
     - `evaluations`: how often the planner evaluated its objective, if it counts them;
     - `history` `(m, 2)`: evaluations spent, and the best duration found by then (NaN before the
       first), s;

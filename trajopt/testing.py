@@ -36,7 +36,8 @@ def check_planner(planner: object, problems: Iterable[Problem] | None = None) ->
 
     It must be a frozen dataclass that survives pickling, or a function; say how it relates to the
     optimum; answer every supported problem with a `Solution` whose trajectory the verifier can
-    certify (unless it is a relaxation, or the problem has limits that the planner does not know);
+    certify (unless the problem has limits that the planner does not know), or with status `relaxed`
+    where its motion may break limits that it ignores on purpose;
     give the same answer for the same seed, alone or in a batch; and never beat the optimum where
     that is known in closed form. What was checked is printed, a line a problem.
 
@@ -156,7 +157,11 @@ def _check_on(planner: Planner, problem: Problem) -> str:
         _require(repeated, f"solve{where} differs for the same seed")
     _require(repeated, f"solve{where} differs between two calls")
     unknown = [kind for kind in LIMIT_NAMES if problem.has(kind) and kind not in planner.knows]
-    excused = bool(unknown) or relation is Relation.RELAXATION
+    excused = bool(unknown)
+    for solution in solutions:
+        is_relaxed = solution.status is Status.RELAXED
+        as_said = relation is Relation.RELAXATION or not is_relaxed
+        _require(as_said, f"relaxed{where}, which is not what its relation says")
     found = [_check_solution(solution, problem, where, excused) for solution in solutions]
     if planner.batched:
         _check_batch(planner, problem, solutions, where)
@@ -186,12 +191,12 @@ def _check_solution(
     excused: bool,
 ) -> str:
     """What the verifier says; a planner that cannot keep the limits is excused from flaws."""
-    if solution.status is not Status.SOLVED:
-        says_why = bool(solution.message)
-        _require(says_why, f"{solution.status}{where} without a message")
-        return f"{solution.status}: {solution.message}"
-    if solution.trajectory is None:
-        raise ContractError(f"solved{where} without a trajectory")
+    status = solution.status
+    if solution.trajectory is None and status in (Status.SOLVED, Status.RELAXED):
+        raise ContractError(f"{status}{where} without a trajectory")
+    if solution.trajectory is None or status is not Status.SOLVED:
+        _require(bool(solution.message), f"{status}{where} without a message")
+        return f"{status}: {solution.message}"
     try:
         certificate = verify(problem, solution.trajectory)
     except InvalidTrajectory as error:

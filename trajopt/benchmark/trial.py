@@ -41,7 +41,7 @@ class Trial:
 
     `planner` is its name, `label` the name with the options that differ from the registered ones.
     `status` and `message` are the verdict: the planner's own status, unless the verifier found
-    what no dilation can mend. `solve_time` and `setup_time` are wall seconds without and for what
+    what no dilation can mend, or that a relaxed answer needs no more than that. `solve_time` and `setup_time` are wall seconds without and for what
     later calls need not do again: importing what the planner requires, and building what it keeps.
     Of a batch of `batch` runs solved together, each has its share.
     """
@@ -90,6 +90,17 @@ class Trial:
     @property
     def lower_bound(self) -> float | None:
         return self.solution.lower_bound
+
+    @property
+    def relaxed_duration(self) -> float | None:
+        """The claimed duration of an answer that breaks limits which its planner ignores, s."""
+        return self.claimed_duration if self.status is Status.RELAXED else None
+
+    @property
+    def is_answered(self) -> bool:
+        """Whether it came to anything: a motion, one of a relaxation, or a lower bound."""
+        found = (self.certified_duration, self.relaxed_duration, self.lower_bound)
+        return any(value is not None for value in found)
 
     @cached_property
     def certified_trajectory(self) -> Trajectory | None:
@@ -271,13 +282,15 @@ def _copy(problem: Problem) -> Problem:
 def verdict(problem: Problem, solution: Solution) -> tuple[Status, str, Certificate | None]:
     """The verifier's word on a solution: its status, message and certificate."""
     if solution.trajectory is None:
-        if solution.status is Status.SOLVED:
-            return Status.FAILED, "reported solved without a trajectory", None
+        if solution.status in (Status.SOLVED, Status.RELAXED):
+            return Status.FAILED, f"reported {solution.status} without a trajectory", None
         return solution.status, solution.message, None
     try:
         certificate = verify(problem, solution.trajectory)
     except InvalidTrajectory as error:
         return Status.INVALID, str(error), None
+    if certificate.valid and solution.status is Status.RELAXED:
+        return Status.SOLVED, "", certificate  # it keeps the ignored limits all the same
     if certificate.valid or solution.status is not Status.SOLVED:
         return solution.status, solution.message, certificate
     flaws = "; ".join(certificate.flaws)

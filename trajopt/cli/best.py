@@ -16,7 +16,7 @@ from trajopt.registry import named
 from trajopt.rest_to_rest import end_to_end_bound, stop_times
 
 _SAVED_PERCENT = 0.05  # of the duration; less is none
-_PROVED_RTOL = 1e-4  # from which gap on to the proved bound an answer is called the optimum
+_PROVED_RTOL = 1e-4  # from which distance to the proved bound on an answer is called the optimum
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,14 @@ class Best:
 
     Attributes:
         trial: The planner's trial.
-        best_known: What no known motion beats, s: the shortest answer under fewer limits.
+        relaxed: The shortest motion known without the limits that its planner ignores, s.
         proved: What no motion beats, proved in closed form or in the record, s.
         stopping: How long it takes to stop at every waypoint, s.
         record: What is recorded of the problem; None where nothing is.
     """
 
     trial: Trial
-    best_known: float | None
+    relaxed: float | None
     proved: float
     stopping: float
     record: Record | None = None
@@ -40,7 +40,7 @@ class Best:
     def as_dict(self) -> dict[str, float | None]:
         """For JSON, beside the trial: s."""
         return {
-            "best_known_bound": self.best_known,
+            "relaxed_duration": self.relaxed,
             "recorded_duration": self.record.duration if self.record else None,
             "proved_bound": self.proved,
             "stopping_duration": self.stopping,
@@ -51,9 +51,9 @@ def best(problem: Problem, seed: int) -> Best:
     """Ask the best planners in turn, until an answer is within all limits.
 
     The first ones lift limits that they do not know. Where their answer keeps those all the same,
-    nothing is faster; where not, its duration is a bound on what the others find.
+    no faster motion is known; where not, the others' answers are compared with it.
     """
-    best_known: float | None = None
+    relaxed: float | None = None
     trial = None
     reasons = []
     for name in best_planners(problem):
@@ -63,8 +63,8 @@ def best(problem: Problem, seed: int) -> Best:
             reasons.append(str(error))
             continue
         trial = judge(planner, problem, [seed], own_name)[0]
-        if best_known is None:
-            best_known = trial.lower_bound
+        if relaxed is None:
+            relaxed = trial.relaxed_duration
         if trial.certified_duration is not None:
             break
     if trial is None:
@@ -75,7 +75,7 @@ def best(problem: Problem, seed: int) -> Best:
         proved = max(proved, record.lower_bound)
     return Best(
         trial=trial,
-        best_known=best_known,
+        relaxed=relaxed,
         proved=proved,
         stopping=float(stop_times(problem).sum()),
         record=record,
@@ -116,15 +116,15 @@ def _saving(found: Best, duration: float) -> str:
 
 def _quality(found: Best, duration: float) -> str:
     """How far the answer is from the optimum, and whether that is proved."""
-    proved_gap = duration / found.proved - 1
-    if proved_gap < _PROVED_RTOL:
+    proved_within = duration / found.proved - 1
+    if proved_within < _PROVED_RTOL:
         return "Its answer is the optimum, proved within 0.01 %."
     known = "No faster motion is known"
-    if found.best_known is not None:
-        known_gap = duration / found.best_known - 1
-        if known_gap >= _PROVED_RTOL:
-            bound = f"{found.best_known:.4f} s, the best known under fewer limits"
-            known = f"It is {100 * known_gap:.2f} % above {bound}"
+    if found.relaxed is not None:
+        above = duration / found.relaxed - 1
+        if above >= _PROVED_RTOL:
+            best = f"{found.relaxed:.4f} s, the best known under fewer limits"
+            known = f"It is {100 * above:.2f} % above {best}"
     record = found.record
     if record is not None and duration > record.duration * (1 + BETTER_RTOL):
         above = 100 * (duration / record.duration - 1)

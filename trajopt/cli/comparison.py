@@ -27,7 +27,6 @@ from trajopt.interpolation import Interpolation
 from trajopt.problem import Problem
 from trajopt.registry import entries, named
 from trajopt.registry import label as label_of
-from trajopt.solution import Status
 
 if TYPE_CHECKING:
     from trajopt.given_motion import GivenMotion
@@ -133,12 +132,8 @@ def run(
         console.line(line)
     for sentence in _better_than_recorded(summary, output):
         console.paragraph(sentence)
-    answered = any(map(_is_answered, ran.trials))
+    answered = any(trial.is_answered for trial in ran.trials)
     return 0 if answered else 1
-
-
-def _is_answered(trial: Trial) -> bool:
-    return trial.status is Status.SOLVED or trial.lower_bound is not None
 
 
 def _motions(
@@ -315,7 +310,8 @@ def _reference(line: Line) -> str:
     sentences = {
         "exact": "Gap to the exact optimum, {:.6f} s: {}.",
         "refined": "Gap to refined collocation, {:.6f} s, its own error below 0.01 %: {}.",
-        "lower bound": "Gap to a lower bound, {:.6f} s, the optimum without some limits: {}.",
+        "relaxed": "Gap to the best known without some of the limits, {:.6f} s: {}.",
+        "lower bound": "Gap to a lower bound, {:.6f} s: {}.",
         "best known": f"Gap to the best known, {line.recorded}, {{:.6f}} s: {{}}.",
     }
     return sentences[line.kind or "exact"].format(line.reference, known)

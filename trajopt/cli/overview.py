@@ -14,7 +14,8 @@ from trajopt.benchmark.analysis.results import Results
 from trajopt.cli import console
 
 _MEANING = """\
-Problems: as supported. Bounds: answers that ignore a limit on purpose.
+Problems: as supported. Relaxed: motions that break limits which their planner
+ignores.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
 _KINDS_SHOWN = 3  # of a planner's failures
@@ -28,7 +29,7 @@ def show(results: Results, folder: Path) -> Path:
             folder / "report.html",
             command=f"trajopt report {folder}",
         )
-    numbers = ("problems", "solved", "failed", "bounds", "gap %", "worst %", "time s")
+    numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
     table = console.table("planner", *numbers, numbers=numbers)
     for row in overview(results).itertuples():
         table.add_row(*_overview_cells(row))
@@ -47,7 +48,7 @@ def _overview_cells(row: Any) -> list[str]:
         str(row.problems),
         f"{row.solved} of {row.trials}",
         str(row.failed),
-        str(row.bounds),
+        str(row.relaxed),
         gap,
         _percent(row.worst),
         f"{row.time:.3f}",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -74,8 +73,6 @@ def plan(
         with console.waiting(f"planning {asked_for.name}"):
             found = best(asked_for, seed)
         trial = found.trial
-        if trial.certified_duration is not None:
-            trial = replace(trial, message="")  # of limits that its answer keeps all the same
     else:
         name, chosen = named(planner)
         trial = judge(chosen, asked_for, [seed], name)[0]
@@ -85,7 +82,7 @@ def plan(
         if found is not None:
             for sentence in sentences(found):
                 console.paragraph(sentence)
-    code = 0 if trial.certified_duration or trial.lower_bound else 1
+    code = 0 if trial.is_answered else 1
     if target is not None:
         if trial.certified_trajectory is None and target.path.suffix != ".h5":
             console.note(f"{out} is not written: no certified trajectory")

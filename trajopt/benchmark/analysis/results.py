@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trajopt.benchmark.analysis import pairwise, searches, statistics
 from trajopt.benchmark.analysis.summary import (
+    OPTIMA,
     Kept,
     Line,
     Summary,
@@ -117,7 +118,7 @@ class Results:
             relation: how the answer relates to the minimum-time problem.
             claimed_duration: of the trajectory as returned, s.
             certified_duration: the same times `max(1, dilation)`, s; NaN beyond mending.
-            lower_bound: no trajectory is faster, according to the planner, s.
+            lower_bound: no trajectory is faster, as the planner proved, s.
             feasible: whether it keeps every limit as claimed.
             dilation: the cheapest factor of time that keeps velocity, acceleration and jerk limits.
             position_excess: how far the trajectory leaves its position limits, rad; 0 within
@@ -140,9 +141,9 @@ class Results:
             reference: s.
             kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
                 `refined`, that of refined collocation, above the optimum by at most
-                `REFINED_RTOL`; `lower bound`, where none knows all limits, the largest of what they
-                found without the limits that they ignore; `best known`, where the recorded motion
-                (`trajopt best-known`) is shorter than all of these.
+                `REFINED_RTOL`; `relaxed`, where none knows all limits, the largest of what they
+                found without the limits that they ignore; `lower bound`, where more is proved;
+                `best known`, where the recorded motion (`trajopt best-known`) is shorter than all.
             proved: no trajectory is faster, s; NaN where nothing was proved.
             recorded: where the recorded motion comes from, if it is the reference, or empty.
             recorded_proof: the same of the recorded lower bound, if it is the highest.
@@ -311,12 +312,12 @@ class Results:
 
 
 def competing(trials: pd.DataFrame) -> pd.DataFrame:
-    """Without those that were refused, or whose answer ignores a limit on purpose (a bound)."""
-    refused = trials["status"] == str(Status.UNSUPPORTED)
+    """Without those that were refused, are relaxed, or have a lower bound and no motion."""
+    aside = trials["status"].isin([str(Status.UNSUPPORTED), str(Status.RELAXED)])
     certified = trials["certified_duration"].notna()
     bounded = trials["lower_bound"].notna()
     only_bound = bounded & ~certified
-    return trials[~refused & ~only_bound]
+    return trials[~aside & ~only_bound]
 
 
 def median_gap(trials: pd.DataFrame) -> float:
@@ -324,7 +325,7 @@ def median_gap(trials: pd.DataFrame) -> float:
 
     +inf: on half of them it has no answer; NaN: there is no such problem.
     """
-    known = trials[trials["kind"].isin(["exact", "refined", "best known"])]
+    known = trials[trials["kind"].isin(OPTIMA)]
     if known.empty:
         return np.nan
     medians = known["gap"].fillna(np.inf).groupby(known["digest"]).median()

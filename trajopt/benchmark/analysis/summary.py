@@ -31,7 +31,9 @@ from trajopt.solution import Status
 from trajopt.verification import Certificate
 
 Array = NDArray[np.float64]
-Kind = Literal["exact", "refined", "lower bound", "best known"]
+Kind = Literal["exact", "refined", "best known", "relaxed", "lower bound"]
+
+OPTIMA = ("exact", "refined", "best known")  # kinds of references that are motions
 
 BUG_RTOL = 1e-6  # a planner below the reference by more than this is a bug to hunt
 REFINED_RTOL = 1e-4  # what refined collocation may itself be above the optimum
@@ -58,9 +60,9 @@ class Reference:
         duration: s.
         kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
             `refined`, that of refined collocation, above the optimum by at most `REFINED_RTOL`;
-            `lower bound`, where none knows all limits, the largest of what they found without the
-            limits that they ignore; `best known`, where the recorded motion is shorter than all of
-            these.
+            `best known`, where the recorded motion is shorter than these; `relaxed`, where none
+            knows all limits, the largest of what they found without the limits that they ignore;
+            `lower bound`, where more than that is proved.
         proved: No trajectory is faster, s; NaN where nothing was proved.
         recorded: Where the recorded motion comes from, if it is the reference.
         recorded_proof: Where the recorded lower bound comes from, if it is the highest.
@@ -233,8 +235,10 @@ def _reference(exact: Sequence[Trial]) -> Reference:
     proved = _largest([trial.lower_bound for trial in exact if trial.planner == PROOF])
     certified = [trial for trial in exact if trial.certified_duration is not None]
     if not certified:
-        bound = _largest([trial.lower_bound for trial in exact])
-        return Reference(bound, "lower bound", proved)
+        relaxed = _largest([trial.relaxed_duration for trial in exact])
+        if proved >= relaxed or isnan(relaxed):
+            return Reference(proved, "lower bound", proved)
+        return Reference(relaxed, "relaxed", proved)
     shortest = _smallest([trial.certified_duration for trial in certified])
     only_refined = all(trial.planner == REFERENCES[-1] for trial in certified)
     kind: Kind = "refined" if only_refined else "exact"
@@ -269,7 +273,7 @@ def _with_record(reference: Reference, problem: Problem) -> Reference:
             recorded_proof=str(record.bound),
         )
     computed = inf
-    if reference.kind != "lower bound":
+    if reference.kind in OPTIMA:
         computed = reference.duration
     if record.duration >= computed * (1 - BETTER_RTOL):
         return reference

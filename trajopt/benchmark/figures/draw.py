@@ -204,7 +204,7 @@ def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
         return best.certified_trajectory, "exact optimum"
     limits: list[LimitName] = ["jerk", "position"]
     ignored = " or ".join(name for name in limits if best.problem.has(name))
-    return best.solution.trajectory, f"optimum without {ignored} limits (lower bound)"
+    return best.solution.trajectory, f"best known without {ignored} limits (relaxed)"
 
 
 def _recorded(trials: Sequence[Trial]) -> Trajectory | None:

@@ -182,7 +182,7 @@ def _reference(rows: Sequence[Line]) -> tuple[str, float] | None:
     first = rows[0]
     if first.kind is None:
         return None
-    name = "optimum ≥ lower bound" if first.kind == "lower bound" else f"{first.kind} optimum"
+    name = first.kind if first.kind == "lower bound" else f"{first.kind} optimum"
     return f"{name} {first.reference:#.4g} s", first.reference
 
 

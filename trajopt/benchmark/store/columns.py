@@ -179,7 +179,7 @@ COLUMNS = {
     "planner_message": Column("text", "", "what the planner itself said"),
     "claimed_duration": Column("number", "s", "duration of the trajectory as returned"),
     "certified_duration": Column("number", "s", "max(1, dilation) x claimed; NaN: beyond mending"),
-    "lower_bound": Column("number", "s", "no trajectory beats this, according to the planner"),
+    "lower_bound": Column("number", "s", "no trajectory beats this, as the planner proved"),
     "dilation": Column("number", "1", "exact cheapest time dilation that meets the limits"),
     "feasible": Column("number", "1", "1 if it keeps every limit as claimed; NaN: no trajectory"),
     "evaluations": Column("number", "1", "objective evaluations; NaN if not counted"),
