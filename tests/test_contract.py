@@ -65,7 +65,7 @@ def test_keeps_the_public_contract(name: str) -> None:
 @pytest.mark.parametrize("name", INSTALLED)
 def test_every_problem_ends_in_a_verdict_that_holds(name: str, problem: str) -> None:
     t = trial(name, problem)
-    verdicts = [Status.SOLVED, Status.UNSUPPORTED, Status.INVALID]
+    verdicts = [Status.SOLVED, Status.RELAXED, Status.UNSUPPORTED, Status.INVALID]
     if third_party(name):
         verdicts.append(Status.FAILED)
     assert t.status in verdicts, t.message

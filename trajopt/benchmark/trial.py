@@ -41,9 +41,10 @@ class Trial:
 
     `planner` is its name, `label` the name with the options that differ from the registered ones.
     `status` and `message` are the verdict: the planner's own status, unless the verifier found
-    what no dilation can mend, or that a relaxed answer needs no more than that. `solve_time` and `setup_time` are wall seconds without and for what
-    later calls need not do again: importing what the planner requires, and building what it keeps.
-    Of a batch of `batch` runs solved together, each has its share.
+    what no dilation can mend, or no ignored limit broken by a relaxed answer. `solve_time` and
+    `setup_time` are wall seconds without and for what later calls need not do again: importing what
+    the planner requires, and building what it keeps. Of a batch of `batch` runs solved together,
+    each has its share.
     """
 
     problem: Problem

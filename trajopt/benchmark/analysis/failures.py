@@ -43,9 +43,9 @@ class Reason:
 def failures(results: Results) -> pd.DataFrame:
     """One row per planner (the index, with its options) and kind of failure.
 
-    Failures are counted as in `overview`: not what a planner refused, nor what is relaxed. Each trial
-    counts once, by the first flaw that the verifier names, or else by its status and the last line
-    of its message, in which every number is written `…`.
+    Failures are counted as in `overview`: not what a planner refused, nor what is relaxed. Each
+    trial counts once, by the first flaw that the verifier names, or else by its status and the last
+    line of its message, in which every number is written `…`.
 
     Columns:
         kind: in words that follow a number of trials.
