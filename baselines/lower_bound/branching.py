@@ -483,9 +483,9 @@ class _Search:
             tangents=tables.tangents,
             ramps=tables.ramps,
             cuts=tables.cuts,
-            cells=tables.cells,
+            cells=_moderate(tables.cells),
             steps=np.array(table, dtype=float),
-            multipliers=np.concatenate(multipliers),
+            multipliers=_moderate(np.concatenate(multipliers)),
         )
 
 
@@ -497,6 +497,11 @@ def _walk(node: _Node) -> Iterator[_Step]:
     if not node.children:
         assert node.leaf is not None
         yield node.leaf
+
+
+def _moderate(table: Array) -> Array:
+    """0 for what is too small for a proof: any costates and multipliers prove something."""
+    return np.where(np.abs(table) < dual_check.SMALLEST, 0.0, table)
 
 
 def _branch(column: int, value: float) -> _Step:

@@ -32,6 +32,8 @@ Quadratic = tuple[Array, Array, Array]
 
 # A generous bound on what the roundings of a few dozen operations add up to, of the terms' sizes.
 COEFFICIENT_RTOL = 1e-14
+# What a sum over cells rounds by for each of them, likewise.
+_CELL_RTOL = 2.0**-52
 
 # A cell: its start, `p` as a quadratic from there, `q` as a line, `λ` constant.
 CELL_COLUMNS = 7
@@ -81,7 +83,7 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
     displacement = parts.slope[:, -1] * h
     walls, wall_size = _walls(relaxation, given, parts.slope)
     inverse_size = np.abs(displacement) + wall_size
-    inverse_rounding = COEFFICIENT_RTOL * inverse_size
+    inverse_rounding = parts.sum_rtol * inverse_size
     p_end = value(parts.p, parts.widths)
     q_end = value(parts.q, parts.widths)
     coefficients = [
@@ -107,6 +109,16 @@ class _Parts(NamedTuple):
     acceleration: Array
     jerk: Array
 
+    @property
+    def sum_rtol(self) -> float:
+        """What a sum over cells can round by, of the terms' sizes."""
+        cells = self.widths.shape[1]
+        return COEFFICIENT_RTOL + cells * _CELL_RTOL
+
+    def up(self, values: Array) -> Array:
+        """Sums over cells, rounded upwards."""
+        return np.asarray(values * (1 + self.sum_rtol))
+
     @classmethod
     def of(cls, relaxation: Relaxation, given: Costates) -> _Parts:
         starts, p0, p1, p2, q0, q1, slope = np.moveaxis(given.cells, -1, 0)
@@ -131,8 +143,7 @@ def _by_jerk(parts: _Parts) -> Array:
     """What jerk can add, `J ∫|p|`."""
     limit = np.where(np.isfinite(parts.jerk), parts.jerk, 0.0)
     integrals = _weighed(parts.p, parts.widths, limit)
-    total = integrals.sum(axis=1)
-    return _up(total)
+    return parts.up(integrals.sum(axis=1))
 
 
 def _by_acceleration(parts: _Parts) -> Array:
@@ -146,7 +157,7 @@ def _by_acceleration(parts: _Parts) -> Array:
     terms = parts.widths * (rate_size + q_size)
     integrals += _rounding(terms, parts.acceleration)
     jumps = _jumps(parts.p, parts.widths, parts.acceleration)
-    return _up(integrals.sum(axis=1) + jumps)
+    return parts.up(integrals.sum(axis=1) + jumps)
 
 
 def _by_velocity(parts: _Parts) -> Array:
@@ -158,7 +169,7 @@ def _by_velocity(parts: _Parts) -> Array:
     terms = parts.widths * sizes
     integrals += _rounding(terms, parts.velocity)
     jumps = _jumps(parts.q, parts.widths, parts.velocity)
-    return _up(integrals.sum(axis=1) + jumps)
+    return parts.up(integrals.sum(axis=1) + jumps)
 
 
 def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
@@ -286,21 +297,18 @@ def _walls(relaxation: Relaxation, given: Costates, slope: Array) -> tuple[Array
     return total, size
 
 
-def _up(values: Array) -> Array:
-    return np.asarray(values * (1 + COEFFICIENT_RTOL))
-
-
 def _quotient(a: Array, b: Array) -> Array:
-    """`a / b`, and 0 where that is no number."""
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+    """`a / b`, and 0 where that is no number: a hint, which may be wrong."""
+    with np.errstate(all="ignore"):
         quotient = a / b
     return np.where(np.isfinite(quotient), quotient, 0.0)
 
 
 def _roots(quadratic: Quadratic) -> Array:
-    """Both roots, `(2, pieces)`; anything where there are none."""
+    """Both roots, `(2, pieces)`; anything where there are none. Hints, which may be wrong."""
     f0, f1, f2 = quadratic
-    square = f1 * f1 - 4 * f2 * f0
+    with np.errstate(under="ignore"):
+        square = f1 * f1 - 4 * f2 * f0
     discriminant = np.maximum(square, 0.0)
     sign = np.where(f1 >= 0, 1.0, -1.0)
     both = f1 + sign * np.sqrt(discriminant)

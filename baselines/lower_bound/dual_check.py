@@ -2,7 +2,9 @@
 
 Every step's multipliers `y ≥ 0` add rows `A x ≤ b` of the relaxation to an objective `c`:
 `c x ≥ (c + Aᵀ y) x − bᵀ y ≥ min over the box − bᵀ y`, whatever the multipliers are. So no solver
-has to be believed. What arithmetic can round is bounded by the sizes of all terms and taken off.
+has to be believed. What arithmetic can round is bounded by the sizes of all terms and taken off:
+that counts on numbers of moderate size, so others are refused, and so is whatever overflows or
+underflows on the way (docs/mathematics.md, section 5c).
 """
 
 from __future__ import annotations
@@ -30,6 +32,9 @@ BRANCH = 2
 LEAF = 3
 
 _PREFIX = "proof_"
+# Between these lies every number of a proof that is not 0: honest ones from 2e-30 to 9e17.
+SMALLEST = 2.0**-128
+LARGEST = 2.0**128
 # Of an operation, with as much again for the few that a row's own entries take.
 _EPSILON = 2.0**-52
 _ENTRY_ROUNDINGS = 32
@@ -103,6 +108,15 @@ _SHAPES = {
     "square_tangents": 2,
     "ramps": 3,
 }
+# Columns that count or number something.
+_WHOLE = {
+    "tangents": [0],
+    "cuts": [0, 1, 2],
+    "steps": [0, 1, 3],
+    "multipliers": [0],
+    "square_tangents": [0],
+    "ramps": [0, 1, 2],
+}
 # Rows that older proofs do not have.
 _LATER = ("square_tangents", "ramps")
 
@@ -130,21 +144,42 @@ def proved_bound(problem: Problem, proof: Proof) -> float:
     Raises:
         InvalidInput: The proof is not one of this problem, or not in order.
     """
+    _check_numbers(proof)
     merged, _ = problem.merged()
-    relaxation = relaxation_of(merged, proof)
-    rows = _proof_rows(relaxation, proof)
     try:
-        lowest = _walked(relaxation, rows, proof)
-    except IndexError as error:
-        raise InvalidInput("proof", "rows and variables that exist", value=str(error)) from error
+        # what no flag is raised for is exact, or rounded by its last digit
+        with np.errstate(all="raise"):
+            relaxation = relaxation_of(merged, proof)
+            rows = _proof_rows(relaxation, proof)
+            lowest = _walked(relaxation, rows, proof)
+    except ArithmeticError as error:
+        right = "numbers that neither overflow nor underflow"
+        raise InvalidInput("proof", right, value=str(error)) from error
     # a unit is a power of two: nothing is rounded here
     return min(lowest, relaxation.cutoff) * relaxation.time_unit
 
 
+def _check_numbers(proof: Proof) -> None:
+    """Each is 0 or of moderate size; what counts or numbers something is whole."""
+    for name, table in vars(proof).items():
+        sizes = np.abs(table)
+        moderate = (sizes >= SMALLEST) & (sizes <= LARGEST)
+        _refuse(name, table, ~moderate & (table != 0), "0, or of a size from 2^-128 to 2^128")
+        whole = table[..., _WHOLE.get(name, [])]
+        _refuse(name, whole, whole != np.rint(whole), "whole, where something is counted")
+
+
+def _refuse(name: str, table: Array, wrong: NDArray[np.bool_], right: str) -> None:
+    if wrong.any():
+        raise InvalidInput(f"proof {name}", f"numbers that are {right}", value=table[wrong][0])
+
+
 def relaxation_of(problem: Problem, proof: Proof) -> Relaxation:
     """The relaxation that a proof is about."""
-    if proof.cutoff.shape != (1,) or not 0 < proof.cutoff[0] < np.inf:
+    if proof.cutoff.shape != (1,) or not proof.cutoff[0] > 0:
         raise InvalidInput("proof cutoff", "one positive number", value=proof.cutoff.tolist())
+    if not proof.units.size:
+        raise InvalidInput("proof units", "a time and lengths")
     time_unit, *lengths = proof.units.tolist()
     return Relaxation(problem, float(proof.cutoff[0]), time_unit, np.array(lengths))
 
@@ -247,8 +282,9 @@ def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> fl
     sizes = np.abs(objective) + np.bincount(places, np.abs(terms).ravel(), variables)
     least = np.minimum(reduced * box.low, reduced * box.high)
     farthest = np.maximum(np.abs(box.low), np.abs(box.high))
-    value = least.sum() - y @ rows.bounds
-    size = sizes @ farthest + y @ np.abs(rows.bounds)
+    of_bounds = y * rows.bounds
+    value = least.sum() - of_bounds.sum()
+    size = (sizes * farthest).sum() + np.abs(of_bounds).sum()
     roundings = len(y) + variables + _ENTRY_ROUNDINGS
     bound = float(value - roundings * _EPSILON * size)
     return bound if np.isfinite(bound) else -np.inf
@@ -257,6 +293,8 @@ def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> fl
 def _walked(relaxation: Relaxation, rows: _ProofRows, proof: Proof) -> float:
     """The lowest of all leaves' bounds."""
     box = relaxation.root_box()
+    if is_empty(box):
+        raise InvalidInput("proof cutoff", "a time in which every segment can be passed")
     pending = [box]
     lowest = np.inf
     first = 0
@@ -267,6 +305,8 @@ def _walked(relaxation: Relaxation, rows: _ProofRows, proof: Proof) -> float:
         last = first + _index(count, len(proof.multipliers) - first + 1)
         own = proof.multipliers[first:last]
         first = last
+        if kind not in (RAISE, LOWER, BRANCH, LEAF):
+            raise InvalidInput("proof steps", "kinds from 0 to 3", value=kind)
         if kind == BRANCH:
             column = _branchable(relaxation, variable)
             pending += reversed(branched(relaxation, box, column, value))
@@ -349,10 +389,11 @@ def _step_bound(
     """What a step's multipliers prove; anything, of an empty box."""
     if is_empty(box):
         return np.inf
-    numbers = multipliers[:, 0].astype(np.intp)
-    if (numbers < 0).any():
-        raise InvalidInput("proof multipliers", "rows counted from 0")
-    used = rows.with_box(relaxation, box).chosen(numbers)
+    every = rows.with_box(relaxation, box)
+    numbers = multipliers[:, 0]
+    wrong = (numbers < 0) | (numbers >= len(every.bounds))
+    _refuse("multipliers", numbers, wrong, "rows that exist, counted from 0")
+    used = every.chosen(numbers.astype(np.intp))
     return dual_bound(objective, box, used, multipliers[:, 1])
 
 

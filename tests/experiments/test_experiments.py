@@ -12,6 +12,7 @@ from experiments import (
     certificates,
     commands,
     explained,
+    forgeries,
     ordering,
     proved_sizes,
     sweep,
@@ -104,6 +105,19 @@ def test_the_tricks_table_shows_a_flaw_or_what_is_certified(
     assert "finite" in overflow["flaw"]
     assert (tmp_path / "tricks.md").read_text().startswith("| trick")
     assert f"certified below the optimum: 0 of {len(table)}" in capsys.readouterr().out
+
+
+def test_the_forgeries_experiment_says_what_is_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(forgeries, "PROBLEMS", ("six-axis",))
+    forgeries.main(output=tmp_path)
+    assert "forgeries: 0 believed" in capsys.readouterr().out
+    table = pd.read_csv(tmp_path / "forgeries.csv")
+    assert (table["proved %"].isna() == table["refused"].notna()).all()
+    monkeypatch.setattr(forgeries, "proved", lambda _: 2.0)
+    with pytest.raises(SystemExit, match="1"):
+        forgeries.main(output=tmp_path)
 
 
 def test_the_tricks_experiment_fails_where_a_trick_succeeds(

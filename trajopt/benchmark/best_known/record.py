@@ -211,7 +211,7 @@ def parsed(content: str) -> Record:
         InvalidInput: It is none.
     """
     try:
-        said = json.loads(content, parse_constant=_refused)
+        said = json.loads(content, parse_constant=_refused, object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:
         raise InvalidInput("record", f"JSON, but {error}") from None
     return _of(said)
@@ -219,6 +219,16 @@ def parsed(content: str) -> Record:
 
 def _refused(constant: str) -> Any:
     raise ValueError(f"{constant} is no number of JSON")
+
+
+def _object(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """An object whose keys differ: of two values of one key readers would believe either."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {twice!r:.60} stands there twice")
+    return found
 
 
 def _of(said: Any) -> Record:

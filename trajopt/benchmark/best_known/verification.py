@@ -50,11 +50,18 @@ class CheckedRecord:
 
 
 def checked(file: Path) -> CheckedRecord:
-    """Compute again what a record says."""
+    """Compute again what a record says; a file that cannot be checked does not hold."""
     try:
-        record = read(file)
+        return _checked(file)
     except TrajoptError as error:
-        return CheckedRecord(file.name, "", None, None, (str(error),))
+        reason = str(error)
+    except Exception as error:  # of a stranger's file: the others are to be checked all the same
+        reason = f"record: it cannot be checked, {type(error).__name__}: {error}"
+    return CheckedRecord(file.name, "", None, None, (reason,))
+
+
+def _checked(file: Path) -> CheckedRecord:
+    record = read(file)
     duration, slower = _duration(record)
     bound, weaker = _bound(record)
     differences = [*slower, *weaker, *_misplaced(record, file)]
