@@ -112,8 +112,8 @@ class _Parts(NamedTuple):
     @property
     def sum_rtol(self) -> float:
         """What a sum over cells can round by, of the terms' sizes."""
-        cells = self.widths.shape[1]
-        return COEFFICIENT_RTOL + cells * _CELL_RTOL
+        _, cells = self.widths.shape
+        return COEFFICIENT_RTOL + float(cells) * _CELL_RTOL
 
     def up(self, values: Array) -> Array:
         """Sums over cells, rounded upwards."""

@@ -102,7 +102,7 @@ def one_leaf(honest: Said, **tables: Any) -> Said:
 
 def one_row(
     honest: Said,
-    cells: Sequence[Sequence[float]],
+    cells: Sequence[Any],
     multiplier: float,
     time_unit: float,
     length_unit: float,
