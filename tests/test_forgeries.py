@@ -53,8 +53,14 @@ def test_no_forgery_is_believed_and_the_honest_proof_is(problem):
         ("a subnormal λ", r"units is .*: expected numbers that are 0, or of a size from 2\^-128"),
         ("units of 2^560 s and 2^0 rad", r"of a size from 2\^-128 to 2\^128"),
         ("λ = 1e300", r"cells is 1e\+300: expected numbers that are 0, or of a size"),
-        ("row 3.5", "multipliers is 3.5: expected numbers that are whole"),
-        ("row 1e+30", "expected numbers that are rows that exist"),
+        (
+            "multipliers that begin with 3.5 in column 0",
+            "multipliers is 3.5: expected numbers that are whole",
+        ),
+        (
+            "multipliers that begin with 1e30 in column 0",
+            "expected numbers that are rows that exist",
+        ),
         ("a kind of 0.5", "steps is 0.5: expected numbers that are whole"),
         ("a kind of 7", "kinds from 0 to 3"),
         ("multipliers twice", "the key 'multipliers' stands there twice"),

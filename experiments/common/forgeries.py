@@ -29,6 +29,69 @@ CLAIMED = 3.0
 
 _LEAF = [3, 0, 0, 0]
 _SUBNORMAL = 5e-324
+# Of time and of lengths.
+_EXPONENTS = """30 -1022
+0 -1022
+0 1000
+560 0
+560 560
+-560 -560
+600 1000
+400 800
+-300 0
+1023 1023
+-1074 -1074
+127 127
+-128 -128
+100 -128
+-100 127"""
+# What no number of a proof may be, as JSON has it.
+_NO_NUMBERS = f"NaN Infinity -Infinity 1e999 1{400 * '0'} true null 1e308 5e-324 -1"
+# Steps of a kind, a variable, a value and a number of multipliers, which have no row.
+_STEPS = """
+a time raised | 0 0 9 0 | 3 0 0 0
+a time lowered | 1 0 1e-9 0 | 3 0 0 0
+a time lowered below 0 | 1 0 -1 0 | 3 0 0 0
+an inverse raised | 0 3 1e9 0 | 3 0 0 0
+a square lowered | 1 6 1e-9 0 | 3 0 0 0
+a velocity lowered | 1 9 -1e9 0 | 3 0 0 0
+a branch without its upper leaf | 2 0 1e9 0 | 3 0 0 0
+a branch above the box | 2 0 1e9 0 | 3 0 0 0 | 3 0 0 0
+a branch below the box | 2 0 -1 0 | 3 0 0 0 | 3 0 0 0
+a branch of an inverse | 2 3 1e-9 0 | 3 0 0 0 | 3 0 0 0
+a branch of what does not exist | 2 1000 1 0 | 3 0 0 0 | 3 0 0 0
+a leaf too many | 3 0 0 0 | 3 0 0 0
+only a step to a leaf | 0 0 9 0
+more multipliers than there are | 3 0 0 1e6
+fewer than no multipliers | 3 0 0 -1
+half a multiplier | 3 0 0 0.5
+a kind of 0.5 | 0.5 0 9 0 | 3 0 0 0
+a kind of 7 | 7 0 9 0 | 3 0 0 0
+a kind of -1 | -1 0 9 0 | 3 0 0 0
+a variable of 0.5 | 0 0.5 9 0 | 3 0 0 0
+a variable of -1 | 0 -1 9 0 | 3 0 0 0
+"""
+# A table, a column and the numbers in its first row.
+_FIRST_ROWS = """
+multipliers | 0 | 3.5 -1 1e18 9223372036854775808 1e30 -0.5
+cuts | 0 | -1 0.5 99
+cuts | 1 | -1 0.5 99
+cuts | 2 | 0 0.5 -1
+cells | 0 | -0.5 0.5 1 1e-9
+cells | 1 | 1 -1e9
+"""
+# What is wrong, the table and its rows.
+_TABLES = """
+a joint that has none | ramps | [[0, 9, 1]]
+a side of 2 | ramps | [[0, 0, 2]]
+a side of -1 | ramps | [[0, 0, -1]]
+half a side | ramps | [[0, 0, 0.5]]
+at -1 | square_tangents | [[0, -1]]
+of a segment that does not exist | square_tangents | [[9, 1]]
+at -1 | tangents | [[0, -1]]
+at 0 | tangents | [[0, 0]]
+none | steps | []
+"""
 # Text that stands in the file as it is: JSON cannot say it otherwise.
 _RAW = "raw:"
 # A key that stands in the file once more.
@@ -182,75 +245,56 @@ def too_large(honest: Said) -> Iterator[Named]:
     yield "multipliers of 1.7e308", changed(honest, multipliers=large)
     places = [[k, 1e200] for k, _ in honest["proof"]["tangents"]]
     yield "tangents at 1e200", changed(honest, tangents=places)
-    yield "a step to 1e300", one_leaf(honest, steps=[[0, 0, 1e300, 0], _LEAF])
-    for name, cutoff in (("1e308", 1e308), ("subnormal", _SUBNORMAL), ("negative", -1.0)):
-        yield f"a cut-off that is {name}", changed(honest, cutoff=[cutoff])
     yield "two cut-offs", changed(honest, cutoff=[1.0, CLAIMED * honest["duration"]])
     yield "no cut-off", changed(honest, cutoff=[])
-    for number in ("NaN", "Infinity", "-Infinity", "1e999", "1" + 400 * "0", "true", "null"):
+    for number in _NO_NUMBERS.split():
         raw = _RAW + number
-        yield f"{number:.9} as a multiplier", with_first(honest, "multipliers", 1, raw)
-        yield f"{number:.9} in a cell", with_first(honest, "cells", 6, raw)
-        yield f"{number:.9} as the cut-off", changed(honest, cutoff=[raw])
+        yield f"{number:.12} as a multiplier", with_first(honest, "multipliers", 1, raw)
+        yield f"{number:.12} in a cell", with_first(honest, "cells", 6, raw)
+        yield f"{number:.12} as the cut-off", changed(honest, cutoff=[raw])
+        yield f"a step to {number:.12}", one_leaf(honest, steps=[[0, 0, raw, 0], _LEAF])
 
 
 def other_units(honest: Said) -> Iterator[Named]:
     """Units in which limits are infinite, squares are 0, or numbers another's."""
-    _, *lengths = honest["proof"]["units"]
-    for time, length in (
-        (30, -1022),
-        (0, -1022),
-        (0, 1000),
-        (560, 0),
-        (560, 560),
-        (-560, -560),
-        (600, 1000),
-        (400, 800),
-        (-300, 0),
-        (1023, 1023),
-        (-1074, -1074),
-        (127, 127),
-        (-128, -128),
-        (100, -128),
-        (-100, 127),
-    ):
-        units = [2.0**time, *[2.0**length] * len(lengths)]
-        yield f"units of 2^{time} s and 2^{length} rad", one_leaf(honest, units=units)
-        yield f"the same and the honest rows, 2^{time}, 2^{length}", changed(honest, units=units)
-
-    def times(factor: float) -> Callable[[Any], Any]:
-        return lambda units: [factor * unit for unit in units]
-
-    yield "units twice as large", edited(honest, "units", times(2))
-    yield "units of which none is a power of two", edited(honest, "units", times(1.5))
-    yield "negative units", edited(honest, "units", times(-1))
-    yield "units of 0", edited(honest, "units", times(0))
-    yield "a unit too many", edited(honest, "units", lambda units: [*units, 1.0])
-    yield "a unit too few", edited(honest, "units", lambda units: units[:-1])
-    yield "a smaller unit of time", edited(honest, "units", lambda u: [u[0] / 8, *u[1:]])
-    yield "a larger unit of time", edited(honest, "units", lambda u: [u[0] * 8, *u[1:]])
+    own = honest["proof"]["units"]
+    for line in _EXPONENTS.splitlines():
+        time, length = map(int, line.split())
+        units = [2.0**length for _ in own]
+        units[0] = 2.0**time
+        name = f"units of 2^{time} s and 2^{length} rad"
+        yield name, one_leaf(honest, units=units)
+        yield f"{name}, the honest rows", changed(honest, units=units)
+    for factor in (2, 1.5, -1, 0):
+        scaled = [factor * unit for unit in own]
+        yield f"units {factor} times as large", changed(honest, units=scaled)
+    yield "a unit too many", changed(honest, units=[*own, 1.0])
+    yield "a unit too few", changed(honest, units=own[:-1])
+    for factor in (0.125, 8.0):
+        other = [factor * own[0], *own[1:]]
+        yield f"a unit of time {factor} times as large", changed(honest, units=other)
 
 
 def cancelling(honest: Said) -> Iterator[Named]:
     """Large terms whose sum is rounding."""
     t = honest["proof"]["units"][0]
-    many = np.linspace(0, 1, 20_001)[:-1]
-    steps = [[start, 0, 0, 0, 0, 0, 1] for start in many.tolist()]
+    many = (np.arange(20_000) / 20_000).tolist()
+    steps = [[start, 0, 0, 0, 0, 0, 1] for start in many]
     yield "20,000 cells", one_row(honest, steps, 1.0, t, 1.0)
-    swings = [[start, 0, 0, 0, 1e17 * (-1) ** i, 0, 1] for i, start in enumerate(many.tolist())]
-    yield "20,000 jumps of 1e17", one_row(honest, swings, 1.0, t, 1.0)
+    for cell in steps[::2]:
+        cell[4] = 1e17
+    yield "20,000 jumps of 1e17", one_row(honest, steps, 1.0, t, 1.0)
     bump = [[0, 1e17, -4e17, 4e17, 4e17, -8e17, 8e17]]
     yield "a p and a q of 1e17 that cancel", one_row(honest, bump, 1e-17, t, 1.0)
     line = [[0, 0, 0, 0, 0.5e17, -1e17, 1e17]]
     yield "a q of 1e17 against λ", one_row(honest, line, 1e-17, t, 1.0)
     rows = honest["proof"]["multipliers"]
-    twice = [[row, y * size] for row, y in rows for size in (1e17, -1e17)]
-    yield "multipliers of both signs", _one_step(honest, twice)
+    both = [[row, y * size] for row, y in rows for size in (1e17, -1e17)]
+    yield "multipliers of both signs", _one_step(honest, both)
     _, *lengths = honest["proof"]["units"]
     secants = [[row, 1e30] for row in range(_box_rows(honest, 3, len(lengths)))]
     yield "every row of the box 1e30 times", _one_step(honest, secants)
-    thousand = [[row, 1e5 * y] for row, y in rows for _ in range(100)]
-    yield "every row a hundred times", _one_step(honest, thousand)
+    yield "every row a hundred times", _one_step(honest, 100 * rows)
 
 
 def _one_step(honest: Said, multipliers: Sequence[Sequence[float]]) -> Said:
@@ -260,69 +304,40 @@ def _one_step(honest: Said, multipliers: Sequence[Sequence[float]]) -> Said:
 
 def boxes(honest: Said) -> Iterator[Named]:
     """Steps to boxes in which the motion is not, and trees that leave some out."""
-    h = CLAIMED * honest["duration"] / honest["proof"]["units"][0]
-    cases = {
-        "a time raised without a row": [[0, 0, h, 0], _LEAF],
-        "a time lowered without a row": [[1, 0, 1e-9, 0], _LEAF],
-        "a time lowered below 0": [[1, 0, -1, 0], _LEAF],
-        "an inverse raised without a row": [[0, 3, 1e9, 0], _LEAF],
-        "a square lowered without a row": [[1, 6, 1e-9, 0], _LEAF],
-        "a velocity lowered without a row": [[1, 9, -1e9, 0], _LEAF],
-        "a branch without its upper leaf": [[2, 0, 1e9, 0], _LEAF],
-        "a branch outside the box": [[2, 0, 1e9, 0], _LEAF, _LEAF],
-        "a branch below the box": [[2, 0, -1, 0], _LEAF, _LEAF],
-        "a branch of an inverse": [[2, 3, 1e-9, 0], _LEAF, _LEAF],
-        "a branch of what is always 0": [[2, 10**3, 1, 0], _LEAF, _LEAF],
-        "no step": [],
-        "a leaf too many": [_LEAF, _LEAF],
-        "only a step to a leaf": [[0, 0, h, 0]],
-        "more multipliers than there are": [[3, 0, 0, 10**6]],
-        "fewer than no multipliers": [[3, 0, 0, -1]],
-        "a kind of 0.5": [[0.5, 0, h, 0], _LEAF],
-        "a kind of 7": [[7, 0, h, 0], _LEAF],
-        "a kind of -1": [[-1, 0, h, 0], _LEAF],
-        "a variable of 0.5": [[0, 0.5, h, 0], _LEAF],
-        "a variable of -1": [[0, -1, h, 0], _LEAF],
-        "a count of 0.5": [[3, 0, 0, 0.5]],
-    }
-    for name, steps in cases.items():
-        yield name, one_leaf(honest, steps=steps)
+    for name, *steps in _lines(_STEPS):
+        numbers = [[float(number) for number in step.split()] for step in steps]
+        yield name, one_leaf(honest, steps=numbers)
 
 
 def rows(honest: Said) -> Iterator[Named]:
     """Rows of other segments, joints, numbers; costates that do not divide a segment."""
-    for row in (3.5, -1, 10**18, 2**63, 1e30, -0.5):
-        yield f"row {row}", with_first(honest, "multipliers", 0, row)
-    large = [[row, 1e6 * y] for row, y in honest["proof"]["multipliers"]]
-    yield "multipliers a million times as large", changed(honest, multipliers=large)
-    negative = [[row, -1e6 * y] for row, y in honest["proof"]["multipliers"]]
-    yield "negative multipliers", changed(honest, multipliers=negative)
+    for table, column, values in _lines(_FIRST_ROWS):
+        for value in values.split():
+            name = f"{table} that begin with {value} in column {column}"
+            yield name, with_first(honest, table, int(column), float(value))
+    for line in _lines(_TABLES):
+        name, table, rows_ = line
+        yield f"{table}: {name}", changed(honest, **{table: json.loads(rows_)})
     pairs = honest["proof"]["multipliers"]
+    for factor in (1e6, -1e6):
+        large = [[row, factor * y] for row, y in pairs]
+        yield f"multipliers {factor:g} times as large", changed(honest, multipliers=large)
     moved = [[pairs[i - 1][0], 1e3 * y] for i, (_, y) in enumerate(pairs)]
     yield "multipliers of other rows", changed(honest, multipliers=moved)
-    for column, name in ((0, "segment"), (1, "joint")):
-        for value in (-1, 0.5, 99):
-            yield f"a row of {name} {value}", with_first(honest, "cuts", column, value)
-    yield "a row without cells", with_first(honest, "cuts", 2, 0)
-    yield "a row of half a cell", with_first(honest, "cuts", 2, 0.5)
-    for start in (-0.5, 0.5, 1.0, 1e-9):
-        yield f"a first cell that starts at {start}", with_first(honest, "cells", 0, start)
-    yield "cells upside down", edited(honest, "cells", lambda cells: cells[::-1])
-    mirrored = [[start, *(-x for x in own)] for start, *own in honest["proof"]["cells"]]
+    cells = honest["proof"]["cells"]
+    yield "cells upside down", changed(honest, cells=cells[::-1])
+    yield "cells of another row", changed(honest, cells=cells[1:] + cells[:1])
+    mirrored = [[start, *(-x for x in own)] for start, *own in cells]
     yield "cells with the other sign", changed(honest, cells=mirrored)
-    yield "cells of another row", edited(honest, "cells", lambda cells: cells[1:] + cells[:1])
-    if "jerk" not in honest["problem"]["limits"]:
-        yield "p where no jerk is limited", with_first(honest, "cells", 1, 1.0)
-        yield "a ramp where no jerk is limited", changed(honest, ramps=[[0, 0, 1]])
-    steps = [[0, 0, 0, 0, 0, 0, 0], [0.5, 0, 0, 0, 0, 0, 1]]
+    jump = [[0, 0, 0, 0, 0, 0, 0], [0.5, 0, 0, 0, 0, 0, 1]]
     t = honest["proof"]["units"][0]
-    yield "λ that jumps where there is no wall", one_row(honest, steps, 1e6, t, 1.0)
-    yield "λ that jumps down there", one_row(honest, steps[::-1], 1e6, t, 1.0)
-    ramps = [[0, 0, side] for side in (2, -1, 0.5)]
-    yield "ramps of other sides", changed(honest, ramps=ramps)
-    yield "a square tangent at -1", changed(honest, square_tangents=[[0, -1]])
-    yield "a tangent at -1", changed(honest, tangents=[[0, -1]])
-    yield "a tangent at 0", changed(honest, tangents=[[0, 0]])
+    yield "λ that jumps where there is no wall", one_row(honest, jump, 1e6, t, 1.0)
+
+
+def _lines(table: str) -> Iterator[list[str]]:
+    """A table's lines, column by column."""
+    for line in table.strip().splitlines():
+        yield [column.strip() for column in line.split("|")]
 
 
 def truncated(honest: Said) -> Iterator[Named]:
