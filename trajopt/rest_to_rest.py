@@ -14,8 +14,7 @@ from trajopt.problem import Limits, Problem
 
 Array = NDArray[np.float64]
 
-CLOSED_FORM_RTOL = 1e-12
-"""What the closed forms can round, with room: bounds are rounded down by it."""
+_ROUNDING_RTOL = 1e-12  # what the closed forms can round, with room
 
 
 def stop_times(problem: Problem) -> Array:
@@ -46,7 +45,7 @@ def end_to_end_bound(problem: Problem) -> float:
     cruising = np.abs(h) / top
     longest = cruising.max(axis=1)
     bound = max(straight.max(), longest.sum())
-    return float(bound) * (1 - CLOSED_FORM_RTOL)
+    return float(bound) * (1 - _ROUNDING_RTOL)
 
 
 def _alone(h: Array, limits: Limits, side: Callable[[Array], Array]) -> Array:
