@@ -289,7 +289,19 @@ class FailingBatch(Quintic):
         return [Solution(Status.FAILED, message="no") for _ in seeds]
 
 
+@dataclass(frozen=True)
+class Remembering(Quintic):
+    """Keeps what was certified, and claims half of that."""
+
+    def solve(self, problem, *, seed=0):
+        certified = super().solve(problem)
+        claim = certified.trajectory.dilated(0.5)
+        history = np.array([[1.0, certified.trajectory.duration]])
+        return replace(certified, trajectory=claim, history=history)
+
+
 BROKEN = [
+    (Remembering(), "history on 'one joint': it ends at .* s, but the trajectory takes"),
     (Plain(), "it is not a dataclass"),
     (Quintic, "it is not a dataclass"),  # the class, not an object
     (object(), "it is not a dataclass"),

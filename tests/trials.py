@@ -44,7 +44,7 @@ class Stopping:
             message=self.note,
             lower_bound=0.25,
             evaluations=7,
-            history=np.array([[1.0, np.nan], [4.0, 9.5], [7.0, 9.0]]),
+            history=np.array([[1.0, np.nan], [4.0, 1.5 * breaks[-1]], [7.0, breaks[-1]]]),
             setup_time=0.0,
             stats={"kind": "quintic", "a/b": 1.5, "list": ["x", "ü"], "times": np.arange(3.0)},
         )

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from trajopt.trajectory import Trajectory
 
+HISTORY_RTOL = 1e-9  # between a history's last claim and the trajectory's duration
+
 
 class Status(StrEnum):
     """How a trial ended. Anything but `SOLVED` comes with a message that says why."""
@@ -34,8 +36,8 @@ class Solution:
     - `trajectory`: its duration is the planner's *claim*; the verifier certifies another;
     - `lower_bound`: seconds that no trajectory through these waypoints can beat, if that is proved;
     - `evaluations`: how often the planner evaluated its objective, if it counts them;
-    - `history` `(m, 2)`: evaluations spent, and the best duration found by then (NaN before the
-      first), s;
+    - `history` `(m, 2)`: evaluations spent, and the shortest duration claimed by then (NaN before
+      the first), s; what the last row claims is `trajectory` (see `history_flaw`);
     - `setup_time`: the part of the wall time spent building what later calls reuse, s;
     - `stats`: anything else worth keeping; values are numbers, strings or arrays.
     """
@@ -48,3 +50,26 @@ class Solution:
     history: NDArray[np.float64] | None = None
     setup_time: float = 0.0
     stats: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def history_flaw(self) -> str:
+        """Why `history` does not lead to the answer; empty where it does, or where there is none.
+
+        Evaluations and claims are in order, and the last claim is the trajectory's duration.
+        """
+        if self.history is None or not len(self.history):
+            return ""
+        spent, claims = self.history.T
+        found = claims[~np.isnan(claims)]
+        begins_late = np.isnan(claims[: len(claims) - len(found)]).all()
+        falls = (np.diff(found) <= 0).all()
+        if not (np.diff(spent) >= 0).all() or not begins_late or not falls:
+            return "its evaluations must not fall, nor its durations rise"
+        if not found.size:
+            return ""
+        if self.trajectory is None:
+            return "there is no trajectory"
+        claimed = self.trajectory.duration
+        if abs(found[-1] - claimed) <= HISTORY_RTOL * claimed:
+            return ""
+        return f"it ends at {found[-1]:.9g} s, but the trajectory takes {claimed:.9g} s"

@@ -38,7 +38,8 @@ def check_planner(planner: object, problems: Iterable[Problem] | None = None) ->
     optimum; answer every supported problem with a `Solution` whose trajectory the verifier can
     certify (unless the problem has limits that the planner does not know), or with status `relaxed`
     where its motion may break limits that it ignores on purpose;
-    give the same answer for the same seed, alone or in a batch; and never beat the optimum where
+    keep a history, if any, that leads to its answer; give the same answer for the same seed, alone
+    or in a batch; and never beat the optimum where
     that is known in closed form. What was checked is printed, a line a problem.
 
     Args:
@@ -192,6 +193,8 @@ def _check_solution(
 ) -> str:
     """What the verifier says; a planner that cannot keep the limits is excused from flaws."""
     status = solution.status
+    flaw = solution.history_flaw
+    _require(not flaw, f"history{where}: {flaw}")
     if solution.trajectory is None and status in (Status.SOLVED, Status.RELAXED):
         raise ContractError(f"{status}{where} without a trajectory")
     if solution.trajectory is None or status is not Status.SOLVED:

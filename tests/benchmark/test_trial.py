@@ -1,6 +1,9 @@
 """A trial: what the verifier certifies of an answer, and of the history behind it."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from trials import PROBLEM, Stopping, solved
 
 from trajopt import Problem
@@ -17,13 +20,33 @@ def test_a_certified_history_is_the_claimed_one_dilated_as_the_answer_was():
     assert dilation > 2
     evaluations, duration = trial.certified_history.T
     assert evaluations.tolist() == [1, 4, 7, 7]
-    np.testing.assert_allclose(duration, dilation * np.array([np.nan, 9.5, 9.0, 9.0]), rtol=1e-12)
+    np.testing.assert_allclose(duration, dilation * np.array([np.nan, 2.25, 1.5, 1.5]), rtol=1e-12)
+    assert duration[-1] == pytest.approx(trial.certified_duration, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("history", "flaw"),
+    [
+        ([[1, 16.0], [7, 3.9]], "it ends at 3.9 s, but the trajectory takes 1.5 s"),  # certified
+        ([[1, 1.4], [7, 1.5]], "nor its durations rise"),
+        ([[1, 1.5], [7, np.nan]], "nor its durations rise"),
+        ([[7, 2.0], [1, 1.5]], "its evaluations must not fall"),
+        ([[np.nan, 2.0], [1, 1.5]], "its evaluations must not fall"),
+    ],
+)
+def test_a_history_that_does_not_lead_to_the_answer_is_no_curve(history, flaw):
+    """A planner that keeps certified durations had them dilated twice: its curve ended above."""
+    trial = solved()
+    wrong = replace(trial.solution, history=np.array(history, dtype=float))
+    assert flaw in wrong.history_flaw
+    curve = replace(trial, solution=wrong).certified_history
+    np.testing.assert_array_equal(curve, [[7, np.nan]])
 
 
 def test_an_answer_that_keeps_every_limit_has_the_history_that_it_claims():
     trial = judge(Stopping(9.0), PROBLEM, [0], "stopping")[0]
     assert trial.certificate.feasible
-    assert trial.certified_history[1:, 1].tolist() == [9.5, 9.0, 9.0]
+    assert trial.certified_history[1:, 1].tolist() == [40.5, 27.0, 27.0]
 
 
 def test_without_a_certified_answer_nothing_in_the_history_is_certified():

@@ -116,19 +116,18 @@ class Trial:
         """What the search had certified after so many evaluations: `(m, 2)`, evaluations and s.
 
         A planner's history holds claims; the dilation that its answer needed is applied to all of
-        them. NaN before the first candidate within the limits, and everywhere if the answer has no
-        certified duration. It ends at all evaluations that were spent.
+        them, so that it ends at the certified duration and at all evaluations that were spent. NaN
+        before the first candidate, and everywhere if nothing is certified. A history that does not
+        lead to the answer (`Solution.history_flaw`) counts as none.
         """
         spent = float(self.solution.evaluations or 0)
         history = self.solution.history
-        if history is None or not len(history):
+        if history is None or not len(history) or self.solution.history_flaw:
             return np.array([[spent, np.nan]])
-        end = [max(spent, history[-1, 0]), history[-1, 1]]
-        dilated = np.vstack([history, end])
-        if self.certificate is None or not self.certificate.valid:
-            dilated[:, 1] = np.nan
-        else:
-            dilated[:, 1] *= max(1.0, self.certificate.dilation)
+        last_spent, last_claim = history[-1]
+        dilated = np.vstack([history, [max(spent, last_spent), last_claim]])
+        certified = self.certified_duration
+        dilated[:, 1] *= np.nan if certified is None else certified / last_claim
         return dilated
 
     def as_dict(self) -> dict[str, Any]:

@@ -173,16 +173,10 @@ def _curve(trial: Trial) -> Array:
     Readers tell runs apart by their first evaluation, and take what was spent from the last.
     """
     history = trial.certified_history
-    counted = np.isfinite(history[:, 0])
-    spent, best = history[counted].T
     # no answer at the first evaluation, but what the rows say of it
-    spent = np.insert(spent, 0, 1.0)
-    best = np.insert(best, 0, np.inf)
+    spent, best = np.insert(history, 0, [1.0, np.inf], axis=0).T
     spent = np.floor(np.maximum(1.0, spent))
     best = np.where(np.isfinite(best), best, np.inf)
-    order = np.argsort(spent, kind="stable")
-    spent = spent[order]
-    best = np.minimum.accumulate(best[order])
     # of the rows at one evaluation the last, of those with one best the first; and the end
     last = np.diff(spent, append=np.inf) > 0
     spent = spent[last]

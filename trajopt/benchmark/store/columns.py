@@ -200,7 +200,9 @@ ARRAYS = {
     "trajectory/coefficients": Block(("power", "piece", "joint"), "rad/s^power", _POWERS),
     "trajectory/waypoint_times": Block(("waypoint",), "s", "when each waypoint is passed"),
     "history/evaluations": Block(("row",), "1", "evaluations spent"),
-    "history/duration": Block(("row",), "s", "best duration by then; NaN before the first"),
+    "history/duration": Block(
+        ("row",), "s", "shortest duration claimed by then; NaN before the first"
+    ),
 }
 STATS = Block(None, "", "reported by the planner (SI units)")
 
