@@ -96,7 +96,7 @@ def test_the_optimum_has_no_gap_and_half_its_time_needs_twice_the_time():
     assert table["certificate"]["acceleration"]["ratio"] == pytest.approx(4)
     assert table["gap"] == pytest.approx(0, abs=1e-6)
     keys = "motion problem interpolation via_tolerance status claimed_duration certified_duration"
-    keys += " feasible dilation gap waypoint_times flaws certificate"
+    keys += " feasible dilation gap waypoint_times flaws falling_velocity certificate"
     assert list(table) == keys.split()
 
 
@@ -164,7 +164,8 @@ def test_limits_alone_need_no_waypoints_not_even_where_it_ends_where_it_starts()
     fast = as_executed(motion(there_and_back), Limits([5.0], [4.0]))
     assert fast.certificate.feasible
     assert fast.certificate.dilation == pytest.approx(0.5)
-    keys = "motion interpolation duration feasible dilation certified_duration certificate"
+    keys = "motion interpolation duration feasible dilation certified_duration"
+    keys += " falling_velocity certificate"
     assert list(fast.as_dict()) == keys.split()
 
 

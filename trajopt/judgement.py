@@ -10,6 +10,7 @@ optimum that the gap is measured against goes through the same points.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,11 +19,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.arm_file import FallingVelocity
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
 from trajopt.exceptions import InvalidInput
 from trajopt.explain import decomposition
 from trajopt.explain.decomposition import Explanation
+from trajopt.falling_velocity import Excess, excess
 from trajopt.formats.motion import Motion
 from trajopt.formats.motion import motion as motion_of
 from trajopt.formats.samples import Samples
@@ -64,6 +67,16 @@ class Judgement:
     def status(self) -> Status:
         return Status.SOLVED if self.certificate.valid else Status.INVALID
 
+    @cached_property
+    def excess(self) -> Excess | None:
+        """Over the arm's own falling velocity limits; None where the arm has none."""
+        return _excess(self.problem, self.trajectory)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the motion keeps every limit as it stands, the arm's own ones too."""
+        return self.certificate.feasible and (self.excess is None or self.excess.kept)
+
     @property
     def claimed_duration(self) -> float:
         """Of the motion as it is, s."""
@@ -102,6 +115,7 @@ class Judgement:
             "gap": self.gap,
             "waypoint_times": self.trajectory.waypoint_times.tolist(),
             "flaws": list(self.certificate.flaws),
+            "falling_velocity": self.excess and self.excess.as_dict(),
             "certificate": self.certificate.as_dict(),
         }
 
@@ -133,6 +147,7 @@ def judge(
     asked = problem if isinstance(problem, Problem) else catalogue.load(str(problem))
     given = motion_of(motion, interpolation).for_joints(asked.joint_names)
     _check_joints(given, asked.joints)
+    _check_units(given, asked)
     _check_tolerance(asked, via_tolerance)
     trajectory = passing(asked, given.trajectory)
     strict = Judgement(asked, given, via_tolerance, trajectory, verify(asked, trajectory))
@@ -164,11 +179,27 @@ def _check_joints(motion: Motion, joints: int) -> None:
         raise InvalidInput("joints", f"{joints}, as the problem has", value=own, file=motion.name)
 
 
+def _check_units(motion: Motion, problem: Problem) -> None:
+    """Refuse metres for a joint that turns, and angles for one that slides, where both are said."""
+    for joint, own in enumerate(motion.joint_units):
+        if problem.joint_units and own != problem.unit(joint):
+            does = "slides" if own == "rad" else "turns"
+            right = f"a unit of {problem.unit(joint)}: {problem.joint_labels[joint]} {does}"
+            raise InvalidInput("unit", right, value=own, joint=joint, file=motion.name)
+
+
+def _excess(problem: Problem, trajectory: Trajectory) -> Excess | None:
+    if not problem.falling_velocity:
+        return None
+    return excess(problem.falling_velocity, trajectory)
+
+
 def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
     largest = np.abs(problem.displacements).max(axis=1)
     shortest = float(largest[largest > 0].min())
     if not 0 <= via_tolerance < shortest / 2:
-        right = f"a number from 0 to less than half the shortest segment, {shortest:.4g} rad"
+        right = f"a number from 0 to less than half the shortest segment, {shortest:.4g} "
+        right += problem.shared_unit()
         raise InvalidInput("via_tolerance", right, value=via_tolerance)
 
 
@@ -185,9 +216,11 @@ def _as_passed(problem: Problem, trajectory: Trajectory, via_tolerance: float) -
     return Problem(
         moved,
         problem.limits,
-        name=f"{problem.name}, as passed within {via_tolerance:g} rad",
+        name=f"{problem.name}, as passed within {via_tolerance:g} {problem.shared_unit()}",
         source=problem.source,
         joint_names=problem.joint_names,
+        joint_units=problem.joint_units,
+        falling_velocity=problem.falling_velocity,
     )
 
 
@@ -205,6 +238,16 @@ class Execution:
     problem: Problem
     certificate: Certificate
 
+    @cached_property
+    def excess(self) -> Excess | None:
+        """Over the arm's own falling velocity limits; None where the arm has none."""
+        return _excess(self.problem, self.motion.trajectory)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the motion keeps every limit as it stands, the arm's own ones too."""
+        return self.certificate.feasible and (self.excess is None or self.excess.kept)
+
     def as_dict(self) -> dict[str, Any]:
         """For JSON: SI units, joints count from 1, None for what does not exist."""
         return {
@@ -214,14 +257,27 @@ class Execution:
             "feasible": self.certificate.feasible,
             "dilation": self.certificate.dilation,
             "certified_duration": self.certificate.certified_duration,
+            "falling_velocity": self.excess and self.excess.as_dict(),
             "certificate": self.certificate.as_dict(),
         }
 
 
-def as_executed(motion: Motion, limits: Limits) -> Execution:
+def as_executed(
+    motion: Motion,
+    limits: Limits,
+    *,
+    joint_units: Sequence[str] = (),
+    falling_velocity: Sequence[FallingVelocity | None] = (),
+) -> Execution:
     """Whether what a controller runs keeps the limits; no waypoints are asked for.
 
     The robot is to rest before and after.
+
+    Args:
+        motion: What is executed.
+        limits: Of its joints, in its order.
+        joint_units: "rad" or "m" per joint, as a `Problem` has them.
+        falling_velocity: The arm's own, as a `Problem` has them.
 
     Raises:
         InvalidInput: It has another number of joints than the limits, or never moves.
@@ -240,7 +296,10 @@ def as_executed(motion: Motion, limits: Limits) -> Execution:
         limits,
         name=motion.name,
         joint_names=motion.joint_names,
+        joint_units=joint_units or motion.joint_units,
+        falling_velocity=falling_velocity,
     )
+    _check_units(motion, problem)
     return Execution(motion, problem, verify(problem, own))
 
 

@@ -125,20 +125,9 @@ def composed(path: Pieces, parameter: Pieces) -> Pieces:
     inner[-1] -= path.breaks[piece]
     result = path.coefficients[:1, piece]
     for row in path.coefficients[1:, piece]:
-        result = _product(result, inner)
+        result = polynomials.product(result, inner[..., None])
         result[-1] += row
     return Pieces(s.breaks, result)
-
-
-def _product(left: Array, right: Array) -> Array:
-    """Of polynomials `(a, pieces, joints)` and `(b, pieces)`: `(a + b − 1, pieces, joints)`."""
-    rows = len(left)
-    _, pieces, joints = left.shape
-    product = np.zeros((rows + len(right) - 1, pieces, joints))
-    for power, factor in enumerate(right):
-        shifted = slice(power, power + rows)
-        product[shifted] += left * factor[:, None]
-    return product
 
 
 def _check_domain(path: Pieces, parameter: Pieces) -> None:

@@ -42,6 +42,25 @@ def derivative(coefficients: Array, order: int = 1) -> Array:
     return np.zeros((1, *coefficients.shape[1:]))
 
 
+def plus(left: Array, right: Array) -> Array:
+    """The sum of polynomials of any two degrees, whose remaining indices broadcast."""
+    longer, shorter = sorted((left, right), key=len, reverse=True)
+    shape = np.broadcast_shapes(longer.shape[1:], shorter.shape[1:])
+    total = np.zeros((len(longer), *shape))
+    total += longer
+    total[len(longer) - len(shorter) :] += shorter
+    return total
+
+
+def product(left: Array, right: Array) -> Array:
+    """The product of polynomials of any two degrees, whose remaining indices broadcast."""
+    shape = np.broadcast_shapes(left.shape[1:], right.shape[1:])
+    result = np.zeros((len(left) + len(right) - 1, *shape))
+    for power, factor in enumerate(right):
+        result[power : power + len(left)] += left * factor
+    return result
+
+
 def stretched(coefficients: Array, length: Array | float) -> Array:
     """Coefficients of `p(length · s)`: a piece in local time, moved to the unit interval."""
     length = np.asarray(length, dtype=float)

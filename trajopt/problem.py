@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trajopt import problem_file
+from trajopt.arm_file import FallingVelocity
 from trajopt.exceptions import InvalidInput, UnitWarning
 
 Array = NDArray[np.float64]
@@ -25,6 +26,7 @@ LIMIT_ORDERS: dict[LimitName, int] = {
 }
 """Which derivative of position each limit bounds."""
 LIMIT_NAMES: tuple[LimitName, ...] = tuple(LIMIT_ORDERS)
+_PER_TIME = ("", "/s", "/s²", "/s³")  # of each derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +96,14 @@ class Limits:
             position=self.position[chosen],
         )
 
-    def scaled(self, factor: float) -> Limits:
-        """Every limit times a positive factor, as another unit of angle needs it."""
+    def scaled(self, factor: ArrayLike) -> Limits:
+        """Every limit times a positive factor, or one per joint, as another unit needs it."""
+        factors = np.asarray(factor, dtype=float)[..., None]
         return Limits(
-            velocity=factor * self.velocity,
-            acceleration=factor * self.acceleration,
-            jerk=factor * self.jerk,
-            position=factor * self.position,
+            velocity=factors * self.velocity,
+            acceleration=factors * self.acceleration,
+            jerk=factors * self.jerk,
+            position=factors * self.position,
         )
 
     def by_name(self) -> dict[str, Array]:
@@ -119,7 +122,10 @@ class Problem:
 
     `waypoints` is `(waypoints, joints)` in radians: one row per waypoint. All joints pass a
     waypoint at the same instant. Consecutive identical waypoints are one waypoint, passed once.
-    `joint_names` are the robot's, one per joint, or empty where nobody said them.
+    `joint_names` are the robot's, one per joint, or empty where nobody said them. `joint_units` are
+    "rad", or "m" for a prismatic joint, one per joint; empty means radians. `falling_velocity` are
+    velocity limits that no planner keeps yet: `judge` and `verify` check them
+    (`trajopt.falling_velocity`). None of the three is part of the digest.
 
     Raises `InvalidInput` where the waypoints do not fit the limits, are not finite, or do not move.
     """
@@ -129,6 +135,8 @@ class Problem:
     name: str = "unnamed"
     source: str = ""
     joint_names: tuple[str, ...] = ()
+    joint_units: tuple[str, ...] = ()
+    falling_velocity: tuple[FallingVelocity | None, ...] = ()
 
     def __init__(
         self,
@@ -137,6 +145,8 @@ class Problem:
         name: str = "unnamed",
         source: str = "",
         joint_names: Sequence[str] = (),
+        joint_units: Sequence[str] = (),
+        falling_velocity: Sequence[FallingVelocity | None] = (),
     ) -> None:
         rows = _table(waypoints)
         object.__setattr__(self, "waypoints", _frozen(rows))
@@ -144,7 +154,11 @@ class Problem:
         object.__setattr__(self, "name", name)
         object.__setattr__(self, "source", source)
         object.__setattr__(self, "joint_names", tuple(joint_names))
-        _check_waypoints(self.waypoints, self.limits)
+        object.__setattr__(self, "joint_units", tuple(joint_units))
+        object.__setattr__(self, "falling_velocity", tuple(falling_velocity))
+        _check_count("velocity", self.limits.velocity, self.joints)
+        _check_joint_units(joint_units, self.joints)
+        self._check_waypoints()
         _check_joint_names(joint_names, self.joints)
 
     @property
@@ -156,6 +170,16 @@ class Problem:
         """What to call each joint: by its name, or by its number from 1."""
         numbered = tuple(f"joint {joint + 1}" for joint in range(self.joints))
         return self.joint_names or numbered
+
+    def unit(self, joint: int, order: int = 0) -> str:
+        """The unit of a joint's position or of its derivative of this order, rad/s or m/s say."""
+        length = self.joint_units[joint] if self.joint_units else "rad"
+        return length + _PER_TIME[order]
+
+    def shared_unit(self, order: int = 0) -> str:
+        """The unit of all joints together: rad, m, or "rad or m" where there are both."""
+        units = {self.unit(joint, order) for joint in range(self.joints)}
+        return " or ".join(sorted(units, reverse=True))
 
     @property
     def segments(self) -> int:
@@ -195,14 +219,16 @@ class Problem:
             InvalidInput: None of these joints moves.
         """
         chosen = np.asarray(joints)
-        names = np.array(self.joint_names, dtype=object)
-        if self.joint_names:
-            names = names[chosen]
+        kept = np.arange(self.joints)[chosen]
+        own = (self.joint_names, self.joint_units, self.falling_velocity)
+        names, units, falling = [tuple(one[joint] for joint in kept if one) for one in own]
         return replace(
             self,
             waypoints=self.waypoints[:, chosen],
             limits=self.limits.only(chosen),
-            joint_names=tuple(names),
+            joint_names=names,
+            joint_units=units,
+            falling_velocity=falling,
         )
 
     def has(self, name: LimitName) -> bool:
@@ -254,19 +280,38 @@ class Problem:
             self.waypoints,
             limits,
             self.joint_names,
+            self.joint_units,
         )
+
+    def _check_waypoints(self) -> None:
+        if not self.displacements.any():
+            raise InvalidInput("waypoints", "at least two different ones; these never move")
+        lows, highs = self.limits.position.T
+        outside = (self.waypoints < lows) | (self.waypoints > highs)
+        for row, joint in np.argwhere(outside):
+            low = lows[joint]
+            high = highs[joint]
+            right = f"a value inside limits.position [{low:.9g}, {high:.9g}] {self.unit(joint)}"
+            raise InvalidInput(
+                f"waypoints, waypoint {row + 1}",
+                right,
+                value=float(self.waypoints[row, joint]),
+                joint=int(joint),
+            )
 
 
 def _from_file(path: Path) -> Problem:
     written = problem_file.read(path, LIMIT_NAMES)
     waypoints = _table(written.waypoints)
-    limits = _limits_of(written)
+    limits = _limits_of(written, waypoints.shape[1])
     problem = Problem(
         waypoints * written.waypoint_unit,
         limits,
         written.name,
         written.source,
         written.joint_names,
+        written.joint_units,
+        written.falling_velocity,
     )
     if not written.units_said:
         as_written = limits.scaled(1 / written.limit_unit)
@@ -277,17 +322,28 @@ def _from_file(path: Path) -> Problem:
     return problem
 
 
-def _limits_of(written: problem_file.ProblemFile) -> Limits:
+def _limits_of(written: problem_file.ProblemFile, joints: int) -> Limits:
     """The robot's limits, rad and s, but for the kinds that the file gives itself."""
     if not written.robot_limits:
         limits = Limits(**written.limits)  # before scaling: errors show what the file says
+        _check_count("velocity", limits.velocity, joints)
+        _check_joint_units(written.joint_units, joints)
         return limits.scaled(written.limit_unit)
     pairs = dict(written.robot_limits)
+    _check_count("velocity", pairs["velocity"], joints)
+    _check_joint_units(written.joint_units, joints)
     for kind, value in written.limits.items():
         own = _pairs(kind, value)
         _check_signs(kind, own)
-        pairs[kind] = own * written.limit_unit
+        _check_count(kind, own, joints)
+        pairs[kind] = own * np.asarray(written.limit_unit)[..., None]
     return Limits(**pairs)
+
+
+def _check_count(kind: str, pairs: Array, joints: int) -> None:
+    if len(pairs) != joints:
+        expected = f"{joints} values, one per joint of the waypoints"
+        raise InvalidInput(f"limits.{kind}", expected, value=len(pairs))
 
 
 def _pairs(name: str, value: Any) -> Array:
@@ -361,25 +417,13 @@ def _table(rows: Any) -> Array:
     return np.array(rows, dtype=float)
 
 
-def _check_waypoints(waypoints: Array, limits: Limits) -> None:
-    _, joints = waypoints.shape
-    if limits.joints != joints:
-        expected = f"{joints} values, one per joint of the waypoints"
-        raise InvalidInput("limits.velocity", expected, value=limits.joints)
-    displacements = np.diff(waypoints, axis=0)
-    if not displacements.any():
-        raise InvalidInput("waypoints", "at least two different ones; these never move")
-    lows, highs = limits.position.T
-    outside = (waypoints < lows) | (waypoints > highs)
-    for row, joint in np.argwhere(outside):
-        low = lows[joint]
-        high = highs[joint]
-        raise InvalidInput(
-            f"waypoints, waypoint {row + 1}",
-            f"a value inside limits.position [{low:.9g}, {high:.9g}] rad",
-            value=float(waypoints[row, joint]),
-            joint=int(joint),
-        )
+def _check_joint_units(units: Sequence[str], joints: int) -> None:
+    if len(units) not in (0, joints):
+        right = f"{joints} units, one per joint of the waypoints"
+        raise InvalidInput("units", right, value=list(units))
+    for joint, unit in enumerate(units):
+        if unit not in ("rad", "m"):
+            raise InvalidInput("joint_units", '"rad" or "m"', value=unit, joint=joint)
 
 
 def _check_joint_names(names: Sequence[str], joints: int) -> None:

@@ -19,8 +19,11 @@ a kind of limit itself counts instead, and joint names choose from the robot's j
 
 A table `published` belongs to `trajopt.benchmark.suites.literature` and is left to it.
 
-`angle_unit = "deg"` (or `"rad"`) in place of `units` means both. A prismatic joint is written in
-metres: leave the units at "rad" then, with which every number is taken as it stands.
+`angle_unit = "deg"` (or `"rad"`) in place of `units` means both. Where a joint is prismatic, say a
+unit per joint, "m" or "mm" for that one:
+
+    units.waypoints = ["deg", "deg", "m"]
+    units.limits = ["rad", "rad", "m"]   # "rad" alone means the same: a single unit is of angles
 """
 
 from __future__ import annotations
@@ -37,7 +40,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from trajopt import arm_file
-from trajopt.arm_file import ArmFile
+from trajopt.arm_file import ArmFile, FallingVelocity
 from trajopt.exceptions import InvalidInput
 
 Array = NDArray[np.float64]
@@ -53,7 +56,9 @@ _KEYS = (
     "limits",
     "published",
 )
-_UNITS = {"deg": pi / 180, "rad": 1.0}  # rad
+_ANGLES = {"deg": pi / 180, "rad": 1.0}  # rad
+_LENGTHS = {"m": 1.0, "mm": 1e-3}  # m
+UNITS = _ANGLES | _LENGTHS
 
 # What tells degrees from radians in the numbers of an arm's problem (`mixed_units`).
 # Ranges are what the makers of arms write.
@@ -70,20 +75,24 @@ _FAST_SEGMENT_S = 0.05  # faster than that in every segment, neither
 class ProblemFile:
     """What a problem file says, not yet checked as a problem.
 
-    `waypoints` and `limits` are as written; times `waypoint_unit` and `limit_unit` they are
-    radians. `units_said` tells whether each unit was written on its own. `robot_limits` are a known
-    robot's, rad and s, for those joints that the file means.
+    `waypoints` and `limits` are as written; times `waypoint_unit` and `limit_unit`, one number or
+    one per joint, they are radians (metres for a prismatic joint). `joint_units` are "rad" or "m"
+    per joint, empty where the file gives no unit per joint. `units_said` tells whether each unit
+    was written on its own. `robot_limits` are a known robot's, rad and s, for those joints that the
+    file means, and `falling_velocity` its own.
     """
 
     name: str
     source: str
     waypoints: Any
     limits: Mapping[str, Any]
-    waypoint_unit: float
-    limit_unit: float
+    waypoint_unit: float | Array
+    limit_unit: float | Array
     units_said: bool
     joint_names: Sequence[Any] = ()
+    joint_units: Sequence[str] = ()
     robot_limits: Mapping[str, Array] = field(default_factory=dict)
+    falling_velocity: Sequence[FallingVelocity] = ()
 
 
 def read(path: Path, limit_names: tuple[str, ...]) -> ProblemFile:
@@ -105,17 +114,30 @@ def read(path: Path, limit_names: tuple[str, ...]) -> ProblemFile:
         raise InvalidInput("limits", "a table of limits", value=limits)
     check_keys("limits.", limits, limit_names, required_limits)
     units = _units(table, limits_said=bool(limits))
-    joint_names, robot_limits = _chosen_joints(table, arm)
+    joint_units = _joint_units(units)
+    joint_names, chosen = _chosen_joints(table, arm)
+    robot_limits: dict[str, Array] = {}
+    falling_velocity: list[FallingVelocity] = []
+    if arm is not None:
+        if "m" in joint_units:
+            joint = joint_units.index("m")
+            right = f'"deg" or "rad": the joints of {arm.name} turn'
+            raise InvalidInput("units", right, value="m", joint=joint)
+        robot_limits = {kind: values[chosen] for kind, values in arm.limits.items()}
+        joint_units = joint_units or ["rad"] * len(chosen)
+        falling_velocity = [arm.falling_velocity[n] for n in chosen if arm.falling_velocity]
     return ProblemFile(
         name=text_at(table, "name", path.stem),
         source=text_at(table, "source", "" if arm is None else arm.description),
         waypoints=table["waypoints"],
         limits=limits,
-        waypoint_unit=units["waypoints"],
-        limit_unit=units["limits"],
+        waypoint_unit=_sizes(units["waypoints"], joint_units),
+        limit_unit=_sizes(units["limits"], joint_units),
         units_said="units" in table,
         joint_names=joint_names,
+        joint_units=joint_units,
         robot_limits=robot_limits,
+        falling_velocity=falling_velocity,
     )
 
 
@@ -146,23 +168,21 @@ def _arm(table: Mapping[str, Any]) -> ArmFile | None:
 def _chosen_joints(
     table: Mapping[str, Any],
     arm: ArmFile | None,
-) -> tuple[Sequence[Any], Mapping[str, Array]]:
-    """The names of the file's joints, and the robot's limits of these."""
+) -> tuple[Sequence[Any], list[int]]:
+    """The names of the file's joints, and which joints of the robot these are."""
     names = table.get("joint_names", ())
     if not isinstance(names, list | tuple):
         raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
     if arm is None:
-        return names, {}
-    if not names:
-        return arm.joint_names, arm.limits
-    rows = []
-    for joint, name in enumerate(names):
+        return names, []
+    chosen = []
+    for joint, name in enumerate(names or arm.joint_names):
         if name not in arm.joint_names:
             known = ", ".join(arm.joint_names)
             right = f"a joint of {arm.name}: {known}"
             raise InvalidInput("joint_names", right, value=name, joint=joint)
-        rows.append(arm.joint_names.index(name))
-    return names, {kind: values[rows] for kind, values in arm.limits.items()}
+        chosen.append(arm.joint_names.index(name))
+    return names or arm.joint_names, chosen
 
 
 def text(
@@ -171,13 +191,15 @@ def text(
     waypoints: Array,
     limits: Mapping[str, Array],
     joint_names: Sequence[str],
+    joint_units: Sequence[str],
 ) -> str:
-    """A problem file in radians; reading it back gives the same numbers to the last bit."""
+    """A problem file in rad and m; reading it back gives the same numbers to the last bit."""
     table: dict[str, Any] = {"name": name, "source": source}
     if joint_names:
         table["joint_names"] = list(joint_names)
     table["waypoints"] = waypoints.tolist()
-    table["units"] = {"waypoints": "rad", "limits": "rad"}
+    unit = list(joint_units) if "m" in joint_units else "rad"
+    table["units"] = {"waypoints": unit, "limits": unit}
     table["limits"] = {kind: pairs.tolist() for kind, pairs in limits.items()}
     return tomli_w.dumps(table)
 
@@ -228,33 +250,72 @@ def _all_within(values: Array, ends: tuple[float, float]) -> bool:
     return bool(np.all((values >= low) & (values <= high)))
 
 
-def _units(table: Mapping[str, Any], *, limits_said: bool) -> dict[str, float]:
-    """The size of a unit, rad, in which waypoints and limits are written.
+def _units(table: Mapping[str, Any], *, limits_said: bool) -> dict[str, Any]:
+    """The units in which waypoints and limits are written: one of angles, or a list, one per joint.
 
     Limits that a file leaves to the robot need no unit.
     """
+    keys = ("waypoints", "limits")
     if "units" not in table:
-        size = _size("angle_unit", table.get("angle_unit"))
-        return {"waypoints": size, "limits": size}
+        unit = _angle_unit("angle_unit", table.get("angle_unit"))
+        return dict.fromkeys(keys, unit)
     units = table["units"]
     if "angle_unit" in table:
         right = "left out beside units, which says it for waypoints and limits"
         raise InvalidInput("angle_unit", right, value=table["angle_unit"])
     if not isinstance(units, Mapping):
         raise InvalidInput("units", "a table with waypoints and limits", value=units)
-    keys = ("waypoints", "limits")
     required = keys if limits_said else ("waypoints",)
     check_keys("units.", units, keys, required)
-    return {key: _size(f"units.{key}", units.get(key, "rad")) for key in keys}
+    checked: dict[str, Any] = {}
+    for key in keys:
+        unit = units.get(key, "rad")
+        check = _units_of_joints if isinstance(unit, list) else _angle_unit
+        checked[key] = check(f"units.{key}", unit)
+    return checked
 
 
-def _size(key: str, unit: Any) -> float:
-    if not isinstance(unit, str) or unit not in _UNITS:
+def _angle_unit(key: str, unit: Any) -> str:
+    if not isinstance(unit, str) or unit not in _ANGLES:
         right = '"deg" or "rad"'
         if key == "angle_unit":
             right += ", or units.waypoints and units.limits in its place"
+        else:
+            right += ', or a unit per joint like ["deg", "m"]'
         raise InvalidInput(key, right, value=unit)
-    return _UNITS[unit]
+    return unit
+
+
+def _units_of_joints(key: str, units: list[Any]) -> list[str]:
+    if not units:
+        raise InvalidInput(key, "a unit per joint", value=units)
+    for joint, unit in enumerate(units):
+        if not isinstance(unit, str) or unit not in UNITS:
+            raise InvalidInput(key, " or ".join(UNITS), value=unit, joint=joint)
+    return units
+
+
+def _joint_units(units: Mapping[str, Any]) -> list[str]:
+    """Each joint's SI unit, "rad" or "m"; empty where no list says it.
+
+    Raises:
+        InvalidInput: One list says that a joint turns, the other that it slides.
+    """
+    lists = [own for own in units.values() if isinstance(own, list)]
+    said = [["m" if unit in _LENGTHS else "rad" for unit in own] for own in lists]
+    if len(said) == 2 and said[0] != said[1]:
+        right = f"the same kinds of units as units.waypoints, {units['waypoints']}"
+        raise InvalidInput("units.limits", right, value=units["limits"])
+    return said[0] if said else []
+
+
+def _sizes(unit: Any, joint_units: Sequence[str]) -> float | Array:
+    """The size of a unit, rad or m; one per joint where the file has a unit per joint."""
+    if isinstance(unit, list):
+        return np.array([UNITS[own] for own in unit])
+    if not joint_units:
+        return _ANGLES[unit]
+    return np.array([1.0 if own == "m" else _ANGLES[unit] for own in joint_units])
 
 
 def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:

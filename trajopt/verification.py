@@ -211,12 +211,12 @@ def _judged(
     blurred, blur = _worst_blur(trajectory, allowed.blur)
     flaws = []
     if missed > 1:
-        flaws.append(_say(problem, waypoint, "misses the waypoint by", "rad"))
+        flaws.append(_say(problem, waypoint, "misses the waypoint by"))
     for worst, excess in jumps:
         if excess > 1:
-            flaws.append(_say(problem, worst, *_JUMP_WORDS[worst.order]))
+            flaws.append(_say(problem, worst, _JUMP_WORDS[worst.order]))
     if blur > 1:
-        flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by", "rad"))
+        flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by"))
 
     mended = None if flaws else repaired(problem, trajectory)
     judged = mended or trajectory
@@ -231,7 +231,7 @@ def _judged(
         position = _peak(judged, 0, limits.position, _excess)
     dilation = _dilation(velocity, acceleration, jerk)
     if position and position.value > allowed.position_limit[position.joint]:
-        flaws.insert(0, _say(problem, position, "leaves its position limits by", "rad"))
+        flaws.insert(0, _say(problem, position, "leaves its position limits by"))
     if mended is None and not flaws:
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
     if not np.isfinite(dilation * judged.duration):
@@ -449,13 +449,10 @@ def _worst_of(
     return worst, np.inf if np.isnan(ratio) else ratio
 
 
-_JUMP_WORDS = (
-    ("position jumps by", "rad"),
-    ("velocity jumps by", "rad/s"),
-    ("acceleration jumps by", "rad/s²"),
-)
+_JUMP_WORDS = ("position jumps by", "velocity jumps by", "acceleration jumps by")
 
 
-def _say(problem: Problem, worst: Worst, what: str, unit: str) -> str:
+def _say(problem: Problem, worst: Worst, what: str) -> str:
+    unit = problem.unit(worst.joint, worst.order)
     where = f"{problem.joint_labels[worst.joint]} at {worst.time:.6g} s"
     return f"{where}: {what} {worst.value:.3g} {unit}"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 
+import numpy as np
 import pytest
 
 from trajopt import cli
@@ -105,6 +107,96 @@ def test_an_arms_limits_are_its_joints(run, tmp_path):
     code, out, err = run("verify", "m.json", "--limits", "ur5e")
     assert code == 0, err
     assert "as fast" in out
+
+
+FR3 = [f"fr3_joint{joint}" for joint in range(1, 8)]
+ELSEWHERE = [0.0, 0.0, 0.0, -1.0, 0.0, 2.0, 0.0]
+
+
+def fr3_motion(tmp_path, end):
+    """Joint 2 of the FR3 from 0.38 rad before `end` to it in 1 s, at 1.52 rad/s² and back."""
+    parabolas = np.zeros((3, 2, 7))
+    parabolas[2] = ELSEWHERE
+    parabolas[:, :, 1] = np.transpose([[0.76, 0, end - 0.38], [-0.76, 0.76, end - 0.19]])
+    motion = {"breaks": [0, 0.5, 1], "coefficients": parabolas.tolist(), "joint_names": FR3}
+    (tmp_path / "m.json").write_text(json.dumps(motion))
+    rows = []
+    for angle in (end - 0.38, end):
+        row = [str(own) for own in ELSEWHERE]
+        row[1] = str(angle)
+        rows.append(",".join(row))
+    (tmp_path / "w.csv").write_text("\n".join([",".join(FR3), *rows]))
+
+
+def fr3_urdf(tmp_path):
+    own = '<position_based_velocity_limits velocity_offset="0.2" deceleration_limit="2.585"/>'
+    joints = ""
+    accelerations = ""
+    for name in FR3:
+        upper = 1.7918 if name == "fr3_joint2" else 9
+        limit = f'<limit lower="-9" upper="{upper}" velocity="2.62"/>'
+        joints += f'<joint name="{name}" type="revolute">{limit}{own}</joint>'
+        accelerations += f"  {name}: {{max_acceleration: 10}}\n"
+    (tmp_path / "r.urdf").write_text(f"<robot>{joints}</robot>")
+    (tmp_path / "l.yaml").write_text(f"joint_limits:\n{accelerations}")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["judge", "m.json", "w.csv", "--robot", "franka-fr3"],
+        ["verify", "m.json", "--robot", "franka-fr3"],
+        ["verify", "m.json", "--limits", "franka-fr3"],
+        ["verify", "m.json", "--urdf", "r.urdf", "--limits", "l.yaml"],
+    ],
+)
+def test_the_arms_own_velocity_limit_is_checked(run, tmp_path, arguments):
+    fr3_motion(tmp_path, 1.78)
+    fr3_urdf(tmp_path)
+    # libfranka: sqrt(5.17 (1.7918 - q)) - 0.2. Braking at b, the excess is largest where
+    # v² = 2 b² W / (d - b), W the distance that is left at rest (tests/test_falling_velocity.py).
+    b, d, left = 1.52, 2.585, 1.7918 - 1.78
+    v = np.sqrt(2 * b**2 * left / (d - b))
+    value = v + 0.2 - np.sqrt(2 * d * (left + v**2 / (2 * b)))
+    code, out, err = run(*arguments, "--json")
+    table = json.loads(out)
+    found = table["falling_velocity"]
+    assert (code, err) == (1, "")
+    # within the constant limits; but the FR3 has jerk limits, and accelerations jump here
+    assert table["feasible"] == ("--urdf" in arguments)
+    assert (found["joint"], found["kept"]) == (2, False)
+    assert found["value"] == pytest.approx(value, rel=1e-9)
+    assert found["time"] == pytest.approx(1 - v / b, rel=1e-9)
+    code, out, _ = run(*arguments)
+    words = " ".join(out.split())
+    assert code == 1
+    assert "breaks the arm's own velocity limits" in words
+    assert f"fr3_joint2 by {value:.4g} rad/s at" in words
+
+
+def test_a_motion_far_from_the_ends_keeps_the_arms_own_limit(run, tmp_path):
+    fr3_motion(tmp_path, 1.2)
+    fr3_urdf(tmp_path)
+    code, out, _ = run("verify", "m.json", "--urdf", "r.urdf", "--limits", "l.yaml")
+    assert code == 0
+    assert "It keeps the arm's own velocity limits" in " ".join(out.split())
+
+
+def test_metres_and_angles_of_a_motion_are_not_confused(run, tmp_path):
+    header = "time [s],rail [m],elbow [deg],rail [m/s],elbow [deg/s]\n"
+    (tmp_path / "m.csv").write_text(header + "0,0,0,0,0\n2,0.2,90,0,0\n")
+    text = PROBLEM.replace("[1, -0.5]", "[0.2, 90]").replace("[5, 5]", "[1, 360]")
+    units = 'units = {waypoints = ["m", "deg"], limits = "rad"}\njoint_names = ["rail", "elbow"]'
+    text = text.replace('units = {waypoints = "rad", limits = "rad"}', units)
+    (tmp_path / "cell.toml").write_text(text)
+    code, out, err = run("judge", "m.csv", "cell.toml")
+    assert (code, err) == (1, "")
+    assert re.search(r"waypoint +[-+.e0-9]+ m +rail", out)
+    swapped = header.replace("[m", "[x").replace("[deg", "[m").replace("[x", "[deg")
+    (tmp_path / "m.csv").write_text(swapped + "0,0,0,0,0\n2,0.2,90,0,0\n")
+    code, _, err = run("judge", "m.csv", "cell.toml")
+    assert code == 2
+    assert "unit, joint 1 is 'rad': expected a unit of m: rail slides" in err
 
 
 @pytest.mark.parametrize(

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 import warnings
 
 import numpy as np
 import pytest
 
-from trajopt.exceptions import InvalidInput, MissingBackend, UnitWarning, UnknownName
+from trajopt.arm_file import FallingVelocity
+from trajopt.exceptions import InvalidInput, UnitWarning, UnknownName
 from trajopt.formats import arms, urdf, waypoints
 from trajopt.formats.robot_limits import RobotLimits
+from trajopt.problem import Problem
 
 TWO = RobotLimits(
     joints={
@@ -165,6 +166,9 @@ URDF = """<?xml version="1.0"?>
 """
 
 
+FRANKA = '<position_based_velocity_limits velocity_offset="0.3" deceleration_limit="6.0"/>'
+
+
 def test_a_urdf_has_names_positions_and_velocities(tmp_path, capsys):
     robot = urdf.read(written(tmp_path, "r.urdf", URDF))
     assert robot.joint_names == ("one", "turning", "sliding")
@@ -180,26 +184,100 @@ def test_a_urdf_has_names_positions_and_velocities(tmp_path, capsys):
     ("text", "words"),
     [
         ("<robot", "expected a URDF"),
-        ("<robot/>", "expected a URDF"),
+        ("<sdf/>", "expected a URDF, whose first tag is robot"),
+        ('<!DOCTYPE robot [<!ENTITY a "b">]><robot/>', "a URDF without entities"),
         ('<robot name="r"/>', "at least one joint that moves"),
-        (URDF.replace('velocity="4"', 'velocity="fast"'), "expected a URDF"),
+        (URDF.replace('velocity="4"', 'velocity="fast"'), "turning: limit velocity is 'fast'"),
         (URDF.replace('velocity="4"', 'velocity="-4"'), "turning: limit velocity is -4.0"),
         (URDF.replace('lower="-1" upper="2"', 'lower="3" upper="2"'), "one: limit is [3.0, 2.0]"),
         (URDF.replace("turning", "one"), "names that differ"),
-        (URDF.replace("<gazebo/>", "<xacro:arm/>"), "make one of this xacro file"),
+        (URDF.replace("<gazebo/>", "<xacro:arm/>"), "make one: xacro r.urdf > robot.urdf"),
+        (URDF.replace("<gazebo/>", '<x:arm xmlns:x="http://ros.org/wiki/xacro"/>'), "make one"),
+        (URDF.replace("</joint>", FRANKA.replace("6.0", "0") + "</joint>", 1), "one: decel"),
+        (URDF.replace('<limit velocity="4" effort="1"/>', FRANKA), "turning: position_based"),
     ],
 )
 def test_what_is_wrong_with_a_urdf_is_named(tmp_path, text, words):
     path = written(tmp_path, "r.urdf", text)
     with pytest.raises(InvalidInput) as caught:
-        urdf.read(path)
+        urdf.read(path).limits(["one", "turning"])
     assert words in str(caught.value)
     assert str(path) in str(caught.value)
     with pytest.raises(InvalidInput, match="No such file"):
         urdf.read(tmp_path / "absent.urdf")
 
 
-def test_without_the_parser_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "urdf_parser_py.urdf", None)
-    with pytest.raises(MissingBackend, match=r'pip install "trajopt\[ros\]"'):
-        urdf.read(written(tmp_path, "r.urdf", URDF))
+def test_only_the_joints_that_waypoints_name_must_be_sound(tmp_path):
+    text = URDF.replace('velocity="4"', 'velocity="fast"').replace(
+        "<gazebo/>", "<!-- <xacro:arm/> --><transmission name='t'><type/></transmission>"
+    )
+    robot = urdf.read(written(tmp_path, "r.urdf", text))
+    assert robot.joint_names == ("one", "turning", "sliding")
+    own = RobotLimits({"one": {"acceleration": (-1, 1)}}, source="own")
+    assert robot.updated(own).limits(["one"]).velocity.tolist() == [[-3, 3]]
+
+
+def test_a_urdf_s_falling_velocity_limit_belongs_to_its_range_not_to_soft_limits(tmp_path):
+    path = written(tmp_path, "r.urdf", URDF.replace("</joint>", FRANKA + "</joint>", 1))
+    robot = urdf.read(path)
+    assert robot.falling_velocity == {"one": FallingVelocity(0.3, 6.0, -1.0, 2.0)}
+    assert robot.joints["one"]["position"] == (-0.5, 2)
+    described = robot.described(["turning", "one"])
+    assert described["falling_velocity"] == [None, robot.falling_velocity["one"]]
+
+
+# --- metres are no degrees ---
+
+CELL = RobotLimits(
+    joints={
+        "rail": {"velocity": (-1, 1), "acceleration": (-2, 2), "position": (0, 0.5)},
+        "elbow": {"velocity": (-4, 4), "acceleration": (-5, 5)},
+    },
+    source="cell.urdf",
+    units={"rail": "m", "elbow": "rad"},
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "unit"),
+    [
+        ("a.csv", "rail,elbow\n0,0\n0.2,90\n", "deg"),
+        ("a.csv", "rail [m],elbow [deg]\n0,0\n0.2,90\n", None),
+        ("a.csv", "rail [mm],elbow [deg]\n0,0\n200,90\n", "deg"),
+        ("a.json", '{"waypoints": [[0, 0], [0.2, 90]], "unit": "deg"}', None),
+        ("a.json", '{"waypoints": [[0, 0], [200, 90]], "unit": ["mm", "deg"]}', None),
+    ],
+)
+def test_a_rail_is_in_metres_whatever_the_unit_of_angles(tmp_path, name, text, unit):
+    problem = waypoints.problem(written(tmp_path, name, text), CELL, unit)
+    assert np.allclose(problem.waypoints[1], [0.2, np.pi / 2], rtol=1e-15)
+    assert problem.joint_units == ("m", "rad")
+    assert problem.unit(0, 2) == "m/s²"
+    assert problem.only([1]).joint_units == ("rad",)
+    back = Problem.from_toml(written(tmp_path, "back.toml", problem.to_toml()))
+    assert back.digest() == problem.digest()
+    assert back.joint_units == problem.joint_units
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("rail [deg],elbow [deg]\n0,0\n1,1\n", ["joint 1 is 'deg'", "m or mm: rail slides"]),
+        ("rail [m],elbow [m]\n0,0\n0.1,1\n", ["joint 2 is 'm'", "deg or rad: elbow turns"]),
+        ("rail,elbow\n0,0\n0.6,1\n", ["[0, 0.5] m"]),
+    ],
+)
+def test_units_that_contradict_the_robot_s_joints_are_refused(tmp_path, text, words):
+    with pytest.raises(InvalidInput) as caught:
+        waypoints.problem(written(tmp_path, "a.csv", text), CELL)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_metres_beside_radians_are_not_taken_for_degrees(tmp_path):
+    gantry = {**CELL.joints, "rail": {**TWO.joints["one"], "position": (0, 99)}}
+    robot = RobotLimits(gantry, "gantry.urdf", units=CELL.units)
+    path = written(tmp_path, "a.csv", "rail,elbow\n0,0\n60,1\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert waypoints.problem(path, robot).waypoints[1, 0] == 60

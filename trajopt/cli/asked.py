@@ -1,6 +1,7 @@
-"""The problem that a command is asked for: by name, as a problem file, or as waypoints and a robot.
+"""What a command is asked for: a problem by name, by file, or as waypoints and a robot; its limits.
 
-`trajopt plan six-axis`, `trajopt plan mine.toml`, `trajopt plan waypoints.csv --robot ur5e`.
+`trajopt plan six-axis`, `trajopt plan mine.toml`, `trajopt judge motion.csv waypoints.csv --robot
+ur5e`, `trajopt verify motion.csv --urdf robot.urdf --limits joint_limits.yaml`.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def problem(name_or_path: str, robot: Robot) -> Problem:
     if not path.is_file():
         right = "a file of waypoints that exists"
         raise InvalidInput("problem", right, file=name_or_path)
-    return waypoints.problem(path, _robot_limits(name_or_path, robot), robot.unit)
+    return waypoints.problem(path, robot_limits(name_or_path, robot), robot.unit)
 
 
 def _check_unused(name: str, robot: Robot) -> None:
@@ -84,8 +85,16 @@ def _check_unused(name: str, robot: Robot) -> None:
         raise InvalidInput(flag, right, value=str(value))
 
 
-def _robot_limits(name: str, robot: Robot) -> RobotLimits:
-    """The limits of the robot, and of the file of limits over it."""
+def robot_limits(name: str, robot: Robot) -> RobotLimits:
+    """The limits of the robot, and of the file of limits over it.
+
+    Args:
+        name: What they are for, as an error names it.
+        robot: The flags.
+
+    Raises:
+        InvalidInput: No flag says whose limits; two do; or a file cannot be used.
+    """
     if robot.robot is not None and robot.urdf is not None:
         raise InvalidInput("--urdf", "--robot or --urdf, not both", value=str(robot.urdf))
     sources = []

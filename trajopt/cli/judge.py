@@ -12,12 +12,14 @@ from trajopt import judgement
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.figures import draw
-from trajopt.cli import console
+from trajopt.cli import asked, console
+from trajopt.cli.asked import Robot
 from trajopt.cli.explain import sentences
 from trajopt.cli.parameters import InterpolationName, Json, MotionFile, ProblemName, number
-from trajopt.cli.plan import worst_values
+from trajopt.cli.plan import own_velocity_limits, worst_values
 from trajopt.judgement import Judgement
 
+_OWN_LIMITS = Robot()
 _ADVICE = {
     "linear": "The samples are positions only, which a controller joins with straight lines: send "
     "velocities too, or say how else they are joined (--interpolation spline).",
@@ -28,6 +30,7 @@ def judge(
     motion: MotionFile,
     problem: ProblemName,
     *,
+    robot: Annotated[Robot, Parameter(name="*")] = _OWN_LIMITS,
     interpolation: InterpolationName = "auto",
     via_tolerance: Annotated[
         float,
@@ -38,10 +41,13 @@ def judge(
 ) -> int:
     """Judge a motion that anyone planned: what it claims, what holds, and what it loses.
 
+    The problem is a built-in name, a problem file, or a file of waypoints (.csv, .txt, .npy,
+    .json) with --robot, --urdf or --limits.
+
     Exit code 0: it keeps every limit and passes every waypoint; 1: it does not; 2: bad input.
     """
     found = judgement.judge(
-        problem,
+        asked.problem(problem, robot),
         motion,
         interpolation=interpolation,
         via_tolerance=via_tolerance,
@@ -50,7 +56,7 @@ def judge(
         explanation = found.explanation
     if json:
         console.print_json(found.as_dict())
-        return 0 if found.certificate.feasible else 1
+        return 0 if found.kept else 1
     _print(found)
     if explanation is not None:
         for sentence in sentences(found.motion.name, found.problem, explanation):
@@ -60,7 +66,7 @@ def judge(
     with console.waiting("drawing the figure"):
         figure = draw.judged(found, output)
     console.line(f"figure: {figure}")
-    return 0 if found.certificate.feasible else 1
+    return 0 if found.kept else 1
 
 
 def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
@@ -78,7 +84,7 @@ def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
 
 def _print(found: Judgement) -> None:
     certificate = found.certificate
-    verdict = "feasible" if certificate.feasible else "not feasible"
+    verdict = "feasible" if found.kept else "not feasible"
     name = console.markup(found.motion.name)
     title = f"[bold]{name}[/bold] on {console.markup(found.problem.name)}: [bold]{verdict}[/bold]"
     console.OUT.print(title, soft_wrap=True)
@@ -89,8 +95,9 @@ def _print(found: Judgement) -> None:
         console.paragraph(f"  {'certified':<12}{found.certified_duration:.6f} s")
     passed = ", ".join(f"{t:.6g}" for t in found.trajectory.waypoint_times)
     console.paragraph(f"  {'waypoints':<12}{passed} s")
-    labels = found.problem.joint_labels
-    console.OUT.print(worst_values(certificate.as_dict(), labels))
+    console.OUT.print(worst_values(certificate, found.problem))
+    if found.excess is not None:
+        console.paragraph(own_velocity_limits(found.excess, found.problem))
 
 
 def _verdict(found: Judgement) -> Iterator[str]:
@@ -112,6 +119,7 @@ def _verdict(found: Judgement) -> Iterator[str]:
         yield f"It could run {1 / certificate.dilation:.6f} times as fast within every limit."
     if found.tolerance_needed:
         yield (
-            f"It misses the problem's own waypoints, by less than {found.via_tolerance:g} rad: "
+            f"It misses the problem's own waypoints, by less than {found.via_tolerance:g} "
+            f"{found.problem.shared_unit()}: "
             "judged, and compared, through the points that it passes."
         )

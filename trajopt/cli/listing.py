@@ -108,6 +108,7 @@ def _arm(name: str) -> dict[str, Any]:
         "description": arm.description,
         "joint_names": list(arm.joint_names),
         "limits": {kind: origin.status for kind, origin in arm.origins.items()},
+        "falling_velocity": bool(arm.falling_velocity),
     }
 
 
@@ -160,6 +161,8 @@ def _arm_table(arms: Sequence[dict[str, Any]]) -> Any:
         origins = []
         for kind, status in arm["limits"].items():
             origins.append(f"{kind} ({status})")
+        if arm["falling_velocity"]:
+            origins.append("constant velocity limits; the arm allows less near its position limits")
         table.add_row(
             f"[bold]{console.markup(arm['name'])}[/bold]",
             str(len(arm["joint_names"])),

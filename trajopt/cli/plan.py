@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,13 +18,14 @@ from trajopt.cli.asked import Robot
 from trajopt.cli.best import Best, best, sentences
 from trajopt.cli.parameters import Json, ProblemName, Seed, number
 from trajopt.exceptions import InvalidInput
+from trajopt.falling_velocity import Excess, excess
 from trajopt.formats.waypoints import ENDINGS
+from trajopt.problem import Problem
 from trajopt.registry import named
-from trajopt.verification import WORST_KINDS
+from trajopt.verification import RATIO_KINDS, WORST_KINDS, Certificate, Worst
 
 _OWN_LIMITS = Robot()
 _CYCLE = 1e-3  # s
-_UNITS = ("rad", "rad/s", "rad/s²")  # of a position and its derivatives
 
 
 def plan(
@@ -117,7 +117,7 @@ def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
         f"({100 * executed.longer:.2f} % longer, for whole cycles of {target.cycle:g} s). Read "
         f"again and executed with {executed.pieces} pieces it keeps every limit: "
         f"{peak(certificate, trial)}. It passes every waypoint (to "
-        f"{certificate.waypoint.value:.0e} rad)."
+        f"{certificate.waypoint.value:.0e} {trial.problem.unit(certificate.waypoint.joint)})."
     )
 
 
@@ -182,22 +182,38 @@ def print_trial(trial: Trial, problem: str) -> None:
     computing = f"{trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
     console.paragraph(f"  {'computing':<12}{computing}")
     if trial.certificate:
-        labels = trial.problem.joint_labels
-        console.OUT.print(worst_values(trial.certificate.as_dict(), labels))
+        console.OUT.print(worst_values(trial.certificate, trial.problem))
+    if certified is not None and trial.problem.falling_velocity:
+        found = excess(trial.problem.falling_velocity, certified)
+        console.paragraph(own_velocity_limits(found, trial.problem))
 
 
-def worst_values(certificate: dict[str, Any], labels: Sequence[str]) -> Table:
+def own_velocity_limits(found: Excess, problem: Problem) -> str:
+    """Whether a motion keeps the arm's own velocity limits, which fall towards position limits."""
+    limits = "the arm's own velocity limits, which fall near its position limits"
+    if found.kept:
+        return f"It keeps {limits}."
+    unit = problem.unit(found.joint, order=1)
+    joint = problem.joint_labels[found.joint]
+    return (
+        f"It breaks {limits}: {joint} by {found.value:.4g} {unit} at {found.time:.6g} s, where it "
+        f"moves at {found.velocity:.4g} and may at {found.allowed:.4g} {unit}; some joint is too "
+        f"fast for {100 * found.share:.1f} % of the time. No planner here keeps these limits yet."
+    )
+
+
+def worst_values(certificate: Certificate, problem: Problem) -> Table:
     """The worst of each kind; a joint by its name where it has one."""
     table = console.table("worst", "value", "joint", "time [s]")
     for kind in WORST_KINDS:
-        worst = certificate[kind]
+        worst: Worst | None = getattr(certificate, kind)
         if worst is None:
             continue
-        if "ratio" in worst:
-            value = f"{worst['ratio']:.6f} of limit"
+        if kind in RATIO_KINDS:
+            value = f"{worst.value:.6f} of limit"
         else:
-            value = f"{worst['error']:.2e} {_UNITS[worst.get('order', 0)]}"
-        label = labels[worst["joint"] - 1]
+            value = f"{worst.value:.2e} {problem.unit(worst.joint, worst.order)}"
+        label = problem.joint_labels[worst.joint]
         joint = console.markup(label.removeprefix("joint "))
-        table.add_row(kind, value, joint, f"{worst['time']:.6f}")
+        table.add_row(kind, value, joint, f"{worst.time:.6f}")
     return table

@@ -13,39 +13,39 @@ from cyclopts import Parameter
 from trajopt.arm_file import arm_files
 from trajopt.benchmark.store.verification import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
-from trajopt.cli import console
+from trajopt.cli import asked, console
+from trajopt.cli.asked import Robot
 from trajopt.cli.parameters import InterpolationName, Json
-from trajopt.cli.plan import worst_values
+from trajopt.cli.plan import own_velocity_limits, worst_values
 from trajopt.exceptions import InvalidInput
-from trajopt.formats import arms, joint_limits
 from trajopt.formats.motion import ENDINGS, Motion, motion
 from trajopt.interpolation import Interpolation
 from trajopt.judgement import Execution, as_executed
-from trajopt.problem import Limits
 from trajopt.verification import Certificate
 
+_NO_ROBOT = Robot()
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
 def verify(
     path: Annotated[Path, Parameter(help="Results folder or results.h5; or a motion's file.")],
     *,
-    limits: Annotated[
-        str | None,
-        Parameter(help="Of a motion: joint_limits.yaml, a robot (`trajopt list`) or a problem."),
-    ] = None,
+    robot: Annotated[Robot, Parameter(name="*")] = _NO_ROBOT,
     interpolation: InterpolationName = "auto",
     json: Json = False,
 ) -> int:
-    """Verify every stored trajectory anew, from the file alone; or a motion within --limits.
+    """Verify every stored trajectory anew, from the file alone; or a motion within limits.
+
+    Limits are a robot's (--robot, --urdf, and --limits joint_limits.yaml over it); --limits alone
+    takes a robot's or a problem's name too.
 
     A motion needs no waypoints: told are its peaks as a controller runs it, the slow-down that it
     needs, and how fast it may run at most.
     """
     if path.suffix in ENDINGS and not path.is_dir():
-        return _verify_motion(path, limits, interpolation, json)
-    if limits is not None or interpolation != "auto":
-        right = f"a motion's file ({', '.join(ENDINGS)}) with --limits and --interpolation"
+        return _verify_motion(path, robot, interpolation, json)
+    if robot.said or interpolation != "auto":
+        right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"
         raise InvalidInput("PATH", right, value=str(path))
     found = verification(path)
     if json:
@@ -58,44 +58,55 @@ def verify(
 
 def _verify_motion(
     path: Path,
-    limits: str | None,
+    robot: Robot,
     interpolation: Interpolation,
     json: bool,
 ) -> int:
     """A motion as a controller runs it, within limits alone."""
-    if limits is None:
+    if robot.unit is not None:
+        right = "no such flag: a motion's columns have their units in the header"
+        raise InvalidInput("--unit", right, value=robot.unit)
+    if not robot.said:
         right = "joint_limits.yaml, a robot or a problem, whose limits the motion is to keep"
         raise InvalidInput("--limits", right)
     given = motion(path, interpolation)
-    own, within = _limits(limits, given)
-    found = as_executed(own, within)
+    found = _executed(given, robot)
     if json:
         console.print_json(found.as_dict())
     else:
-        _print_execution(found, limits)
-    return 0 if found.certificate.feasible else 1
+        _print_execution(found, ", ".join(map(str, robot.said.values())))
+    return 0 if found.kept else 1
 
 
-def _limits(name: str, given: Motion) -> tuple[Motion, Limits]:
-    """The limits of the motion's joints: a file's, a robot's or a problem's; and the motion.
+def _executed(given: Motion, robot: Robot) -> Execution:
+    """The motion within the limits of its joints: a file's, a robot's or a problem's.
 
     Joints are found by their names, or in their order where the motion or the problem has none.
     """
-    path = Path(name)
-    if path.suffix not in (".yaml", ".yml"):
-        if path.is_file() or name not in arm_files():
+    if robot.limits is not None and robot.limits.suffix not in (".yaml", ".yml"):
+        if len(robot.said) > 1:
+            right = "joint_limits.yaml beside --robot or --urdf"
+            raise InvalidInput("--limits", right, value=str(robot.limits))
+        name = str(robot.limits)
+        if robot.limits.is_file() or name not in arm_files():
             problem = catalogue.load(name)
-            return given.for_joints(problem.joint_names), problem.limits
-        robot = arms.named(name)
-    else:
-        robot = joint_limits.read(path)
-    names = given.joint_names or robot.names_of(given.trajectory.joints)
-    return given, robot.limits(names)
+            return as_executed(
+                given.for_joints(problem.joint_names),
+                problem.limits,
+                joint_units=problem.joint_units,
+                falling_velocity=problem.falling_velocity,
+            )
+        robot = Robot(robot=name)
+    own = asked.robot_limits(given.name, robot)
+    names = given.joint_names or own.names_of(given.trajectory.joints)
+    described = own.described(names)
+    del described["joint_names"]
+    return as_executed(given, own.limits(names), **described)
 
 
 def _print_execution(found: Execution, limits: str) -> None:
     certificate = found.certificate
-    verdict = "feasible" if certificate.feasible else "not feasible"
+    verdict = "feasible" if found.kept else "not feasible"
     name = console.markup(found.motion.name)
     title = f"[bold]{name}[/bold] within {console.markup(limits)}: [bold]{verdict}[/bold]"
     console.OUT.print(title, soft_wrap=True)
@@ -104,7 +115,9 @@ def _print_execution(found: Execution, limits: str) -> None:
     console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")
     for sentence in _mended(certificate):
         console.paragraph(sentence)
-    console.OUT.print(worst_values(certificate.as_dict(), found.problem.joint_labels))
+    console.OUT.print(worst_values(certificate, found.problem))
+    if found.excess is not None:
+        console.paragraph(own_velocity_limits(found.excess, found.problem))
 
 
 def _mended(certificate: Certificate) -> Iterator[str]:

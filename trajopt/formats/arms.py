@@ -23,4 +23,9 @@ def named(name: str) -> RobotLimits:
             if np.isfinite([low, high]).any():
                 bounds[kind] = (float(low), float(high))
         joints[joint_name] = bounds
-    return RobotLimits(joints, source=arm.name)
+    return RobotLimits(
+        joints,
+        source=arm.name,
+        units=dict.fromkeys(joints, "rad"),
+        falling_velocity=dict(zip(arm.joint_names, arm.falling_velocity, strict=False)),
+    )

@@ -41,12 +41,14 @@ class Motion:
         trajectory: From time 0 on; its waypoint times are its start and end.
         interpolation: What joins its samples; `polynomial` where it has none.
         joint_names: One per joint, or empty where nobody said them.
+        joint_units: "rad", or "m" for a prismatic joint; empty where nobody said them.
     """
 
     name: str
     trajectory: Trajectory
     interpolation: Interpolation | Literal["polynomial"]
     joint_names: tuple[str, ...] = ()
+    joint_units: tuple[str, ...] = ()
 
     def digest(self) -> str:
         """SHA-256 of what is executed: 20 hexadecimal digits."""
@@ -78,7 +80,8 @@ class Motion:
             trajectory.coefficients[..., order],
             trajectory.waypoint_times,
         )
-        return replace(self, trajectory=own, joint_names=tuple(joint_names))
+        units = tuple(self.joint_units[joint] for joint in order if self.joint_units)
+        return replace(self, trajectory=own, joint_names=tuple(joint_names), joint_units=units)
 
 
 def _without_namespace(names: Sequence[str]) -> list[str]:
@@ -118,7 +121,7 @@ def motion(
 def _of_samples(name: str, samples: Samples, interpolation: Interpolation) -> Motion:
     trajectory = samples.trajectory(interpolation)
     kind = samples.interpolation(interpolation)
-    return Motion(name, trajectory, kind, samples.joint_names)
+    return Motion(name, trajectory, kind, samples.joint_names, samples.joint_units)
 
 
 def _check_nothing_to_join(interpolation: Interpolation) -> None:

@@ -10,11 +10,13 @@ A source may leave kinds of limits unsaid: only what is asked for at the end mus
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
 
+from trajopt.arm_file import FallingVelocity
 from trajopt.exceptions import InvalidInput
 from trajopt.problem import LIMIT_NAMES, LimitName, Limits
 
@@ -37,6 +39,10 @@ class RobotLimits:
             alphabet's.
         velocity_scaling: The share of the velocity limits to plan with.
         acceleration_scaling: The same of the acceleration limits.
+        units: Each joint's SI unit, "rad" or "m", as far as the source says whether it slides.
+        falling_velocity: Velocity limits that fall towards a position limit, for those joints that
+            have one.
+        unsound: What is wrong with joints that cannot be used, by name.
     """
 
     joints: Mapping[str, JointBounds]
@@ -44,6 +50,9 @@ class RobotLimits:
     ordered: bool = True
     velocity_scaling: float = 1.0
     acceleration_scaling: float = 1.0
+    units: Mapping[str, str] = field(default_factory=dict)
+    falling_velocity: Mapping[str, FallingVelocity] = field(default_factory=dict)
+    unsound: Mapping[str, InvalidInput] = field(default_factory=dict)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -70,6 +79,9 @@ class RobotLimits:
             ordered=self.ordered,
             velocity_scaling=self.velocity_scaling * other.velocity_scaling,
             acceleration_scaling=self.acceleration_scaling * other.acceleration_scaling,
+            units={**other.units, **self.units},
+            falling_velocity={**other.falling_velocity, **self.falling_velocity},
+            unsound={**other.unsound, **self.unsound},
         )
 
     def limits(self, joint_names: Sequence[str]) -> Limits:
@@ -91,6 +103,16 @@ class RobotLimits:
             position=pairs["position"],
         )
 
+    def described(self, joint_names: Sequence[str]) -> dict[str, Any]:
+        """What a `Problem` is told of these joints beside their limits, by its arguments' names."""
+        units = [self.units[name] for name in joint_names if name in self.units]
+        falling = [self.falling_velocity.get(name) for name in joint_names]
+        return {
+            "joint_names": joint_names,
+            "joint_units": units if len(units) == len(joint_names) else (),
+            "falling_velocity": falling if any(falling) else (),
+        }
+
     def names_of(self, count: int) -> tuple[str, ...]:
         """The names of a robot's joints, for `count` columns that carry no names.
 
@@ -107,6 +129,8 @@ class RobotLimits:
         return self.joint_names
 
     def _bounds(self, name: str) -> JointBounds:
+        if name in self.unsound:
+            raise self.unsound[name]
         if name in self.joints:
             return self.joints[name]
         known = ", ".join(self.joints)

@@ -25,6 +25,7 @@ class Samples:
         positions: rad (metres for a prismatic joint), `(samples, joints)`.
         velocities: rad/s, `(samples, joints)`, or None.
         accelerations: rad/s², `(samples, joints)`, or None.
+        joint_units: "rad", or "m" for a prismatic joint; empty where nobody said them.
 
     Raises:
         InvalidInput: These do not fit together, are not finite, or times do not increase.
@@ -35,6 +36,7 @@ class Samples:
     positions: Array
     velocities: Array | None = None
     accelerations: Array | None = None
+    joint_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))

@@ -25,7 +25,7 @@ from trajopt.exceptions import InvalidInput
 from trajopt.formats.samples import Samples
 
 TIME = "time [s]"
-UNITS = ("rad", "rad/s", "rad/s^2")  # of positions and their derivatives
+_RATES = ("", "/s", "/s^2")  # of positions and their derivatives
 
 Array = NDArray[np.float64]
 
@@ -59,9 +59,11 @@ def write(path: Path, samples: Samples) -> None:
     header = [TIME]
     columns = [samples.times]
     tables = (samples.positions, samples.velocities, samples.accelerations)
-    for unit, table in zip(UNITS, tables, strict=True):
+    units = samples.joint_units or ["rad"] * len(samples.joint_names)
+    for rate, table in zip(_RATES, tables, strict=True):
         if table is not None:
-            header += [f"{name} [{unit}]" for name in samples.joint_names]
+            names = zip(samples.joint_names, units, strict=True)
+            header += [f"{name} [{unit}{rate}]" for name, unit in names]
             columns += list(table.T)
     values = np.column_stack(columns)
     with path.open("w", newline="", encoding="utf-8") as file:
@@ -95,6 +97,7 @@ def read(path: Path) -> Samples:
 class _Column:
     """A column: its heading as written, the joint's name, the derivative's order, the unit's size.
 
+    `length` is "m" where the unit is one of lengths, else "rad".
     Of the column of times the order is `_TIME`.
     """
 
@@ -102,6 +105,7 @@ class _Column:
     name: str
     order: int
     size: float
+    length: str
 
 
 def _samples(text: str) -> Samples:
@@ -120,7 +124,7 @@ def _samples(text: str) -> Samples:
     times = _times(lines, rows, columns)
     values = np.array(rows, dtype=float)
     tables: list[Array | None] = []
-    for order in range(len(UNITS)):
+    for order in range(len(_RATES)):
         own = layout[order]
         sizes = np.array([columns[place].size for place in own])
         tables.append(values[:, own] * sizes if own else None)
@@ -128,7 +132,8 @@ def _samples(text: str) -> Samples:
     if positions is None:
         raise InvalidInput(f"line {number}", "columns of positions, like elbow [rad]")
     names = tuple(columns[place].name for place in layout[0])
-    return Samples(names, times, positions, velocities, accelerations)
+    units = tuple(columns[place].length for place in layout[0])
+    return Samples(names, times, positions, velocities, accelerations, units)
 
 
 def _split(text: str) -> tuple[int, str, list[tuple[int, str]]]:
@@ -162,12 +167,13 @@ def _column(where: str, heading: str) -> _Column:
     name = match["name"].strip()
     for suffix in _SUFFIXES.get(order, ()):
         name = name.removesuffix(suffix)
-    return _Column(heading, name, order, size)
+    length = "m" if unit.startswith("m") else "rad"
+    return _Column(heading, name, order, size, length)
 
 
 def _layout(line: int, columns: Sequence[_Column]) -> dict[int, list[int]]:
     """Where each order's columns are, all in the order of the positions' joints."""
-    places: dict[int, dict[str, int]] = {order: {} for order in (_TIME, *range(len(UNITS)))}
+    places: dict[int, dict[str, int]] = {order: {} for order in (_TIME, *range(len(_RATES)))}
     for place, column in enumerate(columns):
         own = places[column.order]
         if column.name in own or (own and column.order == _TIME):
@@ -177,14 +183,19 @@ def _layout(line: int, columns: Sequence[_Column]) -> dict[int, list[int]]:
     if not places[_TIME]:
         raise InvalidInput(f"line {line}", f"{TIME}, then columns like elbow [rad]")
     joints = list(places[0])
-    for order, unit in enumerate(UNITS):
+    for order, rate in enumerate(_RATES):
         own = places[order]
         if own and set(own) != set(joints):
             odd = sorted(set(own) ^ set(joints))[0]
-            right = f"a column [{unit}] for each joint that has positions, and no other: {odd}"
+            right = f"a column [rad{rate}] for each joint that has positions, and no other: {odd}"
             raise InvalidInput(f"line {line}", right)
+        for name, place in own.items():
+            if columns[place].length != columns[places[0][name]].length:
+                where = f"line {line}, column {place + 1}"
+                right = f"a unit that goes with {columns[places[0][name]].heading}"
+                raise InvalidInput(where, right, value=columns[place].heading)
     layout = {_TIME: list(places[_TIME].values())}
-    for order in range(len(UNITS)):
+    for order in range(len(_RATES)):
         layout[order] = [places[order][name] for name in joints if places[order]]
     return layout
 

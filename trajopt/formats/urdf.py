@@ -1,24 +1,34 @@
 """URDF: names of the joints that move, position and velocity limits, in the order of the file.
 
 A URDF has no acceleration limits; `joint_limits.yaml` adds them (`trajopt.formats.joint_limits`).
-Meshes are not opened. The parser is ROS's own, `urdf_parser_py`, the extra `ros`.
+Only joints are read: meshes, transmissions and what else a file holds may be unsound. So may joints
+that no waypoint names: what is wrong with a joint is said where its limits are asked for.
+
+Franka's own element is read too (libfranka, `test/fr3.urdf` and `src/joint_velocity_limits.cpp`):
+
+    <position_based_velocity_limits velocity_offset="0.30" deceleration_limit="6.0"/>
+
+It belongs to the range of the joint's `<limit>`; soft limits do not move it
+(`trajopt.arm_file.FallingVelocity`).
 """
 
 from __future__ import annotations
 
-import io
-from contextlib import redirect_stderr
 from pathlib import Path
-from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from trajopt.exceptions import InvalidInput, MissingBackend
+from trajopt import numerals
+from trajopt.arm_file import FallingVelocity
+from trajopt.exceptions import InvalidInput
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 from trajopt.problem import LimitName
 
-_MOVING = ("revolute", "continuous", "prismatic")
+_UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move
 _UNLIMITED = (-np.inf, np.inf)
+_INFINITIES = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
 
 
 def read(path: str | Path) -> RobotLimits:
@@ -28,76 +38,128 @@ def read(path: str | Path) -> RobotLimits:
     write where nobody said one, is none.
 
     Raises:
-        InvalidInput: Names the file, the joint, the value, and what would be right.
-        MissingBackend: The parser is not installed.
+        InvalidInput: Names the file and what would be right. A joint that is unsound is named
+            where its limits are asked for.
     """
-    file = Path(path)
     try:
-        content = file.read_bytes()
-    except OSError as error:
-        right = "a readable URDF file"
-        raise InvalidInput("robot", right, value=error.strerror, file=str(path)) from None
-    if b"<xacro:" in content:
-        right = f"a URDF; make one of this xacro file: xacro {file.name} > robot.urdf"
-        raise InvalidInput("robot", right, file=str(path))
-    try:
-        return RobotLimits(_joints(content), source=str(path))
+        return _robot(_parsed(Path(path)), str(path))
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
 
 
-def _joints(content: bytes) -> dict[str, JointBounds]:
-    joints = {}
-    for joint in _parsed(content).joints:
-        if joint.type not in _MOVING or joint.mimic is not None:
+def _parsed(file: Path) -> Element:
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise InvalidInput("robot", "a readable URDF file", value=error.strerror) from None
+    if b"<!ENTITY" in content:
+        raise InvalidInput("robot", "a URDF without entities of its own")
+    xacro = InvalidInput(
+        "robot", f"a URDF; make one: xacro {file.name} > robot.urdf", value="xacro"
+    )
+    try:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        if "unbound prefix" in str(error) and b"<xacro:" in content:
+            raise xacro from None
+        raise InvalidInput("robot", "a URDF", value=str(error)) from None
+    if any("xacro}" in element.tag for element in root.iter()):
+        raise xacro
+    if root.tag != "robot":
+        raise InvalidInput("robot", "a URDF, whose first tag is robot", value=root.tag)
+    return root
+
+
+def _robot(root: Element, source: str) -> RobotLimits:
+    joints: dict[str, JointBounds] = {}
+    unsound: dict[str, InvalidInput] = {}
+    units: dict[str, str] = {}
+    falling: dict[str, FallingVelocity] = {}
+    for joint in root.findall("joint"):
+        unit = _UNITS.get(joint.get("type", ""))
+        if unit is None or joint.find("mimic") is not None:
             continue
-        if joint.name in joints:
-            raise InvalidInput("joint", "names that differ", value=joint.name)
-        joints[joint.name] = _bounds(joint)
+        name = joint.get("name", "")
+        try:
+            if name in joints:
+                raise InvalidInput("joint", "names that differ", value=name)
+            joints[name] = {}
+            units[name] = unit
+            joints[name] = _bounds(joint)
+            own = _falling_velocity(joint)
+            if own is not None:
+                falling[name] = own
+        except InvalidInput as error:
+            key = f"{name}: {error.key}"
+            unsound[name] = InvalidInput(key, error.expected, value=error.value, file=source)
     if not joints:
         raise InvalidInput("robot", "at least one joint that moves")
-    return joints
+    return RobotLimits(
+        joints,
+        source=source,
+        units=units,
+        falling_velocity=falling,
+        unsound=unsound,
+    )
 
 
-def _parsed(content: bytes) -> Any:
-    """The robot as `urdf_parser_py` has it; what it says of tags that it does not know is noise."""
-    try:
-        from urdf_parser_py.urdf import URDF
-    except ImportError as error:
-        raise MissingBackend("urdf_parser_py", "ros") from error
-    try:
-        with redirect_stderr(io.StringIO()):
-            return URDF.from_xml_string(content)
-    except Exception as error:  # the parser has no error of its own for all of them
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidInput("robot", "a URDF", value=reason) from None
-
-
-def _bounds(joint: Any) -> JointBounds:
+def _bounds(joint: Element) -> JointBounds:
     bounds: dict[LimitName, Bounds] = {}
-    if joint.type == "continuous":
+    continuous = joint.get("type") == "continuous"
+    if continuous:
         bounds["position"] = _UNLIMITED
-    if joint.limit is None:
+    limit = joint.find("limit")
+    if limit is None:
         return bounds
-    velocity = joint.limit.velocity
-    if not 0 <= velocity < np.inf:
-        right = "0 (no limit) or a positive number"
-        raise InvalidInput(f"{joint.name}: limit velocity", right, value=velocity)
-    if velocity > 0:
+    velocity = _number(limit, "velocity")
+    if velocity < 0:
+        raise InvalidInput("limit velocity", "0 (no limit) or a positive number", value=velocity)
+    if 0 < velocity < np.inf:
         bounds["velocity"] = (-velocity, velocity)
-    if joint.type != "continuous":
-        bounds["position"] = _range(joint)
+    if not continuous:
+        bounds["position"] = _range(joint, limit)
     return bounds
 
 
-def _range(joint: Any) -> Bounds:
+def _range(joint: Element, limit: Element) -> Bounds:
     """The joint's range, narrowed by soft limits where a safety controller keeps it in those."""
-    low = joint.limit.lower
-    high = joint.limit.upper
-    safety = joint.safety_controller
-    if safety is not None and safety.soft_lower_limit < safety.soft_upper_limit:
-        low = max(low, safety.soft_lower_limit)
-        high = min(high, safety.soft_upper_limit)
+    low = _number(limit, "lower")
+    high = _number(limit, "upper")
+    safety = joint.find("safety_controller")
+    if safety is not None:
+        soft_low = _number(safety, "soft_lower_limit")
+        soft_high = _number(safety, "soft_upper_limit")
+        if soft_low < soft_high:
+            low = max(low, soft_low)
+            high = min(high, soft_high)
     if not low < high:
-        raise InvalidInput(f"{joint.name}: limit", "lower below upper", value=[low, high])
+        raise InvalidInput("limit", "lower below upper", value=[low, high])
     return low, high
+
+
+def _falling_velocity(joint: Element) -> FallingVelocity | None:
+    """Franka's element, beside the range of the joint's `<limit>`."""
+    own = joint.find("position_based_velocity_limits")
+    if own is None:
+        return None
+    limit = joint.find("limit")
+    if limit is None or joint.get("type") == "continuous":
+        raise InvalidInput(
+            "position_based_velocity_limits", "a limit with lower and upper beside it"
+        )
+    return FallingVelocity(
+        offset=_number(own, "velocity_offset"),
+        deceleration=_number(own, "deceleration_limit"),
+        low=_number(limit, "lower"),
+        high=_number(limit, "upper"),
+    )
+
+
+def _number(element: Element, name: str) -> float:
+    """An attribute as a number; 0 where it is missing, as in ROS's parser."""
+    text = element.get(name, "0").strip()
+    try:
+        return _INFINITIES.get(text) or numerals.decimal(text)
+    except ValueError:
+        key = f"{element.tag} {name}"
+        raise InvalidInput(key, "a number", value=text) from None

@@ -6,6 +6,9 @@
 
 Cells are separated by commas, semicolons, tabs or spaces; lines that start with # are no rows. JSON
 is a list of rows, or an object with `waypoints` and, if known, `joint_names` and `unit`.
+
+A prismatic joint is in metres: the robot says which joints slide, and a header may say [m] or [mm].
+"deg" as `--unit` or as `unit` is of the angles only.
 """
 
 from __future__ import annotations
@@ -16,7 +19,6 @@ import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import pi
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,13 +28,14 @@ from trajopt import numerals
 from trajopt.exceptions import InvalidInput, UnitWarning
 from trajopt.formats.robot_limits import RobotLimits
 from trajopt.problem import Problem
-from trajopt.problem_file import mixed_units
+from trajopt.problem_file import UNITS, mixed_units
 
 Unit = Literal["deg", "rad"]
 
 ENDINGS = (".csv", ".txt", ".npy", ".json")
 
-_SIZES = {"deg": pi / 180, "°": pi / 180, "rad": 1.0, "m": 1.0}  # rad or m
+_LENGTHS = ("m", "mm")
+_ALIASES = {"°": "deg"}
 _HEADING = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]")
 _TIMES = ("t", "time", "times", "time_from_start")
 
@@ -45,11 +48,13 @@ class Waypoints:
         rows: One per waypoint, one number per joint.
         joint_names: One per column, or empty where the file does not say.
         units: One per column, or empty.
+        angle_unit: Of the angles, where the file says it once for all columns.
     """
 
     rows: Sequence[Sequence[Any]]
     joint_names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    angle_unit: str | None = None
 
     @property
     def joints(self) -> int:
@@ -86,7 +91,7 @@ def problem(path: Path, robot: RobotLimits, unit: Unit | None = None) -> Problem
         path: The file of waypoints.
         robot: The limits.
         unit: Of angles in the file; by default what its header says, or else radians, with a
-            `UnitWarning` where they look like degrees.
+            `UnitWarning` where they look like degrees. Metres stay metres.
 
     Raises:
         InvalidInput: Names the file, the row, the joint, the value, and what would be right.
@@ -103,38 +108,63 @@ def problem(path: Path, robot: RobotLimits, unit: Unit | None = None) -> Problem
 def _problem(waypoints: Waypoints, robot: RobotLimits, unit: Unit | None, path: Path) -> Problem:
     names = waypoints.joint_names or robot.names_of(waypoints.joints)
     limits = robot.limits(names)
-    sizes = _sizes(waypoints, unit)
     # Before scaling: errors show what the file says.
     written = Problem(waypoints.rows, limits.without("position"), joint_names=names)
-    if unit is None and not waypoints.units:
-        mixed = mixed_units(written.waypoints, limits.velocity, limits.acceleration)
+    units = _units(waypoints, names, robot, unit)
+    turning = np.array([own not in _LENGTHS for own in units])
+    said = unit or waypoints.angle_unit or waypoints.units
+    if not said and (turning & written.moving).any():
+        angles = written.only(turning)
+        mixed = mixed_units(angles.waypoints, angles.limits.velocity, angles.limits.acceleration)
         if mixed:
             message = f"{path}: {mixed}; say --unit deg if they are"
             warnings.warn(UnitWarning(message), stacklevel=4)
+    described = robot.described(names)
+    if not turning.all():
+        described["joint_units"] = np.where(turning, "rad", "m").tolist()
     return Problem(
-        written.waypoints * np.array(sizes),
+        written.waypoints * [UNITS[own] for own in units],
         limits,
         name=path.stem,
         source=f"{path.name}, limits of {robot.source}",
-        joint_names=names,
+        **described,
     )
 
 
-def _sizes(waypoints: Waypoints, unit: Unit | None) -> list[float]:
-    """The size of each column's unit, rad or m."""
-    if not waypoints.units:
-        return [_SIZES[unit or "rad"]] * waypoints.joints
-    sizes = []
-    for joint, own in enumerate(waypoints.units):
-        if own not in _SIZES:
-            raise InvalidInput("unit", "deg, rad or m", value=own, joint=joint)
-        size = _SIZES[own]
-        agreed = unit is None or own == "m" or size == _SIZES[unit]
-        if not agreed:
+def _units(
+    waypoints: Waypoints,
+    names: Sequence[str],
+    robot: RobotLimits,
+    asked: Unit | None,
+) -> list[str]:
+    """Each column's unit: its header's, else that of angles, or metres where the joint slides.
+
+    Raises:
+        InvalidInput: The header, `--unit` and the robot contradict each other.
+    """
+    known = waypoints.angle_unit
+    if None not in (asked, known) and asked != known:
+        raise InvalidInput("--unit", f"left out, or {known} as the file says", value=asked)
+    angle = asked or known or "rad"
+    units = []
+    for joint, name in enumerate(names):
+        kind = robot.units.get(name)
+        if not waypoints.units:
+            units.append("m" if kind == "m" else angle)
+            continue
+        own = waypoints.units[joint]
+        if own not in UNITS:
+            raise InvalidInput("unit", " or ".join(UNITS), value=own, joint=joint)
+        slides = own in _LENGTHS
+        if kind is not None and slides != (kind == "m"):
+            does, right = ("slides", "m or mm") if kind == "m" else ("turns", "deg or rad")
+            right = f"{right}: {name} {does}, as {robot.source} says"
+            raise InvalidInput("unit", right, value=own, joint=joint)
+        if asked is not None and not slides and own != asked:
             right = f"--unit left out, or {own} as the header says"
-            raise InvalidInput("--unit", right, value=unit)
-        sizes.append(size)
-    return sizes
+            raise InvalidInput("--unit", right, value=asked)
+        units.append(own)
+    return units
 
 
 def _read_csv(path: Path) -> Waypoints:
@@ -189,7 +219,8 @@ def _header(cells: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
             raise InvalidInput(f"column {column}", "the name of a joint", value=cell)
         names.append(name)
         if match is not None:
-            units.append(match["unit"].strip())
+            unit = match["unit"].strip()
+            units.append(_ALIASES.get(unit, unit))
     if len(units) not in (0, len(names)):
         right = "a unit in every column, or in none"
         raise InvalidInput("header", right, value=", ".join(cells))
@@ -241,10 +272,14 @@ def _read_json(path: Path) -> Waypoints:
     is_list = isinstance(names, list)
     if not is_list or not all(isinstance(name, str) for name in names):
         raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
-    units: tuple[str, ...] = ()
-    if "unit" in table:
-        units = (str(table["unit"]),) * len(rows[0])
-    return Waypoints(rows, tuple(names), units)
+    unit = table.get("unit")
+    if isinstance(unit, list):
+        if len(unit) != len(rows[0]):
+            raise InvalidInput("unit", f"{len(rows[0])} units, one per joint", value=unit)
+        return Waypoints(rows, tuple(names), tuple(map(str, unit)))
+    if unit not in (None, "deg", "rad"):
+        raise InvalidInput("unit", '"deg" or "rad", or a unit per joint', value=unit)
+    return Waypoints(rows, tuple(names), angle_unit=unit)
 
 
 _READERS = {

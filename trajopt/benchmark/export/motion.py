@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
@@ -159,6 +159,7 @@ def _write_executed(target: Target, trial: Trial) -> Executed:
     if target.points is not None:
         at_breaks = target.points == "breaks"
     samples = motion.at_breaks(names) if at_breaks else motion.at_cycles(names)
+    samples = replace(samples, joint_units=problem.joint_units)
     put, get = _FORMATS[target.path.suffix]
     with TemporaryDirectory() as folder:
         written = Path(folder) / f"motion{target.path.suffix}"

@@ -182,7 +182,7 @@ def panels(
     if reference:
         end = max(end, reference.duration)
     every = []
-    for order, (quantity, _) in enumerate(QUANTITIES[:columns]):
+    for order, quantity in enumerate(QUANTITIES[:columns]):
         limits = getattr(problem.limits, quantity)
         times, values = curve(trajectory, order)
         behind = curve(reference, order) if reference else None
@@ -381,7 +381,8 @@ def _names(shown: Sequence[Panel], problem: Problem) -> list[Words]:
     for panel in shown:
         left, bottom = panel.corner
         width, panel_height = panel.size
-        quantity, unit = QUANTITIES[panel.order]
+        quantity = QUANTITIES[panel.order]
+        unit = problem.shared_unit(panel.order)
         middle = left + width / 2
         if panel.joint == 0:
             over = bottom + panel_height + _TITLE_RISE
@@ -391,8 +392,16 @@ def _names(shown: Sequence[Panel], problem: Problem) -> list[Words]:
             names.append(Words(middle, under, "time (s)", _USUAL, "center"))
         if panel.order == 0:
             beside = bottom + panel_height / 2
-            names.append(_joint_name(problem.joint_labels[panel.joint], beside))
+            names.append(_joint_name(_label(problem, panel.joint), beside))
     return names
+
+
+def _label(problem: Problem, joint: int) -> str:
+    """A joint's name, with its unit where joints differ in it."""
+    label = problem.joint_labels[joint]
+    if len(set(problem.joint_units)) < 2:
+        return label
+    return f"{label} ({problem.unit(joint)})"
 
 
 def _joint_name(label: str, middle: float) -> Words:

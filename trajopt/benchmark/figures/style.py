@@ -23,12 +23,8 @@ CURVES = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK, SKY)
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 
-QUANTITIES: tuple[tuple[LimitName, str], ...] = (
-    ("position", "rad"),
-    ("velocity", "rad/s"),
-    ("acceleration", "rad/s²"),
-    ("jerk", "rad/s³"),
-)  # the place of each is the order of its derivative
+QUANTITIES: tuple[LimitName, ...] = ("position", "velocity", "acceleration", "jerk")
+"""By the order of the derivative; `Problem.unit` has their units."""
 GAP_FLOOR = 1e-4  # %: differences below it are drawn at it, where a log axis ends
 ZERO_WIDTH_SPACE = "\u200b"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -33,6 +33,7 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
     searching = searches([found])
     runs = {label: own for label, own in histories_by_label.items() if label in searching}
     quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
+    orders = range(len(quantities))
     motions = []
     if with_motions:
         medians = {label: median_run(own) for label, own in by_label(trials).items()}
@@ -42,8 +43,9 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
     return {
         "joints": problem.joints,
         "waypoints": problem.waypoints,
-        "quantities": quantities,
-        "limits": {name: getattr(problem.limits, name) for name, _ in quantities},
+        "quantities": [(name, problem.shared_unit(n)) for n, name in enumerate(quantities)],
+        "units": [[problem.unit(joint, n) for n in orders] for joint in range(problem.joints)],
+        "limits": {name: getattr(problem.limits, name) for name in quantities},
         "source": problem.source,
         "best": best,
         "convergence": curves.bands(runs, labels),

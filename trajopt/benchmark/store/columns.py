@@ -167,6 +167,7 @@ COLUMNS = {
     "problem": Column("name", "", "problem name"),
     "source": Column("text", "", "where the problem's numbers come from"),
     "joint_names": Column("text", "", "the joints' names, one a line, if any", newer=True),
+    "joint_units": Column("text", "", "rad or m, one joint a line, if said", newer=True),
     "digest": Column("name", "", "SHA-256 of the problem's numbers", _DIGEST),
     "planner": Column("name", "", "planner name"),
     "label": Column("name", "", "planner name with the options that differ from its defaults"),

@@ -76,6 +76,7 @@ def encode(trial: Trial) -> Encoded:
         "problem": problem.name,
         "source": problem.source,
         "joint_names": "\n".join(problem.joint_names),
+        "joint_units": "\n".join(problem.joint_units),
         "digest": problem.digest(),
         "planner": trial.planner,
         "label": trial.label,
@@ -316,7 +317,8 @@ def _problem(row: Mapping[str, Any], numbers: Mapping[str, Array]) -> Problem:
             raise Malformed(f"{name}: expected a table, found shape {array.shape}")
         raw.append((array.tobytes(), array.shape[1]))
     names = tuple(row["joint_names"].splitlines())
-    return _problem_of(row["problem"], row["source"], names, *raw)
+    units = tuple(row["joint_units"].splitlines())
+    return _problem_of(row["problem"], row["source"], names, units, *raw)
 
 
 @lru_cache(maxsize=1024)
@@ -324,6 +326,7 @@ def _problem_of(
     name: str,
     source: str,
     joint_names: tuple[str, ...],
+    joint_units: tuple[str, ...],
     *raw: tuple[bytes, int],
 ) -> Problem:
     """One object for the trials of one problem, however many they are."""
@@ -332,7 +335,7 @@ def _problem_of(
         numbers = np.frombuffer(data)
         tables.append(numbers.reshape(-1, width))
     waypoints, *limits = tables
-    return Problem(waypoints, Limits(*limits), name, source, joint_names)
+    return Problem(waypoints, Limits(*limits), name, source, joint_names, joint_units)
 
 
 def _certificate_row(certificate: Certificate) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from zlib import crc32
 import numpy as np
 
 from trajopt import arm_file
+from trajopt.arm_file import FallingVelocity
 from trajopt.arm_file import Origin as Origin
 from trajopt.arm_file import arm_files as arm_files
 from trajopt.exceptions import InvalidInput
@@ -32,6 +33,7 @@ class Arm:
     joint_names: tuple[str, ...]
     limits: Limits
     origins: Mapping[str, Origin]
+    falling_velocity: tuple[FallingVelocity, ...] = ()
 
 
 def arm(name_or_path: str) -> Arm:
@@ -42,7 +44,14 @@ def arm(name_or_path: str) -> Arm:
     except InvalidInput as error:
         path = arm_files().get(name_or_path, name_or_path)
         raise error.in_file(str(path)) from None
-    return Arm(file.name, file.description, file.joint_names, limits, file.origins)
+    return Arm(
+        file.name,
+        file.description,
+        file.joint_names,
+        limits,
+        file.origins,
+        file.falling_velocity,
+    )
 
 
 def robot_problem(arm: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
@@ -72,6 +81,8 @@ def robot_problem(arm: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
         name=f"robots-{arm.name}-w{waypoints}{ending}",
         source=f"{arm.description}; data/robots/{arm.name}.toml, version {ROBOTS_VERSION}",
         joint_names=arm.joint_names,
+        joint_units=["rad"] * joints,
+        falling_velocity=arm.falling_velocity,
     )
 
 

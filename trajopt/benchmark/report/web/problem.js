@@ -48,9 +48,9 @@ const drawDurations = (chart, p) => {
 
 const motionsOf = (found, joint) => {
   const traces = [], shapes = [], layout = { height: 130 + 165 * found.quantities.length, hovermode: "closest" };
-  found.quantities.forEach(([name, unit], row) => {
+  found.quantities.forEach(([name], row) => {
     const suffix = row ? String(row + 1) : "", span = 1 / found.quantities.length;
-    layout[`yaxis${suffix}`] = axis(`${name}<br>(${unit})`, { domain: [1 - (row + 1) * span + 0.025, 1 - row * span], nticks: 6 });
+    layout[`yaxis${suffix}`] = axis(`${name}<br>(${found.units[joint][row]})`, { domain: [1 - (row + 1) * span + 0.025, 1 - row * span], nticks: 6 });
     for (const motion of found.motions) traces.push({ ...look(motion.planner, { width: 1.6 }), x: motion.t, y: motion.values[row][joint], mode: "lines", xaxis: "x", yaxis: `y${suffix}`, customdata: motion.t.map(() => motion.trial) });
     for (const limit of found.limits[name][joint]) if (limit !== null) shapes.push(reference({ xref: "paper", x0: 0, x1: 1, yref: `y${suffix}`, y0: limit, y1: limit }));
   });
@@ -66,7 +66,7 @@ const motionsOf = (found, joint) => {
     ...look(motion.planner), mode: "markers", x: motion.passed, y: found.waypoints.map((w) => w[joint]),
     marker: { symbol: planners[motion.planner].symbol, size: 8, color: tone("ground"), line: { width: 1.6, color: inked(planners[motion.planner].colour) } },
     text: found.waypoints.map((w, n) => `waypoint ${n + 1}`), customdata: motion.passed.map(() => motion.trial),
-    hovertemplate: `%{text}: %{y:.4f} rad at %{x:.4f} s<extra>${plain(planners[motion.planner].label)}</extra>`, xaxis: "x", yaxis: "y",
+    hovertemplate: `%{text}: %{y:.4f} ${found.units[joint][0]} at %{x:.4f} s<extra>${plain(planners[motion.planner].label)}</extra>`, xaxis: "x", yaxis: "y",
   });
   layout.margin = { l: 55, r: 34, t: 28, b: 45 };
   layout.xaxis = axis("time (s)", { anchor: `y${found.quantities.length}`, rangemode: "tozero" });
