@@ -584,6 +584,67 @@ def test_a_file_chooses_joints_and_replaces_kinds_of_limits(tmp_path):
     assert again.digest() == problem.digest()
 
 
+RAIL = """
+waypoints = [[0, 0], [200, 90]]
+joint_names = ["rail", "elbow"]
+units.waypoints = ["mm", "deg"]
+units.limits = "deg"
+[limits]
+velocity = [1.5, 180]
+acceleration = [[-2, 3], 90]
+position = [[-0.1, 0.5], [-180, 180]]
+"""
+
+
+@pytest.mark.parametrize("limits", ['"deg"', '["m", "deg"]'])
+def test_a_unit_per_joint(tmp_path, limits):
+    problem = read(tmp_path, RAIL.replace('units.limits = "deg"', f"units.limits = {limits}"))
+    assert problem.joint_units == ("m", "rad")
+    assert np.allclose(problem.waypoints[1], [0.2, np.pi / 2], rtol=1e-15)
+    assert np.allclose(problem.limits.velocity[:, 1], [1.5, np.pi])
+    assert np.allclose(problem.limits.acceleration, [[-2, 3], [-np.pi / 2, np.pi / 2]])
+    assert np.allclose(problem.limits.position, [[-0.1, 0.5], [-np.pi, np.pi]])
+    assert [problem.shared_unit(order) for order in (0, 3)] == ["rad or m", "rad/s³ or m/s³"]
+    assert problem.without("position").unit(0, order=1) == "m/s"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('["mm", "deg"]', '["mm"]', "units is ['m']: expected 2 units, one per joint"),
+        ('["mm", "deg"]', "[]", "units.waypoints is []: expected a unit per joint"),
+        ('["mm", "deg"]', '["mm", 1]', "units.waypoints, joint 2 is 1: expected deg or rad or m"),
+        (
+            '["mm", "deg"]',
+            '"mm"',
+            'units.waypoints is \'mm\': expected "deg" or "rad", or a',
+        ),
+        ('= "deg"', '= ["deg", "m"]', "units.limits is ['deg', 'm']: expected the same kinds"),
+        ("[200, 90]", "[600, 90]", "value inside limits.position [-0.1, 0.5] m"),
+        ('joint_names = ["rail", "elbow"]', 'robot = "ur5e"', "units, joint 1 is 'm': expected"),
+        ("velocity = [1.5, 180]", "velocity = [1.5, 180, 1]", "expected 3 values, one per joint"),
+    ],
+)
+def test_what_is_wrong_with_a_unit_per_joint_is_named(tmp_path, old, new, words):
+    assert old in RAIL
+    with pytest.raises(InvalidInput) as caught:
+        read(tmp_path, RAIL.replace(old, new))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('units.waypoints = "deg"', 'units.waypoints = ["deg"]', "expected 2 units, one per joint"),
+        ('units.waypoints = "deg"', 'units.waypoints = ["deg", "m"]', "joint 2 is 'm'"),
+    ],
+)
+def test_a_robot_s_joints_turn(tmp_path, old, new, words):
+    assert old in TWO_OF_UR5E
+    with pytest.raises(InvalidInput, match=words):
+        read(tmp_path, TWO_OF_UR5E.replace(old, new))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

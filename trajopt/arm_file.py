@@ -9,6 +9,7 @@ angle_unit = "deg"
 values = [180, 180, 180, 180, 180, 180]
 status = "published"
 source = "who says so"
+checked = "against what, and with which result; or why not"
 
 [falling_velocity]                           # optional: `FallingVelocity`, a number per joint
 angle_unit = "rad"
@@ -52,12 +53,16 @@ class Origin:
     - `quoted`: a book or paper, as somebody else quotes it;
     - `assumed`: nobody publishes it, `rule` says what was assumed instead;
     - `memory`: remembered, not checked.
+
+    `checked` says against which source the numbers were compared in November 2026, and with which
+    result, or why they could not be.
     """
 
     status: Status
     source: str
     address: str = ""
     rule: str = ""
+    checked: str = ""
 
 
 @dataclass(frozen=True)

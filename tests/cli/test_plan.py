@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
 
 from trajopt.benchmark.export import motion
+from trajopt.benchmark.store import folder as store
 from trajopt.cli import main
 from trajopt.cli.best import best, sentences
 from trajopt.problem import Limits, Problem
@@ -72,6 +74,36 @@ def test_a_urdf_with_joint_limits_beside_it(trajopt, tmp_path):
     peak = 2.0 / 2 * (np.sqrt(slope**2 + 4 / 2.0) - slope)
     assert json.loads(out)["certified_duration"] == pytest.approx(2 * (peak / 2 + slope), rel=1e-6)
     assert code == 0
+
+
+RAIL = """<robot><joint name="rail" type="prismatic"><limit lower="0" upper="1" velocity="1"/>
+</joint><joint name="elbow" type="revolute"><limit lower="-3" upper="3" velocity="1"/></joint>
+</robot>"""
+OF_RAIL = "joint_limits: {rail: {max_acceleration: 0.8}, elbow: {max_acceleration: 9}}"
+
+
+def test_a_rail_moves_by_metres_whatever_the_unit_of_angles(trajopt, tmp_path):
+    (tmp_path / "w.csv").write_text("0,0\n0.2,10\n", encoding="utf-8")
+    (tmp_path / "r.urdf").write_text(RAIL, encoding="utf-8")
+    (tmp_path / "l.yaml").write_text(OF_RAIL, encoding="utf-8")
+    robot = ("--urdf", "r.urdf", "--limits", "l.yaml")
+    plan = ("plan", "w.csv", *robot, "--unit", "deg", "--planner", "exact", "--out")
+    code, out, err = trajopt(*plan, "motion.csv")
+    assert (code, err) == (0, "")
+    assert f"certified   {2 * np.sqrt(0.2 / 0.8):.6f} s" in out
+    assert re.search(r"waypoint +[-+.e0-9]+ (m +rail|rad +elbow)", out)
+    header, *rows = (tmp_path / "motion.csv").read_text().splitlines()
+    assert header == "time [s],rail [m],elbow [rad],rail [m/s],elbow [rad/s]"
+    assert float(rows[-1].split(",")[1]) == pytest.approx(0.2, abs=1e-12)
+    assert trajopt("verify", "motion.csv", *robot)[0] == 0
+    swapped = header.replace("rail [m", "rail [rad").replace("elbow [rad", "elbow [m")
+    (tmp_path / "swapped.csv").write_text("\n".join([swapped, *rows]))
+    code, _, err = trajopt("verify", "swapped.csv", *robot)
+    assert code == 2
+    assert "swapped.csv: unit, joint 1 is 'rad': expected a unit of m: rail slides" in err
+    trajopt(*plan, "trial.h5")
+    (trial,) = store.read(tmp_path / "trial.h5")
+    assert trial.problem.joint_units == ("m", "rad")
 
 
 @pytest.mark.parametrize(

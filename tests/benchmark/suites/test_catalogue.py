@@ -167,6 +167,7 @@ def test_every_number_has_an_origin(arms):
         assert ("jerk" in arm.origins) == np.isfinite(arm.limits.jerk).all()
         for kind, origin in arm.origins.items():
             assert origin.source, (arm.name, kind)
+            assert origin.checked, (arm.name, kind)
             assert bool(origin.rule) == (origin.status == "assumed")
             if origin.status in ("published", "configuration", "assumed"):
                 assert urlparse(origin.address).scheme == "https"
