@@ -28,7 +28,7 @@ from trajopt.benchmark.best_known import proposal, records
 from trajopt.benchmark.best_known.proposal import Candidate
 from trajopt.benchmark.best_known.record import CLOSED_WITHIN
 from trajopt.benchmark.run import runner
-from trajopt.benchmark.run.plan import Allowance, Task, missing
+from trajopt.benchmark.run.plan import OWN_PROCESS, Allowance, Task, missing
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue
@@ -93,13 +93,13 @@ class Filling:
 
     def run(self, stage: str, tasks: Sequence[Task]) -> None:
         """Run what no earlier run has finished, and record what is better."""
-        allowed = Allowance(self.timeout, jobs=self.jobs)
+        allowed = Allowance(self.timeout, jobs=self.jobs, isolation=OWN_PROCESS)
         stopped = {t.id for t in self.store.unanswered() if allowed.would_stop(t)}
         done = self.store.finished() | stopped
         waiting = [batch for task in tasks for batch in missing(task, done)]
         with console.progress(len(waiting), stage) as advance, Pool(self.jobs) as pool:
-            for task in runner.in_children(waiting, self.store, allowed, pool):
-                advance(len(task.seeds))
+            for finished in runner.in_children(waiting, self.store, allowed, pool):
+                advance(len(finished.task.seeds))
         if not tasks:
             return
         trials = proposal.of_trials(self.store.consolidate())

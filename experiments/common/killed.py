@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from trajopt.benchmark import compare as run
-from trajopt.benchmark import trial
-from trajopt.benchmark.run import workers
-from trajopt.benchmark.store.folder import Seen, Store
+from trajopt.benchmark.run import judge, runner
+from trajopt.benchmark.store.folder import Seen, Store, Written
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.benchmark.trial import Trial
+from trajopt.benchmark.trial import Trial, now
 from trajopt.exceptions import TrajoptError
 from trajopt.registry import named
 
@@ -55,13 +54,13 @@ class Told(Store):
         self,
         trials: Iterable[Trial],
         instead: Callable[[Trial], Trial] | None = None,
-    ) -> list[Path]:
+    ) -> list[Written]:
         _tell("writing")
-        paths = super().write_all(trials, instead)
-        for path in paths:
-            trial_id, _, _ = path.name.partition(".")
+        stored = super().write_all(trials, instead)
+        for one in stored:
+            trial_id, _, _ = one.path.name.partition(".")
             _tell(f"solving {trial_id}")
-        return paths
+        return stored
 
     def consolidate(self, seen: Seen | None = None) -> Path:
         _tell("consolidating")
@@ -74,15 +73,16 @@ class Told(Store):
 
 
 def told(folder: Path) -> Told:
-    """Makes this process tell, be it the child or, where the store is unpickled, a worker."""
+    """Makes this process tell, be it the child or, where the store is unpickled, a judge."""
     vars(run)["Store"] = told
-    vars(workers)["run"] = _run
+    for module in (judge, runner):
+        vars(module)["now"] = _now
     return Told(folder)
 
 
-def _run(*args: Any) -> list[Trial]:
+def _now() -> str:
     _tell("solving")
-    return trial.run(*args)
+    return now()
 
 
 def _tell(words: str) -> None:

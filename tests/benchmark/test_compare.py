@@ -23,7 +23,6 @@ from trajopt import (
     Trajectory,
 )
 from trajopt.benchmark import compare as run
-from trajopt.benchmark.run import workers
 from trajopt.benchmark.run.plan import Allowance, plan
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.store import folder as store
@@ -157,18 +156,6 @@ def test_dying_hanging_and_devouring_in_worker_processes_cost_one_trial_each(tmp
     }
     planners = [(name, Mine(name)) for name in expected]
     check(compare(planners, tmp_path, jobs=2, timeout=6.0, memory=1.0), expected)
-
-
-def test_a_kept_child_forgets_the_memory_limit_of_an_earlier_run(monkeypatch):
-    resource, held = pytest.importorskip("resource"), []
-    free = resource.RLIM_INFINITY
-    monkeypatch.setattr(resource, "getrlimit", lambda kind: (7, free))
-    monkeypatch.setattr(resource, "setrlimit", lambda kind, limits: held.append(limits))
-    workers._hold_to(1.5)
-    workers._hold_to(None)
-    monkeypatch.setattr(resource, "getrlimit", lambda kind: (7, 2**20))
-    workers._hold_to(1.5)  # never above what the system allows
-    assert held == [(3 * 2**29, free), (free, free), (2**20, 2**20)]
 
 
 def test_a_planner_of_mine_is_judged_like_ours_here_and_in_other_processes(tmp_path):
@@ -309,7 +296,7 @@ def test_a_longer_timeout_tries_again(tmp_path):
 
 def test_the_same_or_a_shorter_timeout_does_not():
     limits = Allowance(60.0).as_dict()
-    mine = Configuration.of(Mine())
+    mine = Configuration.of(Mine()).entrant
     stopped = unanswered(mine, PROBLEM, 0, Status.TIMEOUT, "stopped after 60 s", limits)
     assert Allowance(60.0).would_stop(stopped)
     assert Allowance(1.0).would_stop(stopped)
@@ -321,7 +308,7 @@ def test_the_same_or_a_shorter_timeout_does_not():
 
 def test_only_more_memory_tries_a_trial_again_that_had_too_little():
     def ended(message, memory):
-        mine = Configuration.of(Mine())
+        mine = Configuration.of(Mine()).entrant
         limits = Allowance(9.0, memory).as_dict()
         return unanswered(mine, PROBLEM, 0, Status.CRASHED, message, limits)
 
@@ -368,7 +355,7 @@ def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
     assert sorted(t.planner for t in results.items) == ["exact", "mine"]
     assert results.references()["kind"].tolist() == ["exact"]
     twice = [Configuration.of(planner, name) for name, planner in FAST * 2]
-    assert [t.configuration.name for t in plan([PROBLEM], twice, 5)] == ["exact"]
+    assert [t.configuration.entrant.name for t in plan([PROBLEM], twice, 5)] == ["exact"]
 
 
 def test_progress_counts_every_trial_once(tmp_path):

@@ -191,7 +191,8 @@ class Other(Stopping):
 
 def test_two_classes_of_one_name_and_the_same_options_are_two_planners():
     ids = {
-        Configuration.of(planner, "mine").trial_id(PROBLEM, 0) for planner in (Stopping(), Other())
+        Configuration.of(planner, "mine").entrant.trial_id(PROBLEM, 0)
+        for planner in (Stopping(), Other())
     }
     assert len(ids) == 2
 
@@ -241,7 +242,10 @@ class Holding(Planner):
     ],
 )
 def test_options_that_differ_are_two_configurations(one, two):
-    same = [Configuration.of(Holding(value), "h").trial_id(PROBLEM, 0) for value in (one, one, two)]
+    same = [
+        Configuration.of(Holding(value), "h").entrant.trial_id(PROBLEM, 0)
+        for value in (one, one, two)
+    ]
     assert same[0] == same[1]
     assert same[0] != same[2]
 
@@ -323,7 +327,7 @@ def test_a_planner_with_options_that_nobody_sees_is_refused_with_the_lines_that_
 
 
 def test_a_planner_may_list_its_options_itself():
-    ids = {Configuration.of(Listing(gain)).trial_id(PROBLEM, 0) for gain in (1, 2)}
+    ids = {Configuration.of(Listing(gain)).entrant.trial_id(PROBLEM, 0) for gain in (1, 2)}
     assert len(ids) == 2
     assert judge(Listing(2), PROBLEM, [0])[0].options == {"gain": 2}
 
@@ -346,7 +350,7 @@ def test_a_planner_that_changes_the_problem_is_judged_on_ours():
     (trial,) = judge(Vandal(), PROBLEM, [0], "vandal")
     assert PROBLEM.digest() == before
     assert trial.problem is PROBLEM
-    assert trial.id == Configuration.of(Vandal(), "vandal").trial_id(PROBLEM, 0)
+    assert trial.id == Configuration.of(Vandal(), "vandal").entrant.trial_id(PROBLEM, 0)
     assert trial.status is Status.INVALID
     assert trial.certified_duration is None
 

@@ -21,10 +21,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from trajopt.benchmark.analysis.summary import Kept
-from trajopt.benchmark.run.plan import Allowance, Task, missing, plan
+from trajopt.benchmark.run.plan import OWN_PROCESS, Allowance, Task, missing, plan
 from trajopt.benchmark.run.pool import Pool
-from trajopt.benchmark.run.process import cpus as cpus
-from trajopt.benchmark.run.process import refuse_in_starting_worker
 from trajopt.benchmark.store.folder import Seen, Store, read
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration, Trial
@@ -34,6 +32,7 @@ from trajopt.registry import named
 
 if TYPE_CHECKING:
     from trajopt.benchmark.analysis.results import Results
+    from trajopt.benchmark.run.runner import Finished
 
 Contestant = str | Planner | tuple[str, object] | object
 
@@ -139,11 +138,12 @@ def run(
     have nothing to do, since only the last tasks still run or none does, `spare` is called with the
     trials that this run has made of the planners that have finished.
     """
-    refuse_in_starting_worker()
-    store = Store(Path(folder))
+    store = Store(Path(folder).absolute())  # whatever becomes of the working folder
     here = executor is None and pool.jobs == 0
     side_by_side = pool.jobs if executor is None else 0
-    allowed = Allowance() if here else Allowance(timeout, memory, side_by_side)
+    allowed = Allowance()
+    if not here:
+        allowed = Allowance(timeout, memory, side_by_side, _isolation(executor))
     loaded = [p if isinstance(p, Problem) else catalogue.load(str(p)) for p in problems]
     tasks = plan(loaded, [_configuration(planner) for planner in planners], seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
@@ -153,11 +153,10 @@ def run(
     progress(Progress(len(asked), finished, len(done)))
     seen = Seen()
     unfinished = {id(task): task for task in waiting}
-    for task in _run(waiting, store, allowed, pool, executor):
+    for task, written in _run(waiting, store, allowed, pool, executor):
         finished += len(task.seeds)
         progress(Progress(len(asked), finished, len(done)))
-        for trial_id in task.ids.values():
-            seen.read(store, trial_id)
+        seen.add(written)
         del unfinished[id(task)]
         if len(unfinished) < side_by_side:
             spare(_settled(seen, unfinished.values()))
@@ -169,9 +168,16 @@ def run(
     return Comparison(trials, kept)
 
 
+def _isolation(executor: Executor | None) -> str:
+    """How a trial is kept apart from the run, as its provenance says it."""
+    if executor is None:
+        return OWN_PROCESS
+    return f"{OWN_PROCESS}; on a worker of {type(executor).__name__}"
+
+
 def _settled(seen: Seen, unfinished: Iterable[Task]) -> list[Trial]:
     """Trials of planners that have finished on their problem."""
-    running = {(task.problem.digest(), task.configuration.label) for task in unfinished}
+    running = {(task.problem.digest(), task.configuration.entrant.label) for task in unfinished}
     trials = seen.trials.values()
     return [t for t in trials if (t.problem.digest(), t.label) not in running]
 
@@ -208,14 +214,14 @@ def _run(
     allowed: Allowance,
     pool: Pool,
     executor: Executor | None,
-) -> Iterator[Task]:
+) -> Iterator[Finished]:
     if not tasks:
         return iter(())
-    # asyncio and worker processes: not where nothing is to run
+    # judges: not where nothing is to run
     from trajopt.benchmark.run import runner
 
     if executor is not None:
         return runner.on_executor(tasks, store, allowed, executor)
     if pool.jobs == 0:
-        return runner.here(tasks, store)
+        return runner.here(tasks, store, allowed)
     return runner.in_children(tasks, store, allowed, pool)

@@ -153,17 +153,28 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Configuration:
-    """A planner as it runs: under which name, with which options, and which code.
+class Entrant:
+    """What a trial keeps of a planner: under which name, with which options, and which code.
 
     Computed once where a run is planned: a worker elsewhere may have other files.
     """
 
-    planner: Planner
     name: str
     label: str
     options: Mapping[str, Any]
     code: Code
+
+    def trial_id(self, problem: Problem, seed: int) -> str:
+        """The identity of its trial on a problem with a seed."""
+        return trial_id(problem, self.name, self.options, seed, self.code.digest)
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """A planner as it runs, and what its trials keep of it."""
+
+    planner: Planner
+    entrant: Entrant
 
     @classmethod
     def of(cls, planner: object, name: str = "") -> Configuration:
@@ -179,11 +190,25 @@ class Configuration:
             key: plain(value, f"planner {name}, option {key}")
             for key, value in own.options().items()
         }
-        return cls(own, name, label(name, own), options, code_of(own))
+        return cls(own, Entrant(name, label(name, own), options, code_of(own)))
 
-    def trial_id(self, problem: Problem, seed: int) -> str:
-        """The identity of its trial on a problem with a seed."""
-        return trial_id(problem, self.name, self.options, seed, self.code.digest)
+
+@dataclass(frozen=True)
+class Answers:
+    """What a planner answered to one call, a solution per seed, and what that took.
+
+    `relation` is how they relate to the optimum. `loading_time` went into importing what the
+    planner requires, `wall_time` into the call, both in seconds.
+    """
+
+    solutions: Sequence[Solution]
+    relation: Relation
+    loading_time: float = 0.0
+    wall_time: float = 0.0
+
+    def instead(self, solution: Solution) -> Answers:
+        """The same with another solution in place of each."""
+        return replace(self, solutions=[solution] * len(self.solutions))
 
 
 def trial_id(
@@ -210,26 +235,42 @@ def run(
 
     The planner is given a copy of the problem: whatever it does to that, it is judged on ours.
     """
-    planner = configuration.planner
-    given = _copy(problem)
-    started = _now()
+    started = now()
+    answers = answered(configuration.planner, copied(problem), seeds)
+    return judged(configuration.entrant, problem, seeds, answers, started, limits)
+
+
+def answered(planner: Planner, problem: Problem, seeds: Sequence[int]) -> Answers:
+    """Run a planner: this, and nothing else, calls a stranger's `solve`."""
     loading_time = _load(planner.requires)
     began = time.perf_counter()
-    solutions = _solutions(planner, given, seeds)
-    wall_time = (time.perf_counter() - began) / len(seeds)
-    relation = _relation(planner, given)
+    solutions = _solutions(planner, problem, seeds)
+    wall_time = time.perf_counter() - began
+    return Answers(solutions, _relation(planner, problem), loading_time, wall_time)
+
+
+def judged(
+    entrant: Entrant,
+    problem: Problem,
+    seeds: Sequence[int],
+    answers: Answers,
+    started: str,
+    limits: Mapping[str, str] = MappingProxyType({}),
+) -> list[Trial]:
+    """The trials that answers are, one per seed; the verifier sees `problem`."""
     trials = []
-    for seed, solution in zip(seeds, solutions, strict=True):
+    for seed, solution in zip(seeds, answers.solutions, strict=True):
         status, message, certificate = verdict(problem, solution)
         building_time = solution.setup_time / len(seeds)
-        blank = unanswered(configuration, problem, seed, status, message, limits)
+        solve_time = answers.wall_time / len(seeds) - building_time
+        blank = unanswered(entrant, problem, seed, status, message, limits)
         trial = replace(
             blank,
-            relation=relation,
+            relation=answers.relation,
             solution=solution,
             certificate=certificate,
-            setup_time=building_time + loading_time / len(seeds),
-            solve_time=max(0.0, wall_time - building_time),
+            setup_time=building_time + answers.loading_time / len(seeds),
+            solve_time=max(0.0, solve_time),
             batch=len(seeds),
             started=started,
         )
@@ -238,7 +279,7 @@ def run(
 
 
 def unanswered(
-    configuration: Configuration,
+    entrant: Entrant,
     problem: Problem,
     seed: int,
     status: Status,
@@ -248,9 +289,9 @@ def unanswered(
     """The trial of a planner that never answered: it hung, or its process died."""
     return Trial(
         problem=problem,
-        planner=configuration.name,
-        label=configuration.label,
-        options=configuration.options,
+        planner=entrant.name,
+        label=entrant.label,
+        options=entrant.options,
         seed=seed,
         relation=Relation.RESTRICTION,
         status=status,
@@ -260,16 +301,17 @@ def unanswered(
         setup_time=0.0,
         solve_time=0.0,
         batch=1,
-        started=_now(),
-        provenance=provenance() | configuration.code.as_dict() | dict(limits),
+        started=now(),
+        provenance=provenance() | entrant.code.as_dict() | dict(limits),
     )
 
 
-def _now() -> str:
+def now() -> str:
+    """The time as trials have it: UTC, ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def _copy(problem: Problem) -> Problem:
+def copied(problem: Problem) -> Problem:
     """The problem in arrays of its own, which cannot be written to either."""
     copy = deepcopy(problem)
     limits = copy.limits
@@ -324,31 +366,37 @@ def _solutions(planner: Planner, problem: Problem, seeds: Sequence[int]) -> list
         found = planner.solve_batch(problem, seeds)
         if not isinstance(found, list | tuple) or len(found) != len(seeds):
             raise TypeError(f"solve_batch must return one Solution per seed, got {found!r:.200}")
-        return [_well_formed(solution) for solution in found]
+        return [well_formed(solution) for solution in found]
     except MissingBackend as error:
         return [Solution(Status.MISSING, message=str(error))] * len(seeds)
     except MemoryError:
-        return [Solution(Status.CRASHED, message=OUT_OF_MEMORY)] * len(seeds)
+        return [crash(OUT_OF_MEMORY)] * len(seeds)
     except (Exception, SystemExit):
-        return [Solution(Status.CRASHED, message=traceback.format_exc())] * len(seeds)
+        return [crash(traceback.format_exc())] * len(seeds)
 
 
-def _well_formed(answer: Any) -> Solution:
+def crash(message: str) -> Solution:
+    """Instead of an answer, why there is none."""
+    return Solution(Status.CRASHED, message=message)
+
+
+def well_formed(answer: Any) -> Solution:
     """The answer, or a crash that says which part of it is not what a `Solution` holds."""
     if not isinstance(answer, Solution):
-        message = f"solve must return a Solution, got {answer!r:.200}"
-        return Solution(Status.CRASHED, message=message)
+        return crash(f"solve must return a Solution, got {answer!r:.200}")
     for name, kinds in _KINDS.items():
         value = getattr(answer, name)
         if not isinstance(value, kinds):
-            message = f"Solution.{name} cannot be {value!r:.200}"
-            return Solution(Status.CRASHED, message=message)
+            return crash(f"Solution.{name} cannot be {value!r:.200}")
+    evaluations = answer.evaluations
+    if evaluations is not None and not 0 <= evaluations <= _MOST_EVALUATIONS:
+        return crash(f"Solution.evaluations cannot be {evaluations!r:.200}")
     if answer.history is not None and answer.history.shape[1:] != (2,):
-        message = f"Solution.history must be (m, 2), got {answer.history.shape}"
-        return Solution(Status.CRASHED, message=message)
+        return crash(f"Solution.history must be (m, 2), got {answer.history.shape}")
     return answer
 
 
+_MOST_EVALUATIONS = 2**63 - 1  # what an integer of 64 bits counts
 _KINDS: dict[str, Any] = {  # of the fields of a `Solution`
     "status": Status,
     "trajectory": Trajectory | None,

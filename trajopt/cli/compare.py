@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from trajopt.benchmark.run import fork_server
+from trajopt.benchmark.run import server
 from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, number, whole_number
 from trajopt.exceptions import InvalidInput
 
@@ -71,7 +71,7 @@ def compare(
         raise InvalidInput("PROBLEM", right)
     output = _outside_deleted_folder(output)
     if dask is None and not (output / "results.h5").exists():
-        fork_server.start()
+        server.start()
     # planners and tables: while the server imports what every trial needs
     from trajopt.cli import comparison
 

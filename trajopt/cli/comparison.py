@@ -19,6 +19,7 @@ from trajopt.benchmark.figures import drawn
 from trajopt.benchmark.figures.drawing import Drawer
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.pool import Pool
+from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
@@ -75,7 +76,7 @@ def run(
         The exit code.
     """
     loaded = _problems(names, suites)
-    processes = jobs or benchmark.cpus()
+    processes = jobs or cpus()
     folder = output.resolve()
     few = len(loaded) <= MANY
     with Pool(processes) as pool:

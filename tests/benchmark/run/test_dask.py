@@ -9,17 +9,14 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-import dask
 import pytest
 from distributed import Client, LocalCluster
 
 from trajopt import InvalidInput, Status
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.run import dask as cluster
-from trajopt.benchmark.run import workers
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
-from trajopt.exceptions import WorkerError
 from trajopt.registry import load
 from trajopt.swarm_planner import Unoptimised
 
@@ -64,7 +61,6 @@ def test_a_worker_killed_during_the_run_has_its_trials_run_elsewhere(tmp_path: P
     planners = [("pso", load("pso:iterations=30")), ("ruckig-stop", load("ruckig-stop"))]
     problems = [suite.load(name) for name in ("six-axis", "resting-joint", "reversal")]
     with (
-        dask.config.set({"distributed.worker.daemon": False}),
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local,
         Client(local) as client,
         cluster.executor(local.scheduler_address) as executor,
@@ -75,16 +71,6 @@ def test_a_worker_killed_during_the_run_has_its_trials_run_elsewhere(tmp_path: P
         )
     assert len(killed) == 1
     assert [t.status for t in results.items] == [Status.SOLVED] * (3 * (20 + 1 + 1))
-
-
-def test_a_worker_that_may_not_have_children_says_how_to_start_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        workers.multiprocessing, "current_process", lambda: type("P", (), {"daemon": 1})
-    )
-    with ThreadPoolExecutor(1) as executor, pytest.raises(WorkerError, match="DAEMON=False"):
-        statuses(tmp_path, executor)
 
 
 def test_nobody_at_the_address_is_one_line(

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from trajopt import Planner, Solution, Status, compare
-from trajopt.benchmark.run.threads import single_threaded
 from trajopt.registry import load
 
 SCRIPT = """
@@ -26,14 +24,11 @@ class Mine(Planner):
     def solve(self, problem, *, seed=0):
         return Solution(Status.FAILED, message="no luck")
 
-{guard}    results = compare(["one-joint"], ["ruckig-stop", Mine()], "kept", jobs=1)
-    print(sorted((trial.planner, str(trial.status)) for trial in results.items))
+results = compare(["one-joint"], ["ruckig-stop", Mine()], "kept", jobs=1)
+print(sorted((trial.planner, str(trial.status)) for trial in results.items))
 """
 EXPECTED = "[('Mine', 'failed'), ('exact', 'solved'), ('ruckig-stop', 'solved')]"
-
-
-def script(guard: str) -> str:
-    return textwrap.dedent(SCRIPT.format(guard=guard))
+FAKE = "from pathlib import Path; Path({mark!r}).touch()"
 
 
 def run(command: list[str], folder: Path, text: str | None = None):  # type: ignore[no-untyped-def]
@@ -41,21 +36,20 @@ def run(command: list[str], folder: Path, text: str | None = None):  # type: ign
     return subprocess.run(command, input=text, check=False, **arguments)  # type: ignore[call-overload]
 
 
-def test_without_the_guard_one_error_shows_it_and_nothing_is_stored(tmp_path: Path) -> None:
-    file = tmp_path / "script.py"
-    file.write_text(script(guard="if True:\n"))
-    done = run([sys.executable, str(file)], tmp_path)
-    assert done.returncode != 0
-    assert 'if __name__ == "__main__":' in done.stderr
-    assert done.stderr.count("exceptions.WorkerError:") == 1
-    assert done.stderr.count("Traceback") == 1
-    assert "bootstrapping" not in done.stderr
-    assert not list(tmp_path.rglob("*.h5"))
-
-
-def test_standard_input_needs_no_guard(tmp_path: Path) -> None:
-    done = run([sys.executable, "-"], tmp_path, script(guard="if True:\n"))
+def test_a_script_needs_no_guard_from_standard_input_neither(tmp_path: Path) -> None:
+    done = run([sys.executable, "-"], tmp_path, SCRIPT)
     assert done.stdout.strip() == EXPECTED, done.stderr
+
+
+def test_no_module_of_the_working_folder_runs(tmp_path: Path) -> None:
+    mark = tmp_path / "ran"
+    for name in ("json", "numpy", "pebble", "socket", "trajopt"):
+        (tmp_path / f"{name}.py").write_text(FAKE.format(mark=str(mark)))
+    command = ["compare", "one-joint", "--planner", "ruckig-stop", "--jobs", "1"]
+    program = Path(sys.executable).with_name("trajopt")
+    done = run([str(program), *command], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not mark.exists()
 
 
 @dataclass(frozen=True)
@@ -139,21 +133,6 @@ def test_what_a_planner_started_ends_with_the_run(tmp_path: Path, sign: signal.S
     running.send_signal(sign)
     running.wait(timeout=60)
     assert outlived(pids) == []
-
-
-def test_overlapping_blocks_leave_the_environment_as_it_was(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
-    first, second = single_threaded(), single_threaded()
-    first.__enter__()
-    second.__enter__()
-    first.__exit__(None, None, None)
-    assert os.environ["OMP_NUM_THREADS"] == "1"
-    second.__exit__(None, None, None)
-    assert os.environ["OMP_NUM_THREADS"] == "7"
-    assert "MKL_NUM_THREADS" not in os.environ
 
 
 @dataclass(frozen=True)

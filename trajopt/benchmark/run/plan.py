@@ -12,6 +12,9 @@ from trajopt.problem import Problem
 from trajopt.registry import entries
 from trajopt.solution import Status
 
+IN_PROCESS = "none: in the run's own process"
+OWN_PROCESS = "a process of its planner's own; judged in another"
+
 _BATCH = 30  # seeds solved together at most: large enough to be fast, small enough to lose little
 
 
@@ -23,11 +26,13 @@ class Allowance:
         timeout: Seconds of wall time.
         memory: GiB for its process; None: any.
         jobs: How many trials may run side by side; 0: not known.
+        isolation: Where it runs, as the report says it.
     """
 
     timeout: float = float("inf")
     memory: float | None = None
     jobs: int = 0
+    isolation: str = IN_PROCESS
 
     def as_dict(self) -> dict[str, str]:
         """As a trial's provenance has it."""
@@ -37,6 +42,7 @@ class Allowance:
             "timeout_limit": f"{self.timeout:g}",
             "memory_limit": memory,
             "jobs": jobs,
+            "isolation": self.isolation,
         }
 
     def would_stop(self, trial: Trial) -> bool:
@@ -63,8 +69,9 @@ class Task:
 
     @cached_property
     def ids(self) -> dict[int, str]:
-        """The trials' identities by their seeds; they travel with the task to its worker."""
-        return {seed: self.configuration.trial_id(self.problem, seed) for seed in self.seeds}
+        """The trials' identities by their seeds."""
+        entrant = self.configuration.entrant
+        return {seed: entrant.trial_id(self.problem, seed) for seed in self.seeds}
 
 
 def plan(
@@ -73,7 +80,7 @@ def plan(
     seeds: int,
 ) -> list[Task]:
     """One task per problem and planner with all its seeds, references too; identical ones once."""
-    given = {configuration.name for configuration in configurations}
+    given = {configuration.entrant.name for configuration in configurations}
     joining: dict[str, Configuration] = {}
     tasks: dict[str, Task] = {}
     for problem in problems:

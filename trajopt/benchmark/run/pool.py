@@ -1,32 +1,128 @@
-"""Child processes that a command shares: its trials run there first, then its figures are drawn."""
+"""Judges that a command shares: its trials run there first, then its figures are drawn.
+
+with Pool(jobs=2) as pool:
+    drawn = pool.submit(job)
+"""
 
 from __future__ import annotations
 
+import pickle
+import socket
+import threading
 from collections.abc import Callable
-from concurrent.futures import Future
-from contextlib import ExitStack
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import Any
 
-from trajopt.benchmark.run.threads import single_threaded
+from trajopt.benchmark.run import server
+from trajopt.benchmark.run.server import SINGLE_THREADED
+from trajopt.exceptions import WorkerError
 
-if TYPE_CHECKING:
-    from pebble import ProcessPool
+HAS_JUDGES = hasattr(socket, "send_fds")  # a Unix
+
+
+class JudgeDied(Exception):
+    """A judge ended before it answered: somebody killed it, or the system did."""
+
+
+class _Judge:
+    """A judge process, seen from the run."""
+
+    def __init__(self) -> None:
+        # NumPy and more: not where no process is to start
+        from dataclasses import replace
+
+        from trajopt.benchmark.run.solver import Surroundings
+
+        self._link = server.judge()
+        self._stream: Any = self._link.makefile("rwb")
+        here = Surroundings.here()
+        environment = {**here.environment, **SINGLE_THREADED}
+        pickle.dump(replace(here, environment=environment), self._stream)
+
+    def ask(self, job: object) -> Any:
+        """What comes of a job; raises what it raised there, or `JudgeDied`."""
+        from trajopt.benchmark.run.judge import Failure
+
+        data = pickle.dumps(job)
+        try:
+            self._stream.write(data)
+            self._stream.flush()
+            done = pickle.load(self._stream)
+        except (EOFError, OSError, pickle.UnpicklingError) as error:
+            raise JudgeDied from error
+        if isinstance(done, Failure):
+            raise done.error
+        return done
+
+    def end(self) -> None:
+        """Hang up, so that it ends what it is at and itself, and wait until it has."""
+        with suppress(OSError):
+            self._link.shutdown(socket.SHUT_WR)
+            while self._link.recv(1 << 16):
+                pass
+        with suppress(OSError):
+            self._stream.close()
+        self._link.close()
+
+
+class Judges:
+    """Judge processes, each of which does one job at a time; started as they are needed."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._idle: list[_Judge] = []
+        self._all: list[_Judge] = []
+        self._ended = False
+
+    @property
+    def are_running(self) -> bool:
+        return bool(self._all)
+
+    def ask(self, job: object) -> Any:
+        """Do something that can be pickled in a process that is idle, and wait for what it gives.
+
+        Raises:
+            JudgeDied: the process ended before it answered.
+            Exception: whatever the job raised.
+        """
+        judge = self._taken()
+        answer = judge.ask(job)
+        with self._lock:
+            self._idle.append(judge)
+        return answer
+
+    def end(self) -> None:
+        """End them all, busy or not."""
+        with self._lock:
+            self._ended = True
+            judges = list(self._all)
+        for judge in judges:
+            judge.end()
+
+    def _taken(self) -> _Judge:
+        with self._lock:
+            if self._idle:
+                return self._idle.pop()
+            if self._ended:
+                raise WorkerError("the run has ended")
+            judge = _Judge()
+            self._all.append(judge)
+            return judge
 
 
 class Pool:
-    """So many child processes, started when the first of them is needed; none outlives the block.
+    """So many judges, started when they are needed; none outlives the block.
 
-        with Pool(jobs=2) as pool:
-            drawn = pool.submit(job)
-
-    When the block ends with an error, or by Ctrl-C, what they are at is stopped.
+    When the block ends with an error, or by Ctrl-C, what they are at is stopped. Where the system
+    has no such processes, it has none: `jobs` is 0.
     """
 
     def __init__(self, jobs: int) -> None:
-        self.jobs = jobs
-        self._open = ExitStack()
-        self._processes: ProcessPool | None = None
+        self.jobs = jobs if HAS_JUDGES else 0
+        self._judges = Judges()
+        self._threads = ThreadPoolExecutor(max(1, self.jobs))
 
     def __enter__(self) -> Pool:
         return self
@@ -37,26 +133,18 @@ class Pool:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._open.__exit__(kind, error, traceback)
+        if error is None:
+            self._threads.shutdown()
+        else:
+            self._threads.shutdown(wait=False, cancel_futures=True)
+        self._judges.end()
+        self._threads.shutdown()
 
     @property
     def is_running(self) -> bool:
         """Whether its processes have started."""
-        return self._processes is not None
+        return self._judges.are_running
 
-    def processes(self, most: int) -> ProcessPool:
-        """The processes; if this starts them, `most` at most."""
-        # asyncio and pebble: not where nothing is to run
-        from trajopt.benchmark.run import workers
-
-        if self._processes is None:
-            self._open.enter_context(single_threaded())
-            pool = workers.pool_of(min(self.jobs, most))
-            self._processes = self._open.enter_context(pool)
-        return self._processes
-
-    def submit(self, job: Callable[[], None]) -> Future[None]:
+    def submit(self, job: Callable[[], Any] | object) -> Future[Any]:
         """Do something that can be pickled, after what was submitted before."""
-        from trajopt.benchmark.run import workers
-
-        return workers.submit(self.processes(self.jobs), job)
+        return self._threads.submit(self._judges.ask, job)

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from trajopt.benchmark.store import atomic, seal
 from trajopt.benchmark.store.columns import harmless
@@ -85,14 +85,14 @@ class Store:
 
         Raises `StoreError` where the disk refuses; what was stored before stays as it was.
         """
-        (path,) = self.write_all([trial])
-        return path
+        (written,) = self.write_all([trial])
+        return written.path
 
     def write_all(
         self,
         trials: Iterable[Trial],
         instead: Callable[[Trial], Trial] | None = None,
-    ) -> list[Path]:
+    ) -> list[Written]:
         """Store trials that finished together, which takes hardly longer than to store one.
 
         Args:
@@ -104,24 +104,28 @@ class Store:
             StoreError: where the disk refuses a file. Those before it are kept.
         """
         files: dict[Path, atomic.Content] = {}
+        encoded: dict[Path, Encoded] = {}
         for trial in trials:
             kept = trial
             try:
-                content = _filling(trial)
+                whole = encode(trial)
+                content = _filling(whole)
             except StoreError:
                 raise
             except Exception:
                 if instead is None:
                     raise
                 kept = instead(trial)
-                content = _filling(kept)
+                whole = encode(kept)
+                content = _filling(whole)
             path = self.path(kept.id, unanswered=kept.runs_again)
             files[path] = content
+            encoded[path] = whole
         atomic.write_all(files)
         for path in files:
             if not _is_unanswered(path):
                 self.path(path.stem, unanswered=True).unlink(missing_ok=True)
-        return list(files)
+        return [Written(path, _stamp(path), whole) for path, whole in encoded.items()]
 
     def consolidate(self, seen: Seen | None = None) -> Path:
         """Rebuild `results.h5` from every trial file; warns of damaged ones (`DamagedFile`).
@@ -179,8 +183,16 @@ class Store:
         return list(_each(_trial_files(self.folder), decode, _warn))
 
 
+class Written(NamedTuple):
+    """A trial that has been stored: its file, what tells whether that changed, and the content."""
+
+    path: Path
+    stamp: Stamp | None
+    content: Encoded
+
+
 class Seen:
-    """Trials of a store that were read when they finished, while others were still running.
+    """Trials that this run has stored, as their judges said: no file is asked again.
 
     Attributes:
         trials: by their identities.
@@ -188,38 +200,38 @@ class Seen:
 
     def __init__(self) -> None:
         self.trials: dict[str, Trial] = {}
-        self._files: dict[Path, tuple[Stamp | None, Encoded]] = {}
+        self._written: dict[Path, Written] = {}
 
-    def read(self, store: Store, trial_id: str) -> None:
-        """Read a trial that has finished. A damaged file is left to who consolidates."""
-        for unanswered in (False, True):
-            path = store.path(trial_id, unanswered=unanswered)
-            if path.exists():
-                stamp = _stamp(path)
-                for kept, trial in _each([path], _both, damaged=lambda _: None):
-                    self.trials[trial_id] = trial
-                    self._files[path] = (stamp, kept)
-                return
+    def add(self, written: Iterable[Written]) -> None:
+        """Keep what has been stored."""
+        for one in written:
+            trial = decode(one.content)
+            self.trials[trial.id] = trial
+            self._written[one.path] = one
 
     def content(self, path: Path) -> Encoded | None:
-        """What a file holds, if it was seen as it is now."""
-        if path not in self._files:
-            return None
-        stamp, kept = self._files[path]
-        return kept if stamp == _stamp(path) else None
+        """What this run wrote to a file."""
+        written = self._written.get(path)
+        return None if written is None else written.content
+
+    def restore(self) -> list[Path]:
+        """Write again what somebody else has removed or changed since; those files."""
+        lost = [one for one in self._written.values() if _stamp(one.path) != one.stamp]
+        atomic.write_all({one.path: _filling(one.content) for one in lost})
+        return [one.path for one in lost]
 
 
 def save(path: Path, trial: Trial) -> Path:
     """Write one trial to a file of its own, whole or not at all."""
-    atomic.write(path, _filling(trial))
+    atomic.write(path, _filling(encode(trial)))
     return path
 
 
-def _filling(trial: Trial) -> atomic.Content:
+def _filling(trial: Encoded) -> atomic.Content:
     """What fills a file with a trial."""
     from trajopt.benchmark.store import trial_file
 
-    data = trial_file.content(encode(trial))
+    data = trial_file.content(trial)
     return lambda place: place.write_bytes(data)
 
 

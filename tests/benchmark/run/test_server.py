@@ -19,16 +19,17 @@ UNLOADED = ("casadi", "highspy", "matplotlib", "numpy.random", "pandas", "scipy.
 LOOK = """
 import sys
 from importlib import import_module
-from trajopt.benchmark.run import fork_server
-for name in fork_server._LOADED:
+from trajopt.benchmark.run import server
+for name in server._LOADED:
     import_module(name)
 print(*(name for name in sys.argv[1:] if name in sys.modules))
 """
 LEFT = """
-from multiprocessing import forkserver
-from trajopt.benchmark.run import fork_server
-fork_server.start()
-print(forkserver._forkserver._forkserver_pid)
+import os
+from trajopt.benchmark.run import server
+server.judge()
+print(server._servers[0].process.pid, flush=True)
+os._exit(0)
 """
 
 
