@@ -84,7 +84,7 @@ def test_another_text_or_another_option_is_another_trial(text, module, tmp_path,
             names["__name__"] = module
         exec(executed, names)
         plan = names["plan"]
-        configuration = Configuration.of(plan() if text == CLASS else plan)
+        configuration = Configuration.of(plan() if text == CLASS else plan).entrant
         return configuration.trial_id(PROBLEM, 0)
 
     one = of(text.format("'one'"))

@@ -106,7 +106,7 @@ class StoreError(TrajoptError, OSError):
 
 
 class WorkerError(TrajoptError):
-    """An executor's worker that cannot run trials; the message says how to start it."""
+    """A process for trials that could not do what it was asked; the message says why."""
 
 
 class UnitWarning(UserWarning):

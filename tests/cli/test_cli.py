@@ -450,12 +450,12 @@ def test_compare_stores_everything_and_draws(compared):
 
 
 def test_compare_again_runs_nothing(compared, trajopt, monkeypatch):
-    from trajopt.benchmark.run import workers
+    from trajopt.benchmark.run import server
 
     folder, done, command = compared
     before = {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()}
     ran = []
-    monkeypatch.setattr(workers, "_work", lambda *a: ran.append(a))
+    monkeypatch.setattr(server, "judge", lambda: ran.append("a judge"))
     code, out, _ = trajopt(*command[3:])
     assert (code, ran) == (0, [])
     assert {p: p.stat().st_mtime_ns for p in (folder / "trials").iterdir()} == before

@@ -2,12 +2,11 @@
 
     from trajopt import compare
 
-    if __name__ == "__main__":
-        results = compare(["six-axis"], ["toppra", MyPlanner()], "my-results", jobs=2)
-        print(results.summary())
+    results = compare(["six-axis"], ["toppra", MyPlanner()], "my-results", jobs=2)
+    print(results.summary())
 
-Each worker writes its trials itself, one file per finished trial, so nothing that finished can be
-lost; running again does only what is missing. A planner that raises, hangs or takes its process
+A judge writes each finished trial to a file of its own, so nothing that finished can be lost;
+running again does only what is missing. A planner that raises, hangs or takes its process
 down is a recorded trial, and the run goes on.
 """
 
@@ -80,16 +79,15 @@ def compare(
             they support, all others once.
         folder: Where the trials are kept.
         seeds: How many.
-        jobs: Child processes that run the trials; with 0 they run in this process, unsupervised. A
-            script calls `compare` with child processes under `if __name__ == "__main__":`.
+        jobs: How many trials run side by side, each in a process of its planner's own, judged in
+            another; with 0 they run in this process, unsupervised.
         fresh: Whether to run again what is there.
         timeout: Seconds after which a trial in a child process is stopped.
-        memory: GiB that a trial's child process may have, where the system can hold it to that
-            (Linux).
+        memory: GiB that a trial's child process may have (Linux): at once what is its own, and,
+            looked at ten times a second, what it and its children share too.
         progress: Called with the state of the run at its start and after each task.
         executor: Runs the trials instead of `jobs`: any of `concurrent.futures`, or a Dask
-            client's. Its workers must see `folder`, and supervise each trial in a child process of
-            their own.
+            client's. Its workers must see `folder`; they isolate and judge as `jobs` does.
 
     Returns:
         The trials asked for; `kept` says how many of them were there before, and since when.
@@ -97,7 +95,7 @@ def compare(
     Raises:
         InvalidInput: for a planner whose options cannot be seen.
         StoreError: if the folder cannot be written.
-        WorkerError: if no worker can start.
+        WorkerError: if a judge fails.
     """
     with Pool(jobs) as pool:
         ran = run(
@@ -151,6 +149,7 @@ def run(
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
     progress(Progress(len(asked), finished, len(done)))
+    before = store.stamps() if waiting else {}
     seen = Seen()
     unfinished = {id(task): task for task in waiting}
     for task, written in _run(waiting, store, allowed, pool, executor):
@@ -162,6 +161,7 @@ def run(
             spare(_settled(seen, unfinished.values()))
     trials = None if waiting else store.current(asked)
     if trials is None:
+        store.restore(before, seen)
         trials = _consolidated(store, asked, seen)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None

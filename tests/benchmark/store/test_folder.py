@@ -167,7 +167,7 @@ def test_trials_that_finish_together_are_synced_before_any_is_renamed(tmp_path, 
     monkeypatch.setattr(atomic, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
     monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
     trials = [replace(trial, seed=seed) for seed in range(3)]
-    paths = Store(tmp_path).write_all(trials)
+    paths = [written.path for written in Store(tmp_path).write_all(trials)]
     assert steps == [".tmp", ".tmp", ".tmp", "rename", "rename", "rename", ""]
     assert paths == [Store(tmp_path).path(one.id) for one in trials]
     assert {t.id for t in read(tmp_path)} == {one.id for one in trials}

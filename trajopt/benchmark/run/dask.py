@@ -1,8 +1,7 @@
 """Trials on Dask's distributed workers, which must see the results folder.
 
-Each worker supervises its trials in a child process, so it must not be a daemon itself:
+Each worker has judges of its own, and a planner a process of its own, as on one machine:
 
-    export DASK_DISTRIBUTED__WORKER__DAEMON=False
     dask scheduler --scheduler-file cluster.json &
     dask worker --scheduler-file cluster.json --nworkers 8 --nthreads 1
 """

@@ -118,6 +118,8 @@ def serve(descriptor: int) -> NoReturn:
             os.read(child_ended, 4096)
             judges -= processes.ended().keys()
             processes.end_children(but=judges)  # orphans of a judge that was killed
+            for process in judges:
+                os.kill(process, signal.SIGCONT)  # if a planner stopped it
         if sources[0] in ready:
             message, links, _, _ = socket.recv_fds(control, 1, 1)
             if not message:

@@ -125,6 +125,7 @@ def _hold_to(memory: float) -> None:
 
 
 def _answer_all() -> None:
+    own = os.getpid()
     planners: dict[bytes, Planner] = {}
     with open(_QUESTIONS, "rb", closefd=False) as source:
         while True:
@@ -133,6 +134,8 @@ def _answer_all() -> None:
             except EOFError:
                 return
             message = _message(question, planners)
+            if os.getpid() != own:  # a fork that the planner forgot to end
+                return
             _write(SIZE.pack(len(message)) + message)
 
 

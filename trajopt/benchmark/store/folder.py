@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Collection, Container, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 
 T = TypeVar("T")
-Stamp = tuple[int, int]  # of a file: its inode, and the time of its last change, ns
+Stamp = tuple[int, int]  # of a file: its inode, and when that last changed, ns
 
 _UNANSWERED = ".missing.h5"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.h5")
@@ -42,7 +42,7 @@ class Damaged(StoreError):
 
 
 class DamagedFile(UserWarning):
-    """A damaged file was left out; the others were read."""
+    """A damaged file was left out and the others were read, or what was damaged is mended."""
 
 
 OnDamage = Callable[[Damaged], None]
@@ -137,6 +137,35 @@ class Store:
         atomic.write(self.results, rebuild)
         return self.results
 
+    def stamps(self) -> dict[Path, Stamp | None]:
+        """What tells later whether the files of finished trials have changed."""
+        files = _trial_files(self.folder)
+        return {path: _stamp(path) for path in files if not _is_unanswered(path)}
+
+    def restore(self, before: Mapping[Path, Stamp | None], seen: Seen) -> None:
+        """Write again what others have removed or changed since this run began, and warn.
+
+        A trial that this run did not make is taken from `results.h5`, if that has it.
+        """
+        lost = seen.lost(before)
+        if not lost:
+            return
+        known = {path: content for path, content in lost.items() if content is not None}
+        if len(known) < len(lost):
+            with suppress(OSError, StoreError):
+                for content in _loaded(self.results):
+                    known.setdefault(self.path(content.row["id"]), content)
+        restored = {path: content for path, content in known.items() if path in lost}
+        atomic.write_all({path: _filling(content) for path, content in restored.items()})
+        others = len(lost) - len(restored)
+        again = f"; {others} of them are lost, and run again" if others else ""
+        warnings.warn(
+            f"{self.folder}: a planner or another program removed or changed {len(lost)} trials "
+            f"during the run; {len(restored)} are written again{again}",
+            DamagedFile,
+            stacklevel=2,
+        )
+
     def current(self, ids: Collection[str]) -> list[Trial] | None:
         """The trials with these identities from `results.h5`, if it need not be rebuilt.
 
@@ -214,11 +243,19 @@ class Seen:
         written = self._written.get(path)
         return None if written is None else written.content
 
-    def restore(self) -> list[Path]:
-        """Write again what somebody else has removed or changed since; those files."""
-        lost = [one for one in self._written.values() if _stamp(one.path) != one.stamp]
-        atomic.write_all({one.path: _filling(one.content) for one in lost})
-        return [one.path for one in lost]
+    def lost(self, before: Mapping[Path, Stamp | None]) -> dict[Path, Encoded | None]:
+        """The files that somebody else has removed or changed, and what they held, if known.
+
+        Those of this run since it wrote them, and those that were there `before`.
+        """
+        lost: dict[Path, Encoded | None] = {}
+        for path, stamp in before.items():
+            if path not in self._written and _stamp(path) != stamp:
+                lost[path] = None
+        for path, one in self._written.items():
+            if _stamp(path) != one.stamp:
+                lost[path] = one.content
+        return lost
 
 
 def save(path: Path, trial: Trial) -> Path:
@@ -379,4 +416,4 @@ def _stamp(path: Path) -> Stamp | None:
         found = path.stat()
     except OSError:
         return None
-    return found.st_ino, found.st_mtime_ns
+    return found.st_ino, found.st_ctime_ns
