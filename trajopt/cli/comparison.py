@@ -17,6 +17,7 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.compare import Comparison
 from trajopt.benchmark.figures import drawn
 from trajopt.benchmark.figures.drawing import Drawer
+from trajopt.benchmark.figures.style import dilated
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.run.processes import cpus
@@ -263,7 +264,7 @@ def _durations(line: Line) -> list[str]:
         quartiles = f"{line.q1:.4f}–{line.q3:.4f}"
     kept_limits = f"{100 * line.kept:.0f} %"
     if line.dilation > 1:
-        kept_limits += f" ×{line.dilation:.4f}"
+        kept_limits += f" {dilated(line.dilation)}"
     gap = "" if isnan(line.gap) else f"{100 * line.gap:+.2f}"
     evaluations = "" if isnan(line.evaluations) else f"{line.evaluations:.0f}"
     return [f"{line.median:.4f}", quartiles, gap, kept_limits, evaluations]

@@ -138,7 +138,7 @@ def test_one_planner_has_nobody_to_meet():
 
 
 def test_medians_know_no_answer_from_not_run():
-    table = medians(runs(a=[[1, 3, nan], [nan, nan]], b=[[2], []]), "certified_duration")
+    table = medians(runs(a=[[1, 3, nan], [nan, nan]], b=[[2], []]))
     assert table.loc["0"].tolist() == [3, 2]
     assert table.loc["1", "a"] == inf
     assert np.isnan(table.loc["1", "b"])

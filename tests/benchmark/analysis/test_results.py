@@ -216,6 +216,12 @@ def test_profiles_are_shares_of_problems_by_ratio_to_the_best():
     np.testing.assert_allclose(at, [[2 / 3, 1 / 3], [1, 2 / 3]], rtol=1e-12)
 
 
+def test_profiles_tie_what_ranks_tie():
+    """The shorter by 2e-15 was called the best, alone."""
+    frame = Results([*run("a", 2.0), *run("b", 2.0 * (1 + 2e-15)), *run("c", 2.00002)]).profile()
+    assert frame.loc[1.0].tolist() == [1, 1, 0]
+
+
 def test_profiles_are_of_medians_and_infinite_where_half_of_the_runs_failed():
     items = [*run("a", 2.0), *run("b", 1.0, 4.0, 9.0), *run("half", 1.0, -1.0)]
     frame = Results(items).profile()

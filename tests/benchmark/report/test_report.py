@@ -20,6 +20,7 @@ from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark import report
 from trajopt.benchmark.analysis.results import Results
 from trajopt.benchmark.analysis.searches import histories
+from trajopt.benchmark.figures.style import dilated
 from trajopt.benchmark.report import curves, origin, packing
 from trajopt.benchmark.report import page as content
 from trajopt.benchmark.report import pairwise as rivals
@@ -270,6 +271,15 @@ def test_profiles_and_ecdfs_count_no_answer_as_the_worst(html: str) -> None:
     assert ecdf["exact"]["y"][0] == 1.0
 
 
+def test_gaps_are_shares_of_problems_and_not_of_runs() -> None:
+    two = problem("two", 0.5)
+    items = [*run("exact", 2.0), *run("exact", 2.0, on=two), *run("mine", 3.0, 3.0, 3.0, 3.0, 3.0),
+             *run("mine", None, on=two)]  # fmt: skip
+    page = content.page(Results(items))
+    (own,) = [c for c in curves.suites(page)[0]["ecdf"] if page.labels[c["planner"]] == "mine"]
+    assert own["y"][-1] == 0.5  # five runs solve the one problem, the only one misses the other
+
+
 def test_a_planner_with_half_of_its_answers_missing_has_no_median_gap() -> None:
     items = [*run("exact", 2.0), *run("exact", 2.0, on=problem("two", 0.5)), *run("mine", 3.0),
              *run("mine", None, on=problem("two", 0.5))]  # fmt: skip
@@ -346,6 +356,18 @@ def test_the_first_to_compare_with_is_the_search_with_the_most_runs() -> None:
     items = [*run("exact", 1.0), *run("some", 2.0, 2.0), *run("most", 3.0, 3.0, 3.0)]
     assert rivals.first(items, ["exact", "some", "most"]) == 2
     assert rivals.first(items[:1], ["exact"]) == 0
+
+
+def test_the_first_to_compare_with_answers_on_most_problems() -> None:
+    """A swarm that solves one problem of two was the page's rival before a planner of both."""
+    two = problem("two", 0.5)
+    items = [*run("exact", 1.0), *run("exact", 1.0, on=two), *run("some", 2.0, 2.0, 3.0)]
+    assert rivals.first(items, ["some", "exact"]) == 1
+
+
+def test_how_far_limits_are_missed_is_said_to_three_digits() -> None:
+    said = [dilated(ratio) for ratio in (2.5, 1.03, 1.0000122, 1 + 4.6e-9)]
+    assert said == ["×2.5000", "×1.0300", "×1.0000122", "×1.00000000460"]
 
 
 def test_groups_are_families_of_names_and_kinds_of_limits() -> None:

@@ -63,14 +63,14 @@ _SWAPPED = {
 _MIRROR = _SWAPPED | {new: old for old, new in _SWAPPED.items()}
 
 
-def medians(runs: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Per problem (rows) and planner (columns) the median over runs; +inf if half have no answer.
+def medians(runs: pd.DataFrame) -> pd.DataFrame:
+    """Per problem (rows) and planner (columns) the median certified duration, to `TIE_DIGITS`, s.
 
-    NaN where a planner was not run on a problem.
+    +inf where half of the runs have no answer, NaN where a planner was not run on a problem.
     """
-    values = runs[column].fillna(np.inf)
+    values = runs["certified_duration"].fillna(np.inf)
     cells = values.groupby([runs["digest"], runs["label"]]).median()
-    return cells.unstack("label")
+    return cells.map(to_tie_digits).unstack("label")
 
 
 def to_tie_digits(duration: float) -> float:
@@ -94,9 +94,9 @@ def mean_ranks(runs: pd.DataFrame) -> pd.Series[float]:
         runs: trials that are `competing`: an answer that ignores a limit on purpose is a lower
             bound, not a slow answer, and has no rank.
     """
-    table = medians(runs, "certified_duration")
+    table = medians(runs)
     everywhere = table.notna().all()
-    costs = table.loc[:, everywhere].map(to_tie_digits)
+    costs = table.loc[:, everywhere]
     if costs.shape[1] < 3:
         return pd.Series(name="rank", dtype=float)
     ranking = statistics.friedman(costs)

@@ -227,14 +227,14 @@ class Results:
         """Performance profiles: the share of problems solved within `tau` times the best.
 
         One row per `tau` (by default wherever a profile steps), one column per planner with its
-        options, of the median certified durations, +inf where half of the runs have none (Dolan &
-        Moré 2002). Compared are the planners that were run on every problem; `attrs["left_out"]`
-        says of each other on how many it was.
+        options, of the median certified durations to `pairwise.TIE_DIGITS`, +inf where half of the
+        runs have none (Dolan & Moré 2002). Compared are the planners that were run on every
+        problem; `attrs["left_out"]` says of each other on how many it was.
 
         Raises:
             InvalidInput: if a tau is NaN.
         """
-        table = pairwise.medians(self._trials, "certified_duration")
+        table = pairwise.medians(self._trials)
         ran = table.notna().sum()
         everywhere = ran == len(table)
         compared = table.loc[:, everywhere]

@@ -6,7 +6,7 @@ same apart in grey. Nothing here needs Matplotlib.
 
 from __future__ import annotations
 
-from math import log10
+from math import floor, log10
 from typing import Any
 
 from trajopt.problem import LimitName
@@ -79,6 +79,12 @@ def percent(gap: float) -> str:
     """A gap (a ratio minus 1) with the sign it has: two decimals below 10 %, one above."""
     digits = 2 if abs(gap) < 0.1 else 1
     return f"{100 * gap:+.{digits}f} %".replace("-", "−")
+
+
+def dilated(ratio: float) -> str:
+    """A dilation above 1: four decimals, or three digits of what it exceeds 1 by."""
+    digits = max(4, 2 - floor(log10(ratio - 1)))
+    return f"×{ratio:.{digits}f}"
 
 
 def power_of_ten(value: float, _: object = None) -> str:

@@ -13,7 +13,7 @@ import pandas as pd
 from trajopt.benchmark.analysis import statistics
 from trajopt.benchmark.analysis.pairwise import mean_ranks
 from trajopt.benchmark.analysis.results import competing, median_gap
-from trajopt.benchmark.figures.style import percent
+from trajopt.benchmark.figures.style import dilated, percent
 from trajopt.benchmark.trial import Trial
 from trajopt.solution import Status
 
@@ -27,7 +27,6 @@ COLUMNS = {  # of the table of problems and planners: what its heading says, and
     "evaluations": "evaluations",
     "solve_time": "time (s)",
 }
-SMALL_DILATION = 1.0001  # below it four decimals would show none
 NUMBER = re.compile(r"(?<![\w.+−-])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w-])")  # not of 3-5-3
 MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
 REASON_LENGTH = 500
@@ -46,14 +45,13 @@ NONE = Cell("–")
 
 def cells(row: Any) -> dict[str, Cell]:
     """The cells of a row of `Results.summary()`."""
-    form = "×{:.4f}" if row.dilation > SMALL_DILATION else "×{:.7f}"
     return {
         "solved": Cell(f"{row.solved} of {row.runs}", row.solved / row.runs),
         "kept": Cell(f"{100 * row.kept:.0f} %", float(row.kept)),
         "median": _median(row),
         "quartiles": _quartiles(row),
         "gap": _gap(row.gap),
-        "dilation": _cell(row.dilation, form),
+        "dilation": _dilation(row.dilation),
         "evaluations": _cell(row.evaluations, "{:.0f}"),
         "solve_time": _cell(row.solve_time, "{:.3f}"),
     }
@@ -85,6 +83,11 @@ def _cell(value: float, form: str) -> Cell:
     if np.isnan(value):
         return NONE
     return Cell(form.format(value), float(value))
+
+
+def _dilation(ratio: float) -> Cell:
+    """The median dilation of those that broke a limit."""
+    return Cell(dilated(ratio), float(ratio)) if ratio > 1 else NONE
 
 
 def reference(row: Any) -> str:
@@ -188,11 +191,13 @@ def over_all(runs: pd.DataFrame, rank: float | None) -> dict[str, Any]:
     """One planner's line, over the problems that it supports."""
     tried = competing(runs)
     solved = tried["status"] == str(Status.SOLVED)
+    broke_limits = tried[solved & ~tried["feasible"]]
     return {
         "problems": tried["digest"].nunique(),
         "runs": len(tried),
         "solved": _share(solved),
         "kept": _share(tried["feasible"]),
+        "dilation": _dilation(broke_limits["dilation"].median()),
         "gap": _median_gap(median_gap(tried)),
         "worst": _worst_gap(tried["gap"].max()),
         "rank": _rank(rank),

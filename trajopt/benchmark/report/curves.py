@@ -108,7 +108,7 @@ def _suite(
     found: Sequence[Histories],
     labels: Sequence[str],
 ) -> dict[str, Any]:
-    durations = medians(gaps, "certified_duration")
+    durations = medians(gaps)
     ran = durations.notna().sum()
     whole = [label for label in labels if ran.get(label) == len(durations)]
     partly = {label: int(count) for label, count in ran.items() if count < len(durations)}
@@ -155,18 +155,21 @@ def _ecdf(
     whole: Sequence[str],
     labels: Sequence[str],
 ) -> list[Curve]:
-    """Share of runs within a gap (%); gaps below `GAP_FLOOR` are drawn at it."""
+    """Share of problems within a gap (%), of each the share of its runs that are.
+
+    Gaps below `GAP_FLOOR` are drawn at it.
+    """
     known = gaps[gaps["reference"].notna()]
-    runs = {}
+    by_problem = {}
     worst = 1.0
     for label in whole:
-        runs_of_it = known[known["label"] == label]
-        own = 100 * runs_of_it["gap"].to_numpy()
+        own = known[known["label"] == label]
+        drawn = np.maximum(100 * own["gap"], GAP_FLOOR)  # NaN stays NaN
         if len(own):
-            runs[label] = np.maximum(own, GAP_FLOOR)  # NaN stays NaN
-            worst = np.nanmax(runs[label], initial=worst)
+            by_problem[label] = [runs.to_numpy() for _, runs in drawn.groupby(own["digest"])]
+            worst = np.nanmax(drawn.to_numpy(), initial=worst)
     grid = np.geomspace(GAP_FLOOR, 1.1 * worst, POINTS)
-    return _shares(runs, grid, labels)
+    return _shares(by_problem, grid, labels)
 
 
 def _times(relative: Mapping[str, list[Array]], labels: Sequence[str]) -> list[Curve]:
@@ -174,23 +177,23 @@ def _times(relative: Mapping[str, list[Array]], labels: Sequence[str]) -> list[C
     hits = {}
     longest = 2.0
     for label, runs in relative.items():
-        hits[label] = statistics.evaluations_to_target(runs, TARGET)
+        hits[label] = [statistics.evaluations_to_target(runs, TARGET)]
         longest = max(longest, *(run[-1, 0] for run in runs))
     grid = np.geomspace(1, longest, POINTS)
     return _shares(hits, grid, labels)
 
 
 def _shares(
-    values: Mapping[str, Array],
+    values: Mapping[str, Sequence[Array]],
     grid: Array,
     labels: Sequence[str],
 ) -> list[Curve]:
-    """Per planner the share of its values that are at most those of the grid."""
+    """Per planner the share of values at most those of the grid, the mean over its groups."""
     curves = []
-    for label, own in values.items():
-        x, y = statistics.ecdf(own, grid)
+    for label, groups_of_it in values.items():
+        shares = [statistics.ecdf(own, grid)[1] for own in groups_of_it]
         place = labels.index(label)
-        curves.append(_steps(place, x, y))
+        curves.append(_steps(place, grid, np.mean(shares, axis=0)))
     return curves
 
 

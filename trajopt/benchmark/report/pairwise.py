@@ -21,20 +21,16 @@ BETWEEN = "\u202f"  # thousands
 
 
 def first(trials: Sequence[Trial], labels: Sequence[str]) -> int:
-    """Whom to compare with at first, by its place: a search with several seeds, if there is one.
+    """Whom to compare with at first, by its place: who answers on the most problems.
 
-    Of several the one with the most runs, then the first; a search is what keeps a history.
+    Of several the one with the most runs, then the first.
     """
-    searched = [trial for trial in trials if trial.solution.history is not None]
-    runs = Counter(trial.label for trial in searched)
-    seeds: dict[str, set[int]] = {}
-    for trial in searched:
-        seeds.setdefault(trial.label, set()).add(trial.seed)
-    several: dict[str, int] = {}
-    for label, own in seeds.items():
-        if len(own) > 1:
-            several[label] = runs[label]
-    most = max(labels, key=lambda label: several.get(label, 0))
+    answered = [trial for trial in trials if trial.certified_duration is not None]
+    runs = Counter(trial.label for trial in answered)
+    solved: dict[str, set[str]] = {label: set() for label in labels}
+    for trial in answered:
+        solved[trial.label].add(trial.problem.digest())
+    most = max(labels, key=lambda label: (len(solved[label]), runs[label]))
     return labels.index(most)
 
 
