@@ -60,10 +60,13 @@ class Solution:
         if self.history is None or not len(self.history):
             return ""
         spent, claims = self.history.T
-        found = claims[~np.isnan(claims)]
-        begins_late = np.isnan(claims[: len(claims) - len(found)]).all()
-        falls = (np.diff(found) <= 0).all()
-        if not (np.diff(spent) >= 0).all() or not begins_late or not falls:
+        nothing = np.isnan(claims)
+        found = claims[~nothing]
+        begun = nothing[:-1] | ~nothing[1:]  # once there is a claim there are others
+        falls = np.diff(found) <= 0
+        counts = np.diff(spent) >= 0
+        in_order = begun.all() and falls.all() and counts.all()
+        if not in_order:
             return "its evaluations must not fall, nor its durations rise"
         if not found.size:
             return ""

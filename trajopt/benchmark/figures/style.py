@@ -83,7 +83,8 @@ def percent(gap: float) -> str:
 
 def dilated(ratio: float) -> str:
     """A dilation above 1: four decimals, or three digits of what it exceeds 1 by."""
-    digits = max(4, 2 - floor(log10(ratio - 1)))
+    power = floor(log10(ratio - 1))
+    digits = max(4, 2 - power)
     return f"×{ratio:.{digits}f}"
 
 

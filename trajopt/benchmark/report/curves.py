@@ -164,9 +164,11 @@ def _ecdf(
     worst = 1.0
     for label in whole:
         own = known[known["label"] == label]
-        drawn = np.maximum(100 * own["gap"], GAP_FLOOR)  # NaN stays NaN
+        percent = 100 * own["gap"]
+        drawn = np.maximum(percent, GAP_FLOOR)  # NaN stays NaN
         if len(own):
-            by_problem[label] = [runs.to_numpy() for _, runs in drawn.groupby(own["digest"])]
+            problems = drawn.groupby(own["digest"])
+            by_problem[label] = [runs.to_numpy() for _, runs in problems]
             worst = np.nanmax(drawn.to_numpy(), initial=worst)
     grid = np.geomspace(GAP_FLOOR, 1.1 * worst, POINTS)
     return _shares(by_problem, grid, labels)
@@ -192,8 +194,9 @@ def _shares(
     curves = []
     for label, groups_of_it in values.items():
         shares = [statistics.ecdf(own, grid)[1] for own in groups_of_it]
+        y = np.mean(shares, axis=0)
         place = labels.index(label)
-        curves.append(_steps(place, grid, np.mean(shares, axis=0)))
+        curves.append(_steps(place, grid, y))
     return curves
 
 
