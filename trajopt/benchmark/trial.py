@@ -125,9 +125,12 @@ class Trial:
         if history is None or not len(history) or self.solution.history_flaw:
             return np.array([[spent, np.nan]])
         last_spent, last_claim = history[-1]
-        dilated = np.vstack([history, [max(spent, last_spent), last_claim]])
-        certified = self.certified_duration
-        dilated[:, 1] *= np.nan if certified is None else certified / last_claim
+        end = [max(spent, last_spent), last_claim]
+        dilated = np.vstack([history, end])
+        dilation = np.nan
+        if self.certified_duration is not None:
+            dilation = self.certified_duration / last_claim
+        dilated[:, 1] *= dilation
         return dilated
 
     def as_dict(self) -> dict[str, Any]:

@@ -197,7 +197,8 @@ def _gaps(
             gaps[name] = None
             notes[name] = above.reason or below.reason
         else:
-            gaps[name] = above.duration / below.duration - 1
+            ratio = above.duration / below.duration
+            gaps[name] = ratio - 1
     return gaps, notes
 
 

@@ -182,7 +182,9 @@ def _reference(rows: Sequence[Line]) -> tuple[str, float] | None:
     first = rows[0]
     if first.kind is None:
         return None
-    name = first.kind if first.kind == "lower bound" else f"{first.kind} optimum"
+    name = f"{first.kind} optimum"
+    if first.kind == "lower bound":
+        name = first.kind
     return f"{name} {first.reference:#.4g} s", first.reference
 
 

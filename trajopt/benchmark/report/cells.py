@@ -87,7 +87,9 @@ def _cell(value: float, form: str) -> Cell:
 
 def _dilation(ratio: float) -> Cell:
     """The median dilation of those that broke a limit."""
-    return Cell(dilated(ratio), float(ratio)) if ratio > 1 else NONE
+    if not ratio > 1:
+        return NONE
+    return Cell(dilated(ratio), float(ratio))
 
 
 def reference(row: Any) -> str:

@@ -25,12 +25,18 @@ def first(trials: Sequence[Trial], labels: Sequence[str]) -> int:
 
     Of several the one with the most runs, then the first.
     """
-    answered = [trial for trial in trials if trial.certified_duration is not None]
-    runs = Counter(trial.label for trial in answered)
+    runs: Counter[str] = Counter()
     solved: dict[str, set[str]] = {label: set() for label in labels}
-    for trial in answered:
-        solved[trial.label].add(trial.problem.digest())
-    most = max(labels, key=lambda label: (len(solved[label]), runs[label]))
+    for trial in trials:
+        if trial.certified_duration is not None:
+            runs[trial.label] += 1
+            solved[trial.label].add(trial.problem.digest())
+
+    def shared(label: str) -> tuple[int, int]:
+        problems = solved[label]
+        return len(problems), runs[label]
+
+    most = max(labels, key=shared)
     return labels.index(most)
 
 
