@@ -68,6 +68,7 @@ _WAYPOINTS_RAD = (0.0, 2 * pi)
 _VELOCITY_DEG = (30.0, 1000.0)  # deg/s
 _ACCELERATION_DEG = (30.0, 1e5)  # deg/s²
 _SLOW_SEGMENT_S = 3.0  # at full velocity; slower than that, the units are hardly the same
+_SPAN_RAD = 4 * pi  # of one joint: where samples are dense no segment is slow
 _FAST_SEGMENT_S = 0.05  # faster than that in every segment, neither
 
 
@@ -222,13 +223,14 @@ def mixed_units(waypoints: Array, velocity: Array, acceleration: Array) -> str |
     thrust = np.abs(acceleration[moving]).min(axis=1)
     # the longest a joint needs for a segment at full velocity: max h / v
     longest = (steps[:, moving] / speed).max()
+    span = np.ptp(waypoints[:, moving], axis=0).max()
 
     sizes = f"waypoints up to {angle:.4g} beside velocity limits of {speed.min():.4g}"
     if speed.max() > speed.min():
         sizes += f" to {speed.max():.4g}"
     sizes += f" ({longest:.2g} s for the longest segment at full velocity)"
     degrees_beside_radians = (
-        longest > _SLOW_SEGMENT_S
+        (longest > _SLOW_SEGMENT_S or span > _SPAN_RAD)
         and _all_within(angle, _WAYPOINTS_DEG)
         and _all_within(speed, _VELOCITY_RAD)
     )

@@ -76,6 +76,28 @@ def test_a_urdf_with_joint_limits_beside_it(trajopt, tmp_path):
     assert code == 0
 
 
+def test_scaling_factors_are_planned_with_and_judged_without(trajopt, tmp_path):
+    (tmp_path / "w.csv").write_text("one\n0\n0.5\n", encoding="utf-8")
+    one = "joint_limits: {one: {max_velocity: 9, max_acceleration: 2}}"
+    factors = "default_velocity_scaling_factor: 0.5\ndefault_acceleration_scaling_factor: 0.25\n"
+    (tmp_path / "l.yaml").write_text(factors + one, encoding="utf-8")
+    robot = ("--limits", "l.yaml")
+    code, out, err = trajopt("plan", "w.csv", *robot, "--planner", "exact", "--out", "m.csv")
+    # 0.5 rad at a quarter of 2 rad/s²: 2 sqrt(h / A)
+    assert f"certified   {2 * np.sqrt(0.5 / 0.5):.6f} s" in out
+    assert "l.yaml: planned with 50 % of the velocity and 25 % of the acceleration limits" in err
+    assert "write 1.0 there" in err
+    for arguments in (["judge", "m.csv", "w.csv"], ["verify", "m.csv"]):
+        code, out, err = trajopt(*arguments, *robot, "--json")
+        assert (code, err) == (0, "")
+        assert json.loads(out)["dilation"] == pytest.approx(0.5, rel=1e-3)  # whole cycles
+    (tmp_path / "v.yaml").write_text("joint_limits: {one: {max_velocity: 9}}", encoding="utf-8")
+    verify = ("verify", "m.csv", "--limits", "v.yaml")
+    assert "or --acceleration with a number" in trajopt(*verify)[2]
+    assert trajopt(*verify, "--acceleration", "0.6")[0] == 0
+    assert trajopt(*verify, "--acceleration", "0.4")[0] == 1
+
+
 RAIL = """<robot><joint name="rail" type="prismatic"><limit lower="0" upper="1" velocity="1"/>
 </joint><joint name="elbow" type="revolute"><limit lower="-3" upper="3" velocity="1"/></joint>
 </robot>"""

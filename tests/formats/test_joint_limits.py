@@ -37,18 +37,48 @@ def written(tmp_path, text, encoding="utf-8"):
 
 def test_limits_by_name_scaled(tmp_path):
     read = joint_limits.read(written(tmp_path, WHOLE))
-    limits = read.limits(["a_joint", "b_joint"])
+    whole = read.limits(["a_joint", "b_joint"])
+    assert np.allclose(whole.velocity[:, 1], [np.pi, 2.0])
+    assert np.allclose(whole.acceleration[:, 1], [10, 4])
+    limits = read.scaled().limits(["a_joint", "b_joint"])
     assert np.allclose(limits.velocity[:, 1], [np.pi / 2, 1.0])
     assert np.allclose(limits.acceleration, [[-2.5, 2.5], [-1, 1]])
     assert limits.jerk.tolist() == [[-50, 50], [-np.inf, np.inf]]  # no factor scales jerk
     assert limits.position.tolist() == [[-1, 2], [-np.inf, np.inf]]
 
 
-def test_a_file_with_a_byte_order_mark_and_a_wrapper(tmp_path):
-    inner = "".join(f"      {line}\n" for line in WHOLE.splitlines())
-    text = f"/**:\n  ros__parameters:\n    robot_description_planning:\n{inner}"
+@pytest.mark.parametrize(
+    "wrappers",
+    [
+        ["/**", "ros__parameters", "robot_description_planning"],
+        ["move_group", "ros__parameters", "robot_description_planning"],
+        ["left", "planner_node", "ros__parameters", "robot_description_planning"],
+        ["robot_description_planning"],
+    ],
+)
+def test_a_file_with_a_byte_order_mark_and_wrappers(tmp_path, wrappers):
+    text = WHOLE
+    for wrapper in reversed(wrappers):
+        inner = "".join(f"  {line}\n" for line in text.splitlines())
+        text = f"{wrapper}:\n{inner}"
     read = joint_limits.read(written(tmp_path, text, encoding="utf-8-sig"))
     assert read.joint_names == ("b_joint", "a_joint")
+    assert read.velocity_scaling == 0.5
+
+
+def test_two_nodes_with_limits_are_refused(tmp_path):
+    node = "\n  ros__parameters: {joint_limits: {a: {max_velocity: 1}}}\n"
+    with pytest.raises(InvalidInput, match="joint_limits: expected this key once"):
+        joint_limits.read(written(tmp_path, f"one:{node}two:{node}"))
+
+
+def test_accelerations_that_nobody_says_can_be_said_once(tmp_path):
+    text = "joint_limits: {a: {max_velocity: 1, max_acceleration: 3}, b: {max_velocity: 2}}"
+    read = joint_limits.read(written(tmp_path, text))
+    with pytest.raises(InvalidInput, match=r"one for b; .*, or --acceleration with a number"):
+        read.limits(["a", "b"])
+    limits = read.with_acceleration(2.0).limits(["a", "b"])
+    assert limits.acceleration[:, 1].tolist() == [3, 2]
 
 
 def test_flags_lift_what_another_source_says_and_silence_keeps_it(tmp_path):

@@ -92,6 +92,14 @@ def test_degrees_taken_for_radians_are_warned_of(tmp_path):
         waypoints.problem(path, robot, "deg")
 
 
+def test_degrees_in_dense_samples_are_warned_of(tmp_path):
+    rows = "\n".join(f"{angle},0" for angle in range(0, 40, 2))  # 2 s for a segment at 1 per s
+    robot = RobotLimits(dict.fromkeys(("a", "b"), CELL.joints["rail"]), "cell.urdf")
+    robot = RobotLimits({n: b | {"position": (-99, 99)} for n, b in robot.joints.items()}, "r")
+    with pytest.warns(UnitWarning, match="degrees beside radians"):
+        waypoints.problem(written(tmp_path, "a.csv", f"a,b\n{rows}\n"), robot)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [

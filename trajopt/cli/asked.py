@@ -13,6 +13,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from trajopt.benchmark.suites import catalogue
+from trajopt.cli import console
+from trajopt.cli.parameters import number
 from trajopt.exceptions import InvalidInput
 from trajopt.formats import arms, joint_limits, urdf, waypoints
 from trajopt.formats.robot_limits import RobotLimits
@@ -31,6 +33,7 @@ class Robot:
         urdf: A robot description.
         limits: A `joint_limits.yaml`: it says what the others do not, or other values.
         unit: Of the waypoints' angles.
+        acceleration: Of joints that have no such limit, rad/s² (m/s²).
     """
 
     robot: Annotated[str | None, Parameter(help="Robot of the waypoints; see `trajopt list`.")] = (
@@ -47,6 +50,10 @@ class Robot:
     unit: Annotated[
         Unit | None, Parameter(help="Unit of the waypoints' angles; by default rad.")
     ] = None
+    acceleration: Annotated[
+        float | None,
+        number("Acceleration limit of joints without one, rad/s^2 (m/s^2).", above=0),
+    ] = None
 
     @property
     def said(self) -> dict[str, object]:
@@ -56,12 +63,19 @@ class Robot:
             "--urdf": self.urdf,
             "--limits": self.limits,
             "--unit": self.unit,
+            "--acceleration": self.acceleration,
         }
         return {flag: value for flag, value in flags.items() if value is not None}
 
 
-def problem(name_or_path: str, robot: Robot) -> Problem:
+def problem(name_or_path: str, robot: Robot, *, scaled: bool = False) -> Problem:
     """The problem that is meant.
+
+    Args:
+        name_or_path: A built-in name, a problem file, or a file of waypoints.
+        robot: The flags.
+        scaled: Whether the scaling factors of a `joint_limits.yaml` count, as they do for MoveIt's
+            planners; then a line says so.
 
     Raises:
         InvalidInput: The flags do not go with it, or a file cannot be used; it says which, and
@@ -75,7 +89,15 @@ def problem(name_or_path: str, robot: Robot) -> Problem:
     if not path.is_file():
         right = "a file of waypoints that exists"
         raise InvalidInput("problem", right, file=name_or_path)
-    return waypoints.problem(path, robot_limits(name_or_path, robot), robot.unit)
+    own = robot_limits(name_or_path, robot)
+    planned = own.scaled() if scaled else own
+    if planned is not own:
+        console.note(
+            f"{robot.limits}: planned with {100 * own.velocity_scaling:g} % of the velocity and "
+            f"{100 * own.acceleration_scaling:g} % of the acceleration limits, its default scaling "
+            "factors; write 1.0 there for all of them"
+        )
+    return waypoints.problem(path, planned, robot.unit)
 
 
 def _check_unused(name: str, robot: Robot) -> None:
@@ -109,4 +131,6 @@ def robot_limits(name: str, robot: Robot) -> RobotLimits:
     first, *others = sources
     for other in others:
         first = first.updated(other)
+    if robot.acceleration is not None:
+        first = first.with_acceleration(robot.acceleration)
     return first

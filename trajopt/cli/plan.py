@@ -67,7 +67,7 @@ def plan(
     if out is not None:
         target = Target(out, _cycle(cycle, rate), points)
         check_target(out, force=force)
-    asked_for = asked.problem(problem, robot)
+    asked_for = asked.problem(problem, robot, scaled=True)
     found = None
     if planner is None:
         with console.waiting(f"planning {asked_for.name}"):

@@ -1,6 +1,6 @@
 """MoveIt's `joint_limits.yaml`: limits of joints by name, flags that switch them, scaling factors.
 
-    default_velocity_scaling_factor: 0.5       # optional: the share of the limits to plan with
+    default_velocity_scaling_factor: 0.5       # optional: the share that MoveIt plans with
     default_acceleration_scaling_factor: 0.5
     joint_limits:
       elbow_joint:
@@ -9,6 +9,10 @@
         has_acceleration_limits: true
         max_acceleration: 5.0                  # rad/s²
         has_jerk_limits: false                 # no jerk limit, whatever another source says
+
+What nodes and launch files wrap around this (`/**:`, `move_group:`, `ros__parameters:`,
+`robot_description_planning:`) is taken off. The scaling factors are the default of a request, no
+limits of the robot: planning counts them, judging does not (`RobotLimits.scaled`).
 
 Also read: `min_position` and `max_position` with `has_position_limits`, and
 `max_deceleration`, where a smaller one bounds accelerations of both signs: a limit here knows a
@@ -49,6 +53,7 @@ _KEYS = (
 # Keys that are right as they are, however near they come to one that is read.
 _OTHER_KEYS = ("has_effort_limits", "max_effort", "has_soft_limits", "min_velocity")
 _TYPO_SIMILARITY = 0.85  # from which on a key is a slip of the pen; "max_effort" is at 0.64
+_WRAPPERS_MAX = 5  # a namespace, a node, ros__parameters, robot_description_planning
 _UNLIMITED = (-np.inf, np.inf)
 
 
@@ -59,18 +64,23 @@ def read(path: str | Path) -> RobotLimits:
         InvalidInput: Names the file, the joint, the key, the value, and what would be right.
     """
     file = Path(path)
-    table = _unwrapped(yaml_file.read(file, _WHAT))
+    table = yaml_file.read(file, _WHAT)
     try:
-        return _limits(table, str(path))
+        return _limits(_unwrapped(table), str(path))
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
 
 
 def _unwrapped(table: Any) -> Any:
-    """The table without what launch files and parameter servers wrap around it."""
-    for key in ("/**", "ros__parameters", "robot_description_planning"):
-        if isinstance(table, Mapping) and key in table:
-            table = table[key]
+    """The table without the names of nodes and the keys that ROS wraps around it."""
+    wrapped = [table]
+    for _ in range(_WRAPPERS_MAX):
+        found = [own for own in wrapped if isinstance(own, Mapping) and "joint_limits" in own]
+        if len(found) > 1:
+            raise InvalidInput("joint_limits", "this key once, not for several nodes")
+        if found:
+            return found[0]
+        wrapped = [inner for own in wrapped if isinstance(own, Mapping) for inner in own.values()]
     return table
 
 

@@ -10,7 +10,7 @@ A source may leave kinds of limits unsaid: only what is asked for at the end mus
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Any
 
@@ -37,7 +37,8 @@ class RobotLimits:
         source: Where they come from, for errors and for the problem's own source.
         ordered: Whether the order of the joints is the robot's: a file of limits often has the
             alphabet's.
-        velocity_scaling: The share of the velocity limits to plan with.
+        velocity_scaling: The share of the velocity limits that a planner is asked to use: no limit
+            of the robot, and not counted in `limits` (`scaled` counts it).
         acceleration_scaling: The same of the acceleration limits.
         units: Each joint's SI unit, "rad" or "m", as far as the source says whether it slides.
         falling_velocity: Velocity limits that fall towards a position limit, for those joints that
@@ -84,8 +85,38 @@ class RobotLimits:
             unsound={**other.unsound, **self.unsound},
         )
 
+    def scaled(self) -> RobotLimits:
+        """The limits to plan with: those times the scaling factors, which are 1 then."""
+        factors = {"velocity": self.velocity_scaling, "acceleration": self.acceleration_scaling}
+        if set(factors.values()) == {1.0}:
+            return self
+        joints = {}
+        for name, bounds in self.joints.items():
+            own = dict(bounds)
+            for kind in _REQUIRED:
+                if kind in own:
+                    low, high = own[kind]
+                    own[kind] = (factors[kind] * low, factors[kind] * high)
+            joints[name] = own
+        shares = ", ".join(f"{kind} times {factor:g}" for kind, factor in factors.items())
+        return replace(
+            self,
+            joints=joints,
+            source=f"{self.source} ({shares})",
+            velocity_scaling=1.0,
+            acceleration_scaling=1.0,
+        )
+
+    def with_acceleration(self, size: float) -> RobotLimits:
+        """These, and this acceleration limit for joints that have none, rad/s² (m/s²)."""
+        joints = {}
+        for name, bounds in self.joints.items():
+            limited = np.isfinite(bounds.get("acceleration", _UNLIMITED)).all()
+            joints[name] = bounds if limited else {**bounds, "acceleration": (-size, size)}
+        return replace(self, joints=joints)
+
     def limits(self, joint_names: Sequence[str]) -> Limits:
-        """The limits of these joints, in this order, scaled.
+        """The limits of these joints, in this order; scaling factors do not count.
 
         Raises:
             InvalidInput: A joint is unknown, or has no velocity or acceleration limit.
@@ -97,8 +128,8 @@ class RobotLimits:
                 pairs[kind].append(bounds.get(kind, _UNLIMITED))
         self._check_complete(joint_names, pairs)
         return Limits(
-            velocity=self.velocity_scaling * np.array(pairs["velocity"]),
-            acceleration=self.acceleration_scaling * np.array(pairs["acceleration"]),
+            velocity=pairs["velocity"],
+            acceleration=pairs["acceleration"],
             jerk=pairs["jerk"],
             position=pairs["position"],
         )
@@ -161,6 +192,8 @@ def _absent(kind: LimitName, joint_names: Sequence[str], source: str) -> Invalid
         f"one for {names}; add --limits joint_limits.yaml with, under joint_limits: "
         f"{joint_names[0]}:, has_{kind}_limits: true and max_{kind}: a number (per joint)"
     )
+    if kind == "acceleration":
+        right += ", or --acceleration with a number for all of them"
     why = "missing"
     if source.endswith(".urdf") and kind == "acceleration":
         why = "missing (a URDF has none)"
