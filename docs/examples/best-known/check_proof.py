@@ -1,50 +1,341 @@
-"""Check a record's lower bound in exact fractions: python check_proof.py < RECORD.json"""
+"""Check a record's lower bound in exact fractions: python check_proof.py < RECORD.json
 
+Numbers are fractions. Roots and quotients are rounded to 128 binary places, to the safe side.
+"""
+
+import hashlib
 import json
+import struct
 import sys
 from fractions import Fraction
+from itertools import pairwise
+from math import floor, inf, isqrt
 
-import numpy as np
+RAISE, LOWER, BRANCH, LEAF = range(4)
+LIMITS = ("velocity", "acceleration", "jerk", "position")
+DIGITS = 2**128
+NONE, HALF, THIRD = Fraction(0), Fraction(1, 2), Fraction(1, 3)
 
-exact = np.vectorize(Fraction, otypes=[object])
-most = np.vectorize(lambda c, low, high: max(c * low, c * high), otypes=[object])  # of c z
-said = json.load(sys.stdin)
-proof = {name: exact(rows) if rows else [] for name, rows in said["proof"].items()}
-unit, *size = abs(proof["units"])
-size, U = np.reshape(size, (-1, 1)), abs(proof["cutoff"][0]) / unit
-x = exact(said["problem"]["waypoints"])
-x = x[[True, *(x[1:] != x[:-1]).any(axis=1)]].T  # (joints, waypoints), repeated ones once
-moving = (x != x[:, :1]).any(axis=1)
-x, K = x[moving] / size, x.shape[1] - 1
-limits = (exact(said["problem"]["limits"][name]) for name in ("velocity", "acceleration"))
-V, A = (pairs[moving] / size * unit**order for order, pairs in enumerate(limits, start=1))
-R = U / (1 / A - 1 / A[:, ::-1])  # the velocity reached between rest and rest within U
-V = np.clip(V, R[:, :1], R[:, 1:])
-t = np.max([most(h, *1 / V[j]) for j, h in enumerate(np.diff(x))], axis=0)  # t ≤ T ≤ U
-y = np.zeros(1 + 2 * K + len(proof["tangents"]) + len(proof["cuts"]), dtype=object)
-for row, multiplier in proof["multipliers"]:
-    y[int(row)] += max(multiplier, 0)
-# ΣT + Σ y (row - its bound) as c·T + c·S + c·Q + c·v - b, with S = 1/T and Q = T²
-below, above, *others = y[1 : 2 * K : 2], y[2 : 2 * K + 1 : 2], *y[2 * K + 1 :]
-T, S, Q = 1 + y[0] + below - above * (t + U), below * t * U, above  # secants, on [t, U]
-b, v = y[0] * U + sum(below * (t + U) - above * t * U), np.zeros(x.shape, dtype=object)
-for k, at in proof["tangents"]:
-    weight = others.pop(0)  # of S ≥ 2/at - T/at²
-    T[int(k)], S[int(k)], b = T[int(k)] - weight, S[int(k)] - weight * at**2, b - 2 * weight * at
-for k, j, count in np.array(proof["cuts"], dtype=int):  # any q and λ, section 5b with p = 0
-    cells, proof["cells"] = np.split(proof["cells"], [count])
-    weight, (start, *_, q, slope, costate) = others.pop(0), cells.T
-    width = np.diff([*start, 1])
-    if min(k, j) < 0 or start[0] != 0 or min(width) <= 0:
-        sys.exit("no proof: cells that do not divide a segment")
-    end, turning = q + slope * width, slope + costate[0]
-    twice = end * most(end, *A[j]) - q * most(q, *A[j])
-    area = np.where(slope == 0, most(q, *A[j]) * width, twice / (2 * slope + (slope == 0)))
-    T[k] -= weight * sum(area)
-    S[k] += weight * costate[0] * (x[j, k + 1] - x[j, k])
-    b += weight * sum([*most(turning, *V[j]) * width, *most(q[1:] - end[:-1], *V[j])])
-    v[j, k : k + 2] += weight * np.array([-q[0], end[-1]])
-sides = [(T, t, U), (S, 1 / U, 1 / t), (Q, t**2, U**2), *zip(v[:, 1:-1], *V.T, strict=True)]
-proved = min(-b - sum(sum(most(-c, low, high)) for c, low, high in sides), U) * unit
-print(f"no motion is briefer than {float(proved):.9f} s; recorded: {said['lower_bound']:.9f} s")
-sys.exit(proved < Fraction(said["lower_bound"]))
+
+def down(x):
+    return Fraction(floor(x * DIGITS), DIGITS)
+
+
+def up(x):
+    return -down(-x)
+
+
+def most(c, low, high):  # of c z for z from low to high
+    return max(c * low, c * high)
+
+
+def root(x):  # at most √x
+    return Fraction(isqrt(floor(x * DIGITS**2)), DIGITS)
+
+
+def refuse(reason):
+    sys.exit(f"no proof: {reason}")
+
+
+def whole(x, count):
+    if x != floor(x) or not 0 <= x < count:
+        refuse(f"{float(x):g} is no number from 0 to {count - 1}")
+    return int(x)
+
+
+def unique(pairs):
+    if len(dict(pairs)) < len(pairs):
+        refuse("a key stands there twice")
+    return dict(pairs)
+
+
+def digest(tables):  # of the problem's numbers, as the file states it
+    found = hashlib.sha256()
+    for table in tables:
+        found.update(repr((len(table), len(table[0]))).encode())
+        found.update(b"".join(struct.pack("<d", float(x)) for pair in table for x in pair))
+    return found.hexdigest()
+
+
+def sided(pairs):  # what has no limit is infinite
+    return [[-inf if x is None else x, inf if y is None else y] for x, y in pairs]
+
+
+# --- the problem ---
+
+said = json.load(
+    sys.stdin,
+    parse_float=lambda digits: Fraction(float(digits)),
+    parse_int=Fraction,
+    parse_constant=refuse,
+    object_pairs_hook=unique,
+)
+claimed, proof = said["lower_bound"], said["proof"]
+points = said["problem"]["waypoints"]
+points = [x for i, x in enumerate(points) if i == 0 or x != points[i - 1]]
+limits = said["problem"]["limits"]
+pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
+if digest([said["problem"]["waypoints"], *map(sided, pairs)]) != said["problem"]["digest"]:
+    refuse("these are another problem's numbers")
+moving = [j for j in range(len(points[0])) if len({x[j] for x in points}) > 1]
+way = [[b[j] - a[j] for j in moving] for a, b in pairwise(points)]  # segment by segment
+K, N = len(way), len(moving)
+V = [[abs(v) for v in pairs[0][j]] for j in moving]  # down and up
+A = [[abs(a) for a in pairs[1][j]] for j in moving]
+J = [[None if x is None else abs(x) for x in pairs[2][j]] for j in moving]
+walls = [pairs[3][j] for j in moving]
+
+
+# --- a bound in closed form: how far one joint gets from rest to rest in so much time ---
+
+
+def farthest(time, j, sign):
+    slowness = 1 / A[j][0] + 1 / A[j][1]
+    v = min(V[j][sign], time / slowness)
+    reach = v * (time - v * slowness / 2)
+    if None in J[j]:
+        return reach
+    v, a, jerk = max(V[j]), max(A[j]), max(J[j])
+    half = time / 2
+    v = min(v, jerk * half**2 / 4 if half * jerk <= 2 * a else a * (half - a / jerk))
+    rise = v / a + a / jerk if v * jerk >= a**2 else 2 * root(v / jerk)
+    return min(reach, v * (time - rise))
+
+
+if not proof and said["bound"]["method"] == "closed form":
+    total = [sum(x) for x in zip(*way, strict=True)]
+    alone = any(farthest(claimed, j, total[j] > 0) <= abs(total[j]) for j in range(N))
+    cruising = sum(max(abs(h) / V[j][h > 0] for j, h in enumerate(row)) for row in way)
+    holds = alone or claimed <= cruising
+    print(f"closed form: {float(claimed):.9f} s {'holds' if holds else 'does not hold'}")
+    sys.exit(not holds)
+
+
+# --- the relaxation, in the proof's units; its variables by number ---
+
+unit, *sizes = proof["units"]
+if len(sizes) != N or min(unit, *sizes) <= 0 or proof["cutoff"][0] <= 0:
+    refuse("units of time and of every joint, and a cut-off")
+U = proof["cutoff"][0] / unit
+way = [[h / sizes[j] for j, h in enumerate(row)] for row in way]
+A = [[a * unit**2 / sizes[j] for a in A[j]] for j in range(N)]
+J = [[x and x * unit**3 / sizes[j] for x in J[j]] for j in range(N)]
+for j in range(N):
+    reached = up(U / (1 / A[j][0] + 1 / A[j][1]))  # between rest and rest within U
+    V[j] = [min(v * unit / sizes[j], reached) for v in V[j]]
+jerky = [j for j in range(N) if J[j] != [None, None]]
+inner = [(k, j) for k in range(K - 1) for j in jerky]  # waypoints and joints with an acceleration
+M = (K - 1) * N
+S, Q, v, a, before, after = K, 2 * K, 3 * K, 3 * K + M, 3 * K + 2 * M, 3 * K + 3 * M
+
+
+def root_box():
+    low, high = [NONE] * before, [NONE] * before  # times, velocities, accelerations
+    for k, row in enumerate(way):
+        low[k] = max(down(abs(h) / V[j][h > 0]) for j, h in enumerate(row))
+        high[k] = U
+    for k, j in ((k, j) for k in range(K - 1) for j in range(N)):
+        low[v + k * N + j], high[v + k * N + j] = -V[j][0], V[j][1]
+        if j in jerky:
+            low[a + k * N + j], high[a + k * N + j] = -A[j][0], A[j][1]
+    return low, high
+
+
+def sides(x, low, high):  # of any variable: those that are not in the box follow from it
+    if x < S or v <= x < before:
+        return low[x], high[x]
+    if x < Q:
+        return down(1 / high[x - S]), up(1 / low[x - S])
+    if x < v:
+        return low[x - Q] ** 2, high[x - Q] ** 2
+    place = (x - before) % M
+    k = place // N + (x >= after)
+    corners = [y * t for y in (low[a + place], high[a + place]) for t in (low[k], high[k])]
+    return min(corners), max(corners)
+
+
+# --- rows: coefficients by variable, and the most that their sum can be ---
+
+
+def value(f, s):
+    return f[0] + s * (f[1] + s * f[2])
+
+
+def weighed(f, width, weights):  # at least ∫ (up f⁺ + down f⁻) of f₀ + f₁ s + f₂ s²
+    f0, f1, f2 = f
+    roots, vertex = [], -f1 / (2 * f2) if f2 else 0
+    if f2 and f1**2 > 4 * f2 * f0:
+        half = root(f1**2 / 4 - f2 * f0) / f2
+        roots = [vertex - half, vertex + half]
+    elif f1 and not f2:
+        roots = [-f0 / f1]
+    borders = sorted([0, width, *(down(s) for s in roots if 0 < down(s) < width)])
+    total = 0
+    for begin, end in pairwise(borders):
+        gained = [s * (f0 + s * (f1 * HALF + s * f2 * THIRD)) for s in (begin, end)]
+        gained = gained[1] - gained[0]
+        sign = 1 if gained >= 0 else -1
+        places = [begin, end, *([vertex] if begin < vertex < end else [])]
+        depth = max(0, *(-sign * value(f, s) for s in places))  # of the other sign
+        total += most(gained, -weights[0], weights[1]) + sum(weights) * depth * (end - begin)
+    return total
+
+
+def jumps(functions, widths, weights):
+    ends = [value(f, w) for f, w in zip(functions, widths, strict=True)]
+    return sum(
+        most(f[0] - end, -weights[0], weights[1])
+        for f, end in zip(functions[1:], ends[:-1], strict=True)
+    )
+
+
+def cut(k, j, cells):  # any p, q and λ, section 5b of the mathematics
+    starts, *_, slopes = zip(*cells, strict=True)
+    widths = [end - start for start, end in pairwise([*starts, Fraction(1)])]
+    if starts[0] != 0 or min(widths) <= 0:
+        refuse("cells that do not divide a segment")
+    p, q = [list(cell[1:4]) for cell in cells], [[*cell[4:6], NONE] for cell in cells]
+    if J[j] == [None, None] and any(any(f) for f in p):
+        refuse("p without a jerk limit")
+    for f, width in zip(p, widths, strict=True):  # where jerk is free, p has not that sign
+        vertex = min(max(-f[1] / (2 * f[2]), 0), width) if f[2] else 0
+        values = [value(f, s) for s in (0, vertex, width)]
+        if None in J[j] and J[j] != [None, None]:
+            f[0] -= min(0, *values) if J[j][0] is None else max(0, *values)
+    jerk = [x or 0 for x in J[j]]
+    bends = [[f[1] + g[0], 2 * f[2] + g[1], NONE] for f, g in zip(p, q, strict=True)]
+    turns = [[g[1] + slope, NONE, NONE] for g, slope in zip(q, slopes, strict=True)]
+    room = 0
+    for change in (later - earlier for earlier, later in pairwise(slopes)):
+        if change:
+            wall = walls[j][change > 0]
+            if wall is None:
+                refuse("λ jumps where there is no wall")
+            room += change * (wall - points[k][moving[j]]) / sizes[j]
+    row = {k: -jumps(p, widths, A[j]), S + k: slopes[-1] * way[k][j] - room, Q + k: 0}
+    bound = jumps(q, widths, V[j])
+    for f, bend, turn, width in zip(p, bends, turns, widths, strict=True):
+        row[Q + k] -= weighed(f, width, jerk)
+        row[k] -= weighed(bend, width, A[j])
+        bound += weighed(turn, width, V[j])
+    if k > 0:
+        place = (k - 1) * N + j
+        row[v + place], row[after + place] = -q[0][0], -p[0][0]
+    if k < K - 1:
+        place = k * N + j
+        row[v + place], row[before + place] = value(q[-1], widths[-1]), value(p[-1], widths[-1])
+    return row, bound
+
+
+def ramp(k, j, side):  # a₁ − a₀ ≤ J T
+    if J[j][side] is None:
+        refuse("a ramp without a jerk limit")
+    sign = 1 if side else -1
+    row = {k: -J[j][side]}
+    if k > 0:
+        row[a + (k - 1) * N + j] = -sign
+    if k < K - 1:
+        row[a + k * N + j] = sign
+    return row, 0
+
+
+def corner(i, low, high):  # α between the products of a and T at the box's corners
+    later, i = divmod(i, 4 * len(inner))
+    (k, j), i = inner[i // 4], i % 4
+    place = k * N + j
+    sign = -1 if i < 2 else 1
+    x, t = (high if i in (1, 2) else low)[a + place], (high if i in (1, 3) else low)[k + later]
+    row = {(after if later else before) + place: sign, k + later: -sign * x, a + place: -sign * t}
+    return row, -sign * x * t
+
+
+squares = [(whole(k, K), t) for k, t in proof.get("square_tangents", [])]
+others = [({(k := whole(at, K)): -1, S + k: -(t**2)}, -2 * t) for at, t in proof["tangents"]]
+for k, j, side in proof.get("ramps", []):
+    others.append(ramp(whole(k, K), whole(j, N), whole(side, 2)))
+if any(t <= 0 for _, t in [*squares, *proof["tangents"]]):
+    refuse("a tangent at 0 or below")
+used = 0
+for k, j, count in proof["cuts"]:
+    last = used + whole(count, len(proof["cells"]) - used + 1)
+    others.append(cut(whole(k, K), whole(j, N), proof["cells"][used:last]))
+    used = last
+
+
+def row(i, low, high):
+    if i == 0:
+        return dict.fromkeys(range(K), 1), U
+    if i <= 2 * K:
+        k, of_square = divmod(i - 1, 2)
+        added, product = low[k] + high[k], low[k] * high[k]
+        return ({k: -added, Q + k: 1}, -product) if of_square else ({k: 1, S + k: product}, added)
+    i -= 1 + 2 * K
+    if i < 8 * len(inner):
+        return corner(i, low, high)
+    i -= 8 * len(inner)
+    if i < len(squares):  # (h − T) (T − t)² / T ≥ 0
+        k, t = squares[i]
+        h = high[k]
+        return {Q + k: 1, k: -h - 2 * t, S + k: -h * t**2}, -2 * h * t - t**2
+    return others[i - len(squares)]
+
+
+# --- the tree of boxes ---
+
+
+def is_empty(low, high):
+    return any(x > y for x, y in zip(low, high, strict=True))
+
+
+def bound(objective, low, high, multipliers):  # any multipliers y ≥ 0 of the rows give one
+    coefficients, constant = dict(objective), 0
+    for i, y in multipliers:
+        if y > 0:
+            own, largest = row(i, low, high)
+            for x, c in own.items():
+                coefficients[x] = coefficients.get(x, 0) + y * c
+            constant -= y * largest
+    terms = ((c, sides(x, low, high)) for x, c in coefficients.items() if c)
+    return constant + sum(min(c * least, c * largest) for c, (least, largest) in terms)
+
+
+def raised(low, x, at):
+    return [max(side, down(at)) if i == x else side for i, side in enumerate(low)]
+
+
+def lowered(high, x, at):
+    return [min(side, up(at)) if i == x else side for i, side in enumerate(high)]
+
+
+total = dict.fromkeys(range(K), 1)
+rows = 1 + 2 * K + 8 * len(inner) + len(squares) + len(others)
+boxes, proved, used = [root_box()], U, 0
+if is_empty(*boxes[0]):
+    refuse("a cut-off below what a segment takes")
+for kind, x, at, count in proof["steps"]:
+    if not boxes:
+        refuse("a step after the last leaf")
+    low, high = boxes.pop()
+    last = used + whole(count, len(proof["multipliers"]) - used + 1)
+    own = [(whole(i, rows), y) for i, y in proof["multipliers"][used:last]]
+    used = last
+    x = whole(x, before)
+    if S <= x < v or kind not in (RAISE, LOWER, BRANCH, LEAF):
+        refuse("a step that is none")
+    if is_empty(low, high):
+        boxes += [] if kind == LEAF else [(low, high)] * (1 + (kind == BRANCH))
+    elif kind == LEAF:
+        proved = min(proved, bound(total, low, high, own))
+    elif kind == BRANCH:  # the lower part comes first
+        boxes += [(raised(low, x, at), high), (low, lowered(high, x, at))]
+    elif kind == RAISE:
+        least = bound({x: 1}, low, high, own)
+        boxes.append((raised(low, x, min(least, at) if at else least), high))
+    else:
+        largest = -bound({x: -1}, low, high, own)
+        boxes.append((low, lowered(high, x, max(largest, at) if at else largest)))
+if boxes:
+    refuse("a branch without a leaf")
+proved = max(proved * unit, NONE)
+print(f"no motion is briefer than {float(proved):.9f} s; recorded: {float(claimed):.9f} s")
+sys.exit(proved < claimed)
