@@ -7,8 +7,9 @@ import pytest
 
 from trajopt import arm_file
 from trajopt.arm_file import FallingVelocity
+from trajopt.benchmark.suites import catalogue
 from trajopt.exceptions import InvalidInput
-from trajopt.falling_velocity import EXCESS_ATOL, Excess, excess
+from trajopt.falling_velocity import EXCESS_ATOL, Excess, caveats, excess
 from trajopt.trajectory import Trajectory
 
 
@@ -136,6 +137,19 @@ def test_the_fr3_s_own_numbers_are_libfranka_s():
     assert (limits[5].offset, limits[5].low, 2 * limits[5].deceleration) == (0.35, 0.54092, 11)
     assert len(limits) == 7
     assert arm_file.read("franka-panda").falling_velocity == ()
+
+
+def test_problems_whose_limits_are_not_the_arm_s_are_named():
+    problems = [catalogue.load(f"robots-{arm}-w4") for arm in ("ur5e", "franka-fr3")]
+    (said,) = caveats(problems)
+    assert said == (
+        "robots-franka-fr3-w4: constant velocity limits; the arm allows less near its position "
+        "limits."
+    )
+    assert "constant velocity limits" in problems[1].source
+    assert list(caveats(problems[:1])) == []
+    (said,) = caveats([problems[1]] * 8)
+    assert "and 2 more: constant" in said
 
 
 @pytest.mark.parametrize(

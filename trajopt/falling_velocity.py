@@ -8,7 +8,7 @@ excess and the share of the time come from roots, not from samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from trajopt import polynomials
 from trajopt.arm_file import FallingVelocity
+from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+_NAMED_MAX = 6  # problems that are named one by one
 EXCESS_ATOL = 1e-6
 """rad/s (m/s for a prismatic joint). An excess below it is rounding, and counts as kept."""
 
@@ -73,6 +75,16 @@ def excess(limits: Sequence[FallingVelocity | None], trajectory: Trajectory) -> 
         return Excess()
     share = _total_length(np.hstack(intervals)) / trajectory.duration
     return Excess(worst.value, worst.joint, worst.time, worst.velocity, worst.allowed, share)
+
+
+def caveats(problems: Iterable[Problem]) -> Iterator[str]:
+    """Say of which problems the constant velocity limits are not all that the arm has."""
+    names = [problem.name for problem in problems if problem.falling_velocity]
+    if names:
+        which = ", ".join(names[:_NAMED_MAX])
+        if len(names) > _NAMED_MAX:
+            which += f" and {len(names) - _NAMED_MAX} more"
+        yield f"{which}: constant velocity limits; the arm allows less near its position limits."
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ class GivenMotion(Planner):
         if joints != problem.joints:
             return f"a motion of {joints} joints; the problem has {problem.joints}"
         try:
-            self.motion.for_joints(problem.joint_names)
+            self.motion.for_joints(problem.joint_names).check_units(problem)
         except InvalidInput as error:
             return str(error)
         return None

@@ -147,7 +147,7 @@ def judge(
     asked = problem if isinstance(problem, Problem) else catalogue.load(str(problem))
     given = motion_of(motion, interpolation).for_joints(asked.joint_names)
     _check_joints(given, asked.joints)
-    _check_units(given, asked)
+    given.check_units(asked)
     _check_tolerance(asked, via_tolerance)
     trajectory = passing(asked, given.trajectory)
     strict = Judgement(asked, given, via_tolerance, trajectory, verify(asked, trajectory))
@@ -177,15 +177,6 @@ def _check_joints(motion: Motion, joints: int) -> None:
     own = motion.trajectory.joints
     if own != joints:
         raise InvalidInput("joints", f"{joints}, as the problem has", value=own, file=motion.name)
-
-
-def _check_units(motion: Motion, problem: Problem) -> None:
-    """Refuse metres for a joint that turns, and angles for one that slides, where both are said."""
-    for joint, own in enumerate(motion.joint_units):
-        if problem.joint_units and own != problem.unit(joint):
-            does = "slides" if own == "rad" else "turns"
-            right = f"a unit of {problem.unit(joint)}: {problem.joint_labels[joint]} {does}"
-            raise InvalidInput("unit", right, value=own, joint=joint, file=motion.name)
 
 
 def _excess(problem: Problem, trajectory: Trajectory) -> Excess | None:
@@ -299,7 +290,7 @@ def as_executed(
         joint_units=joint_units or motion.joint_units,
         falling_velocity=falling_velocity,
     )
-    _check_units(motion, problem)
+    motion.check_units(problem)
     return Execution(motion, problem, verify(problem, own))
 
 

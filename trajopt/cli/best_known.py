@@ -19,6 +19,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
 from trajopt.cli.parameters import InterpolationName, Json
 from trajopt.exceptions import InvalidInput
+from trajopt.falling_velocity import caveats
 from trajopt.formats.motion import ENDINGS
 from trajopt.problem import Problem
 
@@ -54,6 +55,8 @@ def list_(*problems: ProblemNames, registry: Registry = None, json: Json = False
         console.print_json({"records": rows})
         return 0
     _print_list(found)
+    for sentence in caveats(asked):
+        console.paragraph(sentence)
     if not problems:
         console.paragraph()
         _print_suites({problem.digest(): record for problem, record in found})

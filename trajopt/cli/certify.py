@@ -11,6 +11,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number, whole_number
 from trajopt.exceptions import TrajoptError
+from trajopt.falling_velocity import caveats
 from trajopt.registry import configured, entries
 from trajopt.solution import Status
 
@@ -55,6 +56,8 @@ def certify(
         console.print_json(table)
     else:
         _print(table, proof.message)
+        for sentence in caveats([loaded]):
+            console.line(sentence)
     return 0
 
 

@@ -25,6 +25,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.exceptions import TrajoptError
+from trajopt.falling_velocity import caveats
 from trajopt.interpolation import Interpolation
 from trajopt.problem import Problem
 from trajopt.registry import entries, named
@@ -129,6 +130,8 @@ def run(
             made.append(f"figures: {output / 'figures'} ({len(figures)} files)")
     if rival is not None:
         _show_against(ran, rival)
+    for sentence in caveats(loaded):
+        console.paragraph(sentence)
     _warn(summary)
     for line in made:
         console.line(line)

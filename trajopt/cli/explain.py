@@ -18,6 +18,7 @@ from trajopt.cli.plan import print_trial
 from trajopt.explain import decomposition
 from trajopt.explain.active_limits import ActiveLimit, share_at_limits
 from trajopt.explain.decomposition import Explanation
+from trajopt.falling_velocity import caveats
 from trajopt.problem import Problem
 from trajopt.registry import named
 
@@ -56,6 +57,8 @@ def explain(
         console.print_json(names | found.as_dict() | files)
         return 0
     for sentence in _sentences(trial, found):
+        console.paragraph(f"- {sentence}")
+    for sentence in caveats([trial.problem]):
         console.paragraph(f"- {sentence}")
     console.line(_drawn(figures))
     return 0

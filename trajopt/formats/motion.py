@@ -23,6 +23,7 @@ from trajopt.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.formats import joint_trajectory, own_breaks, samples_csv
 from trajopt.formats.samples import Samples
 from trajopt.interpolation import Interpolation
+from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -82,6 +83,20 @@ class Motion:
         )
         units = tuple(self.joint_units[joint] for joint in order if self.joint_units)
         return replace(self, trajectory=own, joint_names=tuple(joint_names), joint_units=units)
+
+    def check_units(self, problem: Problem) -> None:
+        """Refuse metres for a joint that turns, and angles for one that slides.
+
+        Joints are in the problem's order, and both sides say their units; else nothing is known.
+
+        Raises:
+            InvalidInput: Names the joint and the unit.
+        """
+        for joint, own in enumerate(self.joint_units):
+            if problem.joint_units and own != problem.unit(joint):
+                does = "slides" if own == "rad" else "turns"
+                right = f"a unit of {problem.unit(joint)}: {problem.joint_labels[joint]} {does}"
+                raise InvalidInput("unit", right, value=own, joint=joint, file=self.name)
 
 
 def _without_namespace(names: Sequence[str]) -> list[str]:

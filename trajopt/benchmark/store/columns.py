@@ -195,10 +195,13 @@ COLUMNS = {
     "provenance": Column("object", "", "versions, commit and machine of this trial, as JSON"),
 }
 
-_POWERS = "highest power first, time from the piece's start"
+_METRES = "m for rad where joint_units says so"
+_POWERS = f"highest power first, time from the piece's start; {_METRES}"
 ARRAYS = {
     "trajectory/breaks": Block(("pieces + 1",), "s", "start of each piece, and the end"),
-    "trajectory/coefficients": Block(("power", "piece", "joint"), "rad/s^power", _POWERS),
+    "trajectory/coefficients": Block(
+        ("power", "piece", "joint"), "rad/s^power", f"{_POWERS}; {_METRES}"
+    ),
     "trajectory/waypoint_times": Block(("waypoint",), "s", "when each waypoint is passed"),
     "history/evaluations": Block(("row",), "1", "evaluations spent"),
     "history/duration": Block(
@@ -207,10 +210,10 @@ ARRAYS = {
 }
 STATS = Block(None, "", "reported by the planner (SI units)")
 
-_LIMIT = "limits, low and high; infinite where there is none"
+_LIMIT = f"limits, low and high; infinite where there is none; {_METRES}"
 _SIDES = ("joint", "side")
 PROBLEM = {
-    "waypoints": Block(("waypoint", "joint"), "rad", "positions to pass in order, rest to rest"),
+    "waypoints": Block(("waypoint", "joint"), "rad", f"positions to pass in order; {_METRES}"),
     "velocity": Block(_SIDES, "rad/s", f"velocity {_LIMIT}"),
     "acceleration": Block(_SIDES, "rad/s^2", f"acceleration {_LIMIT}"),
     "jerk": Block(_SIDES, "rad/s^3", f"jerk {_LIMIT}"),
