@@ -1,7 +1,7 @@
 """A problem, a planner and a trial that use all there is to store; shared by the store's tests."""
 
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import h5py
 import numpy as np
@@ -85,3 +85,13 @@ def assert_same(a, b):
             np.testing.assert_array_equal(x, y, err_msg=field.name)
         else:
             assert x == y, field.name
+
+
+def as_runs(trials, label="mine"):
+    """Trials as the runs of one version of one planner, a seed each."""
+    same = {"planner": label, "label": label, "options": {}}
+    runs = []
+    for seed, trial in enumerate(trials):
+        provenance = trial.provenance | {"planner_digest": "one version"}
+        runs.append(replace(trial, seed=seed, provenance=provenance, **same))
+    return runs

@@ -14,17 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from trajopt.benchmark.analysis.summary import Kept
+from trajopt.benchmark.analysis.versions import newest
 from trajopt.benchmark.run.plan import OWN_PROCESS, Allowance, Task, missing, plan
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.store.folder import Seen, Store, read
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import Configuration, Trial
+from trajopt.benchmark.trial import Configuration, Trial, now
 from trajopt.planner import Planner
 from trajopt.problem import Problem
 from trajopt.registry import named
@@ -159,13 +160,32 @@ def run(
         del unfinished[id(task)]
         if len(unfinished) < side_by_side:
             spare(_settled(seen, unfinished.values()))
-    trials = None if waiting else store.current(asked)
-    if trials is None:
+    found = None if waiting else store.current(asked)
+    if found is None:
         store.restore(before, seen)
-        trials = _consolidated(store, asked, seen)
+        found = _consolidated(store, asked, seen)
+    trials = _shown(store, found)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Comparison(trials, kept)
+
+
+def _shown(store: Store, trials: Sequence[Trial]) -> Sequence[Trial]:
+    """The trials, marked where the folder holds a later version of their planner's."""
+    own = {trial.id for trial in trials}
+    labels = {trial.label for trial in trials}
+    stored = store.labels()
+    others = {trial_id for trial_id in stored.keys() - own if stored[trial_id] in labels}
+    if not others:
+        return trials
+    everything = [*trials, *read(store.results, others)]
+    shown = {trial.id for trial in newest(everything).trials}
+    if own <= shown:
+        return trials
+    marked = [trial if trial.id in shown else replace(trial, asked=now()) for trial in trials]
+    store.write_all(marked)
+    store.consolidate()
+    return marked
 
 
 def _isolation(executor: Executor | None) -> str:

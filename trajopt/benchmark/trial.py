@@ -44,7 +44,7 @@ class Trial:
     what no dilation can mend, or no ignored limit broken by a relaxed answer. `solve_time` and
     `setup_time` are wall seconds without and for what later calls need not do again: importing what
     the planner requires, and building what it keeps. Of a batch of `batch` runs solved together,
-    each has its share.
+    each has its share. `asked` is when a later comparison kept it in place of newer code's trials.
     """
 
     problem: Problem
@@ -62,15 +62,17 @@ class Trial:
     batch: int
     started: str
     provenance: Mapping[str, str]
+    asked: str = ""
 
     @cached_property
     def id(self) -> str:
-        """Identity: problem digest, planner, all options, seed, and the code that ran.
+        """Identity: problem digest, planner, all options, seed, and the code that ran."""
+        return trial_id(self.problem, self.planner, self.options, self.seed, self.code)
 
-        Of that, trials of earlier versions know the package's version alone.
-        """
-        code = self.provenance.get("planner_digest") or self.provenance["trajopt"]
-        return trial_id(self.problem, self.planner, self.options, self.seed, code)
+    @property
+    def code(self) -> str:
+        """Digest of the code that ran; trials of old know the package's version alone."""
+        return self.provenance.get("planner_digest") or self.provenance["trajopt"]
 
     @property
     def runs_again(self) -> bool:
@@ -311,7 +313,7 @@ def unanswered(
 
 def now() -> str:
     """The time as trials have it: UTC, ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def copied(problem: Problem) -> Problem:

@@ -50,6 +50,8 @@ def export(
         all_trials.write(results, to, path)
     trials = len(results.items)
     console.line(f"exported: {path} ({trials} trials)")
+    if results.left_out:
+        console.paragraph(results.newest)
     if to == "ioh":
         left_out = ioh.without_history(results)
         if left_out:

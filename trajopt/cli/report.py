@@ -35,4 +35,6 @@ def report(
     megabytes = file.stat().st_size / 1e6
     trials = len(results.items)
     console.line(f"report: {file} ({megabytes:.1f} MB, {trials} trials)")
+    if results.left_out:
+        console.paragraph(results.newest)
     return 0

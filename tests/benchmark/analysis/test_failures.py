@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_results import OTHER, PROBLEM, Answering, leaving, run
+from trials import as_runs
 
 from trajopt import Limits, Problem, Status, Trajectory
 from trajopt.benchmark import report
@@ -23,7 +24,7 @@ LIMITED = Problem([[0.0], [0.4], [0.5]], Limits([10.0], [100.0], position=[[-1.0
 
 def message(status: Status, text: str) -> Trial:
     own = Configuration.of(Unoptimised(), "own")
-    return unanswered(own, PROBLEM, 0, status, text)
+    return unanswered(own.entrant, PROBLEM, 0, status, text)
 
 
 def piecewise(*values: float) -> list[Trial]:
@@ -37,7 +38,7 @@ def piecewise(*values: float) -> list[Trial]:
 
 def test_position_limits_are_counted_once_with_the_worst() -> None:
     items = [*leaving(LIMITED, 2.56), *leaving(LIMITED, 1.5), *leaving(LIMITED, 0.7)]
-    table = failures(Results([replace(t, label="mine") for t in items]))
+    table = failures(Results(as_runs(items)))
     (row,) = table.itertuples()
     assert (row.kind, row.count, row.unit) == ("leave position limits", 3, "rad")
     assert row.worst == pytest.approx(2.06)
@@ -48,7 +49,7 @@ def test_position_limits_are_counted_once_with_the_worst() -> None:
 def test_named_joints_are_of_one_kind_too(name: str) -> None:
     named = replace(LIMITED, joint_names=(name,))
     items = [*leaving(LIMITED, 0.7), *leaving(named, 2.56)]
-    table = failures(Results([replace(trial, label="mine") for trial in items]))
+    table = failures(Results(as_runs(items)))
     assert in_words(table) == "2 leave position limits, worst 2.06 rad"
 
 
@@ -73,7 +74,7 @@ def test_messages_that_differ_in_numbers_are_one_kind() -> None:
         message(Status.CRASHED, "Traceback\n  File x, line 9\nValueError: bad x1: 7\n"),
         message(Status.CRASHED, "ValueError: bad x2: 7"), message(Status.FAILED, ""),
     ]  # fmt: skip
-    table = failures(Results(items))
+    table = failures(Results(as_runs(items)))
     assert dict(zip(table["kind"], table["count"], strict=True)) == {
         "timeout: stopped after … s": 2,
         "crashed: ValueError: bad x1: …": 2,
@@ -101,6 +102,6 @@ def test_the_terminal_says_why_planners_failed(
 ) -> None:
     items = [message(Status.TIMEOUT, f"stopped after {seconds} s") for seconds in (1, 2, 600)]
     monkeypatch.setattr(report, "write", lambda *_, **__: tmp_path / "report.html")
-    show(Results([*items, message(Status.CRASHED, "boom")]), tmp_path)
+    show(Results(as_runs([*items, message(Status.CRASHED, "boom")], "own")), tmp_path)
     said = " ".join(capsys.readouterr().out.split())
     assert "own: 4 failed: 3 timeout: stopped after … s; 1 crashed: boom" in said

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from test_results import OTHER, run
+from trials import as_runs
 
 from trajopt import Problem
 from trajopt.benchmark.analysis.overview import overview
@@ -18,7 +19,7 @@ from trajopt.swarm_planner import Unoptimised
 
 def refused(problem: Problem) -> Trial:
     picky = Configuration.of(Unoptimised(), "picky")
-    return unanswered(picky, problem, 0, Status.UNSUPPORTED, "not for me")
+    return unanswered(picky.entrant, problem, 0, Status.UNSUPPORTED, "not for me")
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def items() -> Sequence[Trial]:
     return [
         *run("exact", 2.0), *run("exact", 4.0, problem=OTHER),
         *run("mine", 3.0, 2.2, 2.4), *run("mine", 6.0, -1, -1, problem=OTHER),
-        *run("picky", 2.5), refused(OTHER), *run("bound", -1, bound=1.5),
+        *as_runs([*run("picky", 2.5), refused(OTHER)], "picky"), *run("bound", -1, bound=1.5),
     ]  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from trials import as_runs
 
 from trajopt import (
     InvalidInput,
@@ -280,9 +281,9 @@ def test_expected_running_times_count_what_every_run_spent():
 
 
 def test_a_run_without_an_answer_or_a_count_is_charged_too():
-    (lost,) = searching("mine", [[[30, 1.0]]])
+    first, lost, none = searching("mine", [[[20, 2.0]], [[30, 1.0]], []])
     lost = replace(lost, certificate=None, status=Status.INVALID)
-    items = [*best_353(2.0), *searching("mine", [[[20, 2.0]]]), lost, *searching("mine", [[]])]
+    items = [*best_353(2.0), first, lost, none]
     row = Results(items).running_times(0.1).loc[("mine", 0.1)]
     assert row.tolist() == [20 + 30 + 30, 1, 3]
 
@@ -345,9 +346,9 @@ def test_how_far_a_trajectory_leaves_its_position_limits_is_said():
     limits = Limits([10.0], [100.0], position=[[-1.0, 0.5]])
     out = Problem([[0.0], [0.4], [0.5]], limits, "within")
     inside = run("mine", 1.0)
-    table = Results([*inside, *leaving(out, 2.5), *leaving(out, 0.4)]).trials()
+    table = Results(as_runs([*inside, *leaving(out, 2.5), *leaving(out, 0.4)])).trials()
     np.testing.assert_allclose(table["position_excess"], [np.nan, 2.0, 0.0], atol=1e-12)
-    row = Results(leaving(out, 2.5) + leaving(out, 0.7)).summary().iloc[0]
+    row = Results(as_runs(leaving(out, 2.5) + leaving(out, 0.7))).summary().iloc[0]
     assert row["position_excess"] == pytest.approx(2.0)
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 import pytest
+from trials import as_runs
 
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, StoreError
 from trajopt.benchmark.analysis.results import Results
@@ -242,7 +243,7 @@ def written(path, trials):
 
 def curve(path, **options):
     """Of the first of two runs: a file with a single evaluation is not written."""
-    runs = [replace(t, label="mine") for t in (*run(**options), *run(seeds=(1,)))]
+    runs = as_runs([*run(**options), *run()])
     ((_, scenario, blocks),) = written(path, runs).values()
     assert len(scenario["runs"]) == len(blocks) == 2
     return blocks[0].tolist(), scenario["runs"][0]
@@ -318,8 +319,8 @@ def test_a_run_that_certified_nothing_spent_its_evaluations_and_found_nothing(
     tmp_path, segment_time
 ):
     failure = run(segment_time=segment_time)
-    failure = [replace(t, label="mine") for t in failure]
-    ((_, scenario, blocks),) = written(tmp_path, [*run(seeds=(1,)), *failure]).values()
+    runs = as_runs([*failure, *run()])
+    ((_, scenario, blocks),) = written(tmp_path, runs).values()
     spent = [[1, INF], [10, INF]] if segment_time < 0 else [[1, INF]]  # a crash tells nothing
     assert blocks[0].tolist() == spent
     assert scenario["runs"][0]["best"] == {"evals": 1, "y": sys.float_info.max, "x": []}
@@ -363,8 +364,8 @@ def test_searches_of_one_evaluation_are_left_out_and_named(tmp_path):
 
 
 def test_planners_without_histories_are_left_out_and_named(tmp_path):
-    trials = [*run(), *run("exact", history=None), *run("mine", problem=OTHER, history=None)]
-    trials[-1] = replace(trials[-1], label="mine")
+    one, other = as_runs([*run(), *run(problem=OTHER, history=None)])
+    trials = [one, *run("exact", history=None), other]
     assert set(written(tmp_path, trials)) == {("mine", "two joints")}
     assert ioh.without_history(Results(trials)) == [trials[1].label]
     with pytest.raises(StoreError, match="no trial has a history"):

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects
 import pytest
+from trials import as_runs
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark import report
@@ -215,7 +216,7 @@ def test_failures_are_grouped_by_kind_and_not_by_number() -> None:
     said = ["joint 1 at 0.5 s: leaves its position limits by 2.06 rad",
             "joint 3 at 0.25 s: leaves its position limits by 1e-05 rad", "no best 3-5-3",
             "joint 2 at 0.5 s: leaves its position limits by −1 rad", "no best 4-5-3"]  # fmt: skip
-    found = content.page(Results([replace(lost, message=m) for m in said])).failures
+    found = content.page(Results(as_runs([replace(lost, message=m) for m in said]))).failures
     assert [(f["count"], f["reason"]) for f in found] == [
         (3, "joint 1 to 3 at 0.25 to 0.5 s: leaves its position limits by −1 to 2.06 rad"),
         (1, "no best 3-5-3"),
@@ -478,8 +479,8 @@ def test_the_head_names_the_commit_or_says_that_there_are_several() -> None:
         return replace(trial, provenance=trial.provenance | {"commit": commit})
 
     one, other = by("0123456789abcdef-dirty"), by("fedcba9876543210")
-    assert ", commit 0123456789-dirty;" in content.page(Results([one, one])).brief
-    assert ", 2 commits (see below);" in content.page(Results([one, other])).brief
+    assert ", commit 0123456789-dirty;" in content.page(Results(as_runs([one, one]))).brief
+    assert ", 2 commits (see below);" in content.page(Results(as_runs([one, other]))).brief
     assert "commit" not in content.page(Results([by("")])).brief
 
 

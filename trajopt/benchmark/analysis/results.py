@@ -13,7 +13,7 @@ Durations and times are in seconds, gaps are ratios minus 1.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +32,7 @@ from trajopt.benchmark.analysis.summary import (
     is_kept,
     position_excess,
 )
+from trajopt.benchmark.analysis.versions import Newest, newest
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import InvalidInput
@@ -86,7 +87,7 @@ _LINE_TEXTS = dict.fromkeys(
 
 @dataclass(frozen=True, init=False, eq=False)
 class Results:
-    """The trials of a run, ready for tables and figures.
+    """The trials of a run, ready for tables and figures: of each planner its last version's.
 
     Args:
         source: the trials, or the path of a results folder, a `results.h5` or a trial file, which
@@ -97,13 +98,23 @@ class Results:
         StoreError: naming the file, if it cannot be read.
     """
 
-    items: Sequence[Trial]
+    newest: Newest
     kept: Kept | None
 
     def __init__(self, source: Sequence[Trial] | Path | str, kept: Kept | None = None) -> None:
-        items = store.read(source) if isinstance(source, str | Path) else source
-        object.__setattr__(self, "items", items)
+        found = store.read(source) if isinstance(source, str | Path) else source
+        object.__setattr__(self, "newest", newest(found))
         object.__setattr__(self, "kept", kept)
+
+    @property
+    def items(self) -> Sequence[Trial]:
+        """The trials that are shown."""
+        return self.newest.trials
+
+    @property
+    def left_out(self) -> Mapping[str, int]:
+        """How many trials of earlier versions are not shown, by label."""
+        return self.newest.left_out
 
     def trials(self) -> pd.DataFrame:
         """One row per trial; NaN where there is none of a number.

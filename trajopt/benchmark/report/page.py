@@ -213,7 +213,7 @@ class Page:
     def facts(self) -> list[tuple[str, str]]:
         """What was compared, where and when."""
         items = self.results.items
-        started = sorted(trial.started for trial in items)
+        started = sorted(trial.started[:19] for trial in items)
         first_and_last = dict.fromkeys([started[0], started[-1]])
         kinds = Counter(self.kinds)
         limits = "; ".join(f"{kind}: {count}" for kind, count in kinds.items())

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, Trial
+from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, Entrant, Trial
+from trajopt.exceptions import InvalidInput
 from trajopt.explain.references import references
 from trajopt.problem import Problem
 from trajopt.registry import entries
@@ -79,7 +80,12 @@ def plan(
     configurations: Sequence[Configuration],
     seeds: int,
 ) -> list[Task]:
-    """One task per problem and planner with all its seeds, references too; identical ones once."""
+    """One task per problem and planner with all its seeds, references too; identical ones once.
+
+    Raises:
+        InvalidInput: Two planners have one name with the same options shown, and differ.
+    """
+    _check_labels([configuration.entrant for configuration in configurations])
     given = {configuration.entrant.name for configuration in configurations}
     joining: dict[str, Configuration] = {}
     tasks: dict[str, Task] = {}
@@ -96,6 +102,15 @@ def plan(
             task = Task(problem, configuration, tuple(range(runs)))
             tasks.setdefault(task.ids[0], task)
     return list(tasks.values())
+
+
+def _check_labels(entrants: Sequence[Entrant]) -> None:
+    """Tables and figures know planners by their labels."""
+    known: dict[str, Entrant] = {}
+    for entrant in entrants:
+        if known.setdefault(entrant.label, entrant) != entrant:
+            right = "a name of its own for each planner, as in (name, planner)"
+            raise InvalidInput("planners", right, value=entrant.label)
 
 
 def _varies(configuration: Configuration, problem: Problem) -> bool:

@@ -159,6 +159,7 @@ _EXPECTED = {
 }
 
 _DIGEST = "[0-9a-f]{64}"
+_ASKED = r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00)?"
 _STATUS = "|".join(Status)
 _RELATION = "|".join(relation.name for relation in Relation)
 
@@ -188,6 +189,7 @@ COLUMNS = {
     "solve_time": Column("number", "s", "wall time besides; a batch's divided by its runs"),
     "batch": Column("integer", "1", "runs that were solved together"),
     "started": Column("time", "", "start time, UTC, ISO 8601"),
+    "asked": Column("name", "", "when a later comparison kept it, if so", _ASKED, newer=True),
     "certificate": Column(
         "object", "", "the verifier's worst values as JSON, joints from 1", optional=True
     ),

@@ -182,6 +182,13 @@ class Store:
             return None
         return stored if len(stored) == len(ids) else None
 
+    def labels(self) -> dict[str, str]:
+        """The planners, with their options, of the trials in `results.h5`, by identity."""
+        from trajopt.benchmark.store import results_file
+
+        with _reading(self.results):
+            return results_file.labels(self.results)
+
     def _rebuild(self, seen: Seen, place: Path) -> None:
         """Again if another run replaced `results.h5` meanwhile: it may know more trials."""
         # h5py, here and below: not where nothing is read or written yet

@@ -148,6 +148,13 @@ def read(path: Path) -> Iterator[Encoded]:
         yield Encoded(row, problems[digest], present)
 
 
+def labels(path: Path) -> dict[str, str]:
+    """The label of every trial by its identity; raises as `read` does."""
+    with hdf5.opened(path) as source:
+        ids = _column(source, "id")
+        return dict(zip(ids, _column(source, "label"), strict=True))
+
+
 def _present(source: hdf5.Source) -> list[str]:
     """The columns that a file must have, and the newer ones that it has."""
     there = source.names("trials")

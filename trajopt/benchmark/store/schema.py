@@ -97,6 +97,7 @@ def encode(trial: Trial) -> Encoded:
         "solve_time": trial.solve_time,
         "batch": trial.batch,
         "started": trial.started,
+        "asked": trial.asked,
         "certificate": _certificate_row(certificate) if certificate else None,
         "stats": stats,
         "provenance": dict(trial.provenance),
@@ -161,6 +162,7 @@ def decode(kept: Encoded, *, anew: bool = False) -> Trial:
         batch=row["batch"],
         started=row["started"],
         provenance=row["provenance"],
+        asked=row["asked"],
     )
 
 

@@ -1,0 +1,72 @@
+"""Which trials are shown: of each planner those of one version, the one that was compared last.
+
+    shown = newest(store.read("results"))
+    shown.trials, shown.left_out
+
+A label is a planner's name with its options, and says nothing of its code. Trials of several
+versions of it are not trials of one planner.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from trajopt.benchmark.trial import Trial
+
+Version = tuple[str, str, str]  # planner, options and code
+
+
+@dataclass(frozen=True)
+class Newest:
+    """The trials of each label's last version, each once, and how many others it has, by label."""
+
+    trials: Sequence[Trial]
+    left_out: Mapping[str, int]
+
+    def __str__(self) -> str:
+        """What is left out, in a sentence; empty if nothing is."""
+        if not self.left_out:
+            return ""
+        count = sum(self.left_out.values())
+        labels = [f"{label} {own}" for label, own in sorted(self.left_out.items())]
+        return f"Left out: {count} trials of planners' earlier versions ({', '.join(labels)})."
+
+
+def version(trial: Trial) -> Version:
+    """What ran, whichever the problem and the seed."""
+    options = json.dumps(dict(trial.options), sort_keys=True, default=str)
+    return trial.planner, options, trial.code
+
+
+def newest(trials: Iterable[Trial]) -> Newest:
+    """Of each label the version that ran last, or that a later comparison asked for again.
+
+    Of trials with one identity, as from two copies of a folder, the last counts.
+    """
+    once: dict[str, Trial] = {}
+    for trial in trials:
+        known = once.setdefault(trial.id, trial)
+        if _time(trial) > _time(known):
+            once[trial.id] = trial
+    last: dict[str, tuple[datetime, Version]] = {}
+    for trial in once.values():
+        own = (_time(trial), version(trial))
+        last[trial.label] = max(own, last.get(trial.label, own))
+    shown = []
+    left_out: Counter[str] = Counter()
+    for trial in once.values():
+        _, kept = last[trial.label]
+        if version(trial) == kept:
+            shown.append(trial)
+        else:
+            left_out[trial.label] += 1
+    return Newest(shown, left_out)
+
+
+def _time(trial: Trial) -> datetime:
+    """When it ran, or was last asked for."""
+    return datetime.fromisoformat(trial.asked or trial.started)
