@@ -22,13 +22,11 @@ _KINDS_SHOWN = 3  # of a planner's failures
 
 
 def show(results: Results, folder: Path) -> Path:
-    """Write the report, and print a line per planner; returns the report's path."""
-    with console.waiting("writing the report"):
-        page = report.write(
-            results,
-            folder / "report.html",
-            command=f"trajopt report {folder}",
-        )
+    """Print a line per planner, and write the report unless it is there; returns its path."""
+    page = folder / "report.html"
+    if not report.is_of(results, page):
+        with console.waiting("writing the report"):
+            report.write(results, page, command=f"trajopt report {folder}")
     numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
     table = console.table("planner", *numbers, numbers=numbers)
     for row in overview(results).itertuples():

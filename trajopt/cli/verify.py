@@ -4,11 +4,12 @@ a motion, as a controller runs it, keeps a robot's limits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from rich.table import Table
 
 from trajopt.arm_file import arm_files
 from trajopt.benchmark.store.verification import CheckedTrial, Verification, verification
@@ -24,6 +25,8 @@ from trajopt.judgement import Execution, as_executed
 from trajopt.verification import Certificate
 
 _NO_ROBOT = Robot()
+# More trials than this are counted, and only those that do not hold are listed.
+_MAX_ROWS = 200
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
@@ -133,8 +136,21 @@ def _mended(certificate: Certificate) -> Iterator[str]:
 
 
 def _print(found: Verification) -> None:
+    wrong = [trial for trial in found.trials if not trial.holds]
+    shown = found.trials if len(found.trials) <= _MAX_ROWS else wrong
+    if shown:
+        console.OUT.print(_table(shown))
+    for sentence in found.summary():
+        console.paragraph(sentence)
+    if len(found.trials) > len(shown):
+        console.paragraph("Trials that hold are not listed; --json has all of them.")
+    for trial in wrong:
+        console.paragraph(_what_is_wrong(trial))
+
+
+def _table(trials: Iterable[CheckedTrial]) -> Table:
     table = console.table("problem", "planner", *_NUMBERS, numbers=_NUMBERS)
-    for trial in found.trials:
+    for trial in trials:
         verdict = console.markup(trial.status)
         if not trial.holds:
             verdict = "[bold red]DOES NOT HOLD[/bold red]"
@@ -147,12 +163,7 @@ def _print(found: Verification) -> None:
             _number(trial.dilation),
             verdict,
         )
-    console.OUT.print(table)
-    for sentence in found.summary():
-        console.paragraph(sentence)
-    for trial in found.trials:
-        if not trial.holds:
-            console.paragraph(_what_is_wrong(trial))
+    return table
 
 
 def _what_is_wrong(trial: CheckedTrial) -> str:

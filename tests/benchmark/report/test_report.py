@@ -134,6 +134,16 @@ def test_the_page_needs_nothing_from_outside(html: str) -> None:
     assert '<link rel="stylesheet' not in html
 
 
+def test_a_page_says_whose_trials_it_shows(html: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    assert not report.is_of(Results(made()), path)
+    path.write_text(html, encoding="utf-8")
+    assert report.is_of(Results(made()), path)
+    assert not report.is_of(Results(made()[:-1]), path)
+    again = [replace(made()[0], started="2026-01-01T00:00:00+00:00"), *made()[1:]]
+    assert not report.is_of(Results(again), path)
+
+
 def test_every_number_of_the_table_is_the_results_own(html: str) -> None:
     rows, summary = Page(html).values, Results(made()).summary()
     table = blob(html, "data")

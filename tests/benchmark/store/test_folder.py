@@ -152,6 +152,20 @@ def test_a_crash_while_consolidating_keeps_the_old_results(tmp_path, trial, monk
     assert sorted(p.name for p in tmp_path.iterdir()) == ["results.h5", "trials"]
 
 
+def test_a_folder_is_read_from_results_h5_only_while_that_holds_every_trial(tmp_path, trial):
+    """No trial file is opened where `results.h5` is younger than all of them."""
+    results = Store(tmp_path)
+    path = results.write(trial)
+    results.consolidate()
+    before = path.stat()
+    path.write_bytes(b"damaged")
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert [found.id for found in read(tmp_path)] == [trial.id]
+    path.write_bytes(b"damaged")
+    with pytest.warns(DamagedFile, match=path.name):
+        assert read(tmp_path) == []
+
+
 def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, trial, monkeypatch):
     steps = []
     sync, rename = atomic._sync, os.replace

@@ -8,6 +8,7 @@ curves and trajectories, and Plotly itself, a third of its size that way) is in 
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from trajopt.benchmark.report.packing import packed, packed_json
 from trajopt.exceptions import InvalidInput
 
 TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB
+_BEGINNING = 1000  # characters, in which a report says whose it is
 
 
 def write(
@@ -69,6 +71,7 @@ def write(
     environment.filters["breaks"] = _breaks
     html = environment.get_template("template.html").render(
         page=page,
+        digest=_digest(results),
         columns=lines.COLUMNS,
         tied=TIE_DIGITS,
         command=command,
@@ -81,6 +84,22 @@ def write(
     )
     path.write_text(html, encoding="utf-8")
     return path
+
+
+def is_of(results: Results, path: Path) -> bool:
+    """Whether a file is the report of just these trials, by its first lines."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            beginning = file.read(_BEGINNING)
+    except (OSError, UnicodeDecodeError):
+        return False
+    return f'content="{_digest(results)}"' in beginning
+
+
+def _digest(results: Results) -> str:
+    """SHA-256 of the trials' identities and the times at which they were run."""
+    runs = sorted(f"{trial.id} {trial.started}" for trial in results.items)
+    return hashlib.sha256("\n".join(runs).encode()).hexdigest()
 
 
 def _breaks(label: str) -> Markup:

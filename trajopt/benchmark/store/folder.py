@@ -171,16 +171,23 @@ class Store:
 
         None where a trial file is younger, where one is not in it, or where it cannot be read.
         """
+        if not self._is_current():
+            return None
+        try:
+            stored = read(self.results, ids)
+        except StoreError:
+            return None
+        return stored if len(stored) == len(ids) else None
+
+    def _is_current(self) -> bool:
+        """Whether `results.h5` is younger than every trial file."""
         trials = self.folder / "trials"
         try:
             built = self.results.stat().st_mtime_ns
             changes = [path.stat().st_mtime_ns for path in (trials, *trials.iterdir())]
-            if max(changes) >= built:
-                return None
-            stored = read(self.results, ids)
-        except (OSError, StoreError):
-            return None
-        return stored if len(stored) == len(ids) else None
+        except OSError:
+            return False
+        return max(changes) < built
 
     def labels(self) -> dict[str, str]:
         """The planners, with their options, of the trials in `results.h5`, by identity."""
@@ -282,7 +289,8 @@ def _filling(trial: Encoded) -> atomic.Content:
 def read(path: Path | str, ids: Container[str] | None = None) -> list[Trial]:
     """The trials of a results folder, of a `results.h5`, or of a single trial file.
 
-    All of them, or those with these `ids`. Certificates are the recorded ones.
+    All of them, or those with these `ids`. Certificates are the recorded ones. A folder is read
+    from its `results.h5` where that holds every trial file as it is.
 
     Raises:
         StoreError: naming the file if it is missing, damaged, or from another version; a damaged
@@ -292,7 +300,14 @@ def read(path: Path | str, ids: Container[str] | None = None) -> list[Trial]:
     def chosen(kept: Encoded) -> Trial | None:
         return decode(kept) if ids is None or kept.row["id"] in ids else None
 
-    return [trial for trial in _all(Path(path), chosen, _warn) if trial is not None]
+    source = Path(path)
+    if ids is None and source.is_dir():
+        files = _trial_files(source)
+        named = {_id(file) for file in files}
+        whole = Store(source).current(named) if files else None
+        if whole is not None:
+            return whole
+    return [trial for trial in _all(source, chosen, _warn) if trial is not None]
 
 
 def records(path: Path | str, damaged: OnDamage = _warn) -> list[tuple[Trial, dict[str, Any]]]:
