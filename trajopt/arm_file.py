@@ -22,7 +22,6 @@ source = "who says so"
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
@@ -32,7 +31,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import built_in
+from trajopt import built_in, files
 from trajopt.exceptions import InvalidInput, UnknownName
 
 Array = NDArray[np.float64]
@@ -40,6 +39,8 @@ Array = NDArray[np.float64]
 _UNITS = {"deg": pi / 180, "rad": 1.0}  # rad
 _KINDS = ("velocity", "acceleration", "jerk", "position")
 _FALLING = "falling_velocity"
+_FALLING_COLUMNS = {"offset": (0,), "deceleration": (0,), "position": (2,)}
+_REQUIRED = ("name", "description", "velocity", "acceleration")
 
 Status = Literal["published", "configuration", "quoted", "assumed", "memory"]
 
@@ -126,53 +127,80 @@ def read(name_or_path: str) -> ArmFile:
     if not path.is_file():
         raise UnknownName("robot", name_or_path, arm_files())
     try:
-        return _arm(tomllib.loads(path.read_text(encoding="utf-8")))
+        return _arm(files.toml(path, "robot"))
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise InvalidInput(
-            "robot",
-            "a file like those in data/robots",
-            value=f"{type(error).__name__}: {error}",
-            file=str(path),
-        ) from None
 
 
-def _arm(table: dict[str, Any]) -> ArmFile:
-    name = table.pop("name")
-    description = table.pop("description")
-    joint_names = table.pop("joint_names", None)
-    falling = _falling(table.pop(_FALLING, None))
+def _arm(table: Mapping[str, Any]) -> ArmFile:
+    known = (*_REQUIRED, "joint_names", *_KINDS, _FALLING)
+    files.check_keys("", table, known, _REQUIRED)
     limits: dict[str, Array] = {}
     origins = {}
-    for kind in table:
-        if kind not in _KINDS:
-            known = ", ".join(("name", "description", "joint_names", *_KINDS, _FALLING))
-            raise InvalidInput(kind, f"one of the keys {known}", value=table[kind])
-    for kind, entry in table.items():
-        values = np.array(entry.pop("values"), dtype=float)
-        limits[kind] = values * _UNITS[entry.pop("angle_unit")]
-        origins[kind] = Origin(**entry)
-    for kind, origin in origins.items():
-        statuses = get_args(Status)
-        if origin.status not in statuses:
-            raise InvalidInput(f"{kind}.status", " or ".join(statuses), value=origin.status)
+    for kind in _KINDS:
+        if kind in table:
+            (limits[kind],) = _columns(kind, table[kind], {"values": (0, 2)})
+            origins[kind] = _origin(kind, table[kind])
+    falling: tuple[FallingVelocity, ...] = ()
+    if _FALLING in table:
+        columns = _columns(_FALLING, table[_FALLING], _FALLING_COLUMNS)
+        _origin(_FALLING, table[_FALLING])
+        rows = np.column_stack(columns).tolist()
+        falling = tuple(FallingVelocity(*row) for row in rows)
     joints = len(limits["velocity"])
-    if joint_names is None:
-        joint_names = [f"joint_{joint + 1}" for joint in range(joints)]
-    if len(joint_names) != joints:
-        raise InvalidInput("joint_names", f"{joints} names", value=joint_names)
-    if falling and len(falling) != joints:
-        raise InvalidInput(_FALLING, f"{joints} values, one per joint", value=len(falling))
-    return ArmFile(name, description, tuple(joint_names), limits, origins, falling)
+    names = table.get("joint_names", [f"joint_{joint + 1}" for joint in range(joints)])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InvalidInput("joint_names", "a list of names", value=names)
+    counts = {key: len(limits[key]) for key in limits}
+    counts |= {"joint_names": len(names), _FALLING: len(falling) or joints}
+    for key, count in counts.items():
+        if count != joints:
+            raise InvalidInput(key, f"{joints}, one per joint of velocity", value=count)
+    return ArmFile(
+        files.text_at(table, "name"),
+        files.text_at(table, "description"),
+        tuple(names),
+        limits,
+        origins,
+        falling,
+    )
 
 
-def _falling(entry: dict[str, Any] | None) -> tuple[FallingVelocity, ...]:
-    """The table of falling velocity limits; empty where there is none."""
-    if entry is None:
-        return ()
-    unit = _UNITS[entry.pop("angle_unit")]
-    columns = [unit * np.array(entry.pop(key)) for key in ("offset", "deceleration", "position")]
-    Origin(**entry)
-    rows = np.column_stack(columns).tolist()
-    return tuple(FallingVelocity(*row) for row in rows)
+def _columns(kind: str, entry: Any, widths: Mapping[str, tuple[int, ...]]) -> list[Array]:
+    """The numbers of one kind of limit, a row per joint, rad and s.
+
+    `widths` says of each key how long its rows may be; 0 means plain numbers.
+    """
+    if not isinstance(entry, Mapping):
+        raise InvalidInput(kind, "a table", value=entry)
+    required = (*widths, "angle_unit", "status", "source")
+    files.check_keys(f"{kind}.", entry, (*required, "address", "rule"), required)
+    unit = entry["angle_unit"]
+    if unit not in tuple(_UNITS):
+        raise InvalidInput(f"{kind}.angle_unit", '"deg" or "rad"', value=unit)
+    columns: list[Array] = []
+    for name, allowed in widths.items():
+        try:
+            values = np.array(entry[name])
+        except ValueError:  # ragged
+            values = np.array(None)
+        width = sum(values.shape[1:])
+        if values.dtype.kind not in "if" or values.ndim not in (1, 2) or width not in allowed:
+            right = "a number, or a pair [low, high], per joint"
+            raise InvalidInput(f"{kind}.{name}", right, value=entry[name])
+        if columns and len(values) != len(columns[0]):
+            right = f"{len(columns[0])}, one per joint"
+            raise InvalidInput(f"{kind}.{name}", right, value=len(values))
+        columns.append(values * _UNITS[unit])
+    return columns
+
+
+def _origin(kind: str, entry: Mapping[str, Any]) -> Origin:
+    texts: dict[str, Any] = {}
+    for key in ("status", "source", "address", "rule"):
+        texts[key] = files.text_at(entry, key)
+    statuses = get_args(Status)
+    if texts["status"] not in statuses:
+        right = " or ".join(statuses)
+        raise InvalidInput(f"{kind}.status", right, value=texts["status"])
+    return Origin(**texts)

@@ -5,8 +5,32 @@ Not solving a problem is not an error: it is a `Status` (see `trajopt.solution`)
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterable
 from typing import Any
+
+_LONGEST_KEY = 200  # characters that a message shows of a key
+_LONGEST_HINT = 1000  # and of what would be right
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxlist = _SHORT.maxtuple = 12
+_SHORT.maxstring = _SHORT.maxother = 120
+
+
+def shown(value: object) -> str:
+    """A value as an error shows it: the whole of a number or a name, the beginning of a table."""
+    try:
+        return shortened(_SHORT.repr(value), 4 * _LONGEST_KEY)
+    except ValueError:  # Python prints no whole number of more than 4300 digits
+        return f"a value of type {type(value).__name__}"
+
+
+def shortened(text: str, length: int) -> str:
+    """The beginning of a text that is longer than so many characters."""
+    if len(text) <= length:
+        return text
+    return f"{text[: length - 1]}…"
 
 
 class TrajoptError(Exception):
@@ -45,7 +69,7 @@ class InvalidInput(TrajoptError, ValueError):
         super().__init__(self.__str__())
 
     def __str__(self) -> str:
-        text = self.key
+        text = shortened(self.key, _LONGEST_KEY)
         if self.file:
             text = f"{self.file}: {text}"
         if self.joint is not None:
@@ -54,8 +78,8 @@ class InvalidInput(TrajoptError, ValueError):
         if hasattr(value, "item"):  # one of NumPy's numbers
             value = value.item()
         if value is not None:
-            text += f" is {value!r}"
-        return f"{text}: expected {self.expected}"
+            text += f" is {shown(value)}"
+        return f"{text}: expected {shortened(self.expected, _LONGEST_HINT)}"
 
     def in_file(self, file: str) -> InvalidInput:
         """The same error, naming the file it came from."""
@@ -85,7 +109,7 @@ class UnknownName(TrajoptError, LookupError):
         close = get_close_matches(name, self.known, n=1)
         if close:
             hint = f"did you mean {close[0]!r}?"
-        super().__init__(f"no {kind} is called {name!r}; {hint}")
+        super().__init__(f"no {kind} is called {shown(name)}; {hint}")
 
 
 class MissingBackend(TrajoptError, ImportError):

@@ -10,7 +10,6 @@ A pose is a 4 x 4 homogeneous matrix, or SciPy's `RigidTransform`, which takes a
 from __future__ import annotations
 
 import itertools
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trajopt import files
 from trajopt.exceptions import InvalidInput
 from trajopt.problem import Limits, Problem
 
@@ -100,18 +100,9 @@ class Robot:
         """Read a robot file; every error names the file, key, joint and value."""
         file = Path(path)
         try:
-            table = tomllib.loads(file.read_text(encoding="utf-8"))
-            return _parsed(table, file.stem)
+            return _parsed(files.toml(file, "robot"), file.stem)
         except InvalidInput as error:
             raise error.in_file(str(path)) from None
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise InvalidInput(
-                "robot",
-                "a readable TOML file",
-                value=reason,
-                file=str(path),
-            ) from None
 
     def frames(self, q: ArrayLike) -> Array:
         """Poses `(…, joints + 1, 4, 4)` of the base and every link at `q` `(…, joints)` rad; m."""
@@ -635,7 +626,7 @@ def _array(
 
 def _parsed(table: Mapping[str, Any], stem: str) -> Robot:
     table = {"name": stem, "source": "", **table}
-    _check_keys(table)
+    files.check_keys("", table, _KEYS, sorted(_KEYS))
     _check_choice(table, "convention", ("modified-dh",))
     _check_choice(table, "angle_unit", ("deg", "rad"))
     given = {key: table[key] for key in _COLUMNS}
@@ -647,14 +638,6 @@ def _parsed(table: Mapping[str, Any], stem: str) -> Robot:
     for key in ("alpha", "theta", "joint_range"):
         columns[key] *= radians
     return Robot(**columns, name=table["name"], source=table["source"])
-
-
-def _check_keys(table: Mapping[str, Any]) -> None:
-    known = ", ".join(sorted(_KEYS))
-    for key in sorted(set(table) ^ _KEYS):
-        if key in table:
-            raise InvalidInput(key, f"one of {known}", value=table[key])
-        raise InvalidInput(key, f"this key, as all of {known}")
 
 
 def _check_choice(

@@ -28,8 +28,7 @@ unit per joint, "m" or "mm" for that one:
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import pi
 from pathlib import Path
@@ -39,9 +38,10 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from trajopt import arm_file
+from trajopt import arm_file, files
 from trajopt.arm_file import ArmFile, FallingVelocity
 from trajopt.exceptions import InvalidInput
+from trajopt.files import check_keys, text_at
 
 Array = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def read(path: Path, limit_names: tuple[str, ...]) -> ProblemFile:
     Raises:
         InvalidInput: It is no TOML file, or a key is missing, unknown or of the wrong type.
     """
-    table = toml(path)
+    table = files.toml(path, "problem")
     arm = _arm(table)
     required: tuple[str, ...] = ("waypoints",)
     required_limits: tuple[str, ...] = ()
@@ -140,19 +140,6 @@ def read(path: Path, limit_names: tuple[str, ...]) -> ProblemFile:
         robot_limits=robot_limits,
         falling_velocity=falling_velocity,
     )
-
-
-def toml(path: Path, number: Callable[[str], Any] = float) -> dict[str, Any]:
-    """A TOML file as it stands; `number` reads what has a decimal point or an exponent.
-
-    Raises:
-        InvalidInput: It cannot be read, or is no TOML.
-    """
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"), parse_float=number)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InvalidInput("problem", "a readable TOML file", value=reason) from None
 
 
 def _arm(table: Mapping[str, Any]) -> ArmFile | None:
@@ -318,27 +305,3 @@ def _sizes(unit: Any, joint_units: Sequence[str]) -> float | Array:
     if not joint_units:
         return _ANGLES[unit]
     return np.array([1.0 if own == "m" else _ANGLES[unit] for own in joint_units])
-
-
-def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:
-    """The text under a key; raises `InvalidInput` where it is none."""
-    value = table.get(key, default)
-    if not isinstance(value, str):
-        raise InvalidInput(key, "a string", value=value)
-    return value
-
-
-def check_keys(
-    prefix: str,
-    table: Mapping[str, Any],
-    known: tuple[str, ...],
-    required: tuple[str, ...] = (),
-) -> None:
-    """Refuse keys that nobody knows, and missing ones; `prefix` stands before them in errors."""
-    for key, value in table.items():
-        if key not in known:
-            names = ", ".join(sorted(known))
-            raise InvalidInput(prefix + key, f"one of the keys {names}", value=value)
-    for key in required:
-        if key not in table:
-            raise InvalidInput(prefix + key, "this key; it is missing")

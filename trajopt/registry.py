@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -225,10 +224,8 @@ def _read(text: str) -> Any:
     """A word or a decimal number of Python's; the text itself where it is neither."""
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]
-    for reading in (numerals.whole, numerals.decimal):
-        with suppress(ValueError):
-            return reading(text)
-    return text
+    number = numerals.parsed(text)
+    return text if number is None else number
 
 
 _WORDS = {"true": True, "false": False, "none": None}

@@ -7,6 +7,7 @@ from typing import get_args
 import numpy as np
 
 from trajopt import arm_file
+from trajopt.exceptions import InvalidInput
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 from trajopt.problem import LimitName, Limits
 
@@ -14,7 +15,10 @@ from trajopt.problem import LimitName, Limits
 def named(name: str) -> RobotLimits:
     """A built-in arm's limits, rad and s; raises `UnknownName` with the arms there are."""
     arm = arm_file.read(name)
-    limits = Limits(**arm.limits)
+    try:
+        limits = Limits(**arm.limits)
+    except InvalidInput as error:
+        raise error.in_file(name) from None
     joints: dict[str, JointBounds] = {}
     for joint, joint_name in enumerate(arm.joint_names):
         bounds: dict[LimitName, Bounds] = {}

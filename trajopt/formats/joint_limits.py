@@ -17,18 +17,18 @@ limits of the robot: planning counts them, judging does not (`RobotLimits.scaled
 Also read: `min_position` and `max_position` with `has_position_limits`, and
 `max_deceleration`, where a smaller one bounds accelerations of both signs: a limit here knows a
 direction, not whether a joint is braking. What a file does not say is left as it is
-(`RobotLimits.updated`). Keys of other uses (effort, soft limits) are ignored.
+(`RobotLimits.updated`). Keys of other uses (effort, soft limits) are ignored, others refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from trajopt import files
 from trajopt.exceptions import InvalidInput
 from trajopt.formats import yaml_file
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
@@ -37,6 +37,7 @@ from trajopt.problem import LimitName
 _WHAT = "joint limits"
 _RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")
 _SCALINGS = ("default_velocity_scaling_factor", "default_acceleration_scaling_factor")
+_TABLE_KEYS = ("joint_limits", *_SCALINGS, "cartesian_limits", "robot_description_planning")
 _KEYS = (
     "has_position_limits",
     "min_position",
@@ -49,10 +50,19 @@ _KEYS = (
     "max_deceleration",
     "has_jerk_limits",
     "max_jerk",
+    # of other uses: efforts, ros2_control's soft limits
+    "angle_wraparound",
+    "has_effort_limits",
+    "has_soft_limits",
+    "k_position",
+    "k_velocity",
+    "max_effort",
+    "min_acceleration",
+    "min_jerk",
+    "min_velocity",
+    "soft_lower_limit",
+    "soft_upper_limit",
 )
-# Keys that are right as they are, however near they come to one that is read.
-_OTHER_KEYS = ("has_effort_limits", "max_effort", "has_soft_limits", "min_velocity")
-_TYPO_SIMILARITY = 0.85  # from which on a key is a slip of the pen; "max_effort" is at 0.64
 _WRAPPERS_MAX = 5  # a namespace, a node, ros__parameters, robot_description_planning
 _UNLIMITED = (-np.inf, np.inf)
 
@@ -87,6 +97,7 @@ def _unwrapped(table: Any) -> Any:
 def _limits(table: Any, source: str) -> RobotLimits:
     if not isinstance(table, Mapping) or not isinstance(table.get("joint_limits"), Mapping):
         raise InvalidInput(_WHAT, "a mapping joint_limits: of joints by their names")
+    files.check_keys("", table, _TABLE_KEYS)
     joints = {}
     for name, entry in table["joint_limits"].items():
         key = f"joint_limits.{name}"
@@ -117,8 +128,7 @@ def _scaling(table: Mapping[str, Any], key: str) -> float:
 
 def _bounds(key: str, entry: Mapping[str, Any]) -> JointBounds:
     """What one joint's entry says, by the kind of limit."""
-    for name in entry:
-        _check_key(key, str(name), entry)
+    files.check_keys(f"{key}.", entry, _KEYS)
     bounds: dict[LimitName, Bounds] = {}
     for kind in _RATES:
         high = _rate(key, entry, kind)
@@ -133,15 +143,6 @@ def _bounds(key: str, entry: Mapping[str, Any]) -> JointBounds:
     if position is not None:
         bounds["position"] = position
     return bounds
-
-
-def _check_key(key: str, name: str, entry: Mapping[str, Any]) -> None:
-    """Refuse a misspelt key: its limit would be lifted without a word."""
-    if name in _KEYS or name in _OTHER_KEYS:
-        return
-    close = get_close_matches(name, _KEYS, n=1, cutoff=_TYPO_SIMILARITY)
-    if close:
-        raise InvalidInput(f"{key}.{name}", f"the key {close[0]}", value=entry[name])
 
 
 def _has(key: str, entry: Mapping[str, Any], kind: str) -> bool | None:

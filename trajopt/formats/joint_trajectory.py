@@ -22,6 +22,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from trajopt import files
 from trajopt.exceptions import InvalidInput
 from trajopt.formats import yaml_file
 from trajopt.formats.samples import Samples
@@ -31,8 +32,29 @@ Array = NDArray[np.float64]
 _WHAT = "JointTrajectory"
 # What carries the message, from the outside in: action goals, MoveIt's and the controller's.
 _CARRIERS = ("goal", "trajectory", "joint_trajectory")
+_CARRIER_KEYS = (
+    *_CARRIERS,
+    "component_goal_tolerance",
+    "component_path_tolerance",
+    "controller_names",
+    "error_code",
+    "goal_id",
+    "goal_time_tolerance",
+    "goal_tolerance",
+    "group_name",
+    "header",
+    "model_id",
+    "multi_dof_joint_trajectory",
+    "multi_dof_trajectory",
+    "path_tolerance",
+    "planning_time",
+    "trajectory_start",
+)
+_MESSAGE_KEYS = ("header", "joint_names", "points")
+_POINT_KEYS = ("accelerations", "effort", "positions", "time_from_start", "velocities")
 _DURATIONS = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2 and ROS 1
 _NANOSECONDS = 10**9  # in a second
+_DURATION_MAX = (2**31 - 1, _NANOSECONDS - 1)  # of the two whole numbers
 _CUT_SHORT = "..."  # what `ros2 topic echo` prints in place of a long array's rest
 
 
@@ -127,11 +149,7 @@ def _table(path: Path) -> Any:
         if len(documents) != 1:
             raise InvalidInput(_WHAT, "one message in the file", value=len(documents))
         return documents[0]
-    try:
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InvalidInput(_WHAT, "a readable JSON file", value=reason) from None
+    return files.json(path, _WHAT)
 
 
 def _uncarried(message: Any) -> Mapping[str, Any]:
@@ -143,10 +161,12 @@ def _uncarried(message: Any) -> Mapping[str, Any]:
         if not isinstance(table, Mapping):
             break
         if "points" in table:
+            files.check_keys("", table, _MESSAGE_KEYS)
             return table
         carried = [table[key] for key in _CARRIERS if key in table]
         if not carried:
             break
+        files.check_keys("", table, _CARRIER_KEYS)
         table = carried[0]
     right = "a JointTrajectory, or a RobotTrajectory or FollowJointTrajectory goal that holds one"
     raise InvalidInput(_WHAT, f"{right}: joint_names and points")
@@ -166,8 +186,10 @@ def _points(points: Any) -> Sequence[Mapping[str, Any]]:
         right = "at least two points: the first is where the robot starts, at time 0"
         raise InvalidInput("points", right, value=points)
     for number, point in enumerate(points, start=1):
+        key = f"points, point {number}"
         if not isinstance(point, Mapping):
-            raise InvalidInput(f"points, point {number}", "a table", value=point)
+            raise InvalidInput(key, "a table", value=point)
+        files.check_keys(f"{key}: ", point, _POINT_KEYS)
     checked: Sequence[Mapping[str, Any]] = points
     return checked
 
@@ -197,12 +219,21 @@ def _seconds(key: str, duration: Any) -> float:
     """A duration as ROS 2 or ROS 1 writes it, or a number of seconds."""
     if not isinstance(duration, Mapping):
         return _number(key, duration)
-    for whole, part in _DURATIONS:
-        if duration and duration.keys() <= {whole, part}:
-            seconds = _number(f"{key}.{whole}", duration.get(whole, 0))
-            nanoseconds = _number(f"{key}.{part}", duration.get(part, 0))
+    for names in _DURATIONS:
+        if duration and duration.keys() <= set(names):
+            whole = []
+            for name, most in zip(names, _DURATION_MAX, strict=True):
+                whole.append(_whole(f"{key}.{name}", duration.get(name, 0), most))
+            seconds, nanoseconds = whole
             return seconds + nanoseconds / _NANOSECONDS
     raise InvalidInput(key, "{sec, nanosec}, {secs, nsecs} or seconds", value=dict(duration))
+
+
+def _whole(key: str, item: Any, most: int) -> int:
+    value = yaml_file.number(item)
+    if value is None or not 0 <= value <= most or value != int(value):
+        raise InvalidInput(key, f"a whole number from 0 to {most}", value=item)
+    return int(value)
 
 
 def _column(points: Sequence[Mapping[str, Any]], field: str, joints: int) -> Array | None:
@@ -213,7 +244,7 @@ def _column(points: Sequence[Mapping[str, Any]], field: str, joints: int) -> Arr
     rows = []
     for number, point in enumerate(points, start=1):
         key = f"points, point {number}: {field}"
-        if number not in given:
+        if not point.get(field):
             right = f"{joints} numbers, as point {given[0]} has: all points have them, or none"
             raise InvalidInput(key, right, value=point.get(field))
         rows.append(_row(key, point[field], joints))

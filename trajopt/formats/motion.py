@@ -10,27 +10,59 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from trajopt import piecewise
+from trajopt import files, piecewise
 from trajopt.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.formats import joint_trajectory, own_breaks, samples_csv
 from trajopt.formats.samples import Samples
 from trajopt.interpolation import Interpolation
+from trajopt.numerals import is_number
 from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
+Array = NDArray[np.float64]
+
 ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
 _TABLES = (".csv", ".txt")
+_POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names")
+# What else the files have that `plan` writes, and those of data/best_known.
+_TRIAL_KEYS = (
+    "certificate",
+    "certified_duration",
+    "claimed_duration",
+    "evaluations",
+    "lower_bound",
+    "message",
+    "options",
+    "planner",
+    "problem",
+    "seed",
+    "setup_time",
+    "solve_time",
+    "status",
+    "waypoint_times",
+)
+_RECORD_KEYS = (
+    "bound",
+    "duration",
+    "joint_names",
+    "lower_bound",
+    "motion",
+    "problem",
+    "proof",
+    "schema",
+    "trajectory",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,51 +181,65 @@ def _read(path: Path, interpolation: Interpolation) -> Motion:
     if path.suffix not in ENDINGS:
         right = f"a file ending in {', '.join(ENDINGS)}"
         raise InvalidInput("motion", right, value=str(path))
-    if path.suffix in _TABLES:
-        return _in_file(path, samples_csv.read(path), interpolation)
-    if path.suffix == ".json":
-        table = _polynomials(path)
-        if table is not None:
-            return _of_polynomials(path, table, interpolation)
-    return _in_file(path, joint_trajectory.read(path), interpolation)
-
-
-def _in_file(path: Path, samples: Samples, interpolation: Interpolation) -> Motion:
     try:
-        return _of_samples(path.name, samples, interpolation)
+        motion = _in_file(path, interpolation)
+        own_breaks.check_work(*motion.trajectory.coefficients.shape)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
-
-
-def _polynomials(path: Path) -> Mapping[str, Any] | None:
-    """The table of a file of polynomials; None where it is anything else."""
-    try:
-        table = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
-        return None  # joint_trajectory.read says what is wrong
-    if not isinstance(table, Mapping):
-        return None
-    if {"breaks", "coefficients"} <= set(table) or own_breaks.is_said(table.get("trajectory")):
-        return table
-    return None
-
-
-def _of_polynomials(path: Path, table: Mapping[str, Any], wanted: Interpolation) -> Motion:
-    names = table.get("joint_names") or ()
-    try:
-        _check_nothing_to_join(wanted)
-        if own_breaks.is_said(table.get("trajectory")):
-            trajectory = own_breaks.trajectory(table["trajectory"])
-        else:
-            breaks = np.array(table["breaks"], dtype=float)
-            coefficients = np.array(table["coefficients"], dtype=float)
-            trajectory = Trajectory(breaks, coefficients, breaks[[0, -1]])
-    except InvalidInput as error:
-        raise error.in_file(str(path)) from None
-    except (ValueError, TypeError, IndexError, InvalidTrajectory) as error:
+    except InvalidTrajectory as error:
         right = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together"
         raise InvalidInput("motion", right, value=str(error), file=str(path)) from None
+    return motion
+
+
+def _in_file(path: Path, interpolation: Interpolation) -> Motion:
+    if path.suffix in _TABLES:
+        return _of_samples(path.name, samples_csv.read(path), interpolation)
+    if path.suffix != ".json":
+        return _of_samples(path.name, joint_trajectory.read(path), interpolation)
+    table = files.json(path, "motion")
+    if not _has_polynomials(table):
+        return _of_samples(path.name, joint_trajectory.from_message(table), interpolation)
+    _check_nothing_to_join(interpolation)
+    trajectory, names = _stated(table)
     if names and len(names) != trajectory.joints:
-        right = f"{trajectory.joints} names"
-        raise InvalidInput("joint_names", right, value=len(names), file=str(path))
-    return Motion(path.name, trajectory, "polynomial", tuple(map(str, names)))
+        raise InvalidInput("joint_names", f"{trajectory.joints} names", value=len(names))
+    return Motion(path.name, trajectory, "polynomial", tuple(names))
+
+
+def _has_polynomials(table: Any) -> bool:
+    """Whether JSON is meant as polynomials, and not as a message."""
+    if not isinstance(table, Mapping):
+        return False
+    return "coefficients" in table or own_breaks.is_said(table.get("trajectory"))
+
+
+def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, list[str]]:
+    """The trajectory and the joints' names of a table of polynomials."""
+    if own_breaks.is_said(table.get("trajectory")):
+        files.check_keys("", table, _RECORD_KEYS)
+        return own_breaks.trajectory(table["trajectory"]), _names(table)
+    files.check_keys("", table, (*_POLYNOMIAL_KEYS, *_TRIAL_KEYS), _POLYNOMIAL_KEYS[:2])
+    breaks = _numbers("breaks", table["breaks"], 1)
+    coefficients = _numbers("coefficients", table["coefficients"], 3)
+    own_breaks.check_work(*coefficients.shape)
+    return Trajectory(breaks, coefficients, breaks[[0, -1]]), _names(table)
+
+
+def _names(table: Mapping[str, Any]) -> list[str]:
+    names = table.get("joint_names") or []
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
+    return names
+
+
+def _numbers(key: str, rows: Any, axes: int) -> Array:
+    """Nested lists of finite numbers as an array; NumPy alone takes texts and truth values too."""
+    try:
+        array = np.array(rows, dtype=object)
+    except ValueError:  # ragged
+        array = np.array(None)
+    if array.ndim != axes or 0 in array.shape or not all(map(is_number, array.flat)):
+        right = "finite numbers: breaks (s), and coefficients (degree + 1, pieces, joints)"
+        raise InvalidInput(key, right, value=rows)
+    return array.astype(float)

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from trajopt import polynomials
 from trajopt.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.files import check_keys
+from trajopt.numerals import is_number
 from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -31,8 +33,8 @@ SAME_RTOLS = (1e-12, 1e-13, 1e-14, 1e-15)
 
 Of the joint's range of positions, over the mean time of a segment to the power of the derivative.
 """
-_COEFFICIENTS_MAX = 101
-_LARGEST = 1e308
+COEFFICIENTS_MAX = 101
+_WORK_MAX = 3e7  # coefficients, times at least 10 and as many as a piece has
 _EPS = float(np.finfo(float).eps)
 _PIECE = "its start (s), then coefficients: finite numbers"
 
@@ -70,21 +72,43 @@ def trajectory(said: Any) -> Trajectory:
     if not is_said(said):
         names = " and ".join(sorted(_KEYS))
         raise InvalidInput("trajectory", f"an object with {names}")
+    check_keys("trajectory.", said, _KEYS)
     times = _row("waypoint_times", said["waypoint_times"], "times: finite numbers")
     joints = said["joints"]
     has_joints = isinstance(joints, list) and len(joints) > 0
     if len(times) < 2 or not has_joints:
         right = "two or more waypoint times, and one or more joints"
         raise InvalidInput("trajectory", right)
+    pieces = len(times)
+    for joint, rows in enumerate(joints):
+        if not isinstance(rows, list) or not rows:
+            raise InvalidInput("trajectory, joints", "a list of pieces", joint=joint)
+        pieces += len(rows)
     parts = []
     for joint, rows in enumerate(joints):
         part = _joint(rows, joint, times[-1])
+        check_work(len(part[1]), pieces, len(joints))
         parts.append(part)
     try:
         return Trajectory.joined(parts, times)
     except InvalidTrajectory as error:
         right = f"a piecewise polynomial, but {error}"
         raise InvalidInput("trajectory", right) from None
+
+
+def check_work(rows: int, pieces: int, joints: int) -> None:
+    """Refuse polynomials that take more than seconds, or gigabytes, to judge.
+
+    Raises:
+        InvalidInput: There are more than a motion of 83,000 samples and six joints has.
+    """
+    if rows > COEFFICIENTS_MAX:
+        right = f"polynomials of at most degree {COEFFICIENTS_MAX - 1}"
+        raise InvalidInput("trajectory", right, value=rows - 1)
+    if rows * max(rows, 10) * pieces * joints > _WORK_MAX:
+        right = "fewer pieces, or polynomials of a lower degree"
+        counts = f"{pieces} pieces of degree {rows - 1} for {joints} joints"
+        raise InvalidInput("trajectory", right, value=counts)
 
 
 def is_said(said: Any) -> bool:
@@ -133,17 +157,15 @@ def _rows(breaks: Array, coefficients: Array, allowed: Array) -> list[Row]:
     return rows
 
 
-def _joint(said: Any, joint: int, end: float) -> tuple[Array, Array]:
+def _joint(said: Sequence[Any], joint: int, end: float) -> tuple[Array, Array]:
     """Breaks and coefficients `(degree + 1, pieces)` of one joint."""
-    if not isinstance(said, list) or not said:
-        raise InvalidInput("trajectory, joints", "a list of pieces", joint=joint)
     starts: list[float] = []
     pieces: list[Array] = []
     for number, item in enumerate(said, start=1):
         key = f"trajectory, piece {number}"
         start, *stated = _row(key, item, _PIECE, joint)
         going_on = np.zeros(0)
-        most = _COEFFICIENTS_MAX
+        most = COEFFICIENTS_MAX
         if pieces:
             before = pieces[-1]
             most = len(before)
@@ -175,22 +197,8 @@ def _row(
 ) -> Sequence[float]:
     """A list of finite numbers, as floats."""
     if not isinstance(value, list) or not value:
-        raise InvalidInput(key, right, value=_short(value), joint=joint)
+        raise InvalidInput(key, right, value=value, joint=joint)
     for item in value:
         if not is_number(item):
-            raise InvalidInput(key, right, value=_short(item), joint=joint)
+            raise InvalidInput(key, right, value=item, joint=joint)
     return [float(item) for item in value]
-
-
-def is_number(value: Any) -> bool:
-    """Whether JSON said a number that a float holds."""
-    if isinstance(value, bool):
-        return False
-    if not isinstance(value, int | float):
-        return False
-    return -_LARGEST < value < _LARGEST
-
-
-def _short(value: Any) -> str:
-    """Of what stands in its place, no more than the beginning."""
-    return f"{value!r:.60}"

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from decimal import Decimal
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import numerals
+from trajopt import files, numerals
 from trajopt.exceptions import InvalidInput
 from trajopt.formats.samples import Samples
 
@@ -83,14 +84,13 @@ def read(path: Path) -> Samples:
     Raises:
         InvalidInput: Names the file, the line, the column, the value, and what would be right.
     """
+    text = files.text(path, "samples", "CSV")
     try:
-        return _samples(path.read_text(encoding="utf-8-sig"))
+        return _samples(text)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
-    except (OSError, ValueError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        right = "a readable CSV file"
-        raise InvalidInput("samples", right, value=reason, file=str(path)) from None
+    except csv.Error as error:
+        raise files.unreadable(path, "samples", "CSV", error) from None
 
 
 @dataclass(frozen=True)
@@ -200,24 +200,23 @@ def _layout(line: int, columns: Sequence[_Column]) -> dict[int, list[int]]:
     return layout
 
 
-def _row(line: int, cells: Sequence[str], columns: Sequence[_Column]) -> list[Decimal]:
+def _row(line: int, cells: Sequence[str], columns: Sequence[_Column]) -> list[Any]:
     if len(cells) != len(columns):
         right = f"{len(columns)} cells, one per column of the header"
         raise InvalidInput(f"line {line}", right, value=len(cells))
     numbers = []
     for place, (cell, column) in enumerate(zip(cells, columns, strict=True), start=1):
-        try:
-            numerals.decimal(cell)
-        except ValueError:
+        number = numerals.parsed(cell)
+        if not numerals.is_number(number):
             key = f"line {line}, column {place}, {column.heading},"
-            raise InvalidInput(key, "a finite number, like -1.5e-3", value=cell) from None
-        numbers.append(Decimal(cell))
+            raise InvalidInput(key, "a finite number, like -1.5e-3", value=cell)
+        numbers.append(Decimal(cell) if column.order == _TIME else number)
     return numbers
 
 
 def _times(
     lines: Sequence[tuple[int, str]],
-    rows: Sequence[Sequence[Decimal]],
+    rows: Sequence[Sequence[Any]],
     columns: Sequence[_Column],
 ) -> Array:
     """Since the first sample, s: of times like 1.7e9 the difference keeps every digit."""

@@ -14,7 +14,6 @@ A prismatic joint is in metres: the robot says which joints slide, and a header 
 from __future__ import annotations
 
 import csv
-import json
 import re
 import warnings
 from collections.abc import Mapping, Sequence
@@ -24,7 +23,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from trajopt import numerals
+from trajopt import files, numerals
 from trajopt.exceptions import InvalidInput, UnitWarning
 from trajopt.formats.robot_limits import RobotLimits
 from trajopt.problem import Problem
@@ -75,10 +74,8 @@ def read(path: Path) -> Waypoints:
         return _READERS[path.suffix](path)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
-    except (OSError, ValueError, EOFError, RecursionError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        right = f"a readable {path.suffix} file"
-        raise InvalidInput("waypoints", right, value=reason, file=str(path)) from None
+    except (OSError, ValueError, csv.Error) as error:
+        raise files.unreadable(path, "waypoints", path.suffix, error) from None
 
 
 def problem(path: Path, robot: RobotLimits, unit: Unit | None = None) -> Problem:
@@ -168,7 +165,7 @@ def _units(
 
 
 def _read_csv(path: Path) -> Waypoints:
-    text = path.read_text(encoding="utf-8-sig")
+    text = files.text(path, "waypoints", path.suffix, marks=",;\t\n ")
     lines = [line for line in text.splitlines() if _is_row(line)]
     if not lines:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint; it is empty")
@@ -249,7 +246,16 @@ def _number(cell: str) -> float | None:
 
 
 def _read_npy(path: Path) -> Waypoints:
-    array = np.load(path, allow_pickle=False)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            # Mapped, not read: a header may claim any size.
+            array = np.lib.format.open_memmap(path, mode="r")
+    except Exception as error:  # of NumPy, of Python's own parser, or of the system
+        raise files.unreadable(path, "waypoints", path.suffix, error) from None
+    if array.size > files.MAX_VALUES:
+        right = f"at most {files.MAX_VALUES} numbers"
+        raise InvalidInput("waypoints", right, value=array.size)
     if array.ndim != 2 or array.dtype.kind not in "iuf":
         right = "an array of numbers, (waypoints, joints)"
         raise InvalidInput("waypoints", right, value=f"{array.dtype} {array.shape}")
@@ -257,13 +263,10 @@ def _read_npy(path: Path) -> Waypoints:
 
 
 def _read_json(path: Path) -> Waypoints:
-    table = json.loads(path.read_text(encoding="utf-8-sig"))
+    table = files.json(path, "waypoints")
     if not isinstance(table, Mapping):
         table = {"waypoints": table}
-    known = ("waypoints", "joint_names", "unit")
-    for key in table:
-        if key not in known:
-            raise InvalidInput(str(key), f"one of the keys {', '.join(known)}")
+    files.check_keys("", table, ("waypoints", "joint_names", "unit"))
     rows = table.get("waypoints")
     is_table = isinstance(rows, list) and bool(rows) and isinstance(rows[0], list)
     if not is_table:

@@ -1,17 +1,40 @@
-"""YAML files as ROS writes them: no key twice, angles tagged `!degrees` in radians."""
+"""YAML files as ROS writes them: tables, lists and plain values, angles tagged `!degrees`.
+
+Read event by event, not by PyYAML's constructors: what a few hundred bytes can make endless
+(anchors, aliases, merge keys) is refused, and a number is what it looks like in every version of
+YAML (1:30 is no 90, 010 no 8).
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from math import pi
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from trajopt import numerals
-from trajopt.exceptions import InvalidInput
+from trajopt import files, numerals
+from trajopt.exceptions import InvalidInput, shortened
 
 _DEGREE = pi / 180  # rad
+_PARSER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_TEXT_TAGS = ("!", "tag:yaml.org,2002:str")
+_KINDS = ("bool", "float", "int", "map", "null", "seq")
+_TAGS = (*_TEXT_TAGS, *(f"tag:yaml.org,2002:{kind}" for kind in _KINDS))
+_OCTAL = re.compile(r"[+-]?0[0-9]+")
+_WORDS: dict[str, bool | None] = {
+    "": None,
+    "~": None,
+    "null": None,
+    "true": True,
+    "yes": True,
+    "on": True,
+    "false": False,
+    "no": False,
+    "off": False,
+}
 
 
 def read(path: Path, what: str) -> Any:
@@ -38,52 +61,90 @@ def documents(path: Path, what: str) -> list[Any]:
         what: It should be, in words, as an error says it.
 
     Raises:
-        InvalidInput: It cannot be read, is not YAML, or has a key twice.
+        InvalidInput: It cannot be read, is not YAML, has a key twice or an alias.
     """
+    content = files.text(path, what, "YAML")
+    found = []
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        found = list(yaml.load_all(text, Loader=_Loader))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise InvalidInput(what, "a readable YAML file", value=reason, file=str(path)) from None
+        events = yaml.parse(content, Loader=_PARSER)
+        for event in events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                found.append(_value(next(events), events, 0))
+    except yaml.MarkedYAMLError as error:
+        reason = f"{error.problem}{_line(error.problem_mark)}"
+        raise files.unreadable(path, what, "YAML", ValueError(reason)) from None
+    except (ValueError, yaml.YAMLError) as error:
+        raise files.unreadable(path, what, "YAML", error) from None
     return [document for document in found if document is not None]
 
 
 def number(value: Any) -> float | None:
-    """A finite number, also one that YAML takes for a text (1e-3 has no dot); None for others."""
-    if isinstance(value, bool):
-        return None
-    try:
-        return numerals.decimal(str(value))
-    except ValueError:
-        return None
+    """A finite number, also in quotes; None for others, and for what is octal to some."""
+    if isinstance(value, str) and not _OCTAL.fullmatch(value):
+        value = numerals.parsed(value)
+    return float(value) if numerals.is_number(value) else None
 
 
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # it has no types
-    """PyYAML's safe loader, with ROS's tags, that refuses a key given twice."""
-
-
-def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    seen = set()
-    for key, _ in node.value:
-        if key.value in seen and key.value != "<<":
-            problem = f"the key {key.value} is there twice"
-            raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-        seen.add(str(key.value))
-    loader.flatten_mapping(node)
-    table: dict[Any, Any] = loader.construct_mapping(node, deep=True)
+def _value(event: yaml.Event, events: Iterator[yaml.Event], depth: int) -> Any:
+    """What begins with this event."""
+    if isinstance(event, yaml.ScalarEvent):
+        return _scalar(event)
+    _check_tag(event)
+    if depth == files.MAX_DEPTH:
+        raise ValueError(f"it is nested deeper than {depth}{_line(event.start_mark)}")
+    if isinstance(event, yaml.SequenceStartEvent):
+        items = []
+        while not isinstance(item := next(events), yaml.SequenceEndEvent):
+            items.append(_value(item, events, depth + 1))
+        return items
+    table: dict[str, Any] = {}
+    while not isinstance(key := next(events), yaml.MappingEndEvent):
+        name = _key(key, table)
+        table[name] = _value(next(events), events, depth + 1)
     return table
 
 
-def _degrees(loader: _Loader, node: yaml.ScalarNode) -> Any:
-    angle = number(node.value)
-    return node.value if angle is None else angle * _DEGREE
+def _key(event: yaml.Event, table: dict[str, Any]) -> str:
+    """A key, always a text: a joint may be called `1` or `on`."""
+    line = _line(event.start_mark)
+    if not isinstance(event, yaml.ScalarEvent):
+        raise ValueError(f"a key is no text{line}")
+    name = str(event.value)
+    if name == "<<":
+        raise ValueError(f"a merge key <<, which is not supported{line}")
+    if name in table:
+        raise ValueError(f"the key {shortened(name, 60)} is there twice{line}")
+    return name
 
 
-def _radians(loader: _Loader, node: yaml.ScalarNode) -> Any:
-    return node.value
+def _scalar(event: yaml.ScalarEvent) -> Any:
+    text = event.value
+    if event.tag in ("!degrees", "!radians"):
+        angle = number(text)
+        if event.tag == "!radians" or angle is None:
+            return text
+        return angle * _DEGREE
+    _check_tag(event)
+    is_text = event.tag in _TEXT_TAGS or not (event.tag or event.implicit[0])
+    if is_text:
+        return text
+    if text.lower() in _WORDS:
+        return _WORDS[text.lower()]
+    if _OCTAL.fullmatch(text):
+        return text
+    found = numerals.parsed(text)
+    return text if found is None else found
 
 
-_Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
-_Loader.add_constructor("!degrees", _degrees)
-_Loader.add_constructor("!radians", _radians)
+def _check_tag(event: yaml.Event) -> None:
+    """Refuse what only a program could make, and what repeats."""
+    line = _line(event.start_mark)
+    if isinstance(event, yaml.AliasEvent):
+        raise ValueError(f"an alias *{event.anchor}, which is not supported{line}")
+    tag = event.tag
+    if tag is not None and tag not in _TAGS:
+        raise ValueError(f"a tag {shortened(tag, 60)}, which is not supported{line}")
+
+
+def _line(mark: Any) -> str:
+    return "" if mark is None else f", line {mark.line + 1}"

@@ -123,14 +123,14 @@ def test_a_problem_file_without_publication_has_no_claims(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("4.50", '"4.50"', "claim 1, time is '4.50': expected a number"),
+        ("4.50", '"4.50"', "claim 1, time is '4.50': expected a finite number"),
         ("4.50", "nan", "claim 1, time is nan: expected a finite number"),
-        ("4.50", "true", "claim 1, time is True: expected a number"),
+        ("4.50", "true", "claim 1, time is True: expected a finite number"),
         ("4.50", "-1.0", "claim 1, time is -1.0: expected a positive duration"),
         ("4.50", "0", "claim 1, time is 0.0: expected a positive duration"),
         ('"s"', '"min"', 'claim 1, unit is \'min\': expected "s" or "ms"'),
         ('unit = "s"', "", 'claim 1, unit: expected "s" or "ms"'),
-        ("time =", "tiem =", "claim 1, tiem is Decimal('4.50'): expected one of the keys"),
+        ("time =", "tiem =", "claim 1, tiem is Decimal('4.50'): expected the key time"),
         ("objective", "goal", "published.goal is 'time': expected one of the keys"),
         ('objective = "time"', "objective = 3", "objective is 3: expected a string"),
         ('objective = "time"', "unsaid = 3", "published.unsaid is 3: expected a list of texts"),

@@ -18,8 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt import files
 from trajopt.exceptions import InvalidInput
 from trajopt.formats import own_breaks
+from trajopt.numerals import is_number
 from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.trajectory import Trajectory
 
@@ -194,12 +196,7 @@ def read(path: Path) -> Record:
         InvalidInput: It is none; names the file, the key and what would be right.
     """
     try:
-        return parsed(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        right = "a file that can be read"
-        raise InvalidInput("record", right, value=error.strerror, file=str(path)) from None
-    except UnicodeDecodeError:
-        raise InvalidInput("record", "text in UTF-8", file=str(path)) from None
+        return _of(files.json(path, "record"))
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
 
@@ -211,24 +208,10 @@ def parsed(content: str) -> Record:
         InvalidInput: It is none.
     """
     try:
-        said = json.loads(content, parse_constant=_refused, object_pairs_hook=_object)
+        said = files.parsed_json(content)
     except (ValueError, RecursionError) as error:
         raise InvalidInput("record", f"JSON, but {error}") from None
     return _of(said)
-
-
-def _refused(constant: str) -> Any:
-    raise ValueError(f"{constant} is no number of JSON")
-
-
-def _object(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """An object whose keys differ: of two values of one key readers would believe either."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"the key {twice!r:.60} stands there twice")
-    return found
 
 
 def _of(said: Any) -> Record:
@@ -254,17 +237,17 @@ def _table(key: str, value: Any, names: Sequence[str]) -> Mapping[str, Any]:
 
 
 def _positive(key: str, value: Any) -> float:
-    if not own_breaks.is_number(value) or not value > 0:
-        raise InvalidInput(key, "a positive number, s", value=f"{value!r:.60}")
+    if not is_number(value) or not value > 0:
+        raise InvalidInput(key, "a positive number, s", value=value)
     return float(value)
 
 
 def _line(key: str, value: Any) -> str:
     right = f"one printable line of at most {_TEXT_MAX} characters"
     if not isinstance(value, str):
-        raise InvalidInput(key, right, value=f"{value!r:.60}")
+        raise InvalidInput(key, right, value=value)
     if len(value) > _TEXT_MAX or not value.isprintable():
-        raise InvalidInput(key, right, value=f"{value!r:.60}")
+        raise InvalidInput(key, right, value=value)
     return value
 
 
@@ -328,7 +311,7 @@ def _problem(value: Any) -> Problem:
     )
     if table["digest"] != problem.digest():
         right = f"{problem.digest()}, that of its numbers"
-        raise InvalidInput("problem.digest", right, value=f"{table['digest']!r:.80}")
+        raise InvalidInput("problem.digest", right, value=table["digest"])
     return problem
 
 
@@ -350,7 +333,7 @@ def _pairs(name: str, value: Any) -> list[Any]:
     pairs = []
     for item in value:
         if not isinstance(item, list) or len(item) != 2:
-            raise InvalidInput(f"problem.limits.{name}", "pairs [low, high]", value=f"{item!r:.60}")
+            raise InvalidInput(f"problem.limits.{name}", "pairs [low, high]", value=item)
         low, high = item
         low = -np.inf if low is None else low
         high = np.inf if high is None else high

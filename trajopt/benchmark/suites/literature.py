@@ -13,6 +13,7 @@ stated here wait in data/literature/beyond, with the reason.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from itertools import starmap
@@ -20,10 +21,10 @@ from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trajopt import built_in
+from trajopt import built_in, numerals
 from trajopt.exceptions import InvalidInput, UnknownName
+from trajopt.files import check_keys, text_at, toml
 from trajopt.problem import Problem
-from trajopt.problem_file import check_keys, text_at, toml
 
 if TYPE_CHECKING:
     from trajopt.explain.claims import Claim
@@ -125,8 +126,7 @@ def published(name_or_path: str | Path) -> Published:
 
 
 def _published(path: Path) -> Published:
-    # a decimal remembers how many digits were printed
-    table = toml(path, number=Decimal)
+    table = toml(path, "published problem", number=_printed)
     beyond = text_at(table, "beyond")
     problem = None
     if not beyond:
@@ -151,6 +151,13 @@ def _published(path: Path) -> Published:
     )
 
 
+def _printed(text: str) -> Decimal | float:
+    """A decimal, which remembers how many digits were printed; a float for infinity."""
+    with suppress(ValueError):
+        return numerals.exact(text)
+    return float(text)
+
+
 def _claim(number: int, entry: Any) -> Claim:
     """One `[[published.claims]]`: `time` and `unit`; `peak_jerk` goes with `jerk_unit`."""
     # planners and the verifier: not where problems are only looked up
@@ -162,14 +169,12 @@ def _claim(number: int, entry: Any) -> Claim:
     texts = {name: text_at(table, name) for name in _CLAIM_TEXTS}
     time = table.get("time")
     if not isinstance(time, Decimal | int) or isinstance(time, bool):
-        raise InvalidInput(f"{key}, time", "a number", value=time)
+        raise InvalidInput(f"{key}, time", "a finite number", value=time)
     unit = table.get("unit")
     if unit not in _SECONDS:
         raise InvalidInput(f"{key}, unit", '"s" or "ms"', value=unit)
     seconds = _SECONDS[unit]
     printed = Decimal(time)
-    if not printed.is_finite():
-        raise InvalidInput(f"{key}, time", "a finite number", value=float(printed))
     # 4.717 has the exponent −3: half a unit of its last digit is 0.0005
     exponent = int(printed.as_tuple().exponent)
     half = Decimal(5).scaleb(exponent - 1)
