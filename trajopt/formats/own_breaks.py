@@ -34,7 +34,7 @@ SAME_RTOLS = (1e-12, 1e-13, 1e-14, 1e-15)
 Of the joint's range of positions, over the mean time of a segment to the power of the derivative.
 """
 COEFFICIENTS_MAX = 101
-_WORK_MAX = 3e7  # coefficients, times at least 10 and as many as a piece has
+_WORK_MAX = 5e7  # polynomials, times the square of their coefficients (at least 10)
 _EPS = float(np.finfo(float).eps)
 _PIECE = "its start (s), then coefficients: finite numbers"
 
@@ -80,14 +80,16 @@ def trajectory(said: Any) -> Trajectory:
         right = "two or more waypoint times, and one or more joints"
         raise InvalidInput("trajectory", right)
     pieces = len(times)
+    most = 1
     for joint, rows in enumerate(joints):
-        if not isinstance(rows, list) or not rows:
+        if not isinstance(rows, list) or not rows or not isinstance(rows[0], list):
             raise InvalidInput("trajectory, joints", "a list of pieces", joint=joint)
         pieces += len(rows)
+        most = max(most, len(rows[0]) - 1)  # no later piece has more coefficients
+    check_work(most, pieces, len(joints))
     parts = []
     for joint, rows in enumerate(joints):
         part = _joint(rows, joint, times[-1])
-        check_work(len(part[1]), pieces, len(joints))
         parts.append(part)
     try:
         return Trajectory.joined(parts, times)
@@ -105,7 +107,7 @@ def check_work(rows: int, pieces: int, joints: int) -> None:
     if rows > COEFFICIENTS_MAX:
         right = f"polynomials of at most degree {COEFFICIENTS_MAX - 1}"
         raise InvalidInput("trajectory", right, value=rows - 1)
-    if rows * max(rows, 10) * pieces * joints > _WORK_MAX:
+    if max(rows, 10) ** 2 * pieces * joints > _WORK_MAX:
         right = "fewer pieces, or polynomials of a lower degree"
         counts = f"{pieces} pieces of degree {rows - 1} for {joints} joints"
         raise InvalidInput("trajectory", right, value=counts)
