@@ -50,24 +50,29 @@ def text(
         InvalidInput: It cannot be read, is no text, or is beyond a bound; names the file.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(max_bytes + 1)
-        if len(content) > max_bytes:
-            raise ValueError(f"it has more than {max_bytes / 1e6:g} MB")
-        found = content.decode("utf-8-sig")
+        found = content(path, max_bytes).decode("utf-8-sig")
         check_bounds(found, marks)
     except (OSError, ValueError) as error:
         raise unreadable(path, what, kind, error) from None
     return found
 
 
-def check_bounds(content: str, marks: str = _MARKS) -> None:
+def content(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
+    """What is in a file; raises `OSError`, and `ValueError` where it is too large."""
+    with path.open("rb") as file:
+        found = file.read(max_bytes + 1)
+    if len(found) > max_bytes:
+        raise ValueError(f"it has more than {max_bytes / 1e6:g} MB")
+    return found
+
+
+def check_bounds(found: str, marks: str = _MARKS) -> None:
     """Raise `ValueError` for a text of too many values, or with too long a word."""
-    if sum(map(content.count, marks)) > MAX_VALUES:
+    if sum(map(found.count, marks)) > MAX_VALUES:
         raise ValueError(f"it has more than {MAX_VALUES} values")
-    word = _LONG_WORD.search(content)
+    word = _LONG_WORD.search(found)
     if word:
-        line = content.count("\n", 0, word.start()) + 1
+        line = found.count("\n", 0, word.start()) + 1
         raise ValueError(f"line {line} has a word of more than {MAX_WORD} characters")
 
 
@@ -81,22 +86,22 @@ def unreadable(path: Path, what: str, kind: str, error: Exception) -> InvalidInp
 
 def json(path: Path, what: str) -> Any:
     """What a JSON file says; raises `InvalidInput` naming the file, also for a key given twice."""
-    content = text(path, what, "JSON")
+    found = text(path, what, "JSON")
     try:
-        return parsed_json(content)
+        return parsed_json(found)
     except (ValueError, RecursionError) as error:
         raise unreadable(path, what, "JSON", error) from None
 
 
-def parsed_json(content: str) -> Any:
+def parsed_json(said: str) -> Any:
     """What a JSON text says.
 
     Raises:
         ValueError, RecursionError: It is none, has a key twice, NaN or infinity, or is beyond a
             bound.
     """
-    check_bounds(content)
-    found = standard_json.loads(content, object_pairs_hook=_once, parse_constant=_no_number)
+    check_bounds(said)
+    found = standard_json.loads(said, object_pairs_hook=_once, parse_constant=_no_number)
     _check_depth(found)
     return found
 
@@ -107,11 +112,11 @@ def toml(path: Path, what: str, number: Callable[[str], Any] = float) -> dict[st
     Raises:
         InvalidInput: It cannot be read, or is no TOML; names the file.
     """
-    content = text(path, what, "TOML", max_bytes=MAX_TOML_BYTES)
+    said = text(path, what, "TOML", max_bytes=MAX_TOML_BYTES)
     try:
-        if _DEEP_KEY.search(content):
+        if _DEEP_KEY.search(said):
             raise ValueError(_TOO_DEEP)
-        table = tomllib.loads(content, parse_float=number)
+        table = tomllib.loads(said, parse_float=number)
         _check_depth(table)
     except (ValueError, RecursionError) as error:
         raise unreadable(path, what, "TOML", error) from None

@@ -20,7 +20,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from trajopt import numerals
+from trajopt import files, numerals
 from trajopt.arm_file import FallingVelocity
 from trajopt.exceptions import InvalidInput
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
@@ -49,9 +49,10 @@ def read(path: str | Path) -> RobotLimits:
 
 def _parsed(file: Path) -> Element:
     try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise InvalidInput("robot", "a readable URDF file", value=error.strerror) from None
+        content = files.content(file)
+        files.check_bounds(content.decode("latin-1"))  # whatever the encoding that it declares
+    except (OSError, ValueError) as error:
+        raise files.unreadable(file, "robot", "URDF", error) from None
     if b"<!ENTITY" in content:
         raise InvalidInput("robot", "a URDF without entities of its own")
     xacro = InvalidInput(
