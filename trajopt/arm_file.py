@@ -23,7 +23,7 @@ source = "who says so"
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import pi
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -64,6 +64,9 @@ class Origin:
     address: str = ""
     rule: str = ""
     checked: str = ""
+
+
+_TEXTS = tuple(field.name for field in fields(Origin))
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ def _columns(kind: str, entry: Any, widths: Mapping[str, tuple[int, ...]]) -> li
     if not isinstance(entry, Mapping):
         raise InvalidInput(kind, "a table", value=entry)
     required = (*widths, "angle_unit", "status", "source")
-    files.check_keys(f"{kind}.", entry, (*required, "address", "rule"), required)
+    files.check_keys(f"{kind}.", entry, (*required, *_TEXTS), required)
     unit = entry["angle_unit"]
     if unit not in tuple(_UNITS):
         raise InvalidInput(f"{kind}.angle_unit", '"deg" or "rad"', value=unit)
@@ -197,7 +200,7 @@ def _columns(kind: str, entry: Any, widths: Mapping[str, tuple[int, ...]]) -> li
 
 def _origin(kind: str, entry: Mapping[str, Any]) -> Origin:
     texts: dict[str, Any] = {}
-    for key in ("status", "source", "address", "rule"):
+    for key in _TEXTS:
         texts[key] = files.text_at(entry, key)
     statuses = get_args(Status)
     if texts["status"] not in statuses:
