@@ -146,9 +146,7 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
     known = float(stop_times(problem).sum())
     if best is not None:
         known = best.duration
-    # a cut-off below the closed form would leave no motion to ask about
-    target = max(known / (1 + within), end_to_end_bound(problem))
-    outcome = prove(problem, target, within, deadline)
+    outcome = prove(problem, known / (1 + within), within, deadline)
     late = time.perf_counter() > deadline
     word = "time limit" if late else "stopped: no progress"
     return _bound(outcome.lower_bound, best, within, word, outcome.proof)

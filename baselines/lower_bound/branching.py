@@ -46,6 +46,7 @@ _ROUNDING_SHARE = 1e-4
 _SWEEP_SHARE = 0.05
 # Of the gap that is asked for: how far the cut-off lies above the target.
 _ROOM_SHARE = 0.5
+_LONGER_CUTOFF = 1.25
 # Of the gap that is asked for: what a row must be broken by, at the end and to begin with.
 _TOLERANCE_SHARE = 0.1
 _COARSE_TOLERANCE = 1e-3
@@ -113,6 +114,10 @@ def prove(problem: Problem, target: float, gap: float, deadline: float) -> Outco
     # half of the gap is room for rows that are broken by less than the tolerance
     cutoff = target * (1 + _ROOM_SHARE * gap)
     relaxation = Relaxation.of(problem, cutoff)
+    # below what a single segment takes there is no motion to ask about
+    while dual_check.is_empty(relaxation.root_box()):
+        cutoff *= _LONGER_CUTOFF
+        relaxation = Relaxation.of(problem, cutoff)
     search = _Search(relaxation, solver, gap, deadline)
     root = search.run()
     proof = search.proof(root)

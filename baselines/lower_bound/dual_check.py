@@ -83,11 +83,16 @@ class Proof:
         """
         if _PREFIX + "steps" not in stats:
             return None
+        given = {name.removeprefix(_PREFIX) for name in stats if name.startswith(_PREFIX)}
+        unknown = given - _SHAPES.keys()
+        if unknown:
+            right = f"a proof of {', '.join(_SHAPES)}"
+            raise InvalidInput(f"stats, {_PREFIX}{min(unknown)}", right)
         found = {}
         for name, columns in _SHAPES.items():
-            if name in _LATER and _PREFIX + name not in stats:
+            if name in _LATER and name not in given:
                 continue
-            value = np.asarray(stats.get(_PREFIX + name, np.nan), dtype=float)
+            value = _numbers(stats.get(_PREFIX + name))
             if columns and not value.size:
                 value = value.reshape(0, columns)
             shape = (value.size,) if columns == 0 else (len(np.atleast_1d(value)), columns)
@@ -108,6 +113,16 @@ _SHAPES = {
     "square_tangents": 2,
     "ramps": 3,
 }
+
+
+def _numbers(value: Any) -> Array:
+    """As an array; not a number where it is none."""
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return np.array(np.nan)
+
+
 # Columns that count or number something.
 _WHOLE = {
     "tangents": [0],

@@ -20,6 +20,7 @@ from trajopt.benchmark.store.schema import encode, unpack
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import TrajoptError
+from trajopt.planner import Relation
 from trajopt.problem import Problem
 from trajopt.registry import configured, entries
 from trajopt.rest_to_rest import end_to_end_bound
@@ -38,6 +39,10 @@ NOT_PROVED = "not proved"
 @runtime_checkable
 class StoresProofs(Protocol):
     """A planner whose solutions carry a proof of their bound, which needs no solver."""
+
+    def relation(self, problem: Problem) -> Relation:
+        """What the planner's answers, and so its bounds, are about."""
+        ...
 
     def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
         """What the proof among `stats` proves, s; `None` where there is none."""
@@ -277,6 +282,8 @@ def _rechecked(trial: Trial) -> tuple[str, list[str]]:
     planner = _planner(trial)
     if planner is None:
         return NOT_RECHECKED, []
+    if trial.lower_bound is not None and planner.relation(trial.problem) is Relation.RESTRICTION:
+        return NOT_PROVED, [f"lower bound: {trial.label} bounds some trajectories only"]
     try:
         proved = planner.stored_bound(trial.problem, trial.solution.stats)
     except TrajoptError as error:
