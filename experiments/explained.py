@@ -19,6 +19,7 @@ from trajopt.benchmark.figures import explanation as gap_plots
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
+from trajopt.cli.explain import explained_run
 from trajopt.exceptions import TrajoptError
 from trajopt.explain.active_limits import share_at_limits
 from trajopt.explain.decomposition import Explanation, explain
@@ -28,21 +29,17 @@ from trajopt.registry import load
 PLANNERS = ("issa", "ssa", "pso", "toppra", "ruckig")
 
 
-def explained(
-    problem: Problem,
-    name: str,
-    seed: int,
-) -> Explanation:
-    """One planner's explanation.
+def explained(problem: Problem, name: str, seed: int | None) -> Explanation:
+    """One planner's explanation, of the median run of a stochastic one unless a seed is given.
 
     Raises:
-        TrajoptError: it has no trajectory.
+        TrajoptError: it has no certified trajectory.
     """
     planner = load(name)
-    solution = planner.solve(problem, seed=seed)
-    if solution.trajectory is None:
-        raise TrajoptError(f"{name} on {problem.name}: {solution.status}: {solution.message}")
-    return explain(problem, planner, solution.trajectory)
+    trial = explained_run(planner, problem, seed, name)
+    if trial.certified_trajectory is None:
+        raise TrajoptError(f"{name} on {problem.name}: {trial.status}: {trial.message}")
+    return explain(problem, planner, trial.certified_trajectory)
 
 
 def row(
@@ -61,7 +58,7 @@ def main(
     problem: str = "six-axis",
     *,
     planner: tuple[str, ...] = PLANNERS,
-    seed: int = 0,
+    seed: int | None = None,
     output: Path = Path("results/explained"),
 ) -> None:
     """Explain every planner on a problem."""

@@ -13,6 +13,9 @@ from trajopt.explain.claims import MEANINGS, Known, Verdict
 
 COMMAND = "python -m experiments.literature --output docs"
 
+# Relative: a best known motion that is no faster than stopping.
+_SAME_RTOL = 1e-4
+
 _HEAD = """\
 # The literature on trial
 
@@ -81,12 +84,14 @@ def _summary(problems: list[Judged], folder: str) -> str:
     lines = [
         "## All of them\n",
         f"![Every published time over the best known]({folder}/all.png)\n",
-        f"{len(judgements)} published times on {_claimed(problems)} problems (two readings of one "
-        "source count as two):\n",
+        f"{numbers(problems)} published numbers (of {_sources(problems)} sources), read "
+        f"second-hand; {len(judgements)} verdicts on {_claimed(problems)} problems, since a number "
+        "that can be read in several ways is judged in each:\n",
     ]
     for verdict, meaning in MEANINGS.items():
         if counts[verdict]:
-            lines.append(f"- **{counts[verdict]} {verdict}**: {meaning};")
+            whose = _whose(verdict, problems)
+            lines.append(f"- **{counts[verdict]} {verdict}**: {meaning}{whose};")
     lines.append(_beside_stopping(problems))
     rows = table(problems)
     columns = {
@@ -108,19 +113,52 @@ def _summary(problems: list[Judged], folder: str) -> str:
     return "\n".join(lines)
 
 
-def _beside_stopping(problems: list[Judged]) -> str:
-    """How many searches lost to the plan of any user, where there is anywhere to stop."""
-    searched = []
+def numbers(problems: list[Judged]) -> int:
+    """How many numbers were published: one that several problems of a source share counts once."""
+    most: Counter[tuple[str, float]] = Counter()
     for problem in problems:
-        stated = problem.known.problem
-        if stated.segments > 1:
-            own = [j for j in problem.judgements if optimised(problem.published, j)]
-            searched += [j for j in own if j.verdict is Verdict.ABOVE]
-    slower = sum(judgement.over_stopping > 0 for judgement in searched)
+        own = [(problem.published.doi, claim.duration) for claim in problem.published.claims]
+        most |= Counter(own)
+    return most.total()
+
+
+def _sources(problems: list[Judged]) -> int:
+    return len({problem.published.doi for problem in problems if problem.judgements})
+
+
+def _whose(verdict: Verdict, problems: list[Judged]) -> str:
+    """That what is impossible is one source's, where it is: probably a slip in what is printed."""
+    if verdict is not Verdict.IMPOSSIBLE:
+        return ""
+    sources = set()
+    for problem in problems:
+        if any(own.verdict is verdict for own in problem.judgements):
+            sources.add(problem.published.doi)
+    if len(sources) > 1:
+        return ""
+    return " (one source, probably a slip of a unit in print: read otherwise, all are above)"
+
+
+def _beside_stopping(problems: list[Judged]) -> str:
+    """How many lost to the plan of any user, where that plan is not the best there is."""
+    searched = []
+    slower = []
+    optimal = []
+    for problem in problems:
+        known = problem.known
+        above = [own for own in problem.judgements if own.verdict is Verdict.ABOVE]
+        longer = [own for own in above if own.over_stopping > 0]
+        slower += longer
+        if known.best is not None and known.stopping <= known.best * (1 + _SAME_RTOL):
+            optimal += longer
+        elif known.problem.segments > 1:
+            searched += [own for own in above if optimised(problem.published, own)]
+    lost = sum(judgement.over_stopping > 0 for judgement in searched)
     return (
-        f"- where there are waypoints in between, {slower} of the {len(searched)} times above the "
-        "best known that were optimised, for time or for anything else, are longer than stopping "
-        "at every waypoint.\n"
+        f"- {lost} of the {len(searched)} times above the best known that were optimised, for time "
+        "or for anything else, are longer than stopping at every waypoint, where a motion that "
+        f"does not stop is faster. (All {len(slower)} longer ones are no measure: for "
+        f"{len(optimal)} of them stopping is the best known motion.)\n"
     )
 
 

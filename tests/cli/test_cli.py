@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -16,6 +17,7 @@ import pandas as pd
 import pytest
 from trials import edited
 
+from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem
 from trajopt.benchmark import compare as run
 from trajopt.benchmark.analysis.results import Results
@@ -23,6 +25,8 @@ from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
 from trajopt.cli import comparison, overview, plan
+from trajopt.cli.explain import RUNS, explained_run
+from trajopt.planner import Planner
 from trajopt.registry import entries, load, options
 
 NAMES = {
@@ -785,3 +789,25 @@ def test_names_like_formulas_are_explained_as_text(trajopt, tmp_path):
     assert r"=cmd $x \frac{1}: ruckig-stop" in drawn
     assert "$a$ acc." in drawn
     assert len(list(figures.glob("*.png"))) == 2
+
+
+@dataclass(frozen=True)
+class Drawn(Planner):
+    """Stops at every waypoint, up to twice too slowly."""
+
+    stochastic = True
+
+    def solve(self, problem, *, seed=0):
+        slower = 1 + (7 * seed % RUNS) / RUNS
+        stopping = RuckigStop().solve(problem)
+        return replace(stopping, trajectory=stopping.trajectory.dilated(slower))
+
+
+def test_the_median_run_is_explained_unless_a_seed_is_named():
+    problem = suite.load("one-joint")
+    shortest = RuckigStop().solve(problem).trajectory.duration
+    median = explained_run(Drawn(), problem, None, "drawn")
+    assert median.certified_duration == pytest.approx(shortest * (1 + 14 / 30), rel=1e-9)
+    named = explained_run(Drawn(), problem, 4, "drawn")
+    assert named.certified_duration == pytest.approx(shortest * (1 + 28 / 30), rel=1e-9)
+    assert explained_run(RuckigStop(), problem, None, "ruckig-stop").seed == 0

@@ -1,9 +1,12 @@
 """The page of published times: what it says follows from the sources and closed forms."""
 
+from types import SimpleNamespace
+
 import pandas as pd
 import pytest
 
 from experiments import literature
+from experiments.published import page
 from trajopt.benchmark.suites import literature as suite
 
 
@@ -31,9 +34,19 @@ def test_the_page_says_what_was_optimised_and_how_the_digits_were_read(output):
     assert published.transcription in text
     assert f"https://doi.org/{published.doi}" in text
     assert "- **1 equal**" in text
+    assert "7 published numbers (of 1 sources), read second-hand; 7 verdicts on 1 problems" in text
+    # two waypoints: stopping is the only plan there is
+    assert "0 of the 0 times" in text
+    assert "for 6 of them stopping is the best known motion" in text
     assert "`trajopt claims fang2020-task1` says so." in text
     for name in suite.files_beyond():
         assert f"**{name}**" in text
+
+
+def test_a_number_that_is_read_in_two_ways_counts_once():
+    readings = [suite.published(name) for name in ("yang2024-dbo-353", "yang2024-dbo-353-rad")]
+    both = [SimpleNamespace(published=published) for published in readings]
+    assert page.numbers(both) == len(readings[0].claims) == 3
 
 
 def test_every_picture_of_the_page_is_there_and_small(output):
