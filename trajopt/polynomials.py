@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 # 2^-42 of the interval: an extremum's value is then exact to rounding, being flat there.
 _BISECTIONS = 42
+# Evaluating a polynomial of degree d rounds by less than this times (d + 1) Σ |coefficients|.
+_EVALUATION_RTOL = 2 * float(np.finfo(float).eps)
 
 
 def evaluate(coefficients: Array, s: Array) -> Array:
@@ -26,6 +28,12 @@ def evaluate(coefficients: Array, s: Array) -> Array:
     for c in coefficients:
         value = value * s + c
     return value
+
+
+def evaluation_rounding(coefficients: Array) -> Array:
+    """How much evaluating each polynomial on `[0, 1]` may round."""
+    terms = np.abs(coefficients).sum(axis=0)
+    return np.asarray(_EVALUATION_RTOL * len(coefficients) * terms)
 
 
 def derivative(coefficients: Array, order: int = 1) -> Array:

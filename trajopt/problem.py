@@ -28,6 +28,9 @@ LIMIT_ORDERS: dict[LimitName, int] = {
 LIMIT_NAMES: tuple[LimitName, ...] = tuple(LIMIT_ORDERS)
 _PER_TIME = ("", "/s", "/s²", "/s³")  # of each derivative
 
+# A coordinate is known to some units in its last place.
+_COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
+
 
 @dataclass(frozen=True, eq=False)
 class Limits:
@@ -121,7 +124,8 @@ class Problem:
     """Pass every waypoint in order, from rest to rest, as fast as the limits allow.
 
     `waypoints` is `(waypoints, joints)` in radians: one row per waypoint. All joints pass a
-    waypoint at the same instant. Consecutive identical waypoints are one waypoint, passed once.
+    waypoint at the same instant. Consecutive identical waypoints are one waypoint, passed once;
+    waypoints that differ by no more than rounding are identical.
     `joint_names` are the robot's, one per joint, or empty where nobody said them. `joint_units` are
     "rad", or "m" for a prismatic joint, one per joint; empty means radians. `falling_velocity` are
     velocity limits that no planner keeps yet: `judge` and `verify` check them
@@ -195,13 +199,23 @@ class Problem:
         """Which joints move at all, `(joints,)`."""
         return np.asarray(self.displacements.any(axis=0))
 
+    @property
+    def largest_displacements(self) -> Array:
+        """Of each joint, rad, `(joints,)`; of all where a joint never moves."""
+        distances = np.abs(self.displacements)
+        return np.where(self.moving, distances.max(axis=0), distances.max())
+
+    @property
+    def rounding(self) -> Array:
+        """How exactly each joint's coordinates are known, rad, `(joints,)`."""
+        return _rounding(self.waypoints)
+
     def merged(self) -> tuple[Problem, NDArray[np.intp]]:
         """This problem with consecutive identical waypoints merged, and where each one went.
 
         `times[index]` expands the merged problem's waypoint times to this one's.
         """
-        moves = self.displacements.any(axis=1)
-        differs = np.concatenate([[True], moves])
+        differs = _differing(self.waypoints)
         index = np.cumsum(differs) - 1
         if differs.all():
             return self, index
@@ -284,7 +298,7 @@ class Problem:
         )
 
     def _check_waypoints(self) -> None:
-        if not self.displacements.any():
+        if not _differing(self.waypoints)[1:].any():
             raise InvalidInput("waypoints", "at least two different ones; these never move")
         lows, highs = self.limits.position.T
         outside = (self.waypoints < lows) | (self.waypoints > highs)
@@ -424,6 +438,28 @@ def _check_joint_units(units: Sequence[str], joints: int) -> None:
     for joint, unit in enumerate(units):
         if unit not in ("rad", "m"):
             raise InvalidInput("joint_units", '"rad" or "m"', value=unit, joint=joint)
+
+
+def _rounding(waypoints: Array) -> Array:
+    """Some units in the last place of each joint's largest coordinate, rad, `(joints,)`."""
+    largest = np.abs(waypoints).max(axis=0)
+    return np.asarray(_COORDINATE_RTOL * largest)
+
+
+def _differing(waypoints: Array) -> NDArray[np.bool_]:
+    """Which waypoints differ by more than rounding from the last one that did, `(waypoints,)`."""
+    rounding = _rounding(waypoints)
+    steps = np.abs(np.diff(waypoints, axis=0))
+    differs = np.ones(len(waypoints), dtype=bool)
+    if (steps > rounding).any(axis=1).all():
+        return differs
+    last = waypoints[0]
+    for row, waypoint in enumerate(waypoints[1:], start=1):
+        distance = np.abs(waypoint - last)
+        differs[row] = (distance > rounding).any()
+        if differs[row]:
+            last = waypoint
+    return differs
 
 
 def _check_joint_names(names: Sequence[str], joints: int) -> None:

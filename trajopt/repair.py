@@ -1,10 +1,10 @@
-"""The exact repair of a trajectory: what is judged passes every waypoint, rests at both ends and
-does not jump (docs/mathematics.md, section 7).
+"""The exact repair of a trajectory: what is judged passes every waypoint, rests at both ends, does
+not jump, and stays within its position limits (docs/mathematics.md, section 7).
 
 A tolerance is a gift, and gifts add up. So nothing is forgiven: positions are integrated anew from
-each waypoint, and what then misses the next waypoint, jumps at a break, or moves at an end is
-cancelled by polynomials that live within one segment. The repaired motion is harder where the given
-one cheated, and the limits judge it.
+each waypoint, and polynomials that live within segments cancel what then misses the next waypoint,
+jumps at a break, or moves at an end. The repaired motion is harder where the given one cheated, and
+the limits judge it.
 
 A break's correction lives on the longer side of its segment, of duration `ρ` there: it grows from
 the segment's start to the break, or has died out from the break to the segment's end. The sum of
@@ -23,35 +23,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt import polynomials
-from trajopt.problem import Problem
-from trajopt.trajectory import EPS, Trajectory, nearest
+from trajopt.problem import LIMIT_ORDERS, Problem
+from trajopt.trajectory import Trajectory, nearest
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
-# Rounding that is not mended, and what it can be worth. A jump of a derivative: relative to the
-# joint's largest value of it, and to what it changes by while the break's time is rounded; all of
-# them together are worth no more than the second number of the duration, since peak velocity is at
-# most A T / 2.
-# Beyond it rounded times are charged for: a trajectory stores its breaks as times since the start,
-# so after hours a phase of stiff jerk is some 1e-12 s off, and mending the jump that this leaves
-# can cost some 1e-6 of the duration. Such a certificate is above the claim, never below the truth.
-JUMP_RTOL = 4 * EPS
-JUMPS_SUM_RTOL = 1e-11
-# A miss: relative to the way travelled in the segment.
-TRAVEL_RTOL = 1e-13
-# A miss that is rounding of the coordinates, where the joint flies by: relative to the coordinate;
-# all of them together may be worth so much of the duration.
-COORDINATE_RTOL = 4 * EPS
-FLY_BY_RTOL = 1e-10
+# Share of every limit: a correction that uses no more is left out, and all of them together change
+# the certified duration by no more than this.
+NEGLIGIBLE_USE = 1e-12
 
 
 def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     """The trajectory, mended so that it passes every waypoint and does not jump.
 
     Velocity becomes continuous and zero at both ends; so does acceleration, of joints whose jerk is
-    limited. Duration and waypoint times stay (but for rounding).
+    limited. Positions stay within their limits. Duration and waypoint times stay (but for
+    rounding).
 
     Args:
         problem: of as many joints and waypoints as the trajectory has.
@@ -71,13 +60,17 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
             return None
         coefficients = _rebased(layout)
         jerk_limited = problem.limits.jerk_limited
+        at_limits = problem.has("position")
         by_order = {1: ~jerk_limited, 2: jerk_limited}
         for order, joints in by_order.items():
             if not joints.any():
                 continue
             added = _corrections(layout, joints, order)
-            if added is not None:
+            if at_limits or not _is_negligible(added, layout, problem, joints):
                 coefficients = _with_added(coefficients, added, joints)
+        if at_limits:
+            coefficients = _within_position_limits(problem, layout, coefficients)
+        coefficients[-1] += layout.of_pieces(layout.waypoints[:-1])
     finite = np.isfinite(coefficients)
     if not finite.all():
         return None
@@ -91,18 +84,17 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
 
 @dataclass(frozen=True)
 class _Layout:
-    """How pieces lie in segments; segments that take no time and go nowhere are left out.
+    """How pieces lie in segments; a segment between waypoints that are one is left out.
 
     Attributes:
         trajectory: with a break at every waypoint.
         travel: each piece's own displacement, from its velocity alone, rad, `(pieces, joints)`.
-        waypoint_breaks: the index of each waypoint's break, `(waypoints,)`.
+        waypoint_breaks: the index of each of the problem's waypoints' break, `(waypoints,)`.
         segment: of each piece, `(pieces,)`.
         first: the first piece of each segment, `(segments,)`.
         after: the first piece after each segment, `(segments,)`.
         start, end: of each segment, s, `(segments,)`.
-        displacements: of each joint in each segment, rad, `(segments, joints)`.
-        origins: the waypoint where each segment starts, rad, `(segments, joints)`.
+        waypoints: at the ends of these segments, rad, `(segments + 1, joints)`.
     """
 
     trajectory: Trajectory
@@ -113,8 +105,7 @@ class _Layout:
     after: Indices
     start: Array
     end: Array
-    displacements: Array
-    origins: Array
+    waypoints: Array
 
     @property
     def breaks(self) -> Array:
@@ -122,10 +113,15 @@ class _Layout:
         return self.trajectory.breaks
 
     @property
-    def fly_by_time(self) -> float:
-        """What rounding in one segment may be worth, s."""
-        segments = len(self.first)
-        return _fly_by_time(self.trajectory, segments)
+    def lengths(self) -> Array:
+        """Duration of each segment, s, `(segments, 1)`."""
+        length = self.end - self.start
+        return np.asarray(length[:, None])
+
+    @property
+    def displacements(self) -> Array:
+        """Of each joint in each segment, rad, `(segments, joints)`."""
+        return np.diff(self.waypoints, axis=0)
 
     def of_pieces(self, of_segments: Array) -> Array:
         """What each piece's segment has."""
@@ -133,83 +129,36 @@ class _Layout:
 
 
 def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
-    """The segments that take time; None where one without time is not just flown by."""
-    waypoint_times = trajectory.waypoint_times
-    refined = trajectory.refined(waypoint_times)
+    """The segments that take time; None where two waypoints that differ have one break."""
+    merged, index = problem.merged()
+    # Of waypoints that are one the first counts, at the end of the motion the last.
+    _, counted = np.unique(index, return_index=True)
+    counted[-1] = len(index) - 1
+    times = trajectory.waypoint_times[counted]
+    refined = trajectory.refined(times)
     breaks = refined.breaks
-    last_break = len(breaks) - 1
-    at = nearest(breaks, waypoint_times)
+    at = nearest(breaks, times)
     at[0] = 0
-    at[-1] = last_break
-    if not _flown_by(problem, refined, at):
-        return None
-    # Of the waypoints at one break the first counts, at the end of the motion the last.
-    last_waypoint = len(at) - 1
-    _, counted = np.unique(at, return_index=True)
-    counted[-1] = last_waypoint
-    waypoints = problem.waypoints[counted]
-    own_breaks = at[counted]
-    first = own_breaks[:-1]
-    after = own_breaks[1:]
-    segments = np.arange(len(first))
+    at[-1] = len(breaks) - 1
+    first = at[:-1]
+    after = at[1:]
     pieces = after - first
+    if not pieces.all():
+        return None
+    segments = np.arange(len(first))
     # The position at a piece's start is not its travel.
     powers = refined.pieces()[:-1]
     return _Layout(
         trajectory=refined,
         travel=powers.sum(axis=0),
-        waypoint_breaks=at,
+        waypoint_breaks=at[index],
         segment=np.repeat(segments, pieces),
         first=first,
         after=after,
         start=breaks[first],
         end=breaks[after],
-        displacements=np.diff(waypoints, axis=0),
-        origins=waypoints[:-1],
+        waypoints=merged.waypoints,
     )
-
-
-def _flown_by(
-    problem: Problem,
-    refined: Trajectory,
-    at: Indices,
-) -> bool:
-    """Whether what lies between waypoints at one break is worth next to nothing.
-
-    So it is where every joint flies by in the direction of its displacement: a segment of one unit
-    in the last place takes less time than times can say.
-    """
-    instant = np.diff(at) == 0
-    displacements = problem.displacements[instant]
-    if not displacements.any():
-        return True
-    ends = at[1:]
-    here = ends[instant]
-    velocity = refined.pieces(1)
-    starts = velocity[-1]
-    stops = velocity.sum(axis=0)
-    last_piece = len(starts) - 1
-    piece_before = np.maximum(here - 1, 0)
-    piece_after = np.minimum(here, last_piece)
-    arriving = stops[piece_before]
-    leaving = starts[piece_after]
-    # |h| ≤ v t, with the slower of both velocities towards the waypoint
-    sign = np.sign(displacements)
-    towards = sign * arriving
-    onwards = sign * leaving
-    speed = np.minimum(towards, onwards)
-    segments = len(ends)
-    reach = speed * _fly_by_time(refined, segments)
-    reach = np.where(sign == 0, 0.0, reach)
-    distance = np.abs(displacements)
-    within = distance <= reach
-    return bool(within.all())
-
-
-def _fly_by_time(trajectory: Trajectory, segments: int) -> float:
-    """What rounding in one segment may be worth, s."""
-    whole = FLY_BY_RTOL * trajectory.duration
-    return whole / segments
 
 
 def _rebased(layout: _Layout) -> Array:
@@ -223,9 +172,8 @@ def _rebased(layout: _Layout) -> Array:
     before = ended - travel
     before_segment = before[layout.first]
     within = before - layout.of_pieces(before_segment)
-    origin = layout.of_pieces(layout.origins)
     coefficients = np.array(layout.trajectory.coefficients)
-    coefficients[-1] = origin + within
+    coefficients[-1] = within
     return coefficients
 
 
@@ -233,36 +181,89 @@ def _corrections(
     layout: _Layout,
     joints: Bools,
     order: int,
-) -> Array | None:
-    """What to add to some joints, `(2 order + 2, pieces, joints)`; None where nothing is amiss.
+) -> Array:
+    """What to add to some joints, `(2 order + 2, pieces, joints)`.
 
     `order` is the highest derivative that may not jump.
     """
-    missed = _missed(layout)[:, joints]
-    amiss = missed.any()
     jumps = []
     for derivative in range(1, order + 1):
-        jump = _jumps(layout, joints, derivative)
-        amiss |= jump.any()
-        jumps.append(jump)
-    if not amiss:
-        return None
+        jumps.append(_jumps(layout, joints, derivative))
     growing, dying = _jump_corrections(layout, jumps)
+    missed = _missed(layout)[:, joints]
     blends = missed[..., None] * _BLEND[order]
-    growing += layout.of_pieces(blends)
-    # From powers of σ and 1 − σ to powers of the time since the piece's start.
+    slopes = _slopes(layout, missed)
+    unbent = [np.zeros_like(missed)] * 2
+    curvatures = unbent if order == 2 else []
+    ending, starting = _bent(layout, slopes, *curvatures)
+    growing += layout.of_pieces(blends + ending)
+    dying += layout.of_pieces(starting)
+    return _in_time(layout, growing, dying, order + 1)
+
+
+def _missed(layout: _Layout) -> Array:
+    """By how much each segment falls short of its end, rad, `(segments, joints)`."""
+    reached = np.add.reduceat(layout.travel, layout.first)
+    return np.asarray(layout.displacements - reached)
+
+
+def _slopes(layout: _Layout, missed: Array) -> Array:
+    """The velocity of the correction of misses at each waypoint, rad/s, `(segments + 1, joints)`.
+
+    It is that of the parabola through the misses of both segments, and zero at the ends. So a short
+    segment between long ones is passed a little faster or slower, which costs little; to start
+    and end there without such a velocity would cost some `6 e / L²`.
+    """
+    lengths = layout.lengths
+    before = lengths[:-1]
+    after = lengths[1:]
+    rate = missed / lengths
+    parabola = (rate[:-1] * after + rate[1:] * before) / (before + after)
+    rest = np.zeros_like(missed[:1])
+    return np.concatenate([rest, parabola, rest])
+
+
+def _bent(
+    layout: _Layout,
+    slopes: Array,
+    *curvatures: Array,
+) -> tuple[Array, Array]:
+    """The powers of `σ` and of `1 − σ` that change derivatives at waypoints, but no position there.
+
+    Args:
+        layout: of the segments.
+        slopes: velocities to add at waypoints, `(segments + 1, joints)`.
+        curvatures: accelerations to add at the end and at the start of each segment, `(segments,
+            joints)` both; none where these may jump.
+    """
+    lengths = layout.lengths
+    # 1 − σ runs backwards in time
+    growing = [slopes[1:] * lengths]
+    dying = [-slopes[:-1] * lengths]
+    for derivatives, curvature in zip((growing, dying), curvatures, strict=False):
+        derivatives.append(curvature * lengths**2)
+    return _ending(*growing), _ending(*dying)
+
+
+def _in_time(
+    layout: _Layout,
+    growing: Array,
+    dying: Array,
+    lowest_power: int,
+) -> Array:
+    """Powers of `σ` and `1 − σ`, as powers of the time since each piece's start."""
     start = layout.of_pieces(layout.start)
     end = layout.of_pieces(layout.end)
-    length = end - start
     begins = layout.breaks[:-1]
+    length = end - start
     elapsed = (begins - start) / length  # σ at the piece's start
     left = (end - begins) / length  # 1 − σ there
     grown = polynomials.shifted(
-        _rows(growing),
+        _rows(growing, lowest_power),
         elapsed[:, None],
     )
     died = polynomials.shifted(
-        _rows(dying),
+        _rows(dying, lowest_power),
         left[:, None],
     )
     rate = 1 / length
@@ -271,53 +272,25 @@ def _corrections(
     return forwards + backwards
 
 
-def _missed(layout: _Layout) -> Array:
-    """By how much each segment falls short of its end, rad, `(segments, joints)`.
-
-    What is rounding of the way travelled is no miss. Nor is rounding of the coordinates, where the
-    joint flies by so fast that it is worth next to nothing: mended within a segment of 1e-7 s, the
-    last digit of a coordinate would cost a tenth of the acceleration limit.
-    """
-    travel = layout.travel
-    displacements = layout.displacements
-    reached = np.add.reduceat(travel, layout.first)
-    short = displacements - reached
-    size = np.abs(short)
-    distances = np.abs(travel)
-    way = np.add.reduceat(distances, layout.first)
-    of_travel = size <= TRAVEL_RTOL * way
-    if of_travel.all():
-        return np.zeros_like(short)
-    origins = layout.origins
-    destinations = origins + displacements
-    ends = np.stack([origins, destinations])
-    coordinates = np.abs(ends).max(axis=0)
-    of_coordinates = size <= COORDINATE_RTOL * coordinates
-    worth = size / _slowest(layout)  # s
-    flies_by = worth <= layout.fly_by_time
-    rounding = of_travel | (of_coordinates & flies_by)
-    return np.where(rounding, 0.0, short)
-
-
-def _slowest(layout: _Layout) -> Array:
-    """A speed that each joint never falls below on its way, rad/s, `(segments, joints)`.
-
-    Zero where it does not move in the direction of its displacement all the time.
-    """
-    # A polynomial is between the least and the largest of its Bernstein coefficients.
-    powers = layout.trajectory.pieces(1)
-    velocity = polynomials.bernstein(powers)
-    lowest = velocity.min(axis=0)
-    highest = velocity.max(axis=0)
-    first = layout.first
-    forwards = np.minimum.reduceat(lowest, first)
-    backwards = -np.maximum.reduceat(highest, first)
-    displacements = layout.displacements
-    is_forwards = displacements > 0
-    speed = np.where(is_forwards, forwards, backwards)
-    towards = speed > 0
-    moves = (displacements != 0) & towards
-    return np.where(moves, speed, 0.0)
+def _is_negligible(
+    added: Array,
+    layout: _Layout,
+    problem: Problem,
+    joints: Bools,
+) -> bool:
+    """Whether a correction moves no joint by more than rounding and uses next to no limit."""
+    limits = problem.limits.by_name()
+    for name, order in LIMIT_ORDERS.items():
+        allowed = problem.rounding
+        if name != "position":
+            allowed = NEGLIGIBLE_USE * np.abs(limits[name]).min(axis=1)
+        derivative = polynomials.derivative(added, order)
+        unit = polynomials.stretched(derivative, layout.trajectory.lengths)
+        # A polynomial stays within the range of its Bernstein coefficients.
+        controls = np.abs(polynomials.bernstein(unit))
+        if not (controls <= allowed[joints]).all():
+            return False
+    return True
 
 
 def _jump_corrections(
@@ -395,21 +368,7 @@ def _jumps(
     rest = np.zeros_like(starts[:1])
     before = np.vstack([rest, stops])
     after = np.vstack([starts, rest])
-    jumps = after - before
-    values = np.stack([before, after])
-    sizes = np.abs(values)
-    largest = sizes.max(axis=(0, 1))
-    # A break's time is rounded too, which moves the value by as much as it changes meanwhile.
-    derivatives = trajectory.pieces(order + 1)
-    changes = derivatives[-1, :, joints]
-    steepest = np.abs(changes).max(axis=1)
-    in_time = np.outer(layout.breaks, steepest)
-    size = np.abs(jumps)
-    rounding = size <= JUMP_RTOL * (largest + in_time)
-    forgiven = np.where(rounding, size, 0.0)
-    total = forgiven.sum(axis=0)
-    few = total <= JUMPS_SUM_RTOL * largest
-    return np.where(rounding & few, 0.0, jumps)
+    return np.asarray(after - before)
 
 
 # From 0 to 1 with as many derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
@@ -437,11 +396,11 @@ def _ending(slope: Array, curvature: Array | None = None) -> Array:
     return np.stack(factors, axis=-1)
 
 
-def _rows(factors: Array) -> Array:
-    """Factors `(…, order + 1)` of x^(r+1) … x^(2r+1), in the layout of `Trajectory`."""
+def _rows(factors: Array, lowest_power: int) -> Array:
+    """Factors `(…, n)` of n powers of x, the lowest first, in the layout of `Trajectory`."""
     lowest_first = np.moveaxis(factors, -1, 0)
     highest_first = lowest_first[::-1]
-    lower_powers = np.zeros_like(highest_first)
+    lower_powers = np.zeros((lowest_power, *highest_first.shape[1:]))
     return np.concatenate([highest_first, lower_powers])
 
 
@@ -459,3 +418,136 @@ def _with_added(
     lowest = total[-rows:]
     lowest[..., joints] += added
     return total
+
+
+# --- position limits ---
+
+# A waypoint this near to a position limit lies on it, relative to the joint's largest displacement.
+_ON_LIMIT_RTOL = 1e-11
+# Twice the share each time, from a rounding unit to the whole.
+_MAX_MIXTURES = 64
+# From 0 to 1, and there and back to 0, in powers of σ from σ³: both rest at both ends.
+_STEP = np.array([10.0, -15.0, 6.0, 0.0])
+_BUMP = 64 * np.array([1.0, -3.0, 3.0, -1.0])
+_BUMP_CURVATURE = 24.0
+
+
+def _within_position_limits(
+    problem: Problem,
+    layout: _Layout,
+    coefficients: Array,
+) -> Array:
+    """The motion, pushed within its position limits; positions are since each segment's waypoint.
+
+    At a waypoint on a limit the joint turns: its velocity is zero, and it does not accelerate
+    outwards. Then each joint's motion is mixed with as little as needed of one that is inside and
+    rests at every waypoint.
+    """
+    side = _sides(problem, layout)
+    joints = np.ones(problem.joints, dtype=bool)
+    turn = _turned_at_limits(layout, coefficients, side)
+    coefficients = _with_added(coefficients, turn, joints)
+    resting = _resting(problem, layout, side)
+    towards_rest = _with_added(resting, -coefficients, joints)
+    share = np.zeros(problem.joints)
+    mixed = coefficients
+    for _ in range(_MAX_MIXTURES):
+        needed = _needed_share(problem, layout, mixed, resting)
+        if not needed.any():
+            break
+        more = share + (1 - share) * needed
+        share = np.where(needed > 0, np.maximum(2 * share, more), share)
+        share = np.minimum(share, 1.0)
+        mixed = _with_added(coefficients, share * towards_rest, joints)
+    return mixed
+
+
+def _sides(problem: Problem, layout: _Layout) -> Array:
+    """1 for a waypoint on the upper limit, −1 on the lower, else 0, `(segments + 1, joints)`."""
+    low, high = problem.limits.position.T
+    waypoints = layout.waypoints
+    near = _ON_LIMIT_RTOL * problem.largest_displacements
+    above = high - waypoints <= near
+    below = waypoints - low <= near
+    return above.astype(float) - below
+
+
+def _turned_at_limits(
+    layout: _Layout,
+    coefficients: Array,
+    side: Array,
+) -> Array:
+    """What to add for the motion to turn at every waypoint on a position limit."""
+    lengths = layout.trajectory.lengths
+    velocity = polynomials.derivative(coefficients)
+    acceleration = polynomials.derivative(velocity)
+    start_velocity = velocity[-1, layout.first]
+    start_acceleration = acceleration[-1, layout.first]
+    stops = polynomials.stretched(acceleration, lengths).sum(axis=0)
+    end_acceleration = stops[layout.after - 1]
+    at_rest = np.zeros_like(start_velocity[:1])
+    velocities = np.concatenate([start_velocity, at_rest])
+    slopes = np.where(side == 0, 0.0, -velocities)
+    ending = np.where(side[1:] * end_acceleration > 0, -end_acceleration, 0.0)
+    starting = np.where(side[:-1] * start_acceleration > 0, -start_acceleration, 0.0)
+    growing, dying = _bent(layout, slopes, ending, starting)
+    return _in_time(
+        layout,
+        layout.of_pieces(growing),
+        layout.of_pieces(dying),
+        lowest_power=3,
+    )
+
+
+def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
+    """A motion within the limits that rests at every waypoint, `(7, pieces, joints)`.
+
+    It is monotone between waypoints; where both are on one limit it makes way inwards and back, as
+    far as half the acceleration limit takes it.
+    """
+    limits = problem.limits
+    low, high = limits.position.T
+    acceleration = np.abs(limits.acceleration).min(axis=1)
+    reach = acceleration * layout.lengths**2 / (2 * _BUMP_CURVATURE)
+    depth = np.minimum(reach, (high - low) / 2)
+    stays = np.where(side[1:] == side[:-1], side[1:], 0.0)
+    inwards = -stays * depth
+    factors = layout.displacements[..., None] * _STEP + inwards[..., None] * _BUMP
+    growing = layout.of_pieces(factors)
+    return _in_time(layout, growing, np.zeros_like(growing), lowest_power=3)
+
+
+def _needed_share(
+    problem: Problem,
+    layout: _Layout,
+    mixed: Array,
+    resting: Array,
+) -> Array:
+    """How much of the resting motion each joint needs where it is outside, `(joints,)`."""
+    lengths = layout.trajectory.lengths
+    origins = layout.of_pieces(layout.waypoints[:-1])
+    low, high = problem.limits.position.T
+    lowest = low - origins
+    highest = high - origins
+    unit = polynomials.stretched(mixed, lengths)
+    rounding = polynomials.evaluation_rounding(unit)
+    controls = polynomials.bernstein(unit)
+    above = controls.max(axis=0) > highest + rounding
+    below = controls.min(axis=0) < lowest - rounding
+    needed = np.zeros(problem.joints)
+    where = np.nonzero(above | below)
+    pieces, joints = where
+    if not len(pieces):
+        return needed
+    candidates = unit[:, pieces, joints]
+    points = polynomials.critical_points(candidates)
+    values = polynomials.evaluate(candidates[:, None], points)
+    rest = polynomials.stretched(resting, lengths)[:, pieces, joints]
+    at_rest = polynomials.evaluate(rest[:, None], points)
+    inside = np.clip(values, lowest[where], highest[where])
+    beyond = values - inside
+    outside = np.abs(beyond) > rounding[where]
+    # (1 − share) value + share at_rest = inside
+    share = np.where(outside, beyond / (values - at_rest), 0.0)
+    np.maximum.at(needed, joints, share.max(axis=0))
+    return np.clip(needed, 0.0, 1.0)

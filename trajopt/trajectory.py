@@ -148,9 +148,11 @@ class Trajectory:
     def refined(self, times: ArrayLike) -> Trajectory:
         """The same motion with a break at each of these times, s, too.
 
-        A time within rounding of a break adds none.
+        A time within rounding of a break adds none; times outside `[0, duration]` are moved to the
+        nearer end.
         """
-        wanted = np.asarray(times, dtype=float)
+        within = np.asarray(times, dtype=float)
+        wanted = np.clip(within, 0.0, self.duration)
         slack = BREAK_RTOL * self.duration
         own = self.breaks[nearest(self.breaks, wanted)]
         distance = np.abs(wanted - own)

@@ -25,10 +25,7 @@ Array = NDArray[np.float64]
 Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, low, high)
 
 _CHUNK_PIECES = 256  # pieces whose roots are found at once, the most promising first
-# Evaluating a polynomial of degree d rounds by less than this times (d + 1) Σ |coefficients|.
-_EVALUATION_RTOL = 2 * EPS
-# A coordinate, and the time of a break, are known to some units in their last place.
-_COORDINATE_RTOL = 16 * EPS
+# The time of a break is known to some units in its last place.
 _TIME_RTOL = 16 * EPS
 
 RATIO_KINDS = tuple(name for name, order in LIMIT_ORDERS.items() if order > 0)
@@ -42,8 +39,7 @@ class Tolerance:
     """How far a trajectory may stray and still be worth repairing.
 
     What is within tolerance is not forgiven but repaired, and the repair is what is certified; what
-    is beyond is a flaw. Only position limits keep their tolerance: where a waypoint lies on one, an
-    excess `e` may gain some `sqrt(2 e / A)` seconds.
+    is beyond is a flaw.
 
     Attributes:
         limit: for velocity, acceleration and jerk to count as kept, relative.
@@ -228,7 +224,7 @@ def _judged(
         jerk = _peak(judged, 3, limits.jerk, _ratio)
     position = None
     if problem.has("position"):
-        position = _peak(judged, 0, limits.position, _excess)
+        position = _peak(trajectory, 0, limits.position, _excess)
     dilation = _dilation(velocity, acceleration, jerk)
     if position and position.value > allowed.position_limit[position.joint]:
         flaws.insert(0, _say(problem, position, "leaves its position limits by"))
@@ -276,8 +272,8 @@ class _Allowed:
 
 def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowed:
     limits = problem.limits
-    largest = _largest_distances(problem)
-    coordinates = _COORDINATE_RTOL * np.abs(problem.waypoints).max(axis=0)
+    largest = problem.largest_displacements
+    coordinates = problem.rounding
 
     V = np.abs(limits.velocity).min(axis=1)
     A = np.abs(limits.acceleration).min(axis=1)
@@ -297,13 +293,6 @@ def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowe
         blur=tolerance.position * largest + 4 * coordinates,
         jumps=(position_jump, velocity_jump, acceleration_jump),
     )
-
-
-def _largest_distances(problem: Problem) -> Array:
-    """The largest displacement of each joint, rad, `(joints,)`; of one that never moves, of all."""
-    distances = np.abs(problem.displacements)
-    largest = np.where(problem.moving, distances.max(axis=0), distances.max())
-    return np.asarray(largest)
 
 
 def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
@@ -334,7 +323,7 @@ def _peak(trajectory: Trajectory, order: int, limits: Array, measure: Measure) -
     """
     low, high = limits.T
     unit = trajectory.pieces(order)
-    rounding = _evaluation_rounding(unit)
+    rounding = polynomials.evaluation_rounding(unit)
     if not np.isfinite(rounding).all():
         beyond = np.where(np.isfinite(rounding), 0.0, np.inf)
         worst, _ = _worst_of(beyond, np.ones(unit.shape[2]), trajectory.breaks, order)
@@ -384,12 +373,6 @@ def _peak_among(
     )
 
 
-def _evaluation_rounding(unit: Array) -> Array:
-    """How much evaluating each polynomial on `[0, 1]` may round, `(pieces, joints)`."""
-    terms = np.abs(unit).sum(axis=0)
-    return np.asarray(_EVALUATION_RTOL * len(unit) * terms)
-
-
 def _worst_miss(
     problem: Problem,
     trajectory: Trajectory,
@@ -423,7 +406,7 @@ def _worst_jump(
 
 def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
     """Where rounding alone moves a joint most, and by how much over what is allowed."""
-    rounding = _evaluation_rounding(trajectory.pieces())
+    rounding = polynomials.evaluation_rounding(trajectory.pieces())
     return _worst_of(rounding, allowed, trajectory.breaks)
 
 
