@@ -418,7 +418,7 @@ def test_repeated_waypoints_merge(waypoints, merged, index):
     assert short.waypoints[:, 0].tolist() == merged
     assert where.tolist() == index
     assert short.name == "kept"
-    assert np.array_equal(short.waypoints[where], problem.waypoints)
+    np.testing.assert_allclose(short.waypoints[where], problem.waypoints, rtol=1e-15)
 
 
 def random_problem(seed: int) -> Problem:

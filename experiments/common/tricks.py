@@ -53,11 +53,13 @@ def least_jerky_time(h: float, J: float) -> float:
     return float(4 * phase)
 
 
-def joined(phases: Sequence[tuple[float, float, float]]) -> Trajectory:
+def joined(
+    phases: Sequence[tuple[float, float, float]],
+    position: float = 0.0,
+) -> Trajectory:
     """One joint from phases `(duration, velocity, acceleration)`, each where the last one ends."""
     durations = [phase[0] for phase in phases]
     breaks = np.concatenate([[0.0], np.cumsum(durations)])
-    position = 0.0
     columns = []
     for duration, v, a in phases:
         columns.append([a / 2, v, position])
@@ -96,6 +98,12 @@ def head_start(
         (rise, V, -A),
     ]
     return joined(phases)
+
+
+def together(joints: Sequence[Trajectory], waypoint_times: Sequence[float]) -> Trajectory:
+    """Several joints, each on breaks of its own."""
+    parts = [(joint.breaks, joint.coefficients[..., 0]) for joint in joints]
+    return Trajectory.joined(parts, waypoint_times)
 
 
 def one_move(
@@ -386,6 +394,291 @@ def cancellations() -> Iterator[Trick]:
             least_time(h, V, A),
         )
 
+def stops_left_out() -> Iterator[Trick]:
+    """Waypoints so close that both are passed at one instant, at full speed."""
+    for name, limits in _passage_limits(2):
+        for turns, d, slope in (
+            (1, 9e-11, 0.0),
+            (3, 2e-11, 0.0),
+            (99, 9e-13, 0.0),
+            (1, 9e-11, -1.0),
+            (1, 4e-11, 0.5),
+        ):
+            yield _passages(f"{turns} at one instant, {name}", limits, turns, d, slope, 0.0)
+
+
+def stops_rushed_through() -> Iterator[Trick]:
+    """The same, passed one after the other as fast as the joint that moves goes."""
+    for name, limits in _passage_limits(2):
+        for turns, d, slope in (
+            (1, 9e-11, 0.0),
+            (1, 1e-8, 0.0),
+            (3, 1e-12, 0.0),
+            (1, 9e-11, -1.0),
+            (1, 4e-11, 0.5),
+        ):
+            yield _passages(f"{turns} rushed through, {name}", limits, turns, d, slope, d)
+
+
+def stops_far_from_zero() -> Iterator[Trick]:
+    """The way of the slower joint is one unit in the last place of its coordinate."""
+    coordinate = 1e5
+    unit = float(np.spacing(coordinate))
+    for name, limits in _passage_limits(2):
+        for turns, d in (
+            (1, 1.0e-10),
+            (1, 3e-11),
+            (3, 3e-11),
+        ):
+            slope = unit / d
+            what = f"{turns} at {coordinate:g} rad, {name}"
+            yield _passages(what, limits, turns, d, slope, d, coordinate)
+
+
+def _passage_limits(joints: int) -> Iterator[tuple[str, Limits]]:
+    """Velocity and acceleration of 1, whatever else is limited."""
+    ones = [1.0] * joints
+    far = [1e7] * joints
+    yield "no more limits", Limits(ones, ones)
+    yield "jerk limits", Limits(ones, ones, jerk=[1e3] * joints)
+    yield "position limits", Limits(ones, ones, position=far)
+
+
+def _passages(
+    what: str,
+    limits: Limits,
+    turns: int,
+    d: float,
+    slope: float,
+    elapsed: float,
+    coordinate: float = 0.0,
+) -> Trick:
+    """Two joints at the same speed, past pairs of waypoints `d` and `slope · d` apart.
+
+    Between the two of a pair the second joint's mean velocity is at most `slope`, so its velocity
+    at the pair is at most `slope + A L / 2` after `L` seconds. That costs it `(1 − slope)²` seconds
+    at least, which no `L` makes less.
+    """
+    waypoints = [[0.0, coordinate]]
+    times = [0.0]
+    for turn in range(1, turns + 1):
+        waypoints.append([turn, coordinate + turn])
+        waypoints.append([turn + d, coordinate + turn + slope * d])
+        times += [turn + 0.5, turn + 0.5 + elapsed]
+    end = turns + 1.0
+    waypoints.append([end, coordinate + end])
+    problem = Problem(waypoints, limits)
+    # quick starts and stops within jerk limits are left to the verifier
+    phases = [
+        (1.0, 0.0, 1.0),
+        (end - 1, 1.0, 0.0),
+        (1.0, 1.0, -1.0),
+    ]
+    if problem.has("jerk"):
+        first = _jerky_cruise(end, 0.0)
+        second = _jerky_cruise(end, coordinate)
+        late = (first.duration - end - 1) / 2
+        times = [0.0, *(time + late for time in times[1:])]
+    else:
+        first = joined(phases)
+        second = joined(phases, coordinate)
+    times.append(first.duration)
+    lost = (1 - max(slope, 0.0)) ** 2
+    return Trick(
+        f"{what}, {d:g} rad and {slope:g} of that apart",
+        problem,
+        together([first, second], times),
+        turns + 2 + turns * lost,
+    )
+
+
+def _jerky_cruise(h: float, start: float) -> Trajectory:
+    """From rest to rest over `h` with velocity and acceleration of 1 and jerk of 1000."""
+    ramp = 1e-3
+    j = 1e3
+    steady = 1 - ramp
+    cruise = h - 1 - ramp
+    phases = [
+        (ramp, j),
+        (steady, 0.0),
+        (ramp, -j),
+        (cruise, 0.0),
+        (ramp, -j),
+        (steady, 0.0),
+        (ramp, j),
+    ]
+    breaks = [0.0]
+    columns = []
+    x, v, a = start, 0.0, 0.0
+    for t, jerk in phases:
+        columns.append([jerk / 6, a / 2, v, x])
+        breaks.append(breaks[-1] + t)
+        x += (v + (a / 2 + jerk / 6 * t) * t) * t
+        v += (a + jerk / 2 * t) * t
+        a += jerk * t
+    return one_joint(np.array(breaks), columns)
+
+
+def tiny_swings() -> Iterator[Trick]:
+    """Jumps of a few rounding units instead of swings, where jerk is limited.
+
+    A swing of `h` between two turns takes `cbrt(12 h / J)` seconds or more. Meanwhile the other
+    joint has next to nothing to do; before, it is what takes the time.
+    """
+    J = 1.0
+    V = 1.0
+    A = 1e12
+    big = 0.01
+    begin = 1 + V / A
+    largest = 1.875 * big / begin  # rad/s, of a quintic from rest to rest
+    for swings, each in ((30, 1e-10), (300, 1e-10), (300, 1e-11)):
+        jump = 1.5 * np.finfo(float).eps * largest
+        h = jump * each
+        aside = 1e-14
+        times = np.concatenate([[0.0], begin + each * np.arange(swings + 1)])
+        signs = np.arange(swings + 1) % 2
+        swinging = np.concatenate([[-big], h * signs])
+        passing = np.concatenate([[0.0], 1 + aside * np.arange(swings + 1)])
+        waypoints = np.stack([swinging, passing], axis=1)
+        limits = Limits([V, V], [1.0, A], jerk=[J, np.inf])
+        problem = Problem(waypoints, limits)
+        rows = len(times) - 1
+        coefficients = np.zeros((6, rows, 1))
+        quintic = big * np.array([6.0, -15.0, 10.0])
+        coefficients[:3, 0, 0] = quintic / begin ** np.array([5.0, 4.0, 3.0])
+        lengths = np.diff(times)
+        moved = np.diff(waypoints, axis=0)
+        coefficients[-1, :, 0] = waypoints[:-1, 0]
+        coefficients[-2, 1:, 0] = moved[1:, 0] / lengths[1:]
+        first = Trajectory(times, coefficients, times[[0, -1]])
+        slow = moved[1:, 1] / lengths[1:]
+        ramp = V / A
+        phases = [(ramp, 0.0, A), (begin - 2 * ramp, V, 0.0), (ramp, V, -A)]
+        phases += [(t, v, 0.0) for t, v in zip(lengths[1:], slow, strict=True)]
+        second = joined(phases)
+        whole = together([first, second], times)
+        yield Trick(
+            f"{swings} swings of {h:.1g} rad within {each:g} s",
+            problem,
+            whole,
+            1 / V + (swings - 2) * (12 * h / J) ** (1 / 3),
+        )
+
+
+def _past_the_limit(
+    offset: float,
+    gap: float,
+    excess: float,
+    side: float,
+    waits: int,
+) -> Trick:
+    """A joint takes a run-up from beyond its position limit, while the other one turns on its own.
+
+    The first joint moves from 0 to 1, where its limit is, and has to stop there. The second one
+    waits beside its limit, or so little as `gap` away, and then moves by 1.
+    """
+    V = 9.0
+    A = 1.0
+    run_up = (2 * A * (gap + excess)) ** 0.5
+    allowed = (2 * A * gap) ** 0.5
+    moves = 2.0 * (1 + waits)
+    last = _time_with_run_up(run_up)
+    backwards = run_up / 2**0.5
+    second = joined(
+        [
+            (moves - 2 * backwards - run_up, 0.0, 0.0),
+            (backwards, 0.0, -side * A),
+            (backwards + run_up, -side * backwards, side * A),
+            (last / 2 - run_up / 2, side * run_up, side * A),
+            (last / 2 + run_up / 2, side * (last / 2 + run_up / 2), -side * A),
+        ],
+        offset,
+    )
+    phases = []
+    turns = []
+    for turn in range(waits + 1):
+        sign = 1.0 if turn % 2 == 0 else -1.0
+        phases += [(1.0, 0.0, sign), (1.0, sign, -sign)]
+        turns.append((1 + sign) / 2)
+    home = 0.1**0.5
+    back = -sign
+    phases += [
+        (home, 0.0, back),
+        (home, back * home, -back),
+        (last - 2 * home, 0.0, 0.0),
+    ]
+    waypoints = [[0.0, offset]]
+    waypoints += [[turn, offset] for turn in turns]
+    waypoints.append([turns[-1] + 0.1 * back, offset + side])
+    near = offset - side * gap
+    far = offset + side * 9
+    position = [[0.0, 1.0], sorted([near, far])]
+    problem = Problem(waypoints, Limits([V, V], [A, A], position=position))
+    times = [2.0 * turn for turn in range(waits + 2)]
+    return Trick(
+        f"{excess:g} rad beyond a limit {gap:g} rad from {offset:g}, side {side:g}, {waits} waits",
+        problem,
+        together([joined(phases), second], [*times, moves + last]),
+        moves + _time_with_run_up(allowed),
+    )
+
+
+def _time_with_run_up(v0: float) -> float:
+    """From velocity `v0` to rest over 1 rad with an acceleration of 1, s."""
+    # the peak velocity p: (p² − v0²) / 2 + p² / 2 = 1
+    peak = (1 + v0**2 / 2) ** 0.5
+    return 2 * peak - v0
+
+
+def run_ups() -> Iterator[Trick]:
+    """Waypoints on a position limit."""
+    for excess in (0.99e-8, 1e-10, 1e-12):
+        for side in (1.0, -1.0):
+            yield _past_the_limit(0.0, 0.0, excess, side, 0)
+
+
+def run_ups_beside_a_limit() -> Iterator[Trick]:
+    """Waypoints next to a position limit."""
+    for gap in (1e-12, 1e-9, 1e-6):
+        yield _past_the_limit(0.0, gap, 0.99e-8, 1.0, 0)
+
+
+def run_ups_after_waiting() -> Iterator[Trick]:
+    """A joint that rests on its position limit for several segments."""
+    for waits in (1, 2, 5):
+        yield _past_the_limit(0.0, 0.0, 0.99e-8, 1.0, waits)
+
+
+def run_ups_far_from_zero() -> Iterator[Trick]:
+    """Position limits at a coordinate whose last place is not small."""
+    for offset in (1e3, 1e6):
+        yield _past_the_limit(offset, 0.0, 0.99e-8, 1.0, 0)
+
+
+def early_waypoint_times() -> Iterator[Trick]:
+    """Waypoint times that leave the motion by rounding."""
+    for trick in (*misses(), *run_ups()):
+        motion = trick.trajectory
+        times = motion.waypoint_times.copy()
+        times[0] -= 9e-13 * motion.duration
+        times[-1] += 9e-13 * motion.duration
+        moved = Trajectory(motion.breaks, motion.coefficients, times)
+        yield Trick(f"{trick.name}, early", trick.problem, moved, trick.optimum)
+
+
+def bent_everywhere() -> Iterator[Trick]:
+    """Several tricks at once: noise of a millionth on motions that cheat already."""
+    rng = np.random.default_rng(0)
+    for family in (stops_rushed_through, run_ups, run_ups_beside_a_limit):
+        for trick in family():
+            motion = trick.trajectory
+            largest = np.abs(motion.coefficients).max(axis=(1, 2), keepdims=True)
+            noise = rng.uniform(-1, 1, motion.coefficients.shape)
+            bent = motion.coefficients + 3e-13 * largest * noise
+            moved = Trajectory(motion.breaks, bent, motion.waypoint_times)
+            yield Trick(f"{trick.name}, bent", trick.problem, moved, trick.optimum)
+
+
 
 FAMILIES: tuple[Callable[[], Iterator[Trick]], ...] = (
     head_starts,
@@ -397,6 +690,16 @@ FAMILIES: tuple[Callable[[], Iterator[Trick]], ...] = (
     slivers,
     instants,
     cancellations,
+    stops_left_out,
+    stops_rushed_through,
+    stops_far_from_zero,
+    tiny_swings,
+    run_ups,
+    run_ups_beside_a_limit,
+    run_ups_after_waiting,
+    run_ups_far_from_zero,
+    early_waypoint_times,
+    bent_everywhere,
 )
 
 
