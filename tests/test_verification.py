@@ -168,9 +168,9 @@ def test_a_spike_beyond_a_position_limit(joint, side, times, one_sided):
     if one_sided:
         position[joint][0 if side > 0 else 1] = -side * INF
     height = side * (1 + beyond) - WAITING[1, joint]
-    certificate = verify(
-        within(position), bumped(trajectory, piece, joint, hump(3, 3) * 64 * height)
-    )
+    problem = within(position)
+    spiked = bumped(trajectory, piece, joint, hump(3, 3) * 64 * height)
+    certificate = verify(problem, spiked)
     assert certificate.position.value == pytest.approx(beyond, abs=1e-10)
     assert certificate.position.joint == joint
     assert trajectory.breaks[piece] < certificate.position.time < trajectory.breaks[piece + 1]
@@ -180,6 +180,12 @@ def test_a_spike_beyond_a_position_limit(joint, side, times, one_sided):
         assert f"joint {joint + 1} at " in flaw
         assert "leaves its position limits" in flaw
         assert certificate.certified_duration is None
+    elif times > 0:
+        pushed = certified(problem, spiked)
+        top = trajectory.breaks[piece] + SHORT / 2
+        assert side * spiked(top)[joint] > 1 + 0.9 * beyond
+        assert abs(pushed(top)[joint]) == pytest.approx(1, abs=1e-10)
+        assert abs(pushed(top)[joint]) <= 1 + 1e-14
 
 
 def test_without_position_limits_none_is_judged():

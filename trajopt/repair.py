@@ -530,7 +530,10 @@ def _needed_share(
     lowest = low - origins
     highest = high - origins
     unit = polynomials.stretched(mixed, lengths)
-    rounding = polynomials.evaluation_rounding(unit)
+    # Of the whole segment, since a piece starts where the pieces before it have led.
+    of_each = polynomials.evaluation_rounding(unit)
+    largest = np.maximum.reduceat(of_each, layout.first)
+    rounding = layout.of_pieces(largest)
     controls = polynomials.bernstein(unit)
     above = controls.max(axis=0) > highest + rounding
     below = controls.min(axis=0) < lowest - rounding

@@ -394,6 +394,7 @@ def cancellations() -> Iterator[Trick]:
             least_time(h, V, A),
         )
 
+
 def stops_left_out() -> Iterator[Trick]:
     """Waypoints so close that both are passed at one instant, at full speed."""
     for name, limits in _passage_limits(2):
@@ -522,46 +523,44 @@ def _jerky_cruise(h: float, start: float) -> Trajectory:
 def tiny_swings() -> Iterator[Trick]:
     """Jumps of a few rounding units instead of swings, where jerk is limited.
 
-    A swing of `h` between two turns takes `cbrt(12 h / J)` seconds or more. Meanwhile the other
-    joint has next to nothing to do; before, it is what takes the time.
+    A swing of `h` between two turns takes `cbrt(12 h / J)` seconds or more. Before the swings the
+    second joint takes the time, meanwhile the third has next to nothing to do.
     """
     J = 1.0
-    V = 1.0
-    A = 1e12
-    big = 0.01
-    begin = 1 + V / A
-    largest = 1.875 * big / begin  # rad/s, of a quintic from rest to rest
-    for swings, each in ((30, 1e-10), (300, 1e-10), (300, 1e-11)):
-        jump = 1.5 * np.finfo(float).eps * largest
+    A = 1e8
+    big = 0.002
+    done = 0.5
+    begin = 1 + 1 / A
+    largest = 1.875 * big / done  # rad/s, of a quintic from rest to rest
+    jump = 1.5 * np.finfo(float).eps * largest
+    limits = Limits([1.0] * 3, [1.0, A, A], jerk=[J, np.inf, np.inf])
+    cruise = [(1 / A, 0.0, A), (1 - 1 / A, 1.0, 0.0), (1 / A, 1.0, -A)]
+    for swings, each in ((100, 1e-10), (300, 1e-10), (300, 1e-11)):
         h = jump * each
-        aside = 1e-14
         times = np.concatenate([[0.0], begin + each * np.arange(swings + 1)])
-        signs = np.arange(swings + 1) % 2
-        swinging = np.concatenate([[-big], h * signs])
-        passing = np.concatenate([[0.0], 1 + aside * np.arange(swings + 1)])
-        waypoints = np.stack([swinging, passing], axis=1)
-        limits = Limits([V, V], [1.0, A], jerk=[J, np.inf])
-        problem = Problem(waypoints, limits)
-        rows = len(times) - 1
-        coefficients = np.zeros((6, rows, 1))
-        quintic = big * np.array([6.0, -15.0, 10.0])
-        coefficients[:3, 0, 0] = quintic / begin ** np.array([5.0, 4.0, 3.0])
-        lengths = np.diff(times)
-        moved = np.diff(waypoints, axis=0)
-        coefficients[-1, :, 0] = waypoints[:-1, 0]
-        coefficients[-2, 1:, 0] = moved[1:, 0] / lengths[1:]
-        first = Trajectory(times, coefficients, times[[0, -1]])
-        slow = moved[1:, 1] / lengths[1:]
-        ramp = V / A
-        phases = [(ramp, 0.0, A), (begin - 2 * ramp, V, 0.0), (ramp, V, -A)]
-        phases += [(t, v, 0.0) for t, v in zip(lengths[1:], slow, strict=True)]
-        second = joined(phases)
-        whole = together([first, second], times)
+        waypoints = np.zeros((swings + 2, 3))
+        waypoints[0, 0] = -big
+        waypoints[1:, 0] = h * (np.arange(swings + 1) % 2)
+        waypoints[1:, 1] = 1.0
+        waypoints[1:, 2] = 1e-20 * np.arange(swings + 1)
+        # straight lines, and before them a quintic that the judge sees at its fastest
+        slopes = np.diff(waypoints, axis=0) / np.diff(times)[:, None]
+        lines = np.stack([slopes, waypoints[:-1]])
+        swinging = np.zeros((6, swings + 2))
+        swinging[4:, 1:] = lines[..., 0]
+        swinging[:, 1] = 0.0
+        powers = np.array([5.0, 4.0, 3.0])
+        swinging[:3, 0] = big * np.array([6.0, -15.0, 10.0]) / done**powers
+        swinging[5, 0] = -big
+        first = Trajectory(np.insert(times, 1, done), swinging[..., None], times[[0, -1]])
+        first = first.refined([done / 2])
+        last = Trajectory(times, lines[..., 2:], times[[0, -1]])
+        second = joined([*cruise, (times[-1] - begin, 0.0, 0.0)])
         yield Trick(
             f"{swings} swings of {h:.1g} rad within {each:g} s",
-            problem,
-            whole,
-            1 / V + (swings - 2) * (12 * h / J) ** (1 / 3),
+            Problem(waypoints, limits),
+            together([first, second, last], times),
+            1.0 + (swings - 2) * (12 * h / J) ** (1 / 3),
         )
 
 
@@ -677,7 +676,6 @@ def bent_everywhere() -> Iterator[Trick]:
             bent = motion.coefficients + 3e-13 * largest * noise
             moved = Trajectory(motion.breaks, bent, motion.waypoint_times)
             yield Trick(f"{trick.name}, bent", trick.problem, moved, trick.optimum)
-
 
 
 FAMILIES: tuple[Callable[[], Iterator[Trick]], ...] = (

@@ -30,7 +30,7 @@ def limited(waypoints: object, joints: int) -> Problem:
     return Problem(waypoints, Limits([1.0] * joints, [2.0] * joints))
 
 
-@pytest.mark.parametrize("power", (-10, -20, -28))
+@pytest.mark.parametrize("power", [-10, -20, -28])
 def test_tiny_segments_on_the_way_cost_nothing(power: int) -> None:
     tiny = 2.0**power
     problem = limited([[0], [1], [1 + tiny], [1 + 2 * tiny], [2]], 1)
