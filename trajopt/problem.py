@@ -203,7 +203,8 @@ class Problem:
     def largest_displacements(self) -> Array:
         """Of each joint, rad, `(joints,)`; of all where a joint never moves."""
         distances = np.abs(self.displacements)
-        return np.where(self.moving, distances.max(axis=0), distances.max())
+        largest = np.where(self.moving, distances.max(axis=0), distances.max())
+        return np.asarray(largest)
 
     @property
     def rounding(self) -> Array:

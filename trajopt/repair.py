@@ -33,6 +33,8 @@ Bools = NDArray[np.bool_]
 # Share of every limit: a correction that uses no more is left out, and all of them together change
 # the certified duration by no more than this.
 NEGLIGIBLE_USE = 1e-12
+# The second pass mends what a large correction has rounded.
+_PASSES = 2
 
 
 def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
@@ -50,36 +52,53 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
         The mended trajectory; None where there is nothing to mend: two different waypoints at one
         instant, or a number that overflows.
     """
+    motion = trajectory
     with np.errstate(
         over="ignore",
         invalid="ignore",
         divide="ignore",
     ):
-        layout = _layout(problem, trajectory)
-        if layout is None:
-            return None
-        coefficients = _rebased(layout)
-        jerk_limited = problem.limits.jerk_limited
-        at_limits = problem.has("position")
-        by_order = {1: ~jerk_limited, 2: jerk_limited}
-        for order, joints in by_order.items():
-            if not joints.any():
-                continue
-            added = _corrections(layout, joints, order)
-            if at_limits or not _is_negligible(added, layout, problem, joints):
-                coefficients = _with_added(coefficients, added, joints)
-        if at_limits:
-            coefficients = _within_position_limits(problem, layout, coefficients)
-        coefficients[-1] += layout.of_pieces(layout.waypoints[:-1])
-    finite = np.isfinite(coefficients)
-    if not finite.all():
-        return None
-    breaks = layout.breaks
-    return Trajectory(
-        breaks,
-        coefficients,
-        waypoint_times=breaks[layout.waypoint_breaks],
-    )
+        for _ in range(_PASSES):
+            layout = _layout(problem, motion)
+            if layout is None:
+                return None
+            rebased = _rebased(layout)
+            mended = _mended(problem, layout, rebased)
+            if not np.isfinite(mended).all():
+                return None
+            positions = mended[-1] + layout.of_pieces(layout.waypoints[:-1])
+            motion = Trajectory(
+                layout.breaks,
+                np.concatenate([mended[:-1], positions[None]]),
+                waypoint_times=layout.breaks[layout.waypoint_breaks],
+            )
+            if mended is rebased:
+                break
+    return motion
+
+
+def _mended(
+    problem: Problem,
+    layout: _Layout,
+    coefficients: Array,
+) -> Array:
+    """The coefficients that miss no waypoint, do not jump and keep the position limits.
+
+    Positions are since the waypoint where a segment starts. The same array where there is nothing
+    to mend.
+    """
+    at_limits = problem.has("position")
+    jerk_limited = problem.limits.jerk_limited
+    by_order = {1: ~jerk_limited, 2: jerk_limited}
+    for order, joints in by_order.items():
+        if not joints.any():
+            continue
+        added = _corrections(layout, joints, order)
+        if at_limits or not _is_negligible(added, layout, problem, joints):
+            coefficients = _with_added(coefficients, added, joints)
+    if at_limits:
+        coefficients = _within_position_limits(problem, layout, coefficients)
+    return coefficients
 
 
 @dataclass(frozen=True)
@@ -469,7 +488,7 @@ def _sides(problem: Problem, layout: _Layout) -> Array:
     near = _ON_LIMIT_RTOL * problem.largest_displacements
     above = high - waypoints <= near
     below = waypoints - low <= near
-    return above.astype(float) - below
+    return np.asarray(above.astype(float) - below)
 
 
 def _turned_at_limits(
