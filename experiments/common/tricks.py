@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from trajopt.problem import Limits, Problem
 from trajopt.trajectory import Trajectory
@@ -100,7 +100,7 @@ def head_start(
     return joined(phases)
 
 
-def together(joints: Sequence[Trajectory], waypoint_times: Sequence[float]) -> Trajectory:
+def together(joints: Sequence[Trajectory], waypoint_times: ArrayLike) -> Trajectory:
     """Several joints, each on breaks of its own."""
     parts = [(joint.breaks, joint.coefficients[..., 0]) for joint in joints]
     return Trajectory.joined(parts, waypoint_times)
@@ -625,7 +625,7 @@ def _past_the_limit(
 def _time_with_run_up(v0: float) -> float:
     """From velocity `v0` to rest over 1 rad with an acceleration of 1, s."""
     # the peak velocity p: (p² − v0²) / 2 + p² / 2 = 1
-    peak = (1 + v0**2 / 2) ** 0.5
+    peak = float((1 + v0**2 / 2) ** 0.5)
     return 2 * peak - v0
 
 
