@@ -64,17 +64,25 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
                 return None
             rebased = _rebased(layout)
             mended = _mended(problem, layout, rebased)
-            if not np.isfinite(mended).all():
+            finite = np.isfinite(mended)
+            if not finite.all():
                 return None
-            positions = mended[-1] + layout.of_pieces(layout.waypoints[:-1])
-            motion = Trajectory(
-                layout.breaks,
-                np.concatenate([mended[:-1], positions[None]]),
-                waypoint_times=layout.breaks[layout.waypoint_breaks],
-            )
+            motion = _placed(layout, mended)
             if mended is rebased:
                 break
     return motion
+
+
+def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
+    """The motion whose positions are since the waypoint where a segment starts."""
+    placed = np.array(coefficients)
+    placed[-1] += layout.origins
+    breaks = layout.breaks
+    return Trajectory(
+        breaks,
+        placed,
+        waypoint_times=breaks[layout.waypoint_breaks],
+    )
 
 
 def _mended(
@@ -141,6 +149,12 @@ class _Layout:
     def displacements(self) -> Array:
         """Of each joint in each segment, rad, `(segments, joints)`."""
         return np.diff(self.waypoints, axis=0)
+
+    @property
+    def origins(self) -> Array:
+        """The waypoint where each piece's segment starts, rad, `(pieces, joints)`."""
+        starts = self.waypoints[:-1]
+        return self.of_pieces(starts)
 
     def of_pieces(self, of_segments: Array) -> Array:
         """What each piece's segment has."""
@@ -237,7 +251,8 @@ def _slopes(layout: _Layout, missed: Array) -> Array:
     before = lengths[:-1]
     after = lengths[1:]
     rate = missed / lengths
-    parabola = (rate[:-1] * after + rate[1:] * before) / (before + after)
+    weighted = rate[:-1] * after + rate[1:] * before
+    parabola = weighted / (before + after)
     rest = np.zeros_like(missed[:1])
     return np.concatenate([rest, parabola, rest])
 
@@ -259,8 +274,11 @@ def _bent(
     # 1 − σ runs backwards in time
     growing = [slopes[1:] * lengths]
     dying = [-slopes[:-1] * lengths]
-    for derivatives, curvature in zip((growing, dying), curvatures, strict=False):
-        derivatives.append(curvature * lengths**2)
+    if curvatures:
+        ending, starting = curvatures
+        square = lengths**2
+        growing.append(ending * square)
+        dying.append(starting * square)
     return _ending(*growing), _ending(*dying)
 
 
@@ -299,15 +317,18 @@ def _is_negligible(
 ) -> bool:
     """Whether a correction moves no joint by more than rounding and uses next to no limit."""
     limits = problem.limits.by_name()
+    lengths = layout.trajectory.lengths
     for name, order in LIMIT_ORDERS.items():
-        allowed = problem.rounding
-        if name != "position":
-            allowed = NEGLIGIBLE_USE * np.abs(limits[name]).min(axis=1)
+        sizes = np.abs(limits[name])
+        allowed = NEGLIGIBLE_USE * sizes.min(axis=1)
+        if name == "position":
+            allowed = problem.rounding
         derivative = polynomials.derivative(added, order)
-        unit = polynomials.stretched(derivative, layout.trajectory.lengths)
+        unit = polynomials.stretched(derivative, lengths)
         # A polynomial stays within the range of its Bernstein coefficients.
-        controls = np.abs(polynomials.bernstein(unit))
-        if not (controls <= allowed[joints]).all():
+        controls = polynomials.bernstein(unit)
+        small = np.abs(controls) <= allowed[joints]
+        if not small.all():
             return False
     return True
 
@@ -375,7 +396,7 @@ def _jumps(
     joints: Bools,
     order: int,
 ) -> Array:
-    """Jumps of a derivative at every break, `(breaks, joints)`, those of rounding left out.
+    """Jumps of a derivative at every break, `(breaks, joints)`.
 
     Before and after the motion the robot rests.
     """
@@ -460,25 +481,27 @@ def _within_position_limits(
 
     At a waypoint on a limit the joint turns: its velocity is zero, and it does not accelerate
     outwards. Then each joint's motion is mixed with as little as needed of one that is inside and
-    rests at every waypoint.
+    rests at every waypoint. Not a number where no mixture is inside.
     """
     side = _sides(problem, layout)
-    joints = np.ones(problem.joints, dtype=bool)
+    share = np.zeros(problem.joints)
+    joints = np.ones_like(share, dtype=bool)
     turn = _turned_at_limits(layout, coefficients, side)
     coefficients = _with_added(coefficients, turn, joints)
     resting = _resting(problem, layout, side)
     towards_rest = _with_added(resting, -coefficients, joints)
-    share = np.zeros(problem.joints)
     mixed = coefficients
     for _ in range(_MAX_MIXTURES):
         needed = _needed_share(problem, layout, mixed, resting)
         if not needed.any():
-            break
-        more = share + (1 - share) * needed
-        share = np.where(needed > 0, np.maximum(2 * share, more), share)
+            return mixed
+        left = 1 - share
+        more = np.maximum(2 * share, share + left * needed)
+        share = np.where(needed > 0, more, share)
         share = np.minimum(share, 1.0)
-        mixed = _with_added(coefficients, share * towards_rest, joints)
-    return mixed
+        added = share * towards_rest
+        mixed = _with_added(coefficients, added, joints)
+    return np.full_like(mixed, np.nan)
 
 
 def _sides(problem: Problem, layout: _Layout) -> Array:
@@ -500,15 +523,15 @@ def _turned_at_limits(
     lengths = layout.trajectory.lengths
     velocity = polynomials.derivative(coefficients)
     acceleration = polynomials.derivative(velocity)
-    start_velocity = velocity[-1, layout.first]
-    start_acceleration = acceleration[-1, layout.first]
-    stops = polynomials.stretched(acceleration, lengths).sum(axis=0)
-    end_acceleration = stops[layout.after - 1]
-    at_rest = np.zeros_like(start_velocity[:1])
-    velocities = np.concatenate([start_velocity, at_rest])
+    leaving = velocity[-1, layout.first]
+    at_rest = np.zeros_like(leaving[:1])
+    velocities = np.concatenate([leaving, at_rest])
     slopes = np.where(side == 0, 0.0, -velocities)
-    ending = np.where(side[1:] * end_acceleration > 0, -end_acceleration, 0.0)
-    starting = np.where(side[:-1] * start_acceleration > 0, -start_acceleration, 0.0)
+    unit = polynomials.stretched(acceleration, lengths)
+    stops = unit.sum(axis=0)
+    last = layout.after - 1
+    ending = _inwards(stops[last], side[1:])
+    starting = _inwards(unit[-1, layout.first], side[:-1])
     growing, dying = _bent(layout, slopes, ending, starting)
     return _in_time(
         layout,
@@ -516,6 +539,12 @@ def _turned_at_limits(
         layout.of_pieces(dying),
         lowest_power=3,
     )
+
+
+def _inwards(acceleration: Array, side: Array) -> Array:
+    """What to add to accelerations that lead outwards."""
+    outwards = side * acceleration > 0
+    return np.where(outwards, -acceleration, 0.0)
 
 
 def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
@@ -526,14 +555,20 @@ def _resting(problem: Problem, layout: _Layout, side: Array) -> Array:
     """
     limits = problem.limits
     low, high = limits.position.T
-    acceleration = np.abs(limits.acceleration).min(axis=1)
-    reach = acceleration * layout.lengths**2 / (2 * _BUMP_CURVATURE)
-    depth = np.minimum(reach, (high - low) / 2)
-    stays = np.where(side[1:] == side[:-1], side[1:], 0.0)
+    sizes = np.abs(limits.acceleration)
+    half = sizes.min(axis=1) / 2
+    reach = half * layout.lengths**2 / _BUMP_CURVATURE
+    middle = (high - low) / 2
+    depth = np.minimum(reach, middle)
+    start = side[:-1]
+    end = side[1:]
+    stays = np.where(start == end, start, 0.0)
     inwards = -stays * depth
-    factors = layout.displacements[..., None] * _STEP + inwards[..., None] * _BUMP
-    growing = layout.of_pieces(factors)
-    return _in_time(layout, growing, np.zeros_like(growing), lowest_power=3)
+    steps = layout.displacements[..., None] * _STEP
+    bumps = inwards[..., None] * _BUMP
+    growing = layout.of_pieces(steps + bumps)
+    none = np.zeros_like(growing)
+    return _in_time(layout, growing, none, lowest_power=3)
 
 
 def _needed_share(
@@ -544,10 +579,9 @@ def _needed_share(
 ) -> Array:
     """How much of the resting motion each joint needs where it is outside, `(joints,)`."""
     lengths = layout.trajectory.lengths
-    origins = layout.of_pieces(layout.waypoints[:-1])
     low, high = problem.limits.position.T
-    lowest = low - origins
-    highest = high - origins
+    lowest = low - layout.origins
+    highest = high - layout.origins
     unit = polynomials.stretched(mixed, lengths)
     # Of the whole segment, since a piece starts where the pieces before it have led.
     of_each = polynomials.evaluation_rounding(unit)
@@ -557,19 +591,22 @@ def _needed_share(
     above = controls.max(axis=0) > highest + rounding
     below = controls.min(axis=0) < lowest - rounding
     needed = np.zeros(problem.joints)
-    where = np.nonzero(above | below)
-    pieces, joints = where
-    if not len(pieces):
+    may_leave = above | below
+    if not may_leave.any():
         return needed
+    where = np.nonzero(may_leave)
+    pieces, joints = where
     candidates = unit[:, pieces, joints]
     points = polynomials.critical_points(candidates)
     values = polynomials.evaluate(candidates[:, None], points)
-    rest = polynomials.stretched(resting, lengths)[:, pieces, joints]
+    unit_rest = polynomials.stretched(resting, lengths)
+    rest = unit_rest[:, pieces, joints]
     at_rest = polynomials.evaluate(rest[:, None], points)
     inside = np.clip(values, lowest[where], highest[where])
     beyond = values - inside
     outside = np.abs(beyond) > rounding[where]
     # (1 − share) value + share at_rest = inside
-    share = np.where(outside, beyond / (values - at_rest), 0.0)
+    ratio = beyond / (values - at_rest)
+    share = np.where(outside, ratio, 0.0)
     np.maximum.at(needed, joints, share.max(axis=0))
     return np.clip(needed, 0.0, 1.0)

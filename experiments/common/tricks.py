@@ -463,13 +463,15 @@ def _passages(
     waypoints = [[0.0, coordinate]]
     times = [0.0]
     for turn in range(1, turns + 1):
-        waypoints.append([turn, coordinate + turn])
-        waypoints.append([turn + d, coordinate + turn + slope * d])
-        times += [turn + 0.5, turn + 0.5 + elapsed]
+        there = coordinate + turn
+        waypoints.append([turn, there])
+        waypoints.append([turn + d, there + slope * d])
+        time = turn + 0.5
+        times.append(time)
+        times.append(time + elapsed)
     end = turns + 1.0
     waypoints.append([end, coordinate + end])
     problem = Problem(waypoints, limits)
-    # quick starts and stops within jerk limits are left to the verifier
     phases = [
         (1.0, 0.0, 1.0),
         (end - 1, 1.0, 0.0),
@@ -479,7 +481,8 @@ def _passages(
         first = _jerky_cruise(end, 0.0)
         second = _jerky_cruise(end, coordinate)
         late = (first.duration - end - 1) / 2
-        times = [0.0, *(time + late for time in times[1:])]
+        later = [time + late for time in times[1:]]
+        times = [0.0, *later]
     else:
         first = joined(phases)
         second = joined(phases, coordinate)
@@ -510,7 +513,9 @@ def _jerky_cruise(h: float, start: float) -> Trajectory:
     ]
     breaks = [0.0]
     columns = []
-    x, v, a = start, 0.0, 0.0
+    x = start
+    v = 0.0
+    a = 0.0
     for t, jerk in phases:
         columns.append([jerk / 6, a / 2, v, x])
         breaks.append(breaks[-1] + t)
@@ -533,34 +538,56 @@ def tiny_swings() -> Iterator[Trick]:
     begin = 1 + 1 / A
     largest = 1.875 * big / done  # rad/s, of a quintic from rest to rest
     jump = 1.5 * np.finfo(float).eps * largest
-    limits = Limits([1.0] * 3, [1.0, A, A], jerk=[J, np.inf, np.inf])
-    cruise = [(1 / A, 0.0, A), (1 - 1 / A, 1.0, 0.0), (1 / A, 1.0, -A)]
-    for swings, each in ((100, 1e-10), (300, 1e-10), (300, 1e-11)):
+    limits = Limits(
+        [1.0, 1.0, 1.0],
+        [1.0, A, A],
+        jerk=[J, np.inf, np.inf],
+    )
+    ramp = 1 / A
+    cruise = [
+        (ramp, 0.0, A),
+        (1 - ramp, 1.0, 0.0),
+        (ramp, 1.0, -A),
+    ]
+    for swings, each in (
+        (100, 1e-10),
+        (300, 1e-10),
+        (300, 1e-11),
+    ):
         h = jump * each
-        times = np.concatenate([[0.0], begin + each * np.arange(swings + 1)])
+        turns = np.arange(swings + 1)
+        swung = begin + each * turns
+        times = np.concatenate([[0.0], swung])
         waypoints = np.zeros((swings + 2, 3))
         waypoints[0, 0] = -big
-        waypoints[1:, 0] = h * (np.arange(swings + 1) % 2)
+        waypoints[1:, 0] = h * (turns % 2)
         waypoints[1:, 1] = 1.0
-        waypoints[1:, 2] = 1e-20 * np.arange(swings + 1)
+        waypoints[1:, 2] = 1e-20 * turns
         # straight lines, and before them a quintic that the judge sees at its fastest
-        slopes = np.diff(waypoints, axis=0) / np.diff(times)[:, None]
+        moved = np.diff(waypoints, axis=0)
+        lengths = np.diff(times)[:, None]
+        slopes = moved / lengths
         lines = np.stack([slopes, waypoints[:-1]])
         swinging = np.zeros((6, swings + 2))
         swinging[4:, 1:] = lines[..., 0]
         swinging[:, 1] = 0.0
-        powers = np.array([5.0, 4.0, 3.0])
-        swinging[:3, 0] = big * np.array([6.0, -15.0, 10.0]) / done**powers
+        swinging[0, 0] = 6 * big / done**5
+        swinging[1, 0] = -15 * big / done**4
+        swinging[2, 0] = 10 * big / done**3
         swinging[5, 0] = -big
-        first = Trajectory(np.insert(times, 1, done), swinging[..., None], times[[0, -1]])
+        breaks = np.insert(times, 1, done)
+        ends = times[[0, -1]]
+        first = Trajectory(breaks, swinging[..., None], ends)
         first = first.refined([done / 2])
-        last = Trajectory(times, lines[..., 2:], times[[0, -1]])
-        second = joined([*cruise, (times[-1] - begin, 0.0, 0.0)])
+        rest = times[-1] - begin
+        second = joined([*cruise, (rest, 0.0, 0.0)])
+        last = Trajectory(times, lines[..., 2:], ends)
+        swing = (12 * h / J) ** (1 / 3)
         yield Trick(
             f"{swings} swings of {h:.1g} rad within {each:g} s",
             Problem(waypoints, limits),
             together([first, second, last], times),
-            1.0 + (swings - 2) * (12 * h / J) ** (1 / 3),
+            1.0 + (swings - 2) * swing,
         )
 
 
@@ -583,21 +610,28 @@ def _past_the_limit(
     moves = 2.0 * (1 + waits)
     last = _time_with_run_up(run_up)
     backwards = run_up / 2**0.5
+    outwards = -side
+    wait = moves - 2 * backwards - run_up
+    peak = (last + run_up) / 2
+    speeding = peak - run_up
     second = joined(
         [
-            (moves - 2 * backwards - run_up, 0.0, 0.0),
-            (backwards, 0.0, -side * A),
-            (backwards + run_up, -side * backwards, side * A),
-            (last / 2 - run_up / 2, side * run_up, side * A),
-            (last / 2 + run_up / 2, side * (last / 2 + run_up / 2), -side * A),
+            (wait, 0.0, 0.0),
+            (backwards, 0.0, outwards),
+            (backwards + run_up, outwards * backwards, side),
+            (speeding, side * run_up, side),
+            (peak, side * peak, outwards),
         ],
         offset,
     )
     phases = []
     turns = []
     for turn in range(waits + 1):
-        sign = 1.0 if turn % 2 == 0 else -1.0
-        phases += [(1.0, 0.0, sign), (1.0, sign, -sign)]
+        sign = (-1.0) ** turn
+        phases += [
+            (1.0, 0.0, sign),
+            (1.0, sign, -sign),
+        ]
         turns.append((1 + sign) / 2)
     home = 0.1**0.5
     back = -sign
@@ -608,16 +642,22 @@ def _past_the_limit(
     ]
     waypoints = [[0.0, offset]]
     waypoints += [[turn, offset] for turn in turns]
-    waypoints.append([turns[-1] + 0.1 * back, offset + side])
+    end = turns[-1] + 0.1 * back
+    waypoints.append([end, offset + side])
     near = offset - side * gap
     far = offset + side * 9
-    position = [[0.0, 1.0], sorted([near, far])]
-    problem = Problem(waypoints, Limits([V, V], [A, A], position=position))
+    limits = Limits(
+        [V, V],
+        [A, A],
+        position=[[0.0, 1.0], sorted([near, far])],
+    )
     times = [2.0 * turn for turn in range(waits + 2)]
+    times.append(moves + last)
+    where = f"{gap:g} rad from {offset:g}, side {side:g}, {waits} waits"
     return Trick(
-        f"{excess:g} rad beyond a limit {gap:g} rad from {offset:g}, side {side:g}, {waits} waits",
-        problem,
-        together([joined(phases), second], [*times, moves + last]),
+        f"{excess:g} rad beyond a limit {where}",
+        Problem(waypoints, limits),
+        together([joined(phases), second], times),
         moves + _time_with_run_up(allowed),
     )
 
@@ -658,24 +698,31 @@ def early_waypoint_times() -> Iterator[Trick]:
     """Waypoint times that leave the motion by rounding."""
     for trick in (*misses(), *run_ups()):
         motion = trick.trajectory
+        late = 9e-13 * motion.duration
         times = motion.waypoint_times.copy()
-        times[0] -= 9e-13 * motion.duration
-        times[-1] += 9e-13 * motion.duration
+        times[0] -= late
+        times[-1] += late
         moved = Trajectory(motion.breaks, motion.coefficients, times)
         yield Trick(f"{trick.name}, early", trick.problem, moved, trick.optimum)
 
 
 def bent_everywhere() -> Iterator[Trick]:
-    """Several tricks at once: noise of a millionth on motions that cheat already."""
+    """Noise on motions that cheat already."""
     rng = np.random.default_rng(0)
-    for family in (stops_rushed_through, run_ups, run_ups_beside_a_limit):
-        for trick in family():
-            motion = trick.trajectory
-            largest = np.abs(motion.coefficients).max(axis=(1, 2), keepdims=True)
-            noise = rng.uniform(-1, 1, motion.coefficients.shape)
-            bent = motion.coefficients + 3e-13 * largest * noise
-            moved = Trajectory(motion.breaks, bent, motion.waypoint_times)
-            yield Trick(f"{trick.name}, bent", trick.problem, moved, trick.optimum)
+    bent = [
+        *stops_rushed_through(),
+        *run_ups(),
+        *run_ups_beside_a_limit(),
+    ]
+    for trick in bent:
+        motion = trick.trajectory
+        given = motion.coefficients
+        sizes = np.abs(given)
+        largest = sizes.max(axis=(1, 2), keepdims=True)
+        noise = rng.uniform(-3e-13, 3e-13, given.shape)
+        added = largest * noise
+        moved = Trajectory(motion.breaks, given + added, motion.waypoint_times)
+        yield Trick(f"{trick.name}, bent", trick.problem, moved, trick.optimum)
 
 
 FAMILIES: tuple[Callable[[], Iterator[Trick]], ...] = (
