@@ -68,7 +68,11 @@ def _minima(trajectory: Trajectory, waypoint: Array) -> Array:
     return _polished(trajectory, waypoint, start + elapsed)
 
 
-def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
+def _polished(
+    trajectory: Trajectory,
+    waypoint: Array,
+    times: Array,
+) -> Array:
     """Gauss and Newton's steps, each kept only where it comes nearer: squares round too much."""
     for _ in range(_NEWTON_STEPS):
         away = trajectory(times) - waypoint
@@ -85,7 +89,11 @@ def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
     return times
 
 
-def _miss(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
+def _miss(
+    trajectory: Trajectory,
+    waypoint: Array,
+    times: Array,
+) -> Array:
     """How far it is from the waypoint, rad, over all joints."""
     away = trajectory(times) - waypoint
     distance = np.linalg.norm(away, axis=1)
@@ -119,7 +127,11 @@ def _in_order(misses: Array) -> NDArray[np.intp]:
     return np.array(backwards[::-1])
 
 
-def _at_breaks(trajectory: Trajectory, waypoints: Array, times: Array) -> Array:
+def _at_breaks(
+    trajectory: Trajectory,
+    waypoints: Array,
+    times: Array,
+) -> Array:
     """The same, at a break where that is as near: no sliver of a piece is cut off for nothing."""
     breaks = trajectory.breaks[nearest(trajectory.breaks, times)]
     distance = np.abs(breaks - times)

@@ -328,7 +328,11 @@ def _pieces_of(function: Trajectory | PPoly | BSpline) -> Pieces:
     return piecewise.of_scipy(function)
 
 
-def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
+def _check(
+    breaks: Array,
+    coefficients: Array,
+    waypoint_times: Array,
+) -> None:
     if breaks.ndim != 1 or len(breaks) < 2 or not _increasing_from_zero(breaks):
         raise InvalidTrajectory("breaks must be strictly increasing times from 0")
     pieces = len(breaks) - 1

@@ -159,7 +159,9 @@ class Certificate:
 
 
 def verify(
-    problem: Problem, trajectory: Trajectory, tolerance: Tolerance | None = None
+    problem: Problem,
+    trajectory: Trajectory,
+    tolerance: Tolerance | None = None,
 ) -> Certificate:
     """Judge a trajectory exactly against a problem.
 
@@ -195,7 +197,9 @@ def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
 
 
 def _judged(
-    problem: Problem, trajectory: Trajectory, tolerance: Tolerance
+    problem: Problem,
+    trajectory: Trajectory,
+    tolerance: Tolerance,
 ) -> tuple[Certificate, Trajectory]:
     """The verdict, and the trajectory whose peaks it tells: repaired where that can be."""
     allowed = _allowed(problem, trajectory.duration, tolerance)
@@ -247,7 +251,11 @@ def _judged(
     return certificate, judged
 
 
-def _dilation(velocity: Worst, acceleration: Worst, jerk: Worst | None) -> float:
+def _dilation(
+    velocity: Worst,
+    acceleration: Worst,
+    jerk: Worst | None,
+) -> float:
     """`k = max(peak v / V, sqrt(peak a / A), cbrt(peak j / J))` (section 2)."""
     factors = [velocity.value, acceleration.value**0.5]
     if jerk:
@@ -270,7 +278,11 @@ class _Allowed:
     jumps: tuple[Array, Array, Array]
 
 
-def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowed:
+def _allowed(
+    problem: Problem,
+    duration: float,
+    tolerance: Tolerance,
+) -> _Allowed:
     limits = problem.limits
     largest = problem.largest_displacements
     coordinates = problem.rounding
@@ -295,13 +307,23 @@ def _allowed(problem: Problem, duration: float, tolerance: Tolerance) -> _Allowe
     )
 
 
-def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
+def _ratio(
+    values: Array,
+    rounding: Array,
+    low: Array,
+    high: Array,
+) -> Array:
     upwards = (values + rounding) / high
     downwards = (values - rounding) / low
     return np.maximum(upwards, downwards)
 
 
-def _excess(values: Array, rounding: Array, low: Array, high: Array) -> Array:
+def _excess(
+    values: Array,
+    rounding: Array,
+    low: Array,
+    high: Array,
+) -> Array:
     above = values + rounding - high
     below = low - values + rounding
     return np.maximum(above, below)
@@ -316,7 +338,12 @@ class _Peak(NamedTuple):
     share: float
 
 
-def _peak(trajectory: Trajectory, order: int, limits: Array, measure: Measure) -> Worst:
+def _peak(
+    trajectory: Trajectory,
+    order: int,
+    limits: Array,
+    measure: Measure,
+) -> Worst:
     """The exact worst of a convex measure of a derivative, over all pieces and joints.
 
     Rounded up by what evaluating the polynomials may round.
@@ -435,7 +462,11 @@ def _worst_of(
 _JUMP_WORDS = ("position jumps by", "velocity jumps by", "acceleration jumps by")
 
 
-def _say(problem: Problem, worst: Worst, what: str) -> str:
+def _say(
+    problem: Problem,
+    worst: Worst,
+    what: str,
+) -> str:
     unit = problem.unit(worst.joint, worst.order)
     where = f"{problem.joint_labels[worst.joint]} at {worst.time:.6g} s"
     return f"{where}: {what} {worst.value:.3g} {unit}"
