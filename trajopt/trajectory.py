@@ -91,8 +91,8 @@ class Trajectory:
         )
 
     def _repr_html_(self) -> str:
-        """For notebooks: where each joint starts and ends, and how far it goes."""
-        header = ["joint", "start rad", "end rad", "lowest rad", "highest rad"]
+        """For notebooks: where each joint starts and ends, and how far it goes, rad or m."""
+        header = ["joint", "start", "end", "lowest", "highest"]
         low, high = self._range()
         start, end = self([0.0, self.duration])
         rows = []

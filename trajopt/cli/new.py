@@ -27,7 +27,7 @@ waypoints = [
     [80, -100, 110, -100, -80, 40],
     [60, -90, 90, -90, -90, 0],
 ]
-units.waypoints = "deg"             # "deg" or "rad"
+units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per joint, if one slides
 
 # For a robot of your own leave out `robot`, and say:
 # joint_names = ["shoulder", "elbow", "wrist"]
