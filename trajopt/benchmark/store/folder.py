@@ -18,6 +18,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+import numpy as np
+
 from trajopt.benchmark.store import atomic, seal
 from trajopt.benchmark.store.columns import harmless
 from trajopt.benchmark.store.schema import Encoded, decode, encode, recorded
@@ -29,6 +31,7 @@ Stamp = tuple[int, int]  # of a file: its inode, and when that last changed, ns
 
 _UNANSWERED = ".missing.h5"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.h5")
+_VERDICT = ("id", "digest", "status", "certified_duration", "lower_bound", "certificate")
 _REASON_CHARACTERS = 300  # of what HDF5 or JSON say
 
 
@@ -155,12 +158,17 @@ class Store:
             with suppress(OSError, StoreError):
                 for content in _loaded(self.results):
                     known.setdefault(self.path(content.row["id"]), content)
-        restored = {path: content for path, content in known.items() if path in lost}
-        atomic.write_all({path: _filling(content) for path, content in restored.items()})
-        others = len(lost) - len(restored)
+        # another run, or another worker, may have found the same
+        same = {path for path in lost if path in known and _holds(path, known[path])}
+        bad = lost.keys() - same
+        if not bad:
+            return
+        restored = known.keys() & bad
+        atomic.write_all({path: _filling(known[path]) for path in restored})
+        others = len(bad) - len(restored)
         again = f"; {others} of them are lost, and run again" if others else ""
         warnings.warn(
-            f"{self.folder}: a planner or another program removed or changed {len(lost)} trials "
+            f"{self.folder}: a planner or another program removed or changed {len(bad)} trials "
             f"during the run; {len(restored)} are written again{again}",
             DamagedFile,
             stacklevel=2,
@@ -431,6 +439,24 @@ def _loaded(path: Path) -> list[Encoded]:
     with hdf5.opened(path) as source:
         consolidated = "trials" in source
     return list(results_file.read(path)) if consolidated else [trial_file.read(path)]
+
+
+def _holds(path: Path, content: Encoded) -> bool:
+    """Whether a file holds the same answer and verdict; when and how fast does not matter."""
+    try:
+        found = _load(path)
+    except Exception:
+        return False
+    same_row = all(found.row.get(name) == content.row[name] for name in _VERDICT)
+    same_names = found.arrays.keys() == content.arrays.keys()
+    return (
+        same_row
+        and same_names
+        and all(
+            np.array_equal(found.arrays[name], array, equal_nan=True)
+            for name, array in content.arrays.items()
+        )
+    )
 
 
 def _stamp(path: Path) -> Stamp | None:
