@@ -77,12 +77,13 @@ class Code:
 
 @cache
 def provenance() -> dict[str, str]:
-    """Versions of this package and of every solver, the commit, and the machine."""
+    """Versions of this package and of every solver, the code that judges, and the machine."""
     versions = {name: _version(name) for name in PACKAGES}
     return versions | {
         "python": platform.python_version(),
         "commit": _commit(),
         "sources": _installed_sources(),
+        "judge_digest": _ours(),
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs",
         "cpu": _processor(),
     }

@@ -32,6 +32,7 @@ from trajopt.verification import Certificate, certified, verify
 
 Array = NDArray[np.float64]
 
+DEGREE_MAX = 100  # of a trajectory: finding roots takes memory by the degree's square
 OUT_OF_MEMORY = "out of memory"  # the message of a trial that had too little
 
 
@@ -393,6 +394,11 @@ def well_formed(answer: Any) -> Solution:
         value = getattr(answer, name)
         if not isinstance(value, kinds):
             return crash(f"Solution.{name} cannot be {value!r:.200}")
+    if answer.trajectory is not None and len(answer.trajectory.coefficients) > DEGREE_MAX + 1:
+        degree = len(answer.trajectory.coefficients) - 1
+        return crash(f"Solution.trajectory is of degree {degree}, expected at most {DEGREE_MAX}")
+    if not 0 <= answer.setup_time < np.inf:
+        return crash(f"Solution.setup_time cannot be {answer.setup_time!r:.200}")
     evaluations = answer.evaluations
     if evaluations is not None and not 0 <= evaluations <= _MOST_EVALUATIONS:
         return crash(f"Solution.evaluations cannot be {evaluations!r:.200}")

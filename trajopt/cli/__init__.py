@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import gc
 import os
+import signal
 import sys
 
 STOPPED = 130  # the exit code after Ctrl-C
@@ -18,8 +19,11 @@ def main(arguments: list[str] | None = None) -> None:
     # matrices here are small, and a thread per core takes a tenth of a second to start
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        # here: worker processes import the script that calls this, and need no command line
+        # here, where Ctrl-C is heard
         from trajopt.cli.app import main as run
-    except KeyboardInterrupt:
+
+        run(arguments)
+    except KeyboardInterrupt:  # while it loads, or a second one
         sys.exit(STOPPED)
-    run(arguments)
+    finally:  # one that comes while Python ends changes nothing
+        signal.signal(signal.SIGINT, signal.SIG_IGN)

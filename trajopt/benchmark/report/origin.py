@@ -15,13 +15,19 @@ _LIMITS = {
     "memory_limit": ("--memory", "memory limit of a trial (GiB)"),
     "jobs": ("--jobs", "trials side by side"),
 }  # what provenance calls it, the option that sets it, and what the table of facts calls it
-_NAMES = {"cpu": "processor"} | {key: name for key, (_, name) in _LIMITS.items()}
+_NAMES = {
+    "cpu": "processor",
+    "isolation": "kept apart from the run by",
+    "judge_digest": "digest of the code that judged",
+} | {key: name for key, (_, name) in _LIMITS.items()}
 _OF_A_PLANNER = ("planner_distribution", "planner_version", "planner_digest")
 _NOTHING = {
     "commit": "not known",
     "cpu": "not known",
     "memory_limit": "none",
     "jobs": "not known",
+    "isolation": "not known",
+    "judge_digest": "not known",
 }
 _UNLIMITED = "inf"
 _OF_A_MOTION = {"interpolation", "digest"}  # options of a `GivenMotion`

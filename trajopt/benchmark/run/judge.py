@@ -248,7 +248,8 @@ class _Bench:
         question = pickle.dumps(request.question)
         heard = bytearray()
         seconds = request.allowed.timeout * len(request.seeds)
-        end = time.monotonic() + seconds
+        look = time.monotonic()
+        end = look + seconds
         ending = Ending(Status.TIMEOUT, f"stopped after {seconds:g} s")
         while True:
             left = end - time.monotonic()
@@ -280,8 +281,10 @@ class _Bench:
                 code = processes.ended().get(current.process)
                 if code is not None:
                     return Ending(Status.CRASHED, _obituary(code))
-            if not ready and self._has_too_much(request.allowed.memory):
-                return Ending(Status.CRASHED, OUT_OF_MEMORY)
+            if time.monotonic() >= look:
+                look = time.monotonic() + _LOOK
+                if self._has_too_much(request.allowed.memory):
+                    return Ending(Status.CRASHED, OUT_OF_MEMORY)
 
     def _has_too_much(self, memory: float | None) -> bool:
         return memory is not None and processes.memory_in_use() > memory * 2**30

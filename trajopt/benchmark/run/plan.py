@@ -13,8 +13,8 @@ from trajopt.problem import Problem
 from trajopt.registry import entries
 from trajopt.solution import Status
 
-IN_PROCESS = "none: in the run's own process"
-OWN_PROCESS = "a process of its planner's own; judged in another"
+IN_PROCESS = "nothing: all in one process"
+OWN_PROCESS = "a process of the planner's own, judged in another"
 
 _BATCH = 30  # seeds solved together at most: large enough to be fast, small enough to lose little
 

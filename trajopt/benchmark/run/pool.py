@@ -7,11 +7,12 @@ with Pool(jobs=2) as pool:
 from __future__ import annotations
 
 import pickle
+import signal
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from types import TracebackType
 from typing import Any
 
@@ -112,6 +113,19 @@ class Judges:
             return judge
 
 
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """A further Ctrl-C changes nothing in the block."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 class Pool:
     """So many judges, started when they are needed; none outlives the block.
 
@@ -135,10 +149,10 @@ class Pool:
     ) -> None:
         if error is None:
             self._threads.shutdown()
-        else:
+        with _uninterrupted():
             self._threads.shutdown(wait=False, cancel_futures=True)
-        self._judges.end()
-        self._threads.shutdown()
+            self._judges.end()
+            self._threads.shutdown()
 
     @property
     def is_running(self) -> bool:

@@ -101,10 +101,12 @@ def _started() -> _Server:
 
 def serve(descriptor: int) -> NoReturn:
     """In the server: fork a judge for each descriptor that comes, until the run hangs up."""
+    from trajopt.benchmark.provenance import provenance
     from trajopt.benchmark.run import judge, processes
 
     for name in _LOADED:
         import_module(name)
+    provenance()  # for all judges: it asks git
     gc.freeze()  # else looking for garbage would copy every page in every judge
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     processes.adopt_orphans()

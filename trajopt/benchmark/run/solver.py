@@ -151,8 +151,7 @@ def _message(question: Question, planners: dict[bytes, Planner]) -> bytes:
         return answer.packed(replace(answers, loading_time=loading_time))
     except MemoryError:
         lost = crash(OUT_OF_MEMORY)
-    except (Exception, SystemExit):
-        # the planner does not load in another process
+    except BaseException:  # it does not load in another process, or raises what is no Exception
         lost = crash(traceback.format_exc())
     answers = Answers([lost] * len(question.seeds), Relation.RESTRICTION)
     return answer.packed(answers)

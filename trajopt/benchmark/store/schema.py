@@ -28,15 +28,13 @@ from trajopt.benchmark.store.columns import (
     harmless,
     naming,
 )
-from trajopt.benchmark.trial import Trial, verdict
+from trajopt.benchmark.trial import DEGREE_MAX, Trial, verdict
 from trajopt.exceptions import InvalidTrajectory, StoreError
 from trajopt.planner import Relation
 from trajopt.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 from trajopt.verification import WORST_KINDS, Certificate, Tolerance, Worst
-
-DEGREE_MAX = 100  # of a stored trajectory: finding roots takes memory by the degree's square
 
 _PLAIN = (type(None), str, bool, int)  # what JSON says as it is
 _TRAJECTORY = ("breaks", "coefficients", "waypoint_times")
