@@ -10,7 +10,6 @@ where it should join the samples with quintic pieces (`trajopt.interpolation`).
 from __future__ import annotations
 
 import csv
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 
 from trajopt import files, numerals
 from trajopt.exceptions import InvalidInput
+from trajopt.formats import waypoints
 from trajopt.formats.samples import Samples
 
 TIME = "time [s]"
@@ -30,7 +30,6 @@ _RATES = ("", "/s", "/s^2")  # of positions and their derivatives
 
 Array = NDArray[np.float64]
 
-_HEADING = re.compile(r"(?P<name>.+?)\s*[\[(](?P<unit>[^\])]+)[\])]")
 _TIME = -1  # in place of a derivative's order
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
 _LENGTHS = {"rad": 1.0, "deg": pi / 180, "°": pi / 180, "m": 1.0, "mm": 1e-3}  # rad or m
@@ -158,13 +157,12 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _column(where: str, heading: str) -> _Column:
-    match = _HEADING.fullmatch(heading)
-    unit = "" if match is None else match["unit"].replace(" ", "")
-    if match is None or unit not in _SIZES:
+    name, said = waypoints.heading(heading)
+    unit = (said or "").replace(" ", "")
+    if not name or unit not in _SIZES:
         right = "a name and a unit, like time [s], elbow [rad] or elbow_velocity [deg/s]"
         raise InvalidInput(where, right, value=heading)
     order, size = _SIZES[unit]
-    name = match["name"].strip()
     for suffix in _SUFFIXES.get(order, ()):
         name = name.removesuffix(suffix)
     length = "m" if unit.startswith("m") else "rad"

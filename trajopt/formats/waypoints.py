@@ -14,7 +14,6 @@ A prismatic joint is in metres: the robot says which joints slide, and a header 
 from __future__ import annotations
 
 import csv
-import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,7 +34,6 @@ ENDINGS = (".csv", ".txt", ".npy", ".json")
 
 _LENGTHS = ("m", "mm")
 _ALIASES = {"°": "deg"}
-_HEADING = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]")
 _TIMES = ("t", "time", "times", "time_from_start")
 
 
@@ -193,7 +191,8 @@ def _cells(lines: Sequence[str]) -> list[list[str]]:
         if separator in lines[0]:
             rows = csv.reader(lines, delimiter=separator)
             return [_stripped(row) for row in rows]
-    if _HEADING.search(lines[0]):  # "elbow [deg]" of one joint
+    _, unit = heading(lines[0].strip())
+    if unit is not None:  # "elbow [deg]" of one joint
         return [[line.strip()] for line in lines]
     return [line.split() for line in lines]
 
@@ -207,21 +206,28 @@ def _header(cells: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     names = []
     units = []
     for column, cell in enumerate(cells, start=1):
-        match = _HEADING.fullmatch(cell)
-        name = cell if match is None else match["name"]
+        name, unit = heading(cell)
         if name.lower() in _TIMES:
             right = "waypoints, without times; `trajopt judge` takes motions"
             raise InvalidInput(f"column {column}", right, value=cell)
         if not name:
             raise InvalidInput(f"column {column}", "the name of a joint", value=cell)
         names.append(name)
-        if match is not None:
-            unit = match["unit"].strip()
+        if unit is not None:
             units.append(_ALIASES.get(unit, unit))
     if len(units) not in (0, len(names)):
         right = "a unit in every column, or in none"
         raise InvalidInput("header", right, value=", ".join(cells))
     return tuple(names), tuple(units)
+
+
+def heading(cell: str) -> tuple[str, str | None]:
+    """A column's name, and its unit in brackets; None where it has none."""
+    start = max(cell.rfind("["), cell.rfind("("))
+    if start < 0 or cell[-1] not in "])":
+        return cell, None
+    unit = cell[start + 1 : -1]
+    return cell[:start].strip(), unit.strip()
 
 
 def _numbers(table: Sequence[Sequence[str]]) -> list[list[float]]:

@@ -1,26 +1,15 @@
-"""What do stored files do that a stranger crafted, or that a disk corrupted?
-
-    python -m experiments.hostile_files            # 2000 crafted, 1500 corrupted; half an hour
-    python -m experiments.hostile_files --quick    # 100 and 75
+"""Results files that a stranger crafted, or that a disk corrupted.
 
 Crafted: one thing in a `results.h5` or a trial file is made what it should not be (another type,
 shape, text, number, link, filter, size), and it is sealed again, as a forger would. Corrupted:
-bits, blocks or the end of a `results.h5` are changed, and nothing else. `verify`, `export` and, of
-every tenth, `report` then read it. A fault is a traceback, an exit code but 0, 1 and 2, an error of
-several lines, more than two warnings beside it (one says which file of a folder is left out), a
-line of more than 1000 characters, an escape sequence or the content of another file in what is
-printed or written, more than 300 MB of memory, or, of a corrupted file, other numbers exported.
-Needs Linux.
+bits, blocks or the end of a `results.h5` are changed, and nothing else. `verify`, `export` and
+`report` then read it. Needs Linux.
 """
 
 from __future__ import annotations
 
-import contextlib
-import io
-import itertools
 import json
 import tempfile
-import traceback
 import warnings
 import zlib
 from collections.abc import Callable, Sequence
@@ -28,17 +17,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-import cyclopts
 import h5py
 import numpy as np
 import pandas as pd
 
-from experiments.common.output import save_table
+from experiments.common import said
+from experiments.common.said import ESCAPES
 from trajopt.benchmark.store.folder import DamagedFile, Store
 from trajopt.benchmark.store.seal import sealed
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
-from trajopt.cli import app
 from trajopt.registry import named
 
 T = TypeVar("T")
@@ -46,15 +34,8 @@ Rng = np.random.Generator
 Craft = Callable[[h5py.File, Path, Rng], None]
 
 SECRET = "what-only-this-machine-knows"
-MEMORY_MB = 300.0
 LONGEST_BLOCK = 4096  # bytes
-WARNING = "trajopt: warning: "
-MOST_WARNINGS = 2  # beside the one line of an error: of a damaged file, and of what else it has
-LONGEST_LINE = 1000  # characters
-REPORT_EVERY = 10  # files
-PROGRESS_EVERY = 100  # files
 
-ESCAPES = ("\x1b[31m", "\x1b]0;title\x07", "\x9b2J", "\r", "\u202e")
 ODD_TEXTS = (
     b"\xff\xfe",
     b"\xed\xa0\x80",
@@ -452,25 +433,6 @@ def corrupted(folder: Path, work: Path, rng: Rng) -> Path:
     return path
 
 
-# --- what the program makes of it ---
-
-
-def run(arguments: Sequence[str]) -> tuple[int, str, str, str]:
-    """Exit code, output, errors, and the traceback of what should have been one line."""
-    out = io.StringIO()
-    err = io.StringIO()
-    code = -1
-    trace = ""
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            app.main(list(arguments))
-        except SystemExit as end:
-            code = int(end.code or 0)
-        except Exception:
-            trace = traceback.format_exc()
-    return code, out.getvalue(), err.getvalue(), trace
-
-
 def faults(
     path: Path,
     *,
@@ -492,14 +454,12 @@ def faults(
         commands.append(["report", str(folder)])
     found = []
     for arguments in commands:
-        before = _reset_peak()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DamagedFile)
-            code, out, err, trace = run(arguments)
-        wrong = _wrong(code, out, err, trace)
-        more = _peak_mb() - before
-        if more > MEMORY_MB:
-            wrong.append(f"{more:.0f} MB more")
+            answer = said.by(arguments)
+        wrong = answer.faults()
+        if SECRET in answer.out + answer.err:
+            wrong.append("another file's content")
         command = arguments[0]
         found += [f"{command}: {what}" for what in wrong]
     if table.exists():
@@ -515,50 +475,6 @@ def _export(path: Path, table: Path) -> list[str]:
     return ["export", str(path), "--to", "csv", "--out", str(table)]
 
 
-def _wrong(
-    code: int,
-    out: str,
-    err: str,
-    trace: str,
-) -> list[str]:
-    wrong = []
-    lines = err.strip().splitlines()
-    warned = [line for line in lines if line.startswith(WARNING)]
-    errors = [line for line in lines if not line.startswith(WARNING)]
-    if trace:
-        last = trace.strip().splitlines()[-1]
-        wrong.append(f"traceback: {last}")
-    elif "Traceback" in err:
-        wrong.append(f"traceback: {lines[-1]}")
-    elif code not in (0, 1, 2):
-        wrong.append(f"exit code {code}")
-    if code == 2 and len(errors) != 1:
-        wrong.append(f"{len(errors)} lines of error")
-    if len(warned) > MOST_WARNINGS:
-        wrong.append(f"{len(warned)} warnings")
-    longest = max(map(len, lines), default=0)
-    if longest > LONGEST_LINE:
-        wrong.append(f"a line of {longest} characters")
-    said = out + err
-    if any(escape in said for escape in ESCAPES):
-        wrong.append("an escape sequence")
-    if SECRET in said:
-        wrong.append("another file's content")
-    return wrong
-
-
-def _reset_peak() -> float:
-    """Forget the largest memory so far (Linux); what is in use now, MB."""
-    Path("/proc/self/clear_refs").write_text("5")
-    return _peak_mb()
-
-
-def _peak_mb() -> float:
-    status = Path("/proc/self/status").read_text()
-    (line,) = [line for line in status.splitlines() if line.startswith("VmHWM")]
-    return int(line.split()[1]) / 1024
-
-
 def _numbers(table: Path) -> pd.DataFrame:
     numbers = pd.read_csv(table, keep_default_na=False)
     return numbers.astype(str)
@@ -568,76 +484,5 @@ def true_numbers(folder: Path) -> pd.DataFrame:
     """What `export` says of the whole `results.h5`."""
     with tempfile.TemporaryDirectory() as work:
         table = Path(work) / "trials.csv"
-        run(_export(folder / "results.h5", table))
+        said.by(_export(folder / "results.h5", table))
         return _numbers(table)
-
-
-def one(
-    folder: Path,
-    work: Path,
-    seed: int,
-    craft: Craft | None,
-    numbers: pd.DataFrame,
-) -> dict[str, Any]:
-    """A row of the table: one file, crafted or corrupted, and the faults in reading it."""
-    rng = np.random.default_rng(seed)
-    if craft is None:
-        kind = "corrupted"
-        path = corrupted(folder, work, rng)
-        expected = numbers
-    else:
-        kind = craft.__name__
-        path = crafted(folder, work, craft, rng)
-        expected = None
-    report = seed % REPORT_EVERY == 0
-    found = faults(path, expected=expected, report=report)
-    return {
-        "kind": kind,
-        "seed": seed,
-        "faults": "; ".join(found),
-    }
-
-
-def main(
-    *,
-    output: Path = Path("experiments-output/hostile-files"),
-    crafts: int = 2000,
-    corruptions: int = 1500,
-    quick: bool = False,
-) -> None:
-    """Craft and corrupt files, read them, count the faults."""
-    if quick:
-        crafts = 100
-        corruptions = 75
-    harms: list[Craft | None] = []
-    harms += itertools.islice(itertools.cycle(CRAFTS), crafts)
-    harms += [None] * corruptions
-    order = np.random.default_rng(0).permutation(len(harms)).tolist()
-    rows = []
-    with tempfile.TemporaryDirectory() as scratch:
-        work = Path(scratch)
-        folder = template(work / "template")
-        numbers = true_numbers(folder)
-        for done, seed in enumerate(order, 1):
-            row = one(
-                folder,
-                work,
-                seed,
-                craft=harms[seed],
-                numbers=numbers,
-            )
-            rows.append(row)
-            if row["faults"]:
-                print(row, flush=True)
-            if done % PROGRESS_EVERY == 0:
-                print(f"{done} of {len(order)} files", flush=True)
-    table = pd.DataFrame(rows)
-    table = table.sort_values("seed")
-    save_table(table, output / "hostile-files")
-    faulty = table["faults"] != ""
-    summary = faulty.groupby(table["kind"]).agg(files="size", faulty="sum")
-    print(summary.to_string())
-
-
-if __name__ == "__main__":
-    cyclopts.run(main)

@@ -1,0 +1,152 @@
+"""What do files do that a stranger crafted, or that an accident changed?
+
+    python -m experiments.hostile_inputs            # 2000 mutated and 600 crafted, 15 min
+    python -m experiments.hostile_inputs --quick    # 200 and 60
+
+Mutated: files that are shipped, of every format that is read, with bits, spans, lines, numbers or
+keys changed. Crafted: what no reader may take. Every fifth is a results file
+(`experiments.common.forged_results`), the others are text (`hostile_texts`). Each is read in a
+child process by the command that a user would type. The promise: no traceback, one line of
+error of at most 1500 characters, no escape sequence, 10 s of CPU and 500 MB at most, and no
+nonsense taken (crafted files are all refused; in mutated ones that were taken, other parsers find
+no unknown key, no key twice, and only plain decimals for numbers). Ends with 1 where it is broken.
+Needs Linux.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from concurrent.futures import TimeoutError as TooLate
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import cyclopts
+import numpy as np
+import pandas as pd
+from pebble import ProcessExpired, ProcessPool
+
+from experiments.common import forged_results, hostile_texts, said
+from experiments.common.output import save_table
+
+WALL_S = 120.0  # for 10 s of CPU on a machine with other work
+STORED_EVERY = 5  # files
+REPORT_EVERY = 10  # stored files
+PROGRESS_EVERY = 200  # files
+WORKERS = 2
+FILES_PER_WORKER = 100
+REFUSED = 2  # exit code
+
+
+@cache
+def _template() -> tuple[Path, pd.DataFrame]:
+    """A results folder, made once in each child, and its true numbers."""
+    folder = forged_results.template(Path(tempfile.mkdtemp(prefix="hostile-")))
+    return folder, forged_results.true_numbers(folder)
+
+
+def one(seed: int, mutated: bool) -> dict[str, Any]:
+    """A row of the table: one file, what came of it, and what was wrong with that."""
+    rng = np.random.default_rng([seed, mutated])
+    with tempfile.TemporaryDirectory() as work:
+        row = {"seed": seed, "made": "mutated" if mutated else "crafted"}
+        if seed % STORED_EVERY == 0:
+            return row | stored(Path(work), seed // STORED_EVERY, rng, mutated)
+        return row | text(Path(work), rng, mutated)
+
+
+def text(work: Path, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
+    """One text file."""
+    names = sorted(hostile_texts.formats())
+    name = names[int(rng.integers(len(names)))]
+    kind = hostile_texts.formats()[name]
+    if mutated:
+        content = hostile_texts.mutated(kind, rng)
+    else:
+        content = hostile_texts.crafted(kind.ending, rng)
+    path = work / f"input{kind.ending}"
+    path.write_bytes(content)
+    answer = said.by(kind.command(path))
+    faults = answer.faults()
+    refused = answer.code == REFUSED
+    if not refused and not answer.trace:
+        took = hostile_texts.nonsense(kind, content) if mutated else "took a crafted file"
+        faults += [took] if took else []
+    return {
+        "format": name,
+        "outcome": "refused" if refused else "read",
+        "seconds": answer.seconds,
+        "megabytes": answer.megabytes,
+        "faults": "; ".join(faults),
+    }
+
+
+def stored(work: Path, number: int, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
+    """One results file."""
+    folder, numbers = _template()
+    crafts = forged_results.CRAFTS
+    if mutated:
+        path = forged_results.corrupted(folder, work, rng)
+    else:
+        path = forged_results.crafted(folder, work, crafts[number % len(crafts)], rng)
+    faults = forged_results.faults(
+        path,
+        expected=numbers if mutated else None,
+        report=number % REPORT_EVERY == 0,
+    )
+    return {"format": "results, HDF5", "outcome": "read or refused", "faults": "; ".join(faults)}
+
+
+def table(mutations: int, crafts: int) -> pd.DataFrame:
+    """A row for each file; a child that was killed or hung is a fault."""
+    asked = [(seed, True) for seed in range(mutations)]
+    asked += [(seed, False) for seed in range(crafts)]
+    rows = []
+    fork = get_context("fork")
+    with ProcessPool(max_workers=WORKERS, max_tasks=FILES_PER_WORKER, context=fork) as pool:
+        running = [pool.schedule(one, args=own, timeout=WALL_S) for own in asked]
+        for (seed, mutated), future in zip(asked, running, strict=True):
+            row = {"seed": seed, "made": "mutated" if mutated else "crafted", "format": "unknown"}
+            try:
+                row = future.result()
+            except TooLate:
+                row |= {"outcome": "hang", "faults": f"more than {WALL_S:g} s"}
+            except ProcessExpired as error:
+                row |= {"outcome": "killed", "faults": str(error)}
+            rows.append(row)
+            if row["faults"]:
+                print(row, flush=True)
+            if len(rows) % PROGRESS_EVERY == 0:
+                print(f"{len(rows)} of {len(asked)} files", flush=True)
+    return pd.DataFrame(rows)
+
+
+def main(
+    *,
+    output: Path = Path("experiments-output/hostile-inputs"),
+    mutations: int = 2000,
+    crafts: int = 600,
+    quick: bool = False,
+) -> None:
+    """Mutate and craft files, read them, count what breaks the promise."""
+    if quick:
+        mutations = 200
+        crafts = 60
+    hostile_texts.formats()
+    found = table(mutations, crafts)
+    found["faulty"] = found["faults"] != ""
+    save_table(found, output / "hostile-inputs")
+    summary = found.groupby(["made", "format", "outcome"]).agg(
+        files=("seed", "size"),
+        seconds=("seconds", "max"),
+        megabytes=("megabytes", "max"),
+        faulty=("faulty", "sum"),
+    )
+    print(summary.round(1).to_string())
+    sys.exit(int(found["faulty"].any()))
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
