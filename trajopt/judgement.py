@@ -10,6 +10,7 @@ optimum that the gap is measured against goes through the same points.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from trajopt.arm_file import FallingVelocity
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
-from trajopt.exceptions import InvalidInput
+from trajopt.exceptions import InvalidInput, UnitWarning
 from trajopt.explain import decomposition
 from trajopt.explain.decomposition import Explanation
 from trajopt.falling_velocity import Excess, excess
@@ -32,6 +33,7 @@ from trajopt.formats.samples import Samples
 from trajopt.interpolation import Interpolation
 from trajopt.passing import waypoint_times
 from trajopt.problem import Limits, Problem
+from trajopt.problem_file import mixed_units
 from trajopt.solution import Status
 from trajopt.trajectory import Trajectory
 from trajopt.verification import Certificate, verify
@@ -262,7 +264,8 @@ def as_executed(
 ) -> Execution:
     """Whether what a controller runs keeps the limits; no waypoints are asked for.
 
-    The robot is to rest before and after.
+    The robot is to rest before and after. Warns with `UnitWarning` where a joint's motion and its
+    limits look as if one of them was in degrees.
 
     Args:
         motion: What is executed.
@@ -291,7 +294,24 @@ def as_executed(
         falling_velocity=falling_velocity,
     )
     motion.check_units(problem)
+    _warn_of_units(problem)
     return Execution(motion, problem, verify(problem, own))
+
+
+def _warn_of_units(problem: Problem) -> None:
+    """Warn of the first joint that looks as if its motion or its limits were in degrees.
+
+    Joint by joint: a `!degrees` may be lost in one line of a joint_limits.yaml.
+    """
+    for joint in np.flatnonzero(problem.moving).tolist():
+        velocity = problem.limits.velocity[[joint]]
+        # an acceleration of its own may be right: the velocity alone decides
+        mixed = mixed_units(problem.waypoints[:, [joint]], velocity, acceleration=velocity)
+        if mixed and problem.unit(joint) == "rad":
+            label = problem.joint_labels[joint]
+            message = f"{problem.name}, {label}: {mixed}; limits are rad/s, or tagged !degrees"
+            warnings.warn(UnitWarning(message), stacklevel=3)
+            return
 
 
 def _own_waypoints(positions: Array, limits: Limits) -> NDArray[np.intp]:

@@ -811,3 +811,21 @@ def test_the_median_run_is_explained_unless_a_seed_is_named():
     named = explained_run(Drawn(), problem, 4, "drawn")
     assert named.certified_duration == pytest.approx(shortest * (1 + 28 / 30), rel=1e-9)
     assert explained_run(RuckigStop(), problem, None, "ruckig-stop").seed == 0
+
+
+def test_a_results_folder_that_is_a_loop_of_links(trajopt, tmp_path):
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    code, _, err = trajopt("compare", "one-joint", "--planner", "unoptimised", "--output", loop)
+    assert code == 2
+    assert len(err.strip().splitlines()) == 1
+    assert "Too many levels of symbolic links" in err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the shell's ulimit")
+def test_too_few_open_files_are_one_line(tmp_path):
+    command = [sys.executable, "-m", "trajopt.cli", "compare", "one-joint"]
+    command += ["--planner", "unoptimised", "--output", str(tmp_path / "results")]
+    shell = ["sh", "-c", 'ulimit -n 12; exec "$@"', "sh", *command]
+    done = subprocess.run(shell, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, "trajopt: Too many open files\n")

@@ -270,3 +270,12 @@ def test_progress_in_a_terminal_ends_without_a_trace(monkeypatch):
         advance(3)
     assert "3/3" in stream.getvalue()
     assert "left" in stream.getvalue()
+
+
+def test_a_note_of_100_kb_is_one_line_of_a_screen(capsys):
+    console.note(f"begin {'a' * 100_000} end")
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert len(said) < 1500
+    assert said.startswith("trajopt: begin a")
+    assert said.endswith("a end\n")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -93,6 +94,20 @@ def test_limits_alone_by_name_or_in_order(run, limits):
     assert code == 0
     assert table["duration"] == 2
     assert table["dilation"] == pytest.approx(1)
+
+
+@pytest.mark.parametrize("lost", ["a", "b"])
+def test_limits_that_lost_their_degrees_are_warned_of(run, tmp_path, lost):
+    tagged = LIMITS.replace("max_velocity: 5", "max_velocity: !degrees 286")
+    (tmp_path / "tagged.yaml").write_text(tagged)
+    before, line, after = tagged.partition(f"{lost}: ")
+    (tmp_path / "lost.yaml").write_text(before + line + after.replace("!degrees ", "", 1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        _, _, said = run("verify", "slow.csv", "--limits", "tagged.yaml")
+        assert said == ""
+        _, _, err = run("verify", "slow.csv", "--limits", "lost.yaml")
+    assert re.match(rf"trajopt: warning: slow\.csv, {lost}: .* radians beside degrees", err)
 
 
 def test_an_arms_limits_are_its_joints(run, tmp_path):

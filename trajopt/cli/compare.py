@@ -101,7 +101,7 @@ def _outside_deleted_folder(output: Path) -> Path:
     try:
         os.getcwd()
     except FileNotFoundError:
-        folder = output.resolve()
+        folder = output.absolute()
         os.chdir(folder.anchor)
         return folder
     return output

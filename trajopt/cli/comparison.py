@@ -79,7 +79,7 @@ def run(
     """
     loaded = _problems(names, suites)
     processes = jobs or cpus()
-    folder = output.resolve()
+    folder = output.absolute()
     few = len(loaded) <= MANY
     with Pool(processes) as pool:
         drawer = Drawer(pool)

@@ -39,6 +39,7 @@ OUT = _Console(highlight=False, emoji=False)
 ERR = _Console(stderr=True, highlight=False, emoji=False)
 
 _LOG_INTERVAL = 10.0  # s between a log's lines of progress, where there is no terminal
+_LONGEST_NOTE = 1400  # characters
 _DEGRADE = "trajopt-degrade"  # the error handler's name among Python's codecs
 _ASCII = {
     "–": "-",
@@ -122,9 +123,12 @@ def line(text: object) -> None:
 
 
 def note(text: object) -> None:
-    """One line on standard error."""
-    words = visible(text).split()
-    ERR.print(f"trajopt: {' '.join(words)}", markup=False, soft_wrap=True)
+    """One line on standard error, of whose middle no more is shown than a screen holds."""
+    words = " ".join(visible(text).split())
+    if len(words) > _LONGEST_NOTE:
+        half = _LONGEST_NOTE // 2
+        words = f"{words[:half]} … {words[-half:]}"
+    ERR.print(f"trajopt: {words}", markup=False, soft_wrap=True)
 
 
 def print_json(table: Any) -> None:
