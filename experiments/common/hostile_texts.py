@@ -12,7 +12,7 @@ import io
 import json
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -43,18 +43,43 @@ _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,4})?", re.ASCII)
 _OCTAL = re.compile(r"[+-]?0\d+", re.ASCII)
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(\.\d+)?([eE][+-]?\d+)?")
 _NUMERIC_KEYS = re.compile(r"max_.*|min_.*|sec|nanosec|positions|velocities|accelerations")
+LONG = 60_000  # digits
+MAX_BYTES = 40_000_000  # of a crafted file
 ODD_NUMBERS = (
-    "1_0", "١", "1:30", "010", "0x1F", "nan", "inf", "1e999", "1e-99999999999999999999", "--1",
-    "true", '"1"', "1,5", "", "9" * 60_000, "0x" + "f" * 5000, "18446744073709551616", "-1",
-    "1e308", "5e-324", "null", "[1]", "{}", "1.5.2", "1 2", "½",
-)  # fmt: skip
+    "",
+    "1_0",
+    "١",
+    "½",
+    "1:30",
+    "010",
+    "0x1F",
+    "nan",
+    "inf",
+    "1e999",
+    "1e-99999999999999999999",
+    "1e308",
+    "5e-324",
+    "18446744073709551616",
+    "--1",
+    "-1",
+    "1,5",
+    "1.5.2",
+    "1 2",
+    "true",
+    "null",
+    '"1"',
+    "[1]",
+    "{}",
+    "9" * LONG,
+    "0x" + "f" * LONG,
+)
 JUNK = (
     b"\0",
     b"\xff\xfe",
     b"\x1b[31m",
     b"\n",
     b"\r",
-    b"[" * 5000,
+    b"[" * LONG,
     b"{",
     b"&a *a",
     b"- ",
@@ -82,7 +107,8 @@ class Format:
 def formats() -> dict[str, Format]:
     """Every format by name."""
     data = built_in.data_folder()
-    message = json.dumps(joint_trajectory.to_message(joint_trajectory.read(_MOTIONS / "sent.yaml")))
+    sent = joint_trajectory.read(_MOTIONS / "sent.yaml")
+    message = joint_trajectory.to_message(sent)
     small = [file for file in _files(records.folder(), "*.json") if len(file) < _RECORD_BYTES]
     polynomials = {
         "joint_names": ["shoulder", "elbow"],
@@ -93,20 +119,76 @@ def formats() -> dict[str, Format]:
     np.save(array, np.array([[0.0, 0.0, 0.0, 0.0, 0.0], [1.0, 0.5, -1.0, 1.0, 2.0]]))
     rows = {"waypoints": [[0, 0], [40, -25]], "joint_names": ["shoulder", "elbow"], "unit": "deg"}
     return {
-        "problem": Format(".toml", _files(data, "problems/*.toml"), _planned),
-        "publication": Format(".toml", _files(data, "literature/*.toml"), _published),
-        "arm": Format(".toml", _files(data, "robots/*.toml"), _arm),
-        "kinematics": Format(".toml", _files(data, "kinematics/*.toml"), _kinematics),
-        "joint limits": Format(".yaml", (_LIMITS.read_bytes(),), _limiting),
-        "message, YAML": Format(".yaml", _files(_MOTIONS, "sent.yaml"), _verified),
-        "message, JSON": Format(".json", (message.encode(),), _verified),
-        "samples, CSV": Format(".csv", _files(_MOTIONS, "spline.csv"), _verified),
-        "polynomials": Format(".json", (json.dumps(polynomials).encode(),), _verified),
-        "record": Format(".json", tuple(small), _recorded),
-        "waypoints, CSV": Format(".csv", (_WAYPOINTS.encode(),), _passed),
-        "waypoints, JSON": Format(".json", (json.dumps(rows).encode(),), _passed),
-        "waypoints, npy": Format(".npy", (array.getvalue(),), _array),
-        "URDF": Format(".urdf", _files(EXAMPLES, "ur5e/*.urdf"), _described),
+        "problem": Format(
+            ".toml",
+            _files(data, "problems/*.toml"),
+            _planned,
+        ),
+        "publication": Format(
+            ".toml",
+            _files(data, "literature/*.toml"),
+            _published,
+        ),
+        "arm": Format(
+            ".toml",
+            _files(data, "robots/*.toml"),
+            _arm,
+        ),
+        "kinematics": Format(
+            ".toml",
+            _files(data, "kinematics/*.toml"),
+            _kinematics,
+        ),
+        "joint limits": Format(
+            ".yaml",
+            _files(_MOTIONS, "joint_limits.yaml"),
+            _limiting,
+        ),
+        "message, YAML": Format(
+            ".yaml",
+            _files(_MOTIONS, "sent.yaml"),
+            _verified,
+        ),
+        "message, JSON": Format(
+            ".json",
+            (json.dumps(message).encode(),),
+            _verified,
+        ),
+        "samples, CSV": Format(
+            ".csv",
+            _files(_MOTIONS, "spline.csv"),
+            _verified,
+        ),
+        "polynomials": Format(
+            ".json",
+            (json.dumps(polynomials).encode(),),
+            _verified,
+        ),
+        "record": Format(
+            ".json",
+            tuple(small),
+            _recorded,
+        ),
+        "waypoints, CSV": Format(
+            ".csv",
+            (_WAYPOINTS.encode(),),
+            _passed,
+        ),
+        "waypoints, JSON": Format(
+            ".json",
+            (json.dumps(rows).encode(),),
+            _passed,
+        ),
+        "waypoints, npy": Format(
+            ".npy",
+            (array.getvalue(),),
+            _array,
+        ),
+        "URDF": Format(
+            ".urdf",
+            _files(EXAMPLES, "ur5e/*.urdf"),
+            _described,
+        ),
     }
 
 
@@ -235,120 +317,139 @@ _CHANGES = (_bit, _cut, _span, _line, _junk, _number, _number, _key, _key)
 
 # --- what a stranger crafts ---
 
-_BOMB = "a0: &a0 {k: 1}\n" + "".join(
-    f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 12)
+ANYWHERE = (
+    b"",
+    b"\0",
+    b"1",
+    b"1,",
+    b"1\n",
+    b" ",
+    b"[",
+    b"[],",
+    b"a.",
+    b"a . ",
+    b"- ",
+    b"? ",
+    b'{"a":',
+    b'{"a":0},',
+    b"<a>",
+    b"k = ",
+    b"\xff\xfea\0:\0 \0",
+    b"\x1b]0;title\x07",
 )
+"""What is repeated, up to 20 million times, in a file of any format."""
+
+PLACED: dict[str, tuple[tuple[bytes, bytes, bytes], ...]] = {
+    ".toml": (
+        (b"waypoints = ", b"[", b""),
+        (b"waypoints = ", b"{a=", b""),
+        (b"waypoints = [[0x", b"f", b"]]"),
+        (b"waypoints = [[1", b"0", b"]]"),
+        (b"a", b" . a", b" = 1"),
+        (b"", b"[[a]]\n", b""),
+    ),
+    ".yaml": (
+        (b"joint_limits: {a: {max_velocity: 1", b"0", b"x}}"),
+        (b"joint_limits: {k", b"k", b": {}}"),
+        (b"joint_limits: ", b"[", b""),
+        (b"points: [", b"{positions: [0]},", b"]"),
+    ),
+    ".json": (
+        (b'{"breaks": [0, 1', b"0", b'], "coefficients": [[[1]]]}'),
+        (b'{"breaks": [0, 1], "coefficients": [[[1]]', b",[[1]]", b"]}"),
+        (b"[", b'{"a":0},', b"0]"),
+        (b'{"trajectory": {"waypoint_times": [0, 1], "joints": [[[0, 1]', b",[0.5, 1]", b"]]}}"),
+        (b'{"points": [0', b',{"positions": [0]}', b"]}"),
+    ),
+    ".csv": (
+        (b"time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,1", b"1", b"x,1\n"),
+        (b'time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,"', b"1\n", b""),
+        (b"shoulder [deg],elbow [deg]\n0", b" 0", b"\n"),
+        (b"shoulder", b" [deg", b"\n0\n1\n"),
+    ),
+    ".npy": ((b"\x93NUMPY\x01\x00\xff\xff", b"(", b"\n"),),
+    ".urdf": (
+        (b"<robot>", b"<a>", b""),
+        (b"<robot>", b"<joint/>", b"</robot>"),
+        (b'<robot name="', b"r", b'"/>'),
+    ),
+}
+"""Beginning, what is repeated, end."""
+
+_BOMB = b"""a0: &a0 {k: 1}
+a1: &a1 [*a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0]
+a2: &a2 [*a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1]
+a3: &a3 [*a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2]
+a4: &a4 [*a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3]
+a5: &a5 [*a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4]
+a6: &a6 [*a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5]
+joint_limits: *a6
+points: *a6
+"""
+_LAUGHS = b"""<!DOCTYPE r [<!ENTITY a "ha">
+<!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">
+<!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;">
+<!ENTITY d "&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;">
+<!ENTITY e "&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;">
+<!ENTITY f "&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;">
+]><robot name="&f;"/>"""
+
+WHOLE: dict[str, tuple[bytes, ...]] = {
+    ".toml": (b"name = 3\nwaypoints = [[0], [1]]",),
+    ".yaml": (
+        _BOMB,
+        b"a: &a {b: 1}\njoint_limits: {<<: *a}\n",
+        b"joint_limits: {[1, 2]: 3}",
+        b"joint_limits: {shoulder: {max_velocity: 1:30}}",
+        b"joint_limits: {shoulder: {max_velocity: 1, max_velocity: 2}}",
+        b"joint_limits: !!python/object/apply:os.getcwd []",
+    ),
+    ".json": (
+        b'{"joint_names": ["a"], "points": [{"positions": [0], "time_from_start": {"nanosec": 0}}, '
+        b'{"positions": [1], "time_from_start": {"nanosec": 5000000000}}]}',
+        b'{"breaks": [0, 1], "coefficients": [[[1]]], "joint_names": 3}',
+        b'{"breaks": [0, 1], "coefficients": [[[1, 2]], [[0, 0]]], "unit": "deg"}',
+        b'{"waypoints": [[0, 0], [1, 1]], "waypoints": [[0, 0], [2, 2]]}',
+    ),
+    ".csv": (
+        b"time [s],shoulder [deg],elbow [deg]\n0,0,0\n1e-9999999999999999999999,1,1\n",
+        b"time [s],shoulder [mm],shoulder [deg/s]\n0,0,0\n1,1,1\n",
+        b"time [s],shoulder [deg],shoulder [deg]\n0,0,0\n1,1,1\n",
+    ),
+    ".npy": (
+        b"PK\3\4",
+        b"\x93NUMPY\1\0\x44\0{'descr': '<f8', 'fortran_order': False, 'shape': (10**12, 2)}   \n",
+        b"\x93NUMPY\1\0\x44\0{'descr': '<f8', 'fortran_order': False, 'shape': (999999999999,2)}\n",
+        b"\x93NUMPY\1\0\x44\0{'descr': '|O', 'fortran_order': False, 'shape': (2, 2), }        \n",
+        b"\x93NUMPY\1\0\x44\0{'descr': '<f8', 'fortran_order': False, 'shape': (2L, 2L), }     \n",
+    ),
+    ".urdf": (
+        _LAUGHS,
+        b"<sdf><model/></sdf>",
+        b'<robot><joint name="elbow_joint" type="revolute"><limit velocity="1_0"/></joint></robot>',
+    ),
+}
 
 
 def crafted(ending: str, rng: Rng) -> bytes:
     """A file that no reader may take."""
     size = int(10 ** rng.uniform(3, 7.3))
-    made = [
-        b"",
-        b"\0" * size,
-        rng.bytes(size),
-        b"\xff\xfe" + "a: 1\n".encode("utf-16-le") * 100,
-        b"1" * size,
-        b"1," * size,
-        b"1\n" * size,
-        b" " * size,
-        b"[" * size,
-        b"[]," * size,
-        b"a." * size,
-        b"a . " * size,
-        b"\x1b]0;title\x07" * 10,
-        f"{'k' * size} = 1".encode(),
-        *_OWN[ending](size),
-    ]
-    return made[int(rng.integers(len(made)))]
+    match int(rng.integers(4)):
+        case 0:
+            return _repeated(ANYWHERE[int(rng.integers(len(ANYWHERE)))], size)
+        case 1:
+            return rng.bytes(size)
+        case 2:
+            own = PLACED[ending]
+            begin, repeated, end = own[int(rng.integers(len(own)))]
+            return begin + _repeated(repeated, size) + end
+        case _:
+            whole = WHOLE[ending]
+            return whole[int(rng.integers(len(whole)))]
 
 
-def _toml(size: int) -> Iterator[bytes]:
-    deep = min(size, 100_000)
-    yield f"waypoints = {'[' * deep}{']' * deep}".encode()
-    yield f"waypoints = {'{a=' * deep}1{'}' * deep}".encode()
-    yield f"waypoints = [[0x{'f' * size}]]".encode()
-    yield f"{' . '.join(['a'] * deep)} = 1".encode()
-    yield b"".join(b"[a%d]\n" % n for n in range(deep))
-    yield b"name = 3\nwaypoints = [[0], [1]]"
-
-
-def _yaml(size: int) -> Iterator[bytes]:
-    deep = min(size, 100_000)
-    yield _BOMB.encode() + b"joint_limits: *a11\npoints: *a11\n"
-    yield b"a: &a {b: 1}\njoint_limits: {<<: *a}\n"
-    yield b"- " * deep + b"1"
-    yield b"? " * deep + b"1"
-    yield b"joint_limits: {[1, 2]: 3}"
-    yield f"joint_limits: {{a: {{max_velocity: {'1' * size}x}}}}".encode()
-    yield f"joint_limits: {{shoulder: {{max_velocity: 1:30}}, {'k' * 300}: {{}}}}".encode()
-    yield b"joint_limits: !!python/object/apply:os.getcwd []"
-    yield b"joint_limits: {shoulder: {max_velocity: 1, max_velocity: 2}}"
-
-
-def _json(size: int) -> Iterator[bytes]:
-    deep = min(size, 100_000)
-    points = '{"positions": [0], "time_from_start": {"sec": 1, "nanosec": 5000000000}}'
-    yield f'{{"joint_names": ["shoulder"], "points": [{points}, {points}]}}'.encode()
-    yield f'{{"breaks": [0, 1], "coefficients": [{",".join(["[[1]]"] * deep)}]}}'.encode()
-    yield b'{"breaks": [0, 1' + b"0" * 350 + b'], "coefficients": [[[1]]]}'
-    yield b'{"breaks": [0, 1], "coefficients": [[[1]]], "joint_names": 3}'
-    yield b'{"breaks": [0, 1], "coefficients": [[[1, 2]]], "unit": "deg"}'
-    yield b'{"a":' * deep
-    yield b"[" + b'{"a":0},' * size + b"0]"
-    row = ",".join(["[0.5, 1]"] * deep)
-    own = f'{{"waypoint_times": [0, 1], "joints": [[[0, 1], {row}]]}}'
-    yield f'{{"trajectory": {own}}}'.encode()
-    yield b'{"waypoints": [[0, 0], [1, 1]], "waypoints": [[0, 0], [2, 2]]}'
-
-
-def _csv(size: int) -> Iterator[bytes]:
-    head = b"time [s],shoulder [deg],elbow [deg]\n"
-    yield head + b"0,0,0\n1e-9999999999999999999999,1,1\n"
-    yield head + b"0,0,0\n1," + b"1" * size + b"x,1\n"
-    yield head + b'0,0,0\n1,"' + b"1\n" * size
-    yield b"time [s],shoulder [mm],shoulder [deg/s]\n0,0,0\n1,1,1\n"
-    yield b"shoulder [deg],elbow [deg]\n" + b"0 " * size
-    yield b"time [s],shoulder [deg],shoulder [deg]\n0,0,0\n1,1,1\n"
-
-
-def _npy(size: int) -> Iterator[bytes]:
-    for kind, shape in (("<f8", "(1000000000000, 2)"), ("<c16", "(2, 2)"), ("|O", "(2, 2)")):
-        yield _npy_file(f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}")
-    yield _npy_file("{'descr': '<f8', 'fortran_order': False, 'shape': (2L, 2L), }")
-    yield _npy_file("(" * 5000)
-    yield _npy_file(f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({'9' * 5000},)}}")
-    yield b"PK\3\4" + b"\0" * 100
-
-
-def _npy_file(header: str) -> bytes:
-    text = header.encode() + b"\n"
-    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + bytes(64)
-
-
-def _urdf(size: int) -> Iterator[bytes]:
-    deep = min(size, 200_000)
-    entities = "".join(
-        f'<!ENTITY e{n} "{f"&e{n - 1};" * 10}">' for n in range(1, 12)
-    )  # a billion laughs
-    yield f'<!DOCTYPE r [<!ENTITY e0 "ha">{entities}]><robot name="&e11;"/>'.encode()
-    yield b"<sdf><model/></sdf>"
-    yield b"<robot>" + b"<a>" * deep
-    yield b"<robot>" + b"<a>" * deep + b"</a>" * deep + b"</robot>"
-    yield b"<robot>" + b"<joint/>" * deep + b"</robot>"
-    joint = '<joint name="shoulder_pan_joint" type="revolute"><limit velocity="{}"/></joint>'
-    yield f"<robot>{joint.format('1_0')}</robot>".encode()
-    yield f"<robot>{joint.format('1' * size + 'x')}</robot>".encode()
-
-
-_OWN = {
-    ".toml": _toml,
-    ".yaml": _yaml,
-    ".json": _json,
-    ".csv": _csv,
-    ".npy": _npy,
-    ".urdf": _urdf,
-}
+def _repeated(text: bytes, times: int) -> bytes:
+    return text * min(times, MAX_BYTES // max(1, len(text)))
 
 
 # --- what a reader may not take ---
