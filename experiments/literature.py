@@ -5,8 +5,9 @@
     python -m experiments.literature fang2020-task1   # some problems
 
 Every published problem is surveyed, and its times judged (mathematics.md, section 11). Written to
-`--output`: `literature.md`, and in `literature/` a figure per problem, `all.png` and the table of
-all verdicts, `verdicts.csv` and `.md`.
+`--output`: `literature.md`, and in `literature/` a figure per problem, `all.png` and two tables,
+all verdicts (`verdicts.csv` and `.md`) and what is known of each problem, by which code
+(`known.csv` and `.md`). `tests/test_stored_numbers.py` holds the page against both.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from matplotlib.figure import Figure
 
 from experiments.common.output import save_table
 from experiments.published import figures
-from experiments.published.judged import Judged, judged, table
+from experiments.published.judged import Judged, judged, known, table
 from experiments.published.page import page
 from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import literature
@@ -54,6 +55,7 @@ def write(problems: list[Judged], output: Path) -> None:
     """The page, its figures and the table of verdicts."""
     folder = output / FOLDER
     save_table(table(problems), folder / "verdicts")
+    save_table(known(problems), folder / "known")
     _save(figures.of_all(problems), folder / "all.png")
     for own in problems:
         _save(figures.of_problem(own), folder / f"{own.name}.png")

@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from trajopt.benchmark.best_known.surveyed import with_record
+from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
 from trajopt.explain.claims import JudgedClaim, Known, judge, survey
@@ -59,6 +60,24 @@ def table(problems: list[Judged]) -> pd.DataFrame:
     for problem in problems:
         for judgement in problem.judgements:
             rows.append(_row(problem, judgement))
+    return pd.DataFrame(rows)
+
+
+def known(problems: list[Judged]) -> pd.DataFrame:
+    """One row per problem: what is known of it, s, and the code that found it."""
+    rows = []
+    for problem in problems:
+        found = problem.known
+        row = {
+            "problem": problem.name,
+            "best known s": found.best,
+            "best by": found.best_by,
+            "lower bound s": found.lower_bound,
+            "bound by": found.bound_by,
+            "stopping s": found.stopping,
+            "commit": provenance()["commit"],
+        }
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
