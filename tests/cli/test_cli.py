@@ -83,12 +83,12 @@ def test_list_json_has_every_planner_with_all_options_and_every_problem(trajopt)
 
 def test_list_says_which_limits_a_planner_cannot_keep(trajopt):
     found = {p["name"]: p for p in parsed(trajopt("list", "--json")[1])["planners"]}
-    assert found["exact"]["lifts"] == ["jerk", "position"]
-    assert found["exact-jerk"]["lifts"] == ["position"]
-    assert found["collocation"]["lifts"] == found["collocation"]["refuses"] == []
+    assert found["exact"]["ignores"] == ["jerk", "position"]
+    assert found["exact-jerk"]["ignores"] == ["position"]
+    assert found["collocation"]["ignores"] == found["collocation"]["refuses"] == []
     assert found["toppra"]["refuses"] == ["jerk"]
     out = " ".join(trajopt("list")[1].split())
-    assert "lifts jerk and position limits: a lower bound then" in out
+    assert "ignores jerk and position limits: relaxed then" in out
     assert "refuses jerk limits" in out
 
 
@@ -105,7 +105,7 @@ def test_list_says_which_limits_a_planner_knows_as_the_readme_does(trajopt):
         expected = [] if known == "none" else known.strip(" ,").split(", ")
         for name in re.findall(r"`([^`]+)`", names):
             assert found[name]["knows"] == expected, name
-            assert not set(expected) & {*found[name]["lifts"], *found[name]["refuses"]}, name
+            assert not set(expected) & {*found[name]["ignores"], *found[name]["refuses"]}, name
             checked.add(name)
     assert checked >= NAMES
     out = " ".join(trajopt("list")[1].split())

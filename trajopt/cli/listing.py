@@ -36,8 +36,8 @@ def list_(*, json: Json = False) -> int:
 def described(entry: Entry) -> dict[str, Any]:
     """A planner's name, one line, options, limits, and what is missing.
 
-    Limits that it `knows` it plans for. Those that it `lifts` it ignores on purpose: its answer is
-    a lower bound then. Problems with those that it `refuses` it does not solve. Any other it may
+    Limits that it `knows` it plans for. Those that it `ignores` it ignores on purpose: its answer
+    is relaxed then. Problems with those that it `refuses` it does not solve. Any other it may
     break, which the verifier then says.
     """
     missing = entry.missing()
@@ -46,7 +46,7 @@ def described(entry: Entry) -> dict[str, Any]:
         "description": "",
         "options": {},
         "knows": [],
-        "lifts": [],
+        "ignores": [],
         "refuses": [],
     }
     try:
@@ -65,14 +65,14 @@ def described(entry: Entry) -> dict[str, Any]:
     return row
 
 
-def _fate(planner: Planner, limit: LimitName) -> Literal["lifts", "refuses"] | None:
+def _fate(planner: Planner, limit: LimitName) -> Literal["ignores", "refuses"] | None:
     """What a planner does with a kind of limit that it cannot keep; None for others."""
     problem = _limited_by(limit)
     try:
         if planner.unsupported(problem) is not None:
             return "refuses"
         if planner.relation(problem) is Relation.RELAXATION:
-            return "lifts"
+            return "ignores"
     except Exception:  # a stranger's planner: its trials will say so
         return None
     return None
@@ -133,9 +133,9 @@ def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
 def _limits_in_words(planner: dict[str, Any]) -> str:
     known = ", ".join(planner["knows"])
     sentences = [f"knows {known or 'no'} limits"]
-    if planner["lifts"]:
-        lifted = " and ".join(planner["lifts"])
-        sentences.append(f"lifts {lifted} limits: a lower bound then")
+    if planner["ignores"]:
+        ignored = " and ".join(planner["ignores"])
+        sentences.append(f"ignores {ignored} limits: relaxed then")
     if planner["refuses"]:
         refused = " and ".join(planner["refuses"])
         sentences.append(f"refuses {refused} limits")
