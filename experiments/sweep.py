@@ -33,7 +33,7 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
 from trajopt.registry import entries
 
-SUITES = ("six-axis", "edges", "robots")
+SUITES = ("six-axis", "edges", "robots", "literature")
 PROOF = "certify:time_limit=15"  # s; a proof on a large problem is endless
 MENDED = [f"{name}:fitness=scaled" for name in ("pso", "ssa", "issa")]  # the paper's, mended
 
