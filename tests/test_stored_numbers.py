@@ -24,6 +24,14 @@ NUMBERS = {  # columns of the page's table, and of the stored one
 }
 
 
+def test_the_sweep_s_table_is_the_stored_one():
+    """What `python -m experiments.sweep --quick` wrote, with the code that it ran."""
+    stored = (ROOT / "experiments" / "measured" / "sweep.md").read_text(encoding="utf-8")
+    assert re.search(r"commit [0-9a-f]{10}\.", stored)
+    page = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8")
+    assert f"<!-- measured/sweep.md -->\n{stored}<!-- end -->" in page
+
+
 def test_what_is_known_of_the_literature_is_said_by_a_known_code():
     assert set(KNOWN.index) == set(literature.files())
     assert KNOWN["commit"].map(COMMIT.fullmatch).all()
