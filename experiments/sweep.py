@@ -6,9 +6,8 @@
 
 It can be stopped and started again; `--planner` runs only those named. Other people's planners
 have a comparison of their own (`trajopt compare --planner copp …`). Into `--output` go the
-results, `report.html`, `measured.md` (what README shows, and from which code), `sweep.csv` and
-`.md` (one line per planner), `suites.csv` and `.md` (one per suite and planner), `files.csv` and
-`.md` (their sizes). `proved` counts the problems whose
+results, `report.html`, `sweep.csv` and `.md` (one line per planner), `suites.csv` and `.md` (one
+per suite and planner), `files.csv` and `.md` (their sizes). `proved` counts the problems whose
 reference is the optimum but for 0.1 %, by this run's proofs or by those of the best known answers:
 after better proofs were recorded (`trajopt best-known propose`), `--stored` counts again.
 """
@@ -18,7 +17,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import cyclopts
-import numpy as np
 import pandas as pd
 
 from experiments.common.output import save_table
@@ -27,8 +25,6 @@ from trajopt.benchmark import compare as run
 from trajopt.benchmark import report
 from trajopt.benchmark.analysis.overview import overview
 from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.figures.style import percent
-from trajopt.benchmark.report.origin import release
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
 from trajopt.registry import entries
@@ -74,35 +70,6 @@ def sizes(folder: Path, trials: int) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def text_of(table: pd.DataFrame) -> str:
-    """The overview as README shows it."""
-    shown = table.loc[table["problems"] > 0]
-    columns = {
-        "problems": shown["problems"],
-        "solved": shown["solved"].astype(str) + " of " + shown["trials"].astype(str),
-        "relaxed": shown["relaxed"],
-        "failed": shown["failed"],
-        "median gap": shown["gap"].map(_gap),
-        "worst gap": shown["worst"].map(_gap),
-    }
-    text: str = pd.DataFrame(columns).to_markdown()
-    return text
-
-
-def _gap(gap: float) -> str:
-    if np.isnan(gap):
-        return ""
-    return "no answer" if np.isinf(gap) else percent(gap)
-
-
-def origin_of(results: Results) -> str:
-    """Which code made the trials, and when."""
-    days = sorted({trial.started[:10] for trial in results.items})
-    problems = {trial.problem.digest() for trial in results.items}
-    found = f"{len(results.items)} trials on {len(problems)} problems, {', '.join(days)}"
-    return f"({found}, {release(results.items)}.)"
-
-
 def main(
     *,
     seeds: int = 30,
@@ -137,8 +104,6 @@ def main(
                 timeout=timeout,
                 progress=advance,
             )
-    said = f"{text_of(overview(results))}\n\n{origin_of(results)}\n"
-    (output / "measured.md").write_text(said, encoding="utf-8")
     page = output / "report.html"
     report.write(results, page, command="python -m experiments.sweep")
     tables = {
