@@ -209,7 +209,8 @@ def mixed_units(waypoints: Array, velocity: Array, acceleration: Array) -> str |
     speed = np.abs(velocity[moving]).min(axis=1)
     thrust = np.abs(acceleration[moving]).min(axis=1)
     # the longest a joint needs for a segment at full velocity: max h / v
-    longest = (steps[:, moving] / speed).max()
+    with np.errstate(over="ignore"):  # a limit of 1e-320
+        longest = (steps[:, moving] / speed).max()
     span = np.ptp(waypoints[:, moving], axis=0).max()
 
     sizes = f"waypoints up to {angle:.4g} beside velocity limits of {speed.min():.4g}"

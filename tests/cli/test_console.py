@@ -279,3 +279,14 @@ def test_a_note_of_100_kb_is_one_line_of_a_screen(capsys):
     assert len(said) < 1500
     assert said.startswith("trajopt: begin a")
     assert said.endswith("a end\n")
+
+
+def test_overflows_of_a_command_are_no_warnings_of_numpy(tmp_path):
+    (tmp_path / "p.toml").write_text(
+        "waypoints = [[0.0], [1e300]]\nangle_unit = 'rad'\n"
+        "limits = {velocity = [1e300], acceleration = [1.0]}\n"
+    )
+    code, out, err = trajopt("plan", tmp_path / "p.toml", "--planner", "ruckig-stop", "--json")
+    assert code in (0, 1)
+    assert out.startswith(b"{")
+    assert err == b""

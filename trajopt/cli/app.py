@@ -141,7 +141,7 @@ def _show_warning(
     own_package = category.__module__.partition(".")[0] == "trajopt"
     if own_package:
         console.note(f"warning: {message}")
-    else:
+    elif not issubclass(category, RuntimeWarning):  # NumPy's: what overflows the verifier refuses
         text = warnings.formatwarning(message, category, filename, lineno, line)
         print(text, end="", file=file or sys.stderr)
 
