@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from experiments.common.forgeries import changed, forgeries
+from trajopt import Limits, Problem
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import parsed
 from trajopt.benchmark.best_known.verification import proved
@@ -81,6 +82,16 @@ def test_no_forgery_is_confirmed(checked):
     for forgery in forgeries("position-limits")[::8]:
         code, out = checked(forgery.text)
         assert code not in (0, False), (forgery.name, out)
+
+
+def test_a_waypoint_that_differs_by_rounding_is_none_of_its_own(checked):
+    said = record("six-axis")
+    rows = said["problem"]["waypoints"]
+    rows.insert(2, [q * (1 + 2.0**-51) for q in rows[1]])
+    problem = Problem(rows, Limits(*said["problem"]["limits"].values()))
+    said["problem"]["digest"] = problem.digest()
+    code, out = checked(json.dumps(said))
+    assert not code, out
 
 
 def shorter_way(said):

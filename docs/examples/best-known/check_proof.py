@@ -14,6 +14,7 @@ from math import floor, inf, isqrt
 RAISE, LOWER, BRANCH, LEAF = range(4)
 LIMITS = ("velocity", "acceleration", "jerk", "position")
 DIGITS = 2**128
+SAME = Fraction(1, 2**48)  # of a joint's largest coordinate
 NONE, HALF, THIRD = Fraction(0), Fraction(1, 2), Fraction(1, 3)
 
 
@@ -61,6 +62,15 @@ def sided(pairs):  # what has no limit is infinite
     return [[-inf if x is None else x, inf if y is None else y] for x, y in pairs]
 
 
+def separate(points):  # those that differ by more than rounding from the last one that did
+    rounding = [SAME * max(map(abs, column)) for column in zip(*points, strict=True)]
+    kept = points[:1]
+    for point in points[1:]:
+        steps = zip(point, kept[-1], rounding, strict=True)
+        kept += [point] if any(abs(x - y) > least for x, y, least in steps) else []
+    return kept
+
+
 # --- the problem ---
 
 said = json.load(
@@ -71,8 +81,7 @@ said = json.load(
     object_pairs_hook=unique,
 )
 claimed, proof = said["lower_bound"], said["proof"]
-points = said["problem"]["waypoints"]
-points = [x for i, x in enumerate(points) if i == 0 or x != points[i - 1]]
+points = separate(said["problem"]["waypoints"])
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
 if digest([said["problem"]["waypoints"], *map(sided, pairs)]) != said["problem"]["digest"]:
