@@ -217,11 +217,11 @@ def against(outcome: Outcome, reference: str) -> pd.DataFrame:
 
 
 def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame:
-    """A row per `(entrant, reference)`; A12 below ½: the entrant is better.
+    """A row per `(entrant, reference)`; "shorter" is the chance that a run of the entrant is.
 
     Over problems: Wilcoxon's test of the pairs of median gaps, one pair per problem, and the mean
-    over problems of A12 (all seeds against all), its interval a bootstrap over problems. On the
-    six-axis problem: the same test, paired by seed, and A12. Holm's family is a column.
+    over problems of that chance (all seeds against all), with `statistics.mean_interval`. On the
+    six-axis problem: the same test, paired by seed, and that chance. Holm's family is a column.
     """
     rows = [_compared(outcome, *pair) for pair in pairs]
     index = pd.MultiIndex.from_tuples(pairs, names=["entrant", "reference"])
@@ -244,22 +244,22 @@ def _compared(
     b = outcome.gaps[:, other]
     medians = outcome.medians
     over_problems = statistics.wilcoxon(medians[own], medians[other])
-    effects = np.asarray(statistics.a12(a, b))
-    effect = statistics.bootstrap(mean, effects)
+    chances = np.asarray(statistics.shorter_chance(a, b))
+    chance = statistics.mean_interval(chances, np.arange(len(chances)))
     six_axis_test = statistics.wilcoxon(a[0], b[0])
-    six_axis_effect = statistics.bootstrap(statistics.a12, a[0], b[0])
+    six_axis = statistics.shorter_interval(float(chances[0]), a.shape[1], b.shape[1])
     return {
         "better": over_problems.wins,
         "equal": over_problems.ties,
         "worse": over_problems.losses,
         "p": over_problems.pvalue,
-        "A12": effect.value,
-        "A12 low": effect.low,
-        "A12 high": effect.high,
+        "shorter": chance.value,
+        "shorter low": chance.low,
+        "shorter high": chance.high,
         "six-axis p": six_axis_test.pvalue,
-        "six-axis A12": six_axis_effect.value,
-        "six-axis A12 low": six_axis_effect.low,
-        "six-axis A12 high": six_axis_effect.high,
+        "six-axis shorter": six_axis.value,
+        "six-axis shorter low": six_axis.low,
+        "six-axis shorter high": six_axis.high,
     }
 
 
@@ -270,7 +270,7 @@ def mean(values: Array) -> Array:
 
 @plots.styled
 def gap_rows(outcome: Outcome, reference: str) -> Figure:
-    """Per entrant, the smallest on top: each problem's median gap, their median, and A12."""
+    """Per entrant, the smallest on top: each problem's median gap, their median, the chance."""
     medians = np.asarray(statistics.median(outcome.medians))
     order = np.argsort(medians)[::-1]
     names = [outcome.names[i] for i in order]
@@ -290,22 +290,22 @@ def gap_rows(outcome: Outcome, reference: str) -> Figure:
     _effects(right, table.reindex(names))
     right.set(
         xlim=(-0.03, 1.03),
-        xlabel=f"A12 against {reference} (below ½: better)",
+        xlabel=f"chance of a shorter run than {reference}'s",
     )
     figure.legend(loc="outside lower center", ncols=4)
     return figure
 
 
 def _effects(axes: Axes, table: pd.DataFrame) -> None:
-    """A12 of each row with its interval, hollow where the difference is not significant."""
+    """The chance of each row with its interval, hollow where the difference is not significant."""
     y = np.arange(len(table))
-    effect = table["A12"].to_numpy(dtype=float)
+    effect = table["shorter"].to_numpy(dtype=float)
     clear = (table["p (Holm)"] < 0.05).to_numpy()
     look: Any = {"ms": 3.5, "mec": style.BLUE}
     axes.hlines(
         y,
-        table["A12 low"],
-        table["A12 high"],
+        table["shorter low"],
+        table["shorter high"],
         color=style.BLUE,
         lw=1.2,
     )

@@ -105,13 +105,13 @@ def test_the_proof_holds_the_optimum() -> None:
     assert 0 <= (rows["gap"][0] + 1) / proof["lower_bound"] - 1 < 1e-2
 
 
-def test_wilcoxon_and_a12_by_hand() -> None:
+def test_wilcoxon_and_the_chance_of_a_shorter_run_by_hand() -> None:
     table = races.against(outcome(["a", "b", "c"], crowd()), "a")
     assert table[["better", "equal", "worse"]].to_numpy().tolist() == [[6, 0, 0], [0, 0, 6]]
     assert table["p"].tolist() == pytest.approx([2 / 2**6] * 2)
     assert table["p (Holm)"].tolist() == pytest.approx([4 / 2**6] * 2)
     assert table["six-axis p"].tolist() == pytest.approx([2 / 2**4] * 2)
-    assert table["A12"].tolist() == table["six-axis A12"].tolist() == [0.0, 1.0]
+    assert table["shorter"].tolist() == table["six-axis shorter"].tolist() == [1.0, 0.0]
 
 
 def test_summary_by_hand() -> None:

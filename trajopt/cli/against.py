@@ -12,18 +12,19 @@ import pandas as pd
 from rich.table import Table
 
 from trajopt.benchmark.analysis.results import Results
+from trajopt.benchmark.analysis.statistics import holm
 from trajopt.cli import console
 
 _PAIRED_MEANING = (
     "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "
-    "Both answer: without the problems on which one has no answer. p: Wilcoxon's signed ranks "
-    "over problems, by Holm for every pair of planners. A12: how probable it is that its run is "
-    "the shorter, with the 95 % interval over problems."
+    "Both answer: without the problems on which one has no answer. p: Wilcoxon's signed ranks, "
+    "problems of one arm, paper or random family counting as one; by Holm for the rows of this "
+    "table. Shorter: chance that a run of it is shorter, with its 95 % interval."
 )
 _SEEDS_MEANING = (
-    "Ratio: of the medians. p: Mann and Whitney's, over runs; Holm: the same, adjusted for every "
-    "pair of planners. A12: how probable it is that its run is the shorter, with its 95 % "
-    "interval. Left out are planners with a single run."
+    "Ratio: of the medians. p: Mann and Whitney's, over runs; Holm: the same, adjusted for the "
+    "rows of this table. Shorter: chance that a run of it is shorter, with its 95 % interval. Left "
+    "out are planners with a single run."
 )
 _SMALLEST_P = 0.001  # below it, only that it is below
 
@@ -50,8 +51,11 @@ def show(results: Results, rival: str) -> None:
 
 
 def _against(pairs: pd.DataFrame, rival: str) -> pd.DataFrame:
-    """The rows of all others against one, the fastest first."""
-    rows = pairs.xs(rival, level="against")
+    """The rows of all others against one, the fastest first; Holm counts these rows alone."""
+    rows = pairs.xs(rival, level="against").copy()
+    for name in ("holm", "both_holm"):
+        if name in rows:
+            rows[name] = holm(rows[name.replace("holm", "pvalue")])
     return rows.sort_values("ratio", kind="stable", na_position="last")
 
 
@@ -65,7 +69,7 @@ def _nothing_to_compare(rival: str, one_problem: bool) -> str:
 
 
 def _paired_table(rows: pd.DataFrame, rival: str) -> Table:
-    numbers = ("problems", "better", "tied", "worse", "ratio", "p", "A12")
+    numbers = ("problems", "better", "tied", "worse", "ratio", "p", "shorter")
     title = f"Against {rival}, problem by problem"
     table = console.table("planner", *numbers, numbers=numbers, title=title)
     for row in rows.itertuples():
@@ -99,7 +103,7 @@ def _where_both_answer(row: Any) -> list[str]:
 
 
 def _seeds_table(rows: pd.DataFrame, rival: str) -> Table:
-    numbers = ("runs", "median s", "ratio", "p", "Holm", "A12")
+    numbers = ("runs", "median s", "ratio", "p", "Holm", "shorter")
     runs = rows["rival_runs"].iloc[0]
     title = f"Against {rival} ({runs} runs)"
     table = console.table("planner", *numbers, numbers=numbers, title=title)
@@ -130,7 +134,5 @@ def _probability(value: float) -> str:
 
 
 def _effect(row: Any) -> str:
-    """A12 with its interval, which a single problem does not have."""
-    if isnan(row.low):
-        return f"{row.a12:.2f}"
-    return f"{row.a12:.2f} [{row.low:.2f}–{row.high:.2f}]"
+    """The chance of a shorter run, with its interval."""
+    return f"{row.chance:.2f} [{row.low:.2f}–{row.high:.2f}]"

@@ -314,7 +314,7 @@ def test_paired_knows_who_is_better_on_each_problem():
              *run("b", -1.0, problem=OTHER)]  # fmt: skip
     row = Results(items).paired().loc[("a", "b")]
     assert row[["problems", "better", "tied", "worse"]].tolist() == [2, 1, 1, 0]
-    assert row["a12"] == (0.5 + 1) / 2
+    assert row["chance"] == (0.5 + 1) / 2
 
 
 def test_a_relaxed_answer_is_no_slow_answer_and_has_no_rank():
@@ -332,7 +332,7 @@ def test_between_seeds_is_of_one_problem():
     results = Results(items)
     for problem in ("one", PROBLEM.digest()):
         row = results.between_seeds(problem).loc[("a", "b")]
-        assert row[["u", "a12"]].tolist() == [4, 1]
+        assert row[["u", "chance"]].tolist() == [4, 1]
         assert row["pvalue"] == pytest.approx(2 / 6)
     assert Results(items[:4]).between_seeds().loc[("b", "a"), "u"] == 0
     assert results.between_seeds("two").empty
@@ -394,7 +394,7 @@ def test_frames_are_of_the_kinds_and_units_that_the_store_declares():
     dtypes = {"name": "str", "text": "str", "integer": int, "number": float}
     described = " ".join(Results.trials.__doc__.split())
     for name, dtype in TRIAL_COLUMNS.items():
-        if name == "position_excess":  # from the certificate, which is an object
+        if name in ("position_excess", "group"):  # from the certificate and the problem
             continue
         column = COLUMNS[name]
         assert dtype == (bool if name == "feasible" else dtypes[column.kind])

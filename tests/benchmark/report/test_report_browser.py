@@ -259,7 +259,7 @@ def rivals() -> Results:
     rng, items = np.random.default_rng(3), []
     for n in range(8):
         name, best = f"{'random' if n < 5 else 'robots'}-{n}", 2.0 + n
-        on = Problem([[0.0], [1.0 + n]], Limits([50.0], [500.0]), name)
+        on = Problem([[0.0], [1.0 + n]], Limits([50.0 + n], [500.0]), name)
         items += made_on("spline353-nlp", best, on=on)
         for planner, runs, above in (("mine", 4, 0.02), ("other", 4, 0.04), ("slow", 1, 0.4)):
             lost = planner == "other" and n in (1, 6)

@@ -21,16 +21,16 @@ from trajopt.benchmark.analysis import statistics
 Array = NDArray[np.float64]
 
 TIE_DIGITS = 6  # significant digits of a duration: those equal to so many are tied
-RESAMPLES = 1999  # of a bootstrap: its interval is then good to two digits
 KEYS = ["planner", "against"]
-_PROBLEM_COLUMNS = ["digest", *KEYS, "own", "theirs", "a12"]
+_PROBLEM_COLUMNS = ["digest", "group", *KEYS, "own", "theirs", "chance"]
 _PAIRED_COLUMNS = [
     "problems",
+    "groups",
     "better",
     "tied",
     "worse",
     "ratio",
-    "a12",
+    "chance",
     "low",
     "high",
     "pvalue",
@@ -48,7 +48,7 @@ _SEED_COLUMNS = [
     "rival_median",
     "ratio",
     "u",
-    "a12",
+    "chance",
     "low",
     "high",
     "pvalue",
@@ -107,10 +107,10 @@ def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
     """One row per problem and pair of planners run on it, each pair once, of `Results.trials()`.
 
     Columns:
-        digest, planner, against: the problem and the pair.
+        digest, group: the problem, and what it shares with others (`catalogue.group`).
+        planner, against: the pair.
         own, theirs: median certified durations of `planner` and of `against`, s.
-        a12: how probable it is that a run of `planner` is shorter than one of `against`, ties
-            counting half.
+        chance: that a run of `planner` is shorter than one of `against`, ties counting half.
     """
     durations = _tie_durations(runs)
     problems: dict[str, dict[str, Array]] = {}
@@ -118,12 +118,13 @@ def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
     for (digest, label), own in cells:
         planners = problems.setdefault(digest, {})
         planners[label] = own.to_numpy()
+    groups = runs.drop_duplicates("digest").set_index("digest")["group"]
     rows = []
     for digest, planners in problems.items():
         middle = {label: _median(values) for label, values in planners.items()}
         for a, b in combinations(sorted(planners), 2):
-            shorter = statistics.a12(planners[b], planners[a])
-            row = (digest, a, b, middle[a], middle[b], float(shorter))
+            chance = statistics.shorter_chance(planners[a], planners[b])
+            row = (digest, groups[digest], a, b, middle[a], middle[b], float(chance))
             rows.append(row)
     return pd.DataFrame(rows, columns=_PROBLEM_COLUMNS)
 
@@ -135,15 +136,16 @@ def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
     problems on which both answer: of those alone can be said how much shorter one is.
 
     Columns:
-        problems: on which both were run.
+        problems, groups: on which both were run, and of how many groups these are. Problems of one
+            arm, paper or random family are one group: they are not independent.
         better, tied, worse: on how many of them `planner` is so, by its median; equal to
             `TIE_DIGITS` digits is tied.
         ratio: median over problems of its duration to the other's, the geometric mean of the two
             in the middle; 0 or +inf where only one has an answer, NaN between the two.
-        a12, low, high: mean over problems of the probability that its run is the shorter, and the
-            95 % bootstrap interval over problems (NaN if there is one only).
-        pvalue: of Wilcoxon's signed-rank test over problems on log ratios; where only one has an
-            answer, the ratio is the largest of all.
+        chance, low, high: mean over groups of the chance that its run is the shorter, and a 95 %
+            interval (`statistics.mean_interval`).
+        pvalue: of Wilcoxon's signed-rank test over groups of problems on log ratios; where only one
+            has an answer, the ratio is the largest of all.
         holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
         both: problems on which the medians of both are finite; `both_better`, `both_tied`,
             `both_worse`, `both_ratio`, `both_pvalue` and `both_holm` are those above on them (ratio
@@ -168,7 +170,7 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
         ratio: of the medians; NaN where neither has one.
         u: pairs of runs of which `planner` has the shorter, ties (to `TIE_DIGITS` digits) counting
             half.
-        a12, low, high: `u` over all pairs (Vargha & Delaney 2000), and its 95 % bootstrap interval.
+        chance, low, high: `u` over all pairs, and its 95 % interval (Newcombe 2006).
         pvalue: of Mann and Whitney's test, two-sided.
         holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
     """
@@ -176,8 +178,7 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
     samples = {}
     for label, own in durations.groupby(runs["label"]):
         if len(own) > 1:
-            # in one order, so that the bootstrap draws the same in whichever order trials were read
-            samples[label] = np.sort(own.to_numpy())
+            samples[label] = own.to_numpy()
     rows = {}
     for pair in combinations(samples, 2):
         own, theirs = (samples[label] for label in pair)
@@ -206,7 +207,7 @@ def _mirrored(table: pd.DataFrame) -> pd.DataFrame:
     for ratio in ("ratio", "both_ratio"):
         if ratio in mirror:
             mirror[ratio] = 1 / mirror[ratio]
-    for share in ("a12", "low", "high"):
+    for share in ("chance", "low", "high"):
         mirror[share] = 1 - mirror[share]
     if "u" in mirror:
         all_pairs = mirror["runs"] * mirror["rival_runs"]
@@ -217,28 +218,30 @@ def _mirrored(table: pd.DataFrame) -> pd.DataFrame:
 def _paired_row(group: pd.DataFrame) -> dict[str, float]:
     own = np.log(group["own"].to_numpy())
     theirs = np.log(group["theirs"].to_numpy())
-    test = statistics.wilcoxon(own, theirs)
-    shorter = statistics.bootstrap(_mean, group["a12"], resamples=RESAMPLES)
+    of_group = group["group"].to_numpy()
+    test = statistics.wilcoxon(own, theirs, of_group)
+    chance = statistics.mean_interval(group["chance"], of_group)
     answered = np.isfinite(own) & np.isfinite(theirs)
     return {
         "problems": len(group),
+        "groups": len(set(of_group)),
         "better": test.wins,
         "tied": test.ties,
         "worse": test.losses,
         "ratio": _median_ratio(own, theirs),
-        "a12": shorter.value,
-        "low": shorter.low,
-        "high": shorter.high,
+        "chance": chance.value,
+        "low": chance.low,
+        "high": chance.high,
         "pvalue": test.pvalue,
-    } | _both_answer(own[answered], theirs[answered])
+    } | _both_answer(own[answered], theirs[answered], of_group[answered])
 
 
-def _both_answer(own: Array, theirs: Array) -> dict[str, float]:
+def _both_answer(own: Array, theirs: Array, groups: NDArray[Any]) -> dict[str, float]:
     """The columns `both_…`, from logarithms of durations that are all finite."""
     if not own.size:
         nothing = dict.fromkeys(["both", "both_better", "both_tied", "both_worse"], 0)
         return nothing | {"both_ratio": np.nan, "both_pvalue": 1.0}
-    test = statistics.wilcoxon(own, theirs)
+    test = statistics.wilcoxon(own, theirs, groups)
     return {
         "both": own.size,
         "both_better": test.wins,
@@ -251,7 +254,8 @@ def _both_answer(own: Array, theirs: Array) -> dict[str, float]:
 
 def _seed_row(own: Array, theirs: Array) -> dict[str, float]:
     test = statistics.mann_whitney(own, theirs)
-    shorter = statistics.bootstrap(statistics.a12, theirs, own, resamples=RESAMPLES)
+    chance = float(statistics.shorter_chance(own, theirs))
+    interval = statistics.shorter_interval(chance, own.size, theirs.size)
     median = _median(own)
     rival_median = _median(theirs)
     ratio = np.nan
@@ -264,9 +268,9 @@ def _seed_row(own: Array, theirs: Array) -> dict[str, float]:
         "rival_median": rival_median,
         "ratio": ratio,
         "u": test.statistic,
-        "a12": shorter.value,
-        "low": shorter.low,
-        "high": shorter.high,
+        "chance": chance,
+        "low": interval.low,
+        "high": interval.high,
         "pvalue": test.pvalue,
     }
 
@@ -281,10 +285,6 @@ def _median_ratio(own: Array, theirs: Array) -> float:
         upper = logs[logs.size // 2]
         middle = (lower + upper) / 2
     return float(np.exp(middle))
-
-
-def _mean(values: Array) -> Array:
-    return np.asarray(values.mean(axis=-1))
 
 
 def _median(values: Array) -> float:

@@ -34,6 +34,7 @@ from trajopt.benchmark.analysis.summary import (
 )
 from trajopt.benchmark.analysis.versions import Newest, newest
 from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import InvalidInput
 from trajopt.solution import Status
@@ -47,6 +48,7 @@ TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
     "id": "str",
     "problem": "str",
     "digest": "str",
+    "group": "str",
     "planner": "str",
     "label": "str",
     "seed": int,
@@ -122,6 +124,8 @@ class Results:
         Columns:
             id: identity of the trial.
             problem, digest: name of the problem, and SHA-256 of its numbers.
+            group: what it shares with problems from which it is not independent: an arm, a paper,
+                a random family.
             planner, label: the planner, and its name with the options that differ from its
                 defaults.
             seed: of the random stream.
@@ -349,6 +353,7 @@ def _row(trial: Trial) -> dict[str, Any]:
         "id": trial.id,
         "problem": trial.problem.name,
         "digest": trial.problem.digest(),
+        "group": catalogue.group(trial.problem),
         "planner": trial.planner,
         "label": trial.label,
         "seed": trial.seed,

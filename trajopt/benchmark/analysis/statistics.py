@@ -3,7 +3,8 @@
     hits = evaluations_to_target(histories, 1.01 * optimum)      # (runs,), NaN where missed
     success_rate(hits <= budget)                                 # with its Wilson interval
     bootstrap(partial(expected_running_time, budgets=budget), hits)
-    bootstrap(a12, ours, theirs)                                 # effect size and interval
+    chance = shorter_chance(ours, theirs)                        # that a run of ours is shorter
+    shorter_interval(chance, len(ours), len(theirs))             # Newcombe's
     holm([wilcoxon(ours, theirs).pvalue for theirs in others])
 
 Lower is better: values are durations (s), gaps, or evaluations. No answer is NaN or +inf, and is
@@ -29,6 +30,7 @@ Values = Array | np.float64  # a number where the runs were the only axis
 EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact
 EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's p is exact
 _BOOTSTRAP_VALUES = 10**6  # drawn at a time: they fit into memory
+_BESIDE_END = 1e-12  # of a chance: the variance is 0 at both ends
 QUARTILES = (0.25, 0.5, 0.75)
 FIVE_NUMBERS = (0, *QUARTILES, 1)
 
@@ -44,7 +46,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Paired:
-    """Wilcoxon's test: the smaller rank sum `T`, the two-sided p, and the counted pairs.
+    """Wilcoxon's test: the smaller rank sum `T` (of groups), the two-sided p, and counted pairs.
 
     `wins`, `ties` and `losses`: in how many pairs `a` was below, equal to, and above `b`.
     """
@@ -241,18 +243,22 @@ def data_profile(
     return _profile(gradients.T, alphas)
 
 
-def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
+def wilcoxon(a: ArrayLike, b: ArrayLike, groups: ArrayLike | None = None) -> Paired:
     """Wilcoxon's signed-rank test on pairs `(pairs,)`, two-sided (Wilcoxon 1945).
 
+    Pairs of one group need not be independent: the signs of a group change together, so its signed
+    ranks count as one sum (Rosner, Glynn and Lee 2006). By default each pair is a group.
+
     Equal pairs, two failures too, are dropped (p = 1 if none is left); a failure differs most from
-    an answer. p is exact, ties or not, up to `EXACT_PAIRS` differences, then normal and
-    tie-corrected.
+    an answer. p is exact, ties or not, up to `EXACT_PAIRS` groups, then normal.
     """
     x = _costs("a", a, 1)
     y = _costs("b", b, 1)
     pairs = x.size
     paired = y.size == pairs
     _require(paired, "b", f"as many values as in a, {pairs}", y.size)
+    own = np.arange(pairs) if groups is None else np.asarray(groups)
+    _require(own.shape == (pairs,), "groups", f"one for each of {pairs} pairs", own.shape)
     differ = x != y
     with np.errstate(over="ignore"):
         change = x[differ] - y[differ]
@@ -260,13 +266,16 @@ def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
     above = change > 0
     size = np.abs(change)
     ranks = _scipy().rankdata(size)
-    negative = ranks[below].sum()
-    positive = ranks[above].sum()
+    _, group = np.unique(own[differ], return_inverse=True)
+    sums = np.bincount(group, weights=np.where(above, ranks, -ranks))
+    sizes = np.abs(sums)
+    negative = sizes[sums < 0].sum()
+    positive = sizes[sums > 0].sum()
     rank_sum = float(min(negative, positive))
-    if change.size <= EXACT_PAIRS:
-        pvalue = _exact_signed_rank(ranks, rank_sum)
+    if len(sums) <= EXACT_PAIRS:
+        pvalue = _exact_signed_rank(sizes, rank_sum)
     else:
-        pvalue = _normal_signed_rank(change)
+        pvalue = _normal_signed_rank(sums)
     return Paired(
         statistic=rank_sum,
         pvalue=pvalue,
@@ -279,10 +288,10 @@ def wilcoxon(a: ArrayLike, b: ArrayLike) -> Paired:
 def mann_whitney(a: ArrayLike, b: ArrayLike) -> RankSum:
     """Mann and Whitney's test of independent runs `(n,)` and `(m,)`, two-sided (1947).
 
-    `U = n m (1 − A12)`: in how many of the `n m` pairs `a` is lower (better), ties counting half;
-    failures are equal. p is exact, ties or not, for up to `EXACT_RUNS` runs together: the share of
-    all ways to deal the ranks; then normal, corrected for ties and continuity. If all runs are
-    equal, p = 1.
+    `U` is `n m` times `shorter_chance`: in how many of the `n m` pairs `a` is lower (better), ties
+    counting half; failures are equal. p is exact, ties or not, for up to `EXACT_RUNS` runs
+    together: the share of all ways to deal the ranks; then normal, corrected for ties and
+    continuity. If all runs are equal, p = 1.
     """
     x = _costs("a", a, 1)
     y = _costs("b", b, 1)
@@ -346,10 +355,11 @@ def critical_difference(problems: int, solvers: int, confidence: float = 0.95) -
     return float(difference)
 
 
-def a12(a: ArrayLike, b: ArrayLike) -> Values:
-    """P(a > b) + ½ P(a = b) over all pairs of `a` `(…, n)` and `b` `(…, m)`: `(…)`.
+def shorter_chance(a: ArrayLike, b: ArrayLike) -> Values:
+    """Chance that a run of `a` is shorter than one of `b`: P(a < b) + ½ P(a = b), `(…)`.
 
-    Below ½ where `a` tends to be lower (better); failures are equal (Vargha & Delaney 2000).
+    Over all pairs of `a` `(…, n)` and `b` `(…, m)`; above ½ where `a` tends to be better. Failures
+    are equal. It is 1 − A12 of Vargha and Delaney (2000).
     """
     x = _costs("a", a)
     y = _costs("b", b)
@@ -359,12 +369,55 @@ def a12(a: ArrayLike, b: ArrayLike) -> Values:
     _require(leading == others, "b", expected, y.shape)
     both = np.concatenate([x, y], axis=-1)
     ranks = _scipy().rankdata(both, axis=-1)
-    own = ranks[..., :n]
-    # A12 = (R − n (n + 1) / 2) / (n m), R the sum of its own ranks
-    rank_sum = own.sum(axis=-1)
-    won = rank_sum - n * (n + 1) / 2
-    share = won / (n * m)
+    # the rank sum of `a` is n (n + 1) / 2 more than the pairs that it loses, ties counting half
+    lost = ranks[..., :n].sum(axis=-1) - n * (n + 1) / 2
+    share = 1 - lost / (n * m)
     return np.asarray(share)[()]
+
+
+def shorter_interval(chance: float, n: int, m: int, confidence: float = 0.95) -> Estimate:
+    """Interval of `shorter_chance` of `n` and `m` runs: Newcombe's method 5 (2006).
+
+    Its ends are the chances θ at which `chance` is a normal quantile away, with the variance
+
+        V(θ) = θ (1 − θ) (1 + k (1 − θ) / (2 − θ) + k θ / (1 + θ)) / (n m),  k = (n + m) / 2 − 1,
+
+    so it does not shrink to a point at 0 and 1, as a bootstrap does.
+    """
+    _require(n > 0 and m > 0, "runs", "at least one each", (n, m))
+    _require_level(confidence)
+    quantile = _scipy().norm.ppf((1 + confidence) / 2)
+    k = (n + m) / 2 - 1
+
+    def excess(theta: float) -> float:
+        spread = 1 + k * (1 - theta) / (2 - theta) + k * theta / (1 + theta)
+        variance = theta * (1 - theta) * spread / (n * m)
+        return float((chance - theta) ** 2 - quantile**2 * variance)
+
+    inside = min(max(chance, _BESIDE_END), 1 - _BESIDE_END)
+    low = 0.0 if chance == 0 else _root(excess, inside, 0.0)
+    high = 1.0 if chance == 1 else _root(excess, inside, 1.0)
+    return Estimate(chance, low, high)
+
+
+def mean_interval(shares: ArrayLike, groups: ArrayLike, confidence: float = 0.95) -> Estimate:
+    """Mean of shares between 0 and 1 `(n,)`, and an interval that counts each group once.
+
+    The mean is one over the groups' means, as shares of one group are not independent. The interval
+    is Wilson's (1927) for as many yes-or-no outcomes as there are groups: none of the same mean
+    spreads more.
+    """
+    values = _shares("shares", shares)
+    _, group = np.unique(np.asarray(groups), return_inverse=True)
+    sums = np.bincount(group, weights=values)
+    count = len(sums)
+    _require_level(confidence)
+    mean = float((sums / np.bincount(group)).mean())
+    z = float(_scipy().norm.ppf((1 + confidence) / 2))
+    centre = (mean + z**2 / (2 * count)) / (1 + z**2 / count)
+    spread = mean * (1 - mean) / count + z**2 / (4 * count**2)
+    half = z * spread**0.5 / (1 + z**2 / count)
+    return Estimate(mean, max(0.0, centre - half), min(1.0, centre + half))
 
 
 def bootstrap(
@@ -377,7 +430,7 @@ def bootstrap(
 ) -> Estimate:
     """`statistic(*samples)` with its percentile bootstrap interval (Efron & Tibshirani 1993, 13).
 
-    Each sample is `(runs,)`; `statistic` maps samples `(k, runs)` to `(k,)`, as `median`, `a12` and
+    Each sample is `(runs,)`; `statistic` maps samples `(k, runs)` to `(k,)`, as `median` and
     `expected_running_time` do. Samples are drawn independently, or, if `paired`, run by run. Bounds
     may be +inf; they are NaN if a sample has a single run, which says nothing of the spread.
     """
@@ -427,6 +480,13 @@ def _scipy() -> Any:
     return stats
 
 
+def _root(function: Callable[[float], float], inside: float, end: float) -> float:
+    """Where a function that is negative at `inside` and positive at `end` is 0."""
+    from scipy.optimize import brentq
+
+    return float(brentq(function, inside, end, xtol=1e-12))
+
+
 def _doubled(ranks: Array) -> NDArray[np.int64]:
     """Twice the ranks: those shared by an even number of ties end in ½."""
     return np.rint(2 * ranks).astype(np.int64)
@@ -446,9 +506,10 @@ def _exact_signed_rank(ranks: Array, rank_sum: float) -> float:
     return min(1.0, 2 * float(tail))
 
 
-def _normal_signed_rank(change: Array) -> float:
-    found = _scipy().wilcoxon(change, method="asymptotic")
-    return float(found.pvalue)
+def _normal_signed_rank(sums: Array) -> float:
+    """Two-sided p of a sum of independent terms with random signs."""
+    deviation = np.sqrt((sums**2).sum())
+    return float(2 * _scipy().norm.sf(abs(sums.sum()) / deviation))
 
 
 def _exact_rank_sum(ranks: Array, n: int, rank_sum: float) -> float:

@@ -117,23 +117,13 @@ def _over_seeds(row: Any) -> dict[str, Any]:
     }
 
 
-def _interval(row: Any) -> tuple[float, float]:
-    """The ends of the interval of A12: A12 itself where one problem gives none."""
-    if np.isnan(row.low):
-        return row.a12, row.a12
-    return row.low, row.high
-
-
 def _chance(row: Any) -> Cell:
-    if np.isnan(row.low):
-        return f"{row.a12:.2f}", "[–]"
-    return f"{row.a12:.2f}", f"[{row.low:.2f}–{row.high:.2f}]"
+    return f"{row.chance:.2f}", f"[{row.low:.2f}–{row.high:.2f}]"
 
 
 def _whisker(row: Any) -> list[float]:
-    """The estimate and the ends of its interval, for the drawing of it."""
-    low, high = _interval(row)
-    return [round(row.a12, 4), round(low, 4), round(high, 4)]
+    """The chance of a shorter run and the ends of its interval, for the drawing of it."""
+    return [round(row.chance, 4), round(row.low, 4), round(row.high, 4)]
 
 
 def duration(value: float) -> str:

@@ -11,11 +11,13 @@ results.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
+from zlib import crc32
 
 from trajopt import built_in
 from trajopt.benchmark.suites import edges, families, literature, robots
@@ -26,6 +28,8 @@ from trajopt.problem import Problem
 THE_PAPERS = "six-axis"
 
 _PER_FAMILY = 18
+# What a suite's problems share: an arm, a random family, a paper.
+_SHARED = re.compile(r"(robots-.+)-w\d+(?:-jerk)?|(random-[a-z]+)-.+")
 
 
 @cache
@@ -66,6 +70,26 @@ def load(name_or_path: str) -> Problem:
     if file is None:
         return _made(name_or_path)
     return Problem.from_toml(file)
+
+
+def group(problem: Problem) -> str:
+    """What a problem shares with others from which it is not independent.
+
+    Of a suite's problem its arm, random family or paper; of any other its limits, which are the
+    robot's.
+    """
+    name = problem.name
+    shared = _SHARED.fullmatch(name)
+    if shared is not None:
+        return shared[1] or shared[2]
+    if name in literature.files():
+        paper, _, _ = name.partition("-")
+        return paper
+    if name in problem_files() or name.startswith("edges-"):
+        return name
+    limits = [values.tolist() for values in problem.limits.by_name().values()]
+    digest = crc32(repr(limits).encode())
+    return f"limits {digest:08x}"
 
 
 def _made(name: str) -> Problem:
