@@ -156,6 +156,8 @@ def check_keys(
     table: Mapping[str, Any],
     known: Iterable[str],
     required: Iterable[str] = (),
+    *,
+    others: bool = False,
 ) -> None:
     """Refuse keys that nobody reads, and missing ones.
 
@@ -164,6 +166,7 @@ def check_keys(
         table: What the file says.
         known: The keys that are right, those that are ignored too.
         required: The keys that must be there.
+        others: Whether keys that come near no known one are ignored.
 
     Raises:
         InvalidInput: Names the key and the nearest known one.
@@ -172,6 +175,8 @@ def check_keys(
     for key, value in table.items():
         if key not in names:
             close = get_close_matches(str(key), names, n=1)
+            if others and not close:
+                continue
             right = f"one of the keys {', '.join(names)}"
             if close:
                 right = f"the key {close[0]}"

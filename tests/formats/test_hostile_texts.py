@@ -119,8 +119,8 @@ ALIASES = "a0: &a0 {k: 1}\n" + "".join(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f"{ALIASES}joint_limits: *a9\n", "an alias *a0, which is not supported, line 2"),
-        ("a: &a [*a]", "an alias *a"),
+        (f"{ALIASES}joint_limits: *a9\n", "an alias *a0 of no plain value, line 2"),
+        ("a: &a [*a]", "an alias *a of no plain value"),
         ("a: &a {b: 1}\nc: {<<: *a}", "a merge key <<, which is not supported, line 2"),
         ("[1, 2]: 3", "a key is no text, line 1"),
         ("{a: 1}: 3", "a key is no text, line 1"),
@@ -136,6 +136,12 @@ def test_what_yaml_makes_endless_or_ambiguous(tmp_path, name, text, words):
 def test_what_is_another_number_in_another_yaml(tmp_path, value):
     text = f"joint_limits: {{elbow: {{max_velocity: {value}}}}}"
     assert "elbow.max_velocity is " in refused(tmp_path, "joint_limits.yaml", text)
+
+
+def test_a_plain_value_may_have_an_alias(tmp_path):
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text("fast: &fast 1.5\njoint_limits: {a: {max_velocity: *fast, min_effort: -1}}")
+    assert joint_limits.read(path).joints["a"] == {"velocity": (-1.5, 1.5)}
 
 
 def test_a_joint_may_have_any_name(tmp_path):

@@ -58,6 +58,7 @@ _KEYS = (
     "k_velocity",
     "max_effort",
     "min_acceleration",
+    "min_effort",
     "min_jerk",
     "min_velocity",
     "soft_lower_limit",
@@ -97,7 +98,8 @@ def _unwrapped(table: Any) -> Any:
 def _limits(table: Any, source: str) -> RobotLimits:
     if not isinstance(table, Mapping) or not isinstance(table.get("joint_limits"), Mapping):
         raise InvalidInput(_WHAT, "a mapping joint_limits: of joints by their names")
-    files.check_keys("", table, _TABLE_KEYS)
+    # the file may define values for its aliases, and hold what other programs read
+    files.check_keys("", table, _TABLE_KEYS, others=True)
     joints = {}
     for name, entry in table["joint_limits"].items():
         key = f"joint_limits.{name}"

@@ -1,8 +1,8 @@
 """YAML files as ROS writes them: tables, lists and plain values, angles tagged `!degrees`.
 
 Read event by event, not by PyYAML's constructors: what a few hundred bytes can make endless
-(anchors, aliases, merge keys) is refused, and a number is what it looks like in every version of
-YAML (1:30 is no 90, 010 no 8).
+(aliases of tables and lists, merge keys) is refused, and a number is what it looks like in every
+version of YAML (1:30 is no 90, 010 no 8).
 """
 
 from __future__ import annotations
@@ -64,12 +64,8 @@ def documents(path: Path, what: str) -> list[Any]:
         InvalidInput: It cannot be read, is not YAML, has a key twice or an alias.
     """
     content = files.text(path, what, "YAML")
-    found = []
     try:
-        events = yaml.parse(content, Loader=_PARSER)
-        for event in events:
-            if isinstance(event, yaml.DocumentStartEvent):
-                found.append(_value(next(events), events, 0))
+        found = list(_Documents(content))
     except yaml.MarkedYAMLError as error:
         reason = f"{error.problem}{_line(error.problem_mark)}"
         raise files.unreadable(path, what, "YAML", ValueError(reason)) from None
@@ -85,23 +81,44 @@ def number(value: Any) -> float | None:
     return float(value) if numerals.is_number(value) else None
 
 
-def _value(event: yaml.Event, events: Iterator[yaml.Event], depth: int) -> Any:
-    """What begins with this event."""
-    if isinstance(event, yaml.ScalarEvent):
-        return _scalar(event)
-    _check_tag(event)
-    if depth == files.MAX_DEPTH:
-        raise ValueError(f"it is nested deeper than {depth}{_line(event.start_mark)}")
-    if isinstance(event, yaml.SequenceStartEvent):
-        items = []
-        while not isinstance(item := next(events), yaml.SequenceEndEvent):
-            items.append(_value(item, events, depth + 1))
-        return items
-    table: dict[str, Any] = {}
-    while not isinstance(key := next(events), yaml.MappingEndEvent):
-        name = _key(key, table)
-        table[name] = _value(next(events), events, depth + 1)
-    return table
+class _Documents:
+    """The documents of a text, one after the other."""
+
+    def __init__(self, content: str) -> None:
+        self._events: Iterator[yaml.Event] = yaml.parse(content, Loader=_PARSER)
+        self._anchored: dict[str, Any] = {}  # plain values by their anchors
+
+    def __iter__(self) -> Iterator[Any]:
+        for event in self._events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                self._anchored.clear()
+                yield self._value(next(self._events), 0)
+
+    def _value(self, event: yaml.Event, depth: int) -> Any:
+        """What begins with this event."""
+        if isinstance(event, yaml.ScalarEvent):
+            value = _scalar(event)
+            if event.anchor:
+                self._anchored[event.anchor] = value
+            return value
+        line = _line(event.start_mark)
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in self._anchored:
+                raise ValueError(f"an alias *{event.anchor} of no plain value{line}")
+            return self._anchored[event.anchor]
+        _check_tag(event)
+        if depth == files.MAX_DEPTH:
+            raise ValueError(f"it is nested deeper than {depth}{line}")
+        if isinstance(event, yaml.SequenceStartEvent):
+            items = []
+            while not isinstance(item := next(self._events), yaml.SequenceEndEvent):
+                items.append(self._value(item, depth + 1))
+            return items
+        table: dict[str, Any] = {}
+        while not isinstance(key := next(self._events), yaml.MappingEndEvent):
+            name = _key(key, table)
+            table[name] = self._value(next(self._events), depth + 1)
+        return table
 
 
 def _key(event: yaml.Event, table: dict[str, Any]) -> str:
@@ -137,12 +154,10 @@ def _scalar(event: yaml.ScalarEvent) -> Any:
 
 
 def _check_tag(event: yaml.Event) -> None:
-    """Refuse what only a program could make, and what repeats."""
-    line = _line(event.start_mark)
-    if isinstance(event, yaml.AliasEvent):
-        raise ValueError(f"an alias *{event.anchor}, which is not supported{line}")
+    """Refuse what only a program could make."""
     tag = event.tag
     if tag is not None and tag not in _TAGS:
+        line = _line(event.start_mark)
         raise ValueError(f"a tag {shortened(tag, 60)}, which is not supported{line}")
 
 
