@@ -15,25 +15,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trajopt import files, piecewise
 from trajopt.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.formats import joint_trajectory, own_breaks, samples_csv
 from trajopt.formats.samples import Samples
 from trajopt.interpolation import Interpolation
-from trajopt.numerals import is_number
 from trajopt.problem import Problem
 from trajopt.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
-Array = NDArray[np.float64]
-
 ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
 _TABLES = (".csv", ".txt")
+_RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
 _POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names")
 # What else the files have that `plan` writes, and those of data/best_known.
 _TRIAL_KEYS = (
@@ -187,8 +182,7 @@ def _read(path: Path, interpolation: Interpolation) -> Motion:
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
     except InvalidTrajectory as error:
-        right = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together"
-        raise InvalidInput("motion", right, value=str(error), file=str(path)) from None
+        raise InvalidInput("motion", _RIGHT, value=str(error), file=str(path)) from None
     return motion
 
 
@@ -220,8 +214,11 @@ def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, list[str]]:
         files.check_keys("", table, _RECORD_KEYS)
         return own_breaks.trajectory(table["trajectory"]), _names(table)
     files.check_keys("", table, (*_POLYNOMIAL_KEYS, *_TRIAL_KEYS), _POLYNOMIAL_KEYS[:2])
-    breaks = _numbers("breaks", table["breaks"], 1)
-    coefficients = _numbers("coefficients", table["coefficients"], 3)
+    breaks = own_breaks.array("breaks", table["breaks"], _RIGHT)
+    coefficients = own_breaks.array("coefficients", table["coefficients"], _RIGHT)
+    if breaks.ndim != 1 or coefficients.ndim != 3 or 0 in coefficients.shape or not breaks.size:
+        shapes = f"{breaks.shape} and {coefficients.shape}"
+        raise InvalidInput("breaks and coefficients", _RIGHT, value=shapes)
     own_breaks.check_work(*coefficients.shape)
     return Trajectory(breaks, coefficients, breaks[[0, -1]]), _names(table)
 
@@ -231,15 +228,3 @@ def _names(table: Mapping[str, Any]) -> list[str]:
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
     return names
-
-
-def _numbers(key: str, rows: Any, axes: int) -> Array:
-    """Nested lists of finite numbers as an array; NumPy alone takes texts and truth values too."""
-    try:
-        array = np.array(rows, dtype=object)
-    except ValueError:  # ragged
-        array = np.array(None)
-    if array.ndim != axes or 0 in array.shape or not all(map(is_number, array.flat)):
-        right = "finite numbers: breaks (s), and coefficients (degree + 1, pieces, joints)"
-        raise InvalidInput(key, right, value=rows)
-    return array.astype(float)

@@ -98,6 +98,21 @@ def trajectory(said: Any) -> Trajectory:
         raise InvalidInput("trajectory", right) from None
 
 
+def array(key: str, rows: Any, right: str) -> Array:
+    """Nested lists of finite numbers; NumPy alone takes texts and truth values for numbers too.
+
+    Raises:
+        InvalidInput: They are none, or of several lengths; `right` says what is expected.
+    """
+    try:
+        found = np.array(rows, dtype=object)
+    except ValueError:  # of several lengths
+        found = np.array(None)
+    if not found.ndim or not all(map(is_number, found.flat)):
+        raise InvalidInput(key, right, value=rows)
+    return found.astype(float)
+
+
 def check_work(rows: int, pieces: int, joints: int) -> None:
     """Refuse polynomials that take more than seconds, or gigabytes, to judge.
 

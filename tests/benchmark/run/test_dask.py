@@ -83,3 +83,11 @@ def test_nobody_at_the_address_is_one_line(
         cli.main(["compare", "one-joint", "--dask", "nonsense", "--output", str(tmp_path)])
     assert stop.value.code == 2
     assert capsys.readouterr().err.startswith("trajopt: --dask is 'nonsense'")
+
+
+@pytest.mark.parametrize("text", ["[1]", "{", "{}", '{"address": 1}', "[" * 100_000])
+def test_a_scheduler_file_that_is_none_is_one_line(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "cluster.json"
+    file.write_text(text)
+    with pytest.raises(InvalidInput, match="--dask"), cluster.executor(str(file)):
+        pass

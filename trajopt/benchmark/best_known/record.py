@@ -347,16 +347,6 @@ def _proof(value: Any) -> dict[str, Array]:
     found = {}
     for name, rows in value.items():
         key = f"proof.{_line('proof', name)}"
-        if not isinstance(rows, list):
-            raise InvalidInput(key, "a list of numbers, or of rows of them")
-        try:
-            array = np.array(rows)
-        except ValueError:
-            raise InvalidInput(key, "rows of one length") from None
-        if array.size and array.dtype.kind not in "if":
-            raise InvalidInput(key, "numbers")
-        numbers = array.astype(float)
-        if not np.isfinite(numbers).all():
-            raise InvalidInput(key, "finite numbers")
-        found[name] = numbers
+        right = "a list of finite numbers, or of rows of them of one length"
+        found[name] = own_breaks.array(key, rows, right)
     return found

@@ -86,7 +86,7 @@ def _digest(trials: Sequence[Trial]) -> str:
 
 def _noted(folder: Path, digest: str) -> list[Path]:
     """The files that were drawn of these trials, if all are as they were; else none."""
-    with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+    with suppress(OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         note = json.loads((folder / NOTE).read_text(encoding="utf-8"))
         files = {folder / name: stamp for name, stamp in note["files"].items()}
         untouched = all(_stamp(file) == stamp for file, stamp in files.items())

@@ -8,12 +8,12 @@ Each worker has judges of its own, and a planner a process of its own, as on one
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
+from trajopt import files
 from trajopt.exceptions import InvalidInput
 from trajopt.planner import backend
 
@@ -30,9 +30,9 @@ def executor(address: str) -> Iterator[Executor]:
     distributed = backend("distributed")
     try:
         file = Path(address)
-        where = json.loads(file.read_text())["address"] if file.is_file() else address
+        where = files.json(file, "--dask")["address"] if file.is_file() else address
         client = distributed.Client(where, timeout=_PATIENCE)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         right = "the address or scheduler file of a running Dask scheduler"
         raise InvalidInput("--dask", right, value=address) from error
     with client:
