@@ -110,7 +110,7 @@ def test_polynomials_are_read_as_they_are(tmp_path):
         ({"breaks": [0, 1], "coefficients": [[[1]]], "joint_names": ["a", "b"]}, "1 names"),
         ({"breaks": [0, 1, 2], "coefficients": [[[1]]]}, "that fit together"),
         ({"breaks": [0, 1], "coefficients": [1]}, "is '(2,) and (1,)'"),
-        ({"breaks": [], "coefficients": []}, "breaks is []: expected breaks"),
+        ({"breaks": [], "coefficients": []}, "is '(0,) and (0,)': expected"),
         ({"breaks": "x", "coefficients": None}, "breaks is 'x': expected breaks"),
         ({"breaks": [0, 1], "coefficients": [[["1"]]]}, "coefficients is [[['1']]]"),
         ({"breaks": [0, 10**390], "coefficients": [[[1]]]}, "breaks is [0, 10000"),
