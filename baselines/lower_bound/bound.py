@@ -36,7 +36,8 @@ _GRACE_SECONDS = 1.0
 _INCUMBENT_SHARE = 0.3
 # Measured, per segment and moving joint: one linear program and one start of `exact`, s.
 _SECONDS_PER_CELL = 5e-3
-_CLOSED = 1e-12
+# A verified duration may exceed the solver's by rounding, relative.
+_ROUNDING_RTOL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +176,7 @@ def _bound(
     """Both ends; the status is `otherwise` where they are farther apart than was asked."""
     if best is None:
         return Bound(lower, np.inf, np.inf, otherwise, 0.0, None, proof=proof)
-    proved = best.duration <= lower * (1 + within) * (1 + _CLOSED)
+    proved = best.duration <= lower * (1 + within) * (1 + _ROUNDING_RTOL)
     return Bound(
         lower_bound=lower,
         upper_bound=best.duration,

@@ -65,13 +65,16 @@ def test_six_axis_is_proved_in_time() -> None:
     assert spline.proved_within <= 1e-6 * (1 + 1e-6)
 
 
-def test_a_segment_of_one_rounding_unit_is_left_unproved() -> None:
+def test_a_segment_near_rounding_is_left_unproved() -> None:
     """Flown by at full speed its spline takes 6 s, which no other spline comes near."""
-    problem = load("edges-one-ulp")
+    problem = one_joint(0.0, 1.0, 1.0 + 1e-13, 2.0)
     bound = certify(problem, "spline353", time_limit=2)
     assert bound.status == "stopped: no progress"
     # 3 d1/t1 <= V = 1 and 6 d1/t1^2 <= A = 2 for d1 = 1, twice; the middle one takes no time
     assert bound.lower_bound <= 6.0
+    longer = certify(one_joint(0.0, 1.0, 1.0 + 1e-10, 2.0), "spline353", time_limit=2)
+    assert longer.status == "proved"
+    assert longer.lower_bound <= 6.0 <= longer.upper_bound * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import resource
 import signal
 import struct
 import sys
@@ -17,7 +16,6 @@ import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from fcntl import F_DUPFD, fcntl
 from typing import NoReturn
 
 import cloudpickle
@@ -105,6 +103,8 @@ def _become_own_process() -> None:
 
 def _keep_only(questions: int, answers: int, output: int) -> None:
     """Let go of every descriptor of the judge's, and print to the judge."""
+    from fcntl import F_DUPFD, fcntl  # of Unix: trials in the run's own process need none
+
     nothing = os.open(os.devnull, os.O_RDONLY)
     kept = [nothing, output, output, questions, answers]
     high = [fcntl(descriptor, F_DUPFD, _OUT_OF_THE_WAY) for descriptor in kept]
@@ -118,6 +118,8 @@ def _keep_only(questions: int, answers: int, output: int) -> None:
 
 def _hold_to(memory: float) -> None:
     """Beyond so many GiB of its own this process gets no more: Python's `MemoryError`."""
+    import resource  # of Unix, likewise
+
     hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
     own = int(memory * 2**30)
     soft = own if hard == resource.RLIM_INFINITY else min(own, hard)
