@@ -203,6 +203,10 @@ def test_a_urdf_has_names_positions_and_velocities(tmp_path, capsys):
         (URDF.replace("<gazebo/>", '<x:arm xmlns:x="http://ros.org/wiki/xacro"/>'), "make one"),
         (URDF.replace("</joint>", FRANKA.replace("6.0", "0") + "</joint>", 1), "one: decel"),
         (URDF.replace('<limit velocity="4" effort="1"/>', FRANKA), "turning: position_based"),
+        (URDF.replace("lower=", "lowr="), "one: limit lowr is '-1': expected the key lower"),
+        (URDF.replace("soft_lower", "sof_lower"), "expected the key soft_lower_limit"),
+        (URDF.replace("<limit", "<limits"), "one: limits: expected the key limit"),
+        (URDF.replace("</joint>", '<limit velocity="9"/></joint>', 1), "one: limit: expected this"),
     ],
 )
 def test_what_is_wrong_with_a_urdf_is_named(tmp_path, text, words):

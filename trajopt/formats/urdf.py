@@ -28,6 +28,13 @@ from trajopt.problem import LimitName
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move
 _UNLIMITED = (-np.inf, np.inf)
+_ATTRIBUTES = {
+    "limit": ("lower", "upper", "velocity", "effort"),
+    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
+    "position_based_velocity_limits": ("velocity_offset", "deceleration_limit"),
+    "mimic": ("joint", "multiplier", "offset"),
+}
+_OTHER_ELEMENTS = ("axis", "calibration", "child", "dynamics", "origin", "parent")
 _INFINITIES = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
 
 
@@ -86,6 +93,7 @@ def _robot(root: Element, source: str) -> RobotLimits:
                 raise InvalidInput("joint", "names that differ", value=name)
             joints[name] = {}
             units[name] = unit
+            _check_elements(joint)
             joints[name] = _bounds(joint)
             own = _falling_velocity(joint)
             if own is not None:
@@ -102,6 +110,20 @@ def _robot(root: Element, source: str) -> RobotLimits:
         falling_velocity=falling,
         unsound=unsound,
     )
+
+
+def _check_elements(joint: Element) -> None:
+    """Refuse misspelt elements and attributes, and limits that are there twice."""
+    seen = set()
+    for element in joint:
+        tag = element.tag
+        if tag in _ATTRIBUTES and tag in seen:
+            raise InvalidInput(tag, "this element once")
+        seen.add(tag)
+        if tag in _ATTRIBUTES:
+            files.check_keys(f"{tag} ", element.attrib, _ATTRIBUTES[tag], others=True)
+        elif tag not in _OTHER_ELEMENTS:
+            files.check_keys("", {tag: None}, _ATTRIBUTES, others=True)
 
 
 def _bounds(joint: Element) -> JointBounds:
