@@ -1,4 +1,4 @@
-"""Ruckig, the open edition, on this machine only (Berscheid & Kröger 2021): point to point.
+"""Ruckig, the open edition (Berscheid & Kröger 2021), and a search of ours around it.
 
 Offline it takes no intermediate waypoints, so every segment is a section of its own, from one state
 (position, velocity, acceleration) to the next with all joints arriving together. `RuckigStop` rests
@@ -78,7 +78,13 @@ class RuckigStop(Planner):
 
 @dataclass(frozen=True)
 class RuckigVia(RuckigStop):
-    """Ruckig through the waypoints, their velocities (and accelerations) improved from stopping."""
+    """Our local search for the states at the waypoints, with Ruckig in every segment.
+
+    Not Ruckig's own waypoint planner, which runs on its maker's server only. The search begins at
+    rest and improves velocities (and accelerations, under jerk limits).
+
+    - `evaluations`: how many segments Ruckig computes.
+    """
 
     evaluations: int = 8000  # Ruckig's sections, about 0.06 ms each with the search around them
 

@@ -160,7 +160,7 @@ def along(
     Every break is a gridpoint, and each piece is cut evenly into steps of about `1/gridpoints` of
     the whole. The claim holds at the gridpoints; certify it.
     """
-    scale = _dilation(problem.limits, trajectory)
+    scale = sampled_dilation(problem.without("jerk").limits, trajectory)
     if start_speed is None:
         trajectory = _straightened(trajectory)
     if end_speed is None:
@@ -185,7 +185,7 @@ def along(
     return solution
 
 
-def _dilation(limits: Limits, path: Trajectory) -> float:
+def sampled_dilation(limits: Limits, path: Trajectory) -> float:
     """The cheapest uniform dilation of a path's own timing, as `_SAMPLES` of each piece show it.
 
     It is a unit, not a verdict: a peak that the samples miss makes the numbers a little larger.
@@ -194,7 +194,8 @@ def _dilation(limits: Limits, path: Trajectory) -> float:
     unit = polynomials.stretched(path.coefficients, lengths)
     slowness = 1 / lengths[:, None]
     highest = 0.0
-    for order, pairs in ((1, limits.velocity), (2, limits.acceleration)):
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    for order, pairs in enumerate(bounds, start=1):
         rates = polynomials.derivative(unit, order)
         values = polynomials.evaluate(rates[:, None], _SAMPLES) * slowness**order
         low, high = pairs.T

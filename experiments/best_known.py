@@ -8,8 +8,8 @@ than the record of `--registry` takes its place, stage by stage:
 
 1. `exact` and `ruckig-stop` everywhere: where the answer of `exact` keeps every limit, it is the
    optimum as far as anyone knows;
-2. elsewhere `exact-jerk` and `ruckig` under jerk limits, `collocation-refined` under position
-   limits;
+2. elsewhere `exact-jerk` and `ruckig-search` under jerk limits, `collocation-refined` under
+   position limits;
 3. linear programs prove what they can in `--seconds` about every problem whose gap is open.
 """
 

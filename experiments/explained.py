@@ -26,7 +26,7 @@ from trajopt.explain.decomposition import Explanation, explain
 from trajopt.problem import Problem
 from trajopt.registry import load
 
-PLANNERS = ("issa", "ssa", "pso", "toppra", "ruckig")
+PLANNERS = ("issa", "ssa", "pso", "toppra", "ruckig-search")
 
 
 def explained(problem: Problem, name: str, seed: int | None) -> Explanation:

@@ -23,12 +23,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.common.output import save_table
-from trajopt import Problem, Solution, verify
+from trajopt import Problem, Solution, Status, verify
 from trajopt.benchmark.figures import plots, style
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
-from trajopt.registry import entries, load
+from trajopt.explain.references import Answer
+from trajopt.registry import load
 
 # Two starts, and the exchange until limits are kept to about 1e-5.
 EFFORT = "starts=2,rounds=6"
@@ -38,11 +39,8 @@ FAMILIES = {
     "cubic": f"spline:degree=3,{EFFORT}",
     "quintic, 5-5-5": f"spline:degree=5,{EFFORT}",
     "septic, 7-7-7": f"spline:degree=7,{EFFORT}",
-    "uniform B-spline, degree 3": "drake-kto:order=4",
-    "uniform B-spline, degree 5": "drake-kto:order=6",
-    "uniform B-spline, degree 7": "drake-kto:order=8",
     "trapezoids, stopping": "ruckig-stop",
-    "trapezoids, through the waypoints": "ruckig:evaluations=600",
+    "trapezoids, through the waypoints": "ruckig-search:evaluations=600",
 }
 GROUPS = ("six-axis", "published", "robots", "random")
 COLUMNS = ["group", "problem", "jerk", "family", "status", "seconds", "optimum"]
@@ -63,7 +61,7 @@ def problems(random: int) -> Iterator[tuple[str, Problem]]:
         yield "random", random_problem(seed, waypoints=4, jerk=with_jerk)
 
 
-def certified(problem: Problem, solution: Solution) -> float:
+def certified(problem: Problem, solution: Solution | Answer) -> float:
     """What the verifier vouches for, s; NaN where that is nothing."""
     if solution.trajectory is None:
         return np.nan
@@ -80,9 +78,6 @@ def trials(group: str, problem: Problem) -> list[dict[str, Any]]:
     optimum = certified(problem, load(reference).solve(problem))
     rows = []
     for family, spec in FAMILIES.items():
-        name = spec.partition(":")[0]
-        if entries()[name].missing() is not None:
-            continue
         solution = load(spec).solve(problem)
         row = {
             "group": group,
@@ -99,23 +94,29 @@ def trials(group: str, problem: Problem) -> list[dict[str, Any]]:
 
 def gaps(table: pd.DataFrame) -> pd.DataFrame:
     """Median gap in percent, lowest and highest, by family, jerk limits and group."""
-    known = table.dropna(subset=["seconds", "optimum"])
+    known = table[table["status"] != str(Status.UNSUPPORTED)].dropna(subset=["optimum"])
     gap = PERCENT * (known["seconds"] / known["optimum"] - 1)
     by = [known["jerk"], known["family"], known["group"]]
     grouped = gap.groupby(by)
-    cells = grouped.agg(["median", "min", "max", "count"])
-    texts = [_cell(row) for row in cells.itertuples(index=False)]
+    cells = grouped.agg(["median", "min", "max", "count", "size"])
+    texts = [cell(row) for row in cells.itertuples(index=False)]
     wide = pd.Series(texts, index=cells.index).unstack("group")
     order = [family for family in FAMILIES if family in known["family"].unique()]
     groups = [group for group in GROUPS if group in wide.columns]
     return wide.reindex(order, level="family")[groups]
 
 
-def _cell(row: Any) -> str:
+def cell(row: Any) -> str:
+    """Median, lowest and highest; and how many have an answer, where some have none."""
+    if row.count == 0:
+        return f"none of {row.size}"
     median = f"{row.median:z.1f}"
-    if row.count == 1:
+    if row.size == 1:
         return median
-    return f"{median} ({row.min:z.1f} to {row.max:z.1f}; {row.count})"
+    solved = f"{row.count}"
+    if row.count < row.size:
+        solved = f"{row.count} of {row.size}"
+    return f"{median} ({row.min:z.1f} to {row.max:z.1f}; {solved})"
 
 
 @plots.styled
@@ -162,10 +163,11 @@ def _panel(ax: Axes, table: pd.DataFrame) -> None:
     ax.set_xticks([0.1, 1, 10, 100, 1000], ["≤ 0.1", "1", "10", "100", "1000"])
 
 
-def stored(path: Path) -> pd.DataFrame:
+def stored(path: Path, columns: list[str]) -> pd.DataFrame:
+    """The trials that are there; none, in these columns, if there is no file yet."""
     if path.is_file():
         return pd.read_csv(path)
-    return pd.DataFrame(columns=COLUMNS)
+    return pd.DataFrame(columns=columns)
 
 
 def main(*, random: int = 50, output: Path = Path("families")) -> None:
@@ -177,14 +179,14 @@ def main(*, random: int = 50, output: Path = Path("families")) -> None:
     """
     output.mkdir(parents=True, exist_ok=True)
     path = output / "trials.csv"
-    done = set(stored(path)["problem"])
+    done = set(stored(path, COLUMNS)["problem"])
     for group, problem in problems(random):
         if problem.name in done:
             continue
         rows = pd.DataFrame(trials(group, problem), columns=COLUMNS)
         rows.to_csv(path, mode="a", header=not path.exists(), index=False)
         console.OUT.print(f"{problem.name}: {len(rows)} families")
-    table = stored(path)
+    table = stored(path, COLUMNS)
     save_table(gaps(table), output / "families")
     plots.save(figure(table), output / "families")
 

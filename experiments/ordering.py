@@ -42,7 +42,7 @@ def orderings(results: Results) -> Iterator[Check]:
         durations = rows.groupby("planner")["certified_duration"].min()
         best = dict(durations.dropna())
         pairs = [("exact", name) for name in best if name != "exact"]
-        pairs.append(("ruckig", "ruckig-stop"))
+        pairs.append(("ruckig-search", "ruckig-stop"))
         pairs += [("spline353-nlp", name) for name in SPLINES]
         for low, high in pairs:
             if low in best and high in best:

@@ -49,7 +49,7 @@ SPECS = (
     "pso:fitness=scaled,iterations=40",
     "collocation",
     "toppra:gridpoints=300",
-    "ruckig:evaluations=600",
+    "ruckig-search:evaluations=600",
     "ruckig-stop",
 )
 PLANNERS = dict(named(spec) for spec in SPECS)
@@ -130,7 +130,7 @@ def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
     """Nobody is faster than the optimum, nor than a planner that may do more."""
     pairs = [(optimum, name) for name in able if not name.startswith("exact")]
     pairs += [("spline353-nlp", name) for name in able if name in ("unoptimised", "pso")]
-    pairs.append(("ruckig", "ruckig-stop"))
+    pairs.append(("ruckig-search", "ruckig-stop"))
     for low, high in pairs:
         shorter = duration(low, problem)
         longer = duration(high, problem)

@@ -24,7 +24,7 @@ from trajopt.exceptions import (
 )
 from trajopt.planner import Planner, Relation, adapted, backend, passing_once
 from trajopt.problem import Limits, Problem
-from trajopt.registry import GROUP, Entry, configured, entries, label, load, options, parse
+from trajopt.registry import GROUP, Entry, configured, entries, label, load, named, options, parse
 from trajopt.solution import Solution, Status
 from trajopt.swarm_planner import SwarmPlanner, Unoptimised
 from trajopt.testing import ContractError
@@ -32,7 +32,7 @@ from trajopt.trajectory import Trajectory
 
 NAMES = {
     *("unoptimised", "pso", "ssa", "issa", "spline353-nlp"),
-    *("exact", "collocation", "toppra", "ruckig", "ruckig-stop"),
+    *("exact", "collocation", "toppra", "ruckig-search", "ruckig-stop"),
 }
 
 
@@ -179,7 +179,7 @@ def test_load_reaches_outer_and_nested_options():
     ("name", "hint"),
     [
         ("isa", "did you mean 'issa'"),
-        ("ruckg", "did you mean 'ruckig'"),
+        ("ruckig-serch", "did you mean 'ruckig-search'"),
         ("unoptimized", "did you mean 'unoptimised'"),
         ("qwertyuiop", "known: .*exact.*toppra"),
         ("", "known: "),
@@ -466,3 +466,8 @@ def test_the_fixed_times_are_two_seconds_each():
     solution = Unoptimised().solve(problem)
     assert solution.trajectory.waypoint_times.tolist() == [0, 2, 2, 4, 6]
     assert Unoptimised().unsupported(Problem([[0.0], [1.0]], Limits([9.0], [9.0])))
+
+
+def test_a_former_name_still_names_its_planner():
+    assert named("ruckig:evaluations=7") == ("ruckig-search", load("ruckig-search:evaluations=7"))
+    assert label("ruckig-search", load("ruckig")) == "ruckig-search"

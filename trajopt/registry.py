@@ -20,6 +20,8 @@ from trajopt.exceptions import InvalidInput, MissingBackend, TrajoptError, Unkno
 from trajopt.planner import Planner, adapted, is_solve
 
 GROUP = "trajopt.planners"
+# What a planner was called before; it still answers to that name.
+FORMER_NAMES = {"ruckig": "ruckig-search"}
 
 PlannerT = TypeVar("PlannerT")
 
@@ -50,7 +52,7 @@ class Entry:
             planner = self.load()
         except TrajoptError as error:
             return str(error)
-        packages = [name.partition(".")[0] for name in planner.requires]
+        packages = sorted({name.partition(".")[0] for name in planner.requires})
         absent = [name for name in packages if importlib.util.find_spec(name) is None]
         if not absent:
             return None
@@ -107,6 +109,8 @@ def named(spec: str) -> tuple[str, Planner]:
     """A planner's registered name, and the planner; raises as `load` does."""
     name, options = parse(spec)
     registered = entries()
+    if name not in registered:
+        name = FORMER_NAMES.get(name, name)
     if name not in registered:
         raise UnknownName("planner", name, registered)
     planner = registered[name].load()

@@ -1,4 +1,9 @@
-"""Other people's planners, one file each, used as their documentation has it.
+"""Other people's planners, one file each, run as their authors run them.
+
+One rule for all: `tries` settings of the package, each a complete run of it, and the answer whose
+certified duration is shortest. The first setting is that of the package's own example, so `tries=1`
+is what its documentation shows; twelve is the effort that every one of them gets. Each file lists
+what it chooses and from which source.
 
 Each is an extra of this package (`pip install "trajopt[rivals]"` for all), runs on request, and is
 judged as every other planner is.
@@ -6,62 +11,89 @@ judged as every other planner is.
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import wraps
-from typing import Any, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
+from baselines.topp_ra import best_of, rules
 from trajopt import polynomials
-from trajopt.planner import SolveT, backend
+from trajopt.exceptions import InvalidInput
+from trajopt.planner import Planner, passing_once
 from trajopt.problem import Limits, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution
 from trajopt.trajectory import Trajectory
 
+TRIES = 12
 
-def imported(name: str, extra: str) -> tuple[Any, float]:
-    """A module, and the seconds that importing it took, which are setup and not solving.
+Setting = tuple[Any, ...]
+Tried = Callable[..., Solution]
 
-    Raises:
-        MissingBackend: It is not installed; the message names the extra.
+
+@dataclass(frozen=True)
+class Rival(Planner):
+    """Someone else's planner: the best of its first `tries` settings.
+
+    - `tries`: how many of its twelve settings are run. 1: that of its authors' own example.
     """
-    began = time.perf_counter()
-    module = backend(name, extra)
-    return module, time.perf_counter() - began
+
+    tries: int = TRIES
+
+    on_request = True
+    settings: ClassVar[Sequence[Setting]]
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.tries <= TRIES:
+            raise InvalidInput("tries", f"from 1 to {TRIES}", value=self.tries)
+
+    @passing_once
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """The best of its tries. `stats`: the setting, and every setting's result."""
+        solutions = {}
+        for setting in self.settings[: self.tries]:
+            name = "/".join(map(str, setting))
+            solutions[name] = self.tried(problem, *setting)
+        return best_of(problem, solutions)
+
+    @abstractmethod
+    def tried(self, problem: Problem, *setting: Any) -> Solution:
+        """The package's answer with one of the settings."""
 
 
-def in_own_units(solve: SolveT) -> SolveT:
-    """Let a `solve` method see lengths and times near 1, whatever units the problem has.
+def splines_after(first: Setting) -> list[Setting]:
+    """The twelve splines through the waypoints, knots and ends, with the authors' own first."""
+    every: list[Setting] = list(rules("best", "best"))
+    return [first, *(spline for spline in every if spline != first)]
+
+
+def in_own_units(tried: Tried) -> Tried:
+    """Let a `tried` method see lengths and times near 1, whatever units the problem has.
 
     Others' solvers have absolute tolerances. The unit of time is that of stopping at every
-    waypoint, the unit of length the largest displacement of all joints. Numbers among `stats` are
-    durations.
+    waypoint, the unit of length the largest displacement of all joints.
     """
 
-    @wraps(solve)
-    def measured_solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
+    @wraps(tried)
+    def measured(self: Any, problem: Problem, *setting: Any) -> Solution:
         second = float(stop_times(problem).sum())
         length = float(np.abs(problem.displacements).max())
-        solution = solve(self, _in_units(problem, length, second), seed=seed)
-        stats = {}
-        for key, value in solution.stats.items():
-            if isinstance(value, float):
-                value *= second
-            stats[key] = value
+        solution = tried(self, _in_units(problem, length, second), *setting)
         own = solution.trajectory
         if own is None:
-            return replace(solution, stats=stats)
+            return solution
         by_second = polynomials.stretched(own.coefficients, 1 / second)
         trajectory = Trajectory(
             breaks=own.breaks * second,
             coefficients=by_second * length,
             waypoint_times=own.waypoint_times * second,
         )
-        return replace(solution, trajectory=trajectory, stats=stats)
+        return replace(solution, trajectory=trajectory)
 
-    return cast(SolveT, measured_solve)
+    return measured
 
 
 def _in_units(problem: Problem, length: float, second: float) -> Problem:

@@ -1,10 +1,17 @@
 """COPP: the fastest timing of a path under jerk limits too, from the package `copp-py`.
 
-The path is a cubic spline through the waypoints. Without jerk limits COPP's reachability analysis
-gives path speeds between which the path acceleration is constant: composed exactly. With them its
-second-order cone program gives path speed and acceleration at the gridpoints, from a jerk limit
-that is linearised around the previous answer, again and again. What runs between the gridpoints is
-then the quintic Hermite piece, as a controller would run it.
+Without jerk limits COPP's reachability analysis gives path speeds between which the path
+acceleration is constant: composed exactly. With them its second-order cone program gives path speed
+and acceleration at the gridpoints, from a jerk limit that is linearised around the previous answer.
+What runs between the gridpoints is then the quintic Hermite piece, as a controller would run it.
+
+What is chosen, and whence (repository TOPP-THU/copp):
+
+- the first path, COPP's own quintic through the waypoints (`Path.from_waypoints`); 1001 gridpoints;
+  the reachability analysis as first linearisation, two programs; almost solved is accepted: all
+  `bindings/python/examples/topp3_socp.py`;
+- the other paths are eleven of the splines that all path followers get here, without the clamped
+  one on even knots, which is the quintic's sister.
 
     from baselines.third_party.copp import Copp
     solution = Copp().solve(problem)
@@ -13,17 +20,16 @@ then the quintic Hermite piece, as a controller would run it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.third_party import imported, in_own_units
-from baselines.topp_ra import Grid, best_of, cut, rules, spline, timed, unit_path
+from baselines.third_party import Rival, in_own_units, splines_after
+from baselines.topp_ra import Grid, Knots, cut, spline, timed, unit_path
 from trajopt import polynomials
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, passing_once
+from trajopt.planner import backend
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
@@ -31,54 +37,35 @@ from trajopt.verification import verify
 
 Array = NDArray[np.float64]
 
+_OWN = ("uniform", "quintic")
+_INTERVALS = 1000
+_PROGRAMS = 2
+
 
 @dataclass(frozen=True)
-class Copp(Planner):
-    """COPP along a cubic spline, jerk limits kept at gridpoints; the best of twelve splines.
+class Copp(Rival):
+    """COPP along a spline, jerk limits kept at gridpoints; the best of twelve splines.
 
-    - `knots`: the spline's parameter from waypoint to waypoint grows by 1, by the chord's length,
-      by its square root, or by the time from stop to stop;
-    - `ends`: the spline's end rule;
-    - `gridpoints`: about how many intervals the path is cut into;
-    - `linearisations`: of the jerk limit, each around the answer before.
+    - `tries`: how many splines. 1: COPP's own quintic, as its examples have it.
     """
 
-    knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
-    ends: Literal["not-a-knot", "natural", "clamped", "best"] = "best"
-    gridpoints: int = 300
-    linearisations: int = 3
-
-    on_request = True
     requires = ("copp_py",)
     extra = "copp"
     knows = ("velocity", "acceleration", "jerk")
+    settings = tuple(own for own in splines_after(_OWN) if own != ("uniform", "clamped"))
 
-    def __post_init__(self) -> None:
-        if self.gridpoints < 10:
-            raise InvalidInput("gridpoints", "at least 10", value=self.gridpoints)
-        if self.linearisations < 1:
-            raise InvalidInput("linearisations", "at least 1", value=self.linearisations)
-
-    @passing_once
     @in_own_units
-    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of its paths' timings. `stats`: the path, and every path's result."""
-        copp, seconds = imported("copp_py", self.extra)
-        solutions = {}
-        for knots, ends in rules(self.knots, self.ends):
-            path = spline(problem, knots, ends)
-            try:
-                trajectory = self._along(problem, path, copp)
-            except (copp.CoppError, copp.ConstraintError) as error:
-                solution = Solution(Status.FAILED, message=f"COPP: {error}")
-            else:
-                solution = Solution(Status.SOLVED, trajectory)
-            solutions[f"{knots}/{ends}"] = solution
-        return replace(best_of(problem, solutions), setup_time=seconds)
+    def tried(self, problem: Problem, knots: Knots, ends: Any) -> Solution:
+        copp = backend("copp_py", self.extra)
+        path = _quintic(problem, copp) if ends == "quintic" else spline(problem, knots, ends)
+        try:
+            return Solution(Status.SOLVED, self._along(problem, path, copp))
+        except (copp.CoppError, copp.ConstraintError) as error:
+            return Solution(Status.FAILED, message=f"COPP: {error}")
 
     def _along(self, problem: Problem, path: Trajectory, copp: Any) -> Trajectory:
         # the parameter about as long as the motion takes: path speeds near 1
-        unit = unit_path(path, self.gridpoints)
+        unit = unit_path(path, _INTERVALS)
         scale = verify(problem, unit).dilation
         grid = cut(unit)
         at = grid.at * scale
@@ -109,16 +96,29 @@ class Copp(Planner):
     def _third_order(self, copp: Any, robot: Any, squared: Array) -> Any:
         """Squared path speeds and path accelerations, from those without jerk limits."""
         topp3 = copp.solver.topp3_socp
+        options = copp.clarabel.Options(allow_almost_solved=True)
         robot.constraints.amax_substitute(squared, 0)
-        profile = topp3.solve(topp3.Problem(robot.constraints, squared))
-        for _ in range(self.linearisations - 1):
-            problem = topp3.Problem(
-                robot.constraints,
-                profile.a,
-                b_linearization=profile.b,
-            )
-            profile = topp3.solve(problem)
+        for _ in range(_PROGRAMS):
+            problem = topp3.Problem(robot.constraints, squared)
+            profile = topp3.solve(problem, options)
+            squared = np.asarray(profile.a)
         return profile
+
+
+def _quintic(problem: Problem, copp: Any) -> Trajectory:
+    """COPP's own spline through the waypoints, over [0, 1]."""
+    path = copp.Path.from_waypoints(problem.waypoints)
+    first, last = path.s_range
+    knots = np.linspace(first, last, len(problem.waypoints))
+    at = path.evaluate_up_to_2nd(knots)
+    return Trajectory.from_samples(
+        knots,
+        problem.waypoints,
+        at.dq,
+        at.ddq,
+        interpolation="quintic",
+        waypoint_times=knots,
+    )
 
 
 def _sides(bounds: Array) -> tuple[Array, Array]:

@@ -4,6 +4,15 @@ A B-spline on uniform knots whose control points and duration are free. It passe
 share of its duration that the user has to choose: here in the proportions of a rule. Drake keeps
 the limits at the control points of the derivatives, hence everywhere. The B-spline is the answer.
 
+What is chosen, and whence (repositories RobotLocomotion/drake and RussTedrake/manipulation):
+
+- order 4, cubic: the default of `KinematicTrajectoryOptimization`;
+- 10 control points in every segment at first: `book/trajectories/
+  kinematic_trajectory_optimization.ipynb` has 10 for a motion from one pose to another. Then 5, 20;
+- the cost, its duration: the same notebook, without its path length, which is not judged here;
+- the initial guess, straight lines: the same, where it moves from bin to bin;
+- when it passes the waypoints: ours, since Drake's examples pass none on the way.
+
     from baselines.third_party.drake_kto import DrakeKto
     solution = DrakeKto().solve(problem)
     print(solution.trajectory.duration, solution.stats["spline"])
@@ -11,16 +20,16 @@ the limits at the control points of the derivatives, hence everywhere. The B-spl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.third_party import imported, in_own_units
-from baselines.topp_ra import best_of, steps_by_rule
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, passing_once
+from baselines.third_party import Rival, in_own_units
+from baselines.topp_ra import Knots, steps
+from trajopt.planner import backend
 from trajopt.problem import LIMIT_NAMES, Problem
 from trajopt.rest_to_rest import stop_times
 from trajopt.solution import Solution, Status
@@ -30,49 +39,31 @@ Array = NDArray[np.float64]
 
 # Times the time of stopping at every waypoint: where the solver starts.
 _SLOWER = 1.5
+_RULES: tuple[Knots, ...] = ("uniform", "limit", "chord", "centripetal")
 
 
 @dataclass(frozen=True)
-class DrakeKto(Planner):
-    """Drake's fastest B-spline on uniform knots; by default the best of four passing times.
+class DrakeKto(Rival):
+    """Drake's fastest B-spline on uniform knots; by default the best of twelve programs.
 
-    - `knots`: the share of the duration from waypoint to waypoint is in proportion to 1, to the
-      distance, to its square root, or to the time from stop to stop;
-    - `order`: of the B-spline, one more than its degree; Drake's own default is 4, cubic;
-    - `controls`: control points per segment, beside those that one polynomial has.
+    - `tries`: how many, of three numbers of control points and four rules of passing times. 1: ten
+      control points in every segment, waypoints passed at even times;
+    - `order`: of the B-spline, one more than its degree; Drake's own default is 4, cubic.
     """
 
-    knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
     order: Literal[4, 5, 6, 8] = 4
-    controls: int = 4
 
-    on_request = True
-    requires = ("pydrake",)
+    requires = ("pydrake.planning", "pydrake.solvers")
     extra = "drake"
     knows = LIMIT_NAMES
+    settings = tuple(product((10, 5, 20), _RULES))
 
-    def __post_init__(self) -> None:
-        if self.controls < 1:
-            raise InvalidInput("controls", "at least 1", value=self.controls)
-
-    @passing_once
     @in_own_units
-    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of its rules. `stats`: the rule, and every rule's result."""
-        planning, seconds = imported("pydrake.planning", self.extra)
-        solvers, more = imported("pydrake.solvers", self.extra)
-        steps = steps_by_rule(problem)
-        rules = [self.knots] if self.knots != "best" else list(steps)
-        solutions: dict[str, Solution] = {}
-        for rule in rules:
-            passed = np.cumsum(steps[rule])
-            shares = np.r_[0.0, passed / passed[-1]]
-            solutions[rule] = self._passing(problem, shares, planning, solvers)
-        return replace(best_of(problem, solutions), setup_time=seconds + more)
-
-    def _passing(self, problem: Problem, shares: Array, planning: Any, solvers: Any) -> Solution:
-        """The B-spline that passes the waypoints at these shares of its duration."""
-        count = self.order + self.controls * problem.segments
+    def tried(self, problem: Problem, controls: int, knots: Knots) -> Solution:
+        planning, solvers = [backend(name, self.extra) for name in self.requires]
+        passed = np.cumsum(steps(problem, knots))
+        shares = np.r_[0.0, passed / passed[-1]]
+        count = self.order + controls * problem.segments
         stopping = _SLOWER * float(stop_times(problem).sum())
         search = planning.KinematicTrajectoryOptimization(
             problem.joints,

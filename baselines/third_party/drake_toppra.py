@@ -3,6 +3,13 @@
 The path is a cubic spline through the waypoints, given to Drake by its slopes at the knots. Drake
 returns `s(t)` with constant acceleration between gridpoints, so the answer is composed exactly.
 
+What is chosen, and whence (repository RobotLocomotion/drake):
+
+- the first path, a clamped spline with knots spaced evenly: as `multibody/optimization/test/
+  toppra_test.cc` makes it;
+- acceleration limits by interpolation: the default of `AddJointAccelerationLimit`;
+- 1000 intervals: ours. `CalcGridPoints` refines from 100.
+
     from baselines.third_party.drake_toppra import DrakeToppra
     solution = DrakeToppra().solve(problem)
     print(solution.trajectory.duration, solution.stats["spline"])
@@ -10,74 +17,52 @@ returns `s(t)` with constant acceleration between gridpoints, so the answer is c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from baselines.third_party import imported, in_own_units
-from baselines.topp_ra import best_of, cut, rules, spline, timed, unit_path
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, passing_once
+from baselines.third_party import Rival, in_own_units, splines_after
+from baselines.topp_ra import Ends, Knots, cut, spline, timed, unit_path
+from trajopt.planner import backend
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
 
-Array = NDArray[np.float64]
+_GRIDPOINTS = 1000
 
 
 @dataclass(frozen=True)
-class DrakeToppra(Planner):
+class DrakeToppra(Rival):
     """Drake's TOPP-RA along a cubic spline; by default the best of twelve splines.
 
-    - `knots`: the spline's parameter from waypoint to waypoint grows by 1, by the chord's length,
-      by its square root, or by the time from stop to stop;
-    - `ends`: the spline's end rule;
-    - `gridpoints`: about how many intervals the path is cut into;
-    - `discretization`: where Drake imposes acceleration limits, its own default `interpolation`,
-      or `collocation`.
+    - `tries`: how many splines. 1: knots spaced evenly, clamped, as Drake's own test has it.
     """
 
-    knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
-    ends: Literal["not-a-knot", "natural", "clamped", "best"] = "best"
-    gridpoints: int = 1000
-    discretization: Literal["interpolation", "collocation"] = "interpolation"
-
-    on_request = True
-    requires = ("pydrake",)
+    requires = (
+        "pydrake.multibody.optimization",
+        "pydrake.multibody.plant",
+        "pydrake.multibody.tree",
+        "pydrake.trajectories",
+    )
     extra = "drake"
-
-    def __post_init__(self) -> None:
-        if self.gridpoints < 10:
-            raise InvalidInput("gridpoints", "at least 10", value=self.gridpoints)
+    settings = splines_after(("uniform", "clamped"))
 
     def unsupported(self, problem: Problem) -> str | None:
         if problem.has("jerk"):
             return "Drake's TOPP-RA does not limit jerk: its accelerations jump"
         return None
 
-    @passing_once
     @in_own_units
-    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of its paths' timings. `stats`: the path, and every path's result."""
-        optimization, seconds = imported("pydrake.multibody.optimization", self.extra)
-        plant, more = _plant(problem.joints)
-        solutions = {}
-        for knots, ends in rules(self.knots, self.ends):
-            path = unit_path(spline(problem, knots, ends), self.gridpoints)
-            solutions[f"{knots}/{ends}"] = self._along(problem, path, optimization, plant)
-        return replace(best_of(problem, solutions), setup_time=seconds + more)
-
-    def _along(self, problem: Problem, path: Trajectory, optimization: Any, plant: Any) -> Solution:
+    def tried(self, problem: Problem, knots: Knots, ends: Ends) -> Solution:
+        optimization, *_ = modules = [backend(name, self.extra) for name in self.requires]
+        path = unit_path(spline(problem, knots, ends), _GRIDPOINTS)
         grid = cut(path)
-        same = _drakes(path)  # Drake keeps its address only: it has to outlive the solver
+        plant = _plant(problem.joints, *modules[1:3])
+        same = _drakes(path, modules[3])  # Drake keeps its address only: it has to outlive it
         topp = optimization.Toppra(same, plant, grid.at)
-        scheme = optimization.ToppraDiscretization.kInterpolation
-        if self.discretization == "collocation":
-            scheme = optimization.ToppraDiscretization.kCollocation
         topp.AddJointVelocityLimit(*problem.limits.velocity.T)
-        topp.AddJointAccelerationLimit(*problem.limits.acceleration.T, scheme)
+        topp.AddJointAccelerationLimit(*problem.limits.acceleration.T)
         parameter = topp.SolvePathParameterization()
         if parameter is None:
             return Solution(Status.FAILED, message="Drake's TOPP-RA found no timing")
@@ -85,10 +70,8 @@ class DrakeToppra(Planner):
         return Solution(Status.SOLVED, timed(grid, np.array(speeds), path.waypoint_times))
 
 
-def _plant(joints: int) -> tuple[Any, float]:
+def _plant(joints: int, plants: Any, tree: Any) -> Any:
     """A robot of so many sliding joints: the limits are the problem's, not a real robot's."""
-    plants, seconds = imported("pydrake.multibody.plant", DrakeToppra.extra)
-    tree, more = imported("pydrake.multibody.tree", DrakeToppra.extra)
     plant = plants.MultibodyPlant(0.0)
     inertia = tree.SpatialInertia(1.0, np.zeros(3), tree.UnitInertia(1.0, 1.0, 1.0))
     for joint in range(joints):
@@ -101,12 +84,11 @@ def _plant(joints: int) -> tuple[Any, float]:
         )
         plant.AddJoint(slider)
     plant.Finalize()
-    return plant, seconds + more
+    return plant
 
 
-def _drakes(path: Trajectory) -> Any:
+def _drakes(path: Trajectory, trajectories: Any) -> Any:
     """The same cubic spline as Drake's own."""
-    trajectories, _ = imported("pydrake.trajectories", DrakeToppra.extra)
     at = path.breaks
     slopes = path(at, order=1)
     return trajectories.PiecewisePolynomial.CubicHermite(at, path(at).T, slopes.T)

@@ -1,11 +1,18 @@
 """Minimum-snap splines, from the package `minsnap-trajectories` (Mellinger and Kumar 2011).
 
 Of all splines of one degree through the waypoints at given times the one with the least snap (or
-jerk, or acceleration) squared. The package has a closed form, which is right for degree 5 (that of
-least jerk) and not beyond (in version 0.3: between two points at rest and with degree 8 it leaves
-1222 where 720 is least), and a slow quadratic program. The times are the user's: here they are in
-the proportions of a rule, and the whole is dilated until the limits hold. Slower or faster, the
-spline of least snap stays the same path. Its polynomials are the answer: nothing is sampled.
+jerk, or acceleration) squared; the whole is then dilated until the limits hold, which leaves the
+path as it is. Its polynomials are the answer: nothing is sampled.
+
+What is chosen, and whence:
+
+- the first setting: degree 8, least jerk and snap, continuous to the third derivative, closed form,
+  equal times: `example/example.py` and README (repository Hs293Go/minsnap_trajectories);
+- the others optimise the ratios of the times, as Mellinger and Kumar do (ICRA 2011, optimal segment
+  times); what is minimised is the dilated duration, which is judged here, not the snap. Where that
+  leaves position limits, which the package does not know, the ratios of the start are kept;
+- their degree is 5: the closed form is that of least jerk then, and is wrong beyond (in version
+  0.3, between two points at rest and with degree 8, it leaves 1222 where 720 is least).
 
     from baselines.third_party.minsnap import MinSnap
     solution = MinSnap().solve(problem)
@@ -15,16 +22,16 @@ spline of least snap stays the same path. Its polynomials are the answer: nothin
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
-from itertools import product
-from typing import Any, Literal
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.third_party import imported, in_own_units
-from baselines.topp_ra import best_of, steps_by_rule
-from trajopt.planner import Planner, passing_once
+from baselines.third_party import Rival, in_own_units
+from baselines.topp_ra import Knots, sampled_dilation, steps
+from trajopt.planner import backend
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
@@ -32,72 +39,107 @@ from trajopt.verification import verify
 
 Array = NDArray[np.float64]
 
-# Of the derivative that is kept small.
-_ORDERS = {"acceleration": 2, "jerk": 3, "snap": 4}
+# Of the derivatives that are kept small.
+_ORDERS: dict[str, int | tuple[int, ...]] = {
+    "acceleration": 2,
+    "jerk": 3,
+    "snap": 4,
+    "jerk and snap": (3, 4),
+}
+# Splines tried for each ratio of times.
+_SPLINES_PER_RATIO = 40
 
 
 @dataclass(frozen=True)
-class MinSnap(Planner):
-    """Splines of least snap, jerk or acceleration, dilated; the best of its rules by default.
+class MinSnap(Rival):
+    """Splines of least snap, jerk or acceleration, dilated; the best of twelve, times optimised.
 
-    - `knots`: times from waypoint to waypoint are in proportion to 1, to the distance, to its
-      square root, or to the time from stop to stop;
-    - `minimised`: which derivative's square;
-    - `degree`: of the polynomials;
-    - `algorithm`: the package's closed form, or its quadratic program.
+    - `tries`: how many settings. 1: degree 8, equal times, as the package's own example has it.
     """
 
-    knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
-    minimised: Literal["acceleration", "jerk", "snap", "best"] = "best"
-    degree: Literal[5, 6, 7, 8, 9] = 5
-    algorithm: Literal["closed-form", "constrained"] = "closed-form"
-
-    on_request = True
     requires = ("minsnap_trajectories",)
     extra = "minsnap"
     knows = ("velocity", "acceleration", "jerk")
+    settings = (
+        ("uniform", "jerk and snap", 8),
+        *(("limit", minimised, 5) for minimised in ("jerk", "snap", "acceleration")),
+        *(("chord", minimised, 5) for minimised in ("jerk", "snap", "acceleration")),
+        *(("centripetal", minimised, 5) for minimised in ("jerk", "snap", "acceleration")),
+        *(("uniform", minimised, 5) for minimised in ("jerk", "snap")),
+    )
 
-    @passing_once
     @in_own_units
-    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The briefest after dilation. `stats`: its rules, and every rule's result."""
-        package, seconds = imported("minsnap_trajectories", self.extra)
-        steps = steps_by_rule(problem)
-        knots = [self.knots] if self.knots != "best" else list(steps)
-        orders = [self.minimised] if self.minimised != "best" else list(_ORDERS)
-        solutions = {}
-        for rule, minimised in product(knots, orders):
-            times = np.r_[0.0, np.cumsum(steps[rule])]
-            solution = self._at(problem, times, _ORDERS[minimised], package)
-            solutions[f"{rule}/{minimised}"] = solution
-        return replace(best_of(problem, solutions), setup_time=seconds)
+    def tried(self, problem: Problem, knots: Knots, minimised: str, degree: int) -> Solution:
+        package = backend("minsnap_trajectories", self.extra)
+        order = _ORDERS[minimised]
 
-    def _at(
-        self,
-        problem: Problem,
-        times: Array,
-        order: int,
-        package: Any,
-    ) -> Solution:
-        waypoints = [
-            package.Waypoint(time=float(t), position=q)
-            for t, q in zip(times, problem.waypoints, strict=True)
-        ]
-        with warnings.catch_warnings():
-            # of ill-conditioned systems: what comes of them is judged like anything else
-            warnings.simplefilter("ignore")
-            try:
-                spline = package.generate_trajectory(
-                    waypoints,
-                    degree=self.degree,
-                    idx_minimized_orders=order,
-                    num_continuous_orders=3,
-                    algorithm=self.algorithm,
-                )
-            except (RuntimeError, ValueError) as error:
-                return Solution(Status.FAILED, message=str(error))
-        # (pieces, powers, joints), lowest power first
-        coefficients = np.moveaxis(spline.coefficients, 0, 1)[::-1]
-        timed = Trajectory(times, coefficients, times)
-        cheapest = verify(problem, timed).dilation
-        return Solution(Status.SOLVED, timed.dilated(cheapest))
+        def at(durations: Array) -> Trajectory:
+            return spline(problem, durations, order, degree, package)
+
+        ratios = [steps(problem, knots)]
+        answers = []
+        try:
+            if degree == 5:
+                ratios.append(optimised(problem, ratios[0], at))
+            for durations in ratios:
+                timed = at(durations)
+                answers.append(timed.dilated(verify(problem, timed).dilation))
+        except (RuntimeError, ValueError) as error:
+            return Solution(Status.FAILED, message=str(error))
+        # the search knows no position limits: where it leaves them, its start may not
+        valid = [answer for answer in answers if verify(problem, answer).valid]
+        shortest = min(valid or answers, key=lambda answer: answer.duration)
+        return Solution(Status.SOLVED, shortest)
+
+
+def spline(
+    problem: Problem,
+    durations: Array,
+    order: int | tuple[int, ...],
+    degree: int,
+    package: Any,
+) -> Trajectory:
+    """The package's spline of a degree, its segments of such durations, s."""
+    times = np.r_[0.0, np.cumsum(durations)]
+    waypoints = [
+        package.Waypoint(time=float(t), position=q)
+        for t, q in zip(times, problem.waypoints, strict=True)
+    ]
+    with warnings.catch_warnings():
+        # of ill-conditioned systems: what comes of them is judged like anything else
+        warnings.simplefilter("ignore")
+        found = package.generate_trajectory(
+            waypoints,
+            degree=degree,
+            idx_minimized_orders=order,
+            num_continuous_orders=3,
+            algorithm="closed-form",
+        )
+    # (pieces, powers, joints), lowest power first
+    coefficients = np.moveaxis(found.coefficients, 0, 1)[::-1]
+    return Trajectory(times, coefficients, times)
+
+
+def optimised(
+    problem: Problem,
+    durations: Array,
+    at: Callable[[Array], Trajectory],
+) -> Array:
+    """The times of the segments whose spline is shortest once dilated, by Powell's method.
+
+    Args:
+        problem: with the limits.
+        durations: where the search begins, s, `(segments,)`. Only their ratios matter.
+        at: the spline at such times.
+    """
+    import scipy  # late: planners that are only listed need none of it
+
+    def dilated(logarithms: Array) -> float:
+        timed = at(durations * np.exp(logarithms))
+        return sampled_dilation(problem.limits, timed) * timed.duration
+
+    evaluations = _SPLINES_PER_RATIO * problem.segments
+    start = np.zeros(problem.segments)
+    options = {"maxfev": evaluations, "ftol": 1e-4, "xtol": 1e-3}
+    found = scipy.optimize.minimize(dilated, start, method="Powell", options=options)
+    return np.asarray(durations * np.exp(found.x))

@@ -1,10 +1,23 @@
 """MoveIt's time-optimal trajectory generation (TOTG), as `tesseract-robotics` has it.
 
 Straight lines between given points, rounded by circles, are traversed as fast as velocity and
-acceleration limits allow (Kunz and Stilman, RSS 2012). A planner gives it a dense path: here points
-of a cubic spline through the waypoints. TOTG returns the time, velocity and acceleration of every
-point, and no function; what runs between them is a choice: a controller's cubic or quintic Hermite
-piece, or the cubic spline through the points at these times.
+acceleration limits allow (Kunz and Stilman, RSS 2012). The circles cut the corners, so TOTG's
+motion misses the points that it is given. Here the points are dense and lie so far outside of the
+path that every circle's middle is a point of a cubic spline through the waypoints: TOTG's own
+motion then passes the waypoints.
+
+TOTG returns time, velocity and acceleration in the middle of every circle. The answer is its path,
+a quintic from middle to middle with the circles' tangents and curvatures, at its path speeds, with
+constant path acceleration from middle to middle.
+
+What is chosen, and whence (repositories moveit/moveit2 and tesseract-robotics/tesseract_planning):
+
+- a circle may leave its corner by 0.1 rad: `DEFAULT_PATH_TOLERANCE`, the default of both;
+- the first path: knots spaced evenly, ours, since MoveIt's paths come from a planner;
+- 20 points in every segment: ours; more take it ten times as long and change 0.3 %;
+- points are never left out (`min_angle_change`): ours, since no two of them are alike;
+- Tesseract counts the points in one more joint, without limits: as its `totg/src/
+  time_optimal_trajectory_generation.cpp` does, so that circles are those of such points.
 
     from baselines.third_party.totg import Totg
     solution = Totg().solve(problem)
@@ -13,17 +26,16 @@ piece, or the cubic spline through the points at these times.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.third_party import imported
-from baselines.topp_ra import best_of, rules, spline
-from trajopt.exceptions import InvalidInput
-from trajopt.interpolation import Interpolation
-from trajopt.planner import Planner, passing_once
+from baselines.third_party import Rival, splines_after
+from baselines.topp_ra import Ends, Grid, Knots, cut, spline, timed, unit_path
+from trajopt import polynomials
+from trajopt.planner import backend
 from trajopt.problem import Problem
 from trajopt.solution import Solution, Status
 from trajopt.trajectory import Trajectory
@@ -32,113 +44,132 @@ Array = NDArray[np.float64]
 
 # rad/s³, no limit: the package asks for one and does not use it.
 _JERK = 1000.0
-# rad: the widest is MoveIt's default; the corners of a finer path need less.
-_TOLERANCES = (1e-3, 1e-2, 0.1)
+# rad: how far a circle may leave its corner.
+_TOLERANCE = 0.1
+# rad: nearer points are left out.
+_SAME_POINT = 1e-9
+_POINTS_PER_SEGMENT = 20
+# Each brings the points four times nearer to where they belong.
+_CORRECTIONS = 25
+# Least difference of two directions: less is a straight line.
+_LEAST_TURN = 1e-12
 
 
 @dataclass(frozen=True)
-class Totg(Planner):
-    """MoveIt's TOTG (Tesseract's) through points of a spline; by default the best of 108 answers.
+class Totg(Rival):
+    """MoveIt's TOTG (Tesseract's) along a cubic spline; by default the best of twelve splines.
 
-    - `knots`: the spline's parameter from waypoint to waypoint grows by 1, by the chord's length,
-      by its square root, or by the time from stop to stop;
-    - `ends`: the spline's end rule;
-    - `points`: of the path, in each segment;
-    - `tolerance`: how far the rounded path may leave them, rad; by default the best of 0.001, 0.01
-      and 0.1, MoveIt's. The points themselves are passed, at the times of the rounded path;
-    - `interpolation`: between the returned points.
+    - `tries`: how many splines. 1: knots spaced evenly, not-a-knot.
     """
 
-    knots: Literal["uniform", "chord", "centripetal", "limit", "best"] = "best"
-    ends: Literal["not-a-knot", "natural", "clamped", "best"] = "best"
-    points: int = 10
-    tolerance: float | None = None
-    interpolation: Literal["cubic", "quintic", "spline", "best"] = "best"
-
-    on_request = True
-    requires = ("tesseract_robotics",)
+    requires = (
+        "tesseract_robotics.tesseract_command_language",
+        "tesseract_robotics.tesseract_time_parameterization",
+    )
     extra = "totg"
-
-    def __post_init__(self) -> None:
-        if self.points < 1:
-            raise InvalidInput("points", "at least 1", value=self.points)
-        for tolerance in self._tolerances:
-            if not 0 < tolerance < np.inf:
-                raise InvalidInput("tolerance", "a positive number", value=tolerance)
-
-    @property
-    def _tolerances(self) -> tuple[float, ...]:
-        if self.tolerance is None:
-            return _TOLERANCES
-        return (self.tolerance,)
+    settings = splines_after(("uniform", "not-a-knot"))
 
     def unsupported(self, problem: Problem) -> str | None:
         if problem.has("jerk"):
             return "TOTG does not limit jerk: its accelerations jump"
         return None
 
-    @passing_once
-    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of its paths' timings. `stats`: the path, and every path's result."""
-        module = "tesseract_robotics.tesseract_command_language"
-        language, seconds = imported(module, self.extra)
-        module = "tesseract_robotics.tesseract_time_parameterization"
-        timing, more = imported(module, self.extra)
-        solutions: dict[str, Solution] = {}
-        for knots, ends in rules(self.knots, self.ends):
-            path = spline(problem, knots, ends)
-            for tolerance in self._tolerances:
-                found = self._along(
-                    problem,
-                    path,
-                    tolerance,
-                    language,
-                    timing,
-                )
-                for kind, solution in found.items():
-                    solutions[f"{knots}/{ends}/{tolerance:g}/{kind}"] = solution
-        return replace(best_of(problem, solutions), setup_time=seconds + more)
-
-    def _along(
-        self,
-        problem: Problem,
-        path: Trajectory,
-        tolerance: float,
-        language: Any,
-        timing: Any,
-    ) -> dict[str, Solution]:
-        """One path's timing, by what runs between its points."""
-        shares = np.arange(self.points) / self.points
-        starts = path.breaks[:-1, None]
-        inside = starts + path.lengths[:, None] * shares
-        positions = path(np.r_[inside.ravel(), path.duration])
-        program = _program(positions, language)
+    def tried(self, problem: Problem, knots: Knots, ends: Ends) -> Solution:
+        language, timing = [backend(name, self.extra) for name in self.requires]
+        count = _POINTS_PER_SEGMENT * problem.segments
+        path = unit_path(spline(problem, knots, ends), count)
+        at = cut(path).at
+        wanted = path(at)
+        waypoints = np.abs(at[:, None] - path.waypoint_times).argmin(axis=0)
+        corners = wanted
+        for _ in range(_CORRECTIONS):
+            corners = wanted - _rounded(corners).offset
+        program = _program(corners, language)
         container = timing.InstructionsTrajectory(program)
-        generation = timing.TimeOptimalTrajectoryGeneration(tolerance, 1e-9)
+        generation = timing.TimeOptimalTrajectoryGeneration(_TOLERANCE, _SAME_POINT)
         jerk = np.full((problem.joints, 2), [-_JERK, _JERK])
         velocity = _narrowed(problem.limits.velocity)
         acceleration = _narrowed(problem.limits.acceleration)
         if not generation.compute(container, velocity, acceleration, jerk):
-            return {"failed": Solution(Status.FAILED, message="TOTG found no timing")}
-        times, velocities, accelerations = _states(program, language)
-        if (np.diff(times) <= 0).any():
-            message = "TOTG passes two points at one instant"
-            return {"failed": Solution(Status.FAILED, message=message)}
-        kinds: list[Interpolation] = ["cubic", "quintic", "spline"]
-        if self.interpolation != "best":
-            kinds = [self.interpolation]
-        answers = {}
-        for kind in kinds:
-            answer = Trajectory.from_samples(
-                times,
-                positions,
-                velocities,
-                accelerations,
-                interpolation=kind,
-                waypoint_times=times[:: self.points],
-            )
-            answers[str(kind)] = Solution(Status.SOLVED, answer)
-        return answers
+            return Solution(Status.FAILED, message="TOTG found no timing")
+        own_duration, velocities = _states(program, language)
+        motion = _motion(wanted, _rounded(corners), velocities, waypoints)
+        return Solution(Status.SOLVED, motion, stats={"own duration": own_duration})
+
+
+class _Circles(NamedTuple):
+    """The circles that round the corners of a line, in their middles; nothing at its ends.
+
+    Attributes:
+        offset: From the corner, rad, `(points, joints)`.
+        tangent: Derivative of the joints with respect to path length, `(points, joints)`.
+        curvature: Their second derivative, `(points, joints)`.
+        between: Path length from middle to middle, `(points − 1,)`.
+    """
+
+    offset: Array
+    tangent: Array
+    curvature: Array
+    between: Array
+
+
+def _rounded(corners: Array) -> _Circles:
+    """TOTG's circles: as wide as half of the shorter side and the tolerance allow."""
+    counted = np.column_stack([corners, np.arange(len(corners))])
+    sides = np.diff(counted, axis=0)
+    lengths = np.linalg.norm(sides, axis=1)
+    directions = sides / lengths[:, None]
+    before = directions[:-1]
+    after = directions[1:]
+    turn = after - before
+    size = np.linalg.norm(turn, axis=1)
+    size = np.maximum(size, _LEAST_TURN)
+    angle = 2 * np.arcsin(size / 2)
+    # from a corner to where its circle begins
+    shorter = np.minimum(lengths[:-1], lengths[1:]) / 2
+    distance = np.minimum(shorter, _TOLERANCE / np.tan(angle / 4))
+    towards = turn / size[:, None]
+    offset = towards * (distance * np.tan(angle / 4))[:, None]
+    curvature = towards * (np.tan(angle / 2) / distance)[:, None]
+    along = before + after
+    tangent = along / np.linalg.norm(along, axis=1)[:, None]
+    # by how much a circle is shorter than its corner, on either side
+    spared = np.pad(distance - angle / 2 * distance / np.tan(angle / 2), 1)
+    return _Circles(
+        _inside(offset),
+        np.vstack([before[:1], tangent, after[-1:]])[:, :-1],
+        _inside(curvature),
+        lengths - spared[:-1] - spared[1:],
+    )
+
+
+def _inside(values: Array) -> Array:
+    """Of the inner points, zero at both ends, without the counting joint."""
+    return np.pad(values[:, :-1], ((1, 1), (0, 0)))
+
+
+def _motion(
+    positions: Array,
+    circles: _Circles,
+    velocities: Array,
+    waypoints: NDArray[np.intp],
+) -> Trajectory:
+    """TOTG's path from middle to middle at its path speeds there."""
+    at = np.r_[0.0, np.cumsum(circles.between)]
+    path = Trajectory.from_samples(
+        at,
+        positions,
+        circles.tangent,
+        circles.curvature,
+        interpolation="quintic",
+    )
+    steps = np.diff(at)
+    local = polynomials.stretched(path.coefficients, steps)
+    # q̇ = t ṡ: a projection, since the counting joint's share of t is not returned
+    projected = (velocities * circles.tangent).sum(axis=1)
+    speeds = projected / (circles.tangent**2).sum(axis=1)
+    speeds[[0, -1]] = 0  # but for rounding
+    return timed(Grid(at, steps, local), speeds, at[waypoints])
 
 
 def _narrowed(bounds: Array) -> Array:
@@ -159,18 +190,14 @@ def _program(positions: Array, language: Any) -> Any:
     return program
 
 
-def _states(program: Any, language: Any) -> tuple[Array, Array, Array]:
-    """Time, velocity and acceleration of every point."""
-    times = []
+def _states(program: Any, language: Any) -> tuple[float, Array]:
+    """When the last point is passed, s, and the velocity at every one, `(points, joints)`."""
     velocities = []
-    accelerations = []
     for i in range(len(program)):
         # each view keeps the one before alive: Tesseract's own do not
         instruction = program[i]
         move = language.InstructionPoly_as_MoveInstructionPoly(instruction)
         waypoint = move.getWaypoint()
         state = language.WaypointPoly_as_StateWaypointPoly(waypoint)
-        times.append(state.getTime())
         velocities.append(np.array(state.getVelocity()).ravel())
-        accelerations.append(np.array(state.getAcceleration()).ravel())
-    return np.array(times), np.array(velocities), np.array(accelerations)
+    return state.getTime(), np.array(velocities)

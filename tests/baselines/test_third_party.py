@@ -7,12 +7,16 @@ import importlib.util
 import numpy as np
 import pytest
 
-from baselines.third_party import imported
-from baselines.third_party.rtb_jtraj import RtbJtraj
-from baselines.topp_ra import ToppRa
-from trajopt import Limits, MissingBackend, Problem, Status, Trajectory, verify
+from baselines.third_party import TRIES, Rival
+from baselines.third_party.copp import Copp
+from baselines.third_party.drake_kto import DrakeKto
+from baselines.third_party.drake_toppra import DrakeToppra
+from baselines.third_party.minsnap import MinSnap, optimised, spline
+from baselines.topp_ra import Ends, Knots, ToppRa
+from trajopt import Limits, Problem, Solution, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
-from trajopt.planner import Planner
+from trajopt.exceptions import InvalidInput
+from trajopt.planner import Planner, backend
 from trajopt.registry import entries
 from trajopt.registry import load as planner
 
@@ -27,13 +31,15 @@ def installed(spec: str) -> Planner:
     return planner(spec)
 
 
-def certified(spec: str, problem: Problem) -> float:
-    solution = installed(spec).solve(problem)
-    assert solution.status is Status.SOLVED
+def duration(problem: Problem, solution: Solution) -> float:
     assert isinstance(solution.trajectory, Trajectory)
-    duration = verify(problem, solution.trajectory).certified_duration
-    assert duration is not None
-    return duration
+    certified = verify(problem, solution.trajectory).certified_duration
+    assert certified is not None
+    return certified
+
+
+def certified(spec: str, problem: Problem) -> float:
+    return duration(problem, installed(spec).solve(problem))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -48,56 +54,82 @@ def test_where_it_is_not_installed_the_extra_is_named(
     assert missing.endswith(f'pip install "trajopt[{own.extra}]"')
 
 
-def test_an_import_that_fails_names_the_extra() -> None:
-    with pytest.raises(MissingBackend, match=r'pip install "trajopt\[some\]"'):
-        imported("no_such_package.inside", "some")
-
-
-def test_jtraj_stops_with_quintics() -> None:
-    """Peaks 15/8 h/T, 10/√3 h/T² and 60 h/T³, each segment on its own."""
-    limits = Limits([1.0], [2.0], [10.0])
-    problem = Problem([[0.0], [0.1], [2.1]], limits)
-    short = max(15 / 8 * 0.1, np.sqrt(10 / np.sqrt(3) * 0.1 / 2), np.cbrt(60 * 0.1 / 10))
-    long = max(15 / 8 * 2, np.sqrt(10 / np.sqrt(3) * 2 / 2), np.cbrt(60 * 2 / 10))
-    assert certified("rtb-jtraj:velocities=zero", problem) == pytest.approx(short + long, rel=1e-9)
-    assert RtbJtraj().solve(problem).stats["zero"] == pytest.approx(short + long, rel=1e-9)
+@pytest.mark.parametrize("name", NAMES)
+def test_everybody_gets_twelve_tries_and_the_authors_own_is_first(name: str) -> None:
+    rival = entries()[name].load()
+    assert isinstance(rival, Rival)
+    assert rival.tries == TRIES == len(set(rival.settings)) == len(rival.settings)
+    for tries in (0, 13):
+        with pytest.raises(InvalidInput, match="from 1 to 12"):
+            planner(f"{name}:tries={tries}")
+    problem = Problem([[0.0, 0.0], [0.6, 0.1], [1.0, 0.5]], Limits([1.0, 1.0], [2.0, 2.0]))
+    first = installed(f"{name}:tries=1").solve(problem)
+    assert first.stats["spline"] == "/".join(map(str, rival.settings[0]))
+    better = installed(f"{name}:tries=2")
+    assert certified(f"{name}:tries=2", problem) <= certified(f"{name}:tries=1", problem)
+    results = [key for key in better.solve(problem).stats if "/" in key]
+    assert len(results) == 2
 
 
 def test_least_jerk_between_two_points_is_the_quintic() -> None:
     """10 s³ − 15 s⁴ + 6 s⁵, its velocity the limit: T = 15/8 h/V."""
+    installed("minsnap")
     problem = Problem([[0.0], [3.0]], Limits([1.0], [20.0]))
-    duration = certified("minsnap:minimised=jerk,knots=uniform", problem)
-    assert duration == pytest.approx(15 / 8 * 3, rel=1e-9)
+    solution = MinSnap().tried(problem, "limit", "jerk", 5)
+    assert solution.trajectory is not None
+    assert solution.trajectory.duration == pytest.approx(15 / 8 * 3, rel=1e-9)
 
 
-@pytest.mark.parametrize("rule", ["knots=limit,ends=natural", "knots=chord,ends=clamped"])
-def test_two_implementations_of_toppra_agree(rule: str) -> None:
+def test_minsnap_optimises_the_ratios_of_its_times() -> None:
+    """Mirrored waypoints: from uneven times back to even ones."""
+    installed("minsnap")
+    problem = Problem([[0.0, 0.0], [1.0, 0.9], [2.0, 0.0]], Limits([1.0, 1.0], [2.0, 2.0]))
+
+    def at(durations: np.ndarray) -> Trajectory:
+        return spline(problem, durations, 3, 5, backend("minsnap_trajectories"))
+
+    durations = optimised(problem, np.array([1.0, 2.0]), at)
+    assert durations[0] == pytest.approx(durations[1], rel=1e-2)
+
+
+@pytest.mark.parametrize("rule", [("limit", "natural"), ("chord", "clamped")])
+def test_two_implementations_of_toppra_agree(rule: tuple[Knots, Ends]) -> None:
+    installed("drake-toppra")
     problem = load("asymmetric")
-    theirs = certified(f"drake-toppra:{rule},gridpoints=300", problem)
-    ours = certified(f"toppra:{rule},gridpoints=300", problem)
-    assert theirs == pytest.approx(ours, rel=2e-2)
-    assert ToppRa(gridpoints=300).unsupported(problem) is None
+    theirs = DrakeToppra().tried(problem, *rule)
+    ours = ToppRa(*rule).solve(problem)
+    assert duration(problem, theirs) == pytest.approx(duration(problem, ours), rel=2e-2)
 
 
 def test_copp_without_jerk_limits_is_toppra() -> None:
+    installed("copp")
     problem = load("six-axis")
-    rule = "knots=limit,ends=natural,gridpoints=300"
-    assert certified(f"copp:{rule}", problem) == pytest.approx(
-        certified(f"toppra:{rule}", problem), rel=1e-2
-    )
+    theirs = Copp().tried(problem, "limit", "natural")
+    ours = ToppRa("limit", "natural").solve(problem)
+    assert duration(problem, theirs) == pytest.approx(duration(problem, ours), rel=1e-2)
+
+
+def test_copps_own_path_passes_the_waypoints() -> None:
+    problem = load("six-axis")
+    solution = installed("copp:tries=1").solve(problem)
+    assert solution.trajectory is not None
+    at = solution.trajectory.waypoint_times
+    np.testing.assert_allclose(solution.trajectory(at), problem.waypoints, atol=1e-12)
 
 
 def test_copp_and_kto_keep_jerk_limits_by_themselves() -> None:
     problem = load("jerk-limit")
-    for spec in ("copp:knots=limit,ends=natural", "drake-kto:knots=limit"):
-        solution = installed(spec).solve(problem)
+    for rival, setting in ((Copp(), ("limit", "natural")), (DrakeKto(), (5, "limit"))):
+        pytest.importorskip(rival.requires[0])
+        solution = rival.tried(problem, *setting)
         assert solution.trajectory is not None
         assert verify(problem, solution.trajectory).dilation < 1.01
 
 
 def test_kto_is_a_bspline_through_the_waypoints() -> None:
+    installed("drake-kto")
     problem = load("position-limits")
-    solution = installed("drake-kto:order=6,knots=chord").solve(problem)
+    solution = DrakeKto(order=6).tried(problem, 4, "chord")
     assert solution.trajectory is not None
     certificate = verify(problem, solution.trajectory)
     assert certificate.feasible
@@ -108,10 +140,12 @@ def test_kto_is_a_bspline_through_the_waypoints() -> None:
     np.testing.assert_allclose(times, shares, atol=1e-12)
 
 
-def test_totg_passes_the_points_of_the_path() -> None:
+def test_totg_runs_its_own_motion_through_the_waypoints() -> None:
+    """As long as its own clock says, but for what happens between its points."""
     problem = load("six-axis")
-    solution = installed("totg:knots=uniform,ends=natural").solve(problem)
-    assert solution.trajectory is not None
-    assert verify(problem, solution.trajectory).valid
-    at = solution.trajectory.waypoint_times
-    np.testing.assert_allclose(solution.trajectory(at), problem.waypoints, atol=1e-12)
+    solution = installed("totg:tries=1").solve(problem)
+    motion = solution.trajectory
+    assert motion is not None
+    np.testing.assert_allclose(motion(motion.waypoint_times), problem.waypoints, atol=1e-12)
+    assert motion.duration == pytest.approx(solution.stats["own duration"], rel=1e-2)
+    assert verify(problem, motion).dilation < 1.1

@@ -111,7 +111,7 @@ def test_a_motion_is_proposed_once(run, tmp_path, capsys):
     assert "is no improvement" in " ".join(out.split())
     assert "nothing is written" in " ".join(out.split())
     (tmp_path / motion).unlink()
-    motion = planned(tmp_path, "ruckig")
+    motion = planned(tmp_path, "ruckig-search")
     capsys.readouterr()
     code, out, _ = run("propose", motion, *own, "--json")
     (outcome,) = json.loads(out)["outcomes"]

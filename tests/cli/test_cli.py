@@ -31,7 +31,7 @@ from trajopt.registry import entries, load, options
 
 NAMES = {
     "unoptimised", "pso", "ssa", "issa", "spline353-nlp", "exact", "collocation", "toppra",
-    "ruckig", "ruckig-stop",
+    "ruckig-search", "ruckig-stop",
 }  # fmt: skip
 KEYS = [
     "problem", "problem_file", "planner", "options", "seed", "status", "message",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -15,6 +16,7 @@ from experiments import (
     forgeries,
     ordering,
     proved_sizes,
+    rivals,
     sweep,
     throughput,
     tricks,
@@ -30,7 +32,7 @@ def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixtu
     ordering.main(problems=1, jobs=1, output=tmp_path)
     table = pd.read_csv(tmp_path / "ordering.csv").set_index("relation")
     assert (table["above 1e-06"] == 0).all()
-    assert {"exact <= toppra", "ruckig <= ruckig-stop"} <= set(table.index)
+    assert {"exact <= toppra", "ruckig-search <= ruckig-stop"} <= set(table.index)
     assert "Ruckig by segments = exact" in capsys.readouterr().out
 
 
@@ -193,3 +195,28 @@ def test_the_sweep_writes_its_report_and_counts_every_trial(
     pd.testing.assert_frame_equal(again, table)
     assert again.loc["ruckig-stop", "proved"] <= again.loc["ruckig-stop", "problems"]
     assert "ruckig-stop" in capsys.readouterr().out
+
+
+def test_the_table_of_rivals_says_how_many_are_solved() -> None:
+    rows = [
+        ("8 waypoints", "a", "toppra", "documented", np.nan, 2.0),
+        ("8 waypoints", "b", "toppra", "documented", 2.2, 2.0),
+        ("8 waypoints", "a", "toppra", "effort", 2.2, 2.0),
+        ("8 waypoints", "b", "toppra", "effort", 2.4, 2.0),
+        ("six-axis", "six-axis", "toppra", "effort", 3.0, 2.0),
+        ("8 waypoints", "a", "ruckig-search", "effort", np.nan, 2.0),
+    ]
+    table = rivals.gaps(pd.DataFrame(rows, columns=rivals.COLUMNS[:6]))
+    of_arms = table["8 waypoints"]
+    assert of_arms["toppra", "documented"] == "10.0 (10.0 to 10.0; 1 of 2)"
+    assert of_arms["toppra", "effort"] == "15.0 (10.0 to 20.0; 2)"
+    assert of_arms["ruckig-search", "effort"] == "none of 1"
+    assert list(table["six-axis"]) == ["–", "50.0", "–"]
+
+
+def test_rivals_are_run_as_documented_and_with_effort() -> None:
+    rows = pd.DataFrame(rivals.trials(load("six-axis")))
+    best = rows.pivot(index="planner", columns="mode", values="seconds")
+    assert {"toppra", "ruckig-search"} <= set(best.index)
+    assert (best["effort"] <= best["documented"]).all()
+    assert (best["effort"] > rows["best known"].min() * (1 - 1e-9)).all()

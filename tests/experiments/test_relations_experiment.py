@@ -25,10 +25,10 @@ def test_two_problems_keep_every_relation_and_are_kept(
     assert not (rows["excess"] > rows["tolerance"]).any()
     assert not rows["kind"].str.startswith("failed").any()
     found = set(rows["kind"])
-    assert {"exact <= toppra", "exact-jerk <= ruckig (jerk)", "permuting exact"} <= found
+    assert {"exact <= toppra", "exact-jerk <= ruckig-search (jerk)", "permuting exact"} <= found
     assert {"scaling exact-jerk (jerk)", "Ruckig by segments = exact-jerk (jerk)"} <= found
     with file.open("a") as end:  # another problem, cut short
-        end.write("3,exact <= ruckig,1.0,1e-06\n3,exa")
+        end.write("3,exact <= ruckig-search,1.0,1e-06\n3,exa")
     monkeypatch.setattr(relations, "checked", None)  # again would fail
     relations.main(problems=3, output=tmp_path)
     pd.testing.assert_frame_equal(pd.read_csv(file), rows)

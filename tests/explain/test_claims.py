@@ -92,13 +92,13 @@ def test_the_best_of_a_family_stands_beside_a_claim(monkeypatch):
 
     def answer(name, problem):
         asked.append(name)
-        trajectory = load("ruckig").solve(problem).trajectory  # 4 s
+        trajectory = load("ruckig-search").solve(problem).trajectory  # 4 s
         return Answer(trajectory)
 
     monkeypatch.setattr(claims, "asked", answer)
     found = survey(STRAIGHT, ["3-5-3"])
     # the first answer meets the closed form, so nobody else is asked
-    assert asked == ["ruckig", "spline353-nlp"]
+    assert asked == ["ruckig-search", "spline353-nlp"]
     judgement = judge(Claim("m", 8.0, family="3-5-3"), found)
     assert judgement.over_family == pytest.approx(1.0)
     assert judge(Claim("m", 8.0), found).over_family is None

@@ -43,7 +43,7 @@ Splines of one degree are C² here, their times and knot derivatives free: B-spl
 smoother, are among them and cannot be faster.
 """
 
-THROUGH_WAYPOINTS = "ruckig"
+THROUGH_WAYPOINTS = "ruckig-search"
 """The planner whose certified answers are at or near the optimum, where a reference fails."""
 
 PROOF = "certify"
