@@ -59,6 +59,8 @@ class Solution:
         """
         if self.history is None or not len(self.history):
             return ""
+        if self.history.shape[1:] != (2,):
+            return f"it must be (m, 2), got {self.history.shape}"
         spent, claims = self.history.T
         nothing = np.isnan(claims)
         found = claims[~nothing]

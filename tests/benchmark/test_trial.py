@@ -32,6 +32,7 @@ def test_a_certified_history_is_the_claimed_one_dilated_as_the_answer_was():
         ([[1, 1.5], [7, np.nan]], "nor its durations rise"),
         ([[7, 2.0], [1, 1.5]], "its evaluations must not fall"),
         ([[np.nan, 2.0], [1, 1.5]], "its evaluations must not fall"),
+        ([2.0, 1.5], "it must be (m, 2), got (2,)"),
     ],
 )
 def test_a_history_that_does_not_lead_to_the_answer_is_no_curve(history, flaw):
