@@ -99,10 +99,10 @@ def stored(work: Path, number: int, rng: np.random.Generator, mutated: bool) -> 
     return {"format": "results, HDF5", "outcome": "read or refused", "faults": "; ".join(faults)}
 
 
-def table(mutations: int, crafts: int) -> pd.DataFrame:
-    """A row for each file; a child that was killed or hung is a fault."""
-    asked = [(seed, True) for seed in range(mutations)]
-    asked += [(seed, False) for seed in range(crafts)]
+def table(mutations: int, crafts: int, first: int) -> pd.DataFrame:
+    """A row for each file from seed `first` on; a child that was killed or hung is a fault."""
+    asked = [(first + number, True) for number in range(mutations)]
+    asked += [(first + number, False) for number in range(crafts)]
     rows = []
     fork = get_context("fork")
     with ProcessPool(max_workers=WORKERS, max_tasks=FILES_PER_WORKER, context=fork) as pool:
@@ -128,14 +128,15 @@ def main(
     output: Path = Path("experiments-output/hostile-inputs"),
     mutations: int = 2000,
     crafts: int = 600,
+    first: int = 0,
     quick: bool = False,
 ) -> None:
-    """Mutate and craft files, read them, count what breaks the promise."""
+    """Mutate and craft files from a first seed on, read them, count what breaks the promise."""
     if quick:
         mutations = 200
         crafts = 60
     hostile_texts.formats()
-    found = table(mutations, crafts)
+    found = table(mutations, crafts, first)
     found["faulty"] = found["faults"] != ""
     save_table(found, output / "hostile-inputs")
     summary = found.groupby(["made", "format", "outcome"]).agg(
