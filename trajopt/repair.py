@@ -586,7 +586,8 @@ def _needed_share(
     # Of the whole segment, since a piece starts where the pieces before it have led.
     of_each = polynomials.evaluation_rounding(unit)
     largest = np.maximum.reduceat(of_each, layout.first)
-    rounding = layout.of_pieces(largest)
+    # and no position is known better than the coordinates
+    rounding = np.maximum(layout.of_pieces(largest), problem.rounding)
     controls = polynomials.bernstein(unit)
     above = controls.max(axis=0) > highest + rounding
     below = controls.min(axis=0) < lowest - rounding
