@@ -59,7 +59,7 @@ _PATIENCE = 3
 _REMEMBERED = 0.8
 # Excess dilation at which the exchange has converged.
 _DILATION_TOLERANCE = 1e-10
-# The same of positions, over the joint's span: a hundredth of what the verifier forgives.
+# The same of positions, over the joint's span: a hundredth of what the verifier repairs.
 _POSITION_TOLERANCE = 1e-10
 # The smallest gain that another local optimum is worth.
 _GAIN_RTOL = 1e-8

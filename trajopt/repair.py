@@ -222,8 +222,18 @@ def _corrections(
     jumps = []
     for derivative in range(1, order + 1):
         jumps.append(_jumps(layout, joints, derivative))
+    missed = _missed(layout)
+    return _cancelling(layout, missed[:, joints], jumps)
+
+
+def _cancelling(
+    layout: _Layout,
+    missed: Array,
+    jumps: list[Array],
+) -> Array:
+    """What cancels misses `(segments, joints)` and jumps `(breaks, joints)`, of each derivative."""
+    order = len(jumps)
     growing, dying = _jump_corrections(layout, jumps)
-    missed = _missed(layout)[:, joints]
     blends = missed[..., None] * _BLEND[order]
     slopes = _slopes(layout, missed)
     unbent = [np.zeros_like(missed)] * 2

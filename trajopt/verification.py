@@ -77,9 +77,9 @@ class Worst:
 class Certificate:
     """What `verify` says of a trajectory.
 
-    Peaks are those of the repaired trajectory, or of the given one where it is beyond repair;
-    `waypoint` and `continuity` are the given one's. `None` where a kind does not exist for the
-    problem.
+    Peaks of velocity, acceleration and jerk are those of the repaired trajectory, or of the given
+    one where it is beyond repair; `position`, `waypoint` and `continuity` are the given one's.
+    `None` where a kind does not exist for the problem.
 
     Attributes:
         duration: of the given trajectory, s.

@@ -16,6 +16,7 @@ from experiments import (
     forgeries,
     ordering,
     proved_sizes,
+    repair_residuals,
     rivals,
     sweep,
     throughput,
@@ -107,6 +108,12 @@ def test_the_tricks_table_shows_a_flaw_or_what_is_certified(
     assert "finite" in overflow["flaw"]
     assert (tmp_path / "tricks.md").read_text().startswith("| trick")
     assert f"certified below the optimum: 0 of {len(table)}" in capsys.readouterr().out
+
+
+def test_the_repair_leaves_rounding_only(capsys: pytest.CaptureFixture[str]) -> None:
+    repair_residuals.main(motions=20)
+    *_, last = capsys.readouterr().out.splitlines()
+    assert float(last.split()[-4]) < 1e-10  # of a limit
 
 
 def test_the_forgeries_experiment_says_what_is_believed(
