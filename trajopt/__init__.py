@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # as type checkers take it: `typing` loads while nobody hears Ctrl-C yet
 if TYPE_CHECKING:
+    from typing import Any
+
     from trajopt.benchmark.compare import compare as compare
     from trajopt.exceptions import InvalidInput as InvalidInput
     from trajopt.exceptions import InvalidTrajectory as InvalidTrajectory
@@ -54,6 +54,8 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that `trajopt --help` need not wait."""
     if name not in _MODULE:
         raise AttributeError(f"module 'trajopt' has no attribute {name!r}")
+    from importlib import import_module
+
     module = import_module(f"trajopt.{_MODULE[name]}")
     return getattr(module, name)
 

@@ -829,3 +829,20 @@ def test_too_few_open_files_are_one_line(tmp_path):
     shell = ["sh", "-c", 'ulimit -n 12; exec "$@"', "sh", *command]
     done = subprocess.run(shell, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, "trajopt: Too many open files\n")
+
+
+def test_a_second_ctrl_c_ends_as_the_first_and_none_is_heard_after_it(monkeypatch):
+    from trajopt import cli as package
+
+    def stopped(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "main", stopped)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        with pytest.raises(SystemExit) as end:
+            package.main([])
+        assert end.value.code == 130
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import gc
 import os
-import signal
 import sys
 
 STOPPED = 130  # the exit code after Ctrl-C
@@ -26,4 +25,6 @@ def main(arguments: list[str] | None = None) -> None:
     except KeyboardInterrupt:  # while it loads, or a second one
         sys.exit(STOPPED)
     finally:  # one that comes while Python ends changes nothing
+        import signal
+
         signal.signal(signal.SIGINT, signal.SIG_IGN)
