@@ -159,8 +159,9 @@ class _Solver:
 
     def signal(self, sign: signal.Signals) -> None:
         """To it and what it started in its group."""
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(self.process, sign)
+        for send in (os.killpg, os.kill):  # it may not lead its group yet
+            with suppress(ProcessLookupError, PermissionError):
+                send(self.process, sign)
 
     def read(self, descriptor: int) -> bytes:
         """What can be read; a pipe that it has closed is forgotten."""
@@ -193,6 +194,8 @@ class _Solver:
     def end(self) -> None:
         """It, and whatever descends from it."""
         self.signal(signal.SIGKILL)
+        with suppress(ChildProcessError):
+            os.waitpid(self.process, 0)
         processes.end_children()
         self.drain()
         for descriptor in (self.ask, self.hear, self.output):

@@ -77,7 +77,7 @@ def ended() -> dict[int, int]:
 def end_children(but: Collection[int] = ()) -> None:
     """Kill every child of this process but some; orphans that it adopts meanwhile too."""
     end = time.monotonic() + _PATIENCE
-    while time.monotonic() < end:
+    while _has_children() and time.monotonic() < end:
         own = os.getpid()
         children = {one.process for one in _relatives() if one.parent == own}
         doomed = children.difference(but)
@@ -87,9 +87,16 @@ def end_children(but: Collection[int] = ()) -> None:
             with suppress(ProcessLookupError, PermissionError):
                 os.kill(process, signal.SIGKILL)
         time.sleep(_PAUSE)
-        for process in doomed:
-            with suppress(ChildProcessError):
-                os.waitpid(process, os.WNOHANG)
+
+
+def _has_children() -> bool:
+    """Whether this process has any, once those that have ended are forgotten."""
+    try:
+        while os.waitpid(-1, os.WNOHANG) != (0, 0):
+            pass
+    except ChildProcessError:
+        return False
+    return True
 
 
 def memory_in_use() -> int:

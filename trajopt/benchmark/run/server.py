@@ -24,7 +24,11 @@ import threading
 from importlib import import_module
 from typing import NoReturn
 
-_LOADED = ("trajopt.benchmark.run.judge", "trajopt.benchmark.store.trial_file")
+_LOADED = (
+    "trajopt.benchmark.run.judge",
+    "trajopt.benchmark.store.trial_file",
+    "trajopt.swarm_planner",
+)
 # `-P`: the working folder may hold a `json.py` of its own
 _COMMAND = (sys.executable, "-P", "-c")
 _PROGRAM = """\
