@@ -21,6 +21,7 @@ import socket
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from importlib import import_module
 from typing import NoReturn
 
@@ -125,7 +126,8 @@ def serve(descriptor: int) -> NoReturn:
             judges -= processes.ended().keys()
             processes.end_children(but=judges)  # orphans of a judge that was killed
             for process in judges:
-                os.kill(process, signal.SIGCONT)  # if a planner stopped it
+                with suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGCONT)  # if a planner stopped it
         if sources[0] in ready:
             message, links, _, _ = socket.recv_fds(control, 1, 1)
             if not message:
