@@ -113,15 +113,23 @@ def test_too_many_values(tmp_path, monkeypatch, name):
 ALIASES = "a0: &a0 {k: 1}\n" + "".join(
     f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 10)
 )
+MERGED = "a0: &a0 {k: 1}\n" + "".join(
+    f"a{n}: &a{n} {{<<: *a{n - 1}, b: *a{n - 1}, c: *a{n - 1}, d: *a{n - 1}}}\n"
+    for n in range(1, 20)
+)
+CHAIN = "a0: &a0 1\n" + "".join(f"a{n}: &a{n} [*a{n - 1}]\n" for n in range(1, 400))
 
 
 @pytest.mark.parametrize("name", ["joint_limits.yaml", "message.yaml"])
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f"{ALIASES}joint_limits: *a9\n", "an alias *a0 of no plain value, line 2"),
-        ("a: &a [*a]", "an alias *a of no plain value"),
-        ("a: &a {b: 1}\nc: {<<: *a}", "a merge key <<, which is not supported, line 2"),
+        (f"{ALIASES}joint_limits: *a9\n", "it has more than 2000000 values, line 7"),
+        (f"{MERGED}joint_limits: *a19\n", "it has more than 2000000 values"),
+        (CHAIN, "nested deeper than 40, line 41"),
+        ("a: &a [*a]", "an alias *a of no value before it, line 1"),
+        ("a: *b", "an alias *b of no value before it, line 1"),
+        ("a: &a {b: 1}\nc: {<<: [*a, *a]}", "a merge key << of more than one table, line 2"),
         ("[1, 2]: 3", "a key is no text, line 1"),
         ("{a: 1}: 3", "a key is no text, line 1"),
         ("a: 1\nb: 2\n'a': 3", "the key a is there twice, line 3"),
@@ -138,10 +146,19 @@ def test_what_is_another_number_in_another_yaml(tmp_path, value):
     assert "elbow.max_velocity is " in refused(tmp_path, "joint_limits.yaml", text)
 
 
-def test_a_plain_value_may_have_an_alias(tmp_path):
+def test_aliases_and_merge_keys_of_real_files(tmp_path):
     path = tmp_path / "joint_limits.yaml"
-    path.write_text("fast: &fast 1.5\njoint_limits: {a: {max_velocity: *fast, min_effort: -1}}")
-    assert joint_limits.read(path).joints["a"] == {"velocity": (-1.5, 1.5)}
+    path.write_text(
+        "fast: &fast 1.5\n"
+        "joint_limits:\n"
+        "  a: &a {max_velocity: *fast, max_acceleration: 2, min_effort: -1}\n"
+        "  b: *a\n"
+        "  c: {max_velocity: 3, <<: *a}\n"
+    )
+    joints = joint_limits.read(path).joints
+    assert joints["a"] == {"velocity": (-1.5, 1.5), "acceleration": (-2, 2)}
+    assert joints["b"] == joints["a"]
+    assert joints["c"] == {"velocity": (-3, 3), "acceleration": (-2, 2)}
 
 
 def test_a_joint_may_have_any_name(tmp_path):

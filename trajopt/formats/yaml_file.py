@@ -1,7 +1,7 @@
 """YAML files as ROS writes them: tables, lists and plain values, angles tagged `!degrees`.
 
-Read event by event, not by PyYAML's constructors: what a few hundred bytes can make endless
-(aliases of tables and lists, merge keys) is refused, and a number is what it looks like in every
+Read event by event, not by PyYAML's constructors: aliases and merge keys count as what they repeat,
+so that a few hundred bytes make nothing endless, and a number is what it looks like in every
 version of YAML (1:30 is no 90, 010 no 8).
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -81,12 +82,23 @@ def number(value: Any) -> float | None:
     return float(value) if numerals.is_number(value) else None
 
 
+@dataclass(frozen=True)
+class _Anchored:
+    """A value that aliases repeat, how many values it holds, and how deep they are nested."""
+
+    value: Any
+    size: int
+    height: int
+
+
 class _Documents:
-    """The documents of a text, one after the other."""
+    """The documents of a text, whose aliases count as what they repeat."""
 
     def __init__(self, content: str) -> None:
         self._events: Iterator[yaml.Event] = yaml.parse(content, Loader=_PARSER)
-        self._anchored: dict[str, Any] = {}  # plain values by their anchors
+        self._anchored: dict[str, _Anchored] = {}
+        self._size = 0
+        self._deepest = 0
 
     def __iter__(self) -> Iterator[Any]:
         for event in self._events:
@@ -96,29 +108,55 @@ class _Documents:
 
     def _value(self, event: yaml.Event, depth: int) -> Any:
         """What begins with this event."""
-        if isinstance(event, yaml.ScalarEvent):
-            value = _scalar(event)
-            if event.anchor:
-                self._anchored[event.anchor] = value
-            return value
-        line = _line(event.start_mark)
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self._anchored:
-                raise ValueError(f"an alias *{event.anchor} of no plain value{line}")
-            return self._anchored[event.anchor]
+                line = _line(event.start_mark)
+                raise ValueError(f"an alias *{event.anchor} of no value before it{line}")
+            repeated = self._anchored[event.anchor]
+            self._count(event, repeated.size, depth + repeated.height)
+            return repeated.value
+        before = self._size
+        deepest = self._deepest
+        self._deepest = depth
+        self._count(event, 1, depth)
+        value = self._stated(event, depth)
+        if event.anchor:
+            height = self._deepest - depth
+            self._anchored[event.anchor] = _Anchored(value, self._size - before, height)
+        self._deepest = max(deepest, self._deepest)
+        return value
+
+    def _count(self, event: yaml.Event, size: int, depth: int) -> None:
+        self._size += size
+        self._deepest = max(self._deepest, depth)
+        if self._size > files.MAX_VALUES:
+            raise ValueError(f"it has more than {files.MAX_VALUES} values{_line(event.start_mark)}")
+        if depth > files.MAX_DEPTH:
+            line = _line(event.start_mark)
+            raise ValueError(f"it is nested deeper than {files.MAX_DEPTH}{line}")
+
+    def _stated(self, event: yaml.Event, depth: int) -> Any:
+        """A value that is no alias."""
+        if isinstance(event, yaml.ScalarEvent):
+            return _scalar(event)
         _check_tag(event)
-        if depth == files.MAX_DEPTH:
-            raise ValueError(f"it is nested deeper than {depth}{line}")
         if isinstance(event, yaml.SequenceStartEvent):
             items = []
             while not isinstance(item := next(self._events), yaml.SequenceEndEvent):
                 items.append(self._value(item, depth + 1))
             return items
         table: dict[str, Any] = {}
+        merged: dict[str, Any] = {}
         while not isinstance(key := next(self._events), yaml.MappingEndEvent):
             name = _key(key, table)
-            table[name] = self._value(next(self._events), depth + 1)
-        return table
+            value = self._value(next(self._events), depth + 1)
+            if name != "<<":
+                table[name] = value
+            elif merged or not isinstance(value, dict):
+                raise ValueError(f"a merge key << of more than one table{_line(key.start_mark)}")
+            else:
+                merged = value
+        return merged | table
 
 
 def _key(event: yaml.Event, table: dict[str, Any]) -> str:
@@ -127,8 +165,6 @@ def _key(event: yaml.Event, table: dict[str, Any]) -> str:
     if not isinstance(event, yaml.ScalarEvent):
         raise ValueError(f"a key is no text{line}")
     name = str(event.value)
-    if name == "<<":
-        raise ValueError(f"a merge key <<, which is not supported{line}")
     if name in table:
         raise ValueError(f"the key {shortened(name, 60)} is there twice{line}")
     return name
