@@ -172,20 +172,25 @@ def run(
 
 def _shown(store: Store, trials: Sequence[Trial]) -> Sequence[Trial]:
     """The trials, marked where the folder holds a later version of their planner's."""
-    own = {trial.id for trial in trials}
-    labels = {trial.label for trial in trials}
-    stored = store.labels()
-    others = {trial_id for trial_id in stored.keys() - own if stored[trial_id] in labels}
-    if not others:
+    last: dict[str, str] = {}
+    for trial in trials:
+        when = trial.asked or trial.started
+        last[trial.label] = max(when, last.get(trial.label, ""))
+    later = set()
+    for trial_id, label, started, asked in store.columns("id", "label", "started", "asked"):
+        when = asked or started
+        if when > last.get(label, when):  # as text: UTC, ISO 8601
+            later.add(trial_id)
+    if not later:
         return trials
-    everything = [*trials, *read(store.results, others)]
+    everything = [*trials, *read(store.results, later)]
     shown = {trial.id for trial in newest(everything).trials}
-    if own <= shown:
+    marked = [replace(trial, asked=now()) for trial in trials if trial.id not in shown]
+    if not marked:
         return trials
-    marked = [trial if trial.id in shown else replace(trial, asked=now()) for trial in trials]
     store.write_all(marked)
     store.consolidate()
-    return marked
+    return [trial for trial in trials if trial.id in shown] + marked
 
 
 def _isolation(executor: Executor | None) -> str:

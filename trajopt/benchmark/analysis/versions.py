@@ -68,5 +68,5 @@ def newest(trials: Iterable[Trial]) -> Newest:
 
 
 def _time(trial: Trial) -> datetime:
-    """When it ran, or was last asked for."""
+    """When it ran, or a later comparison kept it."""
     return datetime.fromisoformat(trial.asked or trial.started)

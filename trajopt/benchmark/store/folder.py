@@ -197,12 +197,12 @@ class Store:
             return False
         return max(changes) < built
 
-    def labels(self) -> dict[str, str]:
-        """The planners, with their options, of the trials in `results.h5`, by identity."""
+    def columns(self, *names: str) -> list[tuple[str, ...]]:
+        """Some columns of texts in `results.h5`, a tuple per trial."""
         from trajopt.benchmark.store import results_file
 
         with _reading(self.results):
-            return results_file.labels(self.results)
+            return results_file.texts(self.results, *names)
 
     def _rebuild(self, seen: Seen, place: Path) -> None:
         """Again if another run replaced `results.h5` meanwhile: it may know more trials."""

@@ -148,11 +148,16 @@ def read(path: Path) -> Iterator[Encoded]:
         yield Encoded(row, problems[digest], present)
 
 
-def labels(path: Path) -> dict[str, str]:
-    """The label of every trial by its identity; raises as `read` does."""
+def texts(path: Path, *names: str) -> list[tuple[str, ...]]:
+    """Some columns of texts, a tuple per trial; raises as `read` does."""
     with hdf5.opened(path) as source:
+        present = _present(source)
         ids = _column(source, "id")
-        return dict(zip(ids, _column(source, "label"), strict=True))
+        columns = []
+        for name in names:
+            column = _column(source, name) if name in present else [""] * len(ids)
+            columns.append(column)
+    return list(zip(*columns, strict=True))
 
 
 def _present(source: hdf5.Source) -> list[str]:
