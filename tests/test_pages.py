@@ -36,7 +36,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_the_commands_for_a_robot_print_what_the_page_says(folder, capsys):
     commands = COMMANDS.findall(ROBOTS)
-    assert len(commands) == 9
+    assert len(commands) == 10
     for command, shown in commands:
         if command.endswith(("motion.png", "0.008")):
             continue  # the same motion again, as a picture and as samples
