@@ -46,6 +46,7 @@ def test_what_planners_do_changes_neither_their_certificates_nor_others_rows() -
 
 def test_the_experiment_would_notice() -> None:
     row = {"certified %": 0.0, "others": "same", "left": 0, "printed": 0, "executed": False}
+    row["message"] = ""
     harm = {"certified %": -1e-3, "others": "changed", "left": 1, "printed": 1, "executed": True}
     rows = pd.DataFrame([row, *(row | {kind: value} for kind, value in harm.items())])
     assert list(nasty_planners.harmful(rows).index) == [1, 2, 3, 4, 5]
