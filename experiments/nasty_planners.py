@@ -39,7 +39,7 @@ from trajopt.cli import console
 from trajopt.exceptions import StoreError
 
 CERTIFIED_BELOW = 1e-9  # of the optimum: what rounding may gain
-OTHERS = ("ruckig-stop", "ruckig")  # before it; `exact`, the reference, is after it
+OTHERS = ("ruckig-stop", "ruckig-search")  # before it; `exact`, the reference, is after it
 
 TIMEOUT = 2.0  # s
 MEMORY = 0.4  # GiB
