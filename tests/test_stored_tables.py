@@ -1,0 +1,92 @@
+"""Every table of numbers that a page prints is a stored output, which says of which code it is."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+STORED = ROOT / "experiments" / "stored"
+PAGES = ("README.md", "experiments/README.md", "docs/mathematics.md")
+# A table, and the line below it that says where its numbers are stored and of which code they are.
+TABLE = re.compile(
+    r"^((?:\|.*\n)+)(?:\n\[Stored\]\((?P<file>[\w/.-]+\.csv)\), of code (?P<code>.*)\.\n)?", re.M
+)
+NUMBER = re.compile(r"\**[+−<≤]? ?\d")
+COMMIT = re.compile(r"[0-9a-f]{7,40}")
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip().removeprefix("|").removesuffix("|").split("|")]
+
+
+def rows(table: str) -> list[list[str]]:
+    """The heading and the rows, without the line between them."""
+    heading, _, *body = table.splitlines()
+    return [cells(line) for line in (heading, *body)]
+
+
+def holds_numbers(table: str) -> bool:
+    """Whether half of what some column says begins with a number; the first one has names."""
+    _, *body = rows(table)
+    columns = [[cell for cell in column if cell] for column in zip(*body, strict=True)]
+    return any(
+        2 * sum(bool(NUMBER.match(cell)) for cell in column) >= len(column)
+        for column in columns[1:]
+        if column
+    )
+
+
+def tables(page: str) -> list[re.Match[str]]:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return [found for found in TABLE.finditer(text) if "---" in found[1]]
+
+
+def stored(file: Path) -> tuple[dict[str, str], list[list[str]]]:
+    """What the first lines say of the command and the day, and the table itself."""
+    lines = file.read_text(encoding="utf-8").splitlines()
+    said = dict(line.removeprefix("# ").split(": ", 1) for line in lines if line.startswith("# "))
+    return said, list(csv.reader(line for line in lines if not line.startswith("# ")))
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_table_of_numbers_is_the_stored_one_and_names_its_code(page):
+    for found in tables(page):
+        shown = rows(found[1])
+        if not holds_numbers(found[1]):
+            continue
+        assert found["file"], f"{page}: nothing is stored of the table of {shown[0]}"
+        _, kept = stored((ROOT / page).parent / found["file"])
+        assert [row[:-1] for row in kept] == shown
+        commits = [row[-1] for row in kept[1:]]
+        assert all(map(COMMIT.fullmatch, commits))
+        assert found["code"].split(", ") == list(dict.fromkeys(commits))
+
+
+@pytest.mark.parametrize("file", sorted(STORED.glob("*.csv")), ids=lambda file: file.stem)
+def test_a_stored_table_names_its_command_and_its_day_and_is_printed(file):
+    said, kept = stored(file)
+    assert said.keys() == {"command", "date"}
+    assert re.fullmatch(r"20\d\d-\d\d-\d\d", said["date"])
+    assert kept[0][-1] == "commit"
+    module = re.match(r"python -m (experiments)\.(\w+)", said["command"])
+    assert (
+        said["command"].startswith("trajopt ")
+        or (ROOT / f"{'/'.join(module.groups())}.py").is_file()
+    )
+    assert any(
+        found["file"] and found["file"].endswith(f"stored/{file.name}")
+        for page in PAGES
+        for found in tables(page)
+    )
+
+
+def test_a_table_of_numbers_is_told_from_one_of_words():
+    """A table of numbers that names no stored output cannot pass for one of words."""
+    numbers = "| planner | gap |\n|---|---|\n| a | +0.1 % |\n| b | none |\n"
+    words = "| planner | what it is |\n|---|---|\n| a | 1000 intervals |\n| b | a |\n| c | b |\n"
+    assert holds_numbers(numbers)
+    assert not holds_numbers(words)
