@@ -11,7 +11,6 @@ import json as standard_json
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -173,17 +172,21 @@ def check_keys(
     """
     names = sorted(known)
     for key, value in table.items():
-        if key not in names:
-            close = get_close_matches(str(key), names, n=1)
-            if others and not close:
-                continue
-            right = f"one of the keys {', '.join(names)}"
-            if close:
-                right = f"the key {close[0]}"
+        if key in names:
+            continue
+        close = _nearest(str(key), names)
+        if close or not others:
+            right = f"the key {close}" if close else f"one of the keys {', '.join(names)}"
             raise InvalidInput(f"{prefix}{key}", right, value=value)
     for key in required:
         if key not in table:
             raise InvalidInput(f"{prefix}{key}", "this key; it is missing")
+
+
+def _nearest(name: str, names: list[str]) -> str:
+    from difflib import get_close_matches  # late: most files have right keys
+
+    return "".join(get_close_matches(name, names, n=1))
 
 
 def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:
