@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 
 # Intervals per segment to begin with, without and with jerk limits.
 _START_INTERVALS = 6
-_START_INTERVALS_JERK = 10
+_START_INTERVALS_JERK = 8
 # Of one cell, a segment of a moving joint, without and with jerk limits; and the power of the cells
 # that the time grows with. Measured from 14 to 133 of them, with position limits.
 _CELL_SECONDS = 0.004

@@ -55,8 +55,11 @@ _WARM_OPTIONS: Options = {
 _SECONDS_PER_INTERVAL = 2e-3
 # No units: a waypoint this close to a position limit is on it.
 _TOUCH_DISTANCE = 1e-9
-# Of equal intervals: the shortest that free nodes leave.
+# Of equal intervals in the least time: the shortest that free nodes leave.
 _SHORTEST_SHARE = 1e-3
+# Of the mean squared drift of free intervals from their start, beside the duration: where several
+# lengths give one motion, IPOPT would wander among them.
+_DRIFT_WEIGHT = 1e-4
 # Times the time of stopping at every waypoint: the longest motion that is looked at.
 _LONGEST = 1.5
 
@@ -349,6 +352,7 @@ class Transcription:
         }
         room = [ca.MX.sym(f"room{i}", pieces, joints) for i in range(4)]
         longest = ca.MX.sym("longest")
+        start_lengths = ca.MX.sym("start", pieces, joints)
         motion = x
         if not free:
             motion = x._replace(lengths=ca.repmat(equal, 1, joints))
@@ -366,17 +370,20 @@ class Transcription:
                 walls,
             )
         options = _OPTIONS
+        objective = duration
         if free:
             options = _WARM_OPTIONS
-            rows += self._filling(x, equal)
+            rows += self._filling(x)
+            drift = intervals * (x.lengths - start_lengths)
+            objective += _DRIFT_WEIGHT * ca.sumsqr(drift) / drift.numel()
 
-        parameters = [*limits.values(), *room, longest]
+        parameters = [*limits.values(), *room, longest, start_lengths]
         expressions, lows, highs = zip(*rows, strict=True)
         self.solver = program(
             "collocation",
             variables=self._varied(x),
             parameters=parameters,
-            objective=duration,
+            objective=objective,
             constraints=expressions,
             options=options,
         )
@@ -390,20 +397,15 @@ class Transcription:
             return list(tables)
         return [tables.times, tables.q, tables.v, tables.a]
 
-    def _filling(self, x: Nodes, equal: Any) -> list[Row]:
-        """Free intervals fill their segment, and none vanishes."""
+    def _filling(self, x: Nodes) -> list[Row]:
+        """Free intervals fill their segment."""
         ca = self.ca
         rows: list[Row] = []
-        none = ca.DM.zeros(self.nodes - 1)
-        infinite = none + np.inf
         for j in range(self.joints):
-            lengths = x.lengths[:, j]
-            by_segment = ca.reshape(lengths, self.intervals, -1)
+            by_segment = ca.reshape(x.lengths[:, j], self.intervals, -1)
             excess = ca.sum1(by_segment).T - x.times
-            spare = lengths - _SHORTEST_SHARE * equal
             zero = ca.DM.zeros(by_segment.shape[1])
             rows.append((excess, zero, zero))
-            rows.append((spare, none, infinite))
         return rows
 
     def _joint(
@@ -490,6 +492,7 @@ class Transcription:
             grid.jerk,
             *grid.room(),
             np.array([grid.longest]),
+            start.lengths,
         ]
         lowest = flat(*self._varied(low))
         highest = flat(*self._varied(high))
@@ -519,11 +522,14 @@ class Transcription:
         forwards = h / grid.velocity[1]
         backwards = h / grid.velocity[0]
         by_joint = np.maximum(forwards, backwards)
-        lengths = np.zeros(self.shapes.lengths)
+        times = by_joint.max(axis=1)
+        shortest = _SHORTEST_SHARE * times / self.intervals
+        by_interval = np.repeat(shortest, self.intervals)
+        lengths = np.tile(by_interval[:, None], (1, self.joints))
         return self._bounds(
             grid,
             side=0,
-            times=by_joint.max(axis=1),
+            times=times,
             lengths=lengths,
         )
 
