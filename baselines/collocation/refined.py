@@ -43,7 +43,7 @@ _START_INTERVALS_JERK = 8
 # Of one cell, a segment of a moving joint, without and with jerk limits; and the power of the cells
 # that the time grows with. Measured from 14 to 133 of them, with position limits.
 _CELL_SECONDS = 0.004
-_CELL_SECONDS_JERK = 0.04
+_CELL_SECONDS_JERK = 0.02
 _CELLS_POWER = 1.37
 # Intervals of all joints and segments: no refinement beyond it but the first.
 _MOST_INTERVALS = 3000

@@ -145,9 +145,17 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
     best = incumbent(problem, _INCUMBENT_SHARE * time_limit)
     # without a trajectory there is something to prove all the same
     known = float(stop_times(problem).sum())
+    motion = None
     if best is not None:
         known = best.duration
-    outcome = prove(problem, known / (1 + within), within, deadline)
+        motion = best.trajectory
+    outcome = prove(
+        problem,
+        known / (1 + within),
+        within,
+        deadline,
+        motion,
+    )
     late = time.perf_counter() > deadline
     word = "time limit" if late else "stopped: no progress"
     return _bound(outcome.lower_bound, best, within, word, outcome.proof)

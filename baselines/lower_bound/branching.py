@@ -28,6 +28,7 @@ from baselines.lower_bound.separation import Separation
 from trajopt.exceptions import TrajoptError
 from trajopt.planner import backend
 from trajopt.problem import Problem
+from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -64,6 +65,8 @@ _MARGIN_SHARE = 0.2
 _TANGENT_RTOL = 1e-9
 # A point so close to the relaxation's curves is on them.
 _CURVE_RTOL = 1e-7
+# A row of cost 1 that a motion meets within this is active.
+_ACTIVE_TOLERANCE = 1e-6
 _START_TANGENTS = 5
 
 
@@ -97,7 +100,13 @@ class Outcome(NamedTuple):
     programs: int
 
 
-def prove(problem: Problem, target: float, gap: float, deadline: float) -> Outcome:
+def prove(
+    problem: Problem,
+    target: float,
+    gap: float,
+    deadline: float,
+    motion: Trajectory | None = None,
+) -> Outcome:
     """Prove that no motion is briefer than the target, or as much of it as there is time for.
 
     Args:
@@ -105,6 +114,7 @@ def prove(problem: Problem, target: float, gap: float, deadline: float) -> Outco
         target: s. It need not be true: the answer is then below it.
         gap: Relative, between the target and the fastest motion known: sets the tolerances.
         deadline: Of `time.perf_counter`.
+        motion: Whose own costates are the first rows: near the optimum's they prove most of it.
 
     Raises:
         MissingBackend: HiGHS is not installed.
@@ -119,6 +129,8 @@ def prove(problem: Problem, target: float, gap: float, deadline: float) -> Outco
         cutoff *= _LONGER_CUTOFF
         relaxation = Relaxation.of(problem, cutoff)
     search = _Search(relaxation, solver, gap, deadline)
+    if motion is not None:
+        search.add_active(relaxation.at(problem, motion))
     root = search.run()
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
@@ -462,6 +474,12 @@ class _Search:
             proved.multipliers,
         )
         return step, proved.bound
+
+    def add_active(self, x: Array) -> None:
+        """Add the rows that a motion meets exactly."""
+        exact = self._on_the_curves(x)
+        cuts = extremal.broken(self.relaxation, exact, -_ACTIVE_TOLERANCE)
+        self.pool.add_touching(exact, cuts)
 
     # --- the proof ---
 

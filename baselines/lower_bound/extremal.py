@@ -104,7 +104,8 @@ def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
     Args:
         relaxation: Whose limits count.
         x: Its variables.
-        tolerance: What a row must be broken by, where its cost is 1.
+        tolerance: What a row must be broken by, where its cost is 1; below 0 for rows that are
+            nearly broken.
     """
     point = _points(relaxation, x)
     shape = (2, relaxation.segments, relaxation.joints)
@@ -114,9 +115,8 @@ def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
     best: dict[tuple[int, int], Cut] = {}
     for cells in families(point):
         gains, costs = _values(point, cells)
-        smallest = np.finfo(float).tiny
-        violations = (gains - costs) / np.maximum(costs, smallest)
-        shares = violations.ravel()
+        shares = (gains - costs).ravel() / costs.ravel()
+        shares[costs.ravel() == 0] = -np.inf
         flat = cells.reshape(-1, *cells.shape[3:])
         for number in np.flatnonzero(shares > tolerance):
             segment = int(segments[number])

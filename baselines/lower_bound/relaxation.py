@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from trajopt.exceptions import InvalidInput
 from trajopt.problem import Problem
+from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -135,6 +136,18 @@ class Relaxation:
         self.velocity, self.acceleration, self.before, self.after = states
         self.nothing = 3 * segments + states.size
         self.variables = self.nothing + 1
+
+    def at(self, problem: Problem, motion: Trajectory) -> Array:
+        """A motion's times, velocities and accelerations; the other variables are 0."""
+        x = np.zeros(self.variables)
+        inner = motion.waypoint_times[1:-1]
+        unit = self.time_unit
+        velocities = motion(inner, 1)[:, problem.moving] / self.length_units
+        accelerations = motion(inner, 2)[:, problem.moving] / self.length_units
+        x[self.time] = np.diff(motion.waypoint_times) / unit
+        x[self.velocity] = velocities * unit
+        x[self.acceleration] = accelerations * unit**2
+        return x
 
     def row_columns(self, segment: int, joint: int) -> Indices:
         """The variables of one segment and joint.

@@ -192,6 +192,18 @@ class RowPool:
         rows = dual_check.cuts(self.relaxation, given)
         self._add_broken(given, rows, x)
 
+    def add_touching(self, x: Array, cuts: Sequence[Cut]) -> None:
+        """The tangents at a point of the curves, and rows of costates."""
+        relaxation = self.relaxation
+        times = x[relaxation.time].tolist()
+        for segment, at in enumerate(times):
+            self.add_tangent(segment, at)
+        if relaxation.jerky.any():
+            squares = [SquareTangent(segment, at) for segment, at in enumerate(times)]
+            self._add_each(squares, jerk_rows.square_rows(relaxation, squares, self.box))
+        if cuts:
+            self._add_each(cuts, dual_check.cuts(relaxation, cuts))
+
     def _add_broken(
         self,
         given: Sequence[Source],
@@ -200,10 +212,14 @@ class RowPool:
     ) -> None:
         if not given:
             return
-        broken = self.program.breaks(rows, x)
-        for number in np.flatnonzero(broken).tolist():
+        numbers = np.flatnonzero(self.program.breaks(rows, x))
+        broken = [given[number] for number in numbers.tolist()]
+        self._add_each(broken, rows.chosen(numbers))
+
+    def _add_each(self, given: Sequence[Source], rows: Rows) -> None:
+        for number, source in enumerate(given):
             row = _one(rows, number)
-            self._add(row, given[number])
+            self._add(row, source)
 
     def _add(self, row: Rows, source: Source) -> None:
         if not self.program.add_row(row):

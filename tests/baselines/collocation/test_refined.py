@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 from baselines.collocation.refined import CollocationRefined
+from baselines.collocation.uniform import Grid, transcription
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigVia, section
@@ -156,3 +157,16 @@ def test_keeps_the_public_contract() -> None:
 def test_bad_options_are_refused(option: str, value: float) -> None:
     with pytest.raises(InvalidInput, match=f"{option} is"):
         CollocationRefined(**{option: value})  # type: ignore[arg-type]
+
+
+def test_intervals_that_change_nothing_stay_where_they_start() -> None:
+    """The second joint has time to spare: any lengths will do, and IPOPT would wander for long."""
+    limits = Limits([1.0, 1.0], [2.0, 2.0], [20.0, 20.0], [[0.0, 2.0], [0.0, 2.0]])
+    problem = Problem([[0.0, 0.0], [1.0, 0.1], [1.9, 0.2]], limits)
+    grid = Grid(problem, 8)
+    start = grid.stopping()
+    optimum = transcription(grid, free=True)(grid, start)
+    assert optimum.success
+    stretch = start.times / optimum.nodes.times
+    idle = optimum.nodes.lengths[:, 1] * np.repeat(stretch, 8)
+    assert idle == pytest.approx(start.lengths[:, 1], rel=0.05)
