@@ -1,303 +1,294 @@
-"""One jerk-limited joint's motion over one segment, between stored breaks (mathematics, section 4).
+"""The jerk-limited motion through given waypoint states, between stored breaks (mathematics, 4).
 
-It is the convex combination of both extreme profiles that covers the displacement, whose breaks are
-then rounded as a trajectory stores them. In a segment of hours a ramp of a millisecond is 1e-8
-longer or shorter by that, and what its velocity misses would be mended over all of the segment. So
-the accelerations at the rounded breaks are found anew: by the least change, else by a small linear
-program that keeps the limits.
+In each segment a joint takes the convex combination of its two extreme profiles that covers the
+displacement. What a trajectory stores are times since its start, rounded, so the breaks are rounded
+first; acceleration is straight between them, and the least change of what it is at the inner ones
+makes up for what rounding costs. Breaks that are hardly apart are left out where the limits allow
+it, and breaks of two joints that are as near are at one place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.exact.jerk_profiles import BRIEF, Extremes, Limit, Profile, Sides, State
-from baselines.exact.jerk_stretch import (
-    ROW_TOLERANCE,
-    JointLimits,
-    Stretch,
-    between_breaks,
-    utilisation,
+from baselines.exact.acceleration_motion import covering
+from baselines.exact.cells import at_ends
+from baselines.exact.jerk_cells import Cells, Point, Rows, Scaled
+from baselines.exact.rounded import (
+    NO_PIECES,
+    Clock,
+    Pieces,
+    apart,
+    assembled,
+    clocks,
+    through,
 )
-from baselines.exact.rounded import Clock, Pieces, accumulated, apart, integrated, through
-from baselines.linear_programs import LinearPrograms
 from trajopt import polynomials
+from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
 # Of a segment: pieces so short are left out, the longest first, where the limits allow it.
-_SLIVERS = (1e-5, 1e-7, 1e-9, 1e-12)
+_SLIVERS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12)
+_BRIEF = 1e-3  # of the mean stop time: a segment in which all joints share one grid
 _BRIEF_PIECES = 4
 # Breaks of two joints that are so near each other are at one place, where limits allow it.
 _NEAR_S = 1e-6
 _NEAR_UNIT_RTOL = 1e-3  # of the mean stop time, where that is brief
-_MENDED_RTOL = 1e-9  # what rounding breaks and leaving slivers out may pass a limit by
-# That a linear program may cost: what is worth fewer pieces, then as little as limits allow.
-_DILATIONS = ((1e-12, 3e-10), (3e-9,), (3e-8,), (3e-7,), (3e-6,))
-_RADIUS = 1e-6  # of the largest acceleration: how far its first step may lead
-_MISS_RTOL = 1e-13
+_EXCESS_RTOL = 3e-10  # of a limit: what leaving a break out may pass it by
+_MISS_RTOL = 1e-13  # of velocities: what the end may be missed by
+_ROUNDING_RTOL = 4e-15
+_ALONE = 1e-8  # a smaller share than this is none
+_TINY = 1e-300  # instead of dividing by 0
 
 
-def combined(
-    states: Array,
-    h: Array,
-    both: Extremes,
-    sides: Sides,
-    clock: Clock,
-    places: Array,
-) -> Pieces:
-    """The motion between one segment's extreme profiles that covers exactly `h`.
-
-    Breaks are rounded before the motion is fitted to them: in a segment of 1e-6 s, a break's
-    rounding is worth 1e-9 of the displacement, and mending that later would cost a large jerk.
-
-    Args:
-        states: velocities, then accelerations, at both ends, `(2, 2)`.
-        h: displacement.
-        both: the extreme profiles over the segment's time.
-        sides: the limits of both.
-        clock: the segment's times.
-        places: stored breaks of other joints, in order, s, the segment's ends among them.
-
-    Returns:
-        Stored breaks, s, `(pieces + 1,)`, and position coefficients, `(4, pieces)`.
-    """
-    t = clock.length
-    velocities, accelerations = states
-    u, w = velocities
-    a, b = accelerations
-    start = (u, a)
-    end = (w, b)
-    if both.narrow(start, end, np.array(t), h):
-        # q(t) = u t + a t²/2 + j t³/6
-        jerk = (b - a) / t
-        cubic = [
-            jerk / 6,
-            a / 2,
-            u,
-            0.0,
-        ]
-        whole = np.array([0.0, t])
-        return clock.stored(whole), np.array(cubic)[:, None]
-    upper_side, lower_side = sides
-    mirrored = (-u, -a)
-    upper = _phases(both.upper, start, -b, upper_side)
-    lower = _phases(both.lower, mirrored, b, lower_side)
-    upper_starts, _ = upper
-    lower_starts, _ = lower
-    knots = np.r_[upper_starts, lower_starts]
-    knots = np.clip(knots, 0.0, t)
-    breaks = np.unique(np.r_[knots, t])
-    # q(t) = λ q_up(t) + (1 − λ) q_lo(t), the lower one being mirrored
-    share = float(both.share(h))
-    high = _resampled(upper, breaks)
-    low = _resampled(lower, breaks)
-    exact = share * high - (1 - share) * low
-    acceleration = np.r_[2 * exact[1], b]
-    task = _Task(
-        ends=(float(u), float(w)),
-        h=float(h),
-        limits=_joint_limits(sides),
-        clock=clock,
-        places=places,
-    )
-    closest = clock.resolution / clock.unit
-    grids = list(_grids(knots, t, closest))
-    near = min(_NEAR_S, _NEAR_UNIT_RTOL * clock.unit)
-    for kept in grids:
-        levels = np.interp(kept, breaks, acceleration)
-        for distance in (near, 0.0):
-            pieces = task.least_change(kept, levels, distance)
-            if pieces is not None:
-                return pieces
-    for dilations in _DILATIONS:
-        for kept in grids:
-            levels = np.interp(kept, breaks, acceleration)
-            pieces = task.within_limits(kept, levels, dilations)
-            if pieces is not None:
-                return pieces
-    return clock.stored(breaks), exact
-
-
-def _grids(knots: Array, t: float, closest: float) -> Iterator[Array]:
-    """Breaks to try, the fewest first.
-
-    In a brief segment one grid for all joints: pieces between breaks that differ by rounding would
-    cost a large jerk.
-    """
-    if t < BRIEF:
-        yield np.linspace(0.0, t, _BRIEF_PIECES + 1)
-    fewest = 0
-    for sliver in _SLIVERS:
-        shortest = max(sliver * t, closest)
-        kept = apart(knots, t, shortest)
-        if len(kept) > fewest:
-            yield kept
-        fewest = len(kept)
-
-
-def _joint_limits(sides: Sides) -> JointLimits:
-    """The limits of both sides, each low and high."""
-    upper, lower = sides
-    return JointLimits(
-        velocity=np.array([-lower.velocity, upper.velocity]),
-        acceleration=np.array([-upper.fall, upper.rise]),
-        jerk=np.array([-1 / upper.down, 1 / upper.up]),
-    )
-
-
-@dataclass(frozen=True)
-class _Task:
-    """What the joint has to do in the segment.
+class Course(NamedTuple):
+    """How acceleration changes in one cell.
 
     Attributes:
         ends: velocities at the start and at the end.
         h: displacement.
-        limits: of the joint.
-        clock: the segment's times.
-        places: stored breaks of other joints.
+        breaks: from 0 to the segment's time.
+        levels: acceleration at the breaks, straight between them.
+        velocity: its limits, low and high.
+        acceleration: likewise.
+        jerk: likewise.
     """
 
     ends: tuple[float, float]
     h: float
-    limits: JointLimits
-    clock: Clock
-    places: Array
+    breaks: Array
+    levels: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
 
-    def least_change(
+
+class Reachable(Scaled):
+    """A problem without units, and the motions through given waypoint states."""
+
+    def trajectory(self, times: Array, states: Array) -> Trajectory:
+        """The motion of these segment times and inner waypoint states."""
+        return motion(self, times, states)
+
+
+def motion(scaled: Scaled, times: Array, states: Array) -> Trajectory:
+    """The motion of these segment times and inner waypoint states.
+
+    Args:
+        scaled: the problem without units.
+        times: of the segments, in its unit, `(segments,)`.
+        states: velocities and accelerations, `(2, segments - 1, joints)`.
+    """
+    passages = np.r_[0.0, np.cumsum(times)] * scaled.unit
+    rounded = np.diff(passages) / scaled.unit
+    velocity, acceleration = states
+    velocity = _in_rounded_times(times, rounded, velocity)
+    courses = _Courses(scaled, rounded, velocity, acceleration)
+    segments = []
+    for k, clock in enumerate(clocks(passages, scaled.unit)):
+        segments.append(_segment(courses, k, clock))
+    return assembled(scaled.problem, passages, segments)
+
+
+def _in_rounded_times(times: Array, rounded: Array, velocity: Array) -> Array:
+    """The velocities that pass a brief segment in its rounded time; of two the briefer decides.
+
+    The long neighbours hardly notice.
+    """
+    given = velocity
+    velocity = velocity.copy()
+    for k in np.argsort(-times):
+        if rounded[k] > 0 and times[k] < _BRIEF:
+            around = slice(max(k - 1, 0), k + 1)
+            velocity[around] = times[k] / rounded[k] * given[around]
+    return velocity
+
+
+class _Courses:
+    """The combinations of extreme profiles in every cell."""
+
+    def __init__(
         self,
-        kept: Array,
-        levels: Array,
-        near: float,
-    ) -> Pieces | None:
-        """The motion nearest to these accelerations at these breaks, if it keeps its limits.
+        scaled: Scaled,
+        times: Array,
+        velocity: Array,
+        acceleration: Array,
+    ) -> None:
+        self.scaled = scaled
+        self.times = times
+        cells = Cells(scaled)
+        t = np.where(times > 0, times, 1.0)[None]
+        mean = scaled.h / t[..., None]
+        at_waypoints = at_ends(velocity[None])
+        ends = (at_waypoints - mean) / t[..., None]
+        with np.errstate(all="ignore"):
+            rows = Rows(cells, Point(np.log(t), ends, velocity[None], acceleration[None]))
+        profiles = rows.profiles
+        a, b = profiles.acceleration
+        rise, fall = profiles.rises
+        between = np.clip(0.0, -fall, rise)
+        levels = [a, rise, rise, between, between, -fall, -fall, -b]
+        up = rows.cells.up / rows.t
+        down = rows.cells.down / rows.t
+        lengths = [
+            up * (rise - a),
+            profiles.hold[0],
+            down * (rise - between),
+            profiles.cruise,
+            down * (between + fall),
+            profiles.hold[1],
+        ]
+        knots = np.cumsum(np.maximum(lengths, 0.0), axis=0)
+        whole = np.ones_like(knots[:1])
+        knots = np.concatenate([0 * whole, np.minimum(knots, 1.0), whole])
+        # the sides are mirrored
+        sides = np.array([1.0, -1.0])[:, None, None]
+        high, low = np.maximum(rows.reach[:, 0], 0.0)
+        share = low / np.maximum(high + low, _TINY)
+        share = np.where(share < _ALONE, 0.0, share)
+        self.share = np.where(share > 1 - _ALONE, 1.0, share)
+        self.knots = times[:, None] * knots[:, :, 0]
+        self.levels = sides * np.array(levels)[:, :, 0]
+        self.velocity = at_waypoints[:, 0]
+        self.jerky = scaled.r.any(axis=0)
+        signs = np.array([[-1.0], [1.0]])
+        self.jerk = signs / np.where(self.jerky, scaled.r, 1.0)
 
-        Breaks so `near` those of other joints, s, are there.
-        """
-        stored = self.clock.stored_at(kept, self.places, near)
-        lengths = self.clock.lengths(stored)
-        mended = through(lengths, levels, self.ends, self.h)
-        if mended is None or not _keeps(self.limits, lengths, mended):
-            return None
-        return stored, mended
-
-    def within_limits(
-        self,
-        kept: Array,
-        levels: Array,
-        dilations: tuple[float, ...],
-    ) -> Pieces | None:
-        """The same by linear programs that keep the limits, where no ramp was rounded briefer."""
-        stored = self.clock.stored_outwards(kept, self.places)
-        lengths = self.clock.lengths(stored)
-        if lengths.min() <= 0:
-            return None
-        stretch = Stretch(
-            lengths,
-            levels,
-            self.ends,
-            segment=np.zeros(len(lengths), dtype=np.intp),
-            h=np.array([self.h]),
+    def at(self, k: int, i: int) -> Course:
+        """The course of one cell."""
+        knots = self.knots[:, :, k, i]
+        levels = self.levels[:, :, k, i]
+        share = self.share[k, i]
+        if share in (0.0, 1.0):  # one profile alone
+            alone = [int(share == 0)] * 2
+            knots = knots[:, alone]
+            levels = levels[:, alone]
+        breaks = np.unique(knots)
+        high, low = (np.interp(breaks, knots[:, side], levels[:, side]) for side in (0, 1))
+        u, w = self.velocity[:, k, i]
+        return Course(
+            (float(u), float(w)),
+            float(self.scaled.h[k, i]),
+            breaks,
+            share * high + (1 - share) * low,
+            self.scaled.v[:, i],
+            self.scaled.a[:, i],
+            self.jerk[:, i],
         )
-        programs = LinearPrograms(ROW_TOLERANCE)
-        for dilation in dilations:
-            found = between_breaks(
-                programs,
-                stretch,
-                self.limits.widened(1 + dilation),
-                _RADIUS,
-            )
-            if found is None:
+
+
+def _segment(courses: _Courses, k: int, clock: Clock) -> list[Pieces]:
+    """Stored breaks (s) and coefficients (rad/s^power) of every joint over one segment."""
+    scaled = courses.scaled
+    jerky = courses.jerky
+    pieces: list[Pieces] = [NO_PIECES] * len(jerky)
+    if clock.length == 0:
+        return pieces
+    places = np.array([clock.start, clock.end])
+    # The breaks of joints without a jerk limit are where they are: acceleration may jump there.
+    for i in np.argsort(jerky, kind="stable"):
+        course = courses.at(k, i)
+        if jerky[i]:
+            stored, part = _fitted(course, clock, places)
+        else:
+            ends = np.array(course.ends)
+            stored, part = covering(course.h, ends, course.velocity, course.acceleration, clock)
+        places = np.union1d(places, stored)
+        powers = len(part)
+        pieces[i] = (stored, part * scaled.units[-powers:, i, None])
+    return pieces
+
+
+def _fitted(course: Course, clock: Clock, places: Array) -> Pieces:
+    """The motion of fewest breaks that keeps the limits; else the one that breaks them least."""
+    t = clock.length
+    straight = _straight(course, t)
+    if straight is not None:
+        return clock.stored(np.array([0.0, t])), straight
+    near = min(_NEAR_S, _NEAR_UNIT_RTOL * clock.unit)
+    best: tuple[float, Pieces] | None = None
+    for breaks in _grids(course.breaks, t, clock.resolution / clock.unit):
+        levels = np.interp(breaks, course.breaks, course.levels)
+        for stored, weights in (
+            (clock.stored_at(breaks, places, near), 1.0),
+            (clock.stored_at(breaks, places, 0.0), 1.0),
+            (clock.stored_outwards(breaks, places), np.abs(levels)),
+        ):
+            lengths = clock.lengths(stored)
+            cubics = through(lengths, levels, course.ends, course.h, weights)
+            if cubics is None:
                 continue
-            largest = 1 + dilation + _MENDED_RTOL
-            if found.missed() <= _MISS_RTOL and found.dilation(self.limits) <= largest:
-                u, _ = self.ends
-                cubics, _, _ = integrated(lengths, found.acceleration, u)
+            excess = _excess(course, lengths, cubics)
+            if excess <= _EXCESS_RTOL:
                 return stored, cubics
-        return None
+            if best is None or excess < best[0]:
+                best = (excess, (stored, cubics))
+    if best is None:  # where not even rounding allows three pieces
+        return clock.stored(np.array([0.0, t])), _cubic(course, t)
+    return best[1]
 
 
-def _keeps(limits: JointLimits, lengths: Array, cubics: Array) -> bool:
-    """Whether a motion keeps its limits of jerk, acceleration and velocity, to `_MENDED_RTOL`."""
+def _straight(course: Course, t: float) -> Array | None:
+    """Constant jerk, where all that it misses is rounding."""
+    u, w = course.ends
+    a, b = course.levels[[0, -1]]
+    jerk = (b - a) / t
+    # w = u + (a + b) T/2, h = u T + a T²/2 + (b − a) T²/6
+    slow = w - u - (a + b) * t / 2
+    short = course.h - t * (u + t * (2 * a + b) / 6)
+    low, high = course.jerk * (1 + _EXCESS_RTOL)
+    rounding = _ROUNDING_RTOL * (abs(u) + abs(w))
+    if low <= jerk <= high and max(abs(slow), abs(short) / t) <= rounding:
+        return _cubic(course, t)
+    return None
+
+
+def _cubic(course: Course, t: float) -> Array:
+    """Constant jerk between both accelerations."""
+    a, b = course.levels[[0, -1]]
+    return np.array([[(b - a) / t / 6], [a / 2], [course.ends[0]], [0.0]])
+
+
+def _grids(breaks: Array, t: float, closest: float) -> Iterator[Array]:
+    """Breaks to try, the fewest first; in a brief segment one grid for all joints."""
+    if t < _BRIEF:
+        yield np.linspace(0.0, t, _BRIEF_PIECES + 1)
+    fewest = 0
+    for sliver in _SLIVERS:
+        kept = apart(breaks, t, max(sliver * t, closest))
+        if len(kept) > fewest:
+            yield kept if len(kept) > 3 else np.union1d(kept, np.linspace(0.0, t, 4))
+        fewest = len(kept)
+
+
+def _excess(course: Course, lengths: Array, cubics: Array) -> float:
+    """The largest share by which a motion passes its limits of jerk, acceleration and velocity."""
     cubic, square, linear, _ = cubics
-    jerk = 6 * cubic
-    acceleration = 2 * square
-    velocity = np.r_[linear, _turning(lengths, cubics)]
-    utilisations = [
-        utilisation(jerk, limits.jerk),
-        utilisation(acceleration, limits.acceleration),
-        utilisation(velocity, limits.velocity),
-    ]
-    return max(utilisations) <= 1 + _MENDED_RTOL
-
-
-def _turning(lengths: Array, cubics: Array) -> Array:
-    """Velocity where acceleration vanishes in a piece; where it does not, at the nearer end."""
-    cubic, square, linear, _ = cubics
+    w = course.ends[1]
+    t = lengths[-1]
+    last = cubics[:, -1]
+    slow = polynomials.evaluate(polynomials.derivative(last), t) - w
+    short = polynomials.evaluate(last, t) - course.h
+    fastest = np.abs(linear).max() + abs(w)
+    if max(abs(slow), abs(short) / lengths.sum()) > _MISS_RTOL * fastest:
+        return np.inf
     jerk = 6 * cubic
     acceleration = 2 * square
     changing = np.where(jerk == 0, np.inf, jerk)
-    zero = -acceleration / changing
-    when = np.clip(zero, 0.0, lengths)
-    # v + t (a + j t/2)
-    mean = acceleration + when * jerk / 2
-    return np.asarray(linear + when * mean)
-
-
-def _phases(
-    profile: Profile,
-    start: State,
-    b: Array,
-    limit: Limit,
-) -> Pieces:
-    """The seven phases of an extreme profile from `start` to acceleration `−b`: starts, cubics."""
-    u, a = start
-    rise = float(profile.rise)
-    fall = float(profile.fall)
-    up = float(limit.up)
-    down = float(limit.down)
-    # accelerations between the phases, whose jerks are + 0 − 0 − 0 +
-    between = float(np.clip(0.0, -fall, rise))
-    levels = np.array([a, rise, rise, between, between, -fall, -fall, -b])
-    rising = 1 / up
-    falling = -1 / down
-    jerks = np.array([rising, 0.0, falling, 0.0, falling, 0.0, rising])
-    changes = np.diff(levels)[::2]
-    ramps = np.abs(changes) * [up, down, down, up]
-    holds = [
-        profile.rise_hold,
-        profile.cruise,
-        profile.fall_hold,
-    ]
-    lengths = np.zeros(7)
-    lengths[::2] = ramps
-    lengths[1::2] = holds
-    # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
-    first = levels[:-1]
-    last = levels[1:]
-    gains = lengths * (first + last) / 2
-    velocity = accumulated(u, gains)
-    mean = velocity + lengths * (2 * first + last) / 6
-    position = accumulated(0.0, lengths * mean)
-    starts = accumulated(0.0, lengths)
-    rows = [
-        jerks / 6,
-        first / 2,
-        velocity,
-        position,
-    ]
-    return starts, np.stack(rows)
-
-
-def _resampled(pieces: Pieces, breaks: Array) -> Array:
-    """Coefficients of the same profile between these breaks, its own among them."""
-    starts, coefficients = pieces
-    begins = breaks[:-1]
-    middle = (begins + breaks[1:]) / 2
-    at = np.searchsorted(starts, middle, side="right") - 1
-    moved = begins - starts[at]
-    return polynomials.shifted(coefficients[:, at], moved)
+    # velocity where acceleration vanishes in a piece; where it does not, at the nearer end
+    when = np.clip(-acceleration / changing, 0.0, lengths)
+    turning = linear + when * (acceleration + when * jerk / 2)
+    worst = 0.0
+    for values, limits in (
+        (jerk, course.jerk),
+        (acceleration, course.acceleration),
+        (np.append(linear, turning), course.velocity),
+    ):
+        low, high = limits
+        worst = max(worst, float(values.max() / high), float(values.min() / low))
+    return worst - 1

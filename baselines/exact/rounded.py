@@ -207,6 +207,7 @@ def through(
     acceleration: Array,
     velocities: Array | tuple[float, float],
     h: float,
+    weights: Array | float = 1.0,
 ) -> Array | None:
     """The motion of such accelerations at the breaks, mended to end with its velocity at `h`.
 
@@ -218,6 +219,7 @@ def through(
         acceleration: at the breaks, straight in between, `(pieces + 1,)`.
         velocities: at the start and at the end.
         h: displacement.
+        weights: what a change counts in, at the breaks, `(pieces + 1,)`.
 
     Returns:
         Position coefficients `(4, pieces)`; None for less than three pieces, or one of no length.
@@ -235,7 +237,8 @@ def through(
     gained = (after - before) / 2
     centroid = (before + here + after) / 3
     travelled = gained * (1 - centroid)
-    effect = np.stack([gained, travelled])
+    scale = np.broadcast_to(weights, acceleration.shape)[1:-1]
+    effect = scale * np.stack([gained, travelled])
     mended = acceleration.copy()
     for _ in range(_MENDINGS):
         _, velocity, position = integrated(lengths, mended, u)
@@ -243,7 +246,7 @@ def through(
         short = (h - position) / t**2
         missed = np.array([slow, short])
         change, *_ = np.linalg.lstsq(effect, missed, rcond=None)
-        mended[1:-1] += change
+        mended[1:-1] += scale * change
     coefficients, _, _ = integrated(lengths, mended, u)
     return coefficients
 

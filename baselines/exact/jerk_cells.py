@@ -1,0 +1,237 @@
+"""The jerk-limited program, cell by cell: its unknowns and its inequalities (mathematics, 4).
+
+A cell is one segment of one joint. The unknowns are the logarithms of the segment times, velocity
+and acceleration at the inner waypoints, and each cell's own end velocities `x`, counted from its
+mean velocity in units of its time: `h/T + T x = v` links them to the waypoint's. What happens in a
+cell depends on its time, its end velocities and its waypoints' accelerations only. Several starts
+share every table: `(2 ends, 2 sides, starts, segments, joints)`.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from baselines.exact.cells import at_ends
+from baselines.exact.jerk_profiles import Limits, Profiles, Slopes
+from trajopt.problem import Problem
+from trajopt.rest_to_rest import stop_times
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# The upper profile, and the lower one seen mirrored: displacements and states change their signs.
+_SIDES = np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
+# The end is seen backwards, where acceleration changes its sign.
+_ENDS = _SIDES[:, None]
+# Of a cell's variables, what each counts on either side: see `jerk_profiles`.
+_SEEN = np.ones((5, 2, 1, 1, 1))
+_SEEN[1:4] = _SIDES
+_SEEN[4] = -_SIDES
+_ROUNDING_RTOL = 4e-15  # of a velocity: a link that misses by no more is met
+_SHRINKING = 0.7  # of end velocities that are out of reach, each time
+_MOST_SHRINKING = 100
+# Of what jerk and acceleration allow: what a start leaves at least, and with other end velocities.
+_LEAST_ROOM = 1e-3
+_SHRUNK_ROOM = 0.03
+
+
+class Scaled:
+    """The moving joints without units: time in mean stop times, accelerations of order one.
+
+    Attributes:
+        h: displacements, `(segments, joints)`.
+        v: velocity limits, `(2, joints)`, low first.
+        a: acceleration limits, `(2, joints)`, low first.
+        r: inverse jerk limits, `(2, joints)`, low first, not negative.
+        stop: each segment's time if all joints stop at both its ends, `(segments,)`.
+        shortest: each segment's time at the velocity limit, `(segments,)`.
+        unit: the unit of time, s.
+        units: the units of jerk, acceleration, velocity and position, rad/s^power, `(4, joints)`.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        moving = problem.moving
+        limits = problem.limits
+        velocity = limits.velocity[moving].T
+        acceleration = limits.acceleration[moving].T
+        jerk = np.abs(limits.jerk[moving].T)
+
+        stop = stop_times(problem.without("position"))
+        unit = float(stop.mean())
+        # the acceleration that is reached: at its limit, or as far as jerk allows
+        reached = np.minimum(np.abs(acceleration), jerk * unit)
+        powers = np.arange(-1.0, 3.0)[:, None]
+        units = reached.min(axis=0) * unit**powers
+        j_unit, a_unit, v_unit, q_unit = units
+
+        self.problem = problem
+        self.moving = moving
+        self.unit = unit
+        self.units = units
+        self.stop = stop / unit
+        self.r = j_unit / jerk
+        self.a = acceleration / a_unit
+        self.v = velocity / v_unit
+        self.h = problem.displacements[:, moving] / q_unit
+        # T >= h / V2 forwards, T >= h / (-V1) backwards
+        by_joint = (self.h / self.v[:, None]).max(axis=0)
+        self.shortest = by_joint.max(axis=1)
+
+
+class Point(NamedTuple):
+    """The unknowns of every start, or a step of them.
+
+    Attributes:
+        log: logarithms of the segment times, `(starts, segments)`.
+        ends: the cells' end velocities, `(2 ends, starts, segments, joints)`.
+        velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
+        acceleration: likewise.
+    """
+
+    log: Array
+    ends: Array
+    velocity: Array
+    acceleration: Array
+
+    def moved(self, step: Point, length: Array) -> Point:
+        """The point so far along a step, `(starts,)`."""
+        of_times = length[:, None]
+        of_cells = of_times[:, None]
+        return Point(
+            self.log + of_times * step.log,
+            self.ends + of_cells * step.ends,
+            self.velocity + of_cells * step.velocity,
+            self.acceleration + of_cells * step.acceleration,
+        )
+
+    def of(self, some: Bools) -> Point:
+        """The point of some of the starts."""
+        return Point(
+            self.log[some],
+            self.ends[:, some],
+            self.velocity[some],
+            self.acceleration[some],
+        )
+
+
+class Cells:
+    """What stays the same from step to step."""
+
+    def __init__(self, scaled: Scaled) -> None:
+        v1, v2 = np.abs(scaled.v)
+        a1, a2 = np.abs(scaled.a)
+        r1, r2 = scaled.r
+
+        def sides(upper: Array, lower: Array) -> Array:
+            return np.array([upper, lower])[:, None, None]
+
+        rising = sides(a2, a1)
+        falling = sides(a1, a2)
+        self.h = scaled.h
+        self.steepest = np.array([rising, falling])
+        self.fastest = sides(v2, v1)
+        self.up = sides(r2, r1)
+        self.down = sides(r1, r2)
+        self.widest = np.array([a2, a1])[:, None, None]
+        slowest = np.maximum(r1, r2)
+        # what jerk and acceleration allow in a time: A, or J T where that is less
+        self.gentlest = np.minimum(a1, a2)
+        self.slowest = np.where(slowest > 0, slowest, np.finfo(float).tiny)
+
+    def start(self, times: Array, velocity: Array, acceleration: Array) -> Point:
+        """A point whose cells are within reach, whatever its links miss.
+
+        Args:
+            times: of the segments, `(starts, segments)`.
+            velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
+            acceleration: likewise.
+        """
+        t = times[..., None]
+        ends = (at_ends(velocity) - self.h / t) / t
+        room = np.minimum(self.gentlest, t / self.slowest)
+        point = Point(np.log(times), ends, velocity, acceleration)
+        least = _LEAST_ROOM * room
+        for _ in range(_MOST_SHRINKING):
+            rows = Rows(self, point)
+            short = ((rows.reach < least) | ~rows.profiles.reachable).any(axis=0)
+            if not short.any():
+                break
+            point = point._replace(ends=np.where(short, _SHRINKING, 1.0) * point.ends)
+            least = np.where(short, _SHRUNK_ROOM * room, least)
+        return point
+
+
+class Rows:
+    """Every inequality of the program at a point, and what the links miss.
+
+    Attributes:
+        reach: what the extreme displacements leave, in units of the cell's time squared,
+            `(2 sides, starts, segments, joints)`.
+        room: what limits leave at the waypoints: those of acceleration, and those of velocity
+            after the ramp that ends it, `(2 kinds, 2 sides, starts, segments - 1, joints)`.
+        t: the segment times, `(starts, segments, 1)`.
+        ramps: by how much acceleration lessens the room of velocity, as `room[1]` has it.
+    """
+
+    def __init__(self, cells: Cells, point: Point) -> None:
+        times = np.exp(point.log)
+        t = times[..., None]
+        mean = cells.h / t
+        steep = mean / t
+        velocity = point.velocity
+        acceleration = point.acceleration
+        limits = Limits(
+            cells.steepest,
+            cells.fastest / t - _SIDES * steep,
+            cells.up / t,
+            cells.down / t,
+            _SIDES * steep,
+        )
+        waypoints = at_ends(acceleration)
+        profiles = Profiles(
+            point.ends[:, None] * _SIDES,
+            waypoints[:, None] * _SIDES * _ENDS,
+            limits,
+        )
+        # the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
+        ramps = cells.down * acceleration
+        risen = ramps * acceleration / 2
+        onwards = np.array([acceleration, -acceleration])
+        faster = np.array([velocity, -velocity])
+
+        self.cells = cells
+        self.point = point
+        self.times = times
+        self.t = t
+        self.mean = mean
+        self.steep = steep
+        self.profiles = profiles
+        self.reach = profiles.value
+        self.room = np.array([cells.widest - onwards, cells.fastest - faster - risen])
+        self.ramps = ramps
+
+    @cached_property
+    def duration(self) -> Array:
+        """The sum of the segment times, `(starts,)`."""
+        return np.asarray(self.times.sum(axis=1))
+
+    @cached_property
+    def slopes(self) -> Slopes:
+        """How `reach` changes with a cell's variables, both sides' in one sense."""
+        first, second = self.profiles.slopes()
+        second *= _SEEN[:, None]
+        second *= _SEEN
+        return Slopes(first * _SEEN, second)
+
+    @cached_property
+    def missing(self) -> Array:
+        """What the links miss, in units of the cells' ends, `(2, starts, segments, joints)`."""
+        velocity = at_ends(self.point.velocity)
+        missing = velocity - self.mean - self.t * self.point.ends
+        size = np.abs(velocity) + np.abs(self.mean)
+        is_rounding = np.abs(missing) <= _ROUNDING_RTOL * size
+        return np.where(is_rounding, 0.0, missing / self.t)
