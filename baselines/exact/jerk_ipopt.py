@@ -30,6 +30,8 @@ IPOPT = acceleration.IPOPT | {"tol": 1e-10}
 
 _LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
 _SLOW = 1e-3  # of a limit without units: a velocity below it is lost in IPOPT's tolerances
+_MOST_ROUNDS = 5
+_PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
 _SLOWER = 1.05  # times the optimum: where all limits are active IPOPT takes twice as long
 _NEAR_ZERO = 1e-2  # of a joint's acceleration, and of a segment's time
 _TINY = 1e-300  # instead of dividing by 0
@@ -83,11 +85,14 @@ def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     optima = []
     for start in starts:
         best = from_start(start, through_zero)
-        if np.isfinite(best.duration):
-            # again from there, slower, where profiles that avoid acceleration 0 may do so
+        # again from there, slower, where profiles that avoid acceleration 0 may do so
+        for _ in range(_MOST_ROUNDS):
             there = (_SLOWER * best.times, *best.states)
             again = from_start(there, _staying_below(scaled, there))
+            better = best.duration * (1 - _PROGRESS_RTOL)
             best = min(best, again, key=lambda optimum: optimum.duration)
+            if not best.duration < better:
+                break
         optima.append(best)
     return optima
 
@@ -234,8 +239,12 @@ def _bounds(scaled: Scaled, below: Bools) -> tuple[Array, Array]:
         high_profiles.append([zero + rise, zero + fall, infinite, cruise, infinite])
     shortest = scaled.shortest / stop
     longest = _LONGEST * stop.sum() / stop
-    low = _Variables(shortest, [inner * slowest, inner * a1], *low_profiles, zero)
-    high = _Variables(longest, [inner * fastest, inner * a2], *high_profiles, zero + 1)
+    lowest_states = [inner * slowest, inner * a1]
+    highest_states = [inner * fastest, inner * a2]
+    upper, lower = low_profiles
+    low = _Variables(shortest, lowest_states, upper, lower, zero)
+    upper, lower = high_profiles
+    high = _Variables(longest, highest_states, upper, lower, zero + 1)
     return flat(*low.tables), flat(*high.tables)
 
 
@@ -252,10 +261,12 @@ def _point(scaled: Scaled, start: Start) -> Array:
         cruise = profiles.cruise[side, 0] * in_stop_times
         sides.append([rise, fall, rise_hold, cruise, fall_hold])
     high, low = np.maximum(rows.reach[:, 0], 0.0)
+    upper, lower = sides
     variables = _Variables(
         times / scaled.stop,
         [velocity / _speed(scaled), start[2]],
-        *sides,
+        upper,
+        lower,
         low / np.maximum(high + low, _TINY),
     )
     return np.nan_to_num(flat(*variables.tables))

@@ -5,14 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.exact import jerk as exact_jerk_nlp
 from baselines.exact.acceleration import Exact
-from baselines.exact.jerk import ExactJerk
-from baselines.ruckig_ import RuckigVia
 from trajopt import Limits, Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.benchmark.suites import families
-from trajopt.rest_to_rest import stop_times
 
 POWERS = (-10, -20, -30, -40)  # of 2: whatever is added to 1 and 0.5 stays exact
 
@@ -63,30 +58,3 @@ def test_tiny_turns_among_tiny_turns_scale_as_roots(scale: float) -> None:
     limits = Limits([1e3] * 4, [1.0, 2.0, 3.0, 4.0])
     durations = [solved(Problem(c * waypoints, limits), starts=2) for c in (1.0, scale)]
     assert durations[1] == pytest.approx(np.sqrt(scale) * durations[0], rel=1e-7)
-
-
-@pytest.mark.parametrize(("index", "joints", "waypoints"), [(3, 5, 12), (15, 9, 20)])
-def test_many_tiny_segments_are_no_trouble_and_none_beats_the_whole(
-    index: int, joints: int, waypoints: int
-) -> None:
-    problem = families.draw("tiny", index, joints=joints, waypoints=waypoints, jerk=False)
-    duration = solved(problem, starts=2)
-    # leaving waypoints out can only help, and so does choosing where to pass them how fast
-    ends = Problem(problem.waypoints[[0, -1]], problem.limits)
-    ruckig = RuckigVia(evaluations=100).solve(problem).trajectory
-    assert ruckig is not None
-    assert stop_times(ends).sum() * (1 - 1e-8) <= duration <= ruckig.duration * (1 + 1e-8)
-
-
-def test_starts_that_lead_to_one_optimum_are_followed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    runs, run, problem = [], exact_jerk_nlp._run, suite.load("jerk-limit")
-    monkeypatch.setattr(exact_jerk_nlp, "_run", lambda *a: runs.append(a) or run(*a))
-    once = ExactJerk(starts=1).solve(problem)
-    alone = len(runs)
-    runs.clear()
-    solution = ExactJerk(starts=4, agreeing=4).solve(problem)
-    assert alone > 1
-    assert len(runs) == alone + 3
-    durations = solution.stats["start_duration"]
-    # the best of them is settled
-    np.testing.assert_allclose(durations, once.stats["start_duration"][0], rtol=1e-9)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import itertools
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
 from baselines.collocation.uniform import Collocation
-from baselines.exact import jerk as exact_jerk_nlp
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
-from experiments import monotone, relations
+from experiments import relations
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
@@ -173,38 +171,6 @@ def test_what_the_soak_found_stays_mended(seed: int) -> None:
         assert exact.duration <= other.duration * (1 + 1e-7)
 
 
-@pytest.mark.parametrize("seed", [158, 181, 370])
-def test_one_joint_one_way_takes_as_long_as_without_waypoints_between(seed: int) -> None:
-    """With a segment of a millionth of the others: the search of `experiments/monotone.py`.
-
-    IPOPT found these; its answers were held out of reach, and ones 1e-6 to 4 % longer kept.
-    """
-    problem = monotone.drawn(seed)
-    ruckig = RuckigStop().solve(monotone.at_once(problem)).trajectory
-    assert ruckig is not None
-    exact = solved(problem, ExactJerk(starts=1)).duration
-    assert exact == pytest.approx(ruckig.duration, rel=2e-7)
-
-
-def test_where_ipopt_fails_from_an_optimum_it_starts_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    run = exact_jerk_nlp._run
-    tried: list[object] = []
-
-    def failing_once(*args: Any) -> Any:
-        optimum = run(*args)
-        apart = args[-1]
-        if not apart.any():
-            return optimum
-        tried.append(optimum)
-        return optimum._replace(duration=np.inf) if len(tried) == 1 else optimum
-
-    monkeypatch.setattr(exact_jerk_nlp, "_run", failing_once)
-    problem = one_joint(0, 0.1, 1.0, 1.5)
-    optimum = 1.5 / 1 + 1 / 2 + 2 / 5  # waypoints on the way cost nothing
-    assert solved(problem, ExactJerk(starts=1)).duration == pytest.approx(optimum, rel=1e-8)
-    assert len(tried) > 1
-
-
 def test_scaling_permuting_mirroring_and_reversing() -> None:
     waypoints = np.array([[0.0, 0.2], [0.7, -0.3], [0.5, 0.4], [1.2, 0.9]])
     v, a, j = np.array([[-1, 0.7], [-2, 2]]), np.array([[-2.0, 3], [-4, 3]]), [[-9.0, 6], [-8, 20]]
@@ -255,15 +221,6 @@ def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
     problem = Problem([[0.0], [1.0]], Limits([1.0], [2.0], [[-5.0, np.inf]]))
     assert "one side only" in str(QUICK.unsupported(problem))
     assert QUICK.unsupported(load("jerk-limit")) is None
-
-
-def test_every_start_failing_is_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(exact_jerk_nlp.IPOPT, "max_iter", 0)
-    exact_jerk_nlp._solver.cache_clear()
-    solution = ExactJerk(starts=1).solve(load("jerk-limit"))
-    exact_jerk_nlp._solver.cache_clear()
-    assert solution.status is Status.FAILED
-    assert "Maximum_Iterations_Exceeded" in solution.message
 
 
 @pytest.mark.parametrize("option", ["starts", "agreeing"])
