@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from baselines.exact import acceleration, one_sided_jerk
+from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact
 from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
 from baselines.ipopt import optima_together
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 _PATIENCE = 3  # times as many starts where all have failed so far
 _STOPPING_DILATION = 1.05  # of stopping at every waypoint: a start
+_SLOWEST_DILATION = 2.0  # and at most, where times are random
 _RELAXED_DILATION = 1.1  # of the optimum without jerk limits: another one
-_ROOM = 0.98  # of the velocity limits: a start has less
 # A start's time, in proportion to segments times moving joints, and more where these are few.
 _SECONDS = 0.03
 _SECONDS_PER_CELL = 5e-4
@@ -114,22 +114,22 @@ class ExactJerk(SeveralStarts):
 
 
 def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
-    """Times and inner waypoint states to start from: stopping, section 3's optimum, random ones."""
-    stopping, *others = acceleration.starting_points(scaled, count, _STOPPING_DILATION)
-    ordered = [stopping, *_relaxed(scaled), *others]
-    for times, velocity in ordered[:count]:
-        within = np.clip(velocity, *(_ROOM * scaled.v))
-        yield times, within, 0 * within
+    """Times and inner waypoint states to start from.
 
-
-def _relaxed(scaled: Scaled) -> list[acceleration.Start]:
-    """Times and velocities of the optimum without jerk limits, slowed down, if there is one."""
+    Stopping everywhere first, then section 3's optimum, slower, then stopping everywhere in random
+    times: what stops at every waypoint is within reach.
+    """
+    segments, joints = scaled.h.shape
+    rng = np.random.default_rng(0)
+    at_rest = np.zeros((segments - 1, joints))
+    yield _STOPPING_DILATION * scaled.stop, at_rest, at_rest
     without_jerk = scaled.problem.without("jerk", "position")
-    answer = Exact(starts=1).solve(without_jerk).trajectory
-    if answer is None:
-        return []
-    passages = answer.waypoint_times
-    velocities = answer(passages, order=1)
-    inner = velocities[1:-1, scaled.moving] / scaled.units[2]
-    slower = _RELAXED_DILATION * np.diff(passages) / scaled.unit
-    return [(slower, inner / _RELAXED_DILATION)]
+    relaxed = Exact(starts=1).solve(without_jerk).trajectory
+    if relaxed is not None:
+        passages = relaxed.waypoint_times
+        velocities = relaxed(passages, order=1)[1:-1, scaled.moving]
+        within = np.clip(velocities / scaled.units[2], *scaled.v) / _RELAXED_DILATION
+        yield _RELAXED_DILATION * np.diff(passages) / scaled.unit, within, at_rest
+    for _ in range(count):
+        slower = rng.uniform(_STOPPING_DILATION, _SLOWEST_DILATION, segments)
+        yield slower * scaled.stop, at_rest, at_rest

@@ -34,6 +34,8 @@ _SEEN[4] = -_SIDES
 _ROUNDING_RTOL = 4e-15  # of a velocity: a link that misses by no more is met
 _SHRINKING = 0.7  # of end velocities that are out of reach, each time
 _MOST_SHRINKING = 100
+_DILATION = 1.1  # of a start that is out of reach, each time
+_MOST_DILATIONS = 15
 # Of what jerk and acceleration allow: what a start leaves at least, and with other end velocities.
 _LEAST_ROOM = 1e-3
 _SHRUNK_ROOM = 0.03
@@ -143,26 +145,41 @@ class Cells:
         self.slowest = np.where(slowest > 0, slowest, np.finfo(float).tiny)
 
     def start(self, times: Array, velocity: Array, acceleration: Array) -> Point:
-        """A point whose cells are within reach, whatever its links miss.
+        """A point whose cells are within reach: slower, or where that is not enough off its links.
 
         Args:
             times: of the segments, `(starts, segments)`.
             velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
             acceleration: likewise.
         """
-        t = times[..., None]
-        ends = (at_ends(velocity) - self.h / t) / t
-        room = np.minimum(self.gentlest, t / self.slowest)
-        point = Point(np.log(times), ends, velocity, acceleration)
-        least = _LEAST_ROOM * room
+        slower = np.ones((len(times), 1, 1))
+        for _ in range(_MOST_DILATIONS):
+            point = self._linked(slower[..., 0] * times, velocity / slower, acceleration)
+            short = self._short(point, _LEAST_ROOM)
+            if not short.any():
+                return point
+            some = np.asarray(short.any(axis=(1, 2)))[:, None, None]
+            slower = np.where(some, _DILATION * slower, slower)
         for _ in range(_MOST_SHRINKING):
-            rows = Rows(self, point)
-            short = ((rows.reach < least) | ~rows.profiles.reachable).any(axis=0)
+            point = point._replace(ends=np.where(short, _SHRINKING, 1.0) * point.ends)
+            short &= self._short(point, _SHRUNK_ROOM)
             if not short.any():
                 break
-            point = point._replace(ends=np.where(short, _SHRINKING, 1.0) * point.ends)
-            least = np.where(short, _SHRUNK_ROOM * room, least)
         return point
+
+    def _linked(self, times: Array, velocity: Array, acceleration: Array) -> Point:
+        """The point of these times and waypoint states, its links met."""
+        t = times[..., None]
+        ends = (at_ends(velocity) - self.h / t) / t
+        return Point(np.log(times), ends, velocity, acceleration)
+
+    def _short(self, point: Point, least: float) -> Bools:
+        """Which cells leave less than this share of what jerk and acceleration allow."""
+        rows = Rows(self, point)
+        room = np.minimum(self.gentlest, rows.t / self.slowest)
+        short = rows.reach < least * room
+        short |= ~rows.profiles.reachable
+        return np.asarray(short.any(axis=0))
 
 
 class Rows:

@@ -9,6 +9,7 @@ mean something, however brief its segment is. Several starts take their steps to
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ _LEAST_KEPT = 0.005  # of a row, in one step
 _LONGEST_STEP = 1.0  # of the logarithm of a segment time
 _SHORTER = 0.6
 _MOST_SHORTENED = 40
+_LARGEST_GAP = 1e8
 _NO_STEP = 1e-14
 # The gradient over the times that does not hold the barrier up: beside the gap, of the duration.
 _PULL_PER_GAP = 10.0
@@ -52,60 +54,126 @@ def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     columns = [np.array(column) for column in zip(*starts, strict=True)]
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
-        point, converged = _descended(cells, cells.start(*columns))
-    times = np.exp(point.log)
-    inner = np.stack([point.velocity, point.acceleration], axis=1)
-    optima = []
-    for own, states, arrived in zip(times, inner, converged, strict=True):
-        duration = float(own.sum()) if arrived else np.inf
-        status = "Converged" if arrived else "Not_Converged"
-        optima.append(Optimum(duration, own, states, status))
-    return optima
+        iterate = _begun(Rows(cells, cells.start(*columns)))
+        optima: list[Optimum | None] = [None] * len(starts)
+        running = np.arange(len(starts))
+        for _ in range(_MOST_STEPS):
+            arrived = iterate.arrived(1.0)
+            ended = arrived | iterate.lost
+            for i in np.flatnonzero(ended):
+                optima[running[i]] = _optimum(iterate, i)
+            if ended.all():
+                break
+            if ended.any():
+                running = running[~ended]
+                iterate = iterate.of(~ended)
+            iterate = _stepped(iterate)
+        else:
+            for i in np.arange(len(running)):
+                optima[running[i]] = _optimum(iterate, i)
+    return [optimum for optimum in optima if optimum is not None]
 
 
-def _descended(cells: Cells, point: Point) -> tuple[Point, Bools]:
-    """Steps until every start has converged or goes no further; which ones have."""
-    rows = Rows(cells, point)
-    count = _count(rows)
-    multipliers = _of_barrier(rows, _START_BARRIER * rows.duration / count)
-    length = np.full(len(rows.times), _START_LENGTH)
-    gained = np.full(len(rows.times), np.inf)
-    for _ in range(_MOST_STEPS):
-        gap = _total(multipliers, rows)
-        weights = Rooms(multipliers.reach / rows.reach, multipliers.room / rows.room)
-        newton = Newton(rows, multipliers, weights)
-        if _arrived(rows, gap, gained, 1.0).all() or not length.any():
-            break
-        # as long as the multipliers do not balance, the barrier waits
-        pull = newton.steepest(multipliers)
-        unbalanced = pull > np.maximum(_PULL_PER_GAP * gap, _BALANCED_RTOL * rows.duration)
-        left = np.where(unbalanced, 1.0, np.maximum(1 - length, _LEAST_LEFT))
-        wanted = left**_FALL_POWER * gap
-        barrier = np.maximum(wanted, _LEAST_BARRIER_RTOL * rows.duration) / count
-        aims = _of_barrier(rows, barrier)
-        direction = newton.step(aims)
-        change = newton.change(direction)
-        rise = Rooms(
-            aims.reach - multipliers.reach - weights.reach * change.reach,
-            aims.room - multipliers.room - weights.room * change.room,
+def _optimum(iterate: Iterate, i: np.intp) -> Optimum:
+    """Where one of the starts ended."""
+    point = iterate.rows.point
+    times = np.exp(point.log[i])
+    states = np.stack([point.velocity[i], point.acceleration[i]])
+    if iterate.arrived(_ACCEPTED)[i]:
+        return Optimum(float(times.sum()), times, states, "Converged")
+    return Optimum(np.inf, times, states, "Not_Converged")
+
+
+class Iterate(NamedTuple):
+    """How far some starts are.
+
+    Attributes:
+        rows: the program where they are.
+        multipliers: of its rows.
+        length: of each one's last step, up to 1, `(starts,)`.
+        gained: what the whole of that step would have changed the duration by, `(starts,)`.
+    """
+
+    rows: Rows
+    multipliers: Rooms
+    length: Array
+    gained: Array
+
+    @property
+    def gap(self) -> Array:
+        """What the multipliers leave of the objective, `(starts,)`."""
+        by_reach = self.multipliers.reach * self.rows.reach
+        by_room = self.multipliers.room * self.rows.room
+        return np.asarray(by_reach.sum(axis=(0, 2, 3)) + by_room.sum(axis=(0, 1, 3, 4)))
+
+    @property
+    def lost(self) -> Bools:
+        """Which starts go no further, `(starts,)`."""
+        diverged = ~(self.gap < _LARGEST_GAP * self.rows.duration)
+        return np.asarray(diverged | (self.length == 0))
+
+    def arrived(self, times: float) -> Bools:
+        """Which starts are at a local optimum, to so many times the tolerances."""
+        rows = self.rows
+        missed = np.abs(rows.missing).max(axis=(0, 2, 3))
+        near = missed <= times * _MISS_TOL
+        near &= self.gap <= times * _GAP_RTOL * rows.duration
+        return np.asarray(near & (self.gained <= times * _GAIN_RTOL * rows.duration))
+
+    def of(self, some: Bools) -> Iterate:
+        """Some of the starts."""
+        reach = self.multipliers.reach[:, some]
+        room = self.multipliers.room[:, :, some]
+        return Iterate(
+            Rows(self.rows.cells, self.rows.point.of(some)),
+            Rooms(reach, room),
+            self.length[some],
+            self.gained[some],
         )
-        gained = np.abs((rows.times * direction.log).sum(axis=1))
-        farthest = np.abs(direction.log).max(axis=1)
-        forwards = _LONGEST_STEP / np.maximum(farthest, _LONGEST_STEP)
-        forwards = np.minimum(forwards, _longest(Rooms(rows.reach, rows.room), change))
-        upwards = _longest(multipliers, rise)
-        rows, forwards = _shortened(rows, direction, forwards)
-        multipliers = _moved(multipliers, rise, upwards, _of_barrier(rows, barrier))
-        length = np.where(forwards < _NO_STEP, 0.0, np.minimum(forwards, upwards))
-    return rows.point, _arrived(rows, _total(multipliers, rows), gained, _ACCEPTED)
 
 
-def _arrived(rows: Rows, gap: Array, gained: Array, times: float) -> Bools:
-    """Which starts are at a local optimum, to so many times the tolerances."""
-    missed = np.abs(rows.missing).max(axis=(0, 2, 3))
-    near = missed <= times * _MISS_TOL
-    near &= gap <= times * _GAP_RTOL * rows.duration
-    return np.asarray(near & (gained <= times * _GAIN_RTOL * rows.duration))
+def _begun(rows: Rows) -> Iterate:
+    """No step yet."""
+    starts = len(rows.times)
+    barrier = _START_BARRIER * rows.duration / _count(rows)
+    return Iterate(
+        rows,
+        _of_barrier(rows, barrier),
+        length=np.full(starts, _START_LENGTH),
+        gained=np.full(starts, np.inf),
+    )
+
+
+def _stepped(iterate: Iterate) -> Iterate:
+    """After a Newton step to `row × multiplier = barrier`."""
+    rows, multipliers, length, _ = iterate
+    gap = iterate.gap
+    weights = Rooms(multipliers.reach / rows.reach, multipliers.room / rows.room)
+    newton = Newton(rows, multipliers, weights)
+    # as long as the multipliers do not balance, the barrier waits
+    pull = newton.steepest(multipliers)
+    unbalanced = pull > np.maximum(_PULL_PER_GAP * gap, _BALANCED_RTOL * rows.duration)
+    left = np.where(unbalanced, 1.0, np.maximum(1 - length, _LEAST_LEFT))
+    wanted = left**_FALL_POWER * gap
+    barrier = np.maximum(wanted, _LEAST_BARRIER_RTOL * rows.duration) / _count(rows)
+    aims = _of_barrier(rows, barrier)
+    direction = newton.step(aims)
+    change = newton.change(direction)
+    rise = Rooms(
+        aims.reach - multipliers.reach - weights.reach * change.reach,
+        aims.room - multipliers.room - weights.room * change.room,
+    )
+    farthest = np.abs(direction.log).max(axis=1)
+    forwards = _LONGEST_STEP / np.maximum(farthest, _LONGEST_STEP)
+    forwards = np.minimum(forwards, _longest(Rooms(rows.reach, rows.room), change))
+    upwards = _longest(multipliers, rise)
+    moved, forwards = _shortened(rows, direction, forwards)
+    return Iterate(
+        moved,
+        _moved(multipliers, rise, upwards, _of_barrier(moved, barrier)),
+        np.where(forwards < _NO_STEP, 0.0, np.minimum(forwards, upwards)),
+        np.abs((rows.times * direction.log).sum(axis=1)),
+    )
 
 
 def _shortened(rows: Rows, direction: Point, length: Array) -> tuple[Rows, Array]:
@@ -144,14 +212,7 @@ def _count(rows: Rows) -> int:
     return int(rows.reach[:, 0].size + rows.room[:, :, 0].size)
 
 
-def _total(multipliers: Rooms, rows: Rows) -> Array:
-    """What the multipliers leave of the objective, `(starts,)`."""
-    by_reach = (multipliers.reach * rows.reach).sum(axis=(0, 2, 3))
-    by_room = (multipliers.room * rows.room).sum(axis=(0, 1, 3, 4))
-    return np.asarray(by_reach + by_room)
-
-
-def _longest(values: Rows | Rooms, step: Rooms) -> Array:
+def _longest(values: Rooms, step: Rooms) -> Array:
     """How far along a step, at most all of it, no value loses more than its share, `(starts,)`."""
     fastest = -_least(step.reach / values.reach)
     fastest = np.maximum(fastest, -_least(step.room / values.room))

@@ -34,11 +34,18 @@ Array = NDArray[np.float64]
 
 # Of a segment: pieces so short are left out, the longest first, where the limits allow it.
 _SLIVERS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12)
+_BRIEFEST_S = 1e-9  # and pieces that last no longer in any case
+_BRIEFEST_RTOL = 1e-3  # of a segment, where that is briefer
 _BRIEF = 1e-3  # of the mean stop time: a segment in which all joints share one grid
 _BRIEF_PIECES = 4
 # Breaks of two joints that are so near each other are at one place, where limits allow it.
 _NEAR_S = 1e-6
 _NEAR_UNIT_RTOL = 1e-3  # of the mean stop time, where that is brief
+# What a ramp to a limit may last in segments, so that leaving it out costs nothing: to the limit
+# of acceleration, and with a cruise on both sides; and what velocity may miss its limit by then.
+_NEAR_LIMIT = 3e-6
+_STEADY = 1e-4
+_NEAR_TOP = 1e-8
 _EXCESS_RTOL = 3e-10  # of a limit: what leaving a break out may pass it by
 _MISS_RTOL = 1e-13  # of velocities: what the end may be missed by
 _ROUNDING_RTOL = 4e-15
@@ -88,6 +95,7 @@ def motion(scaled: Scaled, times: Array, states: Array) -> Trajectory:
     rounded = np.diff(passages) / scaled.unit
     velocity, acceleration = states
     velocity = _in_rounded_times(times, rounded, velocity)
+    velocity, acceleration = _at_limits(scaled, rounded, velocity, acceleration)
     courses = _Courses(scaled, rounded, velocity, acceleration)
     segments = []
     for k, clock in enumerate(clocks(passages, scaled.unit)):
@@ -107,6 +115,33 @@ def _in_rounded_times(times: Array, rounded: Array, velocity: Array) -> Array:
             around = slice(max(k - 1, 0), k + 1)
             velocity[around] = times[k] / rounded[k] * given[around]
     return velocity
+
+
+def _at_limits(
+    scaled: Scaled,
+    times: Array,
+    velocity: Array,
+    acceleration: Array,
+) -> tuple[Array, Array]:
+    """States that hardly differ from a limit, at it: a ramp so brief is worth its square.
+
+    So is what acceleration differs from 0 by where a joint cruises through a waypoint.
+    """
+    briefer = np.minimum(times[:-1], times[1:])[:, None]
+    slowest = np.maximum(scaled.r.max(axis=0), _TINY)
+    a1, a2 = scaled.a
+    # what jerk and acceleration allow in the briefer segment
+    room = np.minimum(np.minimum(a2, -a1), briefer / slowest)
+    near = _NEAR_LIMIT * room
+    acceleration = np.where(a2 - acceleration <= near, a2, acceleration)
+    acceleration = np.where(acceleration - a1 <= near, a1, acceleration)
+    v1, v2 = scaled.v
+    steady = np.abs(acceleration) <= _STEADY * room
+    near = _NEAR_TOP * room * briefer
+    at_high = steady & (v2 - velocity <= near)
+    at_low = steady & (velocity - v1 <= near)
+    velocity = np.where(at_high, v2, np.where(at_low, v1, velocity))
+    return velocity, np.where(at_high | at_low, 0.0, acceleration)
 
 
 class _Courses:
@@ -212,7 +247,8 @@ def _fitted(course: Course, clock: Clock, places: Array) -> Pieces:
         return clock.stored(np.array([0.0, t])), straight
     near = min(_NEAR_S, _NEAR_UNIT_RTOL * clock.unit)
     best: tuple[float, Pieces] | None = None
-    for breaks in _grids(course.breaks, t, clock.resolution / clock.unit):
+    closest = max(clock.resolution, min(_BRIEFEST_S, _BRIEFEST_RTOL * t * clock.unit))
+    for breaks in _grids(course.breaks, t, closest / clock.unit):
         levels = np.interp(breaks, course.breaks, course.levels)
         for stored, weights in (
             (clock.stored_at(breaks, places, near), 1.0),
