@@ -34,18 +34,18 @@ Array = NDArray[np.float64]
 
 # Of a segment: pieces so short are left out, the longest first, where the limits allow it.
 _SLIVERS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12)
-_BRIEFEST_S = 1e-9  # and pieces that last no longer in any case
+_BRIEFEST_S = 2e-10  # and pieces that last no longer in any case
 _BRIEFEST_RTOL = 1e-3  # of a segment, where that is briefer
 _BRIEF = 1e-3  # of the mean stop time: a segment in which all joints share one grid
 _BRIEF_PIECES = 4
 # Breaks of two joints that are so near each other are at one place, where limits allow it.
 _NEAR_S = 1e-6
 _NEAR_UNIT_RTOL = 1e-3  # of the mean stop time, where that is brief
-# What a ramp to a limit may last in segments, so that leaving it out costs nothing: to the limit
-# of acceleration, and with a cruise on both sides; and what velocity may miss its limit by then.
-_NEAR_LIMIT = 3e-6
-_STEADY = 1e-4
+# Of the velocity that a segment allows: what a ramp to a limit of acceleration may be worth, so that
+# leaving it out costs nothing, and what velocity and ramps at its own limit may.
+_NEAR_LIMIT = 1e-11
 _NEAR_TOP = 1e-8
+_NEARBY = 1e-2  # and of the acceleration
 _EXCESS_RTOL = 3e-10  # of a limit: what leaving a break out may pass it by
 _MISS_RTOL = 1e-13  # of velocities: what the end may be missed by
 _ROUNDING_RTOL = 4e-15
@@ -130,16 +130,19 @@ def _at_limits(
     briefer = np.minimum(times[:-1], times[1:])[:, None]
     slowest = np.maximum(scaled.r.max(axis=0), _TINY)
     a1, a2 = scaled.a
-    # what jerk and acceleration allow in the briefer segment
+    v1, v2 = scaled.v
+    # what jerk, acceleration and velocity allow in the briefer segment
     room = np.minimum(np.minimum(a2, -a1), briefer / slowest)
-    near = _NEAR_LIMIT * room
+    fast = np.minimum(np.minimum(v2, -v1), room * briefer)
+    # a ramp to the limit is worth (A − a)² r / 2 of velocity
+    near = np.sqrt(_NEAR_LIMIT * fast / slowest)
+    near = np.minimum(near, _NEARBY * room)
     acceleration = np.where(a2 - acceleration <= near, a2, acceleration)
     acceleration = np.where(acceleration - a1 <= near, a1, acceleration)
-    v1, v2 = scaled.v
-    steady = np.abs(acceleration) <= _STEADY * room
-    near = _NEAR_TOP * room * briefer
-    at_high = steady & (v2 - velocity <= near)
-    at_low = steady & (velocity - v1 <= near)
+    steady = acceleration**2 * slowest <= _NEAR_TOP * fast
+    steady &= np.abs(acceleration) <= _NEARBY * room
+    at_high = steady & (v2 - velocity <= _NEAR_TOP * fast)
+    at_low = steady & (velocity - v1 <= _NEAR_TOP * fast)
     velocity = np.where(at_high, v2, np.where(at_low, v1, velocity))
     return velocity, np.where(at_high | at_low, 0.0, acceleration)
 
