@@ -127,8 +127,17 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
     relaxed = Exact(starts=1).solve(without_jerk).trajectory
     if relaxed is not None:
         passages = relaxed.waypoint_times
-        velocities = relaxed(passages, order=1)[1:-1, scaled.moving]
-        within = np.clip(velocities / scaled.units[2], *scaled.v) / _RELAXED_DILATION
+        velocities = relaxed(
+            passages,
+            order=1,
+        )[1:-1, scaled.moving]
+        within = (
+            np.clip(
+                velocities / scaled.units[2],
+                *scaled.v,
+            )
+            / _RELAXED_DILATION
+        )
         yield _RELAXED_DILATION * np.diff(passages) / scaled.unit, within, at_rest
     for _ in range(count):
         slower = rng.uniform(_STOPPING_DILATION, _SLOWEST_DILATION, segments)

@@ -24,7 +24,12 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 # The upper profile, and the lower one seen mirrored: displacements and states change their signs.
-_SIDES = np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
+_SIDES = np.array([1.0, -1.0]).reshape(
+    2,
+    1,
+    1,
+    1,
+)
 # The end is seen backwards, where acceleration changes its sign.
 _ENDS = _SIDES[:, None]
 # Of a cell's variables, what each counts on either side: see `jerk_profiles`.
@@ -65,8 +70,14 @@ class Scaled:
         stop = stop_times(problem.without("position"))
         unit = float(stop.mean())
         # the acceleration that is reached: at its limit, or as far as jerk allows
-        reached = np.minimum(np.abs(acceleration), jerk * unit)
-        powers = np.arange(-1.0, 3.0)[:, None]
+        reached = np.minimum(
+            np.abs(acceleration),
+            jerk * unit,
+        )
+        powers = np.arange(
+            -1.0,
+            3.0,
+        )[:, None]
         units = reached.min(axis=0) * unit**powers
         j_unit, a_unit, v_unit, q_unit = units
 
@@ -142,7 +153,11 @@ class Cells:
         slowest = np.maximum(r1, r2)
         # what jerk and acceleration allow in a time: A, or J T where that is less
         self.gentlest = np.minimum(a1, a2)
-        self.slowest = np.where(slowest > 0, slowest, np.finfo(float).tiny)
+        self.slowest = np.where(
+            slowest > 0,
+            slowest,
+            np.finfo(float).tiny,
+        )
 
     def start(self, times: Array, velocity: Array, acceleration: Array) -> Point:
         """A point whose cells are within reach: slower, or where that is not enough off its links.
@@ -154,14 +169,29 @@ class Cells:
         """
         slower = np.ones((len(times), 1, 1))
         for _ in range(_MOST_DILATIONS):
-            point = self._linked(slower[..., 0] * times, velocity / slower, acceleration)
+            point = self._linked(
+                slower[..., 0] * times,
+                velocity / slower,
+                acceleration,
+            )
             short = self._short(point, _LEAST_ROOM)
             if not short.any():
                 return point
             some = np.asarray(short.any(axis=(1, 2)))[:, None, None]
-            slower = np.where(some, _DILATION * slower, slower)
+            slower = np.where(
+                some,
+                _DILATION * slower,
+                slower,
+            )
         for _ in range(_MOST_SHRINKING):
-            point = point._replace(ends=np.where(short, _SHRINKING, 1.0) * point.ends)
+            point = point._replace(
+                ends=np.where(
+                    short,
+                    _SHRINKING,
+                    1.0,
+                )
+                * point.ends
+            )
             short &= self._short(point, _SHRUNK_ROOM)
             if not short.any():
                 break
@@ -171,12 +201,20 @@ class Cells:
         """The point of these times and waypoint states, its links met."""
         t = times[..., None]
         ends = (at_ends(velocity) - self.h / t) / t
-        return Point(np.log(times), ends, velocity, acceleration)
+        return Point(
+            np.log(times),
+            ends,
+            velocity,
+            acceleration,
+        )
 
     def _short(self, point: Point, least: float) -> Bools:
         """Which cells leave less than this share of what jerk and acceleration allow."""
         rows = Rows(self, point)
-        room = np.minimum(self.gentlest, rows.t / self.slowest)
+        room = np.minimum(
+            self.gentlest,
+            rows.t / self.slowest,
+        )
         short = rows.reach < least * room
         short |= ~rows.profiles.reachable
         return np.asarray(short.any(axis=0))
@@ -251,4 +289,8 @@ class Rows:
         missing = velocity - self.mean - self.t * self.point.ends
         size = np.abs(velocity) + np.abs(self.mean)
         is_rounding = np.abs(missing) <= _ROUNDING_RTOL * size
-        return np.where(is_rounding, 0.0, missing / self.t)
+        return np.where(
+            is_rounding,
+            0.0,
+            missing / self.t,
+        )

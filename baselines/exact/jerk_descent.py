@@ -51,10 +51,21 @@ _MULTIPLIER_SPREAD = 1e10  # of a multiplier from barrier over row, either way
 def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     """The local optimum near each start."""
     cells = Cells(scaled)
-    columns = [np.array(column) for column in zip(*starts, strict=True)]
+    columns = [
+        np.array(column)
+        for column in zip(
+            *starts,
+            strict=True,
+        )
+    ]
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
-        iterate = _begun(Rows(cells, cells.start(*columns)))
+        iterate = _begun(
+            Rows(
+                cells,
+                cells.start(*columns),
+            )
+        )
         optima: list[Optimum | None] = [None] * len(starts)
         running = np.arange(len(starts))
         for _ in range(_MOST_STEPS):
@@ -80,7 +91,12 @@ def _optimum(iterate: Iterate, i: np.intp) -> Optimum:
     times = np.exp(point.log[i])
     states = np.stack([point.velocity[i], point.acceleration[i]])
     if iterate.arrived(_ACCEPTED)[i]:
-        return Optimum(float(times.sum()), times, states, "Converged")
+        return Optimum(
+            float(times.sum()),
+            times,
+            states,
+            "Converged",
+        )
     return Optimum(np.inf, times, states, "Not_Converged")
 
 
@@ -125,7 +141,10 @@ class Iterate(NamedTuple):
         reach = self.multipliers.reach[:, some]
         room = self.multipliers.room[:, :, some]
         return Iterate(
-            Rows(self.rows.cells, self.rows.point.of(some)),
+            Rows(
+                self.rows.cells,
+                self.rows.point.of(some),
+            ),
             Rooms(reach, room),
             self.length[some],
             self.gained[some],
@@ -148,14 +167,27 @@ def _stepped(iterate: Iterate) -> Iterate:
     """After a Newton step to `row × multiplier = barrier`."""
     rows, multipliers, length, _ = iterate
     gap = iterate.gap
-    weights = Rooms(multipliers.reach / rows.reach, multipliers.room / rows.room)
+    weights = Rooms(
+        multipliers.reach / rows.reach,
+        multipliers.room / rows.room,
+    )
     newton = Newton(rows, multipliers, weights)
     # as long as the multipliers do not balance, the barrier waits
     pull = newton.steepest(multipliers)
-    unbalanced = pull > np.maximum(_PULL_PER_GAP * gap, _BALANCED_RTOL * rows.duration)
-    left = np.where(unbalanced, 1.0, np.maximum(1 - length, _LEAST_LEFT))
+    unbalanced = pull > np.maximum(
+        _PULL_PER_GAP * gap,
+        _BALANCED_RTOL * rows.duration,
+    )
+    left = np.where(
+        unbalanced,
+        1.0,
+        np.maximum(1 - length, _LEAST_LEFT),
+    )
     wanted = left**_FALL_POWER * gap
-    barrier = np.maximum(wanted, _LEAST_BARRIER_RTOL * rows.duration) / _count(rows)
+    barrier = np.maximum(
+        wanted,
+        _LEAST_BARRIER_RTOL * rows.duration,
+    ) / _count(rows)
     aims = _of_barrier(rows, barrier)
     direction = newton.step(aims)
     change = newton.change(direction)
@@ -165,13 +197,20 @@ def _stepped(iterate: Iterate) -> Iterate:
     )
     farthest = np.abs(direction.log).max(axis=1)
     forwards = _LONGEST_STEP / np.maximum(farthest, _LONGEST_STEP)
-    forwards = np.minimum(forwards, _longest(Rooms(rows.reach, rows.room), change))
+    forwards = np.minimum(
+        forwards,
+        _longest(Rooms(rows.reach, rows.room), change),
+    )
     upwards = _longest(multipliers, rise)
     moved, forwards = _shortened(rows, direction, forwards)
     return Iterate(
         moved,
         _moved(multipliers, rise, upwards, _of_barrier(moved, barrier)),
-        np.where(forwards < _NO_STEP, 0.0, np.minimum(forwards, upwards)),
+        np.where(
+            forwards < _NO_STEP,
+            0.0,
+            np.minimum(forwards, upwards),
+        ),
         np.abs((rows.times * direction.log).sum(axis=1)),
     )
 
@@ -179,32 +218,54 @@ def _stepped(iterate: Iterate) -> Iterate:
 def _shortened(rows: Rows, direction: Point, length: Array) -> tuple[Rows, Array]:
     """The rows after a step, as long as every inequality keeps its share."""
     for _ in range(_MOST_SHORTENED):
-        moved = Rows(rows.cells, rows.point.moved(direction, length))
+        moved = Rows(
+            rows.cells,
+            rows.point.moved(direction, length),
+        )
         kept = _least(moved.reach / rows.reach)
-        kept = np.minimum(kept, _least(moved.room / rows.room))
+        kept = np.minimum(
+            kept,
+            _least(moved.room / rows.room),
+        )
         reachable = moved.profiles.reachable.all(axis=(0, 2, 3))
         good = (kept >= _LEAST_KEPT) & reachable
         if good.all():
             return moved, length
         length = np.where(good, length, _SHORTER * length)
     length = np.where(good, length, 0.0)
-    return Rows(rows.cells, rows.point.moved(direction, length)), length
+    return Rows(
+        rows.cells,
+        rows.point.moved(direction, length),
+    ), length
 
 
 def _moved(multipliers: Rooms, rise: Rooms, length: Array, aims: Rooms) -> Rooms:
     """Multipliers after a step, none too far from what the barrier asks for."""
     tables = []
-    for value, step, aim in zip(multipliers, rise, aims, strict=True):
+    for value, step, aim in zip(
+        multipliers,
+        rise,
+        aims,
+        strict=True,
+    ):
         moved = value + length[:, None, None] * step
         moved = np.maximum(moved, aim / _MULTIPLIER_SPREAD)
-        tables.append(np.minimum(moved, aim * _MULTIPLIER_SPREAD))
+        tables.append(
+            np.minimum(
+                moved,
+                aim * _MULTIPLIER_SPREAD,
+            )
+        )
     return Rooms(*tables)
 
 
 def _of_barrier(rows: Rows, barrier: Array) -> Rooms:
     """The multipliers for which every row times its own is the barrier."""
     by_cell = barrier[:, None, None]
-    return Rooms(by_cell / rows.reach, by_cell / rows.room)
+    return Rooms(
+        by_cell / rows.reach,
+        by_cell / rows.room,
+    )
 
 
 def _count(rows: Rows) -> int:
@@ -215,12 +276,28 @@ def _count(rows: Rows) -> int:
 def _longest(values: Rooms, step: Rooms) -> Array:
     """How far along a step, at most all of it, no value loses more than its share, `(starts,)`."""
     fastest = -_least(step.reach / values.reach)
-    fastest = np.maximum(fastest, -_least(step.room / values.room))
-    return np.asarray(_TO_BOUNDARY / np.maximum(fastest, _TO_BOUNDARY))
+    fastest = np.maximum(
+        fastest,
+        -_least(step.room / values.room),
+    )
+    return np.asarray(
+        _TO_BOUNDARY
+        / np.maximum(
+            fastest,
+            _TO_BOUNDARY,
+        )
+    )
 
 
 def _least(values: Array) -> Array:
     """The least value of each start; the last three axes are starts, segments and joints."""
     starts = values.shape[-3]
-    by_start = np.moveaxis(values, -3, 0).reshape(starts, -1)
+    by_start = np.moveaxis(
+        values,
+        -3,
+        0,
+    ).reshape(
+        starts,
+        -1,
+    )
     return np.asarray(by_start.min(axis=1, initial=np.inf))

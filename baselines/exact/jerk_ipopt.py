@@ -59,10 +59,23 @@ def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     solver = _solver(*scaled.h.shape)
     speed = _speed(scaled)
     v1, v2 = np.abs(scaled.v)
-    parameters = flat(scaled.h, scaled.stop, speed, v1, v2, *scaled.r)
+    parameters = flat(
+        scaled.h,
+        scaled.stop,
+        speed,
+        v1,
+        v2,
+        *scaled.r,
+    )
     size = scaled.h.size
     # of each profile two rows vanish and four are not negative
-    profile = np.r_[np.zeros(2 * size), np.full(4 * size, np.inf)]
+    profile = np.r_[
+        np.zeros(2 * size),
+        np.full(
+            4 * size,
+            np.inf,
+        ),
+    ]
     highest = np.r_[profile, profile, np.zeros(size), np.inf]
     segments, joints = scaled.h.shape
     inner = (segments - 1, joints)
@@ -75,13 +88,19 @@ def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
             bounds=(low, high),
             constraint_bounds=(0.0, highest),
         )
-        times, velocity, acceleration = unflat(run.x, [(segments,), inner, inner])
+        times, velocity, acceleration = unflat(
+            run.x,
+            [(segments,), inner, inner],
+        )
         times = times * scaled.stop
         duration = float(times.sum()) if run.success else np.inf
         states = np.stack([velocity * speed, acceleration])
         return Optimum(duration, times, states, run.status)
 
-    through_zero = np.zeros((2, *scaled.h.shape), dtype=bool)
+    through_zero = np.zeros(
+        (2, *scaled.h.shape),
+        dtype=bool,
+    )
     optima = []
     for start in starts:
         best = from_start(start, through_zero)
@@ -117,7 +136,14 @@ def _solver(segments: int, joints: int) -> Program:
     ca = backend("casadi")
 
     def symbols(count: int, rows: int = segments, columns: int = joints) -> list[Any]:
-        return [ca.MX.sym(f"x{i}", rows, columns) for i in range(count)]
+        return [
+            ca.MX.sym(
+                f"x{i}",
+                rows,
+                columns,
+            )
+            for i in range(count)
+        ]
 
     # variables
     (t,) = symbols(1, columns=1)
@@ -133,7 +159,14 @@ def _solver(segments: int, joints: int) -> Program:
     limits = symbols(4, rows=1)
 
     # every constraint is a table over segments and joints
-    tables = [ca.repmat(limit, segments, 1) for limit in (speed, *limits)]
+    tables = [
+        ca.repmat(
+            limit,
+            segments,
+            1,
+        )
+        for limit in (speed, *limits)
+    ]
     speeds, v1, v2, r1, r2 = tables
     times = ca.repmat(t, 1, joints)
     size = ca.repmat(stop, 1, joints)
@@ -145,8 +178,18 @@ def _solver(segments: int, joints: int) -> Program:
     w = ca.vertcat(velocities, rest)
     a = ca.vertcat(rest, accelerations)
     b = ca.vertcat(accelerations, rest)
-    d_up, upper_rows = _profile_rows(upper, (u, a, w, -b), (times, size, speeds), (v2, r2, r1))
-    d_lo, lower_rows = _profile_rows(lower, (-u, -a, -w, b), (times, size, speeds), (v1, r1, r2))
+    d_up, upper_rows = _profile_rows(
+        upper,
+        (u, a, w, -b),
+        (times, size, speeds),
+        (v2, r2, r1),
+    )
+    d_lo, lower_rows = _profile_rows(
+        lower,
+        (-u, -a, -w, b),
+        (times, size, speeds),
+        (v1, r1, r2),
+    )
     # λ D_up + (1 − λ) D_lo = h, the lower profile being mirrored
     missed = share * d_up - (1 - share) * d_lo - h
     # all together hardly slower than stopping at every waypoint
@@ -183,8 +226,22 @@ def _profile_rows(
     u, a, w, b = ends
     t, size, speed = units
     top, up, down = limits
-    peak, before, ascended = _risen(u, a, rise, rise_hold * size, up, down)
-    same_peak, after, descended = _risen(w, b, fall, fall_hold * size, up, down)
+    peak, before, ascended = _risen(
+        u,
+        a,
+        rise,
+        rise_hold * size,
+        up,
+        down,
+    )
+    same_peak, after, descended = _risen(
+        w,
+        b,
+        fall,
+        fall_hold * size,
+        up,
+        down,
+    )
     duration = (before + after) / size + cruise
     rows = [
         # equal: the time is filled, rise and fall meet at one peak
@@ -225,15 +282,31 @@ def _bounds(scaled: Scaled, below: Bools) -> tuple[Array, Array]:
     infinite = zero + np.inf
     inner = np.ones((len(stop) - 1, 1))
     slowest, fastest = scaled.v / _speed(scaled)
-    a1, a2 = np.where(jerky, scaled.a, 0.0)
+    a1, a2 = np.where(
+        jerky,
+        scaled.a,
+        0.0,
+    )
     braking, speeding = np.abs(scaled.a)
     low_profiles = []
     high_profiles = []
     limits = ((speeding, braking), (braking, speeding))
-    for (rise, fall), apart in zip(limits, below, strict=True):
+    for (rise, fall), apart in zip(
+        limits,
+        below,
+        strict=True,
+    ):
         # a rise that stays below 0 ends at least at the other side's limit
-        lowest_rise = np.where(apart, -fall, np.where(jerky, 0.0, rise))
-        lowest_fall = np.where(apart, -rise, np.where(jerky, 0.0, fall))
+        lowest_rise = np.where(
+            apart,
+            -fall,
+            np.where(jerky, 0.0, rise),
+        )
+        lowest_fall = np.where(
+            apart,
+            -rise,
+            np.where(jerky, 0.0, fall),
+        )
         cruise = np.where(apart, 0.0, np.inf)
         low_profiles.append([lowest_rise, lowest_fall, zero, zero, zero])
         high_profiles.append([zero + rise, zero + fall, infinite, cruise, infinite])
@@ -244,7 +317,13 @@ def _bounds(scaled: Scaled, below: Bools) -> tuple[Array, Array]:
     upper, lower = low_profiles
     low = _Variables(shortest, lowest_states, upper, lower, zero)
     upper, lower = high_profiles
-    high = _Variables(longest, highest_states, upper, lower, zero + 1)
+    high = _Variables(
+        longest,
+        highest_states,
+        upper,
+        lower,
+        zero + 1,
+    )
     return flat(*low.tables), flat(*high.tables)
 
 
@@ -260,7 +339,10 @@ def _point(scaled: Scaled, start: Start) -> Array:
         rise_hold, fall_hold = profiles.hold[:, side, 0] * in_stop_times
         cruise = profiles.cruise[side, 0] * in_stop_times
         sides.append([rise, fall, rise_hold, cruise, fall_hold])
-    high, low = np.maximum(rows.reach[:, 0], 0.0)
+    high, low = np.maximum(
+        rows.reach[:, 0],
+        0.0,
+    )
     upper, lower = sides
     variables = _Variables(
         times / scaled.stop,
@@ -278,4 +360,7 @@ def _profiles(scaled: Scaled, start: Start) -> Rows:
     t = times[..., None]
     ends = (at_ends(velocity) - scaled.h / t) / t
     with np.errstate(all="ignore"):
-        return Rows(Cells(scaled), Point(np.log(times), ends, velocity, acceleration))
+        return Rows(
+            Cells(scaled),
+            Point(np.log(times), ends, velocity, acceleration),
+        )

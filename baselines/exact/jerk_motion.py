@@ -98,7 +98,12 @@ def motion(scaled: Scaled, times: Array, states: Array) -> Trajectory:
     velocity, acceleration = _at_limits(scaled, rounded, velocity, acceleration)
     courses = _Courses(scaled, rounded, velocity, acceleration)
     segments = []
-    for k, clock in enumerate(clocks(passages, scaled.unit)):
+    for k, clock in enumerate(
+        clocks(
+            passages,
+            scaled.unit,
+        )
+    ):
         segments.append(_segment(courses, k, clock))
     return assembled(scaled.problem, passages, segments)
 
@@ -112,7 +117,10 @@ def _in_rounded_times(times: Array, rounded: Array, velocity: Array) -> Array:
     velocity = velocity.copy()
     for k in np.argsort(-times):
         if rounded[k] > 0 and times[k] < _BRIEF:
-            around = slice(max(k - 1, 0), k + 1)
+            around = slice(
+                max(k - 1, 0),
+                k + 1,
+            )
             velocity[around] = times[k] / rounded[k] * given[around]
     return velocity
 
@@ -127,24 +135,52 @@ def _at_limits(
 
     So is what acceleration differs from 0 by where a joint cruises through a waypoint.
     """
-    briefer = np.minimum(times[:-1], times[1:])[:, None]
-    slowest = np.maximum(scaled.r.max(axis=0), _TINY)
+    briefer = np.minimum(
+        times[:-1],
+        times[1:],
+    )[:, None]
+    slowest = np.maximum(
+        scaled.r.max(axis=0),
+        _TINY,
+    )
     a1, a2 = scaled.a
     v1, v2 = scaled.v
     # what jerk, acceleration and velocity allow in the briefer segment
-    room = np.minimum(np.minimum(a2, -a1), briefer / slowest)
-    fast = np.minimum(np.minimum(v2, -v1), room * briefer)
+    room = np.minimum(
+        np.minimum(a2, -a1),
+        briefer / slowest,
+    )
+    fast = np.minimum(
+        np.minimum(v2, -v1),
+        room * briefer,
+    )
     # a ramp to the limit is worth (A − a)² r / 2 of velocity
     near = np.sqrt(_NEAR_LIMIT * fast / slowest)
     near = np.minimum(near, _NEARBY * room)
-    acceleration = np.where(a2 - acceleration <= near, a2, acceleration)
-    acceleration = np.where(acceleration - a1 <= near, a1, acceleration)
+    acceleration = np.where(
+        a2 - acceleration <= near,
+        a2,
+        acceleration,
+    )
+    acceleration = np.where(
+        acceleration - a1 <= near,
+        a1,
+        acceleration,
+    )
     steady = acceleration**2 * slowest <= _NEAR_TOP * fast
     steady &= np.abs(acceleration) <= _NEARBY * room
     at_high = steady & (v2 - velocity <= _NEAR_TOP * fast)
     at_low = steady & (velocity - v1 <= _NEAR_TOP * fast)
-    velocity = np.where(at_high, v2, np.where(at_low, v1, velocity))
-    return velocity, np.where(at_high | at_low, 0.0, acceleration)
+    velocity = np.where(
+        at_high,
+        v2,
+        np.where(at_low, v1, velocity),
+    )
+    return velocity, np.where(
+        at_high | at_low,
+        0.0,
+        acceleration,
+    )
 
 
 class _Courses:
@@ -160,12 +196,24 @@ class _Courses:
         self.scaled = scaled
         self.times = times
         cells = Cells(scaled)
-        t = np.where(times > 0, times, 1.0)[None]
+        t = np.where(
+            times > 0,
+            times,
+            1.0,
+        )[None]
         mean = scaled.h / t[..., None]
         at_waypoints = at_ends(velocity[None])
         ends = (at_waypoints - mean) / t[..., None]
         with np.errstate(all="ignore"):
-            rows = Rows(cells, Point(np.log(t), ends, velocity[None], acceleration[None]))
+            rows = Rows(
+                cells,
+                Point(
+                    np.log(t),
+                    ends,
+                    velocity[None],
+                    acceleration[None],
+                ),
+            )
         profiles = rows.profiles
         a, b = profiles.acceleration
         rise, fall = profiles.rises
@@ -181,21 +229,47 @@ class _Courses:
             down * (between + fall),
             profiles.hold[1],
         ]
-        knots = np.cumsum(np.maximum(lengths, 0.0), axis=0)
+        knots = np.cumsum(
+            np.maximum(lengths, 0.0),
+            axis=0,
+        )
         whole = np.ones_like(knots[:1])
-        knots = np.concatenate([0 * whole, np.minimum(knots, 1.0), whole])
+        knots = np.concatenate(
+            [
+                0 * whole,
+                np.minimum(
+                    knots,
+                    1.0,
+                ),
+                whole,
+            ]
+        )
         # the sides are mirrored
         sides = np.array([1.0, -1.0])[:, None, None]
-        high, low = np.maximum(rows.reach[:, 0], 0.0)
-        share = low / np.maximum(high + low, _TINY)
+        high, low = np.maximum(
+            rows.reach[:, 0],
+            0.0,
+        )
+        share = low / np.maximum(
+            high + low,
+            _TINY,
+        )
         share = np.where(share < _ALONE, 0.0, share)
-        self.share = np.where(share > 1 - _ALONE, 1.0, share)
+        self.share = np.where(
+            share > 1 - _ALONE,
+            1.0,
+            share,
+        )
         self.knots = times[:, None] * knots[:, :, 0]
         self.levels = sides * np.array(levels)[:, :, 0]
         self.velocity = at_waypoints[:, 0]
         self.jerky = scaled.r.any(axis=0)
         signs = np.array([[-1.0], [1.0]])
-        self.jerk = signs / np.where(self.jerky, scaled.r, 1.0)
+        self.jerk = signs / np.where(
+            self.jerky,
+            scaled.r,
+            1.0,
+        )
 
     def at(self, k: int, i: int) -> Course:
         """The course of one cell."""
@@ -207,7 +281,14 @@ class _Courses:
             knots = knots[:, alone]
             levels = levels[:, alone]
         breaks = np.unique(knots)
-        high, low = (np.interp(breaks, knots[:, side], levels[:, side]) for side in (0, 1))
+        high, low = (
+            np.interp(
+                breaks,
+                knots[:, side],
+                levels[:, side],
+            )
+            for side in (0, 1)
+        )
         u, w = self.velocity[:, k, i]
         return Course(
             (float(u), float(w)),
@@ -235,7 +316,13 @@ def _segment(courses: _Courses, k: int, clock: Clock) -> list[Pieces]:
             stored, part = _fitted(course, clock, places)
         else:
             ends = np.array(course.ends)
-            stored, part = covering(course.h, ends, course.velocity, course.acceleration, clock)
+            stored, part = covering(
+                course.h,
+                ends,
+                course.velocity,
+                course.acceleration,
+                clock,
+            )
         places = np.union1d(places, stored)
         powers = len(part)
         pieces[i] = (stored, part * scaled.units[-powers:, i, None])
@@ -250,16 +337,35 @@ def _fitted(course: Course, clock: Clock, places: Array) -> Pieces:
         return clock.stored(np.array([0.0, t])), straight
     near = min(_NEAR_S, _NEAR_UNIT_RTOL * clock.unit)
     best: tuple[float, Pieces] | None = None
-    closest = max(clock.resolution, min(_BRIEFEST_S, _BRIEFEST_RTOL * t * clock.unit))
-    for breaks in _grids(course.breaks, t, closest / clock.unit):
+    closest = max(
+        clock.resolution,
+        min(_BRIEFEST_S, _BRIEFEST_RTOL * t * clock.unit),
+    )
+    for breaks in _grids(
+        course.breaks,
+        t,
+        closest / clock.unit,
+    ):
         levels = np.interp(breaks, course.breaks, course.levels)
         for stored, weights in (
             (clock.stored_at(breaks, places, near), 1.0),
             (clock.stored_at(breaks, places, 0.0), 1.0),
-            (clock.stored_outwards(breaks, places), np.abs(levels)),
+            (
+                clock.stored_outwards(
+                    breaks,
+                    places,
+                ),
+                np.abs(levels),
+            ),
         ):
             lengths = clock.lengths(stored)
-            cubics = through(lengths, levels, course.ends, course.h, weights)
+            cubics = through(
+                lengths,
+                levels,
+                course.ends,
+                course.h,
+                weights,
+            )
             if cubics is None:
                 continue
             excess = _excess(course, lengths, cubics)
@@ -268,7 +374,10 @@ def _fitted(course: Course, clock: Clock, places: Array) -> Pieces:
             if best is None or excess < best[0]:
                 best = (excess, (stored, cubics))
     if best is None:  # where not even rounding allows three pieces
-        return clock.stored(np.array([0.0, t])), _cubic(course, t)
+        return clock.stored(np.array([0.0, t])), _cubic(
+            course,
+            t,
+        )
     return best[1]
 
 
@@ -282,7 +391,14 @@ def _straight(course: Course, t: float) -> Array | None:
     short = course.h - t * (u + t * (2 * a + b) / 6)
     low, high = course.jerk * (1 + _EXCESS_RTOL)
     rounding = _ROUNDING_RTOL * (abs(u) + abs(w))
-    if low <= jerk <= high and max(abs(slow), abs(short) / t) <= rounding:
+    if (
+        low <= jerk <= high
+        and max(
+            abs(slow),
+            abs(short) / t,
+        )
+        <= rounding
+    ):
         return _cubic(course, t)
     return None
 
@@ -299,9 +415,20 @@ def _grids(breaks: Array, t: float, closest: float) -> Iterator[Array]:
         yield np.linspace(0.0, t, _BRIEF_PIECES + 1)
     fewest = 0
     for sliver in _SLIVERS:
-        kept = apart(breaks, t, max(sliver * t, closest))
+        kept = apart(
+            breaks,
+            t,
+            max(sliver * t, closest),
+        )
         if len(kept) > fewest:
-            yield kept if len(kept) > 3 else np.union1d(kept, np.linspace(0.0, t, 4))
+            yield (
+                kept
+                if len(kept) > 3
+                else np.union1d(
+                    kept,
+                    np.linspace(0.0, t, 4),
+                )
+            )
         fewest = len(kept)
 
 
@@ -311,16 +438,36 @@ def _excess(course: Course, lengths: Array, cubics: Array) -> float:
     w = course.ends[1]
     t = lengths[-1]
     last = cubics[:, -1]
-    slow = polynomials.evaluate(polynomials.derivative(last), t) - w
+    slow = (
+        polynomials.evaluate(
+            polynomials.derivative(last),
+            t,
+        )
+        - w
+    )
     short = polynomials.evaluate(last, t) - course.h
     fastest = np.abs(linear).max() + abs(w)
-    if max(abs(slow), abs(short) / lengths.sum()) > _MISS_RTOL * fastest:
+    if (
+        max(
+            abs(slow),
+            abs(short) / lengths.sum(),
+        )
+        > _MISS_RTOL * fastest
+    ):
         return np.inf
     jerk = 6 * cubic
     acceleration = 2 * square
-    changing = np.where(jerk == 0, np.inf, jerk)
+    changing = np.where(
+        jerk == 0,
+        np.inf,
+        jerk,
+    )
     # velocity where acceleration vanishes in a piece; where it does not, at the nearer end
-    when = np.clip(-acceleration / changing, 0.0, lengths)
+    when = np.clip(
+        -acceleration / changing,
+        0.0,
+        lengths,
+    )
     turning = linear + when * (acceleration + when * jerk / 2)
     worst = 0.0
     for values, limits in (
@@ -329,5 +476,9 @@ def _excess(course: Course, lengths: Array, cubics: Array) -> float:
         (np.append(linear, turning), course.velocity),
     ):
         low, high = limits
-        worst = max(worst, float(values.max() / high), float(values.min() / low))
+        worst = max(
+            worst,
+            float(values.max() / high),
+            float(values.min() / low),
+        )
     return worst - 1

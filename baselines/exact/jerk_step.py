@@ -81,15 +81,27 @@ class Newton:
         self.size = (starts, segments, 2 * joints + 1)
         self.slope = rows.steep - point.ends  # of x over the time, at a given velocity
         times = rows.times
-        owned = np.zeros((2, starts, segments, 1), dtype=bool)
+        owned = np.zeros(
+            (2, starts, segments, 1),
+            dtype=bool,
+        )
         briefer = times[:, :-1] < times[:, 1:]
         owned[1, :, :-1, 0] = briefer
         owned[0, :, 1:, 0] = ~briefer
         self.owned = owned
         self._link()
-        self._add_rooms(matrix, multipliers.room, weights.room)
+        self._add_rooms(
+            matrix,
+            multipliers.room,
+            weights.room,
+        )
         self.matrix = matrix
-        self.reduced = self._over_time(self._over_time(matrix).swapaxes(0, 1))
+        self.reduced = self._over_time(
+            self._over_time(matrix).swapaxes(
+                0,
+                1,
+            )
+        )
 
     def _link(self) -> None:
         """How a cell's variables change with the unknowns.
@@ -103,18 +115,49 @@ class Newton:
         ratio[1, :, :-1] = t[:, 1:] / t[:, :-1]
         beside = _neighbours(self.slope)
         neighbours = ~self.owned
-        factor = np.where(self.owned, 1.0, ratio)
-        by_neighbours_time = np.where(self.owned, 0.0, -ratio * beside)
+        factor = np.where(
+            self.owned,
+            1.0,
+            ratio,
+        )
+        by_neighbours_time = np.where(
+            self.owned,
+            0.0,
+            -ratio * beside,
+        )
         self.own_slope = neighbours * self.slope
         self.constant = neighbours * (missing - ratio * _neighbours(missing))
         one = np.ones((1, 1, 1))
-        self.unknowns = [_Unknown(TIME, one, 0, 0)]
-        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
+        self.unknowns = [
+            _Unknown(
+                TIME,
+                one,
+                0,
+                0,
+            )
+        ]
+        for end, (v, a) in enumerate(
+            zip(
+                VELOCITIES,
+                ACCELERATIONS,
+                strict=True,
+            )
+        ):
             block = end - 1
             self.unknowns += [
-                _Unknown(v, factor[end], block, 1),
+                _Unknown(
+                    v,
+                    factor[end],
+                    block,
+                    1,
+                ),
                 _Unknown(a, one, block, 2),
-                _Unknown(v, by_neighbours_time[end], 2 * end - 1, 0),
+                _Unknown(
+                    v,
+                    by_neighbours_time[end],
+                    2 * end - 1,
+                    0,
+                ),
             ]
 
     def _add_rooms(self, matrix: Array, multipliers: Array, weights: Array) -> None:
@@ -133,7 +176,13 @@ class Newton:
         )
         t = self.rows.t
         self.by_waypoint = self.owned * np.array([at_ends(table) for table in tables])
-        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
+        for end, (v, a) in enumerate(
+            zip(
+                VELOCITIES,
+                ACCELERATIONS,
+                strict=True,
+            )
+        ):
             vv, va, aa = self.by_waypoint[:, end]
             slope = self.slope[end]
             # dv = T (dx − slope ds)
@@ -149,7 +198,11 @@ class Newton:
     def _over_time(self, table: Array) -> Array:
         """A table over a cell's variables, the time's with the ends that change with it."""
         table = table.copy()
-        for v, slope in zip(VELOCITIES, self.own_slope, strict=True):
+        for v, slope in zip(
+            VELOCITIES,
+            self.own_slope,
+            strict=True,
+        ):
             table[TIME] += slope * table[v]
         return table
 
@@ -163,7 +216,11 @@ class Newton:
                 down = (other.block - one.block) * width
                 if (other.block, other.place) < (one.block, one.place):
                     continue
-                cells, at = _range(segments, one, other)
+                cells, at = _range(
+                    segments,
+                    one,
+                    other,
+                )
                 entry = self.reduced[one.variable, other.variable]
                 entry = (one.factor * other.factor * entry)[:, cells]
                 if one.place == 0 and other.place == 0:
@@ -195,7 +252,13 @@ class Newton:
         missed = rows.t * rows.missing
         by_velocity = rows.t * (self.owned * by_velocity + vv * missed)
         by_acceleration = self.owned * by_acceleration + va * missed
-        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
+        for end, (v, a) in enumerate(
+            zip(
+                VELOCITIES,
+                ACCELERATIONS,
+                strict=True,
+            )
+        ):
             by_cell[v] += by_velocity[end]
             by_cell[TIME] -= self.slope[end] * by_velocity[end]
             by_cell[a] += by_acceleration[end]
@@ -203,7 +266,11 @@ class Newton:
         gradient = np.zeros(self.size)
         by_joint = 2 * np.arange((width - 1) // 2)
         for unknown in self.unknowns:
-            cells, at = _range(segments, unknown, unknown)
+            cells, at = _range(
+                segments,
+                unknown,
+                unknown,
+            )
             entry = (unknown.factor * by_cell[unknown.variable])[:, cells]
             if unknown.place == 0:
                 gradient[:, at, 0] += entry.sum(axis=2)
@@ -221,7 +288,11 @@ class Newton:
         for start, band in enumerate(self.bands()):
             factor = self._factor(band, start)
             own = gradient[start].ravel()
-            solution, _ = scipy.linalg.lapack.dpbtrs(factor, own, lower=1)
+            solution, _ = scipy.linalg.lapack.dpbtrs(
+                factor,
+                own,
+                lower=1,
+            )
             solved[start] = solution.reshape(gradient[start].shape)
         return self._expanded(solved)
 
@@ -232,13 +303,22 @@ class Newton:
         entries = band[:, 0, 0]
         diagonal = entries.copy()
         added = np.zeros_like(diagonal)
-        flat = band.reshape(-1, band.shape[-1]).T
+        flat = band.reshape(
+            -1,
+            band.shape[-1],
+        ).T
         while True:
             entries[:] = diagonal + added
-            factor, failed = scipy.linalg.lapack.dpbtrf(flat, lower=1)
+            factor, failed = scipy.linalg.lapack.dpbtrf(
+                flat,
+                lower=1,
+            )
             if not failed or not added.max() < _LARGEST:
                 return np.asarray(factor)
-            added = np.maximum(_MORE * added, _LEAST_SHARE * self.rows.times[start])
+            added = np.maximum(
+                _MORE * added,
+                _LEAST_SHARE * self.rows.times[start],
+            )
 
     def _expanded(self, solved: Array) -> Point:
         """The step of all unknowns, from that of times, ends and accelerations."""
@@ -250,9 +330,17 @@ class Newton:
         acceleration = solved[:, :-1, 2::2]
         velocities = t * (own - self.slope * s - rows.missing)
         before = self.owned[1, :, :-1]
-        velocity = np.where(before, velocities[1, :, :-1], velocities[0, :, 1:])
+        velocity = np.where(
+            before,
+            velocities[1, :, :-1],
+            velocities[0, :, 1:],
+        )
         linked = at_ends(velocity) / t + self.slope * s + rows.missing
-        ends = np.where(self.owned, own, linked)
+        ends = np.where(
+            self.owned,
+            own,
+            linked,
+        )
         return Point(log, ends, velocity, acceleration)
 
     def change(self, step: Point) -> Rooms:
@@ -263,11 +351,20 @@ class Newton:
         s = step.log[..., None]
         first = rows.slopes.first
         reach = first[TIME] * s
-        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
+        for end, (v, a) in enumerate(
+            zip(
+                VELOCITIES,
+                ACCELERATIONS,
+                strict=True,
+            )
+        ):
             reach = reach + first[v] * step.ends[end] + first[a] * at_waypoints[end]
         onwards = np.array([-acceleration, acceleration])
         faster = np.array([-step.velocity, step.velocity])
-        return Rooms(reach, np.array([onwards, faster - rows.ramps * acceleration]))
+        return Rooms(
+            reach,
+            np.array([onwards, faster - rows.ramps * acceleration]),
+        )
 
     def steepest(self, multipliers: Rooms) -> Array:
         """The largest entry of the Lagrangian's gradient over the times, `(starts,)`."""
@@ -284,8 +381,20 @@ def _neighbours(ends: Array) -> Array:
 
 def _range(segments: int, one: _Unknown, other: _Unknown) -> tuple[slice, slice]:
     """The cells that have both unknowns, and the blocks of the one."""
-    before = min(one.block, other.block) < 0
+    before = (
+        min(
+            one.block,
+            other.block,
+        )
+        < 0
+    )
     ends = [unknown.block + (unknown.place > 0) for unknown in (one, other)]
     last = segments - (max(ends) > 0)
     first = int(before)
-    return slice(first, last), slice(first + one.block, last + one.block)
+    return slice(
+        first,
+        last,
+    ), slice(
+        first + one.block,
+        last + one.block,
+    )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.collocation import refined, uniform
-from baselines.exact import acceleration, jerk
+from baselines.exact import acceleration, jerk, jerk_descent
 from trajopt import Limits, Problem
 from trajopt.planner import Planner
 
@@ -29,7 +29,7 @@ def stop_at_the_solver(monkeypatch):
     monkeypatch.setattr(uniform, "transcription", begun)
     monkeypatch.setattr(refined, "transcription", begun)
     monkeypatch.setattr(acceleration, "_solve_from", begun)
-    monkeypatch.setattr(jerk, "_solver", begun)
+    monkeypatch.setattr(jerk_descent, "minimised", begun)
 
 
 PLANNERS = [
