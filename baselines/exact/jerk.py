@@ -37,9 +37,10 @@ _PATIENCE = 3  # times as many starts where all have failed so far
 _STOPPING_DILATION = 1.05  # of stopping at every waypoint: a start
 _SLOWEST_DILATION = 2.0  # and at most, where times are random
 _RELAXED_DILATION = 1.1  # of the optimum without jerk limits: another one
-# A start's time, in proportion to segments times moving joints, and more where these are few.
+# A start's time, in proportion to segments times moving joints, with what further starts cost
+# where one fails.
 _SECONDS = 0.03
-_SECONDS_PER_CELL = 5e-4
+_SECONDS_PER_CELL = 2e-3
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class ExactJerk(SeveralStarts):
         )
         solution = self.best(scaled, local)
         if solution.trajectory is None and self.solver == "interior-point":
-            checked = replace(self, solver="ipopt").solve(problem)
+            checked = replace(self, solver="ipopt", starts=1).solve(problem)
             failed = f"no start of {len(local)} converged: IPOPT's answer"
             message = f"{failed}; {checked.message}" if checked.message else failed
             return replace(checked, message=message)

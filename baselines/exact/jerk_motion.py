@@ -41,7 +41,7 @@ _BRIEF_PIECES = 4
 # Breaks of two joints that are so near each other are at one place, where limits allow it.
 _NEAR_S = 1e-6
 _NEAR_UNIT_RTOL = 1e-3  # of the mean stop time, where that is brief
-# Of the velocity that a segment allows: what a ramp to a limit of acceleration may be worth, so that
+# Of the velocity that a segment allows: what a ramp to a limit of acceleration may be worth where
 # leaving it out costs nothing, and what velocity and ramps at its own limit may.
 _NEAR_LIMIT = 1e-11
 _NEAR_TOP = 1e-8
