@@ -474,6 +474,7 @@ def _with_added(
 
 # A waypoint this near to a position limit lies on it, relative to the joint's largest displacement.
 _ON_LIMIT_RTOL = 1e-11
+_EXCESS_RTOL = 1e-10
 # Twice the share each time, from a rounding unit to the whole.
 _MAX_MIXTURES = 64
 # From 0 to 1, and there and back to 0, in powers of σ from σ³: both rest at both ends.
@@ -522,6 +523,22 @@ def _sides(problem: Problem, layout: _Layout) -> Array:
     above = high - waypoints <= near
     below = waypoints - low <= near
     return np.asarray(above.astype(float) - below)
+
+
+def _allowed_excess(problem: Problem, layout: _Layout) -> Array:
+    """The rounding of coordinates in each segment, rad, where it is worth less than 1e-10 of all.
+
+    An excess `e` at a waypoint `g` from a limit is worth some `e / sqrt(2gA)` s; where the joint
+    turns on the limit, only in proportion to `e`.
+    """
+    low, high = problem.limits.position.T
+    waypoints = layout.waypoints
+    gap = np.minimum(high - waypoints, waypoints - low)
+    worthless = _EXCESS_RTOL * np.sqrt(gap * problem.largest_displacements)
+    turns = _sides(problem, layout) != 0
+    allowed = np.where(turns, np.inf, worthless)
+    of_segment = np.minimum(allowed[:-1], allowed[1:])
+    return np.minimum(of_segment, problem.rounding)
 
 
 def _turned_at_limits(
@@ -596,8 +613,9 @@ def _needed_share(
     # Of the whole segment, since a piece starts where the pieces before it have led.
     of_each = polynomials.evaluation_rounding(unit)
     largest = np.maximum.reduceat(of_each, layout.first)
-    # and no position is known better than the coordinates
-    rounding = np.maximum(layout.of_pieces(largest), problem.rounding)
+    # and what the coordinates' rounding allows
+    segment_rounding = np.maximum(largest, _allowed_excess(problem, layout))
+    rounding = layout.of_pieces(segment_rounding)
     controls = polynomials.bernstein(unit)
     above = controls.max(axis=0) > highest + rounding
     below = controls.min(axis=0) < lowest - rounding
