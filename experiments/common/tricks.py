@@ -692,6 +692,7 @@ def run_ups_far_from_zero() -> Iterator[Trick]:
     """Position limits at a coordinate whose last place is not small."""
     for offset in (1e3, 1e6):
         yield _past_the_limit(offset, 0.0, 0.99e-8, 1.0, 0)
+        yield _past_the_limit(offset, 2.0**-20, 2.0**-30, 1.0, 0)
 
 
 def early_waypoint_times() -> Iterator[Trick]:
