@@ -17,6 +17,11 @@ PAGES = ["README.md", "experiments/README.md", *(page for page in DOCS if "liter
 TABLE = re.compile(
     r"^((?:\|.*\n)+)(?:\n\[Stored\]\((?P<file>[\w/.-]+\.csv)\), of code (?P<code>.*)\.\n)?", re.M
 )
+# What a command printed, word for word, and the same line.
+PRINTED = re.compile(
+    r"^```\n(.*?)^```\n(?:\n\[Stored\]\((?P<file>[\w/.-]+\.txt)\), of code (?P<code>[^\n]*)\.\n)?",
+    re.M | re.S,
+)
 NUMBER = re.compile(r"\**[+−<≤]? ?\d")
 COMMIT = re.compile(r"[0-9a-f]{7,40}")
 
@@ -66,6 +71,19 @@ def test_a_table_of_numbers_is_the_stored_one_and_names_its_code(page):
         commits = [row[-1] for row in kept[1:]]
         assert all(map(COMMIT.fullmatch, commits))
         assert found["code"].split(", ") == list(dict.fromkeys(commits))
+
+
+def test_what_the_readme_prints_of_a_command_is_stored():
+    blocks = re.split(r"^```(?=\w)", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.M)
+    rest = "".join([blocks[0], *(block.split("\n```\n", 1)[1] for block in blocks[1:])])
+    for found in PRINTED.finditer(rest):
+        assert found["file"], f"nothing is stored of {found[1]}"
+        head, _, text = (ROOT / found["file"]).read_text(encoding="utf-8").partition("\n\n")
+        said = dict(line.removeprefix("# ").split(": ", 1) for line in head.splitlines())
+        assert said.keys() == {"command", "date", "commit"}
+        assert text == found[1]
+        assert COMMIT.fullmatch(said["commit"])
+        assert said["commit"] == found["code"]
 
 
 @pytest.mark.parametrize("file", sorted(STORED.glob("*.csv")), ids=lambda file: file.stem)
