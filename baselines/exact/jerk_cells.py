@@ -24,18 +24,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 # The upper profile, and the lower one seen mirrored: displacements and states change their signs.
-_SIDES = np.array([1.0, -1.0]).reshape(
-    2,
-    1,
-    1,
-    1,
-)
+_SIGNS = np.array([1.0, -1.0])
 # The end is seen backwards, where acceleration changes its sign.
-_ENDS = _SIDES[:, None]
-# Of a cell's variables, what each counts on either side: see `jerk_profiles`.
-_SEEN = np.ones((5, 2, 1, 1, 1))
-_SEEN[1:4] = _SIDES
-_SEEN[4] = -_SIDES
+_ENDS = _SIGNS.reshape(2, 1, 1, 1, 1)
 _ROUNDING_RTOL = 4e-15  # of a velocity: a link that misses by no more is met
 _SHRINKING = 0.7  # of end velocities that are out of reach, each time
 _MOST_SHRINKING = 100
@@ -132,23 +123,41 @@ class Point(NamedTuple):
 
 
 class Cells:
-    """What stays the same from step to step."""
+    """What stays the same from step to step.
 
-    def __init__(self, scaled: Scaled) -> None:
+    Args:
+        scaled: the problem.
+        kinds: of extreme profiles on each side: 2 are smooth, without the velocity limit and with a
+            cruise that may be a little negative; 1 is the lesser of both, with a kink.
+    """
+
+    def __init__(self, scaled: Scaled, kinds: int = 1) -> None:
         v1, v2 = np.abs(scaled.v)
         a1, a2 = np.abs(scaled.a)
         r1, r2 = scaled.r
+        one = np.ones_like(v1)
 
         def sides(upper: Array, lower: Array) -> Array:
-            return np.array([upper, lower])[:, None, None]
+            return np.array([upper, lower] * kinds)[:, None, None]
+
+        self.beyond = kinds > 1
+        self.signs = sides(one, -one)
+        # of a cell's variables, what each counts on either side: see `jerk_profiles`
+        self.seen = np.ones((5, *self.signs.shape))
+        self.seen[1:4] = self.signs
+        self.seen[4] = -self.signs
 
         rising = sides(a2, a1)
         falling = sides(a1, a2)
         self.h = scaled.h
         self.steepest = np.array([rising, falling])
-        self.fastest = sides(v2, v1)
+        self.fastest = np.array([v2, v1])[:, None, None]
+        self.highest = sides(v2, v1)
+        if self.beyond:
+            self.highest[:2] = np.inf
         self.up = sides(r2, r1)
         self.down = sides(r1, r2)
+        self.falling = self.down[:2]
         self.widest = np.array([a2, a1])[:, None, None]
         slowest = np.maximum(r1, r2)
         # what jerk and acceleration allow in a time: A, or J T where that is less
@@ -241,19 +250,20 @@ class Rows:
         acceleration = point.acceleration
         limits = Limits(
             cells.steepest,
-            cells.fastest / t - _SIDES * steep,
+            cells.highest / t - cells.signs * steep,
             cells.up / t,
             cells.down / t,
-            _SIDES * steep,
+            cells.signs * steep,
+            cells.beyond,
         )
         waypoints = at_ends(acceleration)
         profiles = Profiles(
-            point.ends[:, None] * _SIDES,
-            waypoints[:, None] * _SIDES * _ENDS,
+            point.ends[:, None] * cells.signs,
+            waypoints[:, None] * cells.signs * _ENDS,
             limits,
         )
         # the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
-        ramps = cells.down * acceleration
+        ramps = cells.falling * acceleration
         risen = ramps * acceleration / 2
         onwards = np.array([acceleration, -acceleration])
         faster = np.array([velocity, -velocity])
@@ -278,9 +288,9 @@ class Rows:
     def slopes(self) -> Slopes:
         """How `reach` changes with a cell's variables, both sides' in one sense."""
         first, second = self.profiles.slopes()
-        second *= _SEEN[:, None]
-        second *= _SEEN
-        return Slopes(first * _SEEN, second)
+        second *= self.cells.seen[:, None]
+        second *= self.cells.seen
+        return Slopes(first * self.cells.seen, second)
 
     @cached_property
     def missing(self) -> Array:

@@ -50,7 +50,7 @@ _MULTIPLIER_SPREAD = 1e10  # of a multiplier from barrier over row, either way
 
 def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     """The local optimum near each start."""
-    cells = Cells(scaled)
+    cells = Cells(scaled, kinds=2)
     columns = [
         np.array(column)
         for column in zip(

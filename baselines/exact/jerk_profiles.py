@@ -50,6 +50,7 @@ class Limits(NamedTuple):
         up: inverse jerk upwards.
         down: inverse jerk downwards.
         steep: `h/T²`, by which velocities from the mean change with the time.
+        beyond: whether a cruise may be a little negative.
     """
 
     steepest: Array
@@ -57,6 +58,7 @@ class Limits(NamedTuple):
     up: Array
     down: Array
     steep: Array
+    beyond: bool = False
 
 
 class Slopes(NamedTuple):
@@ -88,7 +90,7 @@ class Profiles:
     """
 
     def __init__(self, velocity: Array, acceleration: Array, limits: Limits) -> None:
-        steepest, top, up, down, _ = limits
+        steepest, top, up, down, *_ = limits
         c = up + down
         jerky = c > 0
         some_c = np.where(jerky, c, 1.0)
@@ -151,7 +153,6 @@ class Profiles:
         # where its peak were above the limit: as far as the limit, and a cruise
         bases = velocity - up * acceleration**2 / 2
         highest = bases[0] + rises[0] * (c * rises[0] / 2 + hold[0])
-        cruises = (highest > top) & (rises >= 0).all(axis=0)
         gap = top - bases
         full = np.sqrt(
             np.maximum(
@@ -166,6 +167,12 @@ class Profiles:
             gap / steepest - c * steepest / 2,
             0.0,
         )
+        # also where the cruise were a little negative: D is the lesser of both, each smooth
+        ramped = up * (limited - acceleration) + needed + down * limited
+        spent = ramped.sum(axis=0) - down * limited.sum(axis=0) / 2
+        near = limits.beyond & (spent < 1) & (gap > 0).all(axis=0)
+        cruises = (rises >= 0).all(axis=0) & np.isfinite(top)
+        cruises &= (highest > top) | near
         rises = np.where(cruises, limited, rises)
         hold = np.where(cruises, needed, hold)
 
@@ -211,12 +218,11 @@ class Profiles:
             self.first,
             self.hold,
         ).min(axis=0)
-        briefest = np.minimum(briefest, self.cruise)
         return np.asarray((briefest >= -_ROUNDING) & self._slow_enough)
 
     def slopes(self) -> Slopes:
         """The costates, and how they change."""
-        steepest, top, up, down, steep = self.limits
+        steepest, top, up, down, steep, _ = self.limits
         _, some_c, alone, both, held, cruises, kept = self._choice
         time, tilt, root, full, until, after = self._numbers
         acceleration = self.acceleration

@@ -165,7 +165,7 @@ class Newton:
         ramps = self.rows.ramps
         of_acceleration, of_velocity = weights
         pressed = of_velocity * ramps
-        bent = multipliers[1] * self.rows.cells.down
+        bent = multipliers[1] * self.rows.cells.falling
         in_acceleration = of_acceleration + pressed * ramps + bent
         tables = np.array(
             [
