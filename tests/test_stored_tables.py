@@ -73,6 +73,32 @@ def test_a_table_of_numbers_is_the_stored_one_and_names_its_code(page):
         assert found["code"].split(", ") == list(dict.fromkeys(commits))
 
 
+def column(name: str, heading: str) -> dict[str, str]:
+    """A column of a stored table, by the first cell of each row."""
+    _, kept = stored(STORED / f"{name}.csv")
+    place = kept[0].index(heading)
+    return {row[0]: row[place] for row in kept[1:]}
+
+
+def test_the_numbers_of_the_readme_s_sentences_are_those_of_the_tables():
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    family = column("families", "six-axis")
+    times = {name: f"{1 + float(percent) / 100:.2f}" for name, percent in family.items()}
+    assert (
+        f"the best 4-3-4 takes {times['4-3-4']} times the optimum, cubics {times['cubic']}, "
+        f"quintics {times['quintic, 5-5-5']}, septics {times['septic, 7-7-7']}"
+    ) in text
+    untuned = column("paper-readings-pso", "takes, s")["shared times"]
+    assert f"PSO comes last ({untuned} s)" in text
+    suites = column("certificates", "problems")["all"]
+    closed = column("certificates", "closed")["all"]
+    widest = column("certificates", "largest gap, %")["all"]
+    assert f"{closed} of the {suites} suite problems are proved within 0.1 %" in text
+    assert f"with jerk limits) to {widest} %" in text
+    assert f"rechecks all {suites} records" in text
+    assert f"{closed} are closed" in text
+
+
 def test_what_the_readme_prints_of_a_command_is_stored():
     blocks = re.split(r"^```(?=\w)", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.M)
     rest = "".join([blocks[0], *(block.split("\n```\n", 1)[1] for block in blocks[1:])])
