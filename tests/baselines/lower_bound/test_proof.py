@@ -12,6 +12,7 @@ from baselines.lower_bound import costates, extremal
 from baselines.lower_bound.bound import certify
 from baselines.lower_bound.branching import prove
 from baselines.lower_bound.dual_check import LOWER, RAISE, Proof, cuts, proved_bound
+from baselines.lower_bound.incumbent import incumbent
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
 from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.relaxation import Box, Relaxation
@@ -451,3 +452,13 @@ def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path):
     checked = verification(other)
     assert not checked.holds
     assert "lower bound: recorded 1.4" in checked.trials[0].differences[0]
+
+
+def test_the_optimum_s_own_costates_prove_it_at_once() -> None:
+    problem = load("topico-example5")
+    best = incumbent(problem, seconds=1.0)
+    assert best is not None
+    target = best.duration / (1 + 1e-4)
+    found = prove(problem, target, 1e-4, np.inf, best.trajectory)
+    assert found.programs == 1
+    assert target <= found.lower_bound <= best.duration
