@@ -131,7 +131,13 @@ def prove(
     search = _Search(relaxation, solver, gap, deadline)
     if motion is not None:
         search.add_active(relaxation.at(problem, motion))
-    root = search.run()
+    try:
+        root = search.run()
+    except TrajoptError:
+        if motion is None:
+            raise
+        # HiGHS has broken down on the motion's rows
+        return prove(problem, target, gap, deadline)
     proof = search.proof(root)
     lower_bound = dual_check.proved_bound(problem, proof)
     return Outcome(lower_bound, proof, search.splits, search.pool.programs)

@@ -194,15 +194,11 @@ class RowPool:
 
     def add_touching(self, x: Array, cuts: Sequence[Cut]) -> None:
         """The tangents at a point of the curves, and rows of costates."""
-        relaxation = self.relaxation
-        times = x[relaxation.time].tolist()
+        times = x[self.relaxation.time].tolist()
         for segment, at in enumerate(times):
             self.add_tangent(segment, at)
-        if relaxation.jerky.any():
-            squares = [SquareTangent(segment, at) for segment, at in enumerate(times)]
-            self._add_each(squares, jerk_rows.square_rows(relaxation, squares, self.box))
         if cuts:
-            self._add_each(cuts, dual_check.cuts(relaxation, cuts))
+            self._add_each(cuts, dual_check.cuts(self.relaxation, cuts))
 
     def _add_broken(
         self,

@@ -454,11 +454,21 @@ def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path):
     assert "lower bound: recorded 1.4" in checked.trials[0].differences[0]
 
 
-def test_the_optimum_s_own_costates_prove_it_at_once() -> None:
+def test_the_optimum_s_own_costates_save_linear_programs() -> None:
     problem = load("topico-example5")
     best = incumbent(problem, seconds=1.0)
     assert best is not None
     target = best.duration / (1 + 1e-4)
     found = prove(problem, target, 1e-4, np.inf, best.trajectory)
-    assert found.programs == 1
+    without = prove(problem, target, 1e-4, np.inf)
+    assert found.programs < without.programs / 2
+    assert target <= found.lower_bound <= best.duration
+
+
+def test_rows_of_a_motion_on_which_the_solver_breaks_down_are_left() -> None:
+    problem = load("random-zigzag-j4-w10-jerk-02")
+    best = incumbent(problem, seconds=0.5)
+    assert best is not None
+    target = best.duration / (1 + 1e-4)
+    found = prove(problem, target, 1e-4, np.inf, best.trajectory)
     assert target <= found.lower_bound <= best.duration
