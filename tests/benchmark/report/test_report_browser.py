@@ -57,7 +57,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
     planners = [(spec.partition(":")[0], load(spec)) for spec in PLANNERS]
     run.compare([suite.load("one-joint")], planners, folder, seeds=3)
     stiff = [*made_on("mine", 3.0, 4.0, on=STIFF), *judge(load("toppra"), STIFF, [0], "toppra")]
-    return Results([*store.Store(folder).read(), *stiff, *made()])
+    # the made-up `exact` is the later version of that planner, whichever test made it first
+    later = [replace(trial, started="2100-01-01T00:00:00+00:00") for trial in made()]
+    return Results([*store.Store(folder).read(), *stiff, *later])
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +86,7 @@ def script(browser: Any, page: Path) -> Script:
     return lambda text, *arguments: chromium.run(browser, text, *arguments)
 
 
-PAUSE = "await new Promise((go) => setTimeout(go, 60));"
+PAUSE = "await new Promise((go) => setTimeout(go, 150));"
 COLUMN = """return [...document.querySelectorAll('#result-table tbody tr:not(.out):not(.beyond)')]
     .map((row) => row.cells[args[0]].dataset.value ?? row.cells[args[0]].textContent.trim())"""
 
