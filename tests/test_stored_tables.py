@@ -97,6 +97,37 @@ def test_the_numbers_of_the_readme_s_sentences_are_those_of_the_tables():
     assert f"with jerk limits) to {widest} %" in text
     assert f"rechecks all {suites} records" in text
     assert f"{closed} are closed" in text
+    scaling = stored(STORED / "scaling.csv")[1]
+    heading, jerk = scaling[0], next(row for row in scaling if row[0] == "`exact-jerk`")
+    of_300 = jerk[heading.index("300")]
+    assert float(jerk[heading.index("50")]) == pytest.approx(0.5, abs=0.05)
+    assert f"half a second for 50 waypoints × 7 joints and {of_300} s for 300" in text
+    documented = next(
+        row for row in stored(STORED / "rivals.csv")[1] if row[:2] == ["`toppra`", "documented"]
+    )
+    assert f"its authors' own gives +{documented[2]} %" in text
+    study = {row[0]: row[2] for row in stored(STORED / "paper-study.csv")[1]}
+    claimed, certified = re.match(r"([\d.]+).*; ([\d.]+)", study["ISSA"]).groups()
+    assert f"claim {float(claimed):.2f} s" in text
+    assert f"certify at {float(certified):.2f} s" in text
+
+
+def test_the_readme_counts_published_times_as_their_page_does():
+    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    page = (ROOT / "docs" / "literature.md").read_text(encoding="utf-8")
+    times, sources = re.search(r"(\d+) published numbers \(of (\d+) sources\)", page).groups()
+    longer, optimised = re.search(r"- (\d+) of the (\d+) times above", page).groups()
+    assert f"{times} published running times from {sources} sources" in text
+    assert f"{longer} of the {optimised} times that were optimised are longer than stopping" in text
+    assert f"Two numbers of the {times} are the optimum" in text
+
+
+def test_the_readme_s_smoothness_is_what_explain_prints():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    printed = (STORED / "six-axis-explained.txt").read_text(encoding="utf-8")
+    optimum = float(re.search(r"best known optimum, ([\d.]+) s", printed)[1])
+    smoothness = float(re.search(r"its smoothness ([\d.]+) %", printed)[1])
+    assert f"the same jerk would need {optimum * (1 + smoothness / 100):.2f} s" in text
 
 
 def test_what_the_readme_prints_of_a_command_is_stored():
