@@ -23,11 +23,12 @@ _EVALUATION_RTOL = 2 * float(np.finfo(float).eps)
 
 def evaluate(coefficients: Array, s: Array) -> Array:
     """Horner's rule: `(degree + 1, …)` coefficients at points that broadcast against `…`."""
-    shape = np.broadcast_shapes(coefficients.shape[1:], np.shape(s))
-    value = np.zeros(shape)
-    for c in coefficients:
+    highest, *others = coefficients
+    # of the shape of both
+    value = 0.0 * s + highest
+    for c in others:
         value = value * s + c
-    return value
+    return np.asarray(value)
 
 
 def evaluation_rounding(coefficients: Array) -> Array:

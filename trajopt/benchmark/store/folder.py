@@ -22,7 +22,7 @@ import numpy as np
 
 from trajopt.benchmark.store import atomic, seal
 from trajopt.benchmark.store.columns import harmless
-from trajopt.benchmark.store.schema import Encoded, decode, encode, recorded
+from trajopt.benchmark.store.schema import Encoded, decode, decoded, encode, recorded
 from trajopt.benchmark.trial import Trial
 from trajopt.exceptions import StoreError
 
@@ -327,7 +327,8 @@ def records(path: Path | str, damaged: OnDamage = _warn) -> list[tuple[Trial, di
 
 
 def _verified(kept: Encoded) -> tuple[Trial, dict[str, Any]]:
-    return decode(kept, anew=True), recorded(kept)
+    row = recorded(kept)
+    return decoded(row, kept, anew=True), row
 
 
 def _readable(kept: Encoded) -> Encoded:

@@ -120,7 +120,11 @@ def decode(kept: Encoded, *, anew: bool = False) -> Trial:
     Raises:
         Malformed: naming the column or array that is not what it should be.
     """
-    row = _checked_row(kept.row)
+    return decoded(recorded(kept), kept, anew=anew)
+
+
+def decoded(row: Mapping[str, Any], kept: Encoded, *, anew: bool = False) -> Trial:
+    """`decode` of a trial whose row is checked already."""
     arrays = kept.arrays
     problem = _problem(row, kept.problem)
     trajectory, damage = _trajectory(arrays)
