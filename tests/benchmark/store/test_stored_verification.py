@@ -168,6 +168,16 @@ def test_bounds_are_proved_again_from_what_their_planner_stored(
     assert not said or f"1 lower bounds: 1 {said}." in found.summary()
 
 
+@pytest.mark.parametrize("bound", ["1.9", [1.9], np.array([1.9, 2.0])])
+def test_a_bound_that_is_no_number_does_not_hold(tmp_path, monkeypatch, bound):
+    monkeypatch.setattr(module, "entries", lambda: {"stopping": Entry()})
+    trial = solved()
+    solution = replace(trial.solution, lower_bound=None, stats={"lower_bound": bound})
+    found = verification(save(tmp_path / "t.h5", replace(trial, solution=solution)))
+    assert not found.holds
+    assert found.trials[0].differences == ("lower bound: it is no number",)
+
+
 def test_an_edited_file_is_refused_until_it_is_forged(tmp_path):
     """A weaker bound is true, but it is not what was proved: the seal says so."""
     import h5py

@@ -279,6 +279,8 @@ def _rechecked(trial: Trial) -> tuple[str, list[str]]:
         bound = trial.solution.stats.get("lower_bound")
     if bound is None:
         return "", []
+    if not isinstance(bound, float | int):
+        return NOT_PROVED, ["lower bound: it is no number"]
     planner = _planner(trial)
     if planner is None:
         return NOT_RECHECKED, []
@@ -290,7 +292,7 @@ def _rechecked(trial: Trial) -> tuple[str, list[str]]:
         return NOT_PROVED, [f"lower bound: {error}"]
     if proved is None:
         proved = end_to_end_bound(trial.problem)
-    if _close(proved, float(bound), rtol=DURATION_RTOL, atol=0.0):
+    if _close(proved, bound, rtol=DURATION_RTOL, atol=0.0):
         return PROVED_AGAIN, []
     return NOT_PROVED, [_difference("lower bound", proved, bound)]
 
