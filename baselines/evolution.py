@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.planner import backend
-from trajopt.problem import Problem
-from trajopt.solution import Solution
-from trajopt.swarm import Box, Optimiser, Streams
-from trajopt.swarm.optimiser import Search, require
-from trajopt.swarm_planner import SwarmPlanner
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution
+from trajopt.planners.planner import backend
+from trajopt.planners.swarm import Box, Optimiser, Streams
+from trajopt.planners.swarm.optimiser import Search, require
+from trajopt.planners.swarm_planner import SwarmPlanner
 
 if TYPE_CHECKING:
     from numpy.random import Generator as Random

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.planner import backend
+from trajopt.planners.planner import backend
 
 if TYPE_CHECKING:
     import scipy

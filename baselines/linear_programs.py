@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.planner import backend
+from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from baselines import segment_units
 from baselines.exact.rounded import Clock, assembled, clocks, through
 from baselines.linear_programs import Entries, LinearPrograms
-from trajopt import polynomials
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import LIMIT_NAMES, Limits, Problem
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import EPS, nearest
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import EPS, nearest
+from trajopt.planners.planner import Planner, backend, passing_once
 
 Array = NDArray[np.float64]
 

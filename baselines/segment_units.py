@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials
-from trajopt.problem import Limits, Problem
-from trajopt.rest_to_rest import stop_times
+from trajopt.core import polynomials
+from trajopt.core.problem import Limits, Problem
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ As a warning of the logger `trajopt.sizes`, so that a script sees it and can tur
 
 from __future__ import annotations
 
-from trajopt.problem import Problem
+from trajopt.core.problem import Problem
 
 # Briefer than that is not worth a word, s.
 ANNOUNCED_SECONDS = 30.0

@@ -27,13 +27,13 @@ from baselines import spline_family
 from baselines.ipopt import Program, flat, no_start_succeeded, program, unflat
 from baselines.sizes import announce, cells
 from baselines.spline_family import Family
-from trajopt import polynomials
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import LIMIT_NAMES, Problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 

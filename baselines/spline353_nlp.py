@@ -26,12 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.ipopt import Bounds, Options, Program, Run, flat, no_start_succeeded, program
-from trajopt import polynomials, spline353
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import LIMIT_NAMES, Problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Solution, Status
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.planners import spline353
+from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 

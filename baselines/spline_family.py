@@ -25,8 +25,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials
-from trajopt.exceptions import InvalidInput
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput
 
 Array = NDArray[np.float64]
 Ends = Literal["rest", "standstill"]

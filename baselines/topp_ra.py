@@ -20,14 +20,14 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import Limits, Problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
-from trajopt.verification import verify
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import verify
+from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 Knots = Literal["uniform", "chord", "centripetal", "limit"]

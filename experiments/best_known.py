@@ -34,6 +34,8 @@ from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration
 from trajopt.cli import console
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
 from trajopt.explain.references import (
     OPTIMUM,
     OPTIMUM_WITH_JERK,
@@ -41,10 +43,8 @@ from trajopt.explain.references import (
     PROOF,
     THROUGH_WAYPOINTS,
 )
-from trajopt.planner import Planner
-from trajopt.problem import Problem
-from trajopt.registry import named
-from trajopt.solution import Solution, Status
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import named
 
 SUITES = ("six-axis", "edges", "literature", "robots", "random")
 STOPPING = "ruckig-stop"

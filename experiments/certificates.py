@@ -30,13 +30,13 @@ from baselines.lower_bound.planner import Certify
 from experiments.common.output import save_table
 from trajopt import Problem, verify
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.figures import plots
-from trajopt.benchmark.figures.style import CURVES, MARKERS
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import judge
 from trajopt.cli import console
-from trajopt.problem import LIMIT_NAMES
+from trajopt.core.problem import LIMIT_NAMES
+from trajopt.views.figures import plots
+from trajopt.views.figures.style import CURVES, MARKERS
 
 CLOSED_WITHIN = 1e-3
 ASKED_GAP = 5e-4

@@ -15,16 +15,16 @@ import cyclopts
 import pandas as pd
 
 from experiments.common.output import save_table
-from trajopt.benchmark.figures import explanation as gap_plots
-from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
 from trajopt.cli.explain import explained_run
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import Problem
 from trajopt.explain.active_limits import share_at_limits
 from trajopt.explain.decomposition import Explanation, explain
-from trajopt.problem import Problem
-from trajopt.registry import load
+from trajopt.planners.registry import load
+from trajopt.views.figures import explanation as gap_plots
+from trajopt.views.figures import plots
 
 PLANNERS = ("issa", "ssa", "pso", "toppra", "ruckig-search")
 

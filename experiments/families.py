@@ -24,12 +24,12 @@ from matplotlib.figure import Figure
 
 from experiments.common.output import save_table
 from trajopt import Problem, Solution, Status, verify
-from trajopt.benchmark.figures import plots, style
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
 from trajopt.explain.references import Answer
-from trajopt.registry import load
+from trajopt.planners.registry import load
+from trajopt.views.figures import plots, style
 
 # Two starts, and the exchange until limits are kept to about 1e-5.
 EFFORT = "starts=2,rounds=6"

@@ -22,7 +22,7 @@ from experiments.common.forgeries import PROBLEMS, Forgery, forgeries
 from experiments.common.output import save_table
 from trajopt.benchmark.best_known.record import parsed
 from trajopt.benchmark.best_known.verification import proved
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
 
 SCRIPT = Path(__file__).parents[1] / "docs" / "examples" / "best-known" / "check_proof.py"
 BELIEVED_ABOVE = 1e-9  # of the best known duration, which is certified to so much

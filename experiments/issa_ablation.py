@@ -28,12 +28,12 @@ from matplotlib.figure import Figure
 from baselines.evolution import CMAES
 from experiments.common import races
 from experiments.common.output import save_table
-from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.figures import plots, style
 from trajopt.cli import console
-from trajopt.swarm import ISSA, PSO, SSA, Optimiser, minimise
-from trajopt.swarm.optimiser import Array
-from trajopt.swarm_planner import SwarmPlanner
+from trajopt.planners.swarm import ISSA, PSO, SSA, Optimiser, minimise
+from trajopt.planners.swarm.optimiser import Array
+from trajopt.planners.swarm_planner import SwarmPlanner
+from trajopt.views.analysis import statistics
+from trajopt.views.figures import plots, style
 
 Subset = tuple[str, ...]  # of the ingredients
 Cell = tuple[str, str, float, str]  # function, where the origin is, place of the minimum, optimiser

@@ -29,7 +29,7 @@ from experiments.common.output import save_table
 from trajopt.benchmark.store.folder import read
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
-from trajopt.exceptions import StoreError
+from trajopt.core.exceptions import StoreError
 
 FAULTS = ["lost", "torn", "different", "run again", "unequal"]
 

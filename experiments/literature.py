@@ -21,9 +21,9 @@ from experiments.common.output import save_table
 from experiments.published import figures
 from experiments.published.judged import Judged, judged, known, table
 from experiments.published.page import page
-from trajopt.benchmark.figures import plots
 from trajopt.benchmark.suites import literature
 from trajopt.cli import console
+from trajopt.views.figures import plots
 
 FOLDER = "literature"
 _PNG_DPI = 110

@@ -26,8 +26,8 @@ from baselines.ipopt import AGREEMENT_RTOL
 from experiments.common.output import save_table
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
-from trajopt.problem import Problem
-from trajopt.registry import named
+from trajopt.core.problem import Problem
+from trajopt.planners.registry import named
 
 Array = NDArray[np.float64]
 

@@ -32,11 +32,11 @@ import pandas as pd
 
 from experiments.common.nasty import OPTIMUM, PROBLEM, Nasty, planners
 from experiments.common.output import save_table
-from trajopt.benchmark.compare import compare
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
-from trajopt.exceptions import StoreError
+from trajopt.comparison import compare
+from trajopt.core.exceptions import StoreError
 
 CERTIFIED_BELOW = 1e-9  # of the optimum: what rounding may gain
 OTHERS = ("ruckig-stop", "ruckig-search")  # before it; `exact`, the reference, is after it

@@ -22,11 +22,11 @@ from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
 from trajopt import Limits, Problem, Trajectory, verify
-from trajopt.benchmark import compare as run
-from trajopt.benchmark.analysis.results import Results
+from trajopt import comparison as run
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
-from trajopt.registry import entries, load
+from trajopt.planners.registry import entries, load
+from trajopt.views.analysis.results import Results
 
 Check = tuple[str, str, float]  # relation, problem, excess (relative)
 

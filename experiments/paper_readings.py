@@ -35,10 +35,11 @@ from experiments.paper.searches import (
     stored,
     tool_miss,
 )
-from trajopt import Problem, spline353, verify
-from trajopt.benchmark.figures import plots
+from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
+from trajopt.planners import spline353
+from trajopt.views.figures import plots
 
 TIMINGS = ("per-joint", "shared")
 NEAR = 0.01  # relative

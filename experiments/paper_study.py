@@ -37,14 +37,15 @@ from experiments.paper.searches import (
     percent_below,
     reference,
 )
-from trajopt import Problem, Trajectory, spline353, verify
-from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.figures import plots
+from trajopt import Problem, Trajectory, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
-from trajopt.kinematics import Robot, cartesian_problem
-from trajopt.registry import configured, load
-from trajopt.swarm_planner import SwarmPlanner, Unoptimised
+from trajopt.planners import spline353
+from trajopt.planners.kinematics import Robot, cartesian_problem
+from trajopt.planners.registry import configured, load
+from trajopt.planners.swarm_planner import SwarmPlanner, Unoptimised
+from trajopt.views.analysis import statistics
+from trajopt.views.figures import plots
 
 SETTLED = 1.01  # times a run's own final duration
 TIMINGS = ("per-joint", "shared")

@@ -38,13 +38,13 @@ from experiments.common.output import save_table
 from experiments.common.spline_times import FamilyName, SplineTimes
 from experiments.common.whales import WOA
 from trajopt import verify
-from trajopt.benchmark.figures import plots, style
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
-from trajopt.exceptions import InvalidInput, TrajoptError
+from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.explain.claims import survey
-from trajopt.rest_to_rest import stop_times
-from trajopt.swarm import ISSA, SSA
+from trajopt.planners.rest_to_rest import stop_times
+from trajopt.planners.swarm import ISSA, SSA
+from trajopt.views.figures import plots, style
 
 Array = NDArray[np.float64]
 

@@ -31,7 +31,7 @@ from experiments.ordering import RELAXED, identities
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
-from trajopt.registry import named
+from trajopt.planners.registry import named
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

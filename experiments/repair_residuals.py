@@ -15,11 +15,12 @@ import cyclopts
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials, repair
-from trajopt.exceptions import InvalidInput
-from trajopt.problem import Limits, Problem
-from trajopt.trajectory import Trajectory
-from trajopt.verification import Tolerance, verify
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging import repair
+from trajopt.judging.verification import Tolerance, verify
 
 Array = NDArray[np.float64]
 Exact = NDArray[np.object_]

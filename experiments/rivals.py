@@ -26,7 +26,7 @@ from trajopt import Problem
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
-from trajopt.registry import entries, load
+from trajopt.planners.registry import entries, load
 
 # By planner: as its authors' example has it, and with the effort of all.
 RIVALS = {

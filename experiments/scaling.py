@@ -23,9 +23,9 @@ from matplotlib.figure import Figure
 
 from experiments.common.output import save_table
 from trajopt import Limits, Problem, verify
-from trajopt.benchmark.figures import plots
-from trajopt.benchmark.figures.style import CURVES, MARKERS
-from trajopt.registry import load
+from trajopt.planners.registry import load
+from trajopt.views.figures import plots
+from trajopt.views.figures.style import CURVES, MARKERS
 
 JOINTS = 7
 # Waypoints.

@@ -22,13 +22,13 @@ import pandas as pd
 
 from experiments.common import browser as chromium
 from experiments.common.output import save_table
-from trajopt.benchmark import compare as run
-from trajopt.benchmark import report
+from trajopt import comparison as run
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
-from trajopt.problem import Problem
-from trajopt.registry import entries
-from trajopt.solution import Solution
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution
+from trajopt.planners.registry import entries
+from trajopt.views import report
 
 PROBLEMS = ("six-axis", "position-limits")
 SCHEMES = ("light", "dark")

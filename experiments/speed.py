@@ -35,12 +35,12 @@ from baselines.ruckig_ import Sections
 from experiments.common.minimisers import NiaPy
 from experiments.common.output import save_table
 from trajopt.benchmark.suites import catalogue
-from trajopt.planner import Planner
-from trajopt.problem import Problem
-from trajopt.registry import load
-from trajopt.swarm import Compared, minimise
-from trajopt.swarm_planner import SegmentTimes, SwarmPlanner
-from trajopt.verification import Tolerance, verify
+from trajopt.core.problem import Problem
+from trajopt.judging.verification import Tolerance, verify
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import load
+from trajopt.planners.swarm import Compared, minimise
+from trajopt.planners.swarm_planner import SegmentTimes, SwarmPlanner
 
 Array = NDArray[np.float64]
 

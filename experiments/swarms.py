@@ -28,11 +28,11 @@ from baselines.spline353_nlp import Spline353NLP
 from experiments.common import races
 from experiments.common.output import save_table
 from trajopt import Problem, verify
-from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.figures import plots, style
 from trajopt.cli import console
-from trajopt.swarm import ISSA, PSO, SSA, Optimiser
-from trajopt.swarm_planner import SwarmPlanner
+from trajopt.planners.swarm import ISSA, PSO, SSA, Optimiser
+from trajopt.planners.swarm_planner import SwarmPlanner
+from trajopt.views.analysis import statistics
+from trajopt.views.figures import plots, style
 
 OPTIMISERS: dict[str, Optimiser] = {
     "pso": PSO(),

@@ -21,13 +21,13 @@ import pandas as pd
 
 from experiments.common.output import save_table
 from trajopt import Problem
-from trajopt.benchmark import compare as run
-from trajopt.benchmark import report
-from trajopt.benchmark.analysis.overview import overview
-from trajopt.benchmark.analysis.results import Results
+from trajopt import comparison as run
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
-from trajopt.registry import entries
+from trajopt.planners.registry import entries
+from trajopt.views import report
+from trajopt.views.analysis.overview import overview
+from trajopt.views.analysis.results import Results
 
 SUITES = ("six-axis", "edges", "robots", "literature")
 PROOF = "certify:time_limit=15"  # s; a proof on a large problem is endless

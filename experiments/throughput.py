@@ -19,10 +19,10 @@ import cyclopts
 import pandas as pd
 
 from experiments.common.output import save_table
-from trajopt.benchmark import compare as run
+from trajopt import comparison as run
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.problem import Problem
-from trajopt.registry import named
+from trajopt.core.problem import Problem
+from trajopt.planners.registry import named
 
 SWARMS = ("pso", "ssa", "issa")
 

@@ -19,7 +19,7 @@ import pandas as pd
 
 from experiments.common.output import save_table
 from experiments.common.tricks import Trick, tricks
-from trajopt.verification import verify
+from trajopt.judging.verification import verify
 
 CERTIFIED_BELOW = 1e-9  # of the optimum: what rounding may gain
 

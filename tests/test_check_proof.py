@@ -18,7 +18,7 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import parsed
 from trajopt.benchmark.best_known.verification import proved
 from trajopt.benchmark.suites import catalogue
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
 
 SCRIPT = Path(__file__).parents[1] / "docs" / "examples" / "best-known" / "check_proof.py"
 

@@ -11,9 +11,9 @@ import pytest
 from trajopt import Relation, Status, verify
 from trajopt.benchmark.suites.catalogue import load, problem_files
 from trajopt.benchmark.trial import Trial, judge
-from trajopt.planner import Planner
-from trajopt.registry import configured, entries, options
-from trajopt.testing import check_planner
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import configured, entries, options
+from trajopt.planners.testing import check_planner
 
 # The same planners with less work, where that exists: the contract does not depend on effort.
 _QUICK = {

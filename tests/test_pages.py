@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from trajopt.cli import main
-from trajopt.testing import check_planner
+from trajopt.planners.testing import check_planner
 
 DOCS = Path(__file__).parents[1] / "docs"
 ROBOTS = (DOCS / "robots.md").read_text(encoding="utf-8")

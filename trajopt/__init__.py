@@ -6,46 +6,46 @@ TYPE_CHECKING = False  # as type checkers take it: `typing` loads while nobody h
 if TYPE_CHECKING:
     from typing import Any
 
-    from trajopt.benchmark.compare import compare as compare
-    from trajopt.exceptions import InvalidInput as InvalidInput
-    from trajopt.exceptions import InvalidTrajectory as InvalidTrajectory
-    from trajopt.exceptions import MissingBackend as MissingBackend
-    from trajopt.exceptions import StoreError as StoreError
-    from trajopt.exceptions import TrajoptError as TrajoptError
-    from trajopt.exceptions import UnitWarning as UnitWarning
-    from trajopt.exceptions import UnknownName as UnknownName
-    from trajopt.judgement import judge as judge
-    from trajopt.planner import Planner as Planner
-    from trajopt.planner import Relation as Relation
-    from trajopt.problem import Limits as Limits
-    from trajopt.problem import Problem as Problem
-    from trajopt.solution import Solution as Solution
-    from trajopt.solution import Status as Status
-    from trajopt.trajectory import Trajectory as Trajectory
-    from trajopt.verification import Certificate as Certificate
-    from trajopt.verification import Tolerance as Tolerance
-    from trajopt.verification import verify as verify
+    from trajopt.benchmark.judgement import judge as judge
+    from trajopt.comparison import compare as compare
+    from trajopt.core.exceptions import InvalidInput as InvalidInput
+    from trajopt.core.exceptions import InvalidTrajectory as InvalidTrajectory
+    from trajopt.core.exceptions import MissingBackend as MissingBackend
+    from trajopt.core.exceptions import StoreError as StoreError
+    from trajopt.core.exceptions import TrajoptError as TrajoptError
+    from trajopt.core.exceptions import UnitWarning as UnitWarning
+    from trajopt.core.exceptions import UnknownName as UnknownName
+    from trajopt.core.problem import Limits as Limits
+    from trajopt.core.problem import Problem as Problem
+    from trajopt.core.solution import Solution as Solution
+    from trajopt.core.solution import Status as Status
+    from trajopt.core.trajectory import Trajectory as Trajectory
+    from trajopt.judging.verification import Certificate as Certificate
+    from trajopt.judging.verification import Tolerance as Tolerance
+    from trajopt.judging.verification import verify as verify
+    from trajopt.planners.planner import Planner as Planner
+    from trajopt.planners.planner import Relation as Relation
 
 _MODULE = {
-    "Certificate": "verification",
-    "InvalidInput": "exceptions",
-    "InvalidTrajectory": "exceptions",
-    "Limits": "problem",
-    "MissingBackend": "exceptions",
-    "Planner": "planner",
-    "Problem": "problem",
-    "Relation": "planner",
-    "Solution": "solution",
-    "Status": "solution",
-    "StoreError": "exceptions",
-    "Tolerance": "verification",
-    "Trajectory": "trajectory",
-    "TrajoptError": "exceptions",
-    "UnitWarning": "exceptions",
-    "UnknownName": "exceptions",
-    "compare": "benchmark.compare",
-    "judge": "judgement",
-    "verify": "verification",
+    "Certificate": "judging.verification",
+    "InvalidInput": "core.exceptions",
+    "InvalidTrajectory": "core.exceptions",
+    "Limits": "core.problem",
+    "MissingBackend": "core.exceptions",
+    "Planner": "planners.planner",
+    "Problem": "core.problem",
+    "Relation": "planners.planner",
+    "Solution": "core.solution",
+    "Status": "core.solution",
+    "StoreError": "core.exceptions",
+    "Tolerance": "judging.verification",
+    "Trajectory": "core.trajectory",
+    "TrajoptError": "core.exceptions",
+    "UnitWarning": "core.exceptions",
+    "UnknownName": "core.exceptions",
+    "compare": "comparison",
+    "judge": "benchmark.judgement",
+    "verify": "judging.verification",
 }
 __all__ = sorted(_MODULE)
 

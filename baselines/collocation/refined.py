@@ -28,12 +28,12 @@ from baselines.exact.acceleration import Exact, Scaled, starting_points
 from baselines.exact.jerk import ExactJerk
 from baselines.ipopt import no_start_succeeded, optima
 from baselines.sizes import announce, cells
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, passing_once
-from trajopt.problem import LIMIT_NAMES, Problem
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
-from trajopt.verification import verify
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import verify
+from trajopt.planners.planner import Planner, passing_once
 
 Array = NDArray[np.float64]
 

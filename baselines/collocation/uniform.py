@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 from baselines.exact import one_sided_jerk
 from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, backend, passing_once
-from trajopt.problem import LIMIT_NAMES, Problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 # A constraint's expression with its lowest and highest values.

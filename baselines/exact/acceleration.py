@@ -28,11 +28,11 @@ from baselines.exact.crossover import Passage, minimised
 from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
 from baselines.ipopt import Program, flat, optima_together, program, unflat
 from baselines.sizes import announce, cells
-from trajopt.planner import backend, passing_once
-from trajopt.problem import Problem
-from trajopt.rest_to_rest import trapezoidal
-from trajopt.solution import Solution
-from trajopt.trajectory import Trajectory
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import backend, passing_once
+from trajopt.planners.rest_to_rest import trapezoidal
 
 Array = NDArray[np.float64]
 Start = tuple[Array, Array]  # segment times, waypoint velocities

@@ -25,9 +25,9 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
 from baselines.ipopt import optima_together
 from baselines.sizes import announce, cells
-from trajopt.planner import passing_once
-from trajopt.problem import Problem
-from trajopt.solution import Solution
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution
+from trajopt.planners.planner import passing_once
 
 if TYPE_CHECKING:
     from baselines.exact.jerk_cells import Scaled

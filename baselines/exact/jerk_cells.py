@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from baselines.exact.cells import at_ends
 from baselines.exact.jerk_profiles import Limits, Profiles, Slopes
-from trajopt.problem import Problem
-from trajopt.rest_to_rest import stop_times
+from trajopt.core.problem import Problem
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -21,7 +21,7 @@ from baselines.exact.jerk_cells import Cells, Point, Rows, Scaled
 from baselines.exact.jerk_descent import Start
 from baselines.exact.several_starts import Optimum
 from baselines.ipopt import Program, flat, program, unflat
-from trajopt.planner import backend
+from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -27,9 +27,9 @@ from baselines.exact.rounded import (
     clocks,
     through,
 )
-from trajopt import polynomials
-from trajopt.trajectory import Trajectory
-from trajopt.verification import verify
+from trajopt.core import polynomials
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import verify
 
 Array = NDArray[np.float64]
 

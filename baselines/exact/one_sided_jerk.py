@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trajopt.problem import Problem
+from trajopt.core.problem import Problem
 
 
 def unsupported(problem: Problem) -> str | None:

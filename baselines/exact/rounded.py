@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.problem import Problem
-from trajopt.trajectory import BREAK_RTOL, Trajectory, nearest
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 
 Array = NDArray[np.float64]
 # Of the duration: breaks further apart are two, in whatever order the times were added up.

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.ipopt import no_start_succeeded
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, Relation
-from trajopt.problem import LIMIT_ORDERS, LimitName, Problem
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_ORDERS, LimitName, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import Planner, Relation
 
 Array = NDArray[np.float64]
 

@@ -22,11 +22,11 @@ from baselines.lower_bound.dual_check import Proof
 from baselines.lower_bound.incumbent import Incumbent, incumbent, kept
 from baselines.lower_bound.ratio_boxes import RatioProof
 from baselines.sizes import cells, described
-from trajopt import spline353
-from trajopt.exceptions import InvalidInput
-from trajopt.problem import Problem
-from trajopt.rest_to_rest import end_to_end_bound, stop_times
-from trajopt.trajectory import Trajectory
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners import spline353
+from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Family = Literal["free", "spline353"]
 

@@ -25,10 +25,10 @@ from baselines.lower_bound.linear import Answer
 from baselines.lower_bound.relaxation import Box, Relaxation
 from baselines.lower_bound.row_pool import RowPool
 from baselines.lower_bound.separation import Separation
-from trajopt.exceptions import TrajoptError
-from trajopt.planner import backend
-from trajopt.problem import Problem
-from trajopt.trajectory import Trajectory
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 

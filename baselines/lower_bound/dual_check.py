@@ -20,8 +20,8 @@ from baselines.lower_bound import costates, jerk_rows
 from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent
 from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows
-from trajopt.exceptions import InvalidInput
-from trajopt.problem import Problem
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop
 from baselines.sizes import cells
-from trajopt.planner import Planner
-from trajopt.problem import Problem
-from trajopt.trajectory import Trajectory
-from trajopt.verification import certified, verify
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import certified, verify
+from trajopt.planners.planner import Planner
 
 # Measured, per segment and moving joint: one start of each planner, s.
 _START_SECONDS = 3e-3

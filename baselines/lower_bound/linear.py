@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
 
 Array = NDArray[np.float64]
 

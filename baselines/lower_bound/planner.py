@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from trajopt import spline353
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, Relation
-from trajopt.problem import LIMIT_NAMES, Problem
-from trajopt.solution import Solution, Status
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.planners import spline353
+from trajopt.planners.planner import Planner, Relation
 
 if TYPE_CHECKING:  # the proofs are imported when one is asked for: listing planners needs none
     from baselines.lower_bound.bound import Bound

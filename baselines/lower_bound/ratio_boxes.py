@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.spline353_nlp import Spline
-from trajopt import polynomials, spline353
-from trajopt.exceptions import InvalidInput
-from trajopt.problem import Problem
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
+from trajopt.planners import spline353
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.exceptions import InvalidInput
-from trajopt.problem import Problem
-from trajopt.trajectory import Trajectory
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from baselines.lower_bound.ratio_boxes import RatioProof, Ratios, start_instants
 from baselines.spline353_nlp import Spline, Spline353NLP
-from trajopt import spline353
-from trajopt.problem import Problem
-from trajopt.rest_to_rest import stop_times
+from trajopt.core.problem import Problem
+from trajopt.planners import spline353
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 

@@ -20,13 +20,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from baselines.topp_ra import best_of, rules
-from trajopt import polynomials
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, passing_once
-from trajopt.problem import Limits, Problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Solution
-from trajopt.trajectory import Trajectory
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.solution import Solution
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import Planner, passing_once
+from trajopt.planners.rest_to_rest import stop_times
 
 TRIES = 12
 

@@ -28,12 +28,12 @@ from numpy.typing import NDArray
 
 from baselines.third_party import Rival, in_own_units, splines_after
 from baselines.topp_ra import Grid, Knots, cut, spline, timed, unit_path
-from trajopt import polynomials
-from trajopt.planner import backend
-from trajopt.problem import Problem
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
-from trajopt.verification import verify
+from trajopt.core import polynomials
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import verify
+from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 

@@ -29,11 +29,11 @@ from numpy.typing import NDArray
 
 from baselines.third_party import Rival, in_own_units
 from baselines.topp_ra import Knots, steps
-from trajopt.planner import backend
-from trajopt.problem import LIMIT_NAMES, Problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import backend
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 

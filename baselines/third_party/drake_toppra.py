@@ -24,10 +24,10 @@ import numpy as np
 
 from baselines.third_party import Rival, in_own_units, splines_after
 from baselines.topp_ra import Ends, Knots, cut, spline, timed, unit_path
-from trajopt.planner import backend
-from trajopt.problem import Problem
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import backend
 
 _GRIDPOINTS = 1000
 

@@ -34,11 +34,11 @@ from numpy.typing import NDArray
 
 from baselines.third_party import Rival, splines_after
 from baselines.topp_ra import Ends, Grid, Knots, cut, spline, timed, unit_path
-from trajopt import polynomials
-from trajopt.planner import backend
-from trajopt.problem import Problem
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.core import polynomials
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 

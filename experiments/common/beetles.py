@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.swarm import Box, Optimiser, Streams
-from trajopt.swarm.optimiser import Search, require
+from trajopt.planners.swarm import Box, Optimiser, Streams
+from trajopt.planners.swarm.optimiser import Search, require
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from trajopt.exceptions import MissingBackend
+from trajopt.core.exceptions import MissingBackend
 
 FLAGS = (
     "--headless=new",

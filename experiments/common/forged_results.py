@@ -27,7 +27,7 @@ from trajopt.benchmark.store.folder import DamagedFile, Store
 from trajopt.benchmark.store.seal import sealed
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
-from trajopt.registry import named
+from trajopt.planners.registry import named
 
 T = TypeVar("T")
 Rng = np.random.Generator

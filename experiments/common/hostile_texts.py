@@ -22,12 +22,12 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
-from trajopt import built_in
 from trajopt.benchmark.best_known import record, records, verification
 from trajopt.benchmark.suites import literature
+from trajopt.core import built_in
 from trajopt.formats import arms, joint_trajectory
 from trajopt.formats.motion import motion
-from trajopt.kinematics import Robot
+from trajopt.planners.kinematics import Robot
 
 Rng = np.random.Generator
 Command = list[str] | Callable[[], object]

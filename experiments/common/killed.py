@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from trajopt.benchmark import compare as run
+from trajopt import comparison as run
 from trajopt.benchmark.run import judge, runner
 from trajopt.benchmark.store.folder import Seen, Store, Written
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, now
-from trajopt.exceptions import TrajoptError
-from trajopt.registry import named
+from trajopt.core.exceptions import TrajoptError
+from trajopt.planners.registry import named
 
 PHASES = ["start-up", "solving", "writing", "consolidating", "end"]
 SPECS = ("ruckig-stop", "unoptimised", "exact:starts=1", "pso:iterations=20")

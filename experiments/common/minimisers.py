@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from trajopt.planner import backend
-from trajopt.swarm import Optimiser, minimise
+from trajopt.planners.planner import backend
+from trajopt.planners.swarm import Optimiser, minimise
 
 Array = NDArray[np.float64]
 Fitness = Callable[[Array], float]
@@ -26,7 +26,7 @@ POPULATION = 30
 
 @dataclass(frozen=True)
 class Ours:
-    """An optimiser of `trajopt.swarm`, or CMA-ES and differential evolution of `baselines`."""
+    """A swarm of `trajopt`, or CMA-ES and differential evolution of `baselines`."""
 
     optimiser: Optimiser
 

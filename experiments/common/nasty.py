@@ -24,12 +24,12 @@ from typing import Any
 
 import numpy as np
 
-from trajopt import verification
 from trajopt.benchmark import trial
-from trajopt.planner import Planner
-from trajopt.problem import Limits, Problem
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging import verification
+from trajopt.planners.planner import Planner
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([1.0], [1.0]), "one joint, 1 rad")
 OPTIMUM = 2.0  # s: 1 rad at 1 rad/s and 1 rad/s², all of it accelerating or braking

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 from baselines.lower_bound.bound import certify
 from trajopt import Problem, verify
-from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.figures import plots, style
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.cli import console
-from trajopt.exceptions import TrajoptError
-from trajopt.swarm_planner import SwarmPlanner
+from trajopt.core.exceptions import TrajoptError
+from trajopt.planners.swarm_planner import SwarmPlanner
+from trajopt.views.analysis import statistics
+from trajopt.views.figures import plots, style
 
 Array = NDArray[np.float64]
 

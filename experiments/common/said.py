@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trajopt.cli import app
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
 
 LONGEST_S = 10.0  # of CPU
 MEMORY_MB = 500.0  # of the whole process

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from trajopt import polynomials, spline353
-from trajopt.problem import Problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.trajectory import Trajectory
+from trajopt.core import polynomials
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners import spline353
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 FamilyName = Literal["3-5-3", "quintic B-spline"]

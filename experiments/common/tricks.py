@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trajopt.problem import Limits, Problem
-from trajopt.trajectory import Trajectory
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.swarm import Box, Optimiser, Streams
-from trajopt.swarm.optimiser import Search
+from trajopt.planners.swarm import Box, Optimiser, Streams
+from trajopt.planners.swarm.optimiser import Search
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.random import SeedSequence
 
 from experiments.paper.searches import ALGORITHMS, TOGETHER, Array, Runs, swarm
-from trajopt import Limits, Problem, spline353
+from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.registry import configured, load, options
-from trajopt.swarm import Optimiser, minimise
-from trajopt.swarm.optimiser import added
-from trajopt.swarm_planner import SwarmPlanner
+from trajopt.planners import spline353
+from trajopt.planners.registry import configured, load, options
+from trajopt.planners.swarm import Optimiser, minimise
+from trajopt.planners.swarm.optimiser import added
+from trajopt.planners.swarm_planner import SwarmPlanner
 
 Excess = Callable[[Array, Array, Limits], Array]
 

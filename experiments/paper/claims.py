@@ -9,7 +9,7 @@ import pandas as pd
 
 from experiments.paper.searches import ALGORITHMS, Found, percent_below, reference
 from trajopt import Problem
-from trajopt.benchmark.analysis import statistics
+from trajopt.views.analysis import statistics
 
 Estimates = dict[str, statistics.Estimate]  # by the keys of `data/reference/claims.csv`
 

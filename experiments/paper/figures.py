@@ -14,8 +14,8 @@ from matplotlib.ticker import NullFormatter
 
 from experiments.paper.searches import ALGORITHMS, MM, NAMES, Array, Runs, running_times
 from trajopt import Problem, Trajectory
-from trajopt.benchmark.figures import plots, sampling, style
-from trajopt.kinematics import Robot
+from trajopt.planners.kinematics import Robot
+from trajopt.views.figures import plots, sampling, style
 
 MARKS = {
     "mean": "v",

@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from trajopt import Problem, built_in, spline353
-from trajopt.benchmark.analysis import statistics
-from trajopt.kinematics import Robot
-from trajopt.planner import Planner
-from trajopt.swarm_planner import SwarmPlanner
+from trajopt import Problem
+from trajopt.core import built_in
+from trajopt.planners import spline353
+from trajopt.planners.kinematics import Robot
+from trajopt.planners.planner import Planner
+from trajopt.planners.swarm_planner import SwarmPlanner
+from trajopt.views.analysis import statistics
 
 Array = NDArray[np.float64]
 

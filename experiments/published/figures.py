@@ -12,10 +12,10 @@ from matplotlib.ticker import MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from experiments.published.judged import Judged, optimised
-from trajopt.benchmark.figures import plots, style
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.explain.claims import JudgedClaim, Verdict
-from trajopt.problem import Problem
-from trajopt.trajectory import Trajectory
+from trajopt.views.figures import plots, style
 
 Array = NDArray[np.float64]
 

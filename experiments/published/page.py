@@ -7,9 +7,9 @@ from collections import Counter
 import pandas as pd
 
 from experiments.published.judged import Judged, optimised, table
-from trajopt.benchmark.figures import style
 from trajopt.benchmark.suites.literature import Published
 from trajopt.explain.claims import MEANINGS, Known, Verdict
+from trajopt.views.figures import style
 
 COMMAND = "python -m experiments.literature --output docs"
 

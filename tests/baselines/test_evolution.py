@@ -19,11 +19,11 @@ from scipy.optimize import differential_evolution
 from baselines.evolution import CMAES, DE, cmaes, de
 from trajopt import InvalidInput, MissingBackend, Problem, Status, verify
 from trajopt.benchmark.trial import judge
-from trajopt.planner import Relation, field_values
-from trajopt.registry import GROUP, Entry, configured, options
-from trajopt.swarm import Box, Streams, minimise
-from trajopt.swarm_planner import SwarmPlanner, pso
-from trajopt.testing import check_planner
+from trajopt.planners.planner import Relation, field_values
+from trajopt.planners.registry import GROUP, Entry, configured, options
+from trajopt.planners.swarm import Box, Streams, minimise
+from trajopt.planners.swarm_planner import SwarmPlanner, pso
+from trajopt.planners.testing import check_planner
 
 SIX_AXIS = Problem.from_toml(Path(__file__).parents[2] / "data" / "problems" / "six-axis.toml")
 BEST_353 = 4.310382  # s, by spline353-nlp, from every start
@@ -164,7 +164,7 @@ def test_a_run_gives_the_same_bits_in_another_process():
     there = said_elsewhere(
         "from baselines.evolution import *",
         "from objectives import *",
-        "from trajopt.swarm import minimise",
+        "from trajopt.planners.swarm import minimise",
         "for optimiser in [CMAES(), DE()]:",
         "    result = minimise(optimiser, sphere, LOW, HIGH, [1, 2], iterations=30)",
         "    print(digest(result))",

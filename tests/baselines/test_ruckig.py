@@ -8,10 +8,10 @@ import pytest
 from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
 from experiments.relations import drawn
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.problem import Limits, Problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Status
-from trajopt.verification import verify
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.solution import Status
+from trajopt.judging.verification import verify
+from trajopt.planners.rest_to_rest import stop_times
 
 FILES = sorted(Path(__file__).parents[2].glob("data/problems/*.toml"))
 SHORT = RuckigVia(evaluations=600)

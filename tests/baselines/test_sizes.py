@@ -8,7 +8,7 @@ import pytest
 from baselines.collocation import refined, uniform
 from baselines.exact import acceleration, jerk, jerk_descent
 from trajopt import Limits, Problem
-from trajopt.planner import Planner
+from trajopt.planners.planner import Planner
 
 
 class Begun(Exception):

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from baselines.spline353_nlp import Spline353NLP
-from trajopt import Limits, Problem, Solution, Status, spline353, verify
+from trajopt import Limits, Problem, Solution, Status, verify
 from trajopt.benchmark.suites.catalogue import load, problem_files
 from trajopt.benchmark.suites.random import random_problem
+from trajopt.planners import spline353
 
 FOUR = [name for name in problem_files() if spline353.unsupported(load(name)) is None]
 

@@ -15,10 +15,10 @@ from baselines.third_party.minsnap import MinSnap, optimised, spline
 from baselines.topp_ra import Ends, Knots, ToppRa
 from trajopt import Limits, Problem, Solution, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner, backend
-from trajopt.registry import entries
-from trajopt.registry import load as planner
+from trajopt.core.exceptions import InvalidInput
+from trajopt.planners.planner import Planner, backend
+from trajopt.planners.registry import entries
+from trajopt.planners.registry import load as planner
 
 NAMES = [name for name, entry in entries().items() if "third_party" in entry.point.module]
 

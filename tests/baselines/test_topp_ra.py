@@ -9,11 +9,11 @@ from test_ruckig import random_problem
 
 from baselines import topp_ra
 from baselines.topp_ra import ToppRa, along, spline
-from trajopt import spline353
-from trajopt.problem import Limits, Problem
-from trajopt.solution import Status
-from trajopt.trajectory import Trajectory
-from trajopt.verification import verify
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.solution import Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import verify
+from trajopt.planners import spline353
 
 FOLDER = Path(__file__).parents[2] / "data/problems"
 TIMED = [

@@ -22,12 +22,12 @@ from trajopt import (
     StoreError,
     Trajectory,
 )
-from trajopt.benchmark import compare as run
+from trajopt import comparison as run
 from trajopt.benchmark.run.plan import Allowance, plan
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
-from trajopt.registry import load
+from trajopt.planners.registry import load
 
 PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
 FAST = [("exact", load("exact:starts=1"))]

@@ -22,8 +22,8 @@ from trajopt import InvalidInput, Planner, Solution, Status
 from trajopt.benchmark import provenance
 from trajopt.benchmark.provenance import code_of, plain
 from trajopt.benchmark.trial import Configuration, judge, trial_id
-from trajopt.planner import adapted
-from trajopt.registry import load
+from trajopt.planners.planner import adapted
+from trajopt.planners.registry import load
 
 PLANNER = """
 from dataclasses import dataclass
@@ -124,12 +124,16 @@ def test_our_planners_name_our_distribution_and_are_digested_in_no_time():
 
 
 def test_of_a_checkout_only_what_can_change_a_trial_counts():
-    names = ["trajopt/verification.py", "trajopt/benchmark/trial.py", "baselines/topp_ra.py"]
+    names = [
+        "trajopt/judging/verification.py",
+        "trajopt/benchmark/trial.py",
+        "baselines/topp_ra.py",
+    ]
     assert all(map(provenance._decides, names))
     names = [
         "trajopt/cli/app.py",
-        "trajopt/benchmark/report/page.py",
-        "trajopt/benchmark/compare.py",
+        "trajopt/views/report/page.py",
+        "trajopt/comparison.py",
     ]
     assert not any(map(provenance._decides, names))
 

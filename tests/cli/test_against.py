@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory
-from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.compare import Comparison
 from trajopt.benchmark.trial import judge
 from trajopt.cli import against, app, comparison
+from trajopt.comparison import Comparison
+from trajopt.views.analysis.results import Results
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one step")
 

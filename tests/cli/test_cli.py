@@ -19,15 +19,15 @@ from trials import edited
 
 from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem
-from trajopt.benchmark import compare as run
-from trajopt.benchmark.analysis.results import Results
+from trajopt import comparison as run
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
 from trajopt.cli import comparison, overview, plan
 from trajopt.cli.explain import RUNS, explained_run
-from trajopt.planner import Planner
-from trajopt.registry import entries, load, options
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import entries, load, options
+from trajopt.views.analysis.results import Results
 
 NAMES = {
     "unoptimised", "pso", "ssa", "issa", "spline353-nlp", "exact", "collocation", "toppra",
@@ -528,8 +528,8 @@ def test_of_many_kinds_of_failure_three_are_said(monkeypatch):
 
 
 def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
-    from trajopt.benchmark.figures import draw as figures
     from trajopt.benchmark.run import plan
+    from trajopt.views.figures import draw as figures
 
     monkeypatch.setattr(plan, "references", lambda problem: [])
     monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
@@ -541,7 +541,7 @@ def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
 
 def test_beating_the_reference_is_said_loudly(trajopt, tmp_path, monkeypatch):
     """A stand-in called exact that is slower than what it should bound, of an unknown problem."""
-    from trajopt.benchmark.figures import draw as figures
+    from trajopt.views.figures import draw as figures
 
     monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
     known = suite.load("one-joint")

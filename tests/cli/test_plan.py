@@ -8,11 +8,11 @@ import re
 import numpy as np
 import pytest
 
-from trajopt.benchmark.export import motion
 from trajopt.benchmark.store import folder as store
 from trajopt.cli import main
 from trajopt.cli.best import best, sentences
-from trajopt.problem import Limits, Problem
+from trajopt.core.problem import Limits, Problem
+from trajopt.views.export import motion
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from experiments.common.output import save_table
 from trajopt import Limits, Problem
 from trajopt.benchmark.store.verification import verification
 from trajopt.benchmark.suites.catalogue import load
-from trajopt.registry import entries, named
+from trajopt.planners.registry import entries, named
 
 
 def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

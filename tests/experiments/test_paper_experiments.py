@@ -15,10 +15,12 @@ from experiments.paper import choices as paper_choices
 from experiments.paper import claims as paper_claims
 from experiments.paper import searches as paper
 from experiments.paper.choices import READINGS, Fitness, exact_excess
-from trajopt import Limits, Problem, polynomials, spline353
-from trajopt.benchmark.analysis.statistics import Estimate
+from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.swarm import PSO
+from trajopt.core import polynomials
+from trajopt.planners import spline353
+from trajopt.planners.swarm import PSO
+from trajopt.views.analysis.statistics import Estimate
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from experiments.common.spline_times import SplineTimes
 from experiments.common.whales import WOA
 from trajopt import InvalidInput, Limits, Problem, verify
 from trajopt.explain.claims import Known
-from trajopt.swarm import SSA, minimise
+from trajopt.planners.swarm import SSA, minimise
 
 TURN = Problem(
     [[0.0, 0.2], [1.0, -0.4], [0.3, 0.5], [1.2, 0.1]],

@@ -7,9 +7,9 @@ import pandas as pd
 
 from experiments import speed
 from trajopt import Limits, Problem
-from trajopt.registry import load
-from trajopt.spline353 import trajectory
-from trajopt.verification import verify
+from trajopt.judging.verification import verify
+from trajopt.planners.registry import load
+from trajopt.planners.spline353 import trajectory
 
 PEERS = ["pymoo", "pygmo", "niapy"]
 PROBLEM = Problem([[0.0], [1.0], [2.0], [3.0]], Limits([1.0], [1.0]))

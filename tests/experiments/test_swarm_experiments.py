@@ -15,12 +15,13 @@ import pytest
 
 from experiments import issa_ablation, swarms
 from experiments.common import races
-from trajopt import Limits, Problem, Solution, Status, spline353, verify
-from trajopt.benchmark.analysis import statistics
-from trajopt.benchmark.figures import plots
-from trajopt.exceptions import TrajoptError
-from trajopt.swarm import SSA
-from trajopt.swarm_planner import SwarmPlanner
+from trajopt import Limits, Problem, Solution, Status, verify
+from trajopt.core.exceptions import TrajoptError
+from trajopt.planners import spline353
+from trajopt.planners.swarm import SSA
+from trajopt.planners.swarm_planner import SwarmPlanner
+from trajopt.views.analysis import statistics
+from trajopt.views.figures import plots
 
 PROBLEM = Problem([[0.0], [1.0], [0.5], [2.0]], Limits([1.0], [2.0]), "one")
 

@@ -19,7 +19,7 @@ from trajopt.explain.active_limits import (
     share_at_limits,
     stretches,
 )
-from trajopt.rest_to_rest import stop_times
+from trajopt.planners.rest_to_rest import stop_times
 
 
 def bang(h: float = 1.0, a: float = 4.0) -> Trajectory:

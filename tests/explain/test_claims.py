@@ -8,7 +8,7 @@ from trajopt.benchmark.suites import literature
 from trajopt.explain import claims
 from trajopt.explain.claims import Claim, Known, Verdict, judge, survey
 from trajopt.explain.references import Answer
-from trajopt.registry import load
+from trajopt.planners.registry import load
 
 # One joint, 4 rad at V = 2, A = 1: it reaches the limit, 4/2 + 2/1 = 4 s.
 STRAIGHT = Problem([[0.0], [4.0]], Limits([2.0], [1.0]))

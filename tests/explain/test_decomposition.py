@@ -11,16 +11,17 @@ from baselines.exact.acceleration import Exact
 from baselines.ruckig_ import RuckigStop
 from baselines.spline353_nlp import Spline353NLP
 from baselines.topp_ra import ToppRa, along
-from trajopt import Limits, Problem, Trajectory, spline353, verify
+from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load as problem_of
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
 from trajopt.explain.decomposition import Explanation, explain, peaks
 from trajopt.explain.references import Answer, references
-from trajopt.planner import Planner
-from trajopt.registry import load
-from trajopt.rest_to_rest import stop_times
-from trajopt.swarm_planner import SwarmPlanner, Unoptimised
+from trajopt.planners import spline353
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import load
+from trajopt.planners.rest_to_rest import stop_times
+from trajopt.planners.swarm_planner import SwarmPlanner, Unoptimised
 
 approx = pytest.approx
 

@@ -9,14 +9,14 @@ import zipfile
 import numpy as np
 import pytest
 
-from trajopt import arm_file, files
 from trajopt.benchmark.best_known import record
 from trajopt.benchmark.suites import literature
-from trajopt.exceptions import InvalidInput, UnknownName, shown
+from trajopt.core import arm_file, files
+from trajopt.core.exceptions import InvalidInput, UnknownName, shown
+from trajopt.core.problem import Problem
 from trajopt.formats import arms, joint_limits, joint_trajectory, own_breaks, urdf, waypoints
 from trajopt.formats.motion import motion
-from trajopt.kinematics import Robot
-from trajopt.problem import Problem
+from trajopt.planners.kinematics import Robot
 
 LONGEST_S = 1.0  # of CPU
 LONGEST_MESSAGE = 1500  # characters

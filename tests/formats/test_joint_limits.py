@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
 from trajopt.formats import joint_limits
 from trajopt.formats.robot_limits import RobotLimits
 

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
 from trajopt.formats import joint_trajectory
 from trajopt.formats.samples import Samples
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from trajopt.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.core.trajectory import Trajectory
 from trajopt.formats import samples_csv
 from trajopt.formats.motion import motion
 from trajopt.formats.samples import Samples
-from trajopt.trajectory import Trajectory
 
 
 def file(tmp_path, text, name="m.csv"):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.formats import samples_csv
 from trajopt.formats.on_cycle import moved
-from trajopt.problem import Limits, Problem
-from trajopt.registry import load
-from trajopt.trajectory import Trajectory
-from trajopt.verification import certified, verify
+from trajopt.judging.verification import certified, verify
+from trajopt.planners.registry import load
 
 TWO = Limits([1.0, 1.5], [2.0, 3.0])
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trajopt import Trajectory
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
 from trajopt.formats import own_breaks
 from trajopt.formats.motion import motion
 

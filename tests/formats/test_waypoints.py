@@ -8,11 +8,11 @@ import warnings
 import numpy as np
 import pytest
 
-from trajopt.arm_file import FallingVelocity
-from trajopt.exceptions import InvalidInput, UnitWarning, UnknownName
+from trajopt.core.arm_file import FallingVelocity
+from trajopt.core.exceptions import InvalidInput, UnitWarning, UnknownName
+from trajopt.core.problem import Problem
 from trajopt.formats import arms, urdf, waypoints
 from trajopt.formats.robot_limits import RobotLimits
-from trajopt.problem import Problem
 
 TWO = RobotLimits(
     joints={

@@ -43,14 +43,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import Planner
-from trajopt.registry import entries
+from trajopt.core.exceptions import InvalidInput
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import entries
 
 PACKAGES = ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "highspy", "h5py")
 
 _OURS = ("trajopt", "baselines")
-_SHOWS_ONLY = ("trajopt/cli/", "trajopt/benchmark/")  # but no trial depends on it, except on:
+# No trial depends on these files, except on `_JUDGES`.
+_SHOWS_ONLY = ("trajopt/cli/", "trajopt/comparison.py", "trajopt/views/", "trajopt/benchmark/")
 _JUDGES = ("trajopt/benchmark/trial.py",)
 _SOURCES = (".py", ".so", ".pyd")
 _SHORT_ARRAY = 100  # values that an option shows before it shows their digest instead

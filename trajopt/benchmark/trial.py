@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.benchmark.provenance import Code, code_of, plain, provenance
-from trajopt.exceptions import InvalidTrajectory, MissingBackend
-from trajopt.planner import Planner, Relation, adapted, check_visible
-from trajopt.problem import Problem
-from trajopt.registry import label
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
-from trajopt.verification import Certificate, certified, verify
+from trajopt.core.exceptions import InvalidTrajectory, MissingBackend
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import Certificate, certified, verify
+from trajopt.planners.planner import Planner, Relation, adapted, check_visible
+from trajopt.planners.registry import label
 
 Array = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from typing import Any
 import pandas as pd
 from rich.table import Table
 
-from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.analysis.statistics import holm
 from trajopt.cli import console
+from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.statistics import holm
 
 _PAIRED_MEANING = (
     "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "

@@ -16,7 +16,7 @@ from typing import TextIO
 import cyclopts
 
 from trajopt.cli import STOPPED, console
-from trajopt.exceptions import TrajoptError, UnitWarning
+from trajopt.core.exceptions import TrajoptError, UnitWarning
 
 app = cyclopts.App(
     name="trajopt",

@@ -15,11 +15,11 @@ from cyclopts import Parameter
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
 from trajopt.cli.parameters import number
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
 from trajopt.formats import arms, joint_limits, urdf, waypoints
 from trajopt.formats.robot_limits import RobotLimits
 from trajopt.formats.waypoints import Unit
-from trajopt.problem import Problem
 
 _SOURCES = "--robot NAME, --urdf FILE or --limits joint_limits.yaml"
 

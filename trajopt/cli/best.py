@@ -9,11 +9,11 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import Record
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.trial import Trial, judge
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import LIMIT_NAMES, Problem
 from trajopt.explain.references import THROUGH_WAYPOINTS, best_planners
-from trajopt.problem import LIMIT_NAMES, Problem
-from trajopt.registry import named
-from trajopt.rest_to_rest import end_to_end_bound, stop_times
+from trajopt.planners.registry import named
+from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 _SAVED_PERCENT = 0.05  # of the duration; less is none
 _PROVED_RTOL = 1e-4  # from which distance to the proved bound on an answer is called the optimum

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import cyclopts
 from cyclopts import Parameter
 
-from trajopt import judgement
+from trajopt.benchmark import judgement
 from trajopt.benchmark.best_known import proposal, records, verification
 from trajopt.benchmark.best_known.proposal import Candidate, Outcome
 from trajopt.benchmark.best_known.record import CLOSED_WITHIN, Record, origin
@@ -18,10 +18,10 @@ from trajopt.benchmark.best_known.verification import CheckedRecord
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
 from trajopt.cli.parameters import InterpolationName, Json
-from trajopt.exceptions import InvalidInput
-from trajopt.falling_velocity import caveats
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
 from trajopt.formats.motion import ENDINGS
-from trajopt.problem import Problem
+from trajopt.judging.falling_velocity import caveats
 
 app = cyclopts.App(
     name="best-known",

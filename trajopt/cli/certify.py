@@ -10,10 +10,10 @@ from cyclopts import Parameter
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number, whole_number
-from trajopt.exceptions import TrajoptError
-from trajopt.falling_velocity import caveats
-from trajopt.registry import configured, entries
-from trajopt.solution import Status
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.solution import Status
+from trajopt.judging.falling_velocity import caveats
+from trajopt.planners.registry import configured, entries
 
 
 def certify(

@@ -7,13 +7,13 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from trajopt.benchmark.best_known.surveyed import with_record
-from trajopt.benchmark.figures import style
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
 from trajopt.cli import console
 from trajopt.cli.parameters import MAX_SECONDS, Json, number
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
 from trajopt.explain.claims import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
+from trajopt.views.figures import style
 
 _ZERO = 5e-5  # a ratio minus 1 that would be shown as 0.00 %
 _PROBLEM = "Published problem, or a problem file with claims; without it, they are listed."

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from trajopt.benchmark.run import server
 from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, number, whole_number
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
 
 
 def compare(

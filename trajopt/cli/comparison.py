@@ -11,28 +11,28 @@ from typing import TYPE_CHECKING
 
 from rich.table import Table
 
-from trajopt.benchmark import compare as benchmark
-from trajopt.benchmark.analysis.summary import Line, Summary
+from trajopt import comparison as benchmark
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.compare import Comparison
-from trajopt.benchmark.figures import drawn
-from trajopt.benchmark.figures.drawing import Drawer
-from trajopt.benchmark.figures.style import dilated
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
-from trajopt.exceptions import TrajoptError
-from trajopt.falling_velocity import caveats
-from trajopt.interpolation import Interpolation
-from trajopt.problem import Problem
-from trajopt.registry import entries, named
-from trajopt.registry import label as label_of
+from trajopt.comparison import Comparison
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.interpolation import Interpolation
+from trajopt.core.problem import Problem
+from trajopt.judging.falling_velocity import caveats
+from trajopt.planners.registry import entries, named
+from trajopt.planners.registry import label as label_of
+from trajopt.views.analysis.summary import Line, Summary
+from trajopt.views.figures import drawn
+from trajopt.views.figures.drawing import Drawer
+from trajopt.views.figures.style import dilated
 
 if TYPE_CHECKING:
-    from trajopt.given_motion import GivenMotion
+    from trajopt.benchmark.given_motion import GivenMotion
 
 MANY = 12  # problems, beyond which there is one page in place of a table and figures each
 
@@ -147,8 +147,8 @@ def _motions(
 ) -> Iterator[tuple[str, GivenMotion]]:
     """Each motion under its file's name, or its whole path where two have one name."""
     # YAML and more: not where no motion is given
+    from trajopt.benchmark.given_motion import GivenMotion
     from trajopt.formats.motion import motion as motion_of
-    from trajopt.given_motion import GivenMotion
 
     names = Counter(file.name for file in files)
     for file in files:
@@ -182,8 +182,8 @@ def _default_planners() -> list[str]:
 def _show_many(ran: Comparison, folder: Path) -> Path:
     """A line per planner, and a page, whose path is returned."""
     # pandas: not where there are few problems
-    from trajopt.benchmark.analysis.results import Results
     from trajopt.cli import overview
+    from trajopt.views.analysis.results import Results
 
     return overview.show(Results(ran.trials, ran.kept), folder)
 
@@ -191,8 +191,8 @@ def _show_many(ran: Comparison, folder: Path) -> Path:
 def _show_against(ran: Comparison, rival: str) -> None:
     """Every planner against one."""
     # pandas: not where nobody asks for it
-    from trajopt.benchmark.analysis.results import Results
     from trajopt.cli import against
+    from trajopt.views.analysis.results import Results
 
     against.show(Results(ran.trials, ran.kept), rival)
 

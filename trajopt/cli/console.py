@@ -21,7 +21,7 @@ from rich.markup import escape
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from trajopt.benchmark.compare import Progress as TrialProgress
+    from trajopt.comparison import Progress as TrialProgress
 
 
 class _Console(Console):

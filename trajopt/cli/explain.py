@@ -10,19 +10,19 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.figures import draw
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import console
 from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed
 from trajopt.cli.plan import print_trial
+from trajopt.core.problem import Problem
 from trajopt.explain import decomposition
 from trajopt.explain.active_limits import ActiveLimit, share_at_limits
 from trajopt.explain.decomposition import Explanation
-from trajopt.falling_velocity import caveats
-from trajopt.planner import Planner
-from trajopt.problem import Problem
-from trajopt.registry import named
+from trajopt.judging.falling_velocity import caveats
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import named
+from trajopt.views.figures import draw
 
 RUNS = 30  # of a stochastic planner, the median of which is explained
 _SAVED_RTOL = 1e-5  # of the duration: limits that save less are not worth a word

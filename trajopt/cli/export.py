@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from trajopt.benchmark.analysis.results import Results
-from trajopt.benchmark.export import all_trials, ioh
-from trajopt.benchmark.figures import draw
 from trajopt.cli import console
 from trajopt.cli.parameters import beside
+from trajopt.views.analysis.results import Results
+from trajopt.views.export import all_trials, ioh
+from trajopt.views.figures import draw
 
 _NAMES = {
     "csv": "trials.csv",

@@ -8,16 +8,16 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from trajopt import judgement
+from trajopt.benchmark import judgement
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.figures import draw
+from trajopt.benchmark.judgement import Judgement
 from trajopt.cli import asked, console
 from trajopt.cli.asked import Robot
 from trajopt.cli.explain import sentences
 from trajopt.cli.parameters import InterpolationName, Json, MotionFile, ProblemName, number
 from trajopt.cli.plan import own_velocity_limits, worst_values
-from trajopt.judgement import Judgement
+from trajopt.views.figures import draw
 
 _OWN_LIMITS = Robot()
 _ADVICE = {

@@ -9,10 +9,10 @@ from typing import Any, Literal
 from trajopt.benchmark.suites import catalogue, robots
 from trajopt.cli import console
 from trajopt.cli.parameters import Json
-from trajopt.exceptions import TrajoptError
-from trajopt.planner import Planner, Relation
-from trajopt.problem import LIMIT_NAMES, LimitName, Limits, Problem
-from trajopt.registry import Entry, entries
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import LIMIT_NAMES, LimitName, Limits, Problem
+from trajopt.planners.planner import Planner, Relation
+from trajopt.planners.registry import Entry, entries
 
 _OPTIONAL_LIMITS: tuple[LimitName, ...] = ("jerk", "position")
 

@@ -7,11 +7,11 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from trajopt.benchmark import report
-from trajopt.benchmark.analysis.failures import failures, in_words
-from trajopt.benchmark.analysis.overview import overview
-from trajopt.benchmark.analysis.results import Results
 from trajopt.cli import console
+from trajopt.views import report
+from trajopt.views.analysis.failures import failures, in_words
+from trajopt.views.analysis.overview import overview
+from trajopt.views.analysis.results import Results
 
 _MEANING = """\
 Problems: as supported. Relaxed: motions that break limits which their planner

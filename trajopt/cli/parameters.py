@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from cyclopts import Parameter, Token
 from cyclopts.validators import Number
 
-from trajopt import numerals
-from trajopt.interpolation import Interpolation
+from trajopt.core import numerals
+from trajopt.core.interpolation import Interpolation
 
 MAX_SECONDS = 1e8  # three years: beyond, the system's clocks overflow
 _MAX_SEED = 2**63 - 1  # what the store holds

@@ -9,20 +9,20 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from rich.table import Table
 
-from trajopt.benchmark.export import motion
-from trajopt.benchmark.export.motion import Executed, Points, Target, peak
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
 from trajopt.cli.asked import Robot
 from trajopt.cli.best import Best, best, sentences
 from trajopt.cli.parameters import Json, ProblemName, Seed, number
-from trajopt.exceptions import InvalidInput
-from trajopt.falling_velocity import Excess, excess
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
 from trajopt.formats.waypoints import ENDINGS
-from trajopt.problem import Problem
-from trajopt.registry import named
-from trajopt.verification import RATIO_KINDS, WORST_KINDS, Certificate, Worst
+from trajopt.judging.falling_velocity import Excess, excess
+from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate, Worst
+from trajopt.planners.registry import named
+from trajopt.views.export import motion
+from trajopt.views.export.motion import Executed, Points, Target, peak
 
 _OWN_LIMITS = Robot()
 _CYCLE = 1e-3  # s

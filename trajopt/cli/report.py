@@ -7,10 +7,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from trajopt.benchmark import report as page
-from trajopt.benchmark.analysis.results import Results
 from trajopt.cli import console
 from trajopt.cli.parameters import beside, whole_number
+from trajopt.views import report as page
+from trajopt.views.analysis.results import Results
 
 
 def report(

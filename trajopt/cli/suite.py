@@ -13,8 +13,8 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.suites.catalogue import Suite
 from trajopt.cli import console
 from trajopt.cli.parameters import Json, whole_number
-from trajopt.exceptions import InvalidInput
-from trajopt.problem import LIMIT_NAMES, Problem
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_NAMES, Problem
 
 app = cyclopts.App(
     name="suite",

@@ -11,18 +11,18 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.table import Table
 
-from trajopt.arm_file import arm_files
+from trajopt.benchmark.judgement import Execution, as_executed
 from trajopt.benchmark.store.verification import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console
 from trajopt.cli.asked import Robot
 from trajopt.cli.parameters import InterpolationName, Json
 from trajopt.cli.plan import own_velocity_limits, worst_values
-from trajopt.exceptions import InvalidInput
+from trajopt.core.arm_file import arm_files
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.interpolation import Interpolation
 from trajopt.formats.motion import ENDINGS, Motion, motion
-from trajopt.interpolation import Interpolation
-from trajopt.judgement import Execution, as_executed
-from trajopt.verification import Certificate
+from trajopt.judging.verification import Certificate
 
 _NO_ROBOT = Robot()
 # More trials than this are counted, and only those that do not hold are listed.

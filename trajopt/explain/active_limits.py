@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials
-from trajopt.planner import Planner
-from trajopt.problem import LIMIT_ORDERS, LimitName, Limits, Problem
-from trajopt.trajectory import Trajectory
-from trajopt.verification import certified, verify
+from trajopt.core import polynomials
+from trajopt.core.problem import LIMIT_ORDERS, LimitName, Limits, Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import certified, verify
+from trajopt.planners.planner import Planner
 
 Array = NDArray[np.float64]
 

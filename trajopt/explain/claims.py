@@ -14,7 +14,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.exceptions import InvalidInput, TrajoptError
+from trajopt.core.exceptions import InvalidInput, TrajoptError
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import (
     BEST_OF_FAMILY,
     OPTIMUM_WITH_JERK,
@@ -24,10 +26,8 @@ from trajopt.explain.references import (
     asked,
     references,
 )
-from trajopt.problem import Limits, Problem
-from trajopt.registry import load
-from trajopt.rest_to_rest import end_to_end_bound, stop_times
-from trajopt.trajectory import Trajectory
+from trajopt.planners.registry import load
+from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Array = NDArray[np.float64]
 

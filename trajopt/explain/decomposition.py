@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials, spline353
-from trajopt.exceptions import TrajoptError
+from trajopt.core import polynomials
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import ActiveLimit, active_limits, scattered
 from trajopt.explain.references import (
     BEST_353,
@@ -29,11 +31,10 @@ from trajopt.explain.references import (
     judged,
     references,
 )
-from trajopt.planner import Planner
-from trajopt.problem import Limits, Problem
-from trajopt.registry import load
-from trajopt.trajectory import Trajectory
-from trajopt.verification import certified, verify
+from trajopt.judging.verification import certified, verify
+from trajopt.planners import spline353
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import load
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from trajopt.exceptions import TrajoptError
-from trajopt.problem import Problem
-from trajopt.registry import load
-from trajopt.solution import Solution
-from trajopt.trajectory import Trajectory
-from trajopt.verification import certified, verify
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import certified, verify
+from trajopt.planners.registry import load
 
 OPTIMUM = "exact"
 """The optimum under velocity and acceleration limits."""

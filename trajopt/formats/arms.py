@@ -1,4 +1,4 @@
-"""The built-in arms (`trajopt.arm_file`) as limits by joint name."""
+"""The built-in arms (`trajopt.core.arm_file`) as limits by joint name."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import get_args
 
 import numpy as np
 
-from trajopt import arm_file
-from trajopt.exceptions import InvalidInput
+from trajopt.core import arm_file
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LimitName, Limits
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
-from trajopt.problem import LimitName, Limits
 
 
 def named(name: str) -> RobotLimits:

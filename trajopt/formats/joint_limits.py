@@ -28,11 +28,11 @@ from typing import Any
 
 import numpy as np
 
-from trajopt import files
-from trajopt.exceptions import InvalidInput
+from trajopt.core import files
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LimitName
 from trajopt.formats import yaml_file
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
-from trajopt.problem import LimitName
 
 _WHAT = "joint limits"
 _RATES: tuple[LimitName, ...] = ("velocity", "acceleration", "jerk")

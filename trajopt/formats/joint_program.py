@@ -23,7 +23,7 @@ import numpy as np
 import scipy  # which imports its parts, half a second, where they are first used
 from numpy.typing import NDArray
 
-from trajopt.problem import Limits
+from trajopt.core.problem import Limits
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -22,8 +22,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from trajopt import files
-from trajopt.exceptions import InvalidInput
+from trajopt.core import files
+from trajopt.core.exceptions import InvalidInput
 from trajopt.formats import yaml_file
 from trajopt.formats.samples import Samples
 

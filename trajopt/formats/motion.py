@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from trajopt import files, piecewise
-from trajopt.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.core import files, piecewise
+from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.core.interpolation import Interpolation
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_trajectory, own_breaks, samples_csv
 from trajopt.formats.samples import Samples
-from trajopt.interpolation import Interpolation
-from trajopt.problem import Problem
-from trajopt.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly

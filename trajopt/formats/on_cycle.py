@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LimitName, Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.formats.joint_program import JointProgram
 from trajopt.formats.samples import Samples
-from trajopt.problem import LimitName, Problem
-from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import polynomials
-from trajopt.exceptions import InvalidInput, InvalidTrajectory
-from trajopt.files import check_keys
-from trajopt.numerals import is_number
-from trajopt.trajectory import Trajectory
+from trajopt.core import polynomials
+from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
+from trajopt.core.files import check_keys
+from trajopt.core.numerals import is_number
+from trajopt.core.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Row = list[float]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trajopt import interpolation as between
-from trajopt.exceptions import InvalidInput
-from trajopt.interpolation import Interpolation
-from trajopt.trajectory import Trajectory
+from trajopt.core import interpolation as between
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.interpolation import Interpolation
+from trajopt.core.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@
     0.0,0.0,0.0,0.0,0.0
 
 The unit says which of them a column is. Accelerations are there where a controller should use them:
-where it should join the samples with quintic pieces (`trajopt.interpolation`).
+where it should join the samples with quintic pieces (`trajopt.core.interpolation`).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import files, numerals
-from trajopt.exceptions import InvalidInput
+from trajopt.core import files, numerals
+from trajopt.core.exceptions import InvalidInput
 from trajopt.formats import waypoints
 from trajopt.formats.samples import Samples
 

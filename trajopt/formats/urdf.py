@@ -9,7 +9,7 @@ Franka's own element is read too (libfranka, `test/fr3.urdf` and `src/joint_velo
     <position_based_velocity_limits velocity_offset="0.30" deceleration_limit="6.0"/>
 
 It belongs to the range of the joint's `<limit>`; soft limits do not move it
-(`trajopt.arm_file.FallingVelocity`).
+(`trajopt.core.arm_file.FallingVelocity`).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from trajopt import files, numerals
-from trajopt.arm_file import FallingVelocity
-from trajopt.exceptions import InvalidInput
+from trajopt.core import files, numerals
+from trajopt.core.arm_file import FallingVelocity
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LimitName
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
-from trajopt.problem import LimitName
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move
 _UNLIMITED = (-np.inf, np.inf)

@@ -22,11 +22,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from trajopt import files, numerals
-from trajopt.exceptions import InvalidInput, UnitWarning
+from trajopt.core import files, numerals
+from trajopt.core.exceptions import InvalidInput, UnitWarning
+from trajopt.core.problem import Problem
+from trajopt.core.problem_file import UNITS, mixed_units
 from trajopt.formats.robot_limits import RobotLimits
-from trajopt.problem import Problem
-from trajopt.problem_file import UNITS, mixed_units
 
 Unit = Literal["deg", "rad"]
 

@@ -16,8 +16,8 @@ from typing import Any
 
 import yaml
 
-from trajopt import files, numerals
-from trajopt.exceptions import InvalidInput, shortened
+from trajopt.core import files, numerals
+from trajopt.core.exceptions import InvalidInput, shortened
 
 _DEGREE = pi / 180  # rad
 _PARSER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

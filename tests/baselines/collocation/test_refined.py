@@ -16,8 +16,8 @@ from baselines.ruckig_ import RuckigVia, section
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.rest_to_rest import stop_times
-from trajopt.testing import check_planner, examples
+from trajopt.planners.rest_to_rest import stop_times
+from trajopt.planners.testing import check_planner, examples
 
 ERROR = 1e-4
 

@@ -17,7 +17,7 @@ from baselines.topp_ra import along
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load, problem_files
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.rest_to_rest import stop_times
+from trajopt.planners.rest_to_rest import stop_times
 
 
 def solved(problem: Problem, **options: int) -> Trajectory:

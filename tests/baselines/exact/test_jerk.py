@@ -16,7 +16,7 @@ from experiments import relations
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.testing import examples
+from trajopt.planners.testing import examples
 
 QUICK = ExactJerk(starts=2)
 

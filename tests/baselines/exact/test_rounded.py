@@ -6,7 +6,7 @@ import numpy as np
 
 from baselines.exact.rounded import Clock, apart, assembled, clocks
 from trajopt import Limits, Problem, Trajectory, verify
-from trajopt.trajectory import BREAK_RTOL
+from trajopt.core.trajectory import BREAK_RTOL
 
 
 def test_breaks_that_a_trajectory_takes_as_one_are_moved_to_one_place() -> None:

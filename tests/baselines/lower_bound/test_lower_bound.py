@@ -11,10 +11,11 @@ from baselines.exact.acceleration import Exact
 from baselines.lower_bound.bound import Bound, certify
 from baselines.lower_bound.planner import Certify
 from baselines.spline353_nlp import Spline353NLP
-from trajopt import InvalidInput, Limits, Problem, Status, spline353, verify
+from trajopt import InvalidInput, Limits, Problem, Status, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.exceptions import MissingBackend
+from trajopt.core.exceptions import MissingBackend
+from trajopt.planners import spline353
 
 
 def one_joint(*waypoints: float, v: float = 1.0, a: float = 2.0) -> Problem:

@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baselines.lower_bound.planner import Certify
-from trajopt import InvalidInput, Limits, Problem, spline353
+from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.suites.catalogue import load
-from trajopt.planner import Relation
-from trajopt.registry import load as load_planner
-from trajopt.rest_to_rest import stop_times
-from trajopt.solution import Status
+from trajopt.core.solution import Status
+from trajopt.planners import spline353
+from trajopt.planners.planner import Relation
+from trajopt.planners.registry import load as load_planner
+from trajopt.planners.rest_to_rest import stop_times
 
 QUICK = Certify(time_limit=10.0)
 

@@ -23,8 +23,8 @@ from trajopt.benchmark.store import folder
 from trajopt.benchmark.store.verification import verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.trial import judge
-from trajopt.rest_to_rest import stop_times
-from trajopt.verification import certified, verify
+from trajopt.judging.verification import certified, verify
+from trajopt.planners.rest_to_rest import stop_times
 
 
 def limited_problem(seed, *, jerk=True, walls=False, waypoints=4, joints=2, one_sided=False):

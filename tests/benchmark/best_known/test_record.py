@@ -14,7 +14,7 @@ from trajopt.benchmark.best_known import proposal, records, verification
 from trajopt.benchmark.best_known.proposal import Candidate
 from trajopt.benchmark.best_known.record import CLOSED_FORM, Origin, Record, read, text
 from trajopt.benchmark.suites import catalogue
-from trajopt.exceptions import InvalidInput, StoreError, TrajoptError
+from trajopt.core.exceptions import InvalidInput, StoreError, TrajoptError
 
 OURS = Origin("bang-bang", "0.1.0", "2026-11-22")
 # 1 rad at 1 rad/s² from rest to rest takes 2 s; the second joint needs less and waits.

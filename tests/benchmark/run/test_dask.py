@@ -13,12 +13,12 @@ import pytest
 from distributed import Client, LocalCluster
 
 from trajopt import InvalidInput, Status
-from trajopt.benchmark import compare as run
+from trajopt import comparison as run
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
-from trajopt.registry import load
-from trajopt.swarm_planner import Unoptimised
+from trajopt.planners.registry import load
+from trajopt.planners.swarm_planner import Unoptimised
 
 PROBLEM = suite.load("one-joint")
 

@@ -13,7 +13,7 @@ import pytest
 from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory, compare
 from trajopt.benchmark.run import answer
 from trajopt.benchmark.trial import Answers
-from trajopt.planner import Relation
+from trajopt.planners.planner import Relation
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([1.0], [1.0]), "one joint, 1 rad")
 

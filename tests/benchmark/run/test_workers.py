@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from trajopt import Planner, Solution, Status, compare
-from trajopt.registry import load
+from trajopt.planners.registry import load
 
 SCRIPT = """
 from dataclasses import dataclass

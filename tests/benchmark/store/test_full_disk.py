@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from trajopt import StoreError
-from trajopt.benchmark import compare as run
+from trajopt import comparison as run
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue as suite
-from trajopt.registry import load
+from trajopt.planners.registry import load
 
 PROBLEMS = [suite.load("one-joint"), suite.load("reversal")]
 PLANNERS = [(name, load(name)) for name in ("unoptimised", "ruckig-stop")]

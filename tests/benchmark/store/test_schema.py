@@ -16,7 +16,7 @@ from trajopt.benchmark.store.columns import COLUMNS, SEED_MAX
 from trajopt.benchmark.store.folder import Store, read, save
 from trajopt.benchmark.store.schema import decode, encode, pack, unpack
 from trajopt.benchmark.trial import judge, trial_id
-from trajopt.registry import load, options
+from trajopt.planners.registry import load, options
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ import pytest
 from trials import assert_same
 
 from trajopt import Status
-from trajopt.benchmark.compare import compare
 from trajopt.benchmark.store.folder import Store, read
 from trajopt.benchmark.store.verification import verification
 from trajopt.benchmark.suites import catalogue
-from trajopt.registry import named
+from trajopt.comparison import compare
+from trajopt.planners.registry import named
 
 ARCHIVE = Path(__file__).with_name("schema2.tar.xz")
 

@@ -31,12 +31,12 @@ from trajopt.benchmark.best_known.verification import proved, suite_problems
 from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.folder import read as stored_trials
 from trajopt.benchmark.trial import Trial
-from trajopt.exceptions import InvalidTrajectory, StoreError, TrajoptError
+from trajopt.core.exceptions import InvalidTrajectory, StoreError, TrajoptError
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.formats import own_breaks
-from trajopt.problem import Problem
-from trajopt.rest_to_rest import end_to_end_bound
-from trajopt.trajectory import Trajectory
-from trajopt.verification import verify
+from trajopt.judging.verification import verify
+from trajopt.planners.rest_to_rest import end_to_end_bound
 
 # Digits of a proof's numbers, fewest first: whatever they are, it proves something.
 _PROOF_DIGITS = (5, 6, 7, 9, 12)

@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt import files
-from trajopt.exceptions import InvalidInput
+from trajopt.core import files
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.numerals import is_number
+from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.formats import own_breaks
-from trajopt.numerals import is_number
-from trajopt.problem import LIMIT_NAMES, Limits, Problem
-from trajopt.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from trajopt import built_in
 from trajopt.benchmark.best_known.record import Record, ending, read
+from trajopt.core import built_in
+from trajopt.core.problem import Problem
 from trajopt.explain.references import Answer
-from trajopt.problem import Problem
-from trajopt.verification import certified
+from trajopt.judging.verification import certified
 
 BETTER_RTOL = 1e-6
 """A duration is an improvement if it is shorter by more than this, relative."""

@@ -12,9 +12,9 @@ from pathlib import Path
 from trajopt.benchmark.best_known import records, verification
 from trajopt.benchmark.best_known.record import Record
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
 from trajopt.explain.claims import Known
-from trajopt.verification import certified
+from trajopt.judging.verification import certified
 
 
 def with_record(known: Known, where: Path | None = None) -> Known:

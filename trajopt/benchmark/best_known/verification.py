@@ -11,12 +11,12 @@ from typing import Any
 from trajopt.benchmark.best_known.record import CLOSED_FORM, Record, ending, read
 from trajopt.benchmark.store.verification import StoresProofs
 from trajopt.benchmark.suites import catalogue
-from trajopt.exceptions import TrajoptError
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import Problem
 from trajopt.explain.references import PROOF
-from trajopt.problem import Problem
-from trajopt.registry import load
-from trajopt.rest_to_rest import end_to_end_bound
-from trajopt.verification import verify
+from trajopt.judging.verification import verify
+from trajopt.planners.registry import load
+from trajopt.planners.rest_to_rest import end_to_end_bound
 
 DURATION_RTOL = 1e-9  # a duration computed again is the recorded one within this
 BOUND_RTOL = 1e-12  # what a proof proves again is what it proved, but for the order of sums

@@ -16,9 +16,9 @@ import numpy as np
 
 from trajopt.benchmark.store.schema import pack, unpack
 from trajopt.benchmark.trial import Answers, Array, crash, well_formed
-from trajopt.planner import Relation
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import Relation
 
 LARGEST = 2**26  # bytes of one message: far more than any answer has
 

@@ -13,9 +13,9 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
-from trajopt import files
-from trajopt.exceptions import InvalidInput
-from trajopt.planner import backend
+from trajopt.core import files
+from trajopt.core.exceptions import InvalidInput
+from trajopt.planners.planner import backend
 
 _PATIENCE = 20.0  # s, for the scheduler to answer
 

@@ -36,9 +36,9 @@ from trajopt.benchmark.trial import (
     now,
     unanswered,
 )
-from trajopt.exceptions import WorkerError
-from trajopt.problem import Problem
-from trajopt.solution import Solution, Status
+from trajopt.core.exceptions import WorkerError
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
 
 _CHUNK = 1 << 16  # bytes read at once
 _TAIL = 4096  # bytes of what a planner printed that are kept

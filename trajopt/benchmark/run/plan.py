@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, Entrant, Trial
-from trajopt.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Status
 from trajopt.explain.references import references
-from trajopt.problem import Problem
-from trajopt.registry import entries
-from trajopt.solution import Status
+from trajopt.planners.registry import entries
 
 IN_PROCESS = "nothing: all in one process"
 OWN_PROCESS = "a process of the planner's own, judged in another"

@@ -18,7 +18,7 @@ from typing import Any
 
 from trajopt.benchmark.run import server
 from trajopt.benchmark.run.server import SINGLE_THREADED
-from trajopt.exceptions import WorkerError
+from trajopt.core.exceptions import WorkerError
 
 HAS_JUDGES = hasattr(socket, "send_fds")  # a Unix
 

@@ -15,7 +15,7 @@ from trajopt.benchmark.run.plan import Allowance, Task
 from trajopt.benchmark.run.pool import JudgeDied, Judges, Pool
 from trajopt.benchmark.store.folder import Store, Written
 from trajopt.benchmark.trial import answered, copied, now
-from trajopt.solution import Status
+from trajopt.core.solution import Status
 
 _judges = Judges()  # of an executor's worker
 atexit.register(_judges.end)

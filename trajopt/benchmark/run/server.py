@@ -28,7 +28,7 @@ from typing import NoReturn
 _LOADED = (
     "trajopt.benchmark.run.judge",
     "trajopt.benchmark.store.trial_file",
-    "trajopt.swarm_planner",
+    "trajopt.planners.swarm_planner",
 )
 # `-P`: the working folder may hold a `json.py` of its own
 _COMMAND = (sys.executable, "-P", "-c")

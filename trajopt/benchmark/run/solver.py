@@ -22,8 +22,8 @@ import cloudpickle
 
 from trajopt.benchmark.run import answer, processes
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Answers, answered, crash
-from trajopt.planner import Planner, Relation
-from trajopt.problem import Problem
+from trajopt.core.problem import Problem
+from trajopt.planners.planner import Planner, Relation
 
 SIZE = struct.Struct("<Q")  # before each message: its length, bytes
 

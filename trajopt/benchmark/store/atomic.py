@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from trajopt.exceptions import StoreError
+from trajopt.core.exceptions import StoreError
 
 _ORPHAN_AGE = 60.0  # s untouched, after which it is litter if its process is gone
 _LITTER_AGE = 86400.0  # s untouched, after which it is litter anyway

@@ -15,8 +15,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.planner import Relation
-from trajopt.solution import Status
+from trajopt.core.solution import Status
+from trajopt.planners.planner import Relation
 
 Array = NDArray[np.float64]
 Kind = Literal["name", "text", "time", "integer", "number", "object"]

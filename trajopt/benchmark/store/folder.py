@@ -24,7 +24,7 @@ from trajopt.benchmark.store import atomic, seal
 from trajopt.benchmark.store.columns import harmless
 from trajopt.benchmark.store.schema import Encoded, decode, decoded, encode, recorded
 from trajopt.benchmark.trial import Trial
-from trajopt.exceptions import StoreError
+from trajopt.core.exceptions import StoreError
 
 T = TypeVar("T")
 Stamp = tuple[int, int]  # of a file: its inode, and when that last changed, ns

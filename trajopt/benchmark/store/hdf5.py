@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.store import seal
 from trajopt.benchmark.store.columns import Array, Malformed, naming
-from trajopt.exceptions import StoreError
+from trajopt.core.exceptions import StoreError
 
 SCHEMA = 3  # raise it whenever a reader of this version could misread the file
 _READABLE = (2, 3)

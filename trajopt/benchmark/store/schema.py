@@ -29,12 +29,12 @@ from trajopt.benchmark.store.columns import (
     naming,
 )
 from trajopt.benchmark.trial import DEGREE_MAX, Trial, verdict
-from trajopt.exceptions import InvalidTrajectory, StoreError
-from trajopt.planner import Relation
-from trajopt.problem import LIMIT_NAMES, Limits, Problem
-from trajopt.solution import Solution, Status
-from trajopt.trajectory import Trajectory
-from trajopt.verification import WORST_KINDS, Certificate, Tolerance, Worst
+from trajopt.core.exceptions import InvalidTrajectory, StoreError
+from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.judging.verification import WORST_KINDS, Certificate, Tolerance, Worst
+from trajopt.planners.planner import Relation
 
 _PLAIN = (type(None), str, bool, int)  # what JSON says as it is
 _TRAJECTORY = ("breaks", "coefficients", "waypoint_times")

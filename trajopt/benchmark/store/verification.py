@@ -19,12 +19,12 @@ from trajopt.benchmark.store.folder import Damaged, records
 from trajopt.benchmark.store.schema import encode, unpack
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
-from trajopt.exceptions import TrajoptError
-from trajopt.planner import Relation
-from trajopt.problem import Problem
-from trajopt.registry import configured, entries
-from trajopt.rest_to_rest import end_to_end_bound
-from trajopt.verification import RATIO_KINDS, WORST_KINDS
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import Problem
+from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS
+from trajopt.planners.planner import Relation
+from trajopt.planners.registry import configured, entries
+from trajopt.planners.rest_to_rest import end_to_end_bound
 
 DURATION_RTOL = 1e-9  # a duration computed again is the recorded one within this
 CERTIFICATE_RTOL = 1e-6  # a certificate's uses of limits likewise

@@ -19,11 +19,11 @@ from itertools import islice
 from pathlib import Path
 from zlib import crc32
 
-from trajopt import built_in
 from trajopt.benchmark.suites import edges, families, literature, robots
-from trajopt.exceptions import InvalidInput, UnknownName
-from trajopt.kinematics import Robot
-from trajopt.problem import Problem
+from trajopt.core import built_in
+from trajopt.core.exceptions import InvalidInput, UnknownName
+from trajopt.core.problem import Problem
+from trajopt.planners.kinematics import Robot
 
 THE_PAPERS = "six-axis"
 

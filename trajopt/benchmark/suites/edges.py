@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.problem import Limits, Problem
+from trajopt.core.problem import Limits, Problem
 
 # Raise it whenever a degenerate problem changes.
 EDGES_VERSION = 1

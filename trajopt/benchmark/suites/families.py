@@ -19,8 +19,8 @@ from zlib import crc32
 
 import numpy as np
 
-from trajopt.exceptions import InvalidInput, UnknownName
-from trajopt.problem import Array, Limits, Problem
+from trajopt.core.exceptions import InvalidInput, UnknownName
+from trajopt.core.problem import Array, Limits, Problem
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -21,10 +21,10 @@ from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trajopt import built_in, numerals
-from trajopt.exceptions import InvalidInput, UnknownName
-from trajopt.files import check_keys, text_at, toml
-from trajopt.problem import Problem
+from trajopt.core import built_in, numerals
+from trajopt.core.exceptions import InvalidInput, UnknownName
+from trajopt.core.files import check_keys, text_at, toml
+from trajopt.core.problem import Problem
 
 if TYPE_CHECKING:
     from trajopt.explain.claims import Claim

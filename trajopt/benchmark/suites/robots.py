@@ -9,12 +9,12 @@ from zlib import crc32
 
 import numpy as np
 
-from trajopt import arm_file
-from trajopt.arm_file import FallingVelocity
-from trajopt.arm_file import Origin as Origin
-from trajopt.arm_file import arm_files as arm_files
-from trajopt.exceptions import InvalidInput
-from trajopt.problem import Limits, Problem
+from trajopt.core import arm_file
+from trajopt.core.arm_file import FallingVelocity
+from trajopt.core.arm_file import Origin as Origin
+from trajopt.core.arm_file import arm_files as arm_files
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Limits, Problem
 
 # Raise it whenever an arm, or what is drawn for it, changes.
 ROBOTS_VERSION = 1

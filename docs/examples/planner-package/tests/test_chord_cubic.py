@@ -2,8 +2,8 @@
 
 from chord_cubic import ChordCubic
 
-from trajopt.registry import load
-from trajopt.testing import check_planner
+from trajopt.planners.registry import load
+from trajopt.planners.testing import check_planner
 
 
 def test_it_keeps_the_contract():

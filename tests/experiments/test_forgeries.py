@@ -1,0 +1,222 @@
+"""No forged proof is believed: none proves more than the best known motion takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from baselines.lower_bound.bound import certify
+from baselines.lower_bound.dual_check import LEAF, Proof, proved_bound
+from baselines.lower_bound.planner import Certify
+from experiments.common.forgeries import PROBLEMS, changed, forgeries, record, text
+from trajopt import InvalidInput, Limits, Problem, Solution, Status
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.record import parsed
+from trajopt.benchmark.best_known.verification import checked, proved
+from trajopt.benchmark.store import folder
+from trajopt.benchmark.store.verification import PROVED_AGAIN, verification
+from trajopt.benchmark.suites.catalogue import load
+from trajopt.benchmark.trial import judge
+from trajopt.cli.best_known import verify
+from trajopt.core.exceptions import TrajoptError
+from trajopt.planners.rest_to_rest import end_to_end_bound
+
+ABOVE = 1e-9  # of the best known duration, which is certified to so much
+HONEST = {problem: record(problem) for problem in PROBLEMS}
+FORGERIES = {forgery.name: forgery for problem in PROBLEMS for forgery in forgeries(problem)}
+
+
+def believed(content: str) -> float:
+    """What a record's text proves, s; −∞ where it is refused."""
+    try:
+        return proved(parsed(content))
+    except TrajoptError:
+        return -np.inf
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_no_forgery_is_believed_and_the_honest_proof_is(problem):
+    own = HONEST[problem]
+    for name, forgery in FORGERIES.items():
+        if name.startswith(problem):
+            assert believed(forgery.text) <= forgery.duration * (1 + ABOVE), name
+    assert believed(text(own)) >= own["lower_bound"] * (1 - 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "right"),
+    [
+        ("a subnormal λ", r"units is .*: expected numbers that are 0, or of a size from 2\^-128"),
+        ("units of 2^560 s and 2^0 rad", r"of a size from 2\^-128 to 2\^128"),
+        ("λ = 1e300", r"cells is 1e\+300: expected numbers that are 0, or of a size"),
+        (
+            "multipliers that begin with 3.5 in column 0",
+            "multipliers is 3.5: expected numbers that are whole",
+        ),
+        (
+            "multipliers that begin with 1e30 in column 0",
+            "expected numbers that are rows that exist",
+        ),
+        ("a kind of 0.5", "steps is 0.5: expected numbers that are whole"),
+        ("a kind of 7", "kinds from 0 to 3"),
+        ("multipliers twice", "multipliers.* twice"),
+    ],
+)
+def test_a_refusal_says_what_would_be_right(name, right):
+    with pytest.raises(InvalidInput, match=right):
+        proved(parsed(FORGERIES[f"six-axis: {name}"].text))
+
+
+# --- what Hypothesis changes in honest proofs ---
+
+TABLES = ("units", "tangents", "cuts", "cells", "steps", "multipliers")
+EXTREMES = (0.0, -0.0, 1.0, -1.0, 0.5, 5e-324, 1e-308, 2.0**-128, 2.0**128, 1e308)
+
+
+@st.composite
+def mutations(draw):
+    """A table, a place in it, and what happens there."""
+    place = st.integers(0, 10**4)
+    kind = draw(st.sampled_from(["scale", "scale all", "set", "swap", "drop", "repeat"]))
+    factor = draw(st.sampled_from([-1.0, 0.5, 1.5])) * 2.0 ** draw(st.integers(-200, 200))
+    value = draw(st.sampled_from(EXTREMES))
+    return draw(st.sampled_from(TABLES)), kind, draw(place), draw(place), factor, value
+
+
+def mutated(rows, kind, first, second, factor, value):
+    """A table of numbers with one change."""
+    table = np.array(rows, dtype=float)
+    i = first % len(table)
+    j = second % len(table)
+    column = second % table[0].size
+    with np.errstate(all="ignore"):
+        match kind:
+            case "scale":
+                table[i].reshape(-1)[column:] *= factor
+            case "scale all":
+                table *= factor
+            case "set":
+                np.atleast_2d(table.T).T[i, column] = value
+            case "swap":
+                table[[i, j]] = table[[j, i]]
+            case "drop":
+                table = np.delete(table, i, axis=0)
+            case "repeat":
+                table = np.insert(table, j, table[i], axis=0)
+    return np.nan_to_num(table).tolist()
+
+
+@settings(deadline=None, derandomize=True, max_examples=300)
+@given(st.sampled_from(PROBLEMS), st.lists(mutations(), min_size=1, max_size=4))
+def test_no_mutated_proof_proves_more_than_is_true(problem, changes):
+    said = changed(HONEST[problem])
+    for name, *change in changes:
+        if said["proof"][name]:
+            said["proof"][name] = mutated(said["proof"][name], *change)
+    assert believed(text(said)) <= said["duration"] * (1 + ABOVE)
+
+
+# --- one forgery among others ---
+
+
+def test_a_forged_file_does_not_hold_and_the_others_are_checked(tmp_path, capsys):
+    for name in ("units of 2^560 s and 2^0 rad", "multipliers twice", "a subnormal λ"):
+        file = tmp_path / f"{len(name)}.json"
+        file.write_text(FORGERIES[f"six-axis: {name}"].text, encoding="utf-8")
+    honest = records.file_of(load("jerk-limit"))
+    (tmp_path / honest.name).write_bytes(honest.read_bytes())
+    assert verify(registry=tmp_path) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.endswith("4 records checked: motions verified exactly, bounds proved again without "
+                         "a solver; 3 do not hold.")  # fmt: skip
+
+
+def test_a_file_that_breaks_the_check_does_not_hold(tmp_path, monkeypatch):
+    def breaks(*_):
+        raise OverflowError("of whatever nobody thought of")
+
+    monkeypatch.setattr("trajopt.benchmark.best_known.verification.verify", breaks)
+    (difference,) = checked(records.file_of(load("six-axis"))).differences
+    assert difference == (
+        "record: it cannot be checked, OverflowError: of whatever nobody thought of"
+    )
+
+
+def test_a_forged_trial_is_not_proved_again(tmp_path, monkeypatch):
+    own = parsed(FORGERIES["six-axis: units of 2^30 s and 2^-1022 rad"].text)
+    stats = {"proof": "proved", **own.proof_stats}
+    forged = Solution(Status.INVALID, None, "without a motion", own.lower_bound, stats=stats)
+    monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
+    (trial,) = judge(Certify(time_limit=1e-3), own.problem, [0], "certify")
+    folder.save(tmp_path / "trials" / f"{trial.id}.h5", trial)
+    (found,) = verification(tmp_path).trials
+    assert trial.lower_bound == own.lower_bound
+    assert found.bound != PROVED_AGAIN
+    assert not found.holds
+
+
+def test_a_bound_on_some_trajectories_is_none_on_all(tmp_path, monkeypatch):
+    """The best 3-5-3 takes 4.31 s, as its proof proves, and the optimum 1.48 s."""
+    planner = Certify(family="spline353", within=0.1)
+    found = planner.solve(load("six-axis"))
+    forged = replace(found, status=Status.INVALID, trajectory=None, message="no motion")
+    forged = replace(forged, lower_bound=found.stats["lower_bound"])
+    monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
+    (trial,) = judge(planner, load("six-axis"), [0], "certify")
+    folder.save(tmp_path / "trials" / f"{trial.id}.h5", trial)
+    (again,) = verification(tmp_path).trials
+    assert again.lower_bound > 3
+    assert again.bound != PROVED_AGAIN
+    assert "some trajectories only" in again.differences[0]
+
+
+@pytest.mark.parametrize(("name", "value"), [("proof_cells", "x"), ("proof_cels", [1.0])])
+def test_what_is_no_table_of_a_proof_is_refused(name, value):
+    stats = parsed(text(HONEST["six-axis"])).proof_stats
+    with pytest.raises(InvalidInput, match=f"stats, {name}: expected"):
+        Proof.stored({**stats, name: value})
+
+
+# --- arithmetic ---
+
+
+def test_limits_that_underflow_prove_nothing():
+    """`V ∫|λ|` is 0 in each cell, in units of 1 as well."""
+    least = 5e-324
+    problem = Problem([[0.0], [10 * least]], Limits([least], [least]))
+    cells = np.array([[start, 0, 0, 0, 0, 0, 1] for start in (0, 0.34, 0.67)])
+    proof = Proof(
+        units=np.ones(2),
+        cutoff=np.array([1e6]),
+        tangents=np.zeros((0, 2)),
+        cuts=np.array([[0.0, 0, 3]]),
+        cells=cells,
+        steps=np.array([[LEAF, 0.0, 0, 1]]),
+        multipliers=np.array([[3.0, 2.0**127]]),
+    )
+    with pytest.raises(InvalidInput, match="neither overflow nor underflow"):
+        proved_bound(problem, proof)
+
+
+def test_bounds_in_closed_form_are_rounded_down():
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        way = rng.uniform(0, 1, (6, 1)).cumsum(axis=0)
+        v, a = rng.uniform([0.1, 0.5], [0.3, 1.0]).tolist()
+        problem = Problem(way, Limits([v], [a]))
+        straight = Fraction(way[-1, 0]) - Fraction(way[0, 0])
+        exact = straight / Fraction(v) + Fraction(v) / Fraction(a)
+        assert Fraction(end_to_end_bound(problem)) <= exact
+
+
+def test_a_gap_wider_than_the_bound_that_needs_no_solver_is_proved():
+    """The cut-off would lie below the time that a single segment takes."""
+    problem = Problem([[0.0], [1.5]], Limits([1.0], [2.0]))
+    bound = certify(problem, within=20.0, time_limit=5)
+    assert 1.49 <= bound.lower_bound <= 2.0
+    assert bound.status == "proved"

@@ -1,0 +1,96 @@
+"""What is recorded of a problem as the reference of a comparison."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.record import Origin, Record
+from trajopt.benchmark.trial import judge
+from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.summary import Summary
+
+PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
+
+
+class Fixed:
+    """A quintic of a given duration, or only a bound."""
+
+    def __init__(self, duration, bound=None):
+        self.duration = duration
+        self.bound = bound
+
+    def options(self):
+        return {"duration": self.duration}
+
+    def relation(self, problem):
+        return Relation.RESTRICTION
+
+    def unsupported(self, problem):
+        return None
+
+    def solve(self, problem, *, seed=0):
+        t = self.duration
+        if t is None:
+            return Solution(Status.FAILED, message="gave up", lower_bound=self.bound)
+        c = [6 / t**5, -15 / t**4, 10 / t**3, 0, 0, 0]
+        trajectory = Trajectory([0, t], np.reshape(c, (6, 1, 1)), [0, t])
+        return Solution(Status.SOLVED, trajectory, lower_bound=self.bound)
+
+
+def run(name, duration, bound=None):
+    return judge(Fixed(duration, bound), PROBLEM, [0], name)
+
+
+@pytest.fixture
+def recorded(monkeypatch):
+    """A registry in which the toy problem's best known motion takes 1.4 s, proved to 1.3 s."""
+
+    def known(duration, bound):
+        by = Origin("theirs", "1.0", "2026-11-22")
+        record = Record(PROBLEM, duration, bound, by, by, None, {"steps": np.zeros((1, 4))})
+        own = {PROBLEM.digest(): record}
+        monkeypatch.setattr(records, "find", lambda problem: own.get(problem.digest()))
+        motion = SimpleNamespace(duration=duration)
+        monkeypatch.setattr(records, "answer", lambda problem: motion)
+
+    return known
+
+
+def test_a_record_is_the_reference_only_where_it_is_better_than_what_was_computed(recorded):
+    recorded(1.4, 1.3)
+    results = Results([*run("exact", 1.5), *run("mine", 2.8)])
+    duration, kind, proved, by, proof = results.references().iloc[0].tolist()
+    assert (duration, kind, proved) == (1.4, "best known", 1.3)
+    assert by == proof == "theirs 1.0, 2026-11-22"
+    assert results.gaps()["gap"].tolist() == pytest.approx([1.5 / 1.4 - 1, 1.0])
+    same = Results([*run("exact", 1.4), *run("mine", 2.8)])
+    assert same.references().iloc[0].tolist()[:2] == [1.4, "exact"]
+    bound = Results([*run("exact", None, bound=1.2), *run("mine", 2.8)])
+    assert bound.references().iloc[0].tolist()[:2] == [1.4, "best known"]
+
+
+def test_a_record_needs_no_computed_reference(recorded):
+    recorded(1.4, 1.3)
+    assert Results(run("mine", 2.8)).gaps()["gap"].tolist() == pytest.approx([1.0])
+
+
+def test_the_higher_of_two_proofs_counts(recorded):
+    recorded(1.5, 1.3)
+    lower = Results([*run("exact", 1.5), *run("certify", None, bound=1.2)])
+    assert lower.references().iloc[0].tolist()[2:] == [1.3, "", "theirs 1.0, 2026-11-22"]
+    higher = Results([*run("exact", 1.5), *run("certify", None, bound=1.4)])
+    assert higher.references().iloc[0].tolist()[2:] == [1.4, "", ""]
+
+
+def test_an_answer_below_the_record_is_an_improvement_once(recorded):
+    recorded(1.5, 1.3)
+    trials = [*run("exact", 1.5), *run("mine", 1.45), *run("other", 1.48)]
+    assert [trial.planner for trial in Summary(trials).improvements()] == ["mine"]
+    assert Summary(run("exact", 1.5 * (1 - 1e-7))).improvements() == []
+    recorded(1.4, 1.3)
+    assert Summary(trials).improvements() == []

@@ -1,0 +1,328 @@
+"""Anyone's motion, judged: through a problem's waypoints, or as executed within limits alone.
+
+    judgement = trajopt.judge("six-axis", "theirs.csv")
+    print(judgement.certificate.feasible, judgement.certified_duration, judgement.gap)
+
+The one verifier judges; nothing here forgives. Where the user says that a miss counts as passing
+(`via_tolerance`), another problem is judged: its waypoints are where the motion passes, and the
+optimum that the gap is measured against goes through the same points.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.suites import catalogue
+from trajopt.core.arm_file import FallingVelocity
+from trajopt.core.exceptions import InvalidInput, UnitWarning
+from trajopt.core.interpolation import Interpolation
+from trajopt.core.problem import Limits, Problem
+from trajopt.core.problem_file import mixed_units
+from trajopt.core.solution import Status
+from trajopt.core.trajectory import Trajectory
+from trajopt.explain import decomposition
+from trajopt.explain.decomposition import Explanation
+from trajopt.formats.motion import Motion
+from trajopt.formats.motion import motion as motion_of
+from trajopt.formats.samples import Samples
+from trajopt.judging.falling_velocity import Excess, excess
+from trajopt.judging.passing import waypoint_times
+from trajopt.judging.verification import Certificate, verify
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline, PPoly
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What there is to say of a motion.
+
+    Attributes:
+        problem: The problem that is judged. Where the tolerance was needed its waypoints are where
+            the motion passes, and its name says so.
+        motion: What is executed.
+        via_tolerance: Rad, of each joint.
+        trajectory: The motion with the times at which it passes each waypoint.
+        certificate: The verifier's.
+        tolerance_needed: Whether the motion passes the waypoints only with the tolerance.
+    """
+
+    problem: Problem
+    motion: Motion
+    via_tolerance: float
+    trajectory: Trajectory
+    certificate: Certificate
+    tolerance_needed: bool = False
+
+    @property
+    def status(self) -> Status:
+        return Status.SOLVED if self.certificate.valid else Status.INVALID
+
+    @cached_property
+    def excess(self) -> Excess | None:
+        """Over the arm's own falling velocity limits; None where the arm has none."""
+        return _excess(self.problem, self.trajectory)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the motion keeps every limit as it stands, the arm's own ones too."""
+        return self.certificate.feasible and (self.excess is None or self.excess.kept)
+
+    @property
+    def claimed_duration(self) -> float:
+        """Of the motion as it is, s."""
+        return self.trajectory.duration
+
+    @property
+    def certified_duration(self) -> float | None:
+        """With the slow-down that it needs, s; None where none mends it."""
+        return self.certificate.certified_duration
+
+    @cached_property
+    def explanation(self) -> Explanation | None:
+        """What its gap is made of; None without a certified duration. Asks the references once."""
+        if not self.certificate.valid:
+            return None
+        recorded = records.answer(self.problem)
+        return decomposition.explain(self.problem, None, self.trajectory, recorded)
+
+    @property
+    def gap(self) -> float | None:
+        """The certified duration over the best known optimum of `problem`, minus 1."""
+        return None if self.explanation is None else self.explanation.gap
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: SI units, joints count from 1, None for what does not exist."""
+        return {
+            "motion": self.motion.name,
+            "problem": self.problem.name,
+            "interpolation": self.motion.interpolation,
+            "via_tolerance": self.via_tolerance,
+            "status": str(self.status),
+            "claimed_duration": self.claimed_duration,
+            "certified_duration": self.certified_duration,
+            "feasible": self.certificate.feasible,
+            "dilation": self.certificate.dilation,
+            "gap": self.gap,
+            "waypoint_times": self.trajectory.waypoint_times.tolist(),
+            "flaws": list(self.certificate.flaws),
+            "falling_velocity": self.excess and self.excess.as_dict(),
+            "certificate": self.certificate.as_dict(),
+        }
+
+
+def judge(
+    problem: Problem | str | Path,
+    motion: str | Path | Motion | Samples | Trajectory | PPoly | BSpline,
+    *,
+    interpolation: Interpolation = "auto",
+    via_tolerance: float = 0.0,
+) -> Judgement:
+    """Judge a motion against a problem (docs/mathematics.md, section 10).
+
+    Waypoint times are where it comes closest to each waypoint, in order. With a tolerance, a
+    waypoint that no joint misses by more is moved to where the motion passes: only where the motion
+    is invalid without that and valid with it, which the name of the answer's `problem` says.
+
+    Args:
+        problem: or the name of a built-in one, or a problem file.
+        motion: a file of samples or polynomials, or an object (`trajopt.formats.motion`).
+        interpolation: what joins samples; by default what their controller does.
+        via_tolerance: rad, of each joint: a miss that counts as passing. It must be less than half
+            of any segment, or one instant might pass two waypoints.
+
+    Raises:
+        InvalidInput: The motion cannot be read, has other joints than the problem, or the
+            tolerance is too large.
+    """
+    asked = problem if isinstance(problem, Problem) else catalogue.load(str(problem))
+    given = motion_of(motion, interpolation).for_joints(asked.joint_names)
+    _check_joints(given, asked.joints)
+    given.check_units(asked)
+    _check_tolerance(asked, via_tolerance)
+    trajectory = passing(asked, given.trajectory)
+    strict = Judgement(asked, given, via_tolerance, trajectory, verify(asked, trajectory))
+    if strict.certificate.valid or via_tolerance == 0:
+        return strict
+    moved = _as_passed(asked, trajectory, via_tolerance)
+    certificate = verify(moved, trajectory)
+    if not certificate.valid:  # the tolerance mends nothing
+        return strict
+    return Judgement(
+        moved,
+        given,
+        via_tolerance,
+        trajectory,
+        certificate,
+        tolerance_needed=True,
+    )
+
+
+def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """The motion with the times at which it passes the problem's waypoints."""
+    times = waypoint_times(trajectory, problem.waypoints)
+    return Trajectory(trajectory.breaks, trajectory.coefficients, times)
+
+
+def _check_joints(motion: Motion, joints: int) -> None:
+    own = motion.trajectory.joints
+    if own != joints:
+        raise InvalidInput("joints", f"{joints}, as the problem has", value=own, file=motion.name)
+
+
+def _excess(problem: Problem, trajectory: Trajectory) -> Excess | None:
+    if not problem.falling_velocity:
+        return None
+    return excess(problem.falling_velocity, trajectory)
+
+
+def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
+    largest = np.abs(problem.displacements).max(axis=1)
+    shortest = float(largest[largest > 0].min())
+    if not 0 <= via_tolerance < shortest / 2:
+        right = f"a number from 0 to less than half the shortest segment, {shortest:.4g} "
+        right += problem.shared_unit()
+        raise InvalidInput("via_tolerance", right, value=via_tolerance)
+
+
+def _as_passed(problem: Problem, trajectory: Trajectory, via_tolerance: float) -> Problem:
+    """The problem through the points that the motion passes, where they are within tolerance.
+
+    Within its position limits too: a waypoint outside would be no problem's.
+    """
+    passed = trajectory(trajectory.waypoint_times)
+    low, high = problem.limits.position.T
+    inside = np.clip(passed, low, high)
+    miss = np.abs(passed - problem.waypoints).max(axis=1)
+    moved = np.where(miss[:, None] <= via_tolerance, inside, problem.waypoints)
+    return Problem(
+        moved,
+        problem.limits,
+        name=f"{problem.name}, as passed within {via_tolerance:g} {problem.shared_unit()}",
+        source=problem.source,
+        joint_names=problem.joint_names,
+        joint_units=problem.joint_units,
+        falling_velocity=problem.falling_velocity,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Execution:
+    """What there is to say of a motion within limits alone.
+
+    Attributes:
+        motion: What is executed.
+        problem: Its own start, end and turning points as waypoints, and the limits.
+        certificate: The verifier's.
+    """
+
+    motion: Motion
+    problem: Problem
+    certificate: Certificate
+
+    @cached_property
+    def excess(self) -> Excess | None:
+        """Over the arm's own falling velocity limits; None where the arm has none."""
+        return _excess(self.problem, self.motion.trajectory)
+
+    @property
+    def kept(self) -> bool:
+        """Whether the motion keeps every limit as it stands, the arm's own ones too."""
+        return self.certificate.feasible and (self.excess is None or self.excess.kept)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: SI units, joints count from 1, None for what does not exist."""
+        return {
+            "motion": self.motion.name,
+            "interpolation": self.motion.interpolation,
+            "duration": self.certificate.duration,
+            "feasible": self.certificate.feasible,
+            "dilation": self.certificate.dilation,
+            "certified_duration": self.certificate.certified_duration,
+            "falling_velocity": self.excess and self.excess.as_dict(),
+            "certificate": self.certificate.as_dict(),
+        }
+
+
+def as_executed(
+    motion: Motion,
+    limits: Limits,
+    *,
+    joint_units: Sequence[str] = (),
+    falling_velocity: Sequence[FallingVelocity | None] = (),
+) -> Execution:
+    """Whether what a controller runs keeps the limits; no waypoints are asked for.
+
+    The robot is to rest before and after. Warns with `UnitWarning` where a joint's motion and its
+    limits look as if one of them was in degrees.
+
+    Args:
+        motion: What is executed.
+        limits: Of its joints, in its order.
+        joint_units: "rad" or "m" per joint, as a `Problem` has them.
+        falling_velocity: The arm's own, as a `Problem` has them.
+
+    Raises:
+        InvalidInput: It has another number of joints than the limits, or never moves.
+    """
+    _check_joints(motion, limits.joints)
+    trajectory = motion.trajectory
+    at_breaks = trajectory(trajectory.breaks)
+    if not np.ptp(at_breaks, axis=0).any():
+        right = "a motion; at its samples this one stays where it is"
+        raise InvalidInput("motion", right, file=motion.name)
+    times = trajectory.breaks[_own_waypoints(at_breaks, limits)]
+    own = Trajectory(trajectory.breaks, trajectory.coefficients, times)
+    low, high = limits.position.T
+    problem = Problem(
+        np.clip(own(times), low, high),
+        limits,
+        name=motion.name,
+        joint_names=motion.joint_names,
+        joint_units=joint_units or motion.joint_units,
+        falling_velocity=falling_velocity,
+    )
+    motion.check_units(problem)
+    _warn_of_units(problem)
+    return Execution(motion, problem, verify(problem, own))
+
+
+def _warn_of_units(problem: Problem) -> None:
+    """Warn of the first joint that looks as if its motion or its limits were in degrees.
+
+    Joint by joint: a `!degrees` may be lost in one line of a joint_limits.yaml.
+    """
+    for joint in np.flatnonzero(problem.moving).tolist():
+        velocity = problem.limits.velocity[[joint]]
+        # an acceleration of its own may be right: the velocity alone decides
+        mixed = mixed_units(problem.waypoints[:, [joint]], velocity, acceleration=velocity)
+        if mixed and problem.unit(joint) == "rad":
+            label = problem.joint_labels[joint]
+            message = f"{problem.name}, {label}: {mixed}; limits are rad/s, or tagged !degrees"
+            warnings.warn(UnitWarning(message), stacklevel=3)
+            return
+
+
+def _own_waypoints(positions: Array, limits: Limits) -> NDArray[np.intp]:
+    """The start, the end, and where each joint is farthest from its start within its limits.
+
+    So every joint has the displacement that its tolerances are relative to.
+    """
+    low, high = limits.position.T
+    inside = ((positions >= low) & (positions <= high)).all(axis=1)
+    inside[[0, -1]] = True
+    distances = np.abs(positions - positions[0])
+    distances[~inside] = 0.0
+    farthest = np.argmax(distances, axis=0)
+    return np.unique(np.concatenate([[0], farthest, [len(positions) - 1]]))

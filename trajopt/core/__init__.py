@@ -1,0 +1,1 @@
+"""A problem, a trajectory and a solution: what every other folder talks about."""

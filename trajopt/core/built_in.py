@@ -1,0 +1,26 @@
+"""The data files that travel with the package, by name."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+
+def data_folder() -> Path:
+    """Where the data files live: inside the installed package, or beside it in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    if is_installed():
+        return package / "data"
+    return package.parent / "data"
+
+
+def is_installed() -> bool:
+    """Whether the package was installed from a wheel, and is no checkout."""
+    return (Path(__file__).resolve().parents[1] / "data").is_dir()
+
+
+@cache
+def files(folder: str) -> dict[str, Path]:
+    """Every TOML file of a data folder by its stem, in alphabetical order."""
+    found = sorted((data_folder() / folder).glob("*.toml"))
+    return {file.stem: file for file in found}

@@ -1,0 +1,200 @@
+"""Text files of strangers: read whole within bounds, or refused in one line.
+
+Every reader takes its text from here, therefore no file of any format has more than `MAX_BYTES`
+bytes, `MAX_VALUES` values or lines, a word of more than `MAX_WORD` characters (a number of 60,000
+digits takes minutes to read), or tables nested deeper than `MAX_DEPTH`.
+"""
+
+from __future__ import annotations
+
+import json as standard_json
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from trajopt.core.exceptions import InvalidInput, shortened
+
+MAX_BYTES = 32_000_000  # 88 s of six joints every millisecond
+MAX_TOML_BYTES = 2_000_000  # its parser takes a second for each million
+MAX_VALUES = 2_000_000
+MAX_WORD = 400  # characters; a float written in full has 327
+MAX_DEPTH = 40
+
+_MARKS = ",;\t\n[{<"  # one of them stands before every value but the first
+_LONG_WORD = re.compile(rf"(?<![\w.+-])[\w.+-]{{{MAX_WORD + 1}}}")
+_PART = r"""\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
+_DEEP_KEY = re.compile(rf"(?:{_PART}){{{MAX_DEPTH}}}")  # quadratic in memory, for `tomllib`
+
+
+def text(
+    path: Path,
+    what: str,
+    kind: str,
+    *,
+    max_bytes: int = MAX_BYTES,
+    marks: str = _MARKS,
+) -> str:
+    """The text of a file in UTF-8, within the bounds of this module.
+
+    Args:
+        path: The file.
+        what: It should be, in words, as an error says it.
+        kind: Of file, as an error says it: "JSON".
+        max_bytes: The most that it may have.
+        marks: Characters that are counted against `MAX_VALUES`.
+
+    Raises:
+        InvalidInput: It cannot be read, is no text, or is beyond a bound; names the file.
+    """
+    try:
+        found = content(path, max_bytes).decode("utf-8-sig")
+        check_bounds(found, marks)
+    except (OSError, ValueError) as error:
+        raise unreadable(path, what, kind, error) from None
+    return found
+
+
+def content(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
+    """What is in a file; raises `OSError`, and `ValueError` where it is too large."""
+    with path.open("rb") as file:
+        found = file.read(max_bytes + 1)
+    if len(found) > max_bytes:
+        raise ValueError(f"it has more than {max_bytes / 1e6:g} MB")
+    return found
+
+
+def check_bounds(found: str, marks: str = _MARKS) -> None:
+    """Raise `ValueError` for a text of too many values, or with too long a word."""
+    if sum(map(found.count, marks)) > MAX_VALUES:
+        raise ValueError(f"it has more than {MAX_VALUES} values")
+    word = _LONG_WORD.search(found)
+    if word:
+        line = found.count("\n", 0, word.start()) + 1
+        raise ValueError(f"line {line} has a word of more than {MAX_WORD} characters")
+
+
+def unreadable(path: Path, what: str, kind: str, error: Exception) -> InvalidInput:
+    """What to raise where reading a file fails."""
+    reason = getattr(error, "strerror", None) or str(error)
+    if isinstance(error, RecursionError):
+        reason = _TOO_DEEP
+    return InvalidInput(what, f"a readable {kind} file", value=reason, file=str(path))
+
+
+def json(path: Path, what: str) -> Any:
+    """What a JSON file says; raises `InvalidInput` naming the file, also for a key given twice."""
+    found = text(path, what, "JSON")
+    try:
+        return parsed_json(found)
+    except (ValueError, RecursionError) as error:
+        raise unreadable(path, what, "JSON", error) from None
+
+
+def parsed_json(said: str) -> Any:
+    """What a JSON text says.
+
+    Raises:
+        ValueError, RecursionError: It is none, has a key twice, NaN or infinity, or is beyond a
+            bound.
+    """
+    check_bounds(said)
+    found = standard_json.loads(said, object_pairs_hook=_once, parse_constant=_no_number)
+    _check_depth(found)
+    return found
+
+
+def toml(path: Path, what: str, number: Callable[[str], Any] = float) -> dict[str, Any]:
+    """What a TOML file says; `number` reads what has a decimal point or an exponent.
+
+    Raises:
+        InvalidInput: It cannot be read, or is no TOML; names the file.
+    """
+    said = text(path, what, "TOML", max_bytes=MAX_TOML_BYTES)
+    try:
+        if _DEEP_KEY.search(said):
+            raise ValueError(_TOO_DEEP)
+        table = tomllib.loads(said, parse_float=number)
+        _check_depth(table)
+    except (ValueError, RecursionError) as error:
+        raise unreadable(path, what, "TOML", error) from None
+    return table
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {shortened(twice, 60)} is there twice")
+    return table
+
+
+def _no_number(constant: str) -> Any:
+    raise ValueError(f"{constant} is no number of JSON")
+
+
+def _check_depth(value: Any) -> None:
+    level = [value]
+    for _ in range(MAX_DEPTH):
+        level = [item for table in level for item in _items(table) if isinstance(item, list | dict)]
+        if not level:
+            return
+    raise ValueError(_TOO_DEEP)
+
+
+def _items(table: Any) -> Iterable[Any]:
+    if isinstance(table, dict):
+        return table.values()
+    return table if isinstance(table, list) else ()
+
+
+def check_keys(
+    prefix: str,
+    table: Mapping[str, Any],
+    known: Iterable[str],
+    required: Iterable[str] = (),
+    *,
+    others: bool = False,
+) -> None:
+    """Refuse keys that nobody reads, and missing ones.
+
+    Args:
+        prefix: Stands before a key in errors.
+        table: What the file says.
+        known: The keys that are right, those that are ignored too.
+        required: The keys that must be there.
+        others: Whether keys that come near no known one are ignored.
+
+    Raises:
+        InvalidInput: Names the key and the nearest known one.
+    """
+    names = sorted(known)
+    for key, value in table.items():
+        if key in names:
+            continue
+        close = _nearest(str(key), names)
+        if close or not others:
+            right = f"the key {close}" if close else f"one of the keys {', '.join(names)}"
+            raise InvalidInput(f"{prefix}{key}", right, value=value)
+    for key in required:
+        if key not in table:
+            raise InvalidInput(f"{prefix}{key}", "this key; it is missing")
+
+
+def _nearest(name: str, names: list[str]) -> str:
+    from difflib import get_close_matches  # late: most files have right keys
+
+    return "".join(get_close_matches(name, names, n=1))
+
+
+def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:
+    """The text under a key; raises `InvalidInput` where it is none."""
+    value = table.get(key, default)
+    if not isinstance(value, str):
+        raise InvalidInput(key, "a string", value=value)
+    return value
+
+
+_TOO_DEEP = f"it is nested deeper than {MAX_DEPTH}"

@@ -1,0 +1,70 @@
+"""Numbers written as text: read as they stand, or refused.
+
+Python reads more than people write: 1_000 is 1000, 1e999 is infinite, ١ is 1, and a command line's
+library rounds 1.5 to 2 where a whole number is asked for.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from decimal import Decimal
+from typing import Any
+
+from trajopt.core.exceptions import shown
+
+MAX_LENGTH = 400  # characters of a number, which holds every float written in full
+
+_WHOLE = re.compile(r"[+-]?[0-9]+")
+# The exponent has three digits at most: beyond, a `Decimal` overflows.
+_DECIMAL = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?0*[0-9]{1,3})?")
+
+
+def parsed(text: str) -> int | float | None:
+    """A whole or decimal number; None for any other text, and for one of over 400 characters."""
+    if len(text) > MAX_LENGTH:
+        return None
+    if _WHOLE.fullmatch(text):
+        return int(text)
+    if not _DECIMAL.fullmatch(text):
+        return None
+    value = float(text)
+    return value if math.isfinite(value) else None
+
+
+def whole(text: str) -> int:
+    """A whole number in decimal digits.
+
+    Raises:
+        ValueError: It is written in another way, 1e3 or 1.0 too, or in over 400 characters.
+    """
+    value = parsed(text)
+    if not isinstance(value, int):
+        raise ValueError(f"{shown(text)} is not a whole number.")
+    return value
+
+
+def decimal(text: str) -> float:
+    """A finite decimal number, perhaps with an exponent.
+
+    Raises:
+        ValueError: It is written in another way, in over 400 characters, or too large for a float.
+    """
+    value = parsed(text)
+    if value is None or not is_number(value):
+        raise ValueError(f"{shown(text)} is not a finite number.")
+    return float(value)
+
+
+def exact(text: str) -> Decimal:
+    """A finite decimal number with all its digits; raises `ValueError` as `decimal` does."""
+    decimal(text)
+    return Decimal(text)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a parsed value is a number that a float holds: no truth value, text or infinity."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return abs(value) <= sys.float_info.max

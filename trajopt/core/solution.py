@@ -1,0 +1,80 @@
+"""What a planner returns: a status, a trajectory if it has one, and what it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.core.trajectory import Trajectory
+
+HISTORY_RTOL = 1e-9  # between a history's last claim and the trajectory's duration
+
+
+class Status(StrEnum):
+    """How a trial ended. Anything but `SOLVED` comes with a message that says why."""
+
+    SOLVED = "solved"
+    RELAXED = "relaxed"  # without limits that the planner ignores; the motion may break those
+    INFEASIBLE = "infeasible"  # proved: no trajectory exists
+    FAILED = "failed"  # the solver gave up
+    INVALID = "invalid"  # the verifier found what no dilation can mend
+    UNSUPPORTED = "unsupported"  # not for this problem; the message says why
+    TIMEOUT = "timeout"
+    CRASHED = "crashed"
+    MISSING = "missing"  # a backend is not installed
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A planner's answer, before anyone has checked it.
+
+    - `trajectory`: its duration is the planner's *claim*; the verifier certifies another;
+    - `lower_bound`: seconds that no trajectory through these waypoints can beat, if that is proved;
+    - `evaluations`: how often the planner evaluated its objective, if it counts them;
+    - `history` `(m, 2)`: evaluations spent, and the shortest duration claimed by then (NaN before
+      the first), s; what the last row claims is `trajectory` (see `history_flaw`);
+    - `setup_time`: the part of the wall time spent building what later calls reuse, s;
+    - `stats`: anything else worth keeping; values are numbers, strings or arrays.
+    """
+
+    status: Status
+    trajectory: Trajectory | None = None
+    message: str = ""
+    lower_bound: float | None = None
+    evaluations: int | None = None
+    history: NDArray[np.float64] | None = None
+    setup_time: float = 0.0
+    stats: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def history_flaw(self) -> str:
+        """Why `history` does not lead to the answer; empty where it does, or where there is none.
+
+        Evaluations and claims are in order, and the last claim is the trajectory's duration.
+        """
+        if self.history is None or not len(self.history):
+            return ""
+        if self.history.shape[1:] != (2,):
+            return f"it must be (m, 2), got {self.history.shape}"
+        spent, claims = self.history.T
+        nothing = np.isnan(claims)
+        found = claims[~nothing]
+        begun = nothing[:-1] | ~nothing[1:]  # once there is a claim there are others
+        falls = np.diff(found) <= 0
+        counts = np.diff(spent) >= 0
+        in_order = begun.all() and falls.all() and counts.all()
+        if not in_order:
+            return "its evaluations must not fall, nor its durations rise"
+        if not found.size:
+            return ""
+        if self.trajectory is None:
+            return "there is no trajectory"
+        claimed = self.trajectory.duration
+        if abs(found[-1] - claimed) <= HISTORY_RTOL * claimed:
+            return ""
+        return f"it ends at {found[-1]:.9g} s, but the trajectory takes {claimed:.9g} s"

@@ -1,0 +1,385 @@
+"""The trajectory: a piecewise polynomial of time, one per joint, on common breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trajopt.core import html, piecewise, polynomials
+from trajopt.core import interpolation as between
+from trajopt.core.exceptions import InvalidTrajectory
+from trajopt.core.interpolation import Interpolation
+from trajopt.core.piecewise import Pieces
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline, PPoly
+
+Array = NDArray[np.float64]
+
+EPS = float(np.finfo(float).eps)
+# Breaks closer than this fraction of the duration are one break: what sums of durations in
+# different orders leave, and no more. A piece dropped although it moves would be a jump.
+BREAK_RTOL = 16 * EPS
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Positions of all joints over `[0, duration]`, in the layout of `scipy.interpolate.PPoly`.
+
+    Attributes:
+        breaks: strictly increasing times from 0, s, `(pieces + 1,)`.
+        coefficients: highest power first, in the time since the piece's start, rad/s^power,
+            `(degree + 1, pieces, joints)`.
+        waypoint_times: when each waypoint is passed, from 0 to `duration`, s, `(waypoints,)`.
+
+    Raises:
+        InvalidTrajectory: these do not fit together or are not finite.
+    """
+
+    breaks: Array
+    coefficients: Array
+    waypoint_times: Array
+
+    def __post_init__(self) -> None:
+        for name in ("breaks", "coefficients", "waypoint_times"):
+            array = np.array(getattr(self, name), dtype=float)
+            if not np.isfinite(array).all():
+                raise InvalidTrajectory(f"{name} holds a value that is not finite")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        _check(self.breaks, self.coefficients, self.waypoint_times)
+
+    @property
+    def duration(self) -> float:
+        """Total time, s."""
+        return float(self.breaks[-1])
+
+    @property
+    def joints(self) -> int:
+        return int(self.coefficients.shape[2])
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Duration of each piece, s, `(pieces,)`."""
+        return np.diff(self.breaks)
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Position (or its derivative of `order`) at times `t` `(…)`: `(…, joints)`.
+
+        Times outside `[0, duration]` are moved to the nearer end. At a break the later piece
+        counts.
+        """
+        wanted = np.asarray(t, dtype=float)
+        time = np.clip(wanted, 0.0, self.duration)
+        piece = self._piece_at(time)
+        local = time - self.breaks[piece]
+        derivative = polynomials.derivative(self.coefficients, order)
+        return polynomials.evaluate(derivative[:, piece], local[..., None])
+
+    def __repr__(self) -> str:
+        passed = ", ".join(f"{time:.6g}" for time in self.waypoint_times)
+        pieces = len(self.lengths)
+        degree = len(self.coefficients) - 1
+        return (
+            f"Trajectory({self.duration:.6g} s, {self.joints} joints, {pieces} pieces of degree "
+            f"{degree}, waypoints at {passed} s)"
+        )
+
+    def _repr_html_(self) -> str:
+        """For notebooks: where each joint starts and ends, and how far it goes, rad or m."""
+        header = ["joint", "start", "end", "lowest", "highest"]
+        low, high = self._range()
+        start, end = self([0.0, self.duration])
+        rows = []
+        for joint in range(self.joints):
+            values = (start[joint], end[joint], low[joint], high[joint])
+            rows.append([str(joint + 1), *[f"{value:.6g}" for value in values]])
+        return html.table(repr(self), header, rows)
+
+    def _range(self) -> tuple[Array, Array]:
+        """The exact lowest and highest position of each joint, rad, `(joints,)`."""
+        unit = self.pieces()
+        flat = unit.reshape(len(unit), -1)
+        at = polynomials.critical_points(flat)
+        values = polynomials.evaluate(flat[:, None], at)
+        lowest = values.min(axis=0).reshape(unit.shape[1:])
+        highest = values.max(axis=0).reshape(unit.shape[1:])
+        return lowest.min(axis=0), highest.max(axis=0)
+
+    def pieces(self, order: int = 0) -> Array:
+        """The derivative of `order`, every piece on the unit interval `[0, 1]`.
+
+        Returns:
+            Coefficients `(degree + 1 − order, pieces, joints)`, highest power first, whose values
+            are rad/s^order.
+        """
+        if order not in self._pieces:
+            derivative = polynomials.derivative(self.coefficients, order)
+            pieces = polynomials.stretched(derivative, self.lengths)
+            pieces.setflags(write=False)
+            self._pieces[order] = pieces
+        return self._pieces[order]
+
+    @cached_property
+    def _pieces(self) -> dict[int, Array]:
+        """What `pieces` has computed so far, by order: the verifier asks again and again."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Array]:
+        """The arrays alone: what was computed from them does not travel between processes."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def dilated(self, factor: float) -> Trajectory:
+        """The same path, `factor` times as slow: the n-th derivative divides by `factor ** n`.
+
+        Raises:
+            InvalidTrajectory: the factor is not a positive number.
+        """
+        if not 0 < factor < np.inf:
+            raise InvalidTrajectory(f"the factor of a dilation must be positive, got {factor}")
+        coefficients = polynomials.stretched(self.coefficients, 1.0 / factor)
+        return Trajectory(self.breaks * factor, coefficients, self.waypoint_times * factor)
+
+    def refined(self, times: ArrayLike) -> Trajectory:
+        """The same motion with a break at each of these times, s, too.
+
+        A time within rounding of a break adds none; times outside `[0, duration]` are moved to the
+        nearer end.
+        """
+        within = np.asarray(times, dtype=float)
+        wanted = np.clip(within, 0.0, self.duration)
+        slack = BREAK_RTOL * self.duration
+        own = self.breaks[nearest(self.breaks, wanted)]
+        distance = np.abs(wanted - own)
+        missing = distance > slack
+        if not missing.any():
+            return self
+        added = np.unique(wanted[missing])
+        breaks = np.union1d(self.breaks, added)
+        piece = self._piece_at(breaks[:-1])
+        offset = breaks[:-1] - self.breaks[piece]
+        coefficients = polynomials.shifted(self.coefficients[:, piece], offset[:, None])
+        return Trajectory(breaks, coefficients, self.waypoint_times)
+
+    @classmethod
+    def joined(cls, joints: Sequence[tuple[Array, Array]], waypoint_times: ArrayLike) -> Trajectory:
+        """Put joints with breaks of their own on the union of all breaks.
+
+        Args:
+            joints: `(breaks, coefficients)` of each joint, coefficients `(degree + 1, pieces)`,
+                all starting at 0 and ending together (to rounding).
+            waypoint_times: s, `(waypoints,)`.
+        """
+        times = np.asarray(waypoint_times, dtype=float)
+        breaks = _union([breaks for breaks, _ in joints], times)
+        rows = max(len(coefficients) for _, coefficients in joints)
+        starts = breaks[:-1]
+        middles = 0.5 * (starts + breaks[1:])
+        # each joint's own pieces, from where they start, missing powers as zeros
+        offsets = np.zeros((len(starts), len(joints)))
+        own_pieces = np.zeros((rows, *offsets.shape))
+        for joint, (own, coefficients) in enumerate(joints):
+            piece = np.searchsorted(own[1:-1], middles, side="right")
+            offsets[:, joint] = starts - own[piece]
+            first_row = rows - len(coefficients)
+            own_pieces[first_row:, :, joint] = coefficients[:, piece]
+        return cls(breaks, polynomials.shifted(own_pieces, offsets), times)
+
+    @classmethod
+    def of_moving(
+        cls,
+        start: Array,
+        moving: NDArray[np.bool_],
+        parts: Sequence[tuple[Array, Array]],
+        waypoint_times: ArrayLike,
+    ) -> Trajectory:
+        """Joints that move, joined, beside those that stay where they start.
+
+        Args:
+            start: Where each joint starts, `(joints,)`, rad.
+            moving: Which joints move, `(joints,)`.
+            parts: `(breaks, coefficients)` of each joint that moves, as for `joined`.
+            waypoint_times: When each waypoint is passed, s.
+        """
+        times = np.asarray(waypoint_times, dtype=float)
+        whole = times[[0, -1]]
+        joints = [(whole, np.array([[q]])) for q in start]
+        for joint, part in zip(np.flatnonzero(moving), parts, strict=True):
+            joints[joint] = part
+        return cls.joined(joints, times)
+
+    @classmethod
+    def from_samples(
+        cls,
+        times: ArrayLike,
+        positions: ArrayLike,
+        velocities: ArrayLike | None = None,
+        accelerations: ArrayLike | None = None,
+        *,
+        interpolation: Interpolation = "auto",
+        waypoint_times: ArrayLike | None = None,
+    ) -> Trajectory:
+        """The motion that a controller runs between samples (docs/mathematics.md, section 10).
+
+        Nothing is smoothed or guessed: each piece is the polynomial that the interpolation names,
+        and all samples are met. It starts at time 0, whatever the first sample's time.
+
+        Args:
+            times: strictly increasing, s, `(samples,)`.
+            positions: rad, `(samples, joints)`.
+            velocities: rad/s, `(samples, joints)`, if known.
+            accelerations: rad/s², `(samples, joints)`, if known; only beside velocities.
+            interpolation: by default what `joint_trajectory_controller` of ros2_control does:
+                straight lines, with velocities cubic and with accelerations quintic pieces.
+            waypoint_times: when each waypoint is passed, s since the first sample; by default
+                the start and the end alone.
+
+        Raises:
+            InvalidInput: Samples that are no motion, or lack what the interpolation needs.
+        """
+        t = np.asarray(times, dtype=float)
+        q = np.asarray(positions, dtype=float)
+        v = None if velocities is None else np.asarray(velocities, dtype=float)
+        a = None if accelerations is None else np.asarray(accelerations, dtype=float)
+        between.check(t, q, v, a)
+        coefficients = between.pieces(interpolation, t, q, v, a)
+        breaks = t - t[0]
+        if waypoint_times is None:
+            waypoint_times = breaks[[0, -1]]
+        return cls(breaks, coefficients, np.asarray(waypoint_times, dtype=float))
+
+    @classmethod
+    def from_ppoly(cls, ppoly: PPoly, *, waypoint_times: ArrayLike | None = None) -> Trajectory:
+        """The motion that SciPy's piecewise polynomial is, `CubicSpline` and the like too.
+
+        Its own polynomials, on its own breaks; time is moved so that the first break is 0.
+
+        Args:
+            ppoly: of time in seconds, radians, `(joints,)` or one number for one joint.
+            waypoint_times: when each waypoint is passed, s since the first break; by default the
+                start and the end alone.
+
+        Raises:
+            InvalidTrajectory: It is of several axes, complex, not finite, or runs backwards.
+        """
+        return cls._of_pieces(piecewise.of_ppoly(ppoly), waypoint_times)
+
+    @classmethod
+    def from_spline(cls, spline: BSpline, *, waypoint_times: ArrayLike | None = None) -> Trajectory:
+        """The motion that a B-spline of SciPy is, on its own interval `[t[k], t[-k - 1]]`.
+
+        Every piece between two knots as a polynomial, exactly; where knots are repeated it may
+        jump, which is judged like any jump. Time is moved so that the interval starts at 0.
+
+        Args:
+            spline: of time in seconds, radians, `(joints,)` or one number for one joint.
+            waypoint_times: as `from_ppoly` has them.
+
+        Raises:
+            InvalidTrajectory: It is of several axes, complex or not finite.
+        """
+        return cls._of_pieces(piecewise.of_spline(spline), waypoint_times)
+
+    @classmethod
+    def composed(
+        cls,
+        path: Trajectory | PPoly | BSpline,
+        s_of_t: Trajectory | PPoly | BSpline,
+        *,
+        waypoint_times: ArrayLike | None = None,
+    ) -> Trajectory:
+        """The motion `q(s(t))` along a path: a polynomial on every piece, exactly.
+
+        Broken where `s(t)` is, and where `s(t)` crosses a break of the path. `s(t)` may run back
+        and forth, and may stand.
+
+        Args:
+            path: `q(s)`, radians, of any parameter `s`.
+            s_of_t: one function of time in seconds, whose values stay within the path's domain.
+            waypoint_times: as `from_ppoly` has them.
+
+        Raises:
+            InvalidTrajectory: `s(t)` is several functions, or leaves the path's domain.
+        """
+        outer = _pieces_of(path)
+        inner = _pieces_of(s_of_t)
+        return cls._of_pieces(piecewise.composed(outer, inner), waypoint_times)
+
+    @classmethod
+    def _of_pieces(cls, pieces: Pieces, waypoint_times: ArrayLike | None) -> Trajectory:
+        breaks = pieces.breaks - pieces.breaks[0]
+        if waypoint_times is None:
+            waypoint_times = breaks[[0, -1]]
+        return cls(breaks, pieces.coefficients, np.asarray(waypoint_times, dtype=float))
+
+    def _piece_at(self, time: Array) -> NDArray[np.intp]:
+        after = np.searchsorted(self.breaks, time, side="right")
+        return np.clip(after - 1, 0, len(self.breaks) - 2)
+
+
+def _pieces_of(function: Trajectory | PPoly | BSpline) -> Pieces:
+    if isinstance(function, Trajectory):
+        return Pieces(function.breaks, function.coefficients)
+    return piecewise.of_scipy(function)
+
+
+def _check(
+    breaks: Array,
+    coefficients: Array,
+    waypoint_times: Array,
+) -> None:
+    if breaks.ndim != 1 or len(breaks) < 2 or not _increasing_from_zero(breaks):
+        raise InvalidTrajectory("breaks must be strictly increasing times from 0")
+    pieces = len(breaks) - 1
+    shape = coefficients.shape
+    fits = len(shape) == 3 and shape[1] == pieces
+    if not fits or 0 in shape:
+        expected = f"(degree + 1, {pieces}, joints)"
+        raise InvalidTrajectory(f"coefficients are {shape}, expected {expected}")
+    if not _fit(waypoint_times, breaks):
+        raise InvalidTrajectory("waypoint_times must not decrease, from 0 to the last break")
+
+
+def _increasing_from_zero(times: Array) -> bool:
+    steps = np.diff(times)
+    return bool(times[0] == 0 and (steps > 0).all())
+
+
+def _fit(waypoint_times: Array, breaks: Array) -> bool:
+    """Whether the waypoint times run from the first break to the last, to rounding."""
+    if waypoint_times.ndim != 1 or waypoint_times.size < 2:
+        return False
+    if (np.diff(waypoint_times) < 0).any():
+        return False
+    slack = 1e-12 * breaks[-1]
+    early = abs(waypoint_times[0])
+    late = abs(waypoint_times[-1] - breaks[-1])
+    return bool(early <= slack and late <= slack)
+
+
+def nearest(sorted_times: Array, wanted: Array) -> NDArray[np.intp]:
+    """The index of the nearest of some sorted times to each wanted one."""
+    after = np.searchsorted(sorted_times, wanted)
+    after = after.clip(1, len(sorted_times) - 1)
+    before = after - 1
+    to_before = np.abs(wanted - sorted_times[before])
+    to_after = np.abs(wanted - sorted_times[after])
+    return np.where(to_before <= to_after, before, after)
+
+
+def _union(all_breaks: Sequence[Array], times: Array) -> Array:
+    """All breaks, those that rounding split counted once; waypoint times win over neighbours."""
+    slack = BREAK_RTOL * times[-1]
+    others = np.concatenate(all_breaks)
+    waypoint = times[nearest(times, others)]
+    distance = np.abs(others - waypoint)
+    within = (others > 0) & (others < times[-1])
+    inside = others[within & (distance > slack)]
+    merged = np.unique(np.concatenate([times, inside]))
+    apart = np.diff(merged) > slack
+    return merged[np.r_[True, apart]]

@@ -1,0 +1,1 @@
+"""The exact judge: dilation, repair and the certified duration of a motion."""

@@ -1,0 +1,472 @@
+"""The one exact judge: true peaks from polynomial roots, every miss, and the certified duration.
+
+Nothing is sampled, and nothing is forgiven (docs/mathematics.md, sections 2 and 7): a trajectory
+whose misses and jumps are within tolerance is repaired exactly, and its repair is judged. Dividing
+a piece's polynomial by its limit gives its use of the limit; Bernstein coefficients bound that use,
+and only the pieces whose bound exceeds the worst use so far need their roots.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.core import html, polynomials
+from trajopt.core.exceptions import InvalidTrajectory
+from trajopt.core.problem import LIMIT_ORDERS, Problem
+from trajopt.core.trajectory import EPS, Trajectory
+from trajopt.judging.repair import repaired
+
+Array = NDArray[np.float64]
+Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, low, high)
+
+_CHUNK_PIECES = 256  # pieces whose roots are found at once, the most promising first
+# The time of a break is known to some units in its last place.
+_TIME_RTOL = 16 * EPS
+
+RATIO_KINDS = tuple(name for name, order in LIMIT_ORDERS.items() if order > 0)
+"""The worst values that are ratios to a limit; slowing down mends them."""
+WORST_KINDS = (*RATIO_KINDS, "position", "waypoint", "continuity")
+"""Every worst value of a certificate; those that are no ratio are errors in SI units."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far a trajectory may stray and still be worth repairing.
+
+    What is within tolerance is not forgiven but repaired, and the repair is what is certified; what
+    is beyond is a flaw.
+
+    Attributes:
+        limit: for velocity, acceleration and jerk to count as kept, relative.
+        position: of waypoints and jumps of position, relative to the joint's largest displacement.
+        position_limit: relative to the joint's largest displacement.
+        jump: of velocity and acceleration at the breaks, relative to what the joint can reach:
+            `min(V, sqrt(A h))` and `min(A, cbrt(J² h))`, `h` its largest displacement.
+    """
+
+    limit: float = 1e-6
+    position: float = 1e-6
+    position_limit: float = 1e-8
+    jump: float = 1e-6
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst value of one kind.
+
+    Attributes:
+        value: a ratio to the limit (velocity, acceleration, jerk), or an error in SI units
+            (position, waypoint, continuity: of the derivative of that `order`).
+        joint: counted from 0.
+        time: s.
+        order: of the derivative that jumps.
+    """
+
+    value: float
+    joint: int
+    time: float
+    order: int = 0
+
+
+@dataclass(frozen=True, repr=False)
+class Certificate:
+    """What `verify` says of a trajectory.
+
+    Peaks of velocity, acceleration and jerk are those of the repaired trajectory, or of the given
+    one where it is beyond repair; `position`, `waypoint` and `continuity` are the given one's.
+    `None` where a kind does not exist for the problem.
+
+    Attributes:
+        duration: of the given trajectory, s.
+        dilation: the exact cheapest factor `k` that brings the trajectory within its velocity,
+            acceleration and jerk limits (section 2); below 1, it left something on the table.
+        flaws: what no repair and no dilation can mend, in words; then there is no certified
+            duration.
+        tolerance: what decided that.
+    """
+
+    duration: float
+    dilation: float
+    velocity: Worst
+    acceleration: Worst
+    jerk: Worst | None
+    position: Worst | None
+    waypoint: Worst
+    continuity: Worst
+    flaws: tuple[str, ...]
+    tolerance: Tolerance
+
+    @property
+    def valid(self) -> bool:
+        return not self.flaws
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the trajectory keeps every limit as it stands, within tolerance."""
+        peaks = [getattr(self, kind) for kind in RATIO_KINDS]
+        highest = max(worst.value for worst in peaks if worst)
+        return self.valid and highest <= 1 + self.tolerance.limit
+
+    @property
+    def certified_duration(self) -> float | None:
+        """`max(1, dilation) · duration` in seconds, or `None` if nothing can mend it."""
+        if not self.valid:
+            return None
+        return max(1.0, self.dilation) * self.duration
+
+    def __repr__(self) -> str:
+        if not self.valid:
+            return f"Certificate(invalid: {'; '.join(self.flaws)})"
+        verdict = "feasible" if self.feasible else "not feasible"
+        return (
+            f"Certificate({verdict}, {self.duration:.6g} s claimed, dilation {self.dilation:.6g}, "
+            f"{self.certified_duration:.6g} s certified)"
+        )
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the worst value of every kind, joints counted from 1."""
+        rows = []
+        for kind in WORST_KINDS:
+            worst: Worst | None = getattr(self, kind)
+            if worst is None:
+                continue
+            if kind in RATIO_KINDS:
+                value = f"{worst.value:.6f} of limit"
+            else:
+                value = f"{worst.value:.2e} SI units"
+            rows.append([kind, value, str(worst.joint + 1), f"{worst.time:.6g}"])
+        return html.table(repr(self), ["worst", "value", "joint", "time s"], rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: joints count from 1, limits give a `ratio`, misses an `error`."""
+        table: dict[str, Any] = {"feasible": self.feasible, "dilation": self.dilation}
+        for kind in WORST_KINDS:
+            worst: Worst | None = getattr(self, kind)
+            word = "ratio" if kind in RATIO_KINDS else "error"
+            table[kind] = worst and {
+                word: worst.value,
+                "joint": worst.joint + 1,
+                "time": worst.time,
+            }
+            if worst and kind == "continuity":
+                table[kind]["order"] = worst.order
+        return table
+
+
+def verify(
+    problem: Problem,
+    trajectory: Trajectory,
+    tolerance: Tolerance | None = None,
+) -> Certificate:
+    """Judge a trajectory exactly against a problem.
+
+    Raises:
+        InvalidTrajectory: it has another number of joints or waypoints than the problem.
+    """
+    _check_sizes(problem, trajectory)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        return _judged(problem, trajectory, tolerance or Tolerance())[0]
+
+
+def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
+    """The trajectory that the certified duration belongs to.
+
+    Repaired where it missed or jumped within tolerance, dilated where it then breaks a limit; None
+    where nothing can mend it.
+    """
+    _check_sizes(problem, trajectory)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        certificate, judged = _judged(problem, trajectory, Tolerance())
+    if not certificate.valid:
+        return None
+    return judged.dilated(max(1.0, certificate.dilation))
+
+
+def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
+    if trajectory.joints != problem.joints:
+        raise InvalidTrajectory(f"{trajectory.joints} joints; the problem has {problem.joints}")
+    if len(trajectory.waypoint_times) != len(problem.waypoints):
+        given = len(trajectory.waypoint_times)
+        needed = len(problem.waypoints)
+        raise InvalidTrajectory(f"{given} waypoint times; the problem has {needed} waypoints")
+
+
+def _judged(
+    problem: Problem,
+    trajectory: Trajectory,
+    tolerance: Tolerance,
+) -> tuple[Certificate, Trajectory]:
+    """The verdict, and the trajectory whose peaks it tells: repaired where that can be."""
+    allowed = _allowed(problem, trajectory.duration, tolerance)
+    waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
+    jumps = []
+    for order, jump in enumerate(allowed.jumps):
+        jumps.append(_worst_jump(problem, trajectory, order, jump))
+    continuity, _ = max(jumps, key=lambda jump: jump[1])
+    blurred, blur = _worst_blur(trajectory, allowed.blur)
+    flaws = []
+    if missed > 1:
+        flaws.append(_say(problem, waypoint, "misses the waypoint by"))
+    for worst, excess in jumps:
+        if excess > 1:
+            flaws.append(_say(problem, worst, _JUMP_WORDS[worst.order]))
+    if blur > 1:
+        flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by"))
+
+    mended = None if flaws else repaired(problem, trajectory)
+    judged = mended or trajectory
+    limits = problem.limits
+    velocity = _peak(judged, 1, limits.velocity, _ratio)
+    acceleration = _peak(judged, 2, limits.acceleration, _ratio)
+    jerk = None
+    if problem.has("jerk"):
+        jerk = _peak(judged, 3, limits.jerk, _ratio)
+    position = None
+    if problem.has("position"):
+        position = _peak(trajectory, 0, limits.position, _excess)
+    dilation = _dilation(velocity, acceleration, jerk)
+    if position and position.value > allowed.position_limit[position.joint]:
+        flaws.insert(0, _say(problem, position, "leaves its position limits by"))
+    if mended is None and not flaws:
+        flaws.append("it passes different waypoints at one instant, or its numbers overflow")
+    if not np.isfinite(dilation * judged.duration):
+        flaws.append("its peaks are not finite numbers")
+    certificate = Certificate(
+        duration=trajectory.duration,
+        dilation=dilation,
+        velocity=velocity,
+        acceleration=acceleration,
+        jerk=jerk,
+        position=position,
+        waypoint=waypoint,
+        continuity=continuity,
+        flaws=tuple(flaws),
+        tolerance=tolerance,
+    )
+    return certificate, judged
+
+
+def _dilation(
+    velocity: Worst,
+    acceleration: Worst,
+    jerk: Worst | None,
+) -> float:
+    """`k = max(peak v / V, sqrt(peak a / A), cbrt(peak j / J))` (section 2)."""
+    factors = [velocity.value, acceleration.value**0.5]
+    if jerk:
+        factors.append(jerk.value ** (1 / 3))
+    return float(np.max(factors))  # which keeps what is not a number
+
+
+@dataclass(frozen=True)
+class _Allowed:
+    """How far each joint may be off and still be worth repairing, `(joints,)` each.
+
+    Attributes:
+        waypoint, position_limit, blur: rad.
+        jumps: of position, velocity and acceleration: rad, rad/s, rad/s².
+    """
+
+    waypoint: Array
+    position_limit: Array
+    blur: Array
+    jumps: tuple[Array, Array, Array]
+
+
+def _allowed(
+    problem: Problem,
+    duration: float,
+    tolerance: Tolerance,
+) -> _Allowed:
+    limits = problem.limits
+    largest = problem.largest_displacements
+    coordinates = problem.rounding
+
+    V = np.abs(limits.velocity).min(axis=1)
+    A = np.abs(limits.acceleration).min(axis=1)
+    J = np.abs(limits.jerk).min(axis=1)
+    reached_velocity = np.minimum(V, np.sqrt(A * largest))
+    from_jerk = np.cbrt(J) ** 2 * np.cbrt(largest)
+    reached_acceleration = np.minimum(A, from_jerk)
+    # Breaks are rounded, which moves each derivative by as much as it changes meanwhile.
+    rounded = _TIME_RTOL * duration
+    position_jump = tolerance.position * largest + coordinates + rounded * V
+    velocity_jump = tolerance.jump * reached_velocity + rounded * A
+    acceleration_jump = tolerance.jump * reached_acceleration + rounded * J
+    acceleration_jump = np.where(limits.jerk_limited, acceleration_jump, np.inf)
+    return _Allowed(
+        waypoint=tolerance.position * largest + coordinates,
+        position_limit=tolerance.position_limit * largest + coordinates,
+        blur=tolerance.position * largest + 4 * coordinates,
+        jumps=(position_jump, velocity_jump, acceleration_jump),
+    )
+
+
+def _ratio(
+    values: Array,
+    rounding: Array,
+    low: Array,
+    high: Array,
+) -> Array:
+    upwards = (values + rounding) / high
+    downwards = (values - rounding) / low
+    return np.maximum(upwards, downwards)
+
+
+def _excess(
+    values: Array,
+    rounding: Array,
+    low: Array,
+    high: Array,
+) -> Array:
+    above = values + rounding - high
+    below = low - values + rounding
+    return np.maximum(above, below)
+
+
+class _Peak(NamedTuple):
+    """A measured value, and where: `share` of the piece has passed. Tuples order by value."""
+
+    value: float
+    piece: int
+    joint: int
+    share: float
+
+
+def _peak(
+    trajectory: Trajectory,
+    order: int,
+    limits: Array,
+    measure: Measure,
+) -> Worst:
+    """The exact worst of a convex measure of a derivative, over all pieces and joints.
+
+    Rounded up by what evaluating the polynomials may round.
+    """
+    low, high = limits.T
+    unit = trajectory.pieces(order)
+    rounding = polynomials.evaluation_rounding(unit)
+    if not np.isfinite(rounding).all():
+        beyond = np.where(np.isfinite(rounding), 0.0, np.inf)
+        worst, _ = _worst_of(beyond, np.ones(unit.shape[2]), trajectory.breaks, order)
+        return replace(worst, value=np.nan)
+    starts = unit[-1]
+    stops = unit.sum(axis=0)
+    ends = measure(np.stack([starts, stops]), rounding, low, high)
+    side, piece, joint = np.unravel_index(np.argmax(ends), ends.shape)
+    best = _Peak(float(ends.max()), int(piece), int(joint), float(side))
+
+    # No piece exceeds its bound, so those whose bound does not exceed the best need no roots.
+    bounds = measure(polynomials.bernstein(unit), rounding, low, high)
+    bounds = bounds.max(axis=0)
+    by_bound = np.argsort(-bounds, axis=None)
+    for start in range(0, bounds.size, _CHUNK_PIECES):
+        chunk = by_bound[start : start + _CHUNK_PIECES]
+        promising = chunk[bounds.ravel()[chunk] > best.value]
+        if not len(promising):
+            break
+        where = np.unravel_index(promising, bounds.shape)
+        best = max(best, _peak_among(unit, rounding, where, limits, measure))
+    elapsed = best.share * trajectory.lengths[best.piece]
+    time = trajectory.breaks[best.piece] + elapsed
+    return Worst(best.value + 0.0, best.joint, float(time))
+
+
+def _peak_among(
+    unit: Array,
+    rounding: Array,
+    where: tuple[NDArray[np.intp], ...],
+    limits: Array,
+    measure: Measure,
+) -> _Peak:
+    """The worst of some pieces, from their critical points."""
+    pieces, joints = where
+    candidates = unit[:, pieces, joints]
+    points = polynomials.critical_points(candidates)
+    values = polynomials.evaluate(candidates[:, None], points)
+    low, high = limits[joints].T
+    measured = measure(values, rounding[pieces, joints], low, high)
+    row, i = np.unravel_index(np.argmax(measured), measured.shape)
+    return _Peak(
+        value=float(measured[row, i]),
+        piece=int(pieces[i]),
+        joint=int(joints[i]),
+        share=float(points[row, i]),
+    )
+
+
+def _worst_miss(
+    problem: Problem,
+    trajectory: Trajectory,
+    allowed: Array,
+) -> tuple[Worst, float]:
+    """The worst miss of a waypoint, and its size over what is allowed."""
+    passed = trajectory(trajectory.waypoint_times)
+    errors = np.abs(passed - problem.waypoints)
+    return _worst_of(errors, allowed, trajectory.waypoint_times)
+
+
+def _worst_jump(
+    problem: Problem,
+    trajectory: Trajectory,
+    order: int,
+    allowed: Array,
+) -> tuple[Worst, float]:
+    """The worst jump of a derivative at any break, and its size over what is allowed.
+
+    Before and after the motion the robot rests at its first and last waypoint.
+    """
+    unit = trajectory.pieces(order)
+    still = np.zeros((2, problem.joints))
+    if order == 0:
+        still = problem.waypoints[[0, -1]]
+    before = np.vstack([still[:1], unit.sum(axis=0)])
+    after = np.vstack([unit[-1], still[1:]])
+    jumps = np.abs(after - before)
+    return _worst_of(jumps, allowed, trajectory.breaks, order)
+
+
+def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
+    """Where rounding alone moves a joint most, and by how much over what is allowed."""
+    rounding = polynomials.evaluation_rounding(trajectory.pieces())
+    return _worst_of(rounding, allowed, trajectory.breaks)
+
+
+def _worst_of(
+    errors: Array,
+    allowed: Array,
+    times: Array,
+    order: int = 0,
+) -> tuple[Worst, float]:
+    """The error `(times, joints)` that is worst beside what is allowed `(joints,)`, and that ratio.
+
+    What is not a number (which `argmax` finds) is beyond all bounds.
+    """
+    excess = errors / allowed
+    row, joint = np.unravel_index(np.argmax(excess), excess.shape)
+    worst = Worst(
+        value=float(errors[row, joint]),
+        joint=int(joint),
+        time=float(times[row]),
+        order=order,
+    )
+    ratio = float(excess[row, joint])
+    return worst, np.inf if np.isnan(ratio) else ratio
+
+
+_JUMP_WORDS = ("position jumps by", "velocity jumps by", "acceleration jumps by")
+
+
+def _say(
+    problem: Problem,
+    worst: Worst,
+    what: str,
+) -> str:
+    unit = problem.unit(worst.joint, worst.order)
+    where = f"{problem.joint_labels[worst.joint]} at {worst.time:.6g} s"
+    return f"{where}: {what} {worst.value:.3g} {unit}"

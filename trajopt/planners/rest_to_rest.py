@@ -1,0 +1,125 @@
+"""Stopping at every waypoint: each segment on its own, from rest to rest, in closed form.
+
+The plainest trajectory that every planner must beat, and the scale of every search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.core.problem import Limits, Problem
+
+Array = NDArray[np.float64]
+
+_ROUNDING_RTOL = 1e-12  # what the closed forms can round, with room
+
+
+def stop_times(problem: Problem) -> Array:
+    """Time of each segment if every joint stops at every waypoint, `(segments,)`, s.
+
+    The minimum for velocity and acceleration limits, symmetric or not (trapezoidal profile), and
+    for symmetric limits with jerk (seven phases). Asymmetric limits with jerk count as symmetric
+    ones at their tighter side, which is an upper bound.
+    """
+    times = _alone(problem.displacements, problem.limits, _tighter)
+    longest = times.max(axis=1)
+    return np.asarray(longest)
+
+
+def end_to_end_bound(problem: Problem) -> float:
+    """A duration that no trajectory undercuts, in closed form, s (docs/mathematics.md, section 11).
+
+    The longer of two relaxations: every joint alone, straight from the first to the last waypoint
+    (the optimum itself where there are two waypoints and jerk limits are symmetric); and every
+    segment at full velocity. Position limits are lifted.
+    """
+    way = problem.waypoints[-1] - problem.waypoints[0]
+    straight = _alone(way[None], problem.limits, _wider)
+    # |h|/V, each joint in the direction of its displacement
+    backward, forward = problem.limits.velocity.T
+    h = problem.displacements
+    top = np.where(h >= 0, forward, -backward)
+    cruising = np.abs(h) / top
+    longest = cruising.max(axis=1)
+    bound = max(straight.max(), longest.sum())
+    return float(bound) * (1 - _ROUNDING_RTOL)
+
+
+def _alone(h: Array, limits: Limits, side: Callable[[Array], Array]) -> Array:
+    """Rest-to-rest times of each joint alone over `h` `(…, joints)`; `side` picks one of a pair."""
+    without_jerk = trapezoidal(h, limits.velocity, limits.acceleration)
+    with_jerk = seven_phase(
+        np.abs(h),
+        velocity=side(limits.velocity),
+        acceleration=side(limits.acceleration),
+        jerk=side(limits.jerk),
+    )
+    return np.where(limits.jerk_limited, with_jerk, without_jerk)
+
+
+def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
+    """Rest-to-rest minimum time over displacements `h` `(…, joints)` for `(joints, 2)` limits."""
+    backward, forward = velocity.T
+    top = np.where(h >= 0, forward, -backward)
+    # Speeding up to v and braking take v (1/A1 + 1/A2).
+    slowness = 1 / np.abs(acceleration)
+    ramps = slowness.sum(axis=1)
+    # A triangle of height v and that base covers h = v² (1/A1 + 1/A2) / 2.
+    distance = np.abs(h)
+    triangle = np.sqrt(2 * distance / ramps)
+    peak = np.minimum(triangle, top)
+    without_cruise = peak * ramps
+    # With a cruise at the top: h/V, and half of the ramps' time on top.
+    with_cruise = distance / top + top * ramps / 2
+    times = np.where(peak < top, without_cruise, with_cruise)
+    return np.asarray(times)
+
+
+def seven_phase(
+    h: Array,
+    velocity: Array,
+    acceleration: Array,
+    jerk: Array,
+) -> Array:
+    """Rest-to-rest minimum time over `h ≥ 0` `(…, joints)` for symmetric limits `(joints,)`."""
+    A = acceleration
+    # Time to reach full acceleration, and the speed reached when easing off at once.
+    slope = A / jerk
+    easing = A * slope
+    # No cruise: each half covers h/2 = v/2 (v/A + A/J), so v = A/2 (√(A²/J² + 4 h/A) − A/J);
+    square = slope**2 + 4 * h / A
+    root = np.sqrt(square)
+    with_plateau = A / 2 * (root - slope)
+    # where full acceleration is not reached, h/2 = v √(v/J), so v = ∛(J h²/4).
+    finite_jerk = np.where(np.isfinite(jerk), jerk, 0)
+    quarter = np.cbrt(finite_jerk / 4)
+    root = np.cbrt(h)
+    without_plateau = root**2 * quarter
+    plateau = with_plateau >= easing
+    unlimited = np.where(plateau, with_plateau, without_plateau)
+    peak = np.minimum(unlimited, velocity)
+    # Time from rest to the peak: v/A + A/J, or 2 √(v/J).
+    long_ramp = peak / A + slope
+    short_ramp = 2 * np.sqrt(peak / jerk)
+    ramp = np.where(peak >= easing, long_ramp, short_ramp)
+    # Two ramps cover v · ramp; the rest is cruised. (A joint at rest has no peak.)
+    positive = np.maximum(peak, 1e-300)
+    cruise = h / positive - ramp
+    cruise = np.where(peak > 0, cruise, 0)
+    cruise = np.maximum(cruise, 0)
+    return np.asarray(2 * ramp + cruise)
+
+
+def _tighter(pairs: Array) -> Array:
+    """The smaller of both sides' sizes, `(joints,)`."""
+    sizes = np.abs(pairs)
+    return np.asarray(sizes.min(axis=1))
+
+
+def _wider(pairs: Array) -> Array:
+    """The larger of both sides' sizes, `(joints,)`."""
+    sizes = np.abs(pairs)
+    return np.asarray(sizes.max(axis=1))

@@ -1,0 +1,8 @@
+"""Swarms: box-constrained minimisers that know nothing of robots, batched over independent runs."""
+
+from trajopt.planners.swarm.issa import ISSA
+from trajopt.planners.swarm.optimiser import Box, Compared, Optimiser, Result, Streams, minimise
+from trajopt.planners.swarm.pso import PSO
+from trajopt.planners.swarm.ssa import SSA
+
+__all__ = ["ISSA", "PSO", "SSA", "Box", "Compared", "Optimiser", "Result", "Streams", "minimise"]

@@ -1,0 +1,417 @@
+"""The 3-5-3 spline's segment times by a swarm: the paper's method, and its alternatives.
+
+A swarm searches `(t1, t2, t3)` in a box. Position limits are no part of the paper's fitness; here
+leaving one counts as breaking any other does (docs/mathematics.md, section 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.planners import spline353
+from trajopt.planners.planner import Planner, expanded, passing_once
+from trajopt.planners.rest_to_rest import stop_times
+from trajopt.planners.spline353_check import LimitCheck
+from trajopt.planners.swarm import ISSA, PSO, SSA, Compared, Optimiser, Result, minimise
+from trajopt.planners.swarm.optimiser import added, check_choices, require
+
+if TYPE_CHECKING:
+    from numpy.random import SeedSequence
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SwarmPlanner(Planner):
+    """The 3-5-3 spline, its segment times searched by a swarm.
+
+    - `timing`: one `(t1, t2, t3)` for all joints, or every moving joint on its own
+      (docs/mathematics.md, section 9): the answer then takes each segment's longest time over the
+      joints, which is its claim and may break limits;
+    - `fitness`: `penalty` ranks any candidate within the limits by its duration, above any that
+      breaks them, and those by their summed relative violation (Deb's rule); `scaled` dilates every
+      candidate to the limits first (section 2), so none breaks them. Position limits, which no
+      dilation mends, are then kept by Deb's rule alone; where there are any, times dilated beyond
+      the box's longest duration rank among those that break a limit. A position's violation counts
+      in the joint's largest displacement;
+    - `space`: the swarm moves in seconds, or in the unit cube, mapped linearly to them (sparrows
+      drift to the origin, so it matters);
+    - `iterations`, or `evaluations` if given: the budget, per joint where `timing` is;
+    - `upper`: the box's upper end over the longest stop-to-stop time of any segment (of that joint
+      alone where `timing` is), or higher where it would else hold no times that are known to keep
+      the position limits; `lower`: its lower end over the upper.
+
+    `stats` hold `segment_times` `(3,)`, s, and `iterations`; with `timing="per-joint"` also
+    `joint_times` `(joints, 3)` and `joint_durations` `(joints,)`, s, NaN for joints that never
+    move, and `joint_history` `(m, 3)`: joint (from 0), evaluations of that joint, its best duration
+    by then, s. There is no common curve then, so `history` is None: better times of single joints
+    can make the segment-wise longest ones worse. `evaluations` counts those of all joints.
+    """
+
+    optimiser: Optimiser = field(default_factory=ISSA)
+    timing: Literal["shared", "per-joint"] = "shared"
+    fitness: Literal["penalty", "scaled"] = "penalty"
+    space: Literal["seconds", "unit"] = "seconds"
+    iterations: int = 1000
+    evaluations: int | None = None
+    upper: float = 4.0
+    lower: float = 1e-3
+    stochastic = True
+    knows = LIMIT_NAMES
+
+    def __post_init__(self) -> None:
+        check_choices(self)
+        require("iterations", self.iterations, self.iterations >= 0, "0 or more")
+        some = self.evaluations is None or self.evaluations >= 1
+        require("evaluations", self.evaluations, some, "at least 1, or None")
+        upper = self.upper
+        require("upper", upper, 0 < upper < np.inf, "a finite number above 0")
+        lower = self.lower
+        require("lower", lower, 0 < lower < 1, "a number between 0 and 1")
+
+    @property
+    def description(self) -> str:
+        return f"The 3-5-3 spline, its segment times searched by {type(self.optimiser).__name__}."
+
+    def unsupported(self, problem: Problem) -> str | None:
+        return spline353.unsupported(problem)
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """The answer of one run."""
+        solutions = self.solve_batch(problem, [seed])
+        return solutions[0]
+
+    def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
+        """One answer per seed, all runs advancing together; each is what `solve` gives alone."""
+        if len(seeds) == 0:
+            return []
+        reason = spline353.infeasible(problem)
+        if reason is not None:
+            return [Solution(Status.INFEASIBLE, message=reason) for _ in seeds]
+        merged, index = problem.merged()
+        task = SegmentTimes.of(merged, self)
+        low, high = task.box(len(seeds))
+        result = minimise(
+            self.optimiser,
+            Compared(task.fitness),
+            low,
+            high,
+            task.streams(seeds),
+            iterations=self.iterations,
+            evaluations=self.evaluations,
+        )
+        solutions = []
+        for times, histories in task.answers(result):
+            solution = self._solution(merged, task, result, times, histories)
+            solutions.append(expanded(solution, index))
+        return solutions
+
+    def _solution(
+        self,
+        problem: Problem,
+        task: SegmentTimes,
+        result: Result,
+        times: Array,
+        histories: list[Array],
+    ) -> Solution:
+        """One run's answer, from the times `(groups, 3)` and the history of each of its groups."""
+        longest = times.max(axis=0)
+        groups = len(times)
+        stats: dict[str, Any] = {
+            "segment_times": longest,
+            "iterations": result.iterations,
+        }
+        history: Array | None = histories[0]
+        if self.timing == "per-joint":
+            stats |= task.joint_stats(problem.joints, times, histories)
+            history = None
+        last = [own[-1, 1] for own in histories]
+        lost = np.isnan(last).sum()
+        message = ""
+        if lost > 0:
+            message = f"no candidate kept the limits ({lost} of {groups} searches)"
+        return Solution(
+            Status.SOLVED,
+            spline353.trajectory(problem, longest),
+            message,
+            evaluations=result.evaluations * groups,
+            history=history,
+            stats=stats,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Joints with common segment times, between `low` and `high`, s.
+
+    `displacements` `(joints, 3)`, `limits` and `room` (None without position limits) are theirs.
+    """
+
+    displacements: Array
+    limits: Limits
+    room: Array | None
+    low: float
+    high: float
+    check: LimitCheck
+
+    @classmethod
+    def of(cls, problem: Problem, joints: NDArray[np.intp], planner: SwarmPlanner) -> Group:
+        """Of joints that move, their box as a planner's options say."""
+        own = problem.only(joints)
+        displacements = own.displacements.T
+        longest = stop_times(own.without("position")).max()
+        high = planner.upper * longest
+        room = spline353.position_room(own)
+        if room is not None:
+            times = spline353.keeping_times(displacements, own.limits, room, longest)
+            # the longest outer time of the best one may be longer still
+            high = max(high, 2 * times.max())
+        return cls(
+            displacements,
+            own.limits,
+            room,
+            low=planner.lower * high,
+            high=high,
+            check=LimitCheck.of(displacements, own.limits),
+        )
+
+    @property
+    def ceiling(self) -> float:
+        """The longest duration in the box, s: a fitness above it breaks a limit."""
+        return self.high + self.high + self.high
+
+    @property
+    def above_any(self) -> float:
+        """Above every duration in the box."""
+        return float(np.nextafter(self.ceiling, np.inf))
+
+    def penalty(self, times: Array) -> Array:
+        """Deb's rule as one number: the duration, or more than any by what breaks the limits.
+
+        Of candidates `(N, 3)`, s: `(N,)`.
+        """
+        uses = spline353.limit_use(
+            self.displacements,
+            times[:, None],
+            self.limits,
+            exact_above=1.0,
+        )
+        excesses = [np.maximum(use - 1.0, 0.0) for use in uses]
+        if self.room is not None:
+            excesses.append(self._outside(times, self.room))
+        excess = added(reduce(np.add, excesses))
+        beyond = self.above_any + excess
+        return np.where(excess > 0, beyond, added(times))
+
+    def penalty_below(self, times: Array, incumbent: Array) -> Array:
+        """`penalty` where it is below the incumbent `(N,)`; elsewhere no less than that."""
+        duration = added(times)
+        value = np.full(len(times), self.above_any)
+        # what lasts no shorter cannot be better: half of a settled swarm
+        (shorter,) = (duration < incumbent).nonzero()
+        keeps = self.check(times[shorter])
+        within = shorter[keeps]
+        if self.room is not None:
+            outside = self._outside(times[within], self.room)
+            within = within[added(outside) == 0]
+        value[within] = duration[within]
+        # by how much limits are broken matters only to those that break some themselves
+        broken = (value > self.ceiling) & (incumbent > value)
+        if broken.any():
+            value[broken] = self.penalty(times[broken])
+        return value
+
+    def scaled(self, times: Array) -> Array:
+        """The duration once dilated to the limits; Deb's rule keeps what no dilation can mend."""
+        duration = self.dilation(times) * added(times)
+        if self.room is None:
+            return duration
+        excess = added(self._outside(times, self.room))
+        # Below `above_any` is then only what keeps its position limits.
+        beyond = np.maximum(duration, self.above_any) * (1.0 + excess)
+        return np.where(excess > 0, beyond, duration)
+
+    def dilation(self, times: Array) -> Array:
+        """The cheapest dilation to the limits, of candidates `(N, 3)`: `(N,)`."""
+        return spline353.dilation(self.displacements, times[:, None], self.limits)
+
+    def _outside(self, times: Array, room: Array) -> Array:
+        """How far each joint leaves its position limits, `(N, joints)`."""
+        return spline353.position_excess(self.displacements, times[:, None], room)
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentTimes:
+    """What the swarm minimises: the duration of groups of the moving `joints`.
+
+    search = SegmentTimes.of(problem, SwarmPlanner())
+    low, high = search.box(seeds=1)
+    minimise(PSO(), search.fitness, low, high, seeds=[0], iterations=100)
+    """
+
+    planner: SwarmPlanner
+    joints: NDArray[np.intp]
+    groups: tuple[Group, ...]
+
+    @classmethod
+    def of(cls, problem: Problem, planner: SwarmPlanner) -> SegmentTimes:
+        """Of a problem without consecutive identical waypoints, as a planner's options say."""
+        joints = np.flatnonzero(problem.moving)
+        together = [joints]
+        if planner.timing == "per-joint":
+            together = list(joints[:, None])
+        groups = [Group.of(problem, own, planner) for own in together]
+        return cls(planner, joints, tuple(groups))
+
+    @property
+    def low(self) -> Array:
+        """The box's lower end, `(groups, 3)`, s."""
+        ends = [group.low for group in self.groups]
+        return np.repeat(ends, 3).reshape(-1, 3)
+
+    @property
+    def high(self) -> Array:
+        """Its upper end, `(groups, 3)`, s."""
+        ends = [group.high for group in self.groups]
+        return np.repeat(ends, 3).reshape(-1, 3)
+
+    @property
+    def position_limited(self) -> bool:
+        return any(group.room is not None for group in self.groups)
+
+    def box(self, seeds: int) -> tuple[Array, Array]:
+        """Bounds of all runs, `(seeds · groups, 3)`."""
+        low = np.tile(self.low, (seeds, 1))
+        high = np.tile(self.high, (seeds, 1))
+        if self.planner.space == "unit":
+            return np.zeros_like(low), np.ones_like(high)
+        return low, high
+
+    def streams(self, seeds: Sequence[int]) -> list[SeedSequence]:
+        """One per run: a joint's stream does not depend on which other joints move."""
+        keys: list[tuple[int, ...]] = [()]
+        if self.planner.timing == "per-joint":
+            keys = [(int(joint),) for joint in self.joints]
+        streams = []
+        for seed in seeds:
+            streams += [np.random.SeedSequence(seed, spawn_key=key) for key in keys]
+        return streams
+
+    def seconds(self, x: Array, group: Group) -> Array:
+        """Segment times of a group's candidates `(seeds, m, 3)`: `(seeds · m, 3)`, s."""
+        candidates = x.reshape(-1, 3)
+        if self.planner.space == "unit":
+            return group.low + candidates * (group.high - group.low)
+        return candidates
+
+    def fitness(self, x: Array, incumbent: Array | None = None) -> Array:
+        """Of candidates `(seeds · groups, m, 3)`, to be minimised: `(seeds · groups, m)`.
+
+        Exact where it is below the `incumbent` `(seeds · groups, m)`, or where there is none.
+        """
+        value = np.empty(x.shape[:2])
+        for row, group in enumerate(self.groups):
+            runs = slice(row, None, len(self.groups))
+            times = self.seconds(x[runs], group)
+            if self.planner.fitness == "scaled":
+                own = group.scaled(times)
+            elif incumbent is None:
+                own = group.penalty(times)
+            else:
+                own = group.penalty_below(times, incumbent[runs].ravel())
+            value[runs] = own.reshape(-1, x.shape[1])
+        return value
+
+    def answers(self, result: Result) -> Iterator[tuple[Array, list[Array]]]:
+        """Per seed: the best times of each group `(groups, 3)`, s, and each group's history."""
+        count = len(self.groups)
+        best = []
+        for row, group in enumerate(self.groups):
+            runs = slice(row, None, count)
+            times = self.seconds(result.position[runs], group)
+            best.append(self._dilated(times, group, result.fitness[runs]))
+        for seed, own in enumerate(zip(*best, strict=True)):
+            first = seed * count
+            histories = result.histories[first : first + count]
+            feasible = map(self._feasible, histories, self.groups)
+            yield np.array(own), list(feasible)
+
+    def _dilated(self, times: Array, group: Group, fitness: Array) -> Array:
+        """A group's best times `(seeds, 3)`, s, as long as their fitness stands for."""
+        if self.planner.fitness == "penalty":
+            return times
+        factor = fitness / added(times)
+        if self.position_limited:
+            # the fitness of what leaves its position limits is no duration
+            factor = group.dilation(times)
+        return times * factor[:, None]
+
+    def _feasible(self, history: Array, group: Group) -> Array:
+        """A history with NaN until the first candidate within the limits."""
+        if self.planner.fitness == "scaled" and not self.position_limited:
+            return history
+        spent, best = history.T
+        within = np.where(best > group.ceiling, np.nan, best)
+        return np.column_stack([spent, within])
+
+    def joint_stats(
+        self,
+        joints: int,
+        times: Array,
+        histories: list[Array],
+    ) -> dict[str, Array]:
+        """What each joint would do alone; NaN for joints that never move."""
+        own_times = np.full((joints, 3), np.nan)
+        durations = np.full(joints, np.nan)
+        curves = []
+        for row, joint in enumerate(self.joints):
+            history = histories[row]
+            own_times[joint] = times[row]
+            durations[joint] = history[-1, 1]
+            curve = np.insert(history, 0, joint, axis=1)
+            curves.append(curve)
+        return {
+            "joint_times": own_times,
+            "joint_durations": durations,
+            "joint_history": np.concatenate(curves),
+        }
+
+
+@dataclass(frozen=True)
+class Unoptimised(Planner):
+    """The 3-5-3 spline at the same fixed time for every segment (the paper's section 5: 2 s)."""
+
+    segment_time: float = 2.0  # s
+
+    knows = ()
+
+    def __post_init__(self) -> None:
+        if not 1e-9 < self.segment_time < 1e9:
+            raise InvalidInput(
+                "segment_time",
+                "a positive time in seconds",
+                value=self.segment_time,
+            )
+
+    def unsupported(self, problem: Problem) -> str | None:
+        return spline353.unsupported(problem)
+
+    @passing_once
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        times = np.full(3, self.segment_time)
+        trajectory = spline353.trajectory(problem, times)
+        return Solution(Status.SOLVED, trajectory, evaluations=0)
+
+
+pso = SwarmPlanner(PSO())
+ssa = SwarmPlanner(SSA())
+issa = SwarmPlanner(ISSA())

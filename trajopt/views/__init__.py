@@ -1,0 +1,1 @@
+"""Views of trials: tables, statistics, figures, reports, exports."""

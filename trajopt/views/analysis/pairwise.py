@@ -1,0 +1,292 @@
+"""Planners against each other: over the problems that both were run on, or over seeds on one.
+
+    pairs = pairs_by_problem(competing(results.trials()))
+    paired_tests(pairs)                  # one row per planner and rival, over the problems
+    between_seeds(runs_of_one_problem)   # one row per planner and rival, over their seeds
+
+What counts is the certified duration. No answer is +inf: worse than any, and equal to another.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from trajopt.views.analysis import statistics
+
+Array = NDArray[np.float64]
+
+TIE_DIGITS = 6  # significant digits of a duration: those equal to so many are tied
+KEYS = ["planner", "against"]
+_PROBLEM_COLUMNS = ["digest", "group", *KEYS, "own", "theirs", "chance"]
+_PAIRED_COLUMNS = [
+    "problems",
+    "groups",
+    "better",
+    "tied",
+    "worse",
+    "ratio",
+    "chance",
+    "low",
+    "high",
+    "pvalue",
+    "both",
+    "both_better",
+    "both_tied",
+    "both_worse",
+    "both_ratio",
+    "both_pvalue",
+]
+_SEED_COLUMNS = [
+    "runs",
+    "rival_runs",
+    "median",
+    "rival_median",
+    "ratio",
+    "u",
+    "chance",
+    "low",
+    "high",
+    "pvalue",
+]
+_SWAPPED = {
+    "better": "worse",
+    "both_better": "both_worse",
+    "low": "high",
+    "runs": "rival_runs",
+    "median": "rival_median",
+}
+_MIRROR = _SWAPPED | {new: old for old, new in _SWAPPED.items()}
+
+
+def medians(runs: pd.DataFrame) -> pd.DataFrame:
+    """Per problem (rows) and planner (columns) the median certified duration, to `TIE_DIGITS`, s.
+
+    +inf where half of the runs have no answer, NaN where a planner was not run on a problem.
+    """
+    values = runs["certified_duration"].fillna(np.inf)
+    cells = values.groupby([runs["digest"], runs["label"]]).median()
+    return cells.map(to_tie_digits).unstack("label")
+
+
+def to_tie_digits(duration: float) -> float:
+    """The duration rounded to `TIE_DIGITS` significant digits."""
+    return float(f"{duration:.{TIE_DIGITS}g}")
+
+
+def _tie_durations(runs: pd.DataFrame) -> pd.Series[float]:
+    """Certified durations to `TIE_DIGITS` digits, s; +inf for no answer."""
+    durations = runs["certified_duration"].fillna(np.inf)
+    return durations.map(to_tie_digits)
+
+
+def mean_ranks(runs: pd.DataFrame) -> pd.Series[float]:
+    """Mean rank over problems of each planner's median certified duration, 1 the best.
+
+    Ranked are the planners that were run on every problem. Durations equal to `TIE_DIGITS` digits
+    share their mean rank; no answer is the last. Empty for fewer than 3 planners.
+
+    Args:
+        runs: trials that are `competing`: an answer that ignores a limit on purpose is a lower
+            bound, not a slow answer, and has no rank.
+    """
+    table = medians(runs)
+    everywhere = table.notna().all()
+    costs = table.loc[:, everywhere]
+    if costs.shape[1] < 3:
+        return pd.Series(name="rank", dtype=float)
+    ranking = statistics.friedman(costs)
+    return pd.Series(ranking.mean_ranks, costs.columns, name="rank")
+
+
+def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
+    """One row per problem and pair of planners run on it, each pair once, of `Results.trials()`.
+
+    Columns:
+        digest, group: the problem, and what it shares with others (`catalogue.group`).
+        planner, against: the pair.
+        own, theirs: median certified durations of `planner` and of `against`, s.
+        chance: that a run of `planner` is shorter than one of `against`, ties counting half.
+    """
+    durations = _tie_durations(runs)
+    problems: dict[str, dict[str, Array]] = {}
+    cells = durations.groupby([runs["digest"], runs["label"]])
+    for (digest, label), own in cells:
+        planners = problems.setdefault(digest, {})
+        planners[label] = own.to_numpy()
+    groups = runs.drop_duplicates("digest").set_index("digest")["group"]
+    rows = []
+    for digest, planners in problems.items():
+        middle = {label: _median(values) for label, values in planners.items()}
+        for a, b in combinations(sorted(planners), 2):
+            chance = statistics.shorter_chance(planners[a], planners[b])
+            row = (digest, groups[digest], a, b, middle[a], middle[b], float(chance))
+            rows.append(row)
+    return pd.DataFrame(rows, columns=_PROBLEM_COLUMNS)
+
+
+def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
+    """One row per `planner` and `against`, both ways, over the problems of `pairs_by_problem`.
+
+    Over all their problems a missing answer is worse than any. The columns `both_…` are of the
+    problems on which both answer: of those alone can be said how much shorter one is.
+
+    Columns:
+        problems, groups: on which both were run, and of how many groups these are. Problems of one
+            arm, paper or random family are one group: they are not independent.
+        better, tied, worse: on how many of them `planner` is so, by its median; equal to
+            `TIE_DIGITS` digits is tied.
+        ratio: median over problems of its duration to the other's, the geometric mean of the two
+            in the middle; 0 or +inf where only one has an answer, NaN between the two.
+        chance, low, high: mean over groups of the chance that its run is the shorter, and a 95 %
+            interval (`statistics.mean_interval`).
+        pvalue: of Wilcoxon's signed-rank test over groups of problems on log ratios; where only one
+            has an answer, the ratio is the largest of all.
+        holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
+        both: problems on which the medians of both are finite; `both_better`, `both_tied`,
+            `both_worse`, `both_ratio`, `both_pvalue` and `both_holm` are those above on them (ratio
+            NaN and p = 1 if there is none).
+    """
+    rows = {key: _paired_row(group) for key, group in pairs.groupby(KEYS)}
+    return _both_ways(rows, _PAIRED_COLUMNS)
+
+
+def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
+    """One row per `planner` and `against`, both ways, over their runs on one problem.
+
+    Runs of different planners are independent samples, also where they share seeds. Left out are
+    planners with a single run, of which no spread is known.
+
+    Args:
+        runs: `Results.trials()` of one problem.
+
+    Columns:
+        runs, rival_runs: how many each has.
+        median, rival_median: of the certified durations, s; +inf where half have no answer.
+        ratio: of the medians; NaN where neither has one.
+        u: pairs of runs of which `planner` has the shorter, ties (to `TIE_DIGITS` digits) counting
+            half.
+        chance, low, high: `u` over all pairs, and its 95 % interval (Newcombe 2006).
+        pvalue: of Mann and Whitney's test, two-sided.
+        holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
+    """
+    durations = _tie_durations(runs)
+    samples = {}
+    for label, own in durations.groupby(runs["label"]):
+        if len(own) > 1:
+            samples[label] = own.to_numpy()
+    rows = {}
+    for pair in combinations(samples, 2):
+        own, theirs = (samples[label] for label in pair)
+        rows[pair] = _seed_row(own, theirs)
+    return _both_ways(rows, _SEED_COLUMNS)
+
+
+def _both_ways(rows: dict[Any, dict[str, float]], columns: list[str]) -> pd.DataFrame:
+    """The rows of each pair and their mirror, p-values adjusted for the family of pairs."""
+    table = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
+    if rows:
+        table.index = pd.MultiIndex.from_tuples(rows, names=KEYS)
+    else:
+        table.index = pd.MultiIndex.from_arrays([[], []], names=KEYS)
+    for pvalue in [name for name in columns if name.endswith("pvalue")]:
+        adjusted = statistics.holm(table[pvalue])
+        place = table.columns.get_loc(pvalue) + 1
+        table.insert(place, pvalue.replace("pvalue", "holm"), adjusted)
+    return pd.concat([table, _mirrored(table)]).sort_index()
+
+
+def _mirrored(table: pd.DataFrame) -> pd.DataFrame:
+    """The same, as the other planner of each pair sees it."""
+    mirror = table.rename(columns=_MIRROR)
+    mirror.index = mirror.index.swaplevel().set_names(KEYS)
+    for ratio in ("ratio", "both_ratio"):
+        if ratio in mirror:
+            mirror[ratio] = 1 / mirror[ratio]
+    for share in ("chance", "low", "high"):
+        mirror[share] = 1 - mirror[share]
+    if "u" in mirror:
+        all_pairs = mirror["runs"] * mirror["rival_runs"]
+        mirror["u"] = all_pairs - mirror["u"]
+    return mirror[table.columns]
+
+
+def _paired_row(group: pd.DataFrame) -> dict[str, float]:
+    own = np.log(group["own"].to_numpy())
+    theirs = np.log(group["theirs"].to_numpy())
+    of_group = group["group"].to_numpy()
+    test = statistics.wilcoxon(own, theirs, of_group)
+    chance = statistics.mean_interval(group["chance"], of_group)
+    answered = np.isfinite(own) & np.isfinite(theirs)
+    return {
+        "problems": len(group),
+        "groups": len(set(of_group)),
+        "better": test.wins,
+        "tied": test.ties,
+        "worse": test.losses,
+        "ratio": _median_ratio(own, theirs),
+        "chance": chance.value,
+        "low": chance.low,
+        "high": chance.high,
+        "pvalue": test.pvalue,
+    } | _both_answer(own[answered], theirs[answered], of_group[answered])
+
+
+def _both_answer(own: Array, theirs: Array, groups: NDArray[Any]) -> dict[str, float]:
+    """The columns `both_…`, from logarithms of durations that are all finite."""
+    if not own.size:
+        nothing = dict.fromkeys(["both", "both_better", "both_tied", "both_worse"], 0)
+        return nothing | {"both_ratio": np.nan, "both_pvalue": 1.0}
+    test = statistics.wilcoxon(own, theirs, groups)
+    return {
+        "both": own.size,
+        "both_better": test.wins,
+        "both_tied": test.ties,
+        "both_worse": test.losses,
+        "both_ratio": _median_ratio(own, theirs),
+        "both_pvalue": test.pvalue,
+    }
+
+
+def _seed_row(own: Array, theirs: Array) -> dict[str, float]:
+    test = statistics.mann_whitney(own, theirs)
+    chance = float(statistics.shorter_chance(own, theirs))
+    interval = statistics.shorter_interval(chance, own.size, theirs.size)
+    median = _median(own)
+    rival_median = _median(theirs)
+    ratio = np.nan
+    if np.isfinite(median) or np.isfinite(rival_median):
+        ratio = median / rival_median
+    return {
+        "runs": own.size,
+        "rival_runs": theirs.size,
+        "median": median,
+        "rival_median": rival_median,
+        "ratio": ratio,
+        "u": test.statistic,
+        "chance": chance,
+        "low": interval.low,
+        "high": interval.high,
+        "pvalue": test.pvalue,
+    }
+
+
+def _median_ratio(own: Array, theirs: Array) -> float:
+    """The median ratio, from logarithms; the same both ways, but for its inverse."""
+    with np.errstate(invalid="ignore"):
+        change = own - theirs
+        equal = own == theirs
+        logs = np.sort(np.where(equal, 0.0, change))
+        lower = logs[(logs.size - 1) // 2]
+        upper = logs[logs.size // 2]
+        middle = (lower + upper) / 2
+    return float(np.exp(middle))
+
+
+def _median(values: Array) -> float:
+    middle = float(statistics.median(values))
+    return to_tie_digits(middle)

@@ -1,0 +1,372 @@
+"""Trials as tables: one row per trial, gaps to the reference, one line per planner.
+
+    results = Results("results")   # a folder, a results.h5, or trials
+    results.gaps()                 # a pandas frame, one row per trial
+    results.summary()              # a pandas frame, one row per problem and planner
+    results.profile()              # a pandas frame, one column per planner
+    results.paired()               # a pandas frame, one row per planner and rival
+    results.between_seeds()        # the same on one problem, over seeds
+    results.running_times()        # a pandas frame, one row per search and target
+
+Durations and times are in seconds, gaps are ratios minus 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.trial import Trial
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.solution import Status
+from trajopt.views.analysis import pairwise, searches, statistics
+from trajopt.views.analysis.summary import (
+    OPTIMA,
+    Kept,
+    Line,
+    Summary,
+    is_kept,
+    position_excess,
+)
+from trajopt.views.analysis.versions import Newest, newest
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
+    "id": "str",
+    "problem": "str",
+    "digest": "str",
+    "group": "str",
+    "planner": "str",
+    "label": "str",
+    "seed": int,
+    "status": "str",
+    "message": "str",
+    "relation": "str",
+    "claimed_duration": float,
+    "certified_duration": float,
+    "lower_bound": float,
+    "feasible": bool,
+    "dilation": float,
+    "position_excess": float,
+    "evaluations": float,
+    "setup_time": float,
+    "solve_time": float,
+}
+_REFERENCE_COLUMNS: dict[str, Any] = {
+    "duration": float,
+    "kind": "str",
+    "proved": float,
+    "recorded": "str",
+    "recorded_proof": "str",
+}
+_LINE_TEXTS = dict.fromkeys(
+    [
+        "problem",
+        "digest",
+        "label",
+        "kind",
+        "recorded",
+        "recorded_proof",
+        "status",
+        "message",
+    ],
+    "str",
+)
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Results:
+    """The trials of a run, ready for tables and figures: of each planner its last version's.
+
+    Args:
+        source: the trials, or the path of a results folder, a `results.h5` or a trial file, which
+            `store.read` reads.
+        kept: which of them an earlier run had left.
+
+    Raises:
+        StoreError: naming the file, if it cannot be read.
+    """
+
+    newest: Newest
+    kept: Kept | None
+
+    def __init__(self, source: Sequence[Trial] | Path | str, kept: Kept | None = None) -> None:
+        found = store.read(source) if isinstance(source, str | Path) else source
+        object.__setattr__(self, "newest", newest(found))
+        object.__setattr__(self, "kept", kept)
+
+    @property
+    def items(self) -> Sequence[Trial]:
+        """The trials that are shown."""
+        return self.newest.trials
+
+    @property
+    def left_out(self) -> Mapping[str, int]:
+        """How many trials of earlier versions are not shown, by label."""
+        return self.newest.left_out
+
+    def trials(self) -> pd.DataFrame:
+        """One row per trial; NaN where there is none of a number.
+
+        Columns:
+            id: identity of the trial.
+            problem, digest: name of the problem, and SHA-256 of its numbers.
+            group: what it shares with problems from which it is not independent: an arm, a paper,
+                a random family.
+            planner, label: the planner, and its name with the options that differ from its
+                defaults.
+            seed: of the random stream.
+            status, message: the verdict, and why, if it is not `solved`.
+            relation: how the answer relates to the minimum-time problem.
+            claimed_duration: of the trajectory as returned, s.
+            certified_duration: the same times `max(1, dilation)`, s; NaN beyond mending.
+            lower_bound: no trajectory is faster, as the planner proved, s.
+            feasible: whether it keeps every limit as claimed.
+            dilation: the cheapest factor of time that keeps velocity, acceleration and jerk limits.
+            position_excess: how far the trajectory leaves its position limits, rad; 0 within
+                them, NaN without a trajectory or such limits.
+            evaluations: of the objective.
+            setup_time: wall time for building what later calls reuse, s.
+            solve_time: wall time besides, s; a batch's divided by its runs.
+        """
+        return self._trials.copy()
+
+    @cached_property
+    def _trials(self) -> pd.DataFrame:
+        rows = [_row(trial) for trial in self.items]
+        return pd.DataFrame(rows, columns=list(TRIAL_COLUMNS)).astype(TRIAL_COLUMNS)
+
+    def references(self) -> pd.DataFrame:
+        """One row per problem, by its digest: what gaps are measured against.
+
+        Columns:
+            reference: s.
+            kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
+                `refined`, that of refined collocation, above the optimum by at most
+                `REFINED_RTOL`; `relaxed`, where none knows all limits, the largest of what they
+                found without the limits that they ignore; `lower bound`, where more is proved;
+                `best known`, where the recorded motion (`trajopt best-known`) is shorter than all.
+            proved: no trajectory is faster, s; NaN where nothing was proved.
+            recorded: where the recorded motion comes from, if it is the reference, or empty.
+            recorded_proof: the same of the recorded lower bound, if it is the highest.
+        """
+        return self._references.copy()
+
+    @cached_property
+    def _references(self) -> pd.DataFrame:
+        found = self._in_numbers.references
+        rows = [asdict(reference) for reference in found.values()]
+        index = pd.Index(list(found), name="digest", dtype="str")
+        table = pd.DataFrame(rows, index, list(_REFERENCE_COLUMNS)).astype(_REFERENCE_COLUMNS)
+        return table.rename(columns={"duration": "reference"})
+
+    def gaps(self) -> pd.DataFrame:
+        """`trials()` with the columns of `references()` and `gap` = certified / reference − 1."""
+        return self._gaps.copy()
+
+    @cached_property
+    def _gaps(self) -> pd.DataFrame:
+        table = self._trials.merge(
+            self._references,
+            how="left",
+            left_on="digest",
+            right_index=True,
+        )
+        for name in ("recorded", "recorded_proof"):
+            table[name] = table[name].fillna("")
+        table["gap"] = table["certified_duration"] / table["reference"] - 1
+        return table
+
+    def summary(self) -> pd.DataFrame:
+        """One row per problem and planner with its options, by median certified duration.
+
+        Columns:
+            problem, digest, label: of whom and of what.
+            median, q1, q3, min, max: certified durations of the runs that have one, s.
+            gap: median of theirs to the reference, a ratio minus 1.
+            kind, reference, proved, recorded, recorded_proof: those of `references()`.
+            runs, solved: how many, and how many with the status `solved`.
+            kept: share of all runs that keep every limit as claimed.
+            dilation: median of the runs that break a limit and can be mended.
+            position_excess: worst of all runs, rad.
+            lower_bound: the smallest, s.
+            evaluations, solve_time: medians, the latter in s.
+            setup_time: the longest, s.
+            status, message: of the first run that is not solved, or of the first.
+        """
+        return self._summary.copy()
+
+    @cached_property
+    def _summary(self) -> pd.DataFrame:
+        rows = [asdict(line) for line in self._in_numbers.lines()]
+        columns = [field.name for field in fields(Line)]
+        return pd.DataFrame(rows, columns=columns).astype(_LINE_TEXTS)
+
+    @cached_property
+    def _in_numbers(self) -> Summary:
+        return Summary(self.items)
+
+    def plot(self, problem: str | None = None) -> Figure:
+        """One problem's certified durations, a row per planner, the shortest first.
+
+        Args:
+            problem: its name; may be left out where there is one problem only.
+
+        Raises:
+            InvalidInput: There are several problems, or none of this name.
+        """
+        from trajopt.views.figures import plots  # Matplotlib is for those who draw
+
+        lines = self._in_numbers.lines()
+        names = list(dict.fromkeys(line.problem for line in lines))
+        wanted = names[0] if problem is None and len(names) == 1 else problem
+        if wanted not in names:
+            raise InvalidInput("problem", f"one of {', '.join(names)}", value=problem)
+        own = [line for line in lines if line.problem == wanted]
+        return plots.durations(own, title=str(wanted))
+
+    def profile(self, taus: ArrayLike | None = None) -> pd.DataFrame:
+        """Performance profiles: the share of problems solved within `tau` times the best.
+
+        One row per `tau` (by default wherever a profile steps), one column per planner with its
+        options, of the median certified durations to `pairwise.TIE_DIGITS`, +inf where half of the
+        runs have none (Dolan & Moré 2002). Compared are the planners that were run on every
+        problem; `attrs["left_out"]` says of each other on how many it was.
+
+        Raises:
+            InvalidInput: if a tau is NaN.
+        """
+        table = pairwise.medians(self._trials)
+        ran = table.notna().sum()
+        everywhere = ran == len(table)
+        compared = table.loc[:, everywhere]
+        if compared.size:
+            x, shares = statistics.performance_profile(compared, taus)
+            frame = pd.DataFrame(shares, pd.Index(x, name="tau"), compared.columns)
+        else:
+            nothing = pd.Index([], name="tau", dtype=float)
+            frame = pd.DataFrame(index=nothing, columns=compared.columns, dtype=float)
+        frame.attrs["left_out"] = ran[~everywhere].to_dict()
+        return frame
+
+    def paired(self) -> pd.DataFrame:
+        """Every planner against every other, over the problems that both support.
+
+        One row per `planner` and `against`, both with their options: `pairwise.paired_tests` lists
+        the columns. `.loc["issa", "ssa"]` is one row, `.xs("ssa", level="against")` all against
+        one.
+        """
+        pairs = pairwise.pairs_by_problem(competing(self._trials))
+        return pairwise.paired_tests(pairs)
+
+    def between_seeds(self, problem: str | None = None) -> pd.DataFrame:
+        """Every planner with several runs against every other, over their runs on one problem.
+
+        One row per `planner` and `against`, both with their options: `pairwise.between_seeds` lists
+        the columns.
+
+        Args:
+            problem: its name or digest; may be left out if there is one only.
+
+        Raises:
+            InvalidInput: if no problem, or more than one, is meant.
+        """
+        trials = self._trials
+        named = (trials["problem"] == problem) | (trials["digest"] == problem)
+        runs = trials if problem is None else trials[named]
+        if runs["digest"].nunique() != 1:
+            known = ", ".join(trials["problem"].unique())
+            raise InvalidInput("problem", f"the name or digest of one of: {known}", value=problem)
+        return pairwise.between_seeds(competing(runs))
+
+    def histories(self) -> dict[str, searches.Histories]:
+        """Per problem, by its digest, the best 3-5-3 and every run's history."""
+        groups: dict[str, list[Trial]] = {}
+        for trial in self.items:
+            groups.setdefault(trial.problem.digest(), []).append(trial)
+        return {digest: searches.histories(trials) for digest, trials in groups.items()}
+
+    def running_times(self, targets: ArrayLike = searches.TARGETS) -> pd.DataFrame:
+        """Expected evaluations until a search is within `target` of the best 3-5-3, and how often.
+
+        One row per search, with its options, and target (a ratio minus 1): `ert`, `successes`,
+        `runs`, pooled over the problems whose best 3-5-3 is known, on which it was run.
+        """
+        problems = list(self.histories().values())
+        return searches.running_times(searches.over_best(problems), targets)
+
+    def data_profile(self, target: float = 0.01, dimension: float = 3) -> pd.DataFrame:
+        """Share of problems on which a search is within `target` of the best 3-5-3 in `alpha`.
+
+        `alpha` (rows) counts simplex gradients, `dimension + 1` evaluations each (Moré & Wild
+        2009); a 3-5-3 has 3 times to search. One column per search with its options, of the median
+        evaluations over its runs, +inf where half of them miss. Compared are those that were run on
+        every problem whose best 3-5-3 is known.
+        """
+        problems = list(self.histories().values())
+        return searches.data_profile(problems, target, dimension)
+
+    def suspicious(self) -> pd.DataFrame:
+        """Trials below the reference by more than its tolerance: each is a bug to hunt."""
+        ids = [trial.id for trial in self._in_numbers.suspicious()]
+        table = self.gaps()
+        return table[table["id"].isin(ids)]
+
+
+def competing(trials: pd.DataFrame) -> pd.DataFrame:
+    """Without those that were refused, are relaxed, or have a lower bound and no motion."""
+    aside = trials["status"].isin([str(Status.UNSUPPORTED), str(Status.RELAXED)])
+    certified = trials["certified_duration"].notna()
+    bounded = trials["lower_bound"].notna()
+    only_bound = bounded & ~certified
+    return trials[~aside & ~only_bound]
+
+
+def median_gap(trials: pd.DataFrame) -> float:
+    """Median over problems of median gaps to a known optimum, of one planner's `gaps()`.
+
+    +inf: on half of them it has no answer; NaN: there is no such problem.
+    """
+    known = trials[trials["kind"].isin(OPTIMA)]
+    if known.empty:
+        return np.nan
+    medians = known["gap"].fillna(np.inf).groupby(known["digest"]).median()
+    return float(statistics.median(medians))
+
+
+def _row(trial: Trial) -> dict[str, Any]:
+    certificate = trial.certificate
+    return {
+        "id": trial.id,
+        "problem": trial.problem.name,
+        "digest": trial.problem.digest(),
+        "group": catalogue.group(trial.problem),
+        "planner": trial.planner,
+        "label": trial.label,
+        "seed": trial.seed,
+        "status": str(trial.status),
+        "message": trial.message,
+        "relation": trial.relation.name,
+        "claimed_duration": trial.claimed_duration,
+        "certified_duration": trial.certified_duration,
+        "lower_bound": trial.lower_bound,
+        "feasible": is_kept(certificate),
+        "dilation": certificate.dilation if certificate else None,
+        "position_excess": position_excess(certificate),
+        "evaluations": trial.solution.evaluations,
+        "setup_time": trial.setup_time,
+        "solve_time": trial.solve_time,
+    }

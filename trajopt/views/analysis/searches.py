@@ -1,0 +1,148 @@
+"""Searches of the best 3-5-3: what their histories say of the evaluations that they need.
+
+    problems = [histories(trials) for trials in by_problem]
+    running_times(over_best(problems))   # expected evaluations to each target
+    data_profile(problems, target=0.01)  # share of problems against simplex gradients
+
+A history is `(m, 2)`: evaluations spent, and the best certified duration by then, s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trajopt.benchmark.trial import Trial
+from trajopt.explain.references import BEST_353
+from trajopt.views.analysis import statistics
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+TARGETS = (0.1, 0.01, 0.001, 0.0001)  # above the best 3-5-3, relative
+BEATEN_RTOL = 1e-6  # below the best 3-5-3 by more than this: a search of something else
+
+
+class Histories(NamedTuple):
+    """One problem's best 3-5-3 (s; NaN if unknown), and per planner the history of every run."""
+
+    best: float
+    runs: Mapping[str, Sequence[Array]]
+
+
+def histories(trials: Sequence[Trial]) -> Histories:
+    """The histories of one problem's trials."""
+    best = np.nan
+    runs: dict[str, list[Array]] = {}
+    for trial in trials:
+        own = runs.setdefault(trial.label, [])
+        own.append(trial.certified_history)
+        duration = trial.certified_duration
+        if trial.planner == BEST_353 and duration is not None:
+            best = np.fmin(best, duration)
+    return Histories(float(best), runs)
+
+
+def searches(problems: Sequence[Histories]) -> set[str]:
+    """Planners that kept a history on any of the problems and beat the best 3-5-3 on none.
+
+    The evaluations of those that beat it are of something else.
+    """
+    searching = set()
+    beating = set()
+    for best, runs in problems:
+        for label, own in runs.items():
+            durations = np.vstack(own)[:, 1]
+            shortest = np.nanmin(durations, initial=np.inf)
+            if shortest < np.inf:
+                searching.add(label)
+            if shortest < best * (1 - BEATEN_RTOL):
+                beating.add(label)
+    return searching - beating
+
+
+def over_best(problems: Sequence[Histories]) -> dict[str, list[Array]]:
+    """Per search, every run's history over the best 3-5-3 of its problem, where that is known."""
+    known = _known(problems)
+    relative: dict[str, list[Array]] = {}
+    for label in sorted(searches(known)):
+        own = relative.setdefault(label, [])
+        for best, runs in known:
+            units = [1.0, best]
+            for history in runs.get(label, []):
+                own.append(history / units)
+    return relative
+
+
+def running_times(
+    relative: Mapping[str, Sequence[Array]],
+    targets: ArrayLike = TARGETS,
+) -> pd.DataFrame:
+    """`Results.running_times()` of histories `over_best`.
+
+    A run that ended without a word of what it spent is charged its planner's longest run.
+    """
+    import pandas as pd  # not for figures, which need histories alone
+
+    goals = np.atleast_1d(np.asarray(targets, dtype=float))
+    rows = []
+    for label, runs in relative.items():
+        hits = statistics.evaluations_to_target(runs, 1 + goals)
+        last = [run[-1, 0] for run in runs]
+        spent = np.array(last)
+        longest = max(1.0, spent.max())
+        budgets = np.where(spent > 0, spent, longest)
+        times = statistics.expected_running_time(hits, budgets)
+        ert = np.atleast_1d(times)
+        successes = np.isfinite(hits).sum(axis=-1)
+        for goal, time, count in zip(goals, ert, successes, strict=True):
+            row = {
+                "label": label,
+                "target": goal,
+                "ert": time,
+                "successes": count,
+                "runs": len(runs),
+            }
+            rows.append(row)
+    columns = ["label", "target", "ert", "successes", "runs"]
+    table = pd.DataFrame(rows, columns=columns)
+    return table.set_index(["label", "target"])
+
+
+def data_profile(
+    problems: Sequence[Histories],
+    target: float = 0.01,
+    dimension: float = 3,
+) -> pd.DataFrame:
+    """`Results.data_profile()` of histories."""
+    import pandas as pd  # not for figures, which need histories alone
+
+    known = _known(problems)
+    everywhere = searches(known)
+    for problem in known:
+        everywhere &= set(problem.runs)
+    compared = sorted(everywhere)
+    hits = []
+    for best, runs in known:
+        goal = best * (1 + target)
+        own = [_median_hit(runs[label], goal) for label in compared]
+        hits.append(own)
+    if not compared:
+        nothing = pd.Index([], name="alpha", dtype=float)
+        return pd.DataFrame(index=nothing, columns=compared, dtype=float)
+    alphas, shares = statistics.data_profile(hits, dimension)
+    return pd.DataFrame(shares, pd.Index(alphas, name="alpha"), compared)
+
+
+def _known(problems: Sequence[Histories]) -> list[Histories]:
+    return [problem for problem in problems if np.isfinite(problem.best)]
+
+
+def _median_hit(runs: Sequence[Array], target: float) -> float:
+    hits = statistics.evaluations_to_target(runs, target)
+    return float(statistics.median(hits))

@@ -1,0 +1,209 @@
+"""A certified trajectory as a file that others read: samples, a ROS message, a picture, or all.
+
+What a controller is to run is not sampled and hoped for: its breaks are moved to whole control
+cycles (`trajopt.formats.on_cycle`), it is written, read again, joined as the controller joins it,
+and verified; only then does the file take its place.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+from trajopt.benchmark.store import atomic
+from trajopt.benchmark.store.folder import save
+from trajopt.benchmark.trial import Trial
+from trajopt.core.exceptions import InvalidInput, StoreError
+from trajopt.core.trajectory import Trajectory
+from trajopt.formats import joint_trajectory, on_cycle, samples_csv
+from trajopt.formats.on_cycle import OnCycle
+from trajopt.formats.samples import Samples
+from trajopt.judging.verification import Certificate, verify
+
+Points = Literal["breaks", "cycles"]
+
+MESSAGES = (".yaml", ".yml")
+_PICTURES = (".png", ".svg", ".pdf")
+_ENDINGS = (".csv", ".json", *MESSAGES, *_PICTURES, ".h5")
+_KINDS = ("velocity", "acceleration", "jerk")
+
+
+@dataclass(frozen=True)
+class Target:
+    """What to write.
+
+    Attributes:
+        path: Its ending says the format.
+        cycle: Of the controller, s.
+        points: Where samples are: at the motion's breaks, or every cycle. By default a message has
+            them at the breaks and a CSV file every cycle. A .json file is a message where points
+            are asked for, or else the exact piecewise polynomial with its verdict.
+
+    Raises:
+        InvalidInput: for an unknown ending, or points of what has none.
+    """
+
+    path: Path
+    cycle: float = 1e-3
+    points: Points | None = None
+
+    def __post_init__(self) -> None:
+        if self.path.suffix not in _ENDINGS:
+            right = f"a file ending in {', '.join(_ENDINGS)}"
+            raise InvalidInput("--out", right, value=str(self.path))
+        if self.points is not None and self.path.suffix in (*_PICTURES, ".h5"):
+            right = f"left out for a {self.path.suffix} file, which has no points"
+            raise InvalidInput("--points", right, value=self.points)
+
+    @property
+    def executed(self) -> bool:
+        """Whether it is what a controller is to run."""
+        sampled = self.path.suffix in (".csv", *MESSAGES)
+        return sampled or self.points is not None
+
+
+@dataclass(frozen=True)
+class Executed:
+    """What the controller makes of a written file.
+
+    Attributes:
+        points: How many.
+        pieces: What joins them: cubic or quintic polynomials.
+        duration: s.
+        longer: By how much than the certified trajectory, relative.
+        certificate: The verdict on the executed motion.
+    """
+
+    points: int
+    pieces: str
+    duration: float
+    longer: float
+    certificate: Certificate
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: SI units."""
+        return {
+            "points": self.points,
+            "interpolation": self.pieces,
+            "duration": self.duration,
+            "certificate": self.certificate.as_dict(),
+        }
+
+
+def write(target: Target, trial: Trial) -> Executed | None:
+    """Write a trial's certified trajectory, and say what a controller makes of the file.
+
+    Returns:
+        The verdict on the motion as executed; None for what no controller runs.
+
+    Raises:
+        InvalidInput: The cycle is too long for the motion.
+        StoreError: There is no certified trajectory, the file cannot be written, or what the
+            controller would run breaks a limit: then it is not kept.
+    """
+    if target.executed:
+        return _write_executed(target, trial)
+    if target.path.suffix == ".h5":
+        save(target.path, trial)
+    elif target.path.suffix == ".json":
+        text = _exact(trial)
+        atomic.write(target.path, lambda file: file.write_text(text, encoding="utf-8"))
+    else:
+        _draw(target.path, trial)
+    return None
+
+
+def _certified(trial: Trial) -> Trajectory:
+    trajectory = trial.certified_trajectory
+    if trajectory is None:
+        raise StoreError(
+            f"nothing to write: {trial.planner} has no certified trajectory ({trial.status})"
+        )
+    return trajectory
+
+
+def _exact(trial: Trial) -> str:
+    """The exact piecewise polynomial, and the verdict, as JSON."""
+    trajectory = _certified(trial)
+    exact = {
+        "joint_names": list(trial.problem.joint_names),
+        "breaks": trajectory.breaks.tolist(),
+        "coefficients": trajectory.coefficients.tolist(),
+    }
+    return json.dumps(trial.as_dict() | exact, indent=1, default=str)
+
+
+def _draw(path: Path, trial: Trial) -> None:
+    """Every joint against time, with its limits."""
+    from trajopt.views.figures import motions, plots  # Matplotlib is for those who draw
+
+    title = f"{trial.label} on {trial.problem.name}"
+    figure = motions.motion(trial.problem, _certified(trial), title=title)
+    with TemporaryDirectory() as folder:
+        drawn = plots.write(figure, Path(folder) / f"motion{path.suffix}")
+        content = drawn.read_bytes()
+    atomic.write(path, lambda file: file.write_bytes(content))
+
+
+def _write_executed(target: Target, trial: Trial) -> Executed:
+    problem = trial.problem
+    trajectory = _certified(trial)
+    motion = on_cycle.moved(problem, trajectory, target.cycle)
+    numbered = tuple(f"joint_{joint + 1}" for joint in range(problem.joints))
+    names = problem.joint_names or numbered
+    at_breaks = target.path.suffix != ".csv"
+    if target.points is not None:
+        at_breaks = target.points == "breaks"
+    samples = motion.at_breaks(names) if at_breaks else motion.at_cycles(names)
+    samples = replace(samples, joint_units=problem.joint_units)
+    put, get = _FORMATS[target.path.suffix]
+    with TemporaryDirectory() as folder:
+        written = Path(folder) / f"motion{target.path.suffix}"
+        put(written, samples)
+        back = get(written)
+        content = written.read_bytes()
+    executed = _judged(trial, trajectory, motion, back)
+    if not executed.certificate.feasible:
+        why = "; ".join(executed.certificate.flaws) or peak(executed.certificate, trial)
+        raise StoreError(f"{target.path}: not written: executed, {why}")
+    atomic.write(target.path, lambda file: file.write_bytes(content))
+    return executed
+
+
+def _judged(trial: Trial, planned: Trajectory, motion: OnCycle, samples: Samples) -> Executed:
+    """The verdict on what a controller makes of samples that were read from a file."""
+    executed = Trajectory.from_samples(
+        samples.times,
+        samples.positions,
+        samples.velocities,
+        samples.accelerations,
+        waypoint_times=motion.waypoint_times,
+    )
+    return Executed(
+        points=len(samples.times),
+        pieces=samples.interpolation(),
+        duration=executed.duration,
+        longer=executed.duration / planned.duration - 1,
+        certificate=verify(trial.problem, executed),
+    )
+
+
+def peak(certificate: Certificate, trial: Trial) -> str:
+    """The highest use of a limit, in words."""
+    peaks = {kind: getattr(certificate, kind) for kind in _KINDS}
+    values = {kind: worst.value for kind, worst in peaks.items() if worst is not None}
+    kind = max(values, key=values.__getitem__)
+    label = trial.problem.joint_labels[peaks[kind].joint]
+    return f"its peak is {values[kind]:.5f} of the {kind} limit of {label}"
+
+
+_FORMATS: dict[str, tuple[Callable[[Path, Samples], None], Callable[[Path], Samples]]] = {
+    ".csv": (samples_csv.write, samples_csv.read),
+    ".json": (joint_trajectory.write, joint_trajectory.read),
+    ".yaml": (joint_trajectory.write, joint_trajectory.read),
+    ".yml": (joint_trajectory.write, joint_trajectory.read),
+}

@@ -1,0 +1,485 @@
+"""Figures: tables, arrays and trajectories in, matplotlib figures out.
+
+No global state and no display: every function returns a `Figure`, and `save` writes it. Names that
+others chose (problems, planners and their options) are drawn as they are written.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import BytesIO
+from itertools import cycle
+from math import isnan
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import XAxis, YAxis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from trajopt.views.analysis.summary import Line, by_median
+from trajopt.views.figures.style import (
+    BLACK,
+    BLUE,
+    CURVES,
+    DASHES,
+    GAP_FLOOR,
+    MARKERS,
+    STYLE_SHEET,
+    VERMILION,
+    percent,
+    plain,
+    power_of_ten,
+    text,
+)
+
+Array = NDArray[np.float64]
+Look = dict[str, Any]  # what Matplotlib calls the parts of an artist's look
+
+_SHORT_DASHES = (0, (3, 2))
+_BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
+_RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
+
+_PNG_DPI = 150
+_PNG_COMPRESSION = 3  # of 9: a tenth larger than 6, in three quarters of its time
+_COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
+_GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
+_LABEL_WIDTH = 30  # characters of a planner's label on one line
+_SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # of a decade of durations: where ticks are
+
+styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings are left alone
+
+
+@styled
+def write(figure: Figure, file: Path, digest: str = "") -> Path:
+    """Write a figure, its text as text but in a PNG; the same figure gives the same bytes.
+
+    Args:
+        figure: laid out once, for whatever files are written of it.
+        file: its suffix, `.png`, `.svg` or `.pdf`, says what it is.
+        digest: of what the figure shows; a PNG or SVG carries it in its metadata.
+
+    Returns:
+        The file.
+    """
+    said = {"Description": digest} if digest else {}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
+        _lay_out(figure)
+        if file.suffix == ".png":
+            _write_png(figure, file, said)
+        elif file.suffix == ".svg":
+            _write_vector(figure, file, {"Date": None, **said})
+        else:
+            _write_vector(figure, file, {"CreationDate": None})
+    return file
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write `stem.png` and `stem.svg`, which are returned."""
+    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
+    return [write(figure, file) for file in files]
+
+
+def _lay_out(figure: Figure) -> None:
+    """Find every place once: else each file's writer draws the figure for it, and again.
+
+    In the PNG's pixels: at another density its hinted letters are up to a tenth wider or narrower.
+    """
+    engine = figure.get_layout_engine()
+    if engine is None:
+        return
+    with _dense(figure):
+        engine.execute(figure)
+    figure.set_layout_engine(None)
+
+
+@contextmanager
+def _dense(figure: Figure) -> Iterator[None]:
+    """A figure with the PNG's density."""
+    usual = figure.get_dpi()
+    figure.set_dpi(_PNG_DPI)
+    yield
+    figure.set_dpi(usual)
+
+
+def _write_png(figure: Figure, file: Path, said: Mapping[str, str]) -> None:
+    """The same figure in pixels; `said` are texts that the file carries."""
+    with _dense(figure):
+        canvas: Any = FigureCanvasAgg(figure)
+        canvas.draw()
+    pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
+    opaque = pixels.convert("RGB")
+    texts = PngInfo()
+    for keyword, value in said.items():
+        texts.add_text(keyword, value)
+    content = BytesIO()
+    opaque.save(
+        content,
+        "png",
+        pnginfo=texts,
+        dpi=(_PNG_DPI, _PNG_DPI),
+        compress_level=_PNG_COMPRESSION,
+    )
+    file.write_bytes(content.getvalue())
+
+
+def _write_vector(figure: Figure, file: Path, metadata: Mapping[str, str | None]) -> None:
+    """Write all of it at once, so that a figure that cannot be drawn leaves the old one."""
+    content = BytesIO()
+    figure.savefig(content, format=file.suffix.removeprefix("."), metadata=metadata)
+    file.write_bytes(content.getvalue())
+
+
+# ---- durations ------------------------------------------------------------------------------
+
+
+@styled
+def durations(summary: Sequence[Line], title: str = "") -> Figure:
+    """Certified durations of one problem's planners, the shortest first, and their gaps.
+
+    Args:
+        summary: one problem's lines of `Summary`. A planner with several runs shows its median,
+            quartiles (thick) and range (thin); one without a certified duration, its status.
+        title: over the figure.
+    """
+    rows = sorted(summary, key=by_median)
+    certified = [row for row in rows if not isnan(row.median)]
+    others = rows[len(certified) :]
+    reference = _reference(rows)
+    labels = [_row_label(row) for row in rows]
+    figure, (axes,) = _row_chart(labels, panels=1)
+    _dots(axes, certified)
+    if reference:
+        name, time = reference
+        end = len(certified) - 0.5
+        axes.vlines(time, -0.5, end, VERMILION, "--", label=name, lw=1.0, zorder=1.5)
+    _columns(axes, certified, gaps=reference is not None)
+    _statuses(axes, others, first=len(certified))
+    axes.set_xlabel("certified duration (s)")
+    axes.set_title(text(title))
+    axes.set_xlim(left=0)
+    if certified:
+        figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+def _reference(rows: Sequence[Line]) -> tuple[str, float] | None:
+    """What the gaps are measured against, in words, and its duration, s."""
+    first = rows[0]
+    if first.kind is None:
+        return None
+    name = f"{first.kind} optimum"
+    if first.kind == "lower bound":
+        name = first.kind
+    return f"{name} {first.reference:#.4g} s", first.reference
+
+
+def _row_label(row: Line) -> str:
+    label = wrapped(row.label)
+    if 0 < row.solved < row.runs:
+        return f"{label}\n({row.solved} of {row.runs} runs solved)"
+    return label
+
+
+def _dots(axes: Axes, rows: Sequence[Line]) -> None:
+    """Stems and medians; of several runs also quartiles and range."""
+    medians = [row.median for row in rows]
+    axes.hlines(range(len(rows)), 0, medians, color="0.85", lw=1.0, zorder=1)
+    once = [y for y, row in enumerate(rows) if row.runs == 1]
+    often = [y for y, row in enumerate(rows) if row.runs > 1]
+    for y in often:
+        row = rows[y]
+        axes.hlines(y, row.min, row.max, color=BLUE, lw=0.9, zorder=2)
+        axes.hlines(y, row.q1, row.q3, color=BLUE, lw=3.5, zorder=2)
+    mark: Look = {"ms": 4.5, "mec": BLUE}
+    if once:
+        x = [medians[y] for y in once]
+        axes.plot(x, once, "o", mfc=BLUE, label="one run", **mark)
+    if often:
+        x = [medians[y] for y in often]
+        spread = "median, quartiles and range of several runs"
+        axes.plot(x, often, "D", mfc="white", label=spread, **mark)
+
+
+def _columns(axes: Axes, rows: Sequence[Line], *, gaps: bool) -> None:
+    """Median and gap as numbers, beside the chart."""
+    cells = {"median (s)": [f"{row.median:#.4g}" for row in rows]}
+    if gaps:
+        cells["gap"] = [percent(row.gap) for row in rows]
+    style: Look = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
+    over: Look = {"xycoords": "axes fraction", "color": "0.3"}
+    beside: Look = {"xycoords": axes.get_yaxis_transform(), "va": "center"}
+    columns = zip(cells.items(), _COLUMNS, strict=False)
+    for (heading, numbers), right in columns:
+        axes.annotate(heading, (1, 1), (right, 6), **over, **style)
+        for y, number in enumerate(numbers):
+            axes.annotate(number, (1, y), (right, 0), **beside, **style)
+
+
+def _statuses(axes: Axes, rows: Sequence[Line], first: int) -> None:
+    """In place of a duration, why there is none, and the lower bound; from the row `first` on."""
+    style: Look = {
+        "textcoords": "offset points",
+        "va": "center",
+        "fontsize": 7,
+        "style": "italic",
+        "color": "0.3",
+    }
+    for y, row in enumerate(rows, start=first):
+        said = row.status
+        if row.lower_bound > 0:
+            said = f"{said} (lower bound {row.lower_bound:#.4g} s)"
+        axes.annotate(said, (0, y), (4, 0), **style)
+
+
+# ---- convergence ----------------------------------------------------------------------------
+
+
+@styled
+def convergence(
+    curves: Mapping[str, tuple[Array, Array]],
+    best: float | None = None,
+    title: str = "",
+) -> Figure:
+    """Best certified duration against evaluations: median and quartiles over seeds.
+
+    Args:
+        curves: per label evaluations and quartiles of the best durations by then, as of
+            `sampling.over_runs`.
+        best: the duration of the best 3-5-3, s; a second panel then shows how far above it the
+            runs are, in %.
+        title: over the figure.
+    """
+    labels = {label: wrapped(label) for label in curves}
+    breaks = sum(label.count("\n") for label in labels.values())
+    legend = 0.5 + 0.17 * len(labels) + 0.11 * breaks  # inches
+    panels = 2 if best else 1
+    height = max(2.2 * panels, 2.8, legend)
+    figure = Figure(figsize=(7.2, height), layout="constrained")
+    grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
+    above = grid[0]
+    shade = min(0.18, 0.9 / len(curves))  # many bands would hide the curves
+    looks = zip(cycle(CURVES), cycle(DASHES), cycle(MARKERS), strict=False)
+    for (label, (spent, quartiles)), (colour, dash, marker) in zip(
+        curves.items(), looks, strict=False
+    ):
+        look = {
+            "marker": marker,
+            "ls": dash,
+            "color": colour,
+            "label": labels[label],
+        }
+        _band(above, spent, quartiles, shade, look)
+        if best:
+            excess = 100 * (quartiles / best - 1)
+            drawn = np.maximum(excess, GAP_FLOOR)
+            _band(grid[1], spent, drawn, shade, look)
+    above.set(xscale="log", yscale="log")
+    above.set_ylabel("best certified duration (s)")
+    above.set_title(text(title))
+    longest = max(spent[-1] for spent, _ in curves.values())
+    above.set_xlim(1, 1.1 * longest)
+    above.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
+    above.yaxis.set_major_locator(LogLocator(subs=_SUBDIVISIONS))
+    above.yaxis.set_major_formatter(FuncFormatter(plain))
+    if best:
+        name = f"best 3-5-3 {best:#.4g} s"
+        above.axhline(best, color=BLACK, lw=0.8, ls=_SHORT_DASHES, label=name)
+        _log_percent(grid[1].yaxis)
+        grid[1].set_ylabel("above the best 3-5-3 (%)")
+    _draw_minor_ticks([above.yaxis])
+    _draw_minor_ticks([axes.xaxis for axes in grid])
+    grid[-1].set_xlabel("evaluations")
+    keys = above.get_legend_handles_labels()
+    figure.legend(*keys, loc="outside right upper", title="median and quartiles")
+    return figure
+
+
+def _band(
+    axes: Axes,
+    spent: Array,
+    quartiles: Array,
+    shade: float,
+    look: Look,
+) -> None:
+    first, median, third = quartiles
+    axes.fill_between(
+        spent,
+        first,
+        third,
+        step="post",
+        color=look["color"],
+        alpha=shade,
+        lw=0,
+    )
+    axes.plot(
+        spent,
+        median,
+        drawstyle="steps-post",
+        markevery=0.13,
+        mfc="white",
+        **look,
+    )
+
+
+# ---- gaps -----------------------------------------------------------------------------------
+
+
+@styled
+def gap_distribution(gaps: Mapping[str, Array], title: str = "") -> Figure:
+    """The gap (%) of every run, a row per planner with several, the smallest median first.
+
+    On the right, what is above the best of these runs. Planners that ran once are lines, where they
+    are in view.
+
+    Args:
+        gaps: every planner's on one problem, ratios minus 1; NaN where a run has none.
+        title: over the figure.
+    """
+    groups = {}
+    for label, own in sorted(gaps.items()):
+        groups[label] = 100 * own[~np.isnan(own)]
+    several = [label for label, runs in groups.items() if len(runs) > 1]
+    labels = sorted(several, key=lambda label: float(np.median(groups[label])))
+    values = [groups[label] for label in labels]
+    best = min(runs.min() for runs in values)
+    rows = [wrapped(label) for label in labels]
+    figure, (left, right) = _row_chart(rows, panels=2)
+    _strips(left, values)
+    above_best = [np.maximum(runs - best, GAP_FLOOR) for runs in values]
+    _strips(right, above_best)
+    run = Line2D([], [], label="one run", **_RUN)
+    box = Patch(label="quartiles and range", **_BOX)
+    lines = _once(left, groups)
+    left.set_xlabel("gap (%)")
+    left.set_title(text(title))
+    _log_percent(right.xaxis)
+    right.set_xlabel("above the best run (percentage points)")
+    figure.legend(handles=[run, box, *lines], loc="outside lower center", ncols=4)
+    return figure
+
+
+def _once(axes: Axes, groups: Mapping[str, Array]) -> list[Line2D]:
+    """A line at the gap of each planner that ran once, where it is in view."""
+    low, high = axes.get_xlim()
+    dashes = cycle(DASHES[1:])
+    look: Look = {"color": VERMILION, "lw": 0.9, "zorder": 0.5}
+    lines = []
+    for label, runs in groups.items():
+        if len(runs) == 1 and low <= runs[0] <= high:
+            name = wrapped(label)
+            line = axes.axvline(runs[0], ls=next(dashes), label=name, **look)
+            lines.append(line)
+    return lines
+
+
+def _strips(axes: Axes, values: Sequence[Array]) -> None:
+    """A dot per run over a box of quartiles; the dots' heights only keep them apart."""
+    ink: Look = {"color": BLACK, "lw": 0.7}
+    axes.boxplot(
+        values,
+        positions=range(len(values)),
+        orientation="horizontal",
+        whis=(0, 100),
+        widths=0.62,
+        patch_artist=True,
+        manage_ticks=False,
+        showfliers=False,
+        boxprops=_BOX,
+        medianprops=ink | {"lw": 1.4},
+        whiskerprops=ink,
+        capprops=ink,
+    )
+    for y, runs in enumerate(values):
+        height = np.arange(len(runs)) * _GOLDEN % 1 - 0.5
+        axes.plot(np.sort(runs), y + 0.45 * height, zorder=3, **_RUN)
+
+
+# ---- shared by several ----------------------------------------------------------------------
+
+
+def _row_chart(labels: Sequence[str], panels: int) -> tuple[Figure, Sequence[Axes]]:
+    """A figure with one labelled row per planner, the first on top."""
+    row = 0.2 + 0.1 * max(label.count("\n") for label in labels)
+    height = 1.15 + row * len(labels)
+    figure = Figure(figsize=(7.2, height), layout="constrained")
+    grid: Sequence[Axes] = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
+    grid[0].set_yticks(range(len(labels)), labels)
+    grid[0].set_ylim(len(labels) - 0.4, -0.6)
+    for axes in grid:
+        axes.tick_params(axis="y", length=0)
+    return figure, grid
+
+
+def _log_percent(axis: XAxis | YAxis) -> None:
+    """A log axis from `GAP_FLOOR` up, its end labelled as what is there: that or less."""
+    low, high = np.maximum(axis.get_data_interval(), (0, 100 * GAP_FLOOR))
+    limits = (0.8 * min(low, high / 100), 1.5 * high)
+    if axis.axis_name == "x":
+        axis.axes.set(xscale="log", xlim=limits)
+    else:
+        axis.axes.set(yscale="log", ylim=limits)
+    axis.set_major_locator(LogLocator(numticks=8))
+    axis.set_major_formatter(FuncFormatter(_floored))
+    _draw_minor_ticks([axis])
+
+
+def _draw_minor_ticks(sharing: Sequence[XAxis | YAxis]) -> None:
+    """Minor ticks as one artist an axis, once its limits are set: Matplotlib draws five for each.
+
+    Args:
+        sharing: all axes that share their ticks: without its own, none has any.
+    """
+    places = []
+    for axis in sharing:
+        low, high = sorted(axis.get_view_interval())
+        found = np.asarray(axis.get_minorticklocs())
+        inside = (found >= low) & (found <= high)
+        places.append(found[inside])
+    for axis, shown in zip(sharing, places, strict=True):
+        axis.set_minor_locator(NullLocator())
+        _draw_ticks(axis, shown)
+
+
+def _draw_ticks(axis: XAxis | YAxis, places: Array) -> None:
+    """Ticks without numbers, as Matplotlib draws minor ones."""
+    edge = np.zeros_like(places)
+    size = matplotlib.rcParams["xtick.minor.size"]
+    width = matplotlib.rcParams["xtick.minor.width"]
+    look: Look = {"ls": "", "color": BLACK, "ms": size, "mew": width}
+    axes = axis.axes
+    if axis.axis_name == "x":
+        look |= {"marker": TICKDOWN, "transform": axes.get_xaxis_transform()}
+        ticks = Line2D(places, edge, **look)
+    else:
+        look |= {"marker": TICKLEFT, "transform": axes.get_yaxis_transform()}
+        ticks = Line2D(edge, places, **look)
+    axes.figure.add_artist(ticks)
+
+
+def _floored(value: float, _: object = None) -> str:
+    if value < 1.1 * GAP_FLOOR:
+        return f"≤{value:g}"
+    return f"{value:g}"
+
+
+def wrapped(label: str) -> str:
+    """A planner's label on as many lines as it needs, broken between its options."""
+    loose = label.replace(",", ", ").replace(":", ": ")
+    lines = wrap(loose, _LABEL_WIDTH, break_on_hyphens=False)
+    drawn = "\n".join(text(line) for line in lines)
+    return drawn.replace(", ", ",").replace(": ", ":")

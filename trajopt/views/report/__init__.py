@@ -1,0 +1,123 @@
+"""One self-contained HTML page of a run: tables, curves, trajectories, failures, every trial.
+
+    write(Results(store.read("results")), Path("results/report.html"))
+
+The page needs no server and no network. What only some readers open (the trials, each problem's
+curves and trajectories, and Plotly itself, a third of its size that way) is in it compressed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from trajopt.core.exceptions import InvalidInput
+from trajopt.views.analysis.pairwise import TIE_DIGITS
+from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.searches import TARGETS
+from trajopt.views.report import cells as lines
+from trajopt.views.report import curves
+from trajopt.views.report import page as content
+from trajopt.views.report import pairwise as rivals
+from trajopt.views.report import panels as motions
+from trajopt.views.report.packing import packed, packed_json
+
+TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB
+_BEGINNING = 1000  # characters, in which a report says whose it is
+
+
+def write(
+    results: Results, path: Path, *, command: str = "", trajectories: int = TRAJECTORIES
+) -> Path:
+    """Write the report of the trials to a file; it links to `trials/` where that is beside it.
+
+    Args:
+        results: the trials.
+        path: the file.
+        command: the command that made the results, to be shown.
+        trajectories: for at most so many problems the median run of each planner has its trajectory
+            in the page, which says which are left out.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidInput: there is no trial.
+        OSError: the file cannot be written.
+    """
+    if not results.items:
+        raise InvalidInput("results", "at least one trial")
+    page = content.page(results)
+    suites = curves.suites(page)
+    seeds = curves.between_seeds(page)
+    tables = {
+        "suites": suites,
+        "seeds": seeds,
+        "files": (path.parent / "trials").is_dir(),
+    }
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("trajopt.views.report", "web"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters["breaks"] = _breaks
+    html = environment.get_template("template.html").render(
+        page=page,
+        digest=_digest(results),
+        columns=lines.COLUMNS,
+        tied=TIE_DIGITS,
+        command=command,
+        kept=trajectories,
+        targets=[f"{100 * target:g} %" for target in TARGETS],
+        whole=suites[0],
+        against=rivals.first(results.items, page.labels),
+        seeds=seeds,
+        blobs=_blobs(page, tables, trajectories),
+    )
+    path.write_text(html, encoding="utf-8")
+    return path
+
+
+def is_of(results: Results, path: Path) -> bool:
+    """Whether a file is the report of just these trials, by its first lines."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            beginning = file.read(_BEGINNING)
+    except (OSError, UnicodeDecodeError):
+        return False
+    return f'content="{_digest(results)}"' in beginning
+
+
+def _digest(results: Results) -> str:
+    """SHA-256 of the trials' identities and the times at which they were run."""
+    runs = sorted(f"{trial.id} {trial.started}" for trial in results.items)
+    return hashlib.sha256("\n".join(runs).encode()).hexdigest()
+
+
+def _breaks(label: str) -> Markup:
+    """A planner's label that may go on to the next line between its options."""
+    parts = re.split("(?<=[:,])", label)
+    return Markup("<span>{}</span>").format(Markup("<wbr>").join(parts))
+
+
+def _blobs(page: content.Page, tables: dict[str, Any], trajectories: int) -> dict[str, str]:
+    """What the page unpacks: Plotly and its trials at once, each problem when it is opened."""
+    data = content.trial_table(page) | tables
+    blobs = {
+        "data": packed_json(data),
+        "plotly": packed(get_plotlyjs()),
+    }
+    drawn = page.drawn(trajectories)
+    for number, trials in enumerate(page.trials_by_problem):
+        shown = number in drawn
+        own = motions.panel(trials, page.labels, with_motions=shown)
+        blobs[f"problem-{number}"] = packed_json(own)
+    return blobs

@@ -1,0 +1,245 @@
+"""One line of a table of the report each: numbers in, their texts out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trajopt.benchmark.trial import Trial
+from trajopt.core.solution import Status
+from trajopt.views.analysis import statistics
+from trajopt.views.analysis.pairwise import mean_ranks
+from trajopt.views.analysis.results import competing, median_gap
+from trajopt.views.figures.style import dilated, percent
+
+COLUMNS = {  # of the table of problems and planners: what its heading says, and its unit
+    "solved": "solved",
+    "kept": "kept limits",
+    "median": "certified (s)",
+    "quartiles": "quartiles",
+    "gap": "gap (%)",
+    "dilation": "dilation",
+    "evaluations": "evaluations",
+    "solve_time": "time (s)",
+}
+NUMBER = re.compile(r"(?<![\w.+−-])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w-])")  # not of 3-5-3
+MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
+REASON_LENGTH = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """A number as it is read, and at full precision, by which it is sorted; None: there is none."""
+
+    text: str
+    value: float | None = None
+
+
+NONE = Cell("–")
+
+
+def cells(row: Any) -> dict[str, Cell]:
+    """The cells of a row of `Results.summary()`."""
+    return {
+        "solved": Cell(f"{row.solved} of {row.runs}", row.solved / row.runs),
+        "kept": Cell(f"{100 * row.kept:.0f} %", float(row.kept)),
+        "median": _median(row),
+        "quartiles": _quartiles(row),
+        "gap": _gap(row.gap),
+        "dilation": _dilation(row.dilation),
+        "evaluations": _cell(row.evaluations, "{:.0f}"),
+        "solve_time": _cell(row.solve_time, "{:.3f}"),
+    }
+
+
+def _median(row: Any) -> Cell:
+    """The median certified duration, or the lower bound of what has no duration."""
+    if not np.isnan(row.median):
+        return Cell(f"{row.median:.4f}", float(row.median))
+    if not np.isnan(row.lower_bound):
+        return Cell(f"≥ {row.lower_bound:.4f}")
+    return NONE
+
+
+def _quartiles(row: Any) -> Cell:
+    if row.runs == 1 or np.isnan(row.median):
+        return NONE
+    spread = row.q3 - row.q1
+    return Cell(f"{row.q1:.4f}–{row.q3:.4f}", float(spread))
+
+
+def _gap(gap: float) -> Cell:
+    if np.isnan(gap):
+        return NONE
+    return Cell(percent(gap).removesuffix(" %"), gap)
+
+
+def _cell(value: float, form: str) -> Cell:
+    if np.isnan(value):
+        return NONE
+    return Cell(form.format(value), float(value))
+
+
+def _dilation(ratio: float) -> Cell:
+    """The median dilation of those that broke a limit."""
+    if not ratio > 1:
+        return NONE
+    return Cell(dilated(ratio), float(ratio))
+
+
+def reference(row: Any) -> str:
+    """What gaps are measured against, of a row of `Results.references()`, and what is proved."""
+    shortest = row["reference"]
+    proved = row["proved"]
+    known = "the best known, not proved"
+    if proved > 0:
+        within = 100 * (shortest / proved - 1)
+        by = f", {row['recorded_proof']}" if row["recorded_proof"] else ""
+        known = f"proved within {within:.3f} % (nothing is faster than {proved:.6f} s{by})"
+    kinds = {
+        "exact": f"the exact optimum, {shortest:.6f} s",
+        "refined": f"refined collocation, {shortest:.6f} s, its own error below 0.01 %",
+        "relaxed": f"the best known without some of the limits, {shortest:.6f} s, "
+        "so they may be overstated",
+        "lower bound": f"a lower bound, {shortest:.6f} s, so they may be overstated",
+        "best known": f"the best known, {row['recorded']}, {shortest:.6f} s",
+    }
+    return f"Gaps are to {kinds[row['kind']]}: {known}."
+
+
+def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
+    """What did not come out solved, by planner, status and kind of reason, the most frequent first.
+
+    Reasons are of one kind where they differ in numbers only.
+    """
+    kinds: dict[tuple[str, str, str], list[Trial]] = {}
+    for trial in trials:
+        if trial.status is not Status.SOLVED:
+            reason = NUMBER.sub("#", _reason(trial))
+            kind = trial.label, str(trial.status), reason
+            kinds.setdefault(kind, []).append(trial)
+    rows = []
+    for (label, status, _), own in kinds.items():
+        rows.append(_failure(label, status, own))
+    return sorted(rows, key=lambda row: -int(row["count"]))
+
+
+def _failure(label: str, status: str, trials: Sequence[Trial]) -> dict[str, Any]:
+    first = trials[0]
+    message = _clipped(first.message.strip(), MESSAGE_LENGTH)
+    reason = spread([_reason(trial) for trial in trials])
+    problems = dict.fromkeys(trial.problem.name for trial in trials)
+    return {
+        "label": label,
+        "status": status,
+        "count": len(trials),
+        "first": first.id,
+        "message": message,
+        "reason": _clipped(reason, REASON_LENGTH) or "no reason was given",
+        "long": "\n" in message,
+        "problems": list(problems),
+    }
+
+
+def _reason(trial: Trial) -> str:
+    """The last line of its message: a traceback says last what happened."""
+    lines = trial.message.strip().splitlines()
+    reason = lines[-1] if lines else ""
+    return with_numbered_joints(reason, trial.problem.joint_names)
+
+
+def with_numbered_joints(reason: str, names: Sequence[str]) -> str:
+    """Joints by number, from 1: reasons then differ in numbers only, of whichever robot."""
+    if not names:
+        return reason
+    numbers = {name: number for number, name in enumerate(names, start=1)}
+    longest_first = sorted(names, key=len, reverse=True)
+    any_name = "|".join(map(re.escape, longest_first))
+    return re.sub(f"({any_name}) at ", lambda found: f"joint {numbers[found[1]]} at ", reason)
+
+
+def spread(reasons: Sequence[str]) -> str:
+    """Reasons that differ in numbers only as one, each number from the smallest to the largest."""
+    words = NUMBER.split(reasons[0])
+    numbers = zip(*[NUMBER.findall(reason) for reason in reasons], strict=True)
+    said = words[0]
+    for column, word in zip(numbers, words[1:], strict=True):
+        ordered = sorted(column, key=_value)
+        low = ordered[0]
+        high = ordered[-1]
+        equal = _value(low) == _value(high)
+        said += low if equal else f"{low} to {high}"
+        said += word
+    return said
+
+
+def _value(number: str) -> float:
+    return float(number.replace("−", "-"))
+
+
+def _clipped(text: str, length: int) -> str:
+    """The end of a text: a traceback says last what happened. Each trial has all of it."""
+    if len(text) <= length:
+        return text
+    return f"…{text[-length:]}"
+
+
+def over_all(runs: pd.DataFrame, rank: float | None) -> dict[str, Any]:
+    """One planner's line, over the problems that it supports."""
+    tried = competing(runs)
+    solved = tried["status"] == str(Status.SOLVED)
+    broke_limits = tried[solved & ~tried["feasible"]]
+    return {
+        "problems": tried["digest"].nunique(),
+        "runs": len(tried),
+        "solved": _share(solved),
+        "kept": _share(tried["feasible"]),
+        "dilation": _dilation(broke_limits["dilation"].median()),
+        "gap": _median_gap(median_gap(tried)),
+        "worst": _worst_gap(tried["gap"].max()),
+        "rank": _rank(rank),
+        "time": _cell(tried["solve_time"].median(), "{:.3f}"),
+    }
+
+
+def _rank(rank: float | None) -> Cell:
+    if rank is None:
+        return NONE
+    return Cell(f"{rank:.2f}", rank)
+
+
+def _median_gap(gap: float) -> Cell:
+    if np.isnan(gap):
+        return NONE
+    if np.isinf(gap):
+        return Cell("no answer")
+    return Cell(percent(gap), gap)
+
+
+def _worst_gap(gap: float) -> Cell:
+    if np.isnan(gap):
+        return NONE
+    return Cell(percent(gap), float(gap))
+
+
+def _share(outcomes: pd.Series[bool]) -> dict[str, Any]:
+    """A share with Wilson's 95 % interval."""
+    if not len(outcomes):
+        return {"text": "–", "interval": "–", "value": np.nan}
+    found = statistics.success_rate(outcomes.to_numpy())
+    return {
+        "text": f"{100 * found.value:.0f} %",
+        "interval": f"{100 * found.low:.0f}–{100 * found.high:.0f}",
+        "value": found.value,
+    }
+
+
+def ranks(runs: pd.DataFrame) -> dict[str, float]:
+    """Mean ranks of the planners that compete on every problem."""
+    found = mean_ranks(competing(runs))
+    return dict(zip(found.index, found.tolist(), strict=True))

@@ -1,0 +1,211 @@
+"""Curves and tables of a suite: profiles, ECDFs, searches, pairs. No answer is worse than any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from trajopt.core.problem import Problem
+from trajopt.views.analysis import statistics
+from trajopt.views.analysis.pairwise import medians, paired_tests, pairs_by_problem
+from trajopt.views.analysis.results import competing
+from trajopt.views.analysis.searches import Histories, over_best, running_times
+from trajopt.views.figures import sampling
+from trajopt.views.figures.style import GAP_FLOOR
+from trajopt.views.report import pairwise as rivals
+from trajopt.views.report.packing import rounded
+from trajopt.views.report.page import Page, limit_kinds, suites_of
+
+Array = NDArray[np.float64]
+Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
+
+POINTS = 160
+BAND_POINTS = 60
+SEED_PAIRS = 30  # of planners on several problems: beyond it they are not compared on each
+TARGET = 1.01  # times the best known of its family: what counts as found
+
+
+def suites(page: Page) -> list[dict[str, Any]]:
+    """The curves and pairs of all problems, of each suite, and of each kind of limits."""
+    problems = dict(zip(page.digests, page.problems, strict=True))
+    histories = page.results.histories()
+    pairs = pairs_by_problem(competing(page.gaps))
+    found = []
+    for name, members in groups(problems).items():
+        ran = page.gaps["digest"].isin(members)
+        met = pairs["digest"].isin(members)
+        gaps = page.gaps[ran]
+        tests = paired_tests(pairs[met])
+        suite = {"name": name, "problems": len(members)}
+        own = [histories[digest] for digest in members]
+        suite |= _suite(gaps, own, page.labels)
+        suite |= {"paired": rivals.pairs(tests, page.labels)}
+        found.append(suite)
+    return found
+
+
+def between_seeds(page: Page) -> list[dict[str, Any]]:
+    """Of a page with few problems: on each, planners with several runs against each other."""
+    if len(page.problems) > 1 and _seed_pairs(page) > SEED_PAIRS:
+        return []
+    found = []
+    for problem in page.problems:
+        tests = page.results.between_seeds(problem.digest())
+        if len(tests):
+            lines = rivals.seeds(tests, page.labels)
+            found.append({"name": problem.name, "paired": lines})
+    return found
+
+
+def _seed_pairs(page: Page) -> int:
+    """How many pairs of planners have several runs each, of all problems: each is resampled."""
+    runs = competing(page.gaps).groupby(["digest", "label"]).size()
+    several = runs[runs > 1]
+    planners = several.groupby("digest").size()
+    pairs = planners * (planners - 1) // 2
+    return int(pairs.sum())
+
+
+def groups(problems: Mapping[str, Problem]) -> dict[str, list[str]]:
+    """Named groups of digests: all, then those of 2 problems or more that are not all of them."""
+    found: dict[str, list[str]] = {}
+    for digest, problem in problems.items():
+        names = [f"limits: {limit_kinds(problem)}", *suites_of(problem)]
+        for name in names:
+            found.setdefault(name, []).append(digest)
+    parts = {"all problems": list(problems)}
+    for name, members in found.items():
+        if 1 < len(members) < len(problems):
+            parts[name] = members
+    return parts
+
+
+def bands(runs: Mapping[str, Sequence[Array]], labels: Sequence[str]) -> list[Curve]:
+    """Per planner, quartiles over its runs of the best by so many evaluations."""
+    curves = []
+    for label, own in runs.items():
+        spent, quartiles = sampling.over_runs(own, BAND_POINTS)
+        low, middle, high = quartiles
+        curves.append(
+            {
+                "planner": labels.index(label),
+                "x": spent.tolist(),
+                "runs": len(own),
+                "low": rounded(low, 6),
+                "middle": rounded(middle, 6),
+                "high": rounded(high, 6),
+            }
+        )
+    return curves
+
+
+def _suite(
+    gaps: pd.DataFrame,
+    found: Sequence[Histories],
+    labels: Sequence[str],
+) -> dict[str, Any]:
+    durations = medians(gaps)
+    ran = durations.notna().sum()
+    whole = [label for label in labels if ran.get(label) == len(durations)]
+    partly = {label: int(count) for label, count in ran.items() if count < len(durations)}
+    relative = over_best(found)
+    problems = gaps.drop_duplicates("digest")
+    kinds = problems["kind"].value_counts()
+    known = [own for own in found if np.isfinite(own.best)]
+    return {
+        "partly": partly,
+        "kinds": {str(kind): int(count) for kind, count in kinds.items()},
+        "unknown": int(problems["reference"].isna().sum()),
+        "profile": _profile(durations, whole, labels),
+        "ecdf": _ecdf(gaps, whole, labels),
+        "searched": len(known),
+        "times": _times(relative, labels),
+        "convergence": bands(relative, labels),
+        "ert": rivals.times(running_times(relative), labels),
+    }
+
+
+def _profile(
+    durations: pd.DataFrame,
+    whole: Sequence[str],
+    labels: Sequence[str],
+) -> list[Curve]:
+    """Performance profiles of the median certified durations."""
+    if not whole:
+        return []
+    table = durations[whole].to_numpy()
+    with np.errstate(invalid="ignore"):
+        ratios = table / table.min(axis=1, keepdims=True)
+    worst = ratios[np.isfinite(ratios)].max(initial=1.0)
+    taus = np.geomspace(1, max(1.1, 1.02 * worst), POINTS)
+    x, shares = statistics.performance_profile(table, taus)
+    curves = []
+    for label, y in zip(whole, shares.T, strict=True):
+        place = labels.index(label)
+        curves.append(_steps(place, x, y))
+    return curves
+
+
+def _ecdf(
+    gaps: pd.DataFrame,
+    whole: Sequence[str],
+    labels: Sequence[str],
+) -> list[Curve]:
+    """Share of problems within a gap (%), of each the share of its runs that are.
+
+    Gaps below `GAP_FLOOR` are drawn at it.
+    """
+    known = gaps[gaps["reference"].notna()]
+    by_problem = {}
+    worst = 1.0
+    for label in whole:
+        own = known[known["label"] == label]
+        percent = 100 * own["gap"]
+        drawn = np.maximum(percent, GAP_FLOOR)  # NaN stays NaN
+        if len(own):
+            problems = drawn.groupby(own["digest"])
+            by_problem[label] = [runs.to_numpy() for _, runs in problems]
+            worst = np.nanmax(drawn.to_numpy(), initial=worst)
+    grid = np.geomspace(GAP_FLOOR, 1.1 * worst, POINTS)
+    return _shares(by_problem, grid, labels)
+
+
+def _times(relative: Mapping[str, list[Array]], labels: Sequence[str]) -> list[Curve]:
+    """Share of runs within `TARGET` of the best 3-5-3, against evaluations spent."""
+    hits = {}
+    longest = 2.0
+    for label, runs in relative.items():
+        hits[label] = [statistics.evaluations_to_target(runs, TARGET)]
+        longest = max(longest, *(run[-1, 0] for run in runs))
+    grid = np.geomspace(1, longest, POINTS)
+    return _shares(hits, grid, labels)
+
+
+def _shares(
+    values: Mapping[str, Sequence[Array]],
+    grid: Array,
+    labels: Sequence[str],
+) -> list[Curve]:
+    """Per planner the share of values at most those of the grid, the mean over its groups."""
+    curves = []
+    for label, groups_of_it in values.items():
+        shares = [statistics.ecdf(own, grid)[1] for own in groups_of_it]
+        y = np.mean(shares, axis=0)
+        place = labels.index(label)
+        curves.append(_steps(place, grid, y))
+    return curves
+
+
+def _steps(planner: int, x: Array, y: Array) -> Curve:
+    """A staircase, without the points at which nothing happens."""
+    changes = np.diff(y, prepend=np.nan) != 0  # the first point too
+    changes[-1] = True
+    return {
+        "planner": planner,
+        "x": rounded(x[changes], 7),
+        "y": rounded(y[changes], 4),
+    }

@@ -1,0 +1,331 @@
+"""What the report says: the numbers of each table, as text and at full precision."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from trajopt.benchmark.suites import catalogue as suite
+from trajopt.benchmark.trial import Trial
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.views.analysis import statistics
+from trajopt.views.analysis.results import Results, competing, median_gap
+from trajopt.views.figures.draw import distinct_names
+from trajopt.views.figures.style import BLACK, CURVES
+from trajopt.views.report import cells as lines
+from trajopt.views.report import origin
+
+NO_REFERENCE = "No reference: gaps are unknown."
+DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
+SYMBOLS = {  # Plotly's names, and the same as paths around (15, 5)
+    "circle": "M11.5 5a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0z",
+    "square": "M12 2h6v6h-6z",
+    "triangle-up": "M15 1l4 7h-8z",
+    "diamond": "M15 .5l4.5 4.5l-4.5 4.5l-4.5-4.5z",
+    "triangle-down": "M15 9l4-7h-8z",
+    "cross": "M14 1h2v3h3v2h-3v3h-2v-3h-3v-2h3z",
+    "x": "M12 1l3 3l3-3l1.2 1.2l-3 3l3 3l-1.2 1.2l-3-3l-3 3l-1.2-1.2l3-3l-3-3z",
+}
+TRIAL_COLUMNS = (
+    "id",
+    "seed",
+    "status",
+    "claimed_duration",
+    "certified_duration",
+    "gap",
+    "dilation",
+    "evaluations",
+    "solve_time",
+    "setup_time",
+    "lower_bound",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """All that the template shows, in its order."""
+
+    results: Results
+    summary: pd.DataFrame
+    gaps: pd.DataFrame
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """Planners by median gap, then name: a planner's look, everywhere, is its place here."""
+        gaps = {}
+        for label, runs in self.gaps.groupby("label"):
+            gap = median_gap(competing(runs))
+            gaps[label] = np.inf if np.isnan(gap) else gap
+        return sorted(gaps, key=lambda label: (gaps[label], label))
+
+    @cached_property
+    def problems(self) -> list[Problem]:
+        """By name, numbers as numbers, the paper's own first."""
+        found = {trial.problem.digest(): trial.problem for trial in self.results.items}
+        return sorted(found.values(), key=_paper_first)
+
+    @cached_property
+    def names(self) -> list[str]:
+        """What the command line calls each problem: its built-in name, or a file."""
+        keys = [(p.name, p.digest()) for p in self.problems]
+        names = []
+        for problem, file in zip(self.problems, distinct_names(keys), strict=True):
+            names.append(problem.name if _built_in(problem) else f"{file}.toml")
+        return names
+
+    @cached_property
+    def digests(self) -> dict[str, int]:
+        return {p.digest(): i for i, p in enumerate(self.problems)}
+
+    @cached_property
+    def rows(self) -> list[dict[str, Any]]:
+        rows = [self._row(row) for row in self.summary.itertuples()]
+        return sorted(rows, key=lambda row: int(row["problem"]))  # stable: the best stay first
+
+    def _row(self, row: Any) -> dict[str, Any]:
+        return {
+            "problem": self.digests[row.digest],
+            "planner": self.labels.index(row.label),
+            "name": row.problem,
+            "label": row.label,
+            "status": row.status,
+            "cells": lines.cells(row),
+        }
+
+    @cached_property
+    def trials_by_problem(self) -> list[list[Trial]]:
+        groups: dict[str, list[Trial]] = {digest: [] for digest in self.digests}
+        for trial, digest in zip(self.results.items, self.gaps["digest"], strict=True):
+            groups[digest].append(trial)
+        return list(groups.values())
+
+    @cached_property
+    def references(self) -> list[str]:
+        """Per problem, what its gaps are measured against and how much of it is proved."""
+        table = self.results.references()
+        sentences = []
+        for digest in self.digests:
+            known = digest in table.index
+            sentences.append(lines.reference(table.loc[digest]) if known else NO_REFERENCE)
+        return sentences
+
+    @cached_property
+    def kinds(self) -> list[str]:
+        return [limit_kinds(p) for p in self.problems]
+
+    @cached_property
+    def statuses(self) -> list[str]:
+        return sorted(set(self.summary["status"]))
+
+    @cached_property
+    def critical(self) -> str:
+        """How far apart mean ranks must be (Nemenyi), if there are ranks."""
+        ranked = [planner for planner in self.planners if planner["rank"].value]
+        if not ranked:
+            return ""
+        apart = statistics.critical_difference(len(self.problems), len(ranked))
+        return f"; those less than {apart:.2f} apart are not told apart (Nemenyi, 95 %)"
+
+    def drawn(self, most: int) -> set[int]:
+        """The problems whose trajectories are in the page: at most so many, from all over."""
+        count = min(most, len(self.problems))
+        return {i * len(self.problems) // count for i in range(count)}
+
+    def left_out(self, most: int) -> list[str]:
+        """The names of the others."""
+        drawn = self.drawn(most)
+        return [problem.name for i, problem in enumerate(self.problems) if i not in drawn]
+
+    @cached_property
+    def suspicious(self) -> list[dict[str, Any]]:
+        found = []
+        for row in self.results.suspicious().itertuples():
+            gap = f"{100 * row.gap:+.3g} %"
+            found.append(
+                {
+                    "id": row.id,
+                    "label": row.label,
+                    "seed": row.seed,
+                    "problem": row.problem,
+                    "certified": f"{row.certified_duration:.9g}",
+                    "reference": f"{row.reference:.9g}",
+                    "gap": gap.replace("-", "−"),
+                }
+            )
+        return found
+
+    @cached_property
+    def failures(self) -> list[dict[str, Any]]:
+        return lines.failures(self.results.items)
+
+    @cached_property
+    def planners(self) -> list[dict[str, Any]]:
+        """One line per planner: over all its runs, and over the problems."""
+        ranks = lines.ranks(self.gaps)
+        runs = dict(list(self.gaps.groupby("label")))
+        rows = []
+        for place, label in enumerate(self.labels):
+            row = {"label": label, "options": self._options(label)}
+            row |= look(place)
+            row |= lines.over_all(runs[label], ranks.get(label))
+            rows.append(row)
+        return rows
+
+    def _options(self, label: str) -> dict[str, Any]:
+        options = next(t.options for t in self.results.items if t.label == label)
+        return {name: str(value) for name, value in options.items()}
+
+    @cached_property
+    def brief(self) -> str:
+        """Seeds, versions, machine and day in a line."""
+        items = self.results.items
+        facts = dict(self.facts)
+        release = origin.release(items)
+        machine = facts.get("machine", "")
+        first = min(trial.started for trial in items)
+        day = first[:10]
+        return f"Seeds {self.seeds}; {release}; {machine}; {day}."
+
+    @property
+    def seeds(self) -> str:
+        different = {trial.seed for trial in self.results.items}
+        return origin.ranges(sorted(different))
+
+    @cached_property
+    def command(self) -> str:
+        """What runs the same comparison again."""
+        problems = dict(zip(self.names, self.problems, strict=True))
+        return origin.compare_command(self.results.items, self.labels, problems)
+
+    @property
+    def scripted(self) -> list[str]:
+        """Planners that the command line does not know."""
+        return origin.scripted(self.results.items)
+
+    @cached_property
+    def facts(self) -> list[tuple[str, str]]:
+        """What was compared, where and when."""
+        items = self.results.items
+        started = sorted(trial.started[:19] for trial in items)
+        first_and_last = dict.fromkeys([started[0], started[-1]])
+        kinds = Counter(self.kinds)
+        limits = "; ".join(f"{kind}: {count}" for kind, count in kinds.items())
+        facts = [
+            ("problems", f"{len(self.problems)} ({limits})"),
+            ("planners", str(len(self.labels))),
+            ("trials", f"{len(items)}, seeds {self.seeds}"),
+            ("run", " to ".join(first_and_last)),
+        ]
+        return facts + origin.facts(items)
+
+
+def page(results: Results) -> Page:
+    return Page(results, results.summary(), results.gaps())
+
+
+def look(index: int) -> dict[str, str]:
+    """Colour, dashes and marker of the planner at a place: the same everywhere in the page."""
+    names = list(SYMBOLS)
+    symbol = names[(index + index // len(names)) % len(names)]
+    colour = CURVES[index % len(CURVES)]
+    return {
+        "colour": colour,
+        "ink": "currentColor" if colour == BLACK else colour,  # white where the page is dark
+        "dash": DASHES[index % len(DASHES)],
+        "symbol": symbol,
+        "mark": SYMBOLS[symbol],
+    }
+
+
+def trial_table(page: Page) -> dict[str, Any]:
+    """Every trial at full precision, column by column, and which of them each row is made of."""
+    gaps = page.gaps
+    texts = [trial.message for trial in page.results.items]
+    messages = list(dict.fromkeys(texts))
+    place = {message: i for i, message in enumerate(messages)}
+    return {
+        "planners": [_planner(planner) for planner in page.planners],
+        "problems": _problems(page),
+        "rows": _rows(page),
+        "trials": {column: gaps[column].tolist() for column in TRIAL_COLUMNS},
+        "kept": gaps["feasible"].tolist(),
+        "message": [place[text] for text in texts],
+        "messages": messages,
+    }
+
+
+def _planner(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: row[key] for key in ("label", "colour", "dash", "symbol", "options")}
+
+
+def _problems(page: Page) -> list[dict[str, str]]:
+    """Each problem's name, what the command line calls it, and its file if it is not built in."""
+    problems = []
+    for problem, name in zip(page.problems, page.names, strict=True):
+        file = "" if name == problem.name else problem.to_toml()
+        problems.append({"name": problem.name, "file": name, "toml": file})
+    return problems
+
+
+def _rows(page: Page) -> list[dict[str, Any]]:
+    """Each row's problem and planner, the command of its trials, and their places."""
+    by_seed = page.gaps.sort_values("seed", kind="stable")
+    groups = by_seed.groupby(["digest", "label"], sort=False)
+    members = {key: group.index.tolist() for key, group in groups}
+    digests = list(page.digests)
+    rows = []
+    for row in page.rows:
+        problem = row["problem"]
+        label = row["label"]
+        places = members[digests[problem], label]
+        first = page.results.items[places[0]]
+        command, instead = origin.again(first, page.names[problem])
+        rows.append(
+            {
+                "problem": problem,
+                "planner": row["planner"],
+                "spec": command,
+                "instead": instead,
+                "trials": places,
+            }
+        )
+    return rows
+
+
+def limit_kinds(problem: Problem) -> str:
+    return ", ".join(name for name in LIMIT_NAMES if problem.has(name))
+
+
+def _built_in(problem: Problem) -> bool:
+    try:
+        known = problem.name in suite.problem_files()
+        return known and suite.load(problem.name).digest() == problem.digest()
+    except TrajoptError:
+        return False
+
+
+def _paper_first(problem: Problem) -> tuple[bool, list[tuple[int, str]]]:
+    return problem.name != "six-axis", _natural(problem.name)
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """A key that sorts numbers in names as numbers."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part) if part.isdigit() else -1, part) for part in parts]
+
+
+def suites_of(problem: Problem) -> list[str]:
+    """The suites that a problem says it is of: by its name, or as a built-in edge case."""
+    suites = suite.suites()
+    named = [name for name in suites if problem.name.startswith(f"{name}-")]
+    if named:
+        return named
+    edge = _built_in(problem) and problem.name not in suites
+    return ["edges"] if edge else []

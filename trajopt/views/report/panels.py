@@ -1,0 +1,102 @@
+"""What is in one problem's panel: limits, convergence, and the trajectories of median runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.benchmark.trial import Trial
+from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.explain.active_limits import Stretch, share_at_limits, stretches
+from trajopt.views.analysis.searches import histories, searches
+from trajopt.views.figures.draw import by_label, median_run
+from trajopt.views.figures.sampling import both_sides
+from trajopt.views.figures.style import QUANTITIES
+from trajopt.views.report import curves
+from trajopt.views.report.packing import rounded
+
+Array = NDArray[np.float64]
+
+POINTS = 200
+LONGEST = 3  # stretches at a limit that are named
+
+
+def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool) -> dict[str, Any]:
+    """One problem's panel, ready for JSON. Joints count from 0 here; the page counts from 1."""
+    problem = trials[0].problem
+    found = histories(trials)
+    best, histories_by_label = found
+    searching = searches([found])
+    runs = {label: own for label, own in histories_by_label.items() if label in searching}
+    quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
+    orders = range(len(quantities))
+    motions = []
+    if with_motions:
+        medians = {label: median_run(own) for label, own in by_label(trials).items()}
+        for place, label in enumerate(labels):
+            if trial := medians.get(label):
+                motions.append(_motion(trial, place, len(quantities)))
+    return {
+        "joints": problem.joints,
+        "waypoints": problem.waypoints,
+        "quantities": [(name, problem.shared_unit(n)) for n, name in enumerate(quantities)],
+        "units": [[problem.unit(joint, n) for n in orders] for joint in range(problem.joints)],
+        "limits": {name: getattr(problem.limits, name) for name in quantities},
+        "source": problem.source,
+        "best": best,
+        "convergence": curves.bands(runs, labels),
+        "motions": motions,
+    }
+
+
+def _motion(trial: Trial, planner: int, orders: int) -> dict[str, Any]:
+    trajectory = trial.certified_trajectory
+    assert trajectory is not None
+    times, values = sampled(trajectory, orders)
+    busy, held = use(trial.problem, trajectory)
+    return {
+        "planner": planner,
+        "trial": trial.id,
+        "seed": trial.seed,
+        "t": rounded(times, 5),
+        "values": [[rounded(joint) for joint in order] for order in values],
+        "passed": trajectory.waypoint_times,
+        "busy": busy,
+        "held": held,
+    }
+
+
+def sampled(trajectory: Trajectory, orders: int, points: int = POINTS) -> tuple[Array, Array]:
+    """Sample a trajectory and its derivatives at the same times.
+
+    Args:
+        trajectory: what is sampled.
+        orders: how many derivatives, position included.
+        points: how many times at most.
+
+    Returns:
+        Times `(m,)` in seconds, and values `(orders, joints, m)`. Breaks are there twice, before
+        and after a jump, unless there are too many of them.
+    """
+    pieces = len(trajectory.breaks) - 1
+    if 2 * pieces > points:
+        times = np.linspace(0.0, trajectory.duration, points)
+        return times, np.stack([trajectory(times, order).T for order in range(orders)])
+    per_piece = points // pieces
+    curves = [both_sides(trajectory, order, per_piece) for order in range(orders)]
+    times, _ = curves[0]
+    return times, np.stack([values.T for _, values in curves])
+
+
+def use(problem: Problem, trajectory: Trajectory) -> tuple[float, list[Stretch]]:
+    """The share of its time with some joint at a limit of motion, and the longest three stretches.
+
+    Interruptions shorter than 1 % of the duration are passed over in the stretches.
+    """
+    motion = [own for own in stretches(problem, trajectory) if own.limit != "position"]
+    longest = sorted(motion, key=lambda own: own.start - own.end)
+    return share_at_limits(problem, trajectory), longest[:LONGEST]
