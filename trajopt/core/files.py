@@ -21,6 +21,7 @@ MAX_TOML_BYTES = 2_000_000  # its parser takes a second for each million
 MAX_VALUES = 2_000_000
 MAX_WORD = 400  # characters; a float written in full has 327
 MAX_DEPTH = 40
+TOO_DEEP = f"it is nested deeper than {MAX_DEPTH}"
 
 _MARKS = ",;\t\n[{<"  # one of them stands before every value but the first
 _LONG_WORD = re.compile(rf"(?<![\w.+-])[\w.+-]{{{MAX_WORD + 1}}}")
@@ -79,7 +80,7 @@ def unreadable(path: Path, what: str, kind: str, error: Exception) -> InvalidInp
     """What to raise where reading a file fails."""
     reason = getattr(error, "strerror", None) or str(error)
     if isinstance(error, RecursionError):
-        reason = _TOO_DEEP
+        reason = TOO_DEEP
     return InvalidInput(what, f"a readable {kind} file", value=reason, file=str(path))
 
 
@@ -114,7 +115,7 @@ def toml(path: Path, what: str, number: Callable[[str], Any] = float) -> dict[st
     said = text(path, what, "TOML", max_bytes=MAX_TOML_BYTES)
     try:
         if _DEEP_KEY.search(said):
-            raise ValueError(_TOO_DEEP)
+            raise ValueError(TOO_DEEP)
         table = tomllib.loads(said, parse_float=number)
         _check_depth(table)
     except (ValueError, RecursionError) as error:
@@ -138,13 +139,13 @@ def _no_number(constant: str) -> Any:
 def _check_depth(value: Any) -> None:
     level = [value]
     for _ in range(MAX_DEPTH):
-        level = [item for table in level for item in _items(table) if isinstance(item, list | dict)]
+        level = [item for table in level for item in items(table) if isinstance(item, list | dict)]
         if not level:
             return
-    raise ValueError(_TOO_DEEP)
+    raise ValueError(TOO_DEEP)
 
 
-def _items(table: Any) -> Iterable[Any]:
+def items(table: Any) -> Iterable[Any]:
     if isinstance(table, dict):
         return table.values()
     return table if isinstance(table, list) else ()
@@ -195,6 +196,3 @@ def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:
     if not isinstance(value, str):
         raise InvalidInput(key, "a string", value=value)
     return value
-
-
-_TOO_DEEP = f"it is nested deeper than {MAX_DEPTH}"

@@ -1,26 +1,25 @@
 """One joint's motion between given breaks, within its limits, as near as possible to a planned one.
 
-The highest derivative u (acceleration, or jerk where jerk is limited) is constant on each piece of
-length d_i. It solves the linear program
+The highest derivative `u` (acceleration, or jerk where jerk is limited) is constant on each piece
+of length `d_i`. It solves the linear program
 
     min Σ d_i |u_i − ū_i|        ū the planned one,
 
-subject to Taylor's formula from break to break, the waypoints, rest at both ends, and every limit:
-at the breaks the states themselves are bounded, inside a piece the Bernstein coefficients of
-position and velocity, between which the polynomial stays (docs/mathematics.md, section 10).
+subject to Taylor's formula from break to break, the waypoints, rest at both ends, and every limit.
+At the breaks the states themselves are bounded. Inside a piece the Bernstein coefficients of
+position and velocity are bounded: the polynomial stays between them (docs/mathematics.md,
+section 10).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from math import comb, factorial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy  # which imports its parts, half a second, where they are first used
+import scipy  # imports its parts, half a second, where they are first used
 from numpy.typing import NDArray
 
 from trajopt.core.problem import Limits
@@ -30,37 +29,29 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
-_Rows = tuple["csr_array", Array]  # a matrix, and the right-hand side
+_Inequalities = tuple["csr_array", Array]  # a matrix, and the right-hand side
 
-_LIMIT_RTOL = 1e-5  # by which the program stays below each limit: its own tolerance follows
-_CORRECTIONS = 3  # each takes the misses to what the one before rounded
-_SOLVER = {"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9}
-
-
-class _Term(NamedTuple):
-    """Entries of a matrix."""
-
-    row: Indices
-    column: Indices
-    value: Array
+LIMIT_RTOL = 1e-5  # distance that the program keeps from each limit: its tolerance is smaller
+CORRECTIONS = 3  # each reduces the misses to the rounding of the one before
+SOLVER_OPTIONS = {"primal_feasibility_tolerance": 1e-9, "dual_feasibility_tolerance": 1e-9}
 
 
 @dataclass(frozen=True, eq=False)
 class JointProgram:
-    """The program of one joint.
+    """The linear program of one joint.
 
     The unknowns are the states at the breaks, one derivative after the other, then `u`, then the
-    distances `e ≥ |u − ū|`. Its unit of length is the joint's range; its unit of time the geometric
-    mean of the longest and the shortest, since the solver drops coefficients below 1e-9, as d³/6
-    easily is.
+    distances `e ≥ |u − ū|`. The unit of length is the joint's range. The unit of time is the
+    geometric mean of the longest and the shortest time, since the solver drops coefficients below
+    1e-9, and d³/6 is easily smaller.
 
     Attributes:
-        times: Of the breaks, s, `(pieces + 1,)`.
-        order: Of the derivative `u`: 2 or 3.
+        times: Breaks, s, `(pieces + 1,)`.
+        order: Order of the derivative `u`: 2 or 3.
         passing: The break of each waypoint.
-        positions: The waypoints, rad.
-        limits: The joint's own.
-        planned: The derivative below `u` at the breaks, as planned, rad and s.
+        positions: The joint's waypoints, rad.
+        limits: The joint's limits.
+        planned: The planned derivative below `u` at the breaks, rad and s.
     """
 
     times: Array
@@ -91,209 +82,155 @@ class JointProgram:
 
     @cached_property
     def _time_unit(self) -> float:
-        steps = np.diff(self.times)
-        product_of_both = self.times[-1] * steps.min()
-        return float(np.sqrt(product_of_both))
+        shortest = np.diff(self.times).min()
+        return float(np.sqrt(self.times[-1] * shortest))
 
     @cached_property
     def _units(self) -> Array:
-        """Of position and its derivatives up to `u`, rad and s."""
+        """Units of position and its derivatives up to `u`, rad and s."""
         powers = np.arange(self.order + 1)
         length = np.ptp(self.positions)
         return np.asarray(length / self._time_unit**powers)
 
     @cached_property
     def _lengths(self) -> Array:
-        """Of the pieces, in the program's unit."""
+        """Lengths of the pieces, in the program's unit of time."""
         return np.diff(self.times) / self._time_unit
 
     def _rates(self) -> Array | None:
         """The program's `u` on each piece, rad/s^order; None where it has no solution."""
-        matrix, most = self._distances()
-        inside = self._inside()
-        if inside is not None:
-            matrix = scipy.sparse.vstack([matrix, inside[0]])
-            most = np.concatenate([most, inside[1]])
+        parts = [self._distances(), *self._inside()]
         dynamics = self._dynamics()
-        first_rate = self.order * self._points
-        first_distance = first_rate + self._pieces
-        cost = np.zeros(first_distance + self._pieces)
-        cost[first_distance:] = self._lengths
+        cost = np.zeros(dynamics.shape[1])
+        cost[-self._pieces :] = self._lengths
         answer = scipy.optimize.linprog(
             cost,
-            A_ub=matrix,
-            b_ub=most,
+            A_ub=scipy.sparse.vstack([matrix for matrix, _ in parts]),
+            b_ub=np.concatenate([most for _, most in parts]),
             A_eq=dynamics,
             b_eq=np.zeros(dynamics.shape[0]),
             bounds=self._ranges(),
             method="highs",
-            options=_SOLVER,
+            options=SOLVER_OPTIONS,
         )
         if answer.status != 0:
             return None
-        rates = answer.x[first_rate:first_distance]
+        rates = answer.x[-2 * self._pieces : -self._pieces]
         return np.asarray(rates * self._units[self.order])
 
-    # ---- the program's rows -----------------------------------------------------------------
+    # ---- the program's matrices -------------------------------------------------------------
 
-    def _limits(self) -> tuple[Array, Array]:
-        """Low and high of position and its derivatives up to `u`, in the program's units."""
-        pairs = np.array(
-            [
-                self.limits.position[0] - self.positions[0],
-                self.limits.velocity[0],
-                self.limits.acceleration[0],
-                self.limits.jerk[0],
-            ]
-        )
-        pairs[1:] *= 1 - _LIMIT_RTOL
-        known = pairs[: self.order + 1]
-        low, high = known.T / self._units
-        return low, high
+    @cached_property
+    def _unknowns(self) -> csr_array:
+        """A row for each unknown, which selects it."""
+        count = self.order * self._points + 2 * self._pieces
+        return scipy.sparse.eye_array(count, format="csr")
+
+    def _states_at(self, kind: int, first_break: int) -> csr_array:
+        """Rows that select `x_kind` at the start (0) or end (1) of each piece; `u` is the last."""
+        first = kind * self._points + first_break
+        return self._unknowns[first : first + self._pieces]
+
+    def _term(self, kind: int, power: int) -> csr_array:
+        """The Taylor term `x_(kind + power) d^power / power!` of each piece."""
+        factors = self._lengths**power / factorial(power)
+        return scipy.sparse.diags_array(factors) @ self._states_at(kind + power, 0)
+
+    @cached_property
+    def _limits(self) -> Array:
+        """`[low, high]` of position and its derivatives up to `u`, in the program's units."""
+        own = self.limits
+        pairs = np.concatenate([own.position, own.velocity, own.acceleration, own.jerk])
+        pairs[0] -= self.positions[0]
+        pairs[1:] *= 1 - LIMIT_RTOL
+        return np.asarray(pairs[: self.order + 1] / self._units[:, None])
 
     def _ranges(self) -> Array:
         """The range of every unknown: limits, rest at both ends, and the waypoints."""
-        low, high = self._limits()
+        counts = [self._points] * self.order + [self._pieces]
+        ranges = np.repeat(self._limits, counts, axis=0)
+        states = ranges[: -self._pieces].reshape(self.order, self._points, 2)
         passed = (self.positions - self.positions[0]) / self._units[0]
-        ranges = []
-        for kind in range(self.order):
-            pair = [low[kind], high[kind]]
-            states = np.tile(pair, (self._points, 1))
-            if kind == 0:
-                states[self.passing] = passed[:, None]
-            else:
-                states[[0, -1]] = 0.0
-            ranges.append(states)
-        rate = [low[-1], high[-1]]
-        distance = [0.0, np.inf]
-        for pair in (rate, distance):
-            ranges.append(np.tile(pair, (self._pieces, 1)))
-        return np.concatenate(ranges)
+        states[0, self.passing] = passed[:, None]
+        states[1:, [0, -1]] = 0.0
+        distances = np.tile([0.0, np.inf], (self._pieces, 1))
+        return np.concatenate([ranges, distances])
 
     def _dynamics(self) -> csr_array:
         """Taylor: `Σ_p x_(k + p)(i) d_i^p / p! − x_k(i + 1) = 0`, the last term of `u`."""
-        piece = np.arange(self._pieces)
-        ones = np.ones(self._pieces)
-        terms: list[_Term] = []
+        blocks = []
         for kind in range(self.order):
-            rows = kind * self._pieces + piece
-            ends = self._columns(kind, piece + 1)
-            terms.append(_Term(rows, ends, -ones))
-            for power in range(self.order - kind + 1):
-                starts = self._columns(kind + power, piece)
-                taylor = self._taylor(power)
-                terms.append(_Term(rows, starts, taylor))
-        return self._matrix(terms, self.order * self._pieces)
+            terms = [self._term(kind, power) for power in range(self.order - kind + 1)]
+            blocks.append(sum(terms) - self._states_at(kind, 1))
+        return scipy.sparse.vstack(blocks)
 
-    def _inside(self) -> _Rows | None:
+    def _inside(self) -> list[_Inequalities]:
         """`A x ≤ b`: the inner Bernstein coefficients of each piece's position and velocity.
 
         Of a polynomial of degree n: `b_j = Σ_p C(j, p) / C(n, p) c_p d^p`, with `c_p d^p` its
-        Taylor terms. Sides without a limit need no rows.
+        Taylor terms.
         """
-        low, high = self._limits()
-        piece = np.arange(self._pieces)
-        terms: list[_Term] = []
-        most: list[Array] = []
-        for kind, side in product((0, 1), (-1, 1)):
-            limit = low[kind] if side < 0 else high[kind]
-            if np.isinf(limit):
-                continue
+        found = []
+        for kind in (0, 1):
             degree = self.order - kind
-            for inner in range(1, degree):
-                rows = self._pieces * len(most) + piece
-                most.append(np.full(self._pieces, side * limit))
-                for power in range(inner + 1):
-                    share = comb(inner, power) / comb(degree, power)
-                    starts = self._columns(kind + power, piece)
-                    taylor = self._taylor(power)
-                    terms.append(_Term(rows, starts, side * share * taylor))
-        if not terms:
-            return None
-        matrix = self._matrix(terms, self._pieces * len(most))
-        return matrix, np.concatenate(most)
+            for side, limit in zip((-1, 1), self._limits[kind], strict=True):
+                if np.isinf(limit):
+                    continue
+                most = np.full(self._pieces, side * limit)
+                for inner in range(1, degree):
+                    terms = []
+                    for power in range(inner + 1):
+                        share = comb(inner, power) / comb(degree, power)
+                        terms.append(side * share * self._term(kind, power))
+                    found.append((sum(terms), most))
+        return found
 
-    def _distances(self) -> _Rows:
+    def _distances(self) -> _Inequalities:
         """`u − e ≤ ū` and `−u − e ≤ −ū`."""
         changes = np.diff(self.planned)
         steps = np.diff(self.times)
-        rate_unit = self._units[self.order]
-        planned = changes / steps / rate_unit
-        piece = np.arange(self._pieces)
-        ones = np.ones(self._pieces)
-        rates = self._columns(self.order, piece)
-        distances = rates + self._pieces
-        terms: list[_Term] = []
-        for number, sign in enumerate((1.0, -1.0)):
-            rows = number * self._pieces + piece
-            terms.append(_Term(rows, rates, sign * ones))
-            terms.append(_Term(rows, distances, -ones))
-        matrix = self._matrix(terms, 2 * self._pieces)
+        planned = changes / steps / self._units[self.order]
+        rates = self._states_at(self.order, 0)
+        distances = self._unknowns[-self._pieces :]
+        matrix = scipy.sparse.vstack([rates - distances, -rates - distances])
         return matrix, np.concatenate([planned, -planned])
-
-    def _taylor(self, power: int) -> Array:
-        """`d^p / p!` of each piece."""
-        return np.asarray(self._lengths**power / factorial(power))
-
-    def _columns(self, kind: int, breaks: Indices) -> Indices:
-        """Where the unknowns `x_kind` at some breaks stand; `u` after the states."""
-        return np.asarray(kind * self._points + breaks)
-
-    def _matrix(self, terms: Sequence[_Term], rows: int) -> csr_array:
-        """A matrix of all unknowns from its entries."""
-        row = np.concatenate([term.row for term in terms])
-        column = np.concatenate([term.column for term in terms])
-        value = np.concatenate([term.value for term in terms])
-        states = self.order * self._points
-        rates_and_distances = 2 * self._pieces
-        shape = (rows, states + rates_and_distances)
-        return scipy.sparse.csr_array((value, (row, column)), shape=shape)
 
     # ---- from the program's answer to exact states ------------------------------------------
 
     def _exact(self, rates: Array) -> Array:
         """The states of the nearest rates that pass the waypoints and end at rest.
 
-        Summed from break to break, so that each piece is consistent to the last bit: what sums over
-        the whole motion round would be magnified by the interpolation, by 60/d³ of a quintic piece.
+        They are summed from break to break, so that each piece is consistent to the last bit. Sums
+        over the whole motion would round more, and the interpolation would magnify that rounding:
+        60/d³ times for a quintic piece.
         """
         T = self.times[-1]
-        rows = []
-        for row in self.passing[1:]:
-            reached = self._response(self.times[row], self.order)
-            rows.append(reached / T**self.order)
-        for power in range(1, self.order):
-            at_end = self._response(T, power)
-            rows.append(at_end / T**power)
-        matrix = np.array(rows)
+        # The aims: the break, the order of the derivative there, and its value.
+        aims = [(row, 0, q) for row, q in zip(self.passing, self.positions, strict=True)][1:]
+        aims += [(self._pieces, kind, 0.0) for kind in range(1, self.order)]
+        scales = [T ** (self.order - kind) for _, kind, _ in aims]
+        responses = []
+        for row, kind, _ in aims:
+            responses.append(self._response(self.times[row], self.order - kind))
+        matrix = np.array(responses) / np.array(scales)[:, None]
         states = self._states(rates)
-        for _ in range(_CORRECTIONS):
-            correction, *_ = np.linalg.lstsq(matrix, -self._misses(states), rcond=None)
+        for _ in range(CORRECTIONS):
+            misses = [states[kind, row] - value for row, kind, value in aims]
+            correction, *_ = np.linalg.lstsq(matrix, -np.divide(misses, scales), rcond=None)
             rates = rates + correction
             states = self._states(rates)
-        states[0, self.passing] = self.positions
-        states[1:, -1] = 0.0
+        for row, kind, value in aims:
+            states[kind, row] = value
         return states
 
     def _response(self, time: float, power: int) -> Array:
-        """What a unit of each piece's `u` adds to the derivative `order − power` at a time.
+        """The derivative of order `order − power` at a time, for a unit of each piece's `u`.
 
         `((t − t_i)^p − (t − t_(i + 1))^p) / p!`, where these differences are positive.
         """
         since = np.maximum(0.0, time - self.times)
         grown = since**power / factorial(power)
         return np.asarray(grown[:-1] - grown[1:])
-
-    def _misses(self, states: Array) -> Array:
-        """How far the states are off the waypoints and rest, divided by the duration's powers."""
-        T = self.times[-1]
-        passed = states[0, self.passing[1:]]
-        misses = (passed - self.positions[1:]) / T**self.order
-        at_end = []
-        for power in range(1, self.order):
-            derivative = states[self.order - power, -1]
-            at_end.append(derivative / T**power)
-        return np.concatenate([misses, at_end])
 
     def _states(self, rates: Array) -> Array:
         """Position and derivatives at the breaks, by Taylor's formula from each to the next."""

@@ -1,15 +1,14 @@
 """YAML files as ROS writes them: tables, lists and plain values, angles tagged `!degrees`.
 
-Read event by event, not by PyYAML's constructors: aliases and merge keys count as what they repeat,
-so that a few hundred bytes make nothing endless, and a number is what it looks like in every
-version of YAML (1:30 is no 90, 010 no 8).
+PyYAML's events are read, not its constructors. Aliases and merge keys count as the values that they
+repeat, so a few hundred bytes cannot make an endless table. A text that some version of YAML reads
+as another number (1:30 as 90, 010 as 8) is not read as a number.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -39,11 +38,11 @@ _WORDS: dict[str, bool | None] = {
 
 
 def read(path: Path, what: str) -> Any:
-    """What a YAML file says: mappings, lists, texts, numbers, truth values.
+    """Read a YAML file: mappings, lists, texts, numbers, truth values.
 
     Args:
         path: The file; JSON is YAML too.
-        what: It should be, in words, as an error says it.
+        what: The expected content, in words, for errors.
 
     Raises:
         InvalidInput: It cannot be read, is not YAML, has a key twice, or several documents.
@@ -55,11 +54,13 @@ def read(path: Path, what: str) -> Any:
 
 
 def documents(path: Path, what: str) -> list[Any]:
-    """The documents of a YAML file that are not empty: `ros2 topic echo` ends each with `---`.
+    """Read the documents of a YAML file that are not empty.
+
+    `ros2 topic echo` ends each document with `---`.
 
     Args:
         path: The file; JSON is YAML too.
-        what: It should be, in words, as an error says it.
+        what: The expected content, in words, for errors.
 
     Raises:
         InvalidInput: It cannot be read, is not YAML, has a key twice or an alias.
@@ -76,29 +77,19 @@ def documents(path: Path, what: str) -> list[Any]:
 
 
 def number(value: Any) -> float | None:
-    """A finite number, also in quotes; None for others, and for what is octal to some."""
+    """A finite number, also in quotes; None for any other value, and for 010 (octal to some)."""
     if isinstance(value, str) and not _OCTAL.fullmatch(value):
         value = numerals.parsed(value)
     return float(value) if numerals.is_number(value) else None
 
 
-@dataclass(frozen=True)
-class _Anchored:
-    """A value that aliases repeat, how many values it holds, and how deep they are nested."""
-
-    value: Any
-    size: int
-    height: int
-
-
 class _Documents:
-    """The documents of a text, whose aliases count as what they repeat."""
+    """The documents of a text. An alias counts as the values that it repeats."""
 
     def __init__(self, content: str) -> None:
         self._events: Iterator[yaml.Event] = yaml.parse(content, Loader=_PARSER)
-        self._anchored: dict[str, _Anchored] = {}
-        self._size = 0
-        self._deepest = 0
+        self._anchored: dict[str, Any] = {}
+        self._count = 0
 
     def __iter__(self) -> Iterator[Any]:
         for event in self._events:
@@ -107,49 +98,45 @@ class _Documents:
                 yield self._value(next(self._events), 0)
 
     def _value(self, event: yaml.Event, depth: int) -> Any:
-        """What begins with this event."""
+        """Return the value that begins with this event."""
+        line = _line(event.start_mark)
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in self._anchored:
-                line = _line(event.start_mark)
                 raise ValueError(f"an alias *{event.anchor} of no value before it{line}")
-            repeated = self._anchored[event.anchor]
-            self._count(event, repeated.size, depth + repeated.height)
-            return repeated.value
-        before = self._size
-        deepest = self._deepest
-        self._deepest = depth
-        self._count(event, 1, depth)
-        value = self._stated(event, depth)
+            value = self._anchored[event.anchor]
+            self._check(value, depth, line)
+            return value
+        self._check(None, depth, line)
+        value = self._stated(event, depth + 1)
         if event.anchor:
-            height = self._deepest - depth
-            self._anchored[event.anchor] = _Anchored(value, self._size - before, height)
-        self._deepest = max(deepest, self._deepest)
+            self._anchored[event.anchor] = value
         return value
 
-    def _count(self, event: yaml.Event, size: int, depth: int) -> None:
-        self._size += size
-        self._deepest = max(self._deepest, depth)
-        if self._size > files.MAX_VALUES:
-            raise ValueError(f"it has more than {files.MAX_VALUES} values{_line(event.start_mark)}")
+    def _check(self, value: Any, depth: int, line: str) -> None:
+        """Count a value and all within it; refuse too many, and those nested too deep."""
+        self._count += 1
+        if self._count > files.MAX_VALUES:
+            raise ValueError(f"it has more than {files.MAX_VALUES} values{line}")
         if depth > files.MAX_DEPTH:
-            line = _line(event.start_mark)
-            raise ValueError(f"it is nested deeper than {files.MAX_DEPTH}{line}")
+            raise ValueError(f"{files.TOO_DEEP}{line}")
+        for inner in files.items(value):
+            self._check(inner, depth + 1, line)
 
     def _stated(self, event: yaml.Event, depth: int) -> Any:
-        """A value that is no alias."""
+        """Return the value of an event that is no alias."""
         if isinstance(event, yaml.ScalarEvent):
             return _scalar(event)
         _check_tag(event)
         if isinstance(event, yaml.SequenceStartEvent):
             items = []
             while not isinstance(item := next(self._events), yaml.SequenceEndEvent):
-                items.append(self._value(item, depth + 1))
+                items.append(self._value(item, depth))
             return items
         table: dict[str, Any] = {}
         merged: dict[str, Any] = {}
         while not isinstance(key := next(self._events), yaml.MappingEndEvent):
             name = _key(key, table)
-            value = self._value(next(self._events), depth + 1)
+            value = self._value(next(self._events), depth)
             if name != "<<":
                 table[name] = value
             elif merged or not isinstance(value, dict):
@@ -190,7 +177,7 @@ def _scalar(event: yaml.ScalarEvent) -> Any:
 
 
 def _check_tag(event: yaml.Event) -> None:
-    """Refuse what only a program could make."""
+    """Refuse tags of values that are no table, list, text, number or truth value."""
     tag = event.tag
     if tag is not None and tag not in _TAGS:
         line = _line(event.start_mark)
