@@ -8,9 +8,8 @@ import warnings
 import numpy as np
 import pytest
 
-from trajopt.core.arm_file import FallingVelocity
 from trajopt.core.exceptions import InvalidInput, UnitWarning, UnknownName
-from trajopt.core.problem import Problem
+from trajopt.core.problem import FallingVelocity, Problem
 from trajopt.formats import arms, urdf, waypoints
 from trajopt.formats.robot_limits import RobotLimits
 

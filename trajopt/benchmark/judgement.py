@@ -22,13 +22,12 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
-from trajopt.core.arm_file import FallingVelocity
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
-from trajopt.core.problem import Limits, Problem
-from trajopt.core.problem_file import mixed_units
+from trajopt.core.problem import FallingVelocity, Limits, Problem
 from trajopt.core.solution import Status
 from trajopt.core.trajectory import Trajectory
+from trajopt.core.units import mixed_units
 from trajopt.explain import decomposition
 from trajopt.explain.decomposition import Explanation
 from trajopt.formats.motion import Motion

@@ -1,4 +1,4 @@
-"""Real robot arms as files: joint names and limits, with the origin of every kind of limit.
+"""Real robot arms, read from files: joint names and limits, with the origin of each limit.
 
 name = "ur5e"
 description = "Universal Robots UR5e, six joints"
@@ -24,7 +24,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from math import pi
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -33,13 +32,13 @@ from numpy.typing import NDArray
 
 from trajopt.core import built_in, files
 from trajopt.core.exceptions import InvalidInput, UnknownName
+from trajopt.core.problem import LIMIT_NAMES, FallingVelocity, Limits, check_joint_names
+from trajopt.core.units import ANGLES
 
 Array = NDArray[np.float64]
 
-_UNITS = {"deg": pi / 180, "rad": 1.0}  # rad
-_KINDS = ("velocity", "acceleration", "jerk", "position")
 _FALLING = "falling_velocity"
-_FALLING_COLUMNS = {"offset": (0,), "deceleration": (0,), "position": (2,)}
+_FALLING_COLUMNS = ("offset", "deceleration", "position")
 _REQUIRED = ("name", "description", "velocity", "acceleration")
 
 Status = Literal["published", "configuration", "quoted", "assumed", "memory"]
@@ -47,16 +46,16 @@ Status = Literal["published", "configuration", "quoted", "assumed", "memory"]
 
 @dataclass(frozen=True)
 class Origin:
-    """Where an arm's limits of one kind come from. `status` is
+    """The origin of an arm's limits of one kind. `status` is
 
     - `published`: the maker's own document, which was read;
     - `configuration`: a robot model or configuration in a public repository, which was read;
     - `quoted`: a book or paper, as somebody else quotes it;
-    - `assumed`: nobody publishes it, `rule` says what was assumed instead;
+    - `assumed`: not published; `rule` gives the assumption;
     - `memory`: remembered, not checked.
 
-    `checked` says against which source the numbers were compared in November 2026, and with which
-    result, or why they could not be.
+    `checked` gives the source that the numbers were compared with in November 2026, and the result,
+    or the reason why they could not be compared.
     """
 
     status: Status
@@ -69,52 +68,22 @@ class Origin:
 _TEXTS = tuple(field.name for field in fields(Origin))
 
 
-@dataclass(frozen=True)
-class FallingVelocity:
-    """A velocity limit that falls to zero towards the ends of a joint's range.
-
-    The joint at `q` may move upwards no faster than `max(0, sqrt(2 d max(0, high − q)) − o)`, and
-    downwards no faster than `max(0, sqrt(2 d max(0, q − low)) − o)`. This is Franka's form
-    (libfranka, `include/franka/rate_limiting.h`; `<position_based_velocity_limits>` in a URDF).
-
-    Attributes:
-        offset: `o`, rad/s (m/s for a prismatic joint).
-        deceleration: `d`, rad/s².
-        low, high: Where the roots end, rad: not always the joint's position limits.
-    """
-
-    offset: float
-    deceleration: float
-    low: float
-    high: float
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.offset < np.inf:
-            raise InvalidInput("velocity_offset", "a number from 0", value=self.offset)
-        if not 0 < self.deceleration < np.inf:
-            right = "a positive number"
-            raise InvalidInput("deceleration_limit", right, value=self.deceleration)
-        if not -np.inf < self.low < self.high < np.inf:
-            right = "a finite range, lower below upper"
-            raise InvalidInput("position range", right, value=[self.low, self.high])
-
-
 @dataclass(frozen=True, eq=False)
-class ArmFile:
-    """What an arm's file says.
+class Arm:
+    """A real robot arm, as its file describes it.
 
     Attributes:
         joint_names: As the arm's ROS description has them, in its order; `joint_1` and so on where
             no description is known.
-        limits: By kind, rad and s, `(joints,)` or `(joints, 2)`.
-        origins: By kind.
+        limits: rad and s.
+        origins: The origin of each kind of limit.
         falling_velocity: One per joint, or empty where the arm has no such limits.
     """
 
     name: str
     description: str
     joint_names: tuple[str, ...]
-    limits: Mapping[str, Array]
+    limits: Limits
     origins: Mapping[str, Origin]
     falling_velocity: tuple[FallingVelocity, ...] = ()
 
@@ -124,7 +93,7 @@ def arm_files() -> dict[str, Path]:
     return built_in.files("robots")
 
 
-def read(name_or_path: str) -> ArmFile:
+def read(name_or_path: str) -> Arm:
     """An arm by built-in name or path; raises `UnknownName`, or `InvalidInput` naming the key."""
     path = arm_files().get(name_or_path, Path(name_or_path))
     if not path.is_file():
@@ -135,73 +104,57 @@ def read(name_or_path: str) -> ArmFile:
         raise error.in_file(str(path)) from None
 
 
-def _arm(table: Mapping[str, Any]) -> ArmFile:
-    known = (*_REQUIRED, "joint_names", *_KINDS, _FALLING)
+def _arm(table: Mapping[str, Any]) -> Arm:
+    known = (*_REQUIRED, "joint_names", *LIMIT_NAMES, _FALLING)
     files.check_keys("", table, known, _REQUIRED)
-    limits: dict[str, Array] = {}
-    origins = {}
-    for kind in _KINDS:
-        if kind in table:
-            (limits[kind],) = _columns(kind, table[kind], {"values": (0, 2)})
-            origins[kind] = _origin(kind, table[kind])
+    given = [kind for kind in LIMIT_NAMES if kind in table]
+    limits = Limits(**{kind: _numbers(kind, table[kind], "values") for kind in given})
+    numbered = [f"joint_{joint + 1}" for joint in range(limits.joints)]
+    names = files.names_at(table, "joint_names", numbered)
+    check_joint_names(names, limits.joints)
     falling: tuple[FallingVelocity, ...] = ()
     if _FALLING in table:
-        columns = _columns(_FALLING, table[_FALLING], _FALLING_COLUMNS)
+        columns = [_numbers(_FALLING, table[_FALLING], key) for key in _FALLING_COLUMNS]
         _origin(_FALLING, table[_FALLING])
+        if {len(column) for column in columns} != {limits.joints}:
+            raise InvalidInput(_FALLING, f"{limits.joints} numbers or pairs, one per joint")
         rows = np.column_stack(columns).tolist()
         falling = tuple(FallingVelocity(*row) for row in rows)
-    joints = len(limits["velocity"])
-    names = table.get("joint_names", [f"joint_{joint + 1}" for joint in range(joints)])
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InvalidInput("joint_names", "a list of names", value=names)
-    counts = {key: len(limits[key]) for key in limits}
-    counts |= {"joint_names": len(names), _FALLING: len(falling) or joints}
-    for key, count in counts.items():
-        if count != joints:
-            raise InvalidInput(key, f"{joints}, one per joint of velocity", value=count)
-    return ArmFile(
-        files.text_at(table, "name"),
-        files.text_at(table, "description"),
-        tuple(names),
-        limits,
-        origins,
-        falling,
+    return Arm(
+        name=files.text_at(table, "name"),
+        description=files.text_at(table, "description"),
+        joint_names=tuple(names),
+        limits=limits,
+        origins={kind: _origin(kind, table[kind]) for kind in given},
+        falling_velocity=falling,
     )
 
 
-def _columns(kind: str, entry: Any, widths: Mapping[str, tuple[int, ...]]) -> list[Array]:
-    """The numbers of one kind of limit, a row per joint, rad and s.
-
-    `widths` says of each key how long its rows may be; 0 means plain numbers.
-    """
+def _numbers(kind: str, entry: Any, key: str) -> Array:
+    """The numbers or pairs of one key of one kind of limit, one per joint, rad and s."""
     if not isinstance(entry, Mapping):
         raise InvalidInput(kind, "a table", value=entry)
-    required = (*widths, "angle_unit", "status", "source")
+    columns = _FALLING_COLUMNS if kind == _FALLING else ("values",)
+    required = (*columns, "angle_unit", "status", "source")
     files.check_keys(f"{kind}.", entry, (*required, *_TEXTS), required)
     unit = entry["angle_unit"]
-    if unit not in tuple(_UNITS):
+    if not isinstance(unit, str) or unit not in ANGLES:
         raise InvalidInput(f"{kind}.angle_unit", '"deg" or "rad"', value=unit)
-    columns: list[Array] = []
-    for name, allowed in widths.items():
-        try:
-            values = np.array(entry[name])
-        except ValueError:  # ragged
-            values = np.array(None)
-        width = sum(values.shape[1:])
-        if values.dtype.kind not in "if" or values.ndim not in (1, 2) or width not in allowed:
-            right = "a number, or a pair [low, high], per joint"
-            raise InvalidInput(f"{kind}.{name}", right, value=entry[name])
-        if columns and len(values) != len(columns[0]):
-            right = f"{len(columns[0])}, one per joint"
-            raise InvalidInput(f"{kind}.{name}", right, value=len(values))
-        columns.append(values * _UNITS[unit])
-    return columns
+    try:
+        values = np.array(entry[key])
+    except ValueError:  # rows of different lengths
+        values = np.array(None)
+    is_pairs = values.shape[1:] == (2,)
+    plain = values.ndim == 1
+    fits = is_pairs if key == "position" else plain or (is_pairs and key == "values")
+    if values.dtype.kind not in "if" or not fits:
+        right = "a number, or a pair [low, high], per joint"
+        raise InvalidInput(f"{kind}.{key}", right, value=entry[key])
+    return np.asarray(values * ANGLES[unit])
 
 
 def _origin(kind: str, entry: Mapping[str, Any]) -> Origin:
-    texts: dict[str, Any] = {}
-    for key in _TEXTS:
-        texts[key] = files.text_at(entry, key)
+    texts: dict[str, Any] = {key: files.text_at(entry, key) for key in _TEXTS}
     statuses = get_args(Status)
     if texts["status"] not in statuses:
         right = " or ".join(statuses)

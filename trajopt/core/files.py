@@ -10,7 +10,7 @@ from __future__ import annotations
 import json as standard_json
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -191,8 +191,16 @@ def _nearest(name: str, names: list[str]) -> str:
 
 
 def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:
-    """The text under a key; raises `InvalidInput` where it is none."""
+    """The text under a key; raises `InvalidInput` for another type."""
     value = table.get(key, default)
     if not isinstance(value, str):
         raise InvalidInput(key, "a string", value=value)
+    return value
+
+
+def names_at(table: Mapping[str, Any], key: str, default: Sequence[str] = ()) -> Sequence[str]:
+    """The list of names under a key; raises `InvalidInput` for anything else."""
+    value = table.get(key, default)
+    if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
+        raise InvalidInput(key, "a list of names, one per joint", value=value)
     return value

@@ -1,20 +1,21 @@
-"""Numbers written as text: read as they stand, or refused.
+"""Numbers written as text, read exactly as they are written, or refused.
 
-Python reads more than people write: 1_000 is 1000, 1e999 is infinite, ١ is 1, and a command line's
-library rounds 1.5 to 2 where a whole number is asked for.
+Python reads more than people write: 1_000 is 1000, 1e999 is infinite, ١ is 1. A command line's
+library rounds 1.5 to 2 where a whole number is needed.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import sys
 from decimal import Decimal
 from typing import Any
 
+import numpy as np
+
 from trajopt.core.exceptions import shown
 
-MAX_LENGTH = 400  # characters of a number, which holds every float written in full
+MAX_LENGTH = 400  # characters; every float written in full is shorter
 
 _WHOLE = re.compile(r"[+-]?[0-9]+")
 # The exponent has three digits at most: beyond, a `Decimal` overflows.
@@ -64,7 +65,10 @@ def exact(text: str) -> Decimal:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a parsed value is a number that a float holds: no truth value, text or infinity."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    """Return whether a value is a finite number that a float holds; True and False are not."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return False
-    return abs(value) <= sys.float_info.max
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond every float
+        return False

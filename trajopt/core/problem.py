@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,9 +12,8 @@ from typing import Any, Literal, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trajopt.core import problem_file
-from trajopt.core.arm_file import FallingVelocity
-from trajopt.core.exceptions import InvalidInput, UnitWarning
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.numerals import is_number
 
 Array = NDArray[np.float64]
 LimitName = Literal["velocity", "acceleration", "jerk", "position"]
@@ -26,10 +25,10 @@ LIMIT_ORDERS: dict[LimitName, int] = {
 }
 """Which derivative of position each limit bounds."""
 LIMIT_NAMES: tuple[LimitName, ...] = tuple(LIMIT_ORDERS)
-_PER_TIME = ("", "/s", "/s²", "/s³")  # of each derivative
+_PER_TIME = ("", "/s", "/s²", "/s³")  # units of the derivatives, order by order
 
 # A coordinate is known to some units in its last place.
-_COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
+COORDINATE_RTOL = 16 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,21 +55,21 @@ class Limits:
         jerk: ArrayLike | Sequence[Any] | None = None,
         position: ArrayLike | Sequence[Any] | None = None,
     ) -> None:
-        given = {
-            "velocity": velocity,
-            "acceleration": acceleration,
-            "jerk": jerk,
-            "position": position,
-        }
         joints = len(_pairs("velocity", velocity))
         unlimited = np.tile([-np.inf, np.inf], (joints, 1))
-        for name, value in given.items():
-            pairs = unlimited if value is None else _pairs(name, value)
+        self.__dict__.update(
+            velocity=velocity,
+            acceleration=acceleration,
+            jerk=unlimited if jerk is None else jerk,
+            position=unlimited if position is None else position,
+        )
+        for name, value in self.by_name().items():
+            pairs = _pairs(name, value)
             if len(pairs) != joints:
                 expected = f"{joints} values, one per joint"
                 raise InvalidInput(f"limits.{name}", expected, value=len(pairs))
             _check_signs(name, pairs)
-            object.__setattr__(self, name, _frozen(pairs))
+            self.__dict__[name] = frozen(pairs)
 
     @property
     def joints(self) -> int:
@@ -83,7 +82,7 @@ class Limits:
         return np.asarray(finite.any(axis=1))
 
     def without(self, *names: LimitName) -> Limits:
-        """The same limits with the named ones lifted (only jerk and position can be)."""
+        """Return these limits without the named ones (only jerk and position can be removed)."""
         remaining = self.by_name()
         for name in names:
             remaining.pop(name, None)
@@ -92,31 +91,46 @@ class Limits:
     def only(self, joints: ArrayLike) -> Limits:
         """The limits of some joints, by index (from 0) or mask."""
         chosen = np.asarray(joints)
-        return Limits(
-            velocity=self.velocity[chosen],
-            acceleration=self.acceleration[chosen],
-            jerk=self.jerk[chosen],
-            position=self.position[chosen],
-        )
+        return Limits(**{name: pairs[chosen] for name, pairs in self.by_name().items()})
 
     def scaled(self, factor: ArrayLike) -> Limits:
         """Every limit times a positive factor, or one per joint, as another unit needs it."""
         factors = np.asarray(factor, dtype=float)[..., None]
-        return Limits(
-            velocity=factors * self.velocity,
-            acceleration=factors * self.acceleration,
-            jerk=factors * self.jerk,
-            position=factors * self.position,
-        )
+        return Limits(**{name: factors * pairs for name, pairs in self.by_name().items()})
 
     def by_name(self) -> dict[str, Array]:
         """Every limit, `(joints, 2)`, by its name."""
-        return {
-            "velocity": self.velocity,
-            "acceleration": self.acceleration,
-            "jerk": self.jerk,
-            "position": self.position,
-        }
+        return {name: getattr(self, name) for name in LIMIT_NAMES}
+
+
+@dataclass(frozen=True)
+class FallingVelocity:
+    """A velocity limit that falls to zero towards the ends of a joint's range.
+
+    The joint at `q` may move upwards no faster than `max(0, sqrt(2 d max(0, high − q)) − o)`, and
+    downwards no faster than `max(0, sqrt(2 d max(0, q − low)) − o)`. This is Franka's form
+    (libfranka, `include/franka/rate_limiting.h`; `<position_based_velocity_limits>` in a URDF).
+
+    Attributes:
+        offset: `o`, rad/s (m/s for a prismatic joint).
+        deceleration: `d`, rad/s².
+        low, high: Positions where the roots end, rad; they may differ from the position limits.
+    """
+
+    offset: float
+    deceleration: float
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.offset < np.inf:
+            raise InvalidInput("velocity_offset", "a number from 0", value=self.offset)
+        if not 0 < self.deceleration < np.inf:
+            right = "a positive number"
+            raise InvalidInput("deceleration_limit", right, value=self.deceleration)
+        if not -np.inf < self.low < self.high < np.inf:
+            right = "a finite range, lower below upper"
+            raise InvalidInput("position range", right, value=[self.low, self.high])
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +140,11 @@ class Problem:
     `waypoints` is `(waypoints, joints)` in radians: one row per waypoint. All joints pass a
     waypoint at the same instant. Consecutive identical waypoints are one waypoint, passed once;
     waypoints that differ by no more than rounding are identical.
-    `joint_names` are the robot's, one per joint, or empty where nobody said them. `joint_units` are
-    "rad", or "m" for a prismatic joint, one per joint; empty means radians. `falling_velocity` are
-    velocity limits that no planner keeps yet: `judge` and `verify` check them
-    (`trajopt.judging.falling_velocity`). None of the three is part of the digest.
+
+    `joint_names` has one name per joint, or is empty. `joint_units` has "rad", or "m" for a
+    prismatic joint; empty means radians. `falling_velocity` has velocity limits that planners do
+    not keep: `judge` and `verify` check them (`trajopt.judging.falling_velocity`). None of the
+    three is part of the digest.
 
     Raises `InvalidInput` where the waypoints do not fit the limits, are not finite, or do not move.
     """
@@ -152,18 +167,22 @@ class Problem:
         joint_units: Sequence[str] = (),
         falling_velocity: Sequence[FallingVelocity | None] = (),
     ) -> None:
-        rows = _table(waypoints)
-        object.__setattr__(self, "waypoints", _frozen(rows))
-        object.__setattr__(self, "limits", limits)
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "source", source)
-        object.__setattr__(self, "joint_names", tuple(joint_names))
-        object.__setattr__(self, "joint_units", tuple(joint_units))
-        object.__setattr__(self, "falling_velocity", tuple(falling_velocity))
-        _check_count("velocity", self.limits.velocity, self.joints)
-        _check_joint_units(joint_units, self.joints)
+        self.__dict__.update(
+            waypoints=frozen(waypoint_table(waypoints)),
+            limits=limits,
+            name=name,
+            source=source,
+            joint_names=tuple(joint_names),
+            joint_units=tuple(joint_units),
+            falling_velocity=tuple(falling_velocity),
+        )
+        if limits.joints != self.joints:
+            expected = f"{self.joints} values, one per joint of the waypoints"
+            raise InvalidInput("limits.velocity", expected, value=limits.joints)
+        _check_joint_units(self.joint_units, self.joints)
         self._check_waypoints()
-        _check_joint_names(joint_names, self.joints)
+        if self.joint_names:
+            check_joint_names(self.joint_names, self.joints)
 
     @property
     def joints(self) -> int:
@@ -171,7 +190,7 @@ class Problem:
 
     @property
     def joint_labels(self) -> tuple[str, ...]:
-        """What to call each joint: by its name, or by its number from 1."""
+        """A label of each joint: its name, or its number from 1."""
         numbered = tuple(f"joint {joint + 1}" for joint in range(self.joints))
         return self.joint_names or numbered
 
@@ -201,14 +220,14 @@ class Problem:
 
     @property
     def largest_displacements(self) -> Array:
-        """Of each joint, rad, `(joints,)`; of all where a joint never moves."""
+        """Largest `|h_k|` of each joint, rad, `(joints,)`; a joint at rest gets the largest."""
         distances = np.abs(self.displacements)
         largest = np.where(self.moving, distances.max(axis=0), distances.max())
         return np.asarray(largest)
 
     @property
     def rounding(self) -> Array:
-        """How exactly each joint's coordinates are known, rad, `(joints,)`."""
+        """Some units in the last place of each joint's largest coordinate, rad, `(joints,)`."""
         return _rounding(self.waypoints)
 
     def merged(self) -> tuple[Problem, NDArray[np.intp]]:
@@ -247,7 +266,7 @@ class Problem:
         )
 
     def has(self, name: LimitName) -> bool:
-        """Whether any joint has a finite limit of this name."""
+        """Return whether any joint has a finite limit of this name."""
         pairs = self.limits.by_name()[name]
         finite = np.isfinite(pairs)
         return bool(finite.any())
@@ -278,25 +297,15 @@ class Problem:
         Raises:
             InvalidInput: Names the file, the key, the joint, the value, and what would be right.
         """
-        try:
-            return _from_file(Path(path))
-        except InvalidInput as error:
-            raise error.in_file(str(path)) from None
+        from trajopt.core import problem_file  # which makes problems
+
+        return problem_file.read(Path(path))
 
     def to_toml(self) -> str:
         """The problem file, in radians; reading it back gives the same digest."""
-        limits = self.limits.by_name()
-        for name in LIMIT_NAMES:
-            if not self.has(name):
-                del limits[name]
-        return problem_file.text(
-            self.name,
-            self.source,
-            self.waypoints,
-            limits,
-            self.joint_names,
-            self.joint_units,
-        )
+        from trajopt.core import problem_file  # which makes problems
+
+        return problem_file.text(self)
 
     def _check_waypoints(self) -> None:
         if not _differing(self.waypoints)[1:].any():
@@ -315,81 +324,25 @@ class Problem:
             )
 
 
-def _from_file(path: Path) -> Problem:
-    written = problem_file.read(path, LIMIT_NAMES)
-    waypoints = _table(written.waypoints)
-    limits = _limits_of(written, waypoints.shape[1])
-    problem = Problem(
-        waypoints * written.waypoint_unit,
-        limits,
-        written.name,
-        written.source,
-        written.joint_names,
-        written.joint_units,
-        written.falling_velocity,
-    )
-    if not written.units_said:
-        as_written = limits.scaled(1 / written.limit_unit)
-        mixed = problem_file.mixed_units(waypoints, as_written.velocity, as_written.acceleration)
-        if mixed:
-            message = f"{path}: {mixed}; say units.waypoints and units.limits"
-            warnings.warn(UnitWarning(message), stacklevel=3)
-    return problem
-
-
-def _limits_of(written: problem_file.ProblemFile, joints: int) -> Limits:
-    """The robot's limits, rad and s, but for the kinds that the file gives itself."""
-    if not written.robot_limits:
-        limits = Limits(**written.limits)  # before scaling: errors show what the file says
-        _check_count("velocity", limits.velocity, joints)
-        _check_joint_units(written.joint_units, joints)
-        return limits.scaled(written.limit_unit)
-    pairs = dict(written.robot_limits)
-    _check_count("velocity", pairs["velocity"], joints)
-    _check_joint_units(written.joint_units, joints)
-    for kind, value in written.limits.items():
-        own = _pairs(kind, value)
-        _check_signs(kind, own)
-        _check_count(kind, own, joints)
-        pairs[kind] = own * np.asarray(written.limit_unit)[..., None]
-    return Limits(**pairs)
-
-
-def _check_count(kind: str, pairs: Array, joints: int) -> None:
-    if len(pairs) != joints:
-        expected = f"{joints} values, one per joint of the waypoints"
-        raise InvalidInput(f"limits.{kind}", expected, value=len(pairs))
-
-
 def _pairs(name: str, value: Any) -> Array:
     """One `[low, high]` pair per joint, from numbers (symmetric) or pairs."""
     if _is_table(value) and value.shape[1] == 2:
-        return np.array(value, dtype=float)
+        return value
     key = f"limits.{name}"
     if not _is_list(value) or len(value) == 0:
         raise InvalidInput(key, "one number or [low, high] pair per joint", value=value)
     pairs = []
     for joint, item in enumerate(value):
-        if _is_number(item):
-            high = float(item)
-            pairs.append((-high, high))
-            continue
-        if not _is_pair(item):
+        pair = item if _is_list(item) else (item, item)
+        if len(pair) != 2 or not all(map(_is_bound, pair)):
             raise InvalidInput(key, "a number or a [low, high] pair", value=item, joint=joint)
-        low, high = item
-        pairs.append((float(low), float(high)))
+        low, high = map(float, pair)
+        pairs.append((low if pair is item else -high, high))
     return np.array(pairs)
 
 
-def _is_pair(item: Any) -> bool:
-    if not _is_list(item) or len(item) != 2:
-        return False
-    low, high = item
-    return _is_number(low) and _is_number(high)
-
-
 def _check_signs(name: str, pairs: Array) -> None:
-    """Velocity and acceleration are finite, rates allow rest, positions are in order."""
+    """Refuse infinite velocities and accelerations, rates without rest, unordered positions."""
     low, high = pairs.T
     right = low < high
     expected = "low < high"
@@ -400,23 +353,20 @@ def _check_signs(name: str, pairs: Array) -> None:
         right &= np.isfinite(low) & np.isfinite(high)
         expected += ", finite"
     for joint in np.flatnonzero(~right):
-        value = _as_written(name, low[joint], high[joint])
+        value: Any = pairs[joint].tolist()
+        if name != "position" and low[joint] == -high[joint]:
+            value = float(high[joint])
         raise InvalidInput(f"limits.{name}", expected, value=value, joint=int(joint))
 
 
-def _as_written(name: str, low: float, high: float) -> float | list[float]:
-    """A pair, or the one number that it was made of."""
-    missing = np.isnan(low) and np.isnan(high)
-    symmetric = low == -high or missing
-    if symmetric and name != "position":
-        return float(high)
-    return [float(low), float(high)]
+def waypoint_table(rows: Any) -> Array:
+    """Waypoints as a table; errors name the waypoint and the joint, counted from 1.
 
-
-def _table(rows: Any) -> Array:
-    """Waypoints as a table; errors name the waypoint and the joint, counted from 1."""
+    Raises:
+        InvalidInput: Fewer than two rows, rows of different lengths, a value that is not finite.
+    """
     if _is_table(rows) and len(rows) > 1 and np.isfinite(rows).all():
-        return np.array(rows, dtype=float)
+        return rows
     if not _is_list(rows) or len(rows) < 2:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint", value=rows)
     for number, row in enumerate(rows, start=1):
@@ -427,9 +377,27 @@ def _table(rows: Any) -> Array:
         if len(row) != joints:
             raise InvalidInput(key, f"{joints} numbers", value=list(row))
         for joint, item in enumerate(row):
-            if not _is_number(item) or not np.isfinite(float(item)):
+            if not is_number(item):
                 raise InvalidInput(key, "a finite number", value=item, joint=joint)
     return np.array(rows, dtype=float)
+
+
+def check_joint_names(names: Sequence[Any], joints: int) -> None:
+    """Refuse names that are not one printable text per joint, or not unique.
+
+    Raises:
+        InvalidInput: Names the joint and the value.
+    """
+    if len(names) != joints:
+        right = f"{joints} names, one per joint"
+        raise InvalidInput("joint_names", right, value=list(names))
+    seen = set()
+    for joint, name in enumerate(names):
+        if not isinstance(name, str) or not name.isprintable() or not name.strip():
+            raise InvalidInput("joint_names", "a name", value=name, joint=joint)
+        if name in seen:
+            raise InvalidInput("joint_names", "names that differ", value=name, joint=joint)
+        seen.add(name)
 
 
 def _check_joint_units(units: Sequence[str], joints: int) -> None:
@@ -442,9 +410,8 @@ def _check_joint_units(units: Sequence[str], joints: int) -> None:
 
 
 def _rounding(waypoints: Array) -> Array:
-    """Some units in the last place of each joint's largest coordinate, rad, `(joints,)`."""
     largest = np.abs(waypoints).max(axis=0)
-    return np.asarray(_COORDINATE_RTOL * largest)
+    return np.asarray(COORDINATE_RTOL * largest)
 
 
 def _differing(waypoints: Array) -> NDArray[np.bool_]:
@@ -463,21 +430,8 @@ def _differing(waypoints: Array) -> NDArray[np.bool_]:
     return differs
 
 
-def _check_joint_names(names: Sequence[str], joints: int) -> None:
-    if len(names) not in (0, joints):
-        right = f"{joints} names, one per joint of the waypoints"
-        raise InvalidInput("joint_names", right, value=list(names))
-    seen = set()
-    for joint, name in enumerate(names):
-        if not isinstance(name, str) or not name.isprintable() or not name.strip():
-            raise InvalidInput("joint_names", "a name", value=name, joint=joint)
-        if name in seen:
-            raise InvalidInput("joint_names", "names that differ", value=name, joint=joint)
-        seen.add(name)
-
-
 def _is_table(value: Any) -> TypeGuard[Array]:
-    """Whether it is rows of Python's own floats, in which nothing else can hide."""
+    """Return whether this is a table of floats, whose items need no check of their types."""
     if not isinstance(value, np.ndarray) or value.dtype != float:
         return False
     return value.ndim == 2 and value.size > 0
@@ -489,16 +443,13 @@ def _is_list(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
-def _is_number(value: Any) -> bool:
-    """Whether `float` takes it: no truth value, no complex number, no integer beyond 1e308."""
-    if isinstance(value, bool):
-        return False
-    if isinstance(value, int):
-        return abs(value) < 2**1023
-    return isinstance(value, float | np.integer | np.floating)
+def _is_bound(value: Any) -> bool:
+    """Return whether this is a number, or infinite."""
+    return is_number(value) or (isinstance(value, float) and math.isinf(value))
 
 
-def _frozen(array: Array) -> Array:
-    array = np.array(array, dtype=float)
+def frozen(values: ArrayLike) -> Array:
+    """Return a copy that nobody can change."""
+    array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array

@@ -28,9 +28,8 @@ unit per joint, "m" or "mm" for that one:
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from math import pi
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +38,18 @@ import tomli_w
 from numpy.typing import NDArray
 
 from trajopt.core import arm_file, files
-from trajopt.core.arm_file import ArmFile, FallingVelocity
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.arm_file import Arm
+from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import check_keys, text_at
-
-Array = NDArray[np.float64]
+from trajopt.core.problem import (
+    LIMIT_NAMES,
+    FallingVelocity,
+    Limits,
+    Problem,
+    check_joint_names,
+    waypoint_table,
+)
+from trajopt.core.units import ANGLES, LENGTHS, UNITS, mixed_units
 
 _KEYS = (
     "name",
@@ -56,253 +62,155 @@ _KEYS = (
     "limits",
     "published",
 )
-_ANGLES = {"deg": pi / 180, "rad": 1.0}  # rad
-_LENGTHS = {"m": 1.0, "mm": 1e-3}  # m
-UNITS = _ANGLES | _LENGTHS
-
-# What tells degrees from radians in the numbers of an arm's problem (`mixed_units`).
-# Ranges are what the makers of arms write.
-_WAYPOINTS_DEG = (4 * pi, 720.0)  # from where they would be more than two turns in radians
-_VELOCITY_RAD = (0.05, 4 * pi)  # rad/s
-_WAYPOINTS_RAD = (0.0, 2 * pi)
-_VELOCITY_DEG = (30.0, 1000.0)  # deg/s
-_ACCELERATION_DEG = (30.0, 1e5)  # deg/s²
-_SLOW_SEGMENT_S = 3.0  # at full velocity; slower than that, the units are hardly the same
-_SPAN_RAD = 4 * pi  # of one joint: where samples are dense no segment is slow
-_FAST_SEGMENT_S = 0.05  # faster than that in every segment, neither
+Array = NDArray[np.float64]
+_UNIT_KEYS = ("waypoints", "limits")
 
 
-@dataclass(frozen=True)
-class ProblemFile:
-    """What a problem file says, not yet checked as a problem.
+def read(path: Path) -> Problem:
+    """Read a problem file.
 
-    `waypoints` and `limits` are as written; times `waypoint_unit` and `limit_unit`, one number or
-    one per joint, they are radians (metres for a prismatic joint). `joint_units` are "rad" or "m"
-    per joint, empty where the file gives no unit per joint. `units_said` tells whether each unit
-    was written on its own. `robot_limits` are a known robot's, rad and s, for those joints that the
-    file means, and `falling_velocity` its own.
-    """
-
-    name: str
-    source: str
-    waypoints: Any
-    limits: Mapping[str, Any]
-    waypoint_unit: float | Array
-    limit_unit: float | Array
-    units_said: bool
-    joint_names: Sequence[Any] = ()
-    joint_units: Sequence[str] = ()
-    robot_limits: Mapping[str, Array] = field(default_factory=dict)
-    falling_velocity: Sequence[FallingVelocity] = ()
-
-
-def read(path: Path, limit_names: tuple[str, ...]) -> ProblemFile:
-    """Read a problem file, whose limits may be those named.
+    Warns with `UnitWarning` where one unit is given for everything, but waypoints and limits look
+    as if they were written in different ones.
 
     Raises:
-        InvalidInput: It is no TOML file, or a key is missing, unknown or of the wrong type.
+        InvalidInput: Names the file, the key, the joint, the value, and what would be right.
     """
-    table = files.toml(path, "problem")
+    try:
+        return _problem(files.toml(path, "problem"), path)
+    except InvalidInput as error:
+        raise error.in_file(str(path)) from None
+
+
+def _problem(table: Mapping[str, Any], path: Path) -> Problem:
     arm = _arm(table)
-    required: tuple[str, ...] = ("waypoints",)
-    required_limits: tuple[str, ...] = ()
-    if arm is None:
-        required = ("limits", "waypoints")
-        required_limits = ("acceleration", "velocity")
+    required = ("waypoints",) if arm else ("limits", "waypoints")
     check_keys("", table, _KEYS, required)
-    limits = table.get("limits", {})
-    if not isinstance(limits, Mapping):
-        raise InvalidInput("limits", "a table of limits", value=limits)
-    check_keys("limits.", limits, limit_names, required_limits)
-    units = _units(table, limits_said=bool(limits))
-    joint_units = _joint_units(units)
-    joint_names, chosen = _chosen_joints(table, arm)
-    robot_limits: dict[str, Array] = {}
-    falling_velocity: list[FallingVelocity] = []
-    if arm is not None:
-        if "m" in joint_units:
-            joint = joint_units.index("m")
+    given = table.get("limits", {})
+    if not isinstance(given, Mapping):
+        raise InvalidInput("limits", "a table of limits", value=given)
+    check_keys("limits.", given, LIMIT_NAMES, () if arm else ("acceleration", "velocity"))
+    waypoints = waypoint_table(table["waypoints"])
+    said = _said_units(table, limits_given=bool(given))
+    units = _units(said, waypoints.shape[1])
+    kinds = ["m" if unit in LENGTHS else "rad" for unit in units["waypoints"]]
+    names = files.names_at(table, "joint_names")
+    of_robot: dict[str, Array] = {}
+    falling: list[FallingVelocity] = []
+    if arm:
+        if "m" in kinds:
             right = f'"deg" or "rad": the joints of {arm.name} turn'
-            raise InvalidInput("units", right, value="m", joint=joint)
-        robot_limits = {kind: values[chosen] for kind, values in arm.limits.items()}
-        joint_units = joint_units or ["rad"] * len(chosen)
-        falling_velocity = [arm.falling_velocity[n] for n in chosen if arm.falling_velocity]
-    return ProblemFile(
+            raise InvalidInput("units", right, value="m", joint=kinds.index("m"))
+        names = names or arm.joint_names
+        check_joint_names(names, len(kinds))
+        chosen = [_index(arm, joint, name) for joint, name in enumerate(names)]
+        of_robot = arm.limits.only(chosen).by_name()
+        falling = [arm.falling_velocity[joint] for joint in chosen if arm.falling_velocity]
+    # Before scaling: errors show what the file says.
+    written = Limits(**(of_robot | dict(given)))
+    if written.joints != len(kinds):
+        right = f"{len(kinds)} values, one per joint of the waypoints"
+        raise InvalidInput("limits.velocity", right, value=written.joints)
+    size = {key: np.array([UNITS[unit] for unit in own]) for key, own in units.items()}
+    scaled = written.scaled(size["limits"]).by_name()
+    kept = {kind: pairs for kind, pairs in of_robot.items() if kind not in given}
+    problem = Problem(
+        waypoints * size["waypoints"],
+        Limits(**(scaled | kept)),
         name=text_at(table, "name", path.stem),
-        source=text_at(table, "source", "" if arm is None else arm.description),
-        waypoints=table["waypoints"],
-        limits=limits,
-        waypoint_unit=_sizes(units["waypoints"], joint_units),
-        limit_unit=_sizes(units["limits"], joint_units),
-        units_said="units" in table,
-        joint_names=joint_names,
-        joint_units=joint_units,
-        robot_limits=robot_limits,
-        falling_velocity=falling_velocity,
+        source=text_at(table, "source", arm.description if arm else ""),
+        joint_names=names,
+        joint_units=kinds if arm or list in map(type, said.values()) else (),
+        falling_velocity=falling,
     )
+    if "units" not in table:
+        as_written = problem.limits.scaled(1 / size["limits"])
+        mixed = mixed_units(waypoints, as_written.velocity, as_written.acceleration)
+        if mixed:
+            message = f"{path}: {mixed}; say units.waypoints and units.limits"
+            warnings.warn(UnitWarning(message), stacklevel=4)
+    return problem
 
 
-def _arm(table: Mapping[str, Any]) -> ArmFile | None:
+def _arm(table: Mapping[str, Any]) -> Arm | None:
     """The robot that the file names, if it does."""
     if "robot" not in table:
         return None
-    name = text_at(table, "robot", "")
+    name = text_at(table, "robot")
     if name not in arm_file.arm_files():
         known = ", ".join(arm_file.arm_files())
         raise InvalidInput("robot", f"one of {known}", value=name)
     return arm_file.read(name)
 
 
-def _chosen_joints(
-    table: Mapping[str, Any],
-    arm: ArmFile | None,
-) -> tuple[Sequence[Any], list[int]]:
-    """The names of the file's joints, and which joints of the robot these are."""
-    names = table.get("joint_names", ())
-    if not isinstance(names, list | tuple):
-        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
-    if arm is None:
-        return names, []
-    chosen = []
-    for joint, name in enumerate(names or arm.joint_names):
-        if name not in arm.joint_names:
-            known = ", ".join(arm.joint_names)
-            right = f"a joint of {arm.name}: {known}"
-            raise InvalidInput("joint_names", right, value=name, joint=joint)
-        chosen.append(arm.joint_names.index(name))
-    return names or arm.joint_names, chosen
+def _index(arm: Arm, joint: int, name: str) -> int:
+    """The index of a robot's joint of this name."""
+    if name not in arm.joint_names:
+        right = f"a joint of {arm.name}: {', '.join(arm.joint_names)}"
+        raise InvalidInput("joint_names", right, value=name, joint=joint)
+    return arm.joint_names.index(name)
 
 
-def text(
-    name: str,
-    source: str,
-    waypoints: Array,
-    limits: Mapping[str, Array],
-    joint_names: Sequence[str],
-    joint_units: Sequence[str],
-) -> str:
+def text(problem: Problem) -> str:
     """A problem file in rad and m; reading it back gives the same numbers to the last bit."""
-    table: dict[str, Any] = {"name": name, "source": source}
-    if joint_names:
-        table["joint_names"] = list(joint_names)
-    table["waypoints"] = waypoints.tolist()
-    unit = list(joint_units) if "m" in joint_units else "rad"
-    table["units"] = {"waypoints": unit, "limits": unit}
-    table["limits"] = {kind: pairs.tolist() for kind, pairs in limits.items()}
+    table: dict[str, Any] = {"name": problem.name, "source": problem.source}
+    if problem.joint_names:
+        table["joint_names"] = list(problem.joint_names)
+    table["waypoints"] = problem.waypoints.tolist()
+    unit = list(problem.joint_units) if "m" in problem.joint_units else "rad"
+    table["units"] = dict.fromkeys(_UNIT_KEYS, unit)
+    limits = problem.limits.by_name()
+    table["limits"] = {kind: limits[kind].tolist() for kind in LIMIT_NAMES if problem.has(kind)}
     return tomli_w.dumps(table)
 
 
-def mixed_units(waypoints: Array, velocity: Array, acceleration: Array) -> str | None:
-    """Why waypoints and limits look as if one was written in degrees and one in radians, or None.
-
-    The numbers of joints that move, as a file has them under one unit. Both signs are asked for:
-    sizes that the supposed unit makes usual for an arm, and durations that only a mixture explains.
-
-    Args:
-        waypoints: `(waypoints, joints)`.
-        velocity: `(joints, 2)`, `[low, high]`.
-        acceleration: `(joints, 2)`, `[low, high]`.
-    """
-    steps = np.abs(np.diff(waypoints, axis=0))
-    moving = steps.any(axis=0)
-    angle = np.abs(waypoints[:, moving]).max()
-    speed = np.abs(velocity[moving]).min(axis=1)
-    thrust = np.abs(acceleration[moving]).min(axis=1)
-    # the longest a joint needs for a segment at full velocity: max h / v
-    with np.errstate(over="ignore"):  # a limit of 1e-320
-        longest = (steps[:, moving] / speed).max()
-    span = np.ptp(waypoints[:, moving], axis=0).max()
-
-    sizes = f"waypoints up to {angle:.4g} beside velocity limits of {speed.min():.4g}"
-    if speed.max() > speed.min():
-        sizes += f" to {speed.max():.4g}"
-    sizes += f" ({longest:.2g} s for the longest segment at full velocity)"
-    degrees_beside_radians = (
-        (longest > _SLOW_SEGMENT_S or span > _SPAN_RAD)
-        and _all_within(angle, _WAYPOINTS_DEG)
-        and _all_within(speed, _VELOCITY_RAD)
-    )
-    if degrees_beside_radians:
-        return f"{sizes} look like degrees beside radians"
-    radians_beside_degrees = (
-        longest < _FAST_SEGMENT_S
-        and _all_within(angle, _WAYPOINTS_RAD)
-        and _all_within(speed, _VELOCITY_DEG)
-        and _all_within(thrust, _ACCELERATION_DEG)
-    )
-    if radians_beside_degrees:
-        return f"{sizes} look like radians beside degrees"
-    return None
-
-
-def _all_within(values: Array, ends: tuple[float, float]) -> bool:
-    low, high = ends
-    return bool(np.all((values >= low) & (values <= high)))
-
-
-def _units(table: Mapping[str, Any], *, limits_said: bool) -> dict[str, Any]:
-    """The units in which waypoints and limits are written: one of angles, or a list, one per joint.
+def _said_units(table: Mapping[str, Any], *, limits_given: bool) -> dict[str, Any]:
+    """The units of waypoints and limits as the file says them: a text, or a list per joint.
 
     Limits that a file leaves to the robot need no unit.
     """
-    keys = ("waypoints", "limits")
     if "units" not in table:
-        unit = _angle_unit("angle_unit", table.get("angle_unit"))
-        return dict.fromkeys(keys, unit)
+        unit = table.get("angle_unit")
+        if unit not in tuple(ANGLES):
+            right = '"deg" or "rad", or units.waypoints and units.limits in its place'
+            raise InvalidInput("angle_unit", right, value=unit)
+        return dict.fromkeys(_UNIT_KEYS, unit)
     units = table["units"]
     if "angle_unit" in table:
         right = "left out beside units, which says it for waypoints and limits"
         raise InvalidInput("angle_unit", right, value=table["angle_unit"])
     if not isinstance(units, Mapping):
         raise InvalidInput("units", "a table with waypoints and limits", value=units)
-    required = keys if limits_said else ("waypoints",)
-    check_keys("units.", units, keys, required)
-    checked: dict[str, Any] = {}
-    for key in keys:
-        unit = units.get(key, "rad")
-        check = _units_of_joints if isinstance(unit, list) else _angle_unit
-        checked[key] = check(f"units.{key}", unit)
-    return checked
+    check_keys("units.", units, _UNIT_KEYS, _UNIT_KEYS if limits_given else ("waypoints",))
+    return {"limits": "rad", **units}
 
 
-def _angle_unit(key: str, unit: Any) -> str:
-    if not isinstance(unit, str) or unit not in _ANGLES:
-        right = '"deg" or "rad"'
-        if key == "angle_unit":
-            right += ", or units.waypoints and units.limits in its place"
-        else:
-            right += ', or a unit per joint like ["deg", "m"]'
-        raise InvalidInput(key, right, value=unit)
-    return unit
-
-
-def _units_of_joints(key: str, units: list[Any]) -> list[str]:
-    if not units:
-        raise InvalidInput(key, "a unit per joint", value=units)
-    for joint, unit in enumerate(units):
-        if not isinstance(unit, str) or unit not in UNITS:
-            raise InvalidInput(key, " or ".join(UNITS), value=unit, joint=joint)
-    return units
-
-
-def _joint_units(units: Mapping[str, Any]) -> list[str]:
-    """Each joint's SI unit, "rad" or "m"; empty where no list says it.
+def _units(said: Mapping[str, Any], joints: int) -> dict[str, list[str]]:
+    """The unit of each joint's waypoints and limits.
 
     Raises:
-        InvalidInput: One list says that a joint turns, the other that it slides.
+        InvalidInput: A unit is unknown, or one list says that a joint turns, the other that it
+            slides.
     """
-    lists = [own for own in units.values() if isinstance(own, list)]
-    said = [["m" if unit in _LENGTHS else "rad" for unit in own] for own in lists]
-    if len(said) == 2 and said[0] != said[1]:
-        right = f"the same kinds of units as units.waypoints, {units['waypoints']}"
-        raise InvalidInput("units.limits", right, value=units["limits"])
-    return said[0] if said else []
-
-
-def _sizes(unit: Any, joint_units: Sequence[str]) -> float | Array:
-    """The size of a unit, rad or m; one per joint where the file has a unit per joint."""
-    if isinstance(unit, list):
-        return np.array([UNITS[own] for own in unit])
-    if not joint_units:
-        return _ANGLES[unit]
-    return np.array([1.0 if own == "m" else _ANGLES[unit] for own in joint_units])
+    units: dict[str, list[str]] = {}
+    for key, unit in said.items():
+        if not isinstance(unit, list):
+            if unit not in tuple(ANGLES):
+                right = '"deg" or "rad", or a unit per joint like ["deg", "m"]'
+                raise InvalidInput(f"units.{key}", right, value=unit)
+            unit = [unit] * joints
+        for joint, own in enumerate(unit):
+            if own not in tuple(UNITS):
+                right = " or ".join(UNITS)
+                raise InvalidInput(f"units.{key}", right, value=own, joint=joint)
+        if len(unit) != joints:
+            raise InvalidInput(f"units.{key}", f"{joints} units, one per joint", value=unit)
+        units[key] = unit
+    for key, other in (_UNIT_KEYS, reversed(_UNIT_KEYS)):
+        if not isinstance(said[key], list):  # a single unit is of angles
+            pairs = zip(units[key], units[other], strict=True)
+            units[key] = ["m" if length in LENGTHS else own for own, length in pairs]
+    kinds = [[unit in LENGTHS for unit in units[key]] for key in _UNIT_KEYS]
+    if kinds[0] != kinds[1]:
+        right = f"the same kinds of units as units.waypoints, {said['waypoints']}"
+        raise InvalidInput("units.limits", right, value=said["limits"])
+    return units

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trajopt.core import html, piecewise, polynomials
 from trajopt.core import interpolation as between
+from trajopt.core import piecewise, polynomials
 from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.piecewise import Pieces
@@ -89,27 +89,6 @@ class Trajectory:
             f"Trajectory({self.duration:.6g} s, {self.joints} joints, {pieces} pieces of degree "
             f"{degree}, waypoints at {passed} s)"
         )
-
-    def _repr_html_(self) -> str:
-        """For notebooks: where each joint starts and ends, and how far it goes, rad or m."""
-        header = ["joint", "start", "end", "lowest", "highest"]
-        low, high = self._range()
-        start, end = self([0.0, self.duration])
-        rows = []
-        for joint in range(self.joints):
-            values = (start[joint], end[joint], low[joint], high[joint])
-            rows.append([str(joint + 1), *[f"{value:.6g}" for value in values]])
-        return html.table(repr(self), header, rows)
-
-    def _range(self) -> tuple[Array, Array]:
-        """The exact lowest and highest position of each joint, rad, `(joints,)`."""
-        unit = self.pieces()
-        flat = unit.reshape(len(unit), -1)
-        at = polynomials.critical_points(flat)
-        values = polynomials.evaluate(flat[:, None], at)
-        lowest = values.min(axis=0).reshape(unit.shape[1:])
-        highest = values.max(axis=0).reshape(unit.shape[1:])
-        return lowest.min(axis=0), highest.max(axis=0)
 
     def pieces(self, order: int = 0) -> Array:
         """The derivative of `order`, every piece on the unit interval `[0, 1]`.

@@ -7,23 +7,18 @@ from typing import get_args
 import numpy as np
 
 from trajopt.core import arm_file
-from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LimitName, Limits
+from trajopt.core.problem import LimitName
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 
 
 def named(name: str) -> RobotLimits:
     """A built-in arm's limits, rad and s; raises `UnknownName` with the arms there are."""
     arm = arm_file.read(name)
-    try:
-        limits = Limits(**arm.limits)
-    except InvalidInput as error:
-        raise error.in_file(name) from None
     joints: dict[str, JointBounds] = {}
     for joint, joint_name in enumerate(arm.joint_names):
         bounds: dict[LimitName, Bounds] = {}
         for kind in get_args(LimitName):
-            low, high = getattr(limits, kind)[joint]
+            low, high = getattr(arm.limits, kind)[joint]
             if np.isfinite([low, high]).any():
                 bounds[kind] = (float(low), float(high))
         joints[joint_name] = bounds

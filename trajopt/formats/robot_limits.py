@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.core.arm_file import FallingVelocity
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_NAMES, LimitName, Limits
+from trajopt.core.problem import LIMIT_NAMES, FallingVelocity, LimitName, Limits
 
 Bounds = tuple[float, float]
 JointBounds = Mapping[LimitName, Bounds]

@@ -21,9 +21,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from trajopt.core import files, numerals
-from trajopt.core.arm_file import FallingVelocity
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LimitName
+from trajopt.core.problem import FallingVelocity, LimitName
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move

@@ -25,7 +25,7 @@ import numpy as np
 from trajopt.core import files, numerals
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.problem import Problem
-from trajopt.core.problem_file import UNITS, mixed_units
+from trajopt.core.units import UNITS, mixed_units
 from trajopt.formats.robot_limits import RobotLimits
 
 Unit = Literal["deg", "rad"]

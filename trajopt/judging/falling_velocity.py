@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.core import polynomials
-from trajopt.core.arm_file import FallingVelocity
-from trajopt.core.problem import Problem
+from trajopt.core.problem import FallingVelocity, Problem
 from trajopt.core.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.core import html, polynomials
+from trajopt.core import polynomials
 from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.problem import LIMIT_ORDERS, Problem
 from trajopt.core.trajectory import EPS, Trajectory
@@ -127,20 +127,6 @@ class Certificate:
             f"Certificate({verdict}, {self.duration:.6g} s claimed, dilation {self.dilation:.6g}, "
             f"{self.certified_duration:.6g} s certified)"
         )
-
-    def _repr_html_(self) -> str:
-        """For notebooks: the worst value of every kind, joints counted from 1."""
-        rows = []
-        for kind in WORST_KINDS:
-            worst: Worst | None = getattr(self, kind)
-            if worst is None:
-                continue
-            if kind in RATIO_KINDS:
-                value = f"{worst.value:.6f} of limit"
-            else:
-                value = f"{worst.value:.2e} SI units"
-            rows.append([kind, value, str(worst.joint + 1), f"{worst.time:.6g}"])
-        return html.table(repr(self), ["worst", "value", "joint", "time s"], rows)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: joints count from 1, limits give a `ratio`, misses an `error`."""

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from zlib import crc32
 
 import numpy as np
 
 from trajopt.core import arm_file
-from trajopt.core.arm_file import FallingVelocity
+from trajopt.core.arm_file import Arm
 from trajopt.core.arm_file import Origin as Origin
 from trajopt.core.arm_file import arm_files as arm_files
-from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.problem import Problem
 
 # Raise it whenever an arm, or what is drawn for it, changes.
 ROBOTS_VERSION = 1
@@ -23,66 +21,38 @@ ROBOT_WAYPOINTS = (4, 8, 16)
 _REACH_SHARE = 0.95  # of a joint's range, around its middle
 _NAME = re.compile(r"robots-(?P<arm>.+)-w(?P<waypoints>\d+)(?P<jerk>-jerk)?")
 
-
-@dataclass(frozen=True, eq=False)
-class Arm:
-    """A real robot arm: its limits, rad and s, and the origin of each kind of them."""
-
-    name: str
-    description: str
-    joint_names: tuple[str, ...]
-    limits: Limits
-    origins: Mapping[str, Origin]
-    falling_velocity: tuple[FallingVelocity, ...] = ()
+arm = arm_file.read
 
 
-def arm(name_or_path: str) -> Arm:
-    """An arm by built-in name or path; raises `UnknownName`, or `InvalidInput` naming the key."""
-    file = arm_file.read(name_or_path)
-    try:
-        limits = Limits(**file.limits)
-    except InvalidInput as error:
-        path = arm_files().get(name_or_path, name_or_path)
-        raise error.in_file(str(path)) from None
-    return Arm(
-        file.name,
-        file.description,
-        file.joint_names,
-        limits,
-        file.origins,
-        file.falling_velocity,
-    )
-
-
-def robot_problem(arm: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
+def robot_problem(real: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
     """An arm's problem: waypoints drawn evenly from its joint ranges, under its own limits.
 
     From the middle 95 % of each range, and from at most a turn; the same waypoints with its jerk
     limits, if it has any, as without.
     """
-    key = crc32(arm.name.encode())
+    key = crc32(real.name.encode())
     rng = np.random.default_rng([ROBOTS_VERSION, key, waypoints])
     # Some joints turn without end.
     turn = 2 * np.pi
-    low, high = np.clip(arm.limits.position, -turn, turn).T
+    low, high = np.clip(real.limits.position, -turn, turn).T
     half = _REACH_SHARE * (high - low) / 2
     reach = np.minimum(half, np.pi)
     middle = (low + high) / 2
     joints = len(reach)
     unit = 2 * rng.random((waypoints, joints)) - 1
     ending = "-jerk"
-    limits = arm.limits
+    limits = real.limits
     if not jerk:
         ending = ""
         limits = limits.without("jerk")
     return Problem(
         middle + reach * unit,
         limits,
-        name=f"robots-{arm.name}-w{waypoints}{ending}",
-        source=f"{arm.description}; data/robots/{arm.name}.toml, version {ROBOTS_VERSION}",
-        joint_names=arm.joint_names,
+        name=f"robots-{real.name}-w{waypoints}{ending}",
+        source=f"{real.description}; data/robots/{real.name}.toml, version {ROBOTS_VERSION}",
+        joint_names=real.joint_names,
         joint_units=["rad"] * joints,
-        falling_velocity=arm.falling_velocity,
+        falling_velocity=real.falling_velocity,
     )
 
 
