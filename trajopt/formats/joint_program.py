@@ -181,8 +181,10 @@ class JointProgram:
                     terms = []
                     for power in range(inner + 1):
                         share = comb(inner, power) / comb(degree, power)
-                        terms.append(side * share * self._term(kind, power))
-                    found.append((sum(terms), most))
+                        term = self._term(kind, power)
+                        terms.append(side * share * term)
+                    control = sum(terms)
+                    found.append((control, most))
         return found
 
     def _distances(self) -> _Inequalities:
@@ -206,17 +208,24 @@ class JointProgram:
         """
         T = self.times[-1]
         # The aims: the break, the order of the derivative there, and its value.
-        aims = [(row, 0, q) for row, q in zip(self.passing, self.positions, strict=True)][1:]
-        aims += [(self._pieces, kind, 0.0) for kind in range(1, self.order)]
-        scales = [T ** (self.order - kind) for _, kind, _ in aims]
+        passed = zip(self.passing, self.positions, strict=True)
+        aims = [(row, 0, q) for row, q in passed][1:]
+        for kind in range(1, self.order):
+            aims.append((self._pieces, kind, 0.0))
+        scales = []
         responses = []
         for row, kind, _ in aims:
-            responses.append(self._response(self.times[row], self.order - kind))
-        matrix = np.array(responses) / np.array(scales)[:, None]
+            power = self.order - kind
+            scale = T**power
+            response = self._response(self.times[row], power)
+            scales.append(scale)
+            responses.append(response / scale)
+        matrix = np.array(responses)
         states = self._states(rates)
         for _ in range(CORRECTIONS):
             misses = [states[kind, row] - value for row, kind, value in aims]
-            correction, *_ = np.linalg.lstsq(matrix, -np.divide(misses, scales), rcond=None)
+            wanted = -np.divide(misses, scales)
+            correction, *_ = np.linalg.lstsq(matrix, wanted, rcond=None)
             rates = rates + correction
             states = self._states(rates)
         for row, kind, value in aims:
