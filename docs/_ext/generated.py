@@ -1,0 +1,357 @@
+"""Write the pages that come from data: problems, planners, published claims, the command line.
+
+The pages are written into the source folder before Sphinx reads it, and are not kept in git.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from sphinx.application import Sphinx
+
+from trajopt.benchmark.best_known import record
+from trajopt.benchmark.suites import literature
+from trajopt.core.trajectory import Trajectory
+
+mpl.use("Agg")
+from matplotlib import pyplot as plt
+
+DOCS = Path(__file__).parents[1]
+ROOT = DOCS.parent
+RECORDS = ROOT / "data" / "best_known"
+CLOSED_WITHIN = record.CLOSED_WITHIN
+COMMANDS = (
+    "compare plan judge verify certify explain best-known claims suite report export list new"
+)
+
+
+def write(path: Path, text: str) -> None:
+    """Write a page unless it is there already, so that Sphinx reads only what changed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def number(value: float | None) -> str:
+    """Return a number with six significant digits, or a dash."""
+    return "–" if value is None else f"{value:.6g}"
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def slug(name: str) -> str:
+    """Return the name of a page's file."""
+    return re.sub(r"[^\w.-]", "_", name)
+
+
+def bibtex(key: str, title: str) -> str:
+    """Return how to cite a page of this site."""
+    entry = (
+        f"@misc{{mintime-{key},\n"
+        f"  title = {{{title}}},\n"
+        "  author = {{The mintime authors}},\n"
+        "  howpublished = {mintime, reference toolkit for minimum-time trajectory planners},\n"
+        "  note = {State the version and the commit that you used}\n}\n"
+    )
+    return f"## Cite\n\n```bibtex\n{entry}```\n"
+
+
+# --- problems ---
+
+
+def picture(trajectory: Trajectory, file: Path) -> None:
+    """Draw the best known motion: joint positions over time, with the waypoints' times."""
+    figure, axes = plt.subplots(figsize=(7, 2.6), layout="constrained")
+    ends = trajectory.breaks[0], trajectory.breaks[-1]
+    times = [ends[0] + (ends[1] - ends[0]) * share / 400 for share in range(401)]
+    lines = axes.plot(times, trajectory(times))
+    passed = trajectory(trajectory.waypoint_times)
+    for joint, line in enumerate(lines):
+        axes.plot(trajectory.waypoint_times, passed[:, joint], ".", color=line.get_color())
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("position [rad or m]")
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def limits_table(problem: dict[str, Any]) -> str:
+    """Return a row per joint with its limits in SI units."""
+    kinds = [kind for kind, values in problem["limits"].items() if values is not None]
+    rows = []
+    for joint in range(len(problem["waypoints"][0])):
+        label = problem["joint_names"][joint] if problem["joint_names"] else f"joint {joint + 1}"
+        row = [label]
+        for kind in kinds:
+            low, high = problem["limits"][kind][joint]
+            row.append(f"{number(low)} … {number(high)}")
+        rows.append(row)
+    return table(["joint", *kinds], rows)
+
+
+def problem_page(file: Path) -> list[str]:
+    """Write one problem's page; return its row of the index."""
+    said = json.loads(file.read_text(encoding="utf-8"))
+    problem = said["problem"]
+    name = problem["name"]
+    within = said["duration"] / said["lower_bound"] - 1
+    status = "closed" if within < CLOSED_WITHIN else "open"
+    image = DOCS / "problems" / f"{slug(name)}.png"
+    if not image.is_file():
+        image.parent.mkdir(exist_ok=True)
+        picture(record.read(file).trajectory, image)
+    joints = len(problem["waypoints"][0])
+    waypoints = len(problem["waypoints"])
+    rows = [
+        ["best known duration", f"{said['duration']:.9g} s"],
+        ["by", f"{said['motion']['method']} {said['motion']['version']}, {said['motion']['date']}"],
+        ["lower bound", f"{said['lower_bound']:.9g} s, proved by {said['bound']['method']}"],
+        ["proved within", f"{100 * within:.3g} % ({status})"],
+        ["joints, waypoints", f"{joints}, {waypoints}"],
+        ["source", problem["source"] or "this toolkit"],
+        ["digest", f"`{problem['digest'][:16]}`"],
+    ]
+    title = name
+    text = f"""# {title}
+
+{table(["", ""], rows)}
+
+![Best known motion of {name}: joint positions over time]({slug(name)}.png)
+
+## Limits
+
+In rad or m, and seconds.
+
+{limits_table(problem)}
+
+## Run it
+
+```bash
+trajopt compare {name}
+trajopt best-known verify {name}
+```
+
+## Beat it
+
+A shorter motion from any planner, in any format that `trajopt judge` reads, is a submission:
+
+```bash
+trajopt best-known propose motion.csv {name} --submitter "Your name"
+```
+
+[Best known answers](../best-known.md) says what happens then.
+
+{bibtex(slug(name), f"Best known minimum-time motion of the problem {name}")}"""
+    write(DOCS / "problems" / f"{slug(name)}.md", text)
+    link = f"[{name}]({slug(name)}.md)"
+    best, bound = (f"{said[key]:.6g}" for key in ("duration", "lower_bound"))
+    return [link, f"{joints}", f"{waypoints}", best, bound, f"{100 * within:.3g}", status]
+
+
+def problem_pages() -> None:
+    """Write a page per best known answer, and the table of all."""
+    files = sorted(RECORDS.glob("*.json"))
+    rows = [problem_page(file) for file in files]
+    head = ["problem", "joints", "waypoints", "best s", "bound s", "within %", "status"]
+    closed = sum(row[-1] == "closed" for row in rows)
+    names = "\n".join(slug(file.name.rsplit(".", 2)[0]) for file in files)
+    text = f"""# Problems
+
+{len(rows)} problems, {closed} of them closed: the best known motion is proved to be within 0.1 % of the minimum time.
+Click a heading to sort.
+
+<div class="sortable"></div>
+
+{table(head, rows)}
+
+```{{toctree}}
+:hidden:
+
+{names}
+```
+"""
+    write(DOCS / "problems" / "index.md", text)
+
+
+# --- published claims ---
+
+
+def claim_pages() -> None:
+    """Write a page per published problem: its source, its reading, and each time's verdict."""
+    verdicts = defaultdict(list)
+    with open(DOCS / "literature" / "verdicts.csv", encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            verdicts[row["problem"]].append(row)
+    index = []
+    for name, rows in verdicts.items():
+        published = literature.published(name)
+        best = rows[0]
+        claims = []
+        for row in rows:
+            above = float(row["above best %"])
+            claims.append(
+                [row["method"], row["published s"], row["verdict"], f"{above:+.2f}", row["table"]]
+            )
+        facts = [
+            ["source", published.source],
+            ["DOI", published.doi or "–"],
+            ["objective of the source", published.objective],
+            ["read as", published.reading or "printed"],
+            ["best known", f"{float(best['best known s']):.6g} s ({best['best by']})"],
+            ["lower bound", f"{float(best['lower bound s']):.6g} s ({best['bound by']})"],
+            ["stopping at every waypoint", f"{float(best['stopping s']):.6g} s"],
+            ["digits", published.transcription],
+        ]
+        text = f"""# Published times: {name}
+
+{table(["", ""], facts)}
+
+{table(["method", "published s", "verdict", "above best %", "table"], claims)}
+
+A published time above the best known one is not an error of the source: most sources minimise something else as well.
+[The literature on trial](../literature.md) says how to read the verdicts.
+
+```bash
+trajopt claims {name}
+```
+
+{bibtex(slug(name), f"Published running times of {name}, held against the optimum")}"""
+        write(DOCS / "claims" / f"{slug(name)}.md", text)
+        index.append(
+            [f"[{name}]({slug(name)}.md)", f"{len(rows)}", f"{float(best['best known s']):.6g}"]
+        )
+    names = "\n".join(slug(name) for name in verdicts)
+    text = f"""# Published claims
+
+{table(["published problem", "times", "best known s"], index)}
+
+```{{toctree}}
+:hidden:
+
+{names}
+```
+"""
+    write(DOCS / "claims" / "index.md", text)
+
+
+def printed(*arguments: str) -> str:
+    """Return what a command prints on 80 columns."""
+    environment = {**os.environ, "COLUMNS": "80", "NO_COLOR": "1"}
+    asked = [sys.executable, "-m", "trajopt.cli", *arguments]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True, env=environment)
+    return done.stdout
+
+
+# --- planners ---
+
+
+def rows_by_planner() -> dict[str, list[dict[str, str]]]:
+    """Return the rows of the stored six-axis table by planner."""
+    found = defaultdict(list)
+    file = ROOT / "experiments" / "stored" / "six-axis.csv"
+    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line[:1] != "#"]
+    for row in csv.DictReader(lines):
+        found[row.get("planner", "")].append(row)
+    return found
+
+
+def planner_pages() -> None:
+    """Write a page per registered planner: what it is, its options, its limits, how to run it."""
+    measured = rows_by_planner()
+    index = []
+    listed = json.loads(printed("list", "--json"))
+    for described in listed["planners"]:
+        if not described["available"]:
+            continue
+        name = described["name"]
+        options = [[f"`{key}`", f"`{value!r}`"] for key, value in described["options"].items()]
+        knows = ", ".join(described["knows"]) or "none; the judge slows its motion down"
+        text = f"""# Planner {name}
+
+{described["description"]}
+
+Limits that it keeps: {knows}.
+
+## Options
+
+{table(["option", "default"], options) if options else "It has none."}
+
+## Run it
+
+```bash
+trajopt compare six-axis --planner {name}
+trajopt compare --suite edges --planner {name}
+```
+
+"""
+        for row in measured.get(name, []):
+            cells = [[key, value] for key, value in row.items() if value]
+            text += f"## On the six-axis problem\n\n{table(['', ''], cells)}\n\n"
+        text += bibtex(slug(name), f"Planner {name} in mintime")
+        write(DOCS / "planners" / f"{slug(name)}.md", text)
+        index.append([f"[{name}]({slug(name)}.md)", described["description"], knows])
+    names = "\n".join(re.findall(r"\(([^)]*)\.md\)", " ".join(row[0] for row in index)))
+    text = f"""# Planners
+
+{table(["planner", "what it is", "limits that it keeps"], index)}
+
+```{{toctree}}
+:hidden:
+
+{names}
+```
+"""
+    write(DOCS / "planners" / "index.md", text)
+
+
+# --- the command line ---
+
+
+def command_page() -> None:
+    """Write what every command's `--help` prints."""
+    parts = ["# Command line\n"]
+    for command in ["", *COMMANDS.split()]:
+        said = printed(*filter(None, [command]), "--help")
+        parts.append(f"## trajopt {command}\n\n```text\n{said.rstrip()}\n```\n")
+    write(DOCS / "reference" / "command-line.md", "\n".join(parts))
+
+
+def experiments_page() -> None:
+    """Copy the experiments' page, with its links as seen from here."""
+    text = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8")
+    text = text.replace("](../docs/", "](").replace("](stored/", "](../experiments/stored/")
+    write(DOCS / "experiments.md", text)
+
+
+def as_on_the_site(app: Sphinx, name: str, source: list[str]) -> None:
+    """Adapt links of pages that are read in the repository too; a site has no folders."""
+    text = re.sub(r"\[[^\]]+\]\((examples/[\w-]+)\)", r"`docs/\1`", source[0])
+    source[0] = text.replace("](../experiments/README.md", "](experiments.md")
+
+
+def all_pages(app: Sphinx) -> None:
+    """Write every page before Sphinx looks for sources."""
+    experiments_page()
+    problem_pages()
+    claim_pages()
+    planner_pages()
+    command_page()
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Run before the builder reads the sources."""
+    app.connect("builder-inited", all_pages)
+    app.connect("source-read", as_on_the_site)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
