@@ -169,8 +169,8 @@ def problem_pages() -> None:
     names = "\n".join(slug(file.name.rsplit(".", 2)[0]) for file in files)
     text = f"""# Problems
 
-{len(rows)} problems, {closed} of them closed: the best known motion is proved to be within 0.1 % of the minimum time.
-Click a heading to sort.
+{len(rows)} problems, {closed} of them closed:
+the best known motion is proved to be within 0.1 % of the minimum time. Click a heading to sort.
 
 <div class="sortable"></div>
 
@@ -220,7 +220,8 @@ def claim_pages() -> None:
 
 {table(["method", "published s", "verdict", "above best %", "table"], claims)}
 
-A published time above the best known one is not an error of the source: most sources minimise something else as well.
+A published time above the best known one is not an error of the source.
+Most sources minimise something else as well.
 [The literature on trial](../literature.md) says how to read the verdicts.
 
 ```bash

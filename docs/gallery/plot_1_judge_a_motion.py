@@ -2,8 +2,8 @@
 1. Judge a motion
 =================
 
-A cubic spline through four waypoints of a two-joint arm, as many planners make it. Does it keep the limits, and how far
-is it from the minimum time?
+A cubic spline through four waypoints of a two-joint arm, as many planners make it. Does it keep
+the limits, and how far is it from the minimum time?
 """
 
 import numpy as np
@@ -22,8 +22,8 @@ judgement = trajopt.judge(problem, motion)
 print(judgement.certificate)
 
 # %%
-# The motion breaks the acceleration limit. Slowed down just enough it keeps all limits; that duration is *certified*.
-# The gap is measured from there to the optimum.
+# The motion breaks the acceleration limit. Slowed down just enough it keeps all limits; that
+# duration is *certified*. The gap is measured from there to the optimum.
 
 print(f"claimed   {judgement.claimed_duration:.4f} s")
 print(f"certified {judgement.certified_duration:.4f} s")

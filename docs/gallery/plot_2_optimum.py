@@ -18,7 +18,8 @@ print(
 )
 
 # %%
-# Velocities over time. The waypoints are the grey lines: all joints pass a waypoint at the same instant.
+# Velocities over time. The waypoints are the grey lines: all joints pass a waypoint at the same
+# instant.
 
 times = np.linspace(0, optimum.duration, 600)
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")

@@ -2,10 +2,10 @@
 3. The displacement interval
 ============================
 
-Why the exact formulation needs no discretisation. One joint moves over one segment of given time ``T`` from velocity
-``u`` to velocity ``w``, with its velocity within ``±V`` and its acceleration within ``±A``. The displacements that it can
-reach form an interval. The upper end comes from the profile that accelerates first, the lower end from the one that
-brakes first.
+Why the exact formulation needs no discretisation. One joint moves over one segment of given time
+``T`` from velocity ``u`` to velocity ``w``, with its velocity within ``±V`` and its acceleration
+within ``±A``. The displacements that it can reach form an interval. The upper end comes from the
+profile that accelerates first, the lower end from the one that brakes first.
 """
 
 import numpy as np
@@ -39,7 +39,8 @@ axes.legend()
 plt.show()
 
 # %%
-# Every displacement between the two is reached by some profile in the grey area, and none outside. So the minimum-time
-# problem has few variables: the segment times and the waypoint velocities.
+# Every displacement between the two is reached by some profile in the grey area, and none
+# outside. So the minimum-time problem has few variables: the segment times and the waypoint
+# velocities.
 
 print(f"reachable displacements: {ends[1]:+.4f} to {ends[0]:+.4f} rad")

@@ -2,8 +2,8 @@
 4. Your planner in ten lines
 ============================
 
-A planner is a frozen dataclass with ``solve``; its fields are its options. This one looks at no limits. The judge slows
-its motion down to the limits.
+A planner is a frozen dataclass with ``solve``; its fields are its options. This one looks at no
+limits. The judge slows its motion down to the limits.
 """
 
 import tempfile

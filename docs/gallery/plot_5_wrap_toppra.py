@@ -2,8 +2,9 @@
 5. Wrap TOPP-RA
 ===============
 
-TOPP-RA times a given path. This is the way its own documentation runs it: a natural cubic spline, and constant
-acceleration between gridpoints. The wrapper hands the sampled motion to the judge, as a controller would execute it.
+TOPP-RA times a given path. This is the way its own documentation runs it: a natural cubic spline,
+and constant acceleration between gridpoints. The wrapper hands the sampled motion to the judge,
+as a controller would execute it.
 """
 
 from dataclasses import dataclass

@@ -2,7 +2,8 @@
 6. Wrap Ruckig
 ==============
 
-Ruckig's open edition plans from one state to the next. The simplest planner stops at every waypoint.
+Ruckig's open edition plans from one state to the next. The simplest planner stops at every
+waypoint.
 """
 
 from dataclasses import dataclass
@@ -63,8 +64,9 @@ print(f"certified {certificate.certified_duration:.4f} s")
 print(f"optimum   {optimum.duration:.4f} s")
 
 # %%
-# Ruckig's motion keeps the limits. A controller joins its samples by quintic polynomials, and these exceed the jerk limit
-# where jerk jumps between two samples: the motion as executed needs to be a fifth slower.
+# Ruckig's motion keeps the limits. A controller joins its samples by quintic polynomials, and
+# these exceed the jerk limit where jerk jumps between two samples: the motion as executed needs
+# to be a fifth slower.
 
 figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 for name, shown in (("stopping", motion), ("optimum", optimum)):

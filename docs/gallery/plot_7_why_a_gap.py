@@ -2,8 +2,9 @@
 7. What a gap is made of
 ========================
 
-The sparrow search ISSA takes 2.9 times the optimum on the six-axis problem. ``explain`` splits this ratio in two ways: into
-the timing and the path, and into the optimiser, the shape and the smoothness of the 3-5-3 spline.
+The sparrow search ISSA takes 2.9 times the optimum on the six-axis problem. ``explain`` splits
+this ratio in two ways: into the timing and the path, and into the optimiser, the shape and the
+smoothness of the 3-5-3 spline.
 """
 
 from matplotlib import pyplot as plt

@@ -2,8 +2,8 @@
 8. Prove it
 ===========
 
-A best known motion may be a local optimum. ``certify`` proves a lower bound: no motion is shorter. The proof is stored,
-and checked without a solver.
+A best known motion may be a local optimum. ``certify`` proves a lower bound: no motion is
+shorter. The proof is stored, and checked without a solver.
 """
 
 from matplotlib import pyplot as plt

@@ -1,4 +1,4 @@
-"""Decide whether a ROS 2 trajectory goal may run. Needs no ROS: a goal is dictionaries and lists."""
+"""Decide whether a ROS 2 trajectory goal may run; a goal is dictionaries and lists, without ROS."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from guard import refusal
 from rclpy.action import ActionClient, ActionServer, GoalResponse
 from rclpy.node import Node
 from rosidl_runtime_py import message_to_ordereddict
+
 from trajopt import Limits
 
 NAMES = ["joint1", "joint2"]
