@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.spline353_nlp import Spline
+from baselines.spline353_nlp import MovingSpline
 from trajopt.core import polynomials
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
@@ -128,7 +128,7 @@ class Ratios:
         cutoff: s.
     """
 
-    def __init__(self, spline: Spline, cutoff: float) -> None:
+    def __init__(self, spline: MovingSpline, cutoff: float) -> None:
         self.spline = spline
         self.cutoff = cutoff
         low, high = segment_times(spline, cutoff)
@@ -348,7 +348,7 @@ def proved_bound(problem: Problem, proof: RatioProof) -> float:
         raise InvalidInput("proof", "a cut-off, instants from 0 to 1, and leaves")
     try:
         with np.errstate(over="raise", under="raise", invalid="raise", divide="raise"):
-            holds = Ratios(Spline(problem), float(cutoff[0])).check(proof)
+            holds = Ratios(MovingSpline(problem), float(cutoff[0])).check(proof)
     except FloatingPointError as error:
         raise InvalidInput("proof", "numbers within the range of arithmetic") from error
     if not holds:
@@ -356,13 +356,13 @@ def proved_bound(problem: Problem, proof: RatioProof) -> float:
     return float(cutoff[0])
 
 
-def start_instants(spline: Spline, times: Array) -> Array:
+def start_instants(spline: MovingSpline, times: Array) -> Array:
     """Evenly spread normalised instants, and those where limits can be worst at segment times."""
     even = np.linspace(0, 1, _START_INSTANTS)
     return np.unique(np.concatenate([even, critical_instants(spline, times)]))
 
 
-def critical_instants(spline: Spline, times: Array) -> Array:
+def critical_instants(spline: MovingSpline, times: Array) -> Array:
     """The normalised instants of the quintic where a limit can be worst, `(instants,)`."""
     rates = spline.rates(times)
     if spline.room is not None:
@@ -371,7 +371,7 @@ def critical_instants(spline: Spline, times: Array) -> Array:
     return np.clip(np.concatenate(points), 0.0, 1.0)
 
 
-def segment_times(spline: Spline, total: float) -> tuple[Array, Array]:
+def segment_times(spline: MovingSpline, total: float) -> tuple[Array, Array]:
     """Least and most time of each segment where the total is at most so long, `(3,)` each, s.
 
     Without displacement an outer segment may take no time at all.

@@ -8,20 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.lower_bound.ratio_boxes import RatioProof, Ratios, start_instants
-from baselines.spline353_nlp import Spline, Spline353NLP
+from baselines.spline353_nlp import MovingSpline, Spline353NLP, initial_guesses
 from trajopt.core.problem import Problem
-from trajopt.planners import spline353
-from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 
 # The distance is reached by steps of this factor, so that a time limit leaves a bound.
 _STEP = 10.0
 _WIDEST = 1.0
-# Logarithms of ratios of segment times, for a first spline.
-_LOG_RATIOS = np.linspace(-10.0, 10.0, 61)
-# Time of a segment without displacement, relative to the longest one.
-_NO_TIME = 1e-12
 
 
 class Proved(NamedTuple):
@@ -43,7 +37,7 @@ def prove(problem: Problem, within: float, deadline: float) -> Proved:
         within: Relative distance of both bounds at which to stop.
         deadline: Of `time.perf_counter`; the proof of a wider distance stands when it has passed.
     """
-    spline = Spline(problem)
+    spline = MovingSpline(problem)
     times = _first_times(problem, spline)
     proof = None
     reached = _WIDEST
@@ -61,25 +55,10 @@ def prove(problem: Problem, within: float, deadline: float) -> Proved:
     return Proved(times, proof)
 
 
-def _first_times(problem: Problem, spline: Spline) -> Array:
-    """Segment times of a good spline, s: IPOPT's, or the best of a grid where it has none."""
-    moves = np.asarray(problem.displacements.any(axis=1))
-    if moves.all():
+def _first_times(problem: Problem, spline: MovingSpline) -> Array:
+    """Segment times of a good spline, s: a local optimum, or the best of a grid without one."""
+    if problem.displacements.any(axis=1).all():
         answer = Spline353NLP().solve(problem).trajectory
         if answer is not None:
             return np.diff(answer.waypoint_times)
-    without = np.log([_NO_TIME])
-    outer = [_LOG_RATIOS if moves[k] else without for k in (0, 2)]
-    first, last = np.meshgrid(*outer)
-    logarithms = np.stack([first, np.zeros_like(first), last], axis=-1)
-    times = np.exp(logarithms).reshape(-1, 3)
-    own_times = times[:, None, :]
-    dilation = spline353.dilation(spline.displacements, own_times, spline.limits)
-    times *= dilation[:, None]
-    kept = np.equal(spline.excesses(times), 0)
-    if spline.room is not None and not kept.any():
-        longest = float(stop_times(problem).max())
-        displacements = spline.displacements
-        return spline353.keeping_times(displacements, spline.limits, spline.room, unit=longest)
-    times = times[kept]
-    return np.asarray(times[times.sum(axis=1).argmin()])
+    return initial_guesses(spline, 1)[0]

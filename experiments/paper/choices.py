@@ -147,10 +147,9 @@ def printed_excess(
 
 def _at_ends(displacements: Array, times: Array) -> tuple[Array, Array]:
     """The larger velocity and acceleration where the quintic starts and ends."""
-    velocity = spline353.velocity_controls(displacements, times)[[0, -1]]
-    acceleration = spline353.acceleration_controls(displacements, times)[[0, -1]]
-    v = np.abs(velocity).max(axis=0)
-    a = np.abs(acceleration).max(axis=0)
+    quintic = spline353.Quintic.of(displacements, times)
+    v = np.maximum(np.abs(quintic.v0), np.abs(quintic.v1))
+    a = np.maximum(np.abs(quintic.a0), np.abs(quintic.a1))
     return v, a
 
 

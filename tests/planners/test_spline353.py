@@ -69,17 +69,11 @@ def test_every_batch_shape_gives_each_members_own_numbers(of_d, of_t):
     d, t = rng.normal(size=(*of_d, 3)), rng.uniform(0.1, 2, (*of_t, 3))
     shape = np.broadcast_shapes(of_d, of_t)
     many_d, many_t = np.broadcast_to(d, (*shape, 3)), np.broadcast_to(t, (*shape, 3))
-    for function, head, tail in [
-        (spline353.coefficients, (3,), (6,)),
-        (spline353.velocity_controls, (5,), ()),
-        (spline353.acceleration_controls, (4,), ()),
-    ]:
-        batch = function(d, t)
-        assert batch.shape == (*head, *shape, *tail)
-        for i in np.ndindex(shape):
-            np.testing.assert_array_equal(
-                batch[(slice(None), *i)], function(many_d[i], many_t[i]).reshape(head + tail)
-            )
+    batch = spline353.coefficients(d, t)
+    assert batch.shape == (3, *shape, 6)
+    for i in np.ndindex(shape):
+        alone = spline353.coefficients(many_d[i], many_t[i])
+        np.testing.assert_array_equal(batch[(slice(None), *i)], alone)
 
 
 @pytest.mark.parametrize("exact_above", [0.0, 0.5, 1.0, 10.0])
@@ -178,10 +172,8 @@ def test_one_segment_much_shorter_or_longer_than_the_others(ratio, segment, d):
     limits = Limits([1.0], [1.0], [1.0])
     v, a, j = (u[0] for u in spline353.limit_use(d, t, limits))
     s = np.r_[np.linspace(0, 1, 4001), np.geomspace(1e-12, 1, 2000), 1 - np.geomspace(1e-12, 1, 99)]
-    for use, controls in [
-        (v, spline353.velocity_controls(d, t)[:, 0]),
-        (a, spline353.acceleration_controls(d, t)[:, 0]),
-    ]:
+    quintic = spline353.Quintic.between(d[0], t)
+    for use, controls in [(v, quintic.velocity()), (a, quintic.acceleration())]:
         n = len(controls) - 1
         basis = [comb(n, k) * s**k * (1 - s) ** (n - k) for k in range(n + 1)]
         sampled = np.abs(np.tensordot(controls, np.array(basis), axes=1)).max()
@@ -234,6 +226,17 @@ def test_exact_above_only_spares_work_where_the_limit_is_kept_anyway(seed, above
         kept = exact <= above
         assert (spared[kept] <= above).all()
         np.testing.assert_array_equal(spared[~kept], exact[~kept])
+
+
+@reproducible
+@given(seeds)
+def test_keeping_limits_means_that_no_use_is_above_one(seed):
+    d, t, limits = random_case(seed)
+    candidates = t * np.geomspace(0.1, 10, 25)[:, None]
+    uses = spline353.limit_use(d, candidates[:, None], limits)
+    expected = np.max(uses, axis=(0, 2)) <= 1
+    found = spline353.keeps_limits(d, candidates, limits)
+    np.testing.assert_array_equal(found, expected)
 
 
 @reproducible

@@ -2,8 +2,8 @@
 
 A cubic, a quintic and a cubic through four waypoints, from rest to rest with zero acceleration at
 both ends, twice continuously differentiable. Peaks come from the roots of a quadratic (for
-acceleration) and a cubic (for velocity), so they are exact, and every function takes any batch
-shape: `displacements` `(…, 3)` rad and `times` `(…, 3)` s broadcast against each other.
+acceleration) and a cubic (for velocity), so they are exact. Every function takes any batch shape:
+`displacements` `(…, 3)` rad and `times` `(…, 3)` s broadcast against each other.
 
 Symbols: displacements `d1, h, d3` and times `t1, T, t3` of the segments; velocity and acceleration
 `v0, a0` where the quintic starts and `v1, a1` where it ends.
@@ -25,20 +25,19 @@ from trajopt.core.problem import Limits, Problem
 from trajopt.core.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Roots = Callable[[Array], Array]
-Segments = tuple[Array, Array, Array]  # what the three of them have
+ThreeSegments = Sequence[Any] | Array  # one value or array for each
 
 WAYPOINTS = 4
-# Of a joint's largest displacement: what rounding is worth where the quintic touches a limit.
+# What rounding can add to a position, relative to the joint's largest displacement.
 _POSITION_RTOL = 1e-12
-# To 2^-26 of the segment: a position is then exact to rounding, being flat where it turns.
-_BISECTIONS = 26
-# Of the outer times: beyond it their ratio to the middle one is rounding.
-_MOST_DOUBLINGS = 50
+# Beyond it the ratio of the outer segment times to the middle one is rounding.
+_MAX_DOUBLINGS = 50
 
 
 def unsupported(problem: Problem) -> str | None:
-    """Why the 3-5-3 spline is not for this problem, or None."""
+    """Return why the 3-5-3 spline is not for this problem, or None."""
     merged, _ = problem.merged()
     count = merged.segments + 1
     if count == WAYPOINTS:
@@ -47,24 +46,19 @@ def unsupported(problem: Problem) -> str | None:
 
 
 def infeasible(problem: Problem) -> str | None:
-    """Why no segment times at all keep the position limits; None where some do, or none is asked.
+    """Return why no segment times keep the position limits of four waypoints, or None.
 
-    Asked of four waypoints.
-
-    Only where a joint would pass an inner waypoint on its limit with the speed `3 d1/t1` or
-    `3 d3/t3`; in all other problems a quintic that is brief beside both cubics keeps them (section
-    1 has the proof).
+    The only reason is a joint that passes an inner waypoint on its limit with the speed `3 d1/t1`
+    or `3 d3/t3`. In all other problems a quintic that is short beside both cubics keeps the limits
+    (section 1 has the proof).
     """
     merged, index = problem.merged()
     if merged.segments != 3:
         return None
     first, _, third = merged.displacements
-    outer = {1: first, 2: third}
-    for inner, displacement in outer.items():
-        position = merged.waypoints[inner]
-        low, high = merged.limits.position.T
-        on_limit = (position == low) | (position == high)
-        for joint in np.flatnonzero(on_limit & (displacement != 0)):
+    for inner, displacement in ((1, first), (2, third)):
+        on_limit = merged.waypoints[inner, :, None] == merged.limits.position
+        for joint in np.flatnonzero(on_limit.any(axis=1) & (displacement != 0)):
             number = 1 + np.searchsorted(index, inner)
             label = problem.joint_labels[joint]
             return (
@@ -75,22 +69,18 @@ def infeasible(problem: Problem) -> str | None:
 
 
 def trajectory(problem: Problem, times: Array) -> Trajectory:
-    """The spline through a problem's four waypoints with shared segment times `(3,)`, s.
+    """Return the spline through a problem's four waypoints with shared segment times `(3,)`, s.
 
     Raises:
-        InvalidInput: the times are not three positive numbers.
+        InvalidInput: The times are not three positive numbers.
     """
     times = np.asarray(times, dtype=float)
     usable = np.isfinite(times) & (times > 0)
     if times.shape != (3,) or not usable.all():
-        raise InvalidInput(
-            "times",
-            "three positive segment times in seconds",
-            value=times.tolist(),
-        )
-    constant_term = np.array([0, 0, 0, 0, 0, 1.0])
-    starts = problem.waypoints[:-1, :, None]
-    pieces = starts * constant_term + coefficients(problem.displacements.T, times)
+        right = "three positive segment times in seconds"
+        raise InvalidInput("times", right, value=times.tolist())
+    pieces = coefficients(problem.displacements.T, times)
+    pieces[..., -1] += problem.waypoints[:-1]
     passed = np.cumsum(times)
     breaks = np.concatenate([[0.0], passed])
     return Trajectory(
@@ -101,12 +91,10 @@ def trajectory(problem: Problem, times: Array) -> Trajectory:
 
 
 def coefficients(displacements: Array, times: Array) -> Array:
-    """Each segment relative to its start, `(3, …, 6)`, highest power first, rad/s^power."""
-    d = _columns(displacements)
-    t = _columns(times)
-    d1, _, d3 = d
-    t1, _, t3 = t
-    quintic = Quintic.between(d, t)
+    """Return each segment relative to its start, `(3, …, 6)`, highest power first, rad/s^power."""
+    d1, _, d3 = _columns(displacements)
+    t1, _, t3 = _columns(times)
+    quintic = Quintic.of(displacements, times)
     T = quintic.T
     p1, p2, p3, p4, p5 = _hermite(quintic)
     pieces = np.zeros((3, *p5.shape, 6))
@@ -127,7 +115,7 @@ def coefficients(displacements: Array, times: Array) -> Array:
 
 
 def _hermite(quintic: Quintic) -> tuple[Array, ...]:
-    """From `(0, v0, a0)` to `(h, v1, a1)` in powers of `s = t/T`: `p1` to `p5`, h in sum."""
+    """From `(0, v0, a0)` to `(h, v1, a1)` in powers of `s = t/T`: `p1` to `p5`, with sum h."""
     h, T, v0, a0, v1, a1 = quintic
     # In units of s: velocities times T, half the accelerations times T².
     p1 = v0 * T
@@ -148,21 +136,26 @@ class Quintic(NamedTuple):
         h: Displacement, rad.
         T: Time, s.
         v0, a0: Velocity, rad/s, and acceleration, rad/s², at its start.
-        v1, a1: The same at its end.
+        v1, a1: Velocity and acceleration at its end.
 
-    All are arrays that broadcast, or CasADi's symbols. Coefficients are Bernstein's.
+    All are arrays that broadcast. The rates are given by Bernstein coefficients.
     """
 
-    h: Any
-    T: Any
-    v0: Any
-    a0: Any
-    v1: Any
-    a1: Any
+    h: Array
+    T: Array
+    v0: Array
+    a0: Array
+    v1: Array
+    a1: Array
 
     @classmethod
-    def between(cls, displacements: Sequence[Any], times: Sequence[Any]) -> Quintic:
-        """The quintic between the cubics, from what the three segments have."""
+    def of(cls, displacements: Array, times: Array) -> Quintic:
+        """Return the quintic of displacements and times `(…, 3)`."""
+        return cls.between(_columns(displacements), _columns(times))
+
+    @classmethod
+    def between(cls, displacements: ThreeSegments, times: ThreeSegments) -> Quintic:
+        """Return the quintic between the cubics, from three displacements and three times."""
         d1, h, d3 = displacements
         t1, T, t3 = times
         # Segment 1, q = d1 (t/t1)³, ends with
@@ -173,7 +166,7 @@ class Quintic(NamedTuple):
         a1 = -6 * d3 / t3**2
         return cls(h, T, v0, a0, v1, a1)
 
-    def velocity(self) -> tuple[Any, ...]:
+    def velocity(self) -> tuple[Array, ...]:
         """Its five coefficients, rad/s; the first and last are also the peaks of the cubics."""
         h, T, v0, a0, v1, a1 = self
         # What acceleration adds to velocity in a quarter of T.
@@ -186,7 +179,7 @@ class Quintic(NamedTuple):
         third = 5 * h / T - 2 * (v0 + v1) + bend
         return v0, second, third, fourth, v1
 
-    def acceleration(self) -> tuple[Any, ...]:
+    def acceleration(self) -> tuple[Array, ...]:
         """Its four coefficients, rad/s²; the first and last are also the peaks of the cubics."""
         h, T, v0, a0, v1, a1 = self
         # Four times the differences of the velocity's coefficients, over T.
@@ -197,20 +190,20 @@ class Quintic(NamedTuple):
         third = -rise + near_end - 2 * a1 + a0
         return a0, second, third, a1
 
-    def jerk(self) -> tuple[Any, ...]:
+    def jerk(self) -> tuple[Array, ...]:
         """Its three coefficients, rad/s³."""
         return _derivative(self.acceleration(), self.T)
 
 
-def _derivative(coefficients: Sequence[Any], T: Any) -> tuple[Any, ...]:
-    """Of a Bernstein polynomial over a time `T`: the differences times the degree, over `T`."""
+def _derivative(coefficients: Sequence[Array], T: Array) -> tuple[Array, ...]:
+    """Differentiate a Bernstein polynomial over a time `T`: differences times degree over `T`."""
     degree = len(coefficients) - 1
     steps = [after - before for before, after in pairwise(coefficients)]
     return tuple(degree * step / T for step in steps)
 
 
-def position_coefficients(displacements: Sequence[Any], times: Sequence[Any]) -> tuple[Any, ...]:
-    """The quintic's six Bernstein coefficients from its start on, rad: of arrays or symbols."""
+def position_coefficients(displacements: ThreeSegments, times: ThreeSegments) -> tuple[Array, ...]:
+    """Return the quintic's six Bernstein coefficients, counted from its start, rad."""
     d1, h, d3 = displacements
     t1, T, t3 = times
     # A fifth of v0 T, and a twentieth of a0 T², with T/t1 alone; the same at the end.
@@ -226,121 +219,53 @@ def position_coefficients(displacements: Sequence[Any], times: Sequence[Any]) ->
     return 0 * h, rise, third, fourth, fifth, h
 
 
-def velocity_controls(displacements: Array, times: Array) -> Array:
-    """Bernstein coefficients of the quintic's velocity, `(5, …)`, rad/s.
-
-    The first and last are its ends, which are also the peaks of the two cubics.
-    """
-    quintic = Quintic.between(_columns(displacements), _columns(times))
-    return _stacked(*quintic.velocity())
-
-
-def acceleration_controls(displacements: Array, times: Array) -> Array:
-    """Bernstein coefficients of the quintic's acceleration, `(4, …)`, rad/s².
-
-    The first and last are its ends, which are also the peaks of the two cubics.
-    """
-    quintic = Quintic.between(_columns(displacements), _columns(times))
-    return _stacked(*quintic.acceleration())
-
-
 def limit_use(
     displacements: Array,
     times: Array,
     limits: Limits,
     exact_above: float = 0.0,
 ) -> tuple[Array, Array, Array]:
-    """Peak velocity, acceleration and jerk over their limits, each `(…)`; 1 is at the limit.
+    """Return peak velocity, acceleration and jerk over their limits, each `(…)`; 1 is at the limit.
 
     The last batch axis of `displacements` is the joint axis of `limits`. Where the Bernstein bound
     shows that a use stays at or below `exact_above`, the value at the segments' ends is returned
-    instead of the peak: enough to know that a limit is met, and much cheaper.
+    instead of the peak. That is enough to decide whether a limit is kept, and much faster.
     """
     axes = max(np.ndim(displacements), np.ndim(times))
     d = _joints_first(displacements, axes)
     t = _joints_first(times, axes)
-    uses = [
-        velocity_use(d, t, limits.velocity, exact_above),
-        acceleration_use(d, t, limits.acceleration, exact_above),
-        jerk_use(d, t, limits.jerk),
-    ]
     joints_last = (*range(1, axes - 1), 0)
-    of_velocity, of_acceleration, of_jerk = (use.transpose(joints_last) for use in uses)
+    of_velocity, of_acceleration, of_jerk = (
+        _use(order, d, t, limits, exact_above).transpose(joints_last) for order in (1, 2, 3)
+    )
     return of_velocity, of_acceleration, of_jerk
 
 
-def velocity_use(
-    displacements: Segments,
-    times: Segments,
-    limits: Array,
-    exact_above: float = 0.0,
-) -> Array:
-    """Peak velocity over its limit, `(joints, …)`, with the joints first and all axes there.
+def keeps_limits(displacements: Array, times: Array, limits: Limits) -> Mask:
+    """Return which candidates keep every limit of velocity, acceleration and jerk, `(N,)`.
+
+    Acceleration is asked first: it rules out most candidates of a search.
 
     Args:
-        displacements: Of the three segments, `(joints, 1, …)` each, rad.
-        times: Of the three segments, of as many axes, s.
-        limits: Low and high, `(joints, 2)`, rad/s.
-        exact_above: As for `limit_use`.
+        displacements: Of each joint, `(joints, 3)`, rad.
+        times: Segment times of each candidate, shared by all joints, `(N, 3)`, s.
+        limits: Of these joints.
     """
-    quintic = Quintic.between(displacements, times)
-    return _use(
-        _stacked(*quintic.velocity()),
-        limits,
-        exact_above,
-        slope=quintic.acceleration,
-        roots=_cubic_roots,
-    )
-
-
-def acceleration_use(
-    displacements: Segments,
-    times: Segments,
-    limits: Array,
-    exact_above: float = 0.0,
-) -> Array:
-    """Peak acceleration over its limit; as `velocity_use`."""
-    quintic = Quintic.between(displacements, times)
-    controls = quintic.acceleration()
-    return _use(
-        _stacked(*controls),
-        limits,
-        exact_above,
-        slope=partial(_derivative, controls, quintic.T),
-        roots=_quadratic_roots,
-    )
-
-
-def jerk_use(displacements: Segments, times: Segments, limits: Array) -> Array:
-    """Peak jerk over its limit, always exact; as `velocity_use`.
-
-    The quintic's is a parabola, the cubics' are constant.
-    """
-    d1, _, d3 = displacements
-    t1, _, t3 = times
-    shape = np.broadcast_shapes(d1.shape, t1.shape)
-    if not np.isfinite(limits).any():
-        return np.zeros(shape)
-    quintic = Quintic.between(displacements, times)
-    jerk = _stacked(*quintic.jerk())
-    # j = 6 d/t³
-    first = 6 * d1 / t1**3
-    third = 6 * d3 / t3**3
-    # The parabola b0 (1−s)² + 2 b1 s (1−s) + b2 s² turns at s = (b0 − b1)/(b0 − 2 b1 + b2).
-    b0, b1, b2 = jerk
-    curvature = b0 - 2 * b1 + b2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = (b0 - b1) / curvature
-    turn = np.nan_to_num(turn)
-    extreme = _de_casteljau(jerk, np.clip(turn, 0.0, 1.0))
-    values = _stacked(b0, b2, first, third, extreme)
-    return _ratio(values, _by_joint(limits, len(shape)))
+    d = _joints_first(displacements, 3)
+    left = np.arange(len(times))
+    for order in (2, 1, 3):
+        t = _joints_first(times[left, None], 3)
+        use = _use(order, d, t, limits, exact_above=1.0)
+        left = left[use.max(axis=0) <= 1]
+    keeps = np.zeros(len(times), dtype=bool)
+    keeps[left] = True
+    return keeps
 
 
 def position_room(problem: Problem) -> Array | None:
-    """The position limits of the joints that move, seen from the second waypoint, `(joints, 2)`.
+    """Return the position limits of the joints that move, seen from the second waypoint.
 
-    None where there are none at all.
+    `(joints, 2)`, rad; None where there are no position limits.
     """
     moving = problem.moving
     limits = problem.limits.position[moving]
@@ -351,12 +276,12 @@ def position_room(problem: Problem) -> Array | None:
 
 
 def position_excess(displacements: Array, times: Array, room: Array) -> Array:
-    """How far beyond its position limits each joint goes over its largest displacement, `(…)`.
+    """Return how far each joint leaves its position limits, over its largest displacement, `(…)`.
 
-    It is 0 within them, and exact elsewhere; no dilation changes it.
+    It is 0 within the limits and exact elsewhere. No dilation changes it.
 
     Args:
-        displacements: As everywhere, their last batch axis being the joints; no joint's are all 0.
+        displacements: As everywhere; the last batch axis is the joints. No joint rests.
         times: As everywhere.
         room: Lowest and highest position, seen from the second waypoint, `(joints, 2)`, rad.
     """
@@ -364,36 +289,33 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
     d = _joints_first(displacements, axes)
     t = _joints_first(times, axes)
     controls = _stacked(*position_coefficients(d, t))
-    own_room = _by_joint(room, axes - 1)
-    low = own_room[..., 0]
-    high = own_room[..., 1]
     # The quintic stays within its controls: where these keep the limits, no root is needed.
-    above = controls.max(axis=0) - high
-    below = low - controls.min(axis=0)
-    needed = np.maximum(above, below) > 0
-    shape = needed.shape
-    excess = np.zeros(shape)
-    if needed.any():
-        lowest, highest = _extremes(controls[:, needed])
-        high = np.broadcast_to(high, shape)
-        above = highest - high[needed]
-        low = np.broadcast_to(low, shape)
-        below = low[needed] - lowest
-        distances = [np.abs(one) for one in d]
-        largest = reduce(np.maximum, distances)
-        largest = np.broadcast_to(largest, shape)
-        beyond = np.maximum(above, below)
-        beyond /= largest[needed]
-        excess[needed] = np.maximum(beyond - _POSITION_RTOL, 0.0)
-    joints_last = (*range(1, axes - 1), 0)
-    return excess.transpose(joints_last)
+    own_room = _by_joint(room, axes - 1)
+    beyond = _beyond(controls, own_room)
+    needed = beyond > 0
+    curves = polynomials.from_bernstein(controls[:, needed])
+    extremes = polynomials.evaluate(curves[:, None], polynomials.critical_points(curves))
+    largest = np.abs(d).max(axis=0)
+    largest = np.broadcast_to(largest, beyond.shape)
+    joint, *_ = np.nonzero(needed)
+    share = _beyond(extremes, room[joint]) / largest[needed]
+    excess = np.zeros(beyond.shape)
+    excess[needed] = np.maximum(share - _POSITION_RTOL, 0.0)
+    return excess.transpose(*range(1, axes - 1), 0)
+
+
+def _beyond(positions: Array, room: Array) -> Array:
+    """How far the farthest of several positions is beyond its limits `(…, 2)`; negative within."""
+    above = positions.max(axis=0) - room[..., 1]
+    below = room[..., 0] - positions.min(axis=0)
+    return np.asarray(np.maximum(above, below))
 
 
 def keeping_times(displacements: Array, limits: Limits, room: Array, unit: float) -> Array:
-    """Segment times `(3,)`, s, that keep every limit, if any do (see `infeasible`).
+    """Return segment times `(3,)`, s, that keep every limit, if any do (see `infeasible`).
 
-    Their quintic is so brief beside both cubics that it keeps to the room: for that the outer times
-    are doubled until they do. Then all three are dilated to the other limits.
+    The outer times are doubled until the quintic is short enough beside both cubics to keep the
+    position limits. Then all three are dilated to the other limits.
 
     Args:
         displacements: Of each joint, `(joints, 3)`, rad.
@@ -402,7 +324,7 @@ def keeping_times(displacements: Array, limits: Limits, room: Array, unit: float
         unit: Any time, s.
     """
     outer = np.array([1.0, 0.0, 1.0])
-    for doublings in range(_MOST_DOUBLINGS):
+    for doublings in range(_MAX_DOUBLINGS):
         times = unit * np.exp2(doublings * outer)
         excess = position_excess(displacements, times[None], room)
         if not excess.any():
@@ -410,52 +332,15 @@ def keeping_times(displacements: Array, limits: Limits, room: Array, unit: float
     return np.asarray(times * dilation(displacements, times[None], limits))
 
 
-def _extremes(controls: Array) -> tuple[Array, Array]:
-    """The lowest and the highest value of Bernstein quintics `(6, N)`, `(N,)` each."""
-    # A derivative's controls are the differences; where it vanishes its factor does not matter.
-    slope = np.diff(controls, axis=0)
-    turns = _quartic_crossings(slope)
-    values = _de_casteljau(controls[:, None], turns)
-    ends = controls[[0, -1]]
-    everywhere = np.concatenate([ends, values])
-    return everywhere.min(axis=0), everywhere.max(axis=0)
-
-
-def _quartic_crossings(controls: Array) -> Array:
-    """Instants `(4, N)` among which are all where Bernstein quartics `(5, N)` change their sign.
-
-    Between neighbouring roots of the derivative, a cubic, there is one at most: it is bisected.
-    """
-    bends = np.diff(controls, axis=0)
-    knots = np.zeros((5, *controls.shape[1:]))
-    roots = _cubic_roots(bends)
-    # NaN, no root, becomes 0
-    roots = np.nan_to_num(roots)
-    knots[1:4] = np.clip(roots, 0.0, 1.0)
-    knots[4] = 1.0
-    knots.sort(axis=0)
-    powers = polynomials.from_bernstein(controls)[:, None]
-    low = knots[:-1]
-    high = knots[1:]
-    negative = polynomials.evaluate(powers, low) < 0
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        below = polynomials.evaluate(powers, middle) < 0
-        left = below == negative
-        low = np.where(left, middle, low)
-        high = np.where(left, high, middle)
-    return np.asarray((low + high) / 2)
-
-
 def dilation(displacements: Array, times: Array, limits: Limits) -> Array:
-    """The exact cheapest dilation that meets all limits of all joints (last axis), `(…)`."""
+    """Return the exact cheapest dilation that meets all limits of all joints (last axis), `(…)`."""
     use = limit_use(displacements, times, limits)
     factor = cheapest_dilation(*use)
     return np.asarray(factor.max(axis=-1))
 
 
 def cheapest_dilation(velocity_use: Array, acceleration_use: Array, jerk_use: Array) -> Array:
-    """The dilation that brings these shares of the limits to 1 (section 2), joint by joint."""
+    """Return the dilation that brings these uses of the limits to 1 (section 2), by joint."""
     # Dilating by k divides velocity by k, acceleration by k², jerk by k³.
     for_acceleration = np.sqrt(acceleration_use)
     for_jerk = np.cbrt(jerk_use)
@@ -463,34 +348,29 @@ def cheapest_dilation(velocity_use: Array, acceleration_use: Array, jerk_use: Ar
     return np.asarray(np.maximum(factor, for_jerk))
 
 
-def _columns(values: Array) -> Segments:
-    """The values of the three segments, arrays also where they are one number each.
+def _columns(values: Array) -> ThreeSegments:
+    """The values of the three segments, each an array.
 
     NumPy's powers of numbers and of arrays differ in the last digit.
     """
     values = np.asarray(values, dtype=float)
-    first = values[..., 0]
-    second = values[..., 1]
-    third = values[..., 2]
-    return first, second, third
+    return [values[..., segment] for segment in range(3)]
 
 
-def _joints_first(values: Array, axes: int) -> Segments:
-    """The same of `(…, joints, 3)`, each `(joints, …)`, with so many axes that all broadcast.
+def _joints_first(values: Array, axes: int) -> Array:
+    """Values `(…, joints, 3)` as `(3, joints, …)`, padded to `axes` axes so that all broadcast.
 
-    Side by side in memory lie then the candidates, of which there are many, and not the few joints.
+    The candidates, of which there are many, then lie side by side in memory.
     """
     array = np.asarray(values, dtype=float)
     missing = (1,) * (axes - array.ndim)
     padded = array.reshape(missing + array.shape)
     ordered = padded.transpose(axes - 1, axes - 2, *range(axes - 2))
-    first, second, third = np.ascontiguousarray(ordered)
-    return first, second, third
+    return np.ascontiguousarray(ordered)
 
 
 def _stacked(*controls: Array) -> Array:
-    shape = np.broadcast(*controls).shape
-    table = np.empty((len(controls), *shape))
+    table = np.empty((len(controls), *np.broadcast(*controls).shape))
     for row, control in enumerate(controls):
         table[row] = control
     return table
@@ -499,11 +379,9 @@ def _stacked(*controls: Array) -> Array:
 def _ratio(values: Iterable[Array], limits: Array) -> Array:
     """The worst of several values over the limit of its own sign; `limits` `(…, 2)`."""
     several = list(values)
-    low = limits[..., 0]
-    high = limits[..., 1]
     # two at a time: of so few, NumPy's own maximum over an axis takes three times as long
-    forwards = reduce(np.maximum, several) / high
-    backwards = reduce(np.minimum, several) / low
+    forwards = reduce(np.maximum, several) / limits[..., 1]
+    backwards = reduce(np.minimum, several) / limits[..., 0]
     return np.asarray(np.maximum(forwards, backwards))
 
 
@@ -512,7 +390,37 @@ def _by_joint(limits: Array, axes: int) -> Array:
     return limits.reshape(-1, *(1,) * (axes - 1), 2)
 
 
-def _use(
+def _use(order: int, d: Array, t: Array, limits: Limits, exact_above: float) -> Array:
+    """Peak of the derivative of this order over its limit, `(joints, …)`.
+
+    Args:
+        order: 1, 2 or 3.
+        d: Displacements, `(3, joints, …)`.
+        t: Times, with as many axes.
+        limits: Of the joints.
+        exact_above: As for `limit_use`.
+    """
+    if order == 3 and not limits.jerk_limited.any():
+        return np.zeros(np.broadcast_shapes(d[0].shape, t[0].shape))
+    quintic = Quintic.between(d, t)
+    if order == 1:
+        controls = _stacked(*quintic.velocity())
+        return _peak_use(controls, limits.velocity, exact_above, quintic.acceleration, _cubic_roots)
+    acceleration = quintic.acceleration()
+    jerk = partial(_derivative, acceleration, quintic.T)
+    if order == 2:
+        controls = _stacked(*acceleration)
+        return _peak_use(controls, limits.acceleration, exact_above, jerk, _quadratic_roots)
+    controls = _stacked(*jerk())
+    slope = partial(_derivative, list(controls), quintic.T)
+    use = _peak_use(controls, limits.jerk, exact_above, slope, _linear_roots)
+    # The cubics have the constant jerk 6 d/t³.
+    first, _, third = 6 * d / t**3
+    of_cubics = _ratio((first, third), _by_joint(limits.jerk, use.ndim))
+    return np.asarray(np.maximum(use, of_cubics))
+
+
+def _peak_use(
     controls: Array,
     limits: Array,
     exact_above: float,
@@ -523,8 +431,7 @@ def _use(
 
     At their ends, and where their slope is zero if needed.
     """
-    shape = controls.shape[1:]
-    own_limits = _by_joint(limits, len(shape))
+    own_limits = _by_joint(limits, controls.ndim - 1)
     use = _ratio(controls[:: len(controls) - 1], own_limits)
     # The polynomial stays within its controls: where these are low enough, no root is needed.
     bound = _ratio(controls[1:-1], own_limits)
@@ -546,7 +453,7 @@ def _use(
 
 
 def _at(controls: Array, places: NDArray[np.intp]) -> Array:
-    """The polynomials at some places of the flattened batch, `(degree + 1, N)`."""
+    """The polynomials at some indices of the flattened batch, `(degree + 1, N)`."""
     flat = controls.reshape(len(controls), -1)
     return flat[:, places]
 
@@ -558,6 +465,13 @@ def _de_casteljau(controls: Array, s: Array) -> Array:
         first = points[:-1]
         points = first + (points[1:] - first) * s
     return np.asarray(points[0])
+
+
+def _linear_roots(controls: Array) -> Array:
+    """Roots of Bernstein lines `(2, N)`: `(1, N)`, NaN or infinite where there are none."""
+    b0, b1 = controls
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(b0 / (b0 - b1))[None]
 
 
 def _quadratic_roots(controls: Array) -> Array:

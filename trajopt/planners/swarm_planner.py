@@ -20,7 +20,6 @@ from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, expanded, passing_once
 from trajopt.planners.rest_to_rest import stop_times
-from trajopt.planners.spline353_check import LimitCheck
 from trajopt.planners.swarm import ISSA, PSO, SSA, Compared, Optimiser, Result, minimise
 from trajopt.planners.swarm.optimiser import added, check_choices, require
 
@@ -161,7 +160,6 @@ class Group:
     room: Array | None
     low: float
     high: float
-    check: LimitCheck
 
     @classmethod
     def of(cls, problem: Problem, joints: NDArray[np.intp], planner: SwarmPlanner) -> Group:
@@ -181,7 +179,6 @@ class Group:
             room,
             low=planner.lower * high,
             high=high,
-            check=LimitCheck.of(displacements, own.limits),
         )
 
     @property
@@ -216,9 +213,9 @@ class Group:
         """`penalty` where it is below the incumbent `(N,)`; elsewhere no less than that."""
         duration = added(times)
         value = np.full(len(times), self.above_any)
-        # what lasts no shorter cannot be better: half of a settled swarm
+        # A candidate that lasts no shorter is not taken.
         (shorter,) = (duration < incumbent).nonzero()
-        keeps = self.check(times[shorter])
+        keeps = spline353.keeps_limits(self.displacements, times[shorter], self.limits)
         within = shorter[keeps]
         if self.room is not None:
             outside = self._outside(times[within], self.room)
