@@ -64,7 +64,8 @@ class Spline353NLP(Planner):
         if reason is not None:
             return Solution(Status.INFEASIBLE, message=reason)
         spline = MovingSpline(problem)
-        optima = [_local_optimum(spline, guess) for guess in initial_guesses(spline, self.starts)]
+        guesses = initial_guesses(spline, self.starts)
+        optima = [_local_optimum(spline, guess) for guess in guesses]
         durations = np.array([times.sum() for times, _ in optima])
         best = int(durations.argmin())
         times, _ = optima[best]
@@ -138,17 +139,22 @@ class MovingSpline:
         tables = []
         for rate, bounds, at in zip(self.rates(times), self.bounds, instants, strict=False):
             values = polynomials.evaluate(rate[:, None], at)
-            tables += [1 - values / side for side in bounds.T]
+            for side in bounds.T:
+                tables.append(1 - values / side)
         if self.orders == 3:
-            for segment in (0, 2):
-                # the cubic's constant jerk, 6 d/t³
-                jerk = 6 * self.displacements[:, segment] / times[segment] ** 3
-                tables += [1 - jerk[None] / side for side in self.limits.jerk.T]
+            # The cubics have the constant jerk 6 d/t³.
+            jerk = 6 * self.displacements / times**3
+            for side in self.limits.jerk.T:
+                share = jerk[:, ::2] / side[:, None]
+                tables.append(1 - share)
         if self.room is not None:
-            position = polynomials.evaluate(self.position(times)[:, None], instants[-1])
+            curve = self.position(times)
+            position = polynomials.evaluate(curve[:, None], instants[-1])
             for side, sign in zip(self.room.T, (-1, 1), strict=True):
                 limited = np.isfinite(side)
-                tables.append(sign * (side - position)[:, limited] / self.sizes[limited])
+                distance = side - position
+                inwards = sign * distance[:, limited]
+                tables.append(inwards / self.sizes[limited])
         return np.concatenate([table.ravel() for table in tables])
 
     def within(self, times: Array, inside: Array) -> Array:
@@ -192,25 +198,35 @@ def _local_optimum(spline: MovingSpline, guess: Array) -> tuple[Array, str]:
 
     unit = guess.mean()
     start = np.log(guess / unit)
+    low = start - _MAX_LOG_DECREASE
+    high = start + _MAX_LOG_INCREASE
+
+    def duration(y: Array) -> float:
+        return float(np.exp(y).sum())
 
     def slack(y: Array) -> Array:
         times = unit * np.exp(y)
-        return spline.slack(times, spline.instants(times))
+        instants = spline.instants(times)
+        return spline.slack(times, instants)
 
     def slope(y: Array) -> Array:
         # A peak's instant changes its value by the square only: the instants stay.
-        instants = spline.instants(unit * np.exp(y))
-        shifted = y + 1j * _COMPLEX_STEP * np.eye(3)
-        columns = [spline.slack(unit * np.exp(own), instants).imag for own in shifted]
-        return np.stack(columns, axis=1) / _COMPLEX_STEP
+        times = unit * np.exp(y)
+        instants = spline.instants(times)
+        columns = []
+        for step in _COMPLEX_STEP * np.eye(3):
+            moved = times * np.exp(1j * step)
+            changed = spline.slack(moved, instants)
+            columns.append(changed.imag / _COMPLEX_STEP)
+        return np.stack(columns, axis=1)
 
     with np.errstate(all="ignore"):
         found = scipy.optimize.minimize(
-            lambda y: np.exp(y).sum(),
+            duration,
             start,
             jac=np.exp,
             method="SLSQP",
-            bounds=[(y - _MAX_LOG_DECREASE, y + _MAX_LOG_INCREASE) for y in start],
+            bounds=list(zip(low, high, strict=True)),
             constraints={"type": "ineq", "fun": slack, "jac": slope},
             options=_SLSQP_OPTIONS,
         )
