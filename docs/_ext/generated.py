@@ -339,7 +339,8 @@ def experiments_page() -> None:
 def as_on_the_site(app: Sphinx, name: str, source: list[str]) -> None:
     """Adapt links of pages that are read in the repository too; a site has no folders."""
     text = re.sub(r"\[[^\]]+\]\((examples/[\w-]+)\)", r"`docs/\1`", source[0])
-    source[0] = text.replace("](../experiments/README.md", "](experiments.md")
+    text = text.replace("](../experiments/README.md", "](experiments.md")
+    source[0] = re.sub(r"\]\(\.\./(README|CONTRIBUTING)\.md\)", "](index.md)", text)
 
 
 def all_pages(app: Sphinx) -> None:

@@ -92,10 +92,10 @@ def test_list_says_which_limits_a_planner_cannot_keep(trajopt):
     assert "refuses jerk limits" in out
 
 
-def test_list_says_which_limits_a_planner_knows_as_the_readme_does(trajopt):
-    """The README's table: names in the first column, `*` behind them, limits in the third."""
+def test_list_says_which_limits_a_planner_knows_as_the_page_does(trajopt):
+    """The page's table: names in the first column, `*` behind them, limits in the third."""
     found = {p["name"]: p for p in parsed(trajopt("list", "--json")[1])["planners"]}
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")
     table = text[text.index("| planner | what it is | limits it knows |") :]
     lines = table.partition("\n\n")[0].splitlines()[2:]
     checked = set()
