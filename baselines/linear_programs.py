@@ -1,115 +1,161 @@
-"""Small linear programs, one after another, by HiGHS.
+"""Linear programs that are solved again and again, by HiGHS.
 
-Directly: SciPy checks and converts its arguments for longer than HiGHS solves a program of twenty
-rows.
+HiGHS is called directly: SciPy's checks and conversions take longer than HiGHS takes for a program
+of twenty rows.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 
-# As many iterations as rows are usual; where rounding makes HiGHS go in circles, it has no answer.
-_FEWEST_ALLOWED_ITERATIONS = 1_000
+# Absolute feasibility tolerances of HiGHS, primal and dual: the usual one, and a second attempt's.
+TOLERANCE = 1e-9
+_SECOND_TOLERANCE = 1e-7
+# Rounding makes the simplex method go in circles now and then: it is stopped there.
+_MIN_ITERATIONS = 10_000
 _ITERATIONS_PER_ROW = 10
 
 
-class Entries(NamedTuple):
-    """The entries of a matrix, row by row; any of them may be zero.
+class Answer(NamedTuple):
+    """The minimum of a linear program, or the proof that no point satisfies its rows.
 
     Attributes:
-        row: of each entry, never falling, `(entries,)`.
-        column: of each entry.
-        value: of each entry.
+        x: The variables; None if no point satisfies the rows.
+        value: The minimum; infinite if no point satisfies the rows.
+        multipliers: One per row `≤`, not negative. They prove the value, or they are a ray that
+            proves that there is no point.
     """
 
-    row: NDArray[np.intp]
-    column: NDArray[np.intp]
-    value: Array
+    x: Array | None
+    value: float
+    multipliers: Array
 
 
-class LinearPrograms:
-    """HiGHS, which solves one program at a time.
+class LinearProgram:
+    """A program inside HiGHS; each minimum starts from the basis of the last one."""
 
-    Args:
-        row_tolerance: what a row may be missed by, and a variable's bound.
-    """
+    def __init__(self, tolerance: float = TOLERANCE) -> None:
+        """Start HiGHS with an absolute feasibility tolerance, primal and dual."""
+        self.solver = backend("highspy")
+        self.highs = self.solver.Highs()
+        self.tolerance = tolerance
+        self._set_options(output_flag=False, threads=1, presolve="off")
+        self._set_tolerance(tolerance)
 
-    def __init__(self, row_tolerance: float = 1e-7) -> None:
-        self._solver = backend("highspy")
-        self._highs = self._solver.Highs()
-        options = {
-            "output_flag": False,
-            "threads": 1,
-            "presolve": "off",
-            "primal_feasibility_tolerance": row_tolerance,
-        }
-        for name, value in options.items():
-            self._highs.setOptionValue(name, value)
-
-    def minimised(
+    def load(
         self,
-        cost: Array,
-        matrix: Array,
-        above: Array,
+        low: Array,
         high: Array,
-    ) -> Array | None:
-        """Where `cost · x` is least with `matrix x ≤ above` and `0 ≤ x ≤ high`, `(variables,)`.
+        matrix: Any,
+        above: Array,
+        below: Array | None = None,
+    ) -> None:
+        """Replace the program by `below ≤ matrix x ≤ above` and `low ≤ x ≤ high`.
 
-        None where HiGHS finds no such place.
+        Args:
+            low, high: `(variables,)`.
+            matrix: SciPy's sparse matrix by rows, `(rows, variables)`.
+            above: `(rows,)`.
+            below: `(rows,)`; minus infinity if it is not given.
         """
-        row, column = matrix.nonzero()
-        entries = Entries(row, column, matrix[row, column])
-        return self.minimised_sparse(
-            cost,
-            entries,
-            above,
-            high,
+        program = self.solver.HighsLp()
+        program.num_col_ = len(low)
+        program.num_row_ = len(above)
+        program.col_cost_ = np.zeros(len(low))
+        program.col_lower_ = low
+        program.col_upper_ = high
+        program.row_lower_ = np.full(len(above), -np.inf) if below is None else below
+        program.row_upper_ = above
+        program.a_matrix_.format_ = self.solver.MatrixFormat.kRowwise
+        program.a_matrix_.start_ = matrix.indptr
+        program.a_matrix_.index_ = matrix.indices
+        program.a_matrix_.value_ = matrix.data
+        self.variables = np.arange(len(low), dtype=np.int32)
+        iterations = _MIN_ITERATIONS + _ITERATIONS_PER_ROW * len(above)
+        self._set_options(simplex_iteration_limit=iterations)
+        self.highs.passModel(program)
+
+    def minimised(self, objective: Array) -> Answer:
+        """Return the minimum of `objective · x`.
+
+        Raises:
+            TrajoptError: HiGHS breaks down.
+        """
+        self.highs.changeColsCost(len(self.variables), self.variables, objective)
+        words = self.solver.HighsModelStatus
+        status = self._run()
+        if status not in (words.kOptimal, words.kInfeasible):
+            status = self._run_anew()
+        if status == words.kInfeasible:
+            return Answer(None, np.inf, self._ray())
+        if status != words.kOptimal:
+            raise TrajoptError(f"HiGHS ended with {status}")
+        solution = self.highs.getSolution()
+        value = float(self.highs.getInfo().objective_function_value)
+        return Answer(np.array(solution.col_value), value, -np.array(solution.row_dual))
+
+    def _run(self) -> Any:
+        self.highs.run()
+        return self.highs.getModelStatus()
+
+    def _run_anew(self) -> Any:
+        """Solve without the last basis, with the larger tolerance if that fails too.
+
+        A larger tolerance makes no proof wrong: any multipliers prove some bound.
+        """
+        words = self.solver.HighsModelStatus
+        status = words.kUnknown
+        for tolerance in (self.tolerance, _SECOND_TOLERANCE):
+            self._set_tolerance(tolerance)
+            self.highs.clearSolver()
+            status = self._run()
+            if status in (words.kOptimal, words.kInfeasible):
+                break
+        self._set_tolerance(self.tolerance)
+        return status
+
+    def _set_tolerance(self, tolerance: float) -> None:
+        self._set_options(
+            primal_feasibility_tolerance=tolerance,
+            dual_feasibility_tolerance=tolerance,
         )
 
-    def minimised_sparse(
-        self,
-        cost: Array,
-        entries: Entries,
-        above: Array,
-        high: Array,
-    ) -> Array | None:
-        """The same, of a matrix that is given by its entries."""
-        rows = len(above)
-        columns = len(cost)
-        present = entries.value != 0
-        row = entries.row[present]
-        value = entries.value[present]
-        row_starts = np.searchsorted(row, np.arange(rows + 1))
-        no_offset = 0.0
-        status = self._highs.passModel(
-            columns,
-            rows,
-            len(value),
-            int(self._solver.MatrixFormat.kRowwise),
-            int(self._solver.ObjSense.kMinimize),
-            no_offset,
-            cost,
-            np.zeros(columns),
-            high,
-            np.full(rows, -np.inf),
-            above,
-            row_starts,
-            entries.column[present],
-            value,
-            np.full(columns, int(self._solver.HighsVarType.kContinuous)),
-        )
-        if status == self._solver.HighsStatus.kError:
-            return None
-        allowed = max(_FEWEST_ALLOWED_ITERATIONS, _ITERATIONS_PER_ROW * rows)
-        self._highs.setOptionValue("simplex_iteration_limit", allowed)
-        self._highs.run()
-        if self._highs.getModelStatus() != self._solver.HighsModelStatus.kOptimal:
-            return None
-        return np.array(self._highs.getSolution().col_value)
+    def _set_options(self, **options: object) -> None:
+        for name, value in options.items():
+            self.highs.setOptionValue(name, value)
+
+    def _ray(self) -> Array:
+        """Return multipliers that prove that there is no point; zeros if HiGHS has none."""
+        _, exists, ray = self.highs.getDualRay()
+        if not exists:
+            return np.zeros(self.highs.getNumRow())
+        return -np.array(ray)
+
+    def set_bounds(self, low: Array, high: Array) -> None:
+        """Replace the bounds of all variables."""
+        self.highs.changeColsBounds(len(self.variables), self.variables, low, high)
+
+    def set_row(self, number: int, columns: Any, coefficients: Array, bound: float) -> None:
+        """Replace a row by a row `≤` with the same columns."""
+        for column, coefficient in zip(columns.tolist(), coefficients.tolist(), strict=True):
+            self.highs.changeCoeff(number, column, coefficient)
+        self.highs.changeRowBounds(number, -np.inf, bound)
+
+    def drop_rows(self, numbers: Any) -> None:
+        """Remove rows; later rows move up."""
+        indices = numbers.astype(np.int32)
+        self.highs.deleteRows(len(indices), indices)
+
+    def add_row(self, columns: Any, coefficients: Array, bound: float) -> bool:
+        """Append a row `≤`; return whether HiGHS accepts its numbers."""
+        indices = columns.astype(np.int32)
+        status = self.highs.addRow(-np.inf, bound, len(indices), indices, coefficients)
+        return bool(status != self.solver.HighsStatus.kError)

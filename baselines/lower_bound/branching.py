@@ -1,9 +1,9 @@
-"""Prove that no motion is briefer than a cut-off, by branching on segment times.
+"""Prove that no motion is shorter than a cut-off, by branching on segment times.
 
-The relaxation's linear program gets rows of costates where its answers break them, until none is
-broken. What it then says of single variables, given the cut-off, narrows the box; where that ends,
-the box is split. Every bound that is used is the one that `dual_check` computes from the program's
-multipliers, so that the steps taken here are the proof.
+The relaxation's linear program gets rows of costates where its answers violate them, until no row
+is violated. The bounds of single variables that the program then proves narrow the box. Where that
+ends, the box is split. Every bound used is the one that `dual_check` computes from the program's
+multipliers, so the steps taken here are the proof.
 """
 
 from __future__ import annotations
@@ -13,61 +13,59 @@ import itertools
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.lower_bound import dual_check, extremal
+from baselines.linear_programs import Answer
+from baselines.lower_bound import dual_check, extremal, jerk_rows
 from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.dual_check import Proof
-from baselines.lower_bound.linear import Answer
 from baselines.lower_bound.relaxation import Box, Relaxation
-from baselines.lower_bound.row_pool import RowPool
+from baselines.lower_bound.row_pool import RowPool, Tangent
 from baselines.lower_bound.separation import Separation
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 
 # Rounds of rows for the total time, at the root and below, and for a single variable.
-_ROOT_ROUNDS = 60
-_NODE_ROUNDS = 6
-_VARIABLE_ROUNDS = 4
-# Sweeps over all segment times (and accelerations) of a node.
-_ROOT_SWEEPS = 12
-_NODE_SWEEPS = 3
-# A bound that moves a side of the box by less than this share of its width is not worth a step.
-_WORTHWHILE_SHARE = 0.02
-# Of a box's width: how far a side is moved less than is proved.
-_ROUNDING_SHARE = 1e-4
-# Sweeps go on while they narrow the box's times by this share.
-_SWEEP_SHARE = 0.05
-# Of the gap that is asked for: how far the cut-off lies above the target.
-_ROOM_SHARE = 0.5
+_MAX_ROOT_ROUNDS = 60
+_MAX_NODE_ROUNDS = 6
+_MAX_VARIABLE_ROUNDS = 4
+# Sweeps over all segment times and accelerations of a node.
+_MAX_ROOT_SWEEPS = 12
+_MAX_NODE_SWEEPS = 3
+# Least move of a box's side that is a step, and what is kept back of a move against rounding;
+# relative to the box's width.
+_MIN_MOVE = 0.02
+_MOVE_MARGIN = 1e-4
+# Least share by which a sweep narrows the box's times for another sweep to follow.
+_MIN_NARROWING = 0.05
+# Distance of the cut-off above the target, relative to the gap asked for.
+_CUTOFF_ABOVE_TARGET = 0.5
 _LONGER_CUTOFF = 1.25
-# Of the gap that is asked for: what a row must be broken by, at the end and to begin with.
-_TOLERANCE_SHARE = 0.1
-_COARSE_TOLERANCE = 1e-3
-_FINEST_TOLERANCE = 1e-8
-# Rounds go on while they raise the bound by this share of what is missing.
-_PROGRESS_SHARE = 0.01
-# Splits that raise the lowest bound by less than that share, after which the search stands still.
-_IDLE_SPLITS = 24
-# The first of a box's rows.
+# Violations at which a row is added: at last relative to the gap asked for, at first, and at least.
+_FINAL_VIOLATION_SHARE = 0.1
+_FIRST_VIOLATION = 1e-3
+_MIN_VIOLATION = 1e-8
+# Least progress of the bound that another round or split is worth, relative to what is missing.
+_MIN_PROGRESS = 0.01
+# Splits without that progress before the search gives up.
+_MAX_IDLE_SPLITS = 24
+# Number of the cut-off's row among a box's rows.
 _CUTOFF_ROW = 0
-# A ray, scaled so that it proves the cut-off this many times over.
+# A scaled ray proves the cut-off this many times over.
 _RAY_FACTOR = 4.0
-# A box is split no closer to its sides than this share of its width.
-_MARGIN_SHARE = 0.2
-_TANGENT_RTOL = 1e-9
-# A point so close to the relaxation's curves is on them.
-_CURVE_RTOL = 1e-7
-# A row of cost 1 that a motion meets within this is active.
+# Least distance of a split from the box's sides, relative to the box's width.
+_SPLIT_MARGIN = 0.2
+# Least violation of a tangent to `1/T`, relative.
+_MIN_TANGENT_VIOLATION = 1e-9
+# A row of cost 1 is active at a motion within this.
 _ACTIVE_TOLERANCE = 1e-6
-_START_TANGENTS = 5
+_TANGENTS_PER_SEGMENT = 5
 
 
 class _Step(NamedTuple):
@@ -78,21 +76,22 @@ class _Step(NamedTuple):
     multipliers: Array
 
 
+_NO_ROWS = (np.zeros(0, dtype=np.intp), np.zeros(0))
+
+
 @dataclass
 class _Node:
-    """A part of the tree: its box, the steps that narrowed it, and what is proved in it."""
+    """A part of the tree: its box, the steps that narrowed it, and the bound proved in it."""
 
     box: Box
     bound: float
     steps: list[_Step] = field(default_factory=list)
     leaf: _Step | None = None
     children: tuple[_Node, ...] = ()
-    # a point of the relaxation's own curves and of every row is as brief as the bound
-    settled: bool = False
 
 
 class Outcome(NamedTuple):
-    """A lower bound, s, with its proof; how many boxes were split, and linear programs solved."""
+    """A lower bound, s, its proof, and the numbers of boxes split and linear programs solved."""
 
     lower_bound: float
     proof: Proof
@@ -107,30 +106,29 @@ def prove(
     deadline: float,
     motion: Trajectory | None = None,
 ) -> Outcome:
-    """Prove that no motion is briefer than the target, or as much of it as there is time for.
+    """Prove that no motion is shorter than the target, or as much of it as there is time for.
 
     Args:
         problem: Without identical consecutive waypoints; all its limits count.
-        target: s. It need not be true: the answer is then below it.
-        gap: Relative, between the target and the fastest motion known: sets the tolerances.
+        target: s. It need not be true: the bound proved is then below it.
+        gap: Relative distance of the target from the fastest motion known; it sets the tolerances.
         deadline: Of `time.perf_counter`.
-        motion: Whose own costates are the first rows: near the optimum's they prove most of it.
+        motion: A good motion, whose costates give the first rows. Near the optimum they prove most.
 
     Raises:
         MissingBackend: HiGHS is not installed.
         TrajoptError: HiGHS breaks down.
     """
-    solver = backend("highspy")
-    # half of the gap is room for rows that are broken by less than the tolerance
-    cutoff = target * (1 + _ROOM_SHARE * gap)
+    # half of the gap is left for rows that are violated by less than the tolerance
+    cutoff = target * (1 + _CUTOFF_ABOVE_TARGET * gap)
     relaxation = Relaxation.of(problem, cutoff)
-    # below what a single segment takes there is no motion to ask about
+    # the cut-off must be longer than what a single segment takes
     while dual_check.is_empty(relaxation.root_box()):
         cutoff *= _LONGER_CUTOFF
         relaxation = Relaxation.of(problem, cutoff)
-    search = _Search(relaxation, solver, gap, deadline)
+    search = _Search(relaxation, gap, deadline)
     if motion is not None:
-        search.add_active(relaxation.at(problem, motion))
+        search.add_active_rows(relaxation.at(problem, motion))
     try:
         root = search.run()
     except TrajoptError:
@@ -146,62 +144,59 @@ def prove(
 class _Search:
     """The linear program with all rows found so far, and the tree."""
 
-    def __init__(
-        self,
-        relaxation: Relaxation,
-        solver: Any,
-        gap: float,
-        deadline: float,
-    ) -> None:
+    def __init__(self, relaxation: Relaxation, gap: float, deadline: float) -> None:
         self.relaxation = relaxation
         self.deadline = deadline
-        self.target = relaxation.cutoff / (1 + _ROOM_SHARE * gap)
-        self.finest = max(_TOLERANCE_SHARE * gap, _FINEST_TOLERANCE)
+        self.target = relaxation.cutoff / (1 + _CUTOFF_ABOVE_TARGET * gap)
+        self.least_violation = max(_FINAL_VIOLATION_SHARE * gap, _MIN_VIOLATION)
         self.total = relaxation.total()
         self.splits = 0
         box = relaxation.root_box()
-        self.pool = RowPool(relaxation, solver, box)
-        self.separations: dict[tuple[int, int], Separation] = {}
-        for k, j in np.ndindex(relaxation.segments, relaxation.joints):
-            walls = (relaxation.below[k, j], relaxation.above[k, j])
-            if np.isfinite(walls).any():
-                self.separations[k, j] = Separation(relaxation, k, j, solver)
-        self._first_tangents(box)
+        self.pool = RowPool(relaxation, box)
+        limited = np.isfinite(relaxation.below) | np.isfinite(relaxation.above)
+        self.separations = {
+            (segment, joint): Separation(relaxation, segment, joint)
+            for segment, joint in np.argwhere(limited).tolist()
+        }
+        for segment in range(relaxation.segments):
+            ends = (box.low[segment], box.high[segment])
+            for at in np.linspace(*ends, _TANGENTS_PER_SEGMENT).tolist():
+                self.pool.add([Tangent(segment, at)])
 
     @property
     def late(self) -> bool:
         return time.perf_counter() > self.deadline
 
     def run(self) -> _Node:
-        """The tree, as far as there was time for it, or as HiGHS got."""
+        """Return the tree, grown until the deadline or until HiGHS breaks down."""
         root = _Node(self.relaxation.root_box(), 0.0)
         try:
             self._grow(root)
         except TrajoptError:
-            # HiGHS has broken down: what was proved until then is the answer
+            # the answer is what was proved before HiGHS broke down
             if root.leaf is None:
                 raise
         return root
 
     def _grow(self, root: _Node) -> None:
-        """Treat and split boxes, that of the lowest bound first, until the search stands still."""
+        """Treat and split the box of the lowest bound, until there is no progress."""
         order = itertools.count()
         self._narrow_by_cutoff(root)
-        self._treat(root, _ROOT_ROUNDS, _ROOT_SWEEPS)
+        self._treat(root, _MAX_ROOT_ROUNDS, _MAX_ROOT_SWEEPS)
         pending = [(root.bound, next(order), root)]
         best = root.bound
         idle_splits = 0
-        while pending and not self.late and idle_splits < _IDLE_SPLITS:
+        while not self.late and idle_splits < _MAX_IDLE_SPLITS:
             bound, _, node = heapq.heappop(pending)
-            if bound >= self.target or node.settled:
+            if bound >= self.target:
                 break
             idle_splits += 1
-            if bound - best > _PROGRESS_SHARE * (self.target - best):
+            if bound - best > _MIN_PROGRESS * (self.target - best):
                 best = bound
                 idle_splits = 0
             self._split(node)
             for child in node.children:
-                self._treat(child, _NODE_ROUNDS, _NODE_SWEEPS)
+                self._treat(child, _MAX_NODE_ROUNDS, _MAX_NODE_SWEEPS)
                 heapq.heappush(pending, (child.bound, next(order), child))
 
     # --- a node ---
@@ -213,12 +208,11 @@ class _Search:
             if node.bound >= self.target or self.late:
                 return
             before = self._widths(node.box).sum()
-            self._sweep(node, with_accelerations=sweep > 0 or rounds == _NODE_ROUNDS)
+            self._sweep(node, with_accelerations=sweep > 0 or rounds == _MAX_NODE_ROUNDS)
             if dual_check.is_empty(node.box):
                 return
             self._bound_total(node, rounds)
-            after = self._widths(node.box).sum()
-            if after > (1 - _SWEEP_SHARE) * before:
+            if self._widths(node.box).sum() > (1 - _MIN_NARROWING) * before:
                 return
 
     def _widths(self, box: Box) -> Array:
@@ -226,11 +220,11 @@ class _Search:
         return np.asarray(box.high[times] - box.low[times])
 
     def _bound_total(self, node: _Node, rounds: int) -> None:
-        """The least total time in a box, with rows added until none is broken."""
+        """Bound the total time in a box from below, adding rows until none is violated."""
         self.pool.enter(node.box)
         if node.leaf is not None:
             self.pool.hold(node.leaf.rows)
-        tolerance = max(self.finest, _COARSE_TOLERANCE)
+        violation = max(self.least_violation, _FIRST_VIOLATION)
         before = -np.inf
         for _ in range(rounds):
             answer = self.pool.minimised(self.total)
@@ -238,78 +232,52 @@ class _Search:
             missing = self.target - node.bound
             if missing <= 0 or answer.x is None or self.late:
                 return
-            added = self._separate(answer.x, tolerance)
-            slow = answer.value - before < _PROGRESS_SHARE * missing
+            added = self._separate(answer.x, violation)
+            slow = answer.value - before < _MIN_PROGRESS * missing
             before = answer.value
             if added and not slow:
                 continue
-            if not added and tolerance <= _FINEST_TOLERANCE:
-                node.settled = self._is_on_curves(answer.x)
             if not added:
-                # no row is broken by more, and the target is missed: what is broken by less counts
-                self.finest = max(_FINEST_TOLERANCE, self.finest / 10)
-            if tolerance <= self.finest and (slow or not added):
+                # the target is missed: rows that are violated by less are needed
+                self.least_violation = max(_MIN_VIOLATION, self.least_violation / 10)
+            if violation <= self.least_violation:
                 return
-            tolerance = max(self.finest, tolerance / 10)
+            violation = max(self.least_violation, violation / 10)
 
     def _prove_leaf(self, node: _Node, answer: Answer) -> None:
-        """What an answer's multipliers prove of the total time, if it is more than before."""
+        """Keep what an answer's multipliers prove of the total time, if it is more than before."""
         multipliers = answer.multipliers
         if answer.x is None:
-            multipliers = self._scaled_ray(node.box, multipliers)
-        step, bound = self._step(
-            dual_check.LEAF,
-            0,
-            self.total,
-            node.box,
-            multipliers,
-        )
-        if node.leaf is None or bound > node.bound:
-            node.leaf = step
-            node.bound = max(node.bound, bound)
+            multipliers = self._scaled_ray(multipliers)
+        proved = self.pool.proved(self.total, multipliers)
+        if node.leaf is None or proved.bound > node.bound:
+            node.leaf = _Step(dual_check.LEAF, 0, 0.0, proved.rows, proved.multipliers)
+            node.bound = max(node.bound, proved.bound)
 
-    def _scaled_ray(self, box: Box, ray: Array) -> Array:
-        """Multipliers that prove the target where no point meets the rows.
+    def _scaled_ray(self, ray: Array) -> Array:
+        """Return multipliers that prove the target where no point satisfies the rows.
 
-        A ray that uses the cut-off's row `Σ T ≤ U` says of the others alone, divided by that row's
-        multiplier, that `Σ T > U`. These multipliers are of moderate size, so that they can be
-        rounded. One that does without the cut-off is made so long that it proves more than that.
+        A ray that uses the cut-off's row `Σ T ≤ U` proves `Σ T > U` by its other multipliers,
+        divided by that row's. They are of moderate size, so they can be rounded. Any other ray is
+        made long enough to prove the cut-off.
         """
         of_cutoff = ray[_CUTOFF_ROW]
         if of_cutoff > 0:
             others = np.asarray(ray / of_cutoff)
             others[_CUTOFF_ROW] = 0.0
-            if self._proved(self.total, box, others) >= self.target:
+            if self.pool.proved(self.total, others).bound >= self.target:
                 return others
-        nothing = np.zeros_like(self.total)
-        proved = self._proved(nothing, box, ray)
+        proved = self.pool.proved(np.zeros_like(self.total), ray).bound
         if proved <= 0:
             return ray
-        longer = _RAY_FACTOR * self.relaxation.cutoff / proved
-        return np.asarray(ray * longer)
-
-    def _proved(self, objective: Array, box: Box, multipliers: Array) -> float:
-        return self.pool.proved(objective, box, multipliers).bound
+        return np.asarray(ray * (_RAY_FACTOR * self.relaxation.cutoff / proved))
 
     def _narrow_by_cutoff(self, node: _Node) -> None:
-        """No segment takes longer than the cut-off leaves when all others are briefest."""
-        rows = np.array([_CUTOFF_ROW])
-        cutoff_row = self.pool.box_rows.chosen(rows)
-        one = np.ones(1)
+        """Bound each segment's time by what the cut-off leaves if all others are shortest."""
+        multipliers = np.zeros(self.pool.box_count)
+        multipliers[_CUTOFF_ROW] = 1.0
         for column in self.relaxation.time.tolist():
-            objective = np.zeros_like(self.total)
-            objective[column] = -1.0
-            bound = dual_check.dual_bound(objective, node.box, cutoff_row, one)
-            if bound <= _side(node.box, column, raises=False):
-                continue
-            node.steps.append(_Step(dual_check.LOWER, column, 0.0, rows, one))
-            node.box = dual_check.moved(
-                self.relaxation,
-                node.box,
-                column,
-                raises=False,
-                bound=bound,
-            )
+            self._move(node, dual_check.LOWER, column, multipliers)
 
     def _sweep(self, node: _Node, with_accelerations: bool) -> None:
         """Move both sides of the box's times (and accelerations) as far as the rows prove."""
@@ -318,208 +286,133 @@ class _Search:
         if with_accelerations:
             columns += relaxation.acceleration[:, relaxation.jerky].ravel().tolist()
         for column in columns:
-            rounds = _VARIABLE_ROUNDS if column < relaxation.segments else 1
-            for raises in (True, False):
+            for kind in (dual_check.RAISE, dual_check.LOWER):
                 if self.late:
                     return
-                self._move(node, column, raises, rounds)
+                self._tighten(node, kind, column)
                 if dual_check.is_empty(node.box) or node.bound >= self.target:
                     return
 
-    def _move(self, node: _Node, column: int, raises: bool, rounds: int) -> None:
-        objective = np.zeros_like(self.total)
-        objective[column] = 1.0 if raises else -1.0
+    def _tighten(self, node: _Node, kind: int, column: int) -> None:
+        """Move one side of the box as far as the rows prove, adding rows while that helps."""
         width = node.box.high[column] - node.box.low[column]
         if width <= 0:
             return
+        objective = self._side_objective(kind, column)
+        rounds = _MAX_VARIABLE_ROUNDS if column < self.relaxation.segments else 1
+        least = _side(node.box, kind, column) + _MIN_MOVE * width
         answer = self.pool.minimised(objective)
         for _ in range(rounds - 1):
-            at_side = answer.value <= _side(node.box, column, raises) + _WORTHWHILE_SHARE * width
-            if answer.x is None or at_side or not self._separate(answer.x, _COARSE_TOLERANCE):
+            at_side = answer.value <= least
+            if answer.x is None or at_side or not self._separate(answer.x, _FIRST_VIOLATION):
                 break
             answer = self.pool.minimised(objective)
         if answer.x is None:
             self._prove_leaf(node, answer)
             return
-        kind = dual_check.RAISE if raises else dual_check.LOWER
-        step, bound = self._step(
-            kind,
-            column,
-            objective,
-            node.box,
-            answer.multipliers,
-        )
-        # what the multipliers' rounding is worth, for it not to grow from step to step
-        stated = bound - _ROUNDING_SHARE * width
-        if stated <= _side(node.box, column, raises) + _WORTHWHILE_SHARE * width:
+        self._move(node, kind, column, answer.multipliers)
+
+    def _move(self, node: _Node, kind: int, column: int, multipliers: Array) -> None:
+        """Move one side of the box as far as multipliers prove, if the move is worth a step."""
+        width = node.box.high[column] - node.box.low[column]
+        proved = self.pool.proved(self._side_objective(kind, column), multipliers)
+        # rounding must not grow from step to step
+        bound = proved.bound - _MOVE_MARGIN * width
+        if bound <= _side(node.box, kind, column) + _MIN_MOVE * width:
             return
-        side = stated if raises else -stated
-        node.steps.append(step._replace(value=side))
-        node.box = dual_check.moved(
-            self.relaxation,
-            node.box,
-            column,
-            raises,
-            stated,
-        )
+        raises = kind == dual_check.RAISE
+        value = bound if raises else -bound
+        node.steps.append(_Step(kind, column, value, proved.rows, proved.multipliers))
+        node.box = dual_check.moved(self.relaxation, node.box, column, raises, bound)
         if dual_check.is_empty(node.box):
             node.bound = np.inf
-            node.leaf = _Step(
-                dual_check.LEAF,
-                0,
-                0.0,
-                np.zeros(0, np.intp),
-                np.zeros(0),
-            )
+            node.leaf = _Step(dual_check.LEAF, 0, 0.0, *_NO_ROWS)
             return
         self.pool.enter(node.box)
 
+    def _side_objective(self, kind: int, column: int) -> Array:
+        objective = np.zeros_like(self.total)
+        objective[column] = 1.0 if kind == dual_check.RAISE else -1.0
+        return objective
+
     def _split(self, node: _Node) -> None:
-        """Split a box at the segment time whose curves cost the bound most."""
+        """Split a box across its widest segment time, at the answer's time if there is one."""
         self.pool.enter(node.box)
         answer = self.pool.minimised(self.total)
         widths = self._widths(node.box)
-        scores = widths / max(widths.max(), np.finfo(float).tiny)
-        place = 0.5 * (node.box.low + node.box.high)
-        if answer.x is not None:
-            costs = self._curve_costs(answer, node.box)
-            if costs.max() > 0:
-                scores = costs / costs.max() + 1e-3 * scores
-            place = answer.x
-        column = int(scores.argmax())
-        margin = _MARGIN_SHARE * widths[column]
+        column = int(widths.argmax())
+        place = 0.5 * (node.box.low + node.box.high) if answer.x is None else answer.x
+        margin = _SPLIT_MARGIN * widths[column]
         low = node.box.low[column] + margin
         high = node.box.high[column] - margin
         value = float(np.clip(place[column], low, high))
-        children = dual_check.branched(
-            self.relaxation,
-            node.box,
-            column,
-            value,
-        )
-        nodes = [_Node(box, node.bound, leaf=node.leaf) for box in children]
-        node.children = tuple(nodes)
-        node.steps.append(_branch(column, value))
+        boxes = dual_check.branched(self.relaxation, node.box, column, value)
+        node.children = tuple(_Node(box, node.bound, leaf=node.leaf) for box in boxes)
+        node.steps.append(_Step(dual_check.BRANCH, column, value, *_NO_ROWS))
         self.splits += 1
-
-    def _curve_costs(self, answer: Answer, box: Box) -> Array:
-        """Per segment, what the bound would gain if its curves were met, to first order."""
-        relaxation = self.relaxation
-        assert answer.x is not None
-        enclosing = self.pool.enclosing()
-        y = np.maximum(answer.multipliers[enclosing.numbers], 0.0)
-        misses = np.abs(self._on_the_curves(answer.x) - answer.x)
-        errors = np.abs(enclosing.rows.coefficients) * misses[enclosing.rows.columns]
-        shares = y * errors.sum(axis=1)
-        costs = np.bincount(enclosing.segments, shares, relaxation.segments)
-        return np.asarray(costs, dtype=float)
-
-    def _on_the_curves(self, x: Array) -> Array:
-        """The same times, velocities and accelerations, with what their products truly are."""
-        relaxation = self.relaxation
-        times = x[relaxation.time]
-        accelerations = x[relaxation.acceleration]
-        exact = x.copy()
-        exact[relaxation.inverse] = 1 / times
-        exact[relaxation.square] = times**2
-        exact[relaxation.before] = accelerations * times[:-1, None]
-        exact[relaxation.after] = accelerations * times[1:, None]
-        return exact
-
-    def _is_on_curves(self, x: Array) -> bool:
-        exact = self._on_the_curves(x)
-        return np.allclose(x, exact, rtol=_CURVE_RTOL, atol=_CURVE_RTOL)
 
     # --- rows ---
 
-    def _separate(self, x: Array, tolerance: float) -> int:
-        """Add the rows that a point breaks; how many."""
+    def _separate(self, x: Array, violation: float) -> int:
+        """Add the rows that a point violates; return their number."""
         relaxation = self.relaxation
         before = len(self.pool.found)
-        tangent_rtol = max(tolerance / 10, _TANGENT_RTOL)
-        for k in range(relaxation.segments):
-            product = x[relaxation.inverse[k]] * x[relaxation.time[k]]
-            if product < 1 - tangent_rtol:
-                self.pool.add_broken_tangent(k, x)
+        times = x[relaxation.time]
+        least = max(violation / 10, _MIN_TANGENT_VIOLATION)
+        below = np.flatnonzero(x[relaxation.inverse] * times < 1 - least)
+        tangents = [Tangent(segment, float(times[segment])) for segment in below.tolist()]
+        self.pool.add_violated(tangents, x)
         if relaxation.jerky.any():
-            self.pool.add_broken_jerk_rows(x)
-        broken = extremal.broken(relaxation, x, tolerance / 2)
-        places = {(row.segment, row.joint) for row in broken}
-        for (k, j), separation in self.separations.items():
+            squares = jerk_rows.square_tangents(relaxation, x, self.pool.box)
+            self.pool.add_violated(squares, x)
+            self.pool.add_violated(jerk_rows.violated_ramps(relaxation, x), x)
+        cuts = extremal.violated(relaxation, x, violation / 2)
+        done = {(cut.segment, cut.joint) for cut in cuts}
+        for place, separation in self.separations.items():
             if self.late:
                 break
-            if (k, j) in places:
-                continue
-            cells = separation.broken_most(x, tolerance)
+            cells = None if place in done else separation.most_violated(x, violation)
             if cells is not None:
-                broken.append(Cut(k, j, cells))
-        self.pool.add_broken_cuts(broken, x)
+                cuts.append(Cut(*place, cells))
+        self.pool.add_violated(cuts, x)
         return len(self.pool.found) - before
 
-    def _first_tangents(self, box: Box) -> None:
-        for k in range(self.relaxation.segments):
-            places = np.linspace(box.low[k], box.high[k], _START_TANGENTS)
-            for at in places:
-                self.pool.add_tangent(k, float(at))
-
-    def _step(
-        self,
-        kind: int,
-        variable: int,
-        objective: Array,
-        box: Box,
-        multipliers: Array,
-    ) -> tuple[_Step, float]:
-        """A step with the rows that its multipliers use, and what they prove."""
-        proved = self.pool.proved(objective, box, multipliers)
-        step = _Step(
-            kind,
-            variable,
-            0.0,
-            proved.rows,
-            proved.multipliers,
-        )
-        return step, proved.bound
-
-    def add_active(self, x: Array) -> None:
-        """Add the rows that a motion meets exactly."""
-        exact = self._on_the_curves(x)
-        cuts = extremal.broken(self.relaxation, exact, -_ACTIVE_TOLERANCE)
-        self.pool.add_touching(exact, cuts)
+    def add_active_rows(self, x: Array) -> None:
+        """Add the rows that are active at a motion's times, velocities and accelerations."""
+        relaxation = self.relaxation
+        times = x[relaxation.time]
+        exact = x.copy()
+        exact[relaxation.inverse] = 1 / times
+        exact[relaxation.square] = times**2
+        exact[relaxation.before] = x[relaxation.acceleration] * times[:-1, None]
+        exact[relaxation.after] = x[relaxation.acceleration] * times[1:, None]
+        self.pool.add([Tangent(segment, at) for segment, at in enumerate(times.tolist())])
+        self.pool.add(extremal.violated(relaxation, exact, -_ACTIVE_TOLERANCE))
 
     # --- the proof ---
 
     def proof(self, root: _Node) -> Proof:
-        """The tree as a proof, with only those rows that it uses."""
+        """Return the tree as a proof, with only those rows that it uses."""
         steps = list(_walk(root))
-        every = [step.rows for step in steps]
-        used = np.unique(np.concatenate(every))
+        used = np.unique(np.concatenate([step.rows for step in steps]))
         tables, new_numbers = self.pool.tables(used)
-        table = []
-        multipliers = []
-        for step in steps:
-            line = (step.kind, step.variable, step.value, len(step.rows))
-            table.append(line)
-            numbers = new_numbers[step.rows]
-            pairs = np.column_stack([numbers, step.multipliers])
-            multipliers.append(pairs)
+        tables["cells"] = _moderate(tables["cells"])
+        heads = [(step.kind, step.variable, step.value, len(step.rows)) for step in steps]
+        numbers = [new_numbers[step.rows] for step in steps]
+        values = [step.multipliers for step in steps]
         relaxation = self.relaxation
-        cutoff = relaxation.cutoff * relaxation.time_unit
+        multipliers = np.column_stack([np.concatenate(numbers), np.concatenate(values)])
         return Proof(
             units=np.append(relaxation.time_unit, relaxation.length_units),
-            cutoff=np.array([cutoff]),
-            square_tangents=tables.square_tangents,
-            tangents=tables.tangents,
-            ramps=tables.ramps,
-            cuts=tables.cuts,
-            cells=_moderate(tables.cells),
-            steps=np.array(table, dtype=float),
-            multipliers=_moderate(np.concatenate(multipliers)),
+            cutoff=np.array([relaxation.cutoff * relaxation.time_unit]),
+            steps=np.array(heads, dtype=float),
+            multipliers=_moderate(multipliers),
+            **tables,
         )
 
 
 def _walk(node: _Node) -> Iterator[_Step]:
-    """A tree's steps, the lower part of a split box first."""
+    """Yield a tree's steps, the lower part of a split box first."""
     yield from node.steps
     for child in node.children:
         yield from _walk(child)
@@ -529,21 +422,10 @@ def _walk(node: _Node) -> Iterator[_Step]:
 
 
 def _moderate(table: Array) -> Array:
-    """0 for what is too small for a proof: any costates and multipliers prove something."""
+    """Set numbers to 0 that are too small for a proof: any numbers prove some bound."""
     return np.where(np.abs(table) < dual_check.SMALLEST, 0.0, table)
 
 
-def _branch(column: int, value: float) -> _Step:
-    nothing = np.zeros(0)
-    return _Step(
-        dual_check.BRANCH,
-        column,
-        value,
-        nothing.astype(np.intp),
-        nothing,
-    )
-
-
-def _side(box: Box, column: int, raises: bool) -> float:
-    """The side of a box, as the bound of `x` or of `−x` that moves it."""
-    return float(box.low[column] if raises else -box.high[column])
+def _side(box: Box, kind: int, column: int) -> float:
+    """Return the side of a box that a step moves, as the bound of `x` or of `−x`."""
+    return float(box.low[column] if kind == dual_check.RAISE else -box.high[column])

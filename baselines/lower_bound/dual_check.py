@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from baselines.lower_bound import costates, jerk_rows
 from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent
-from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows
+from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows, joined
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 
@@ -377,16 +377,6 @@ def moved(
 def is_empty(box: Box) -> bool:
     """Whether nothing lies in it."""
     return bool((box.low > box.high).any())
-
-
-def joined(parts: Sequence[Rows]) -> Rows:
-    """Rows one after the other."""
-    columns, coefficients, bounds = zip(*parts, strict=True)
-    return Rows(
-        np.concatenate(columns),
-        np.concatenate(coefficients),
-        np.concatenate(bounds),
-    )
 
 
 def _completed(relaxation: Relaxation, box: Box) -> Box:

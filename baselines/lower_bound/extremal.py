@@ -98,7 +98,7 @@ class Instants(NamedTuple):
 
 # limits of a segment that takes next to no time vanish in its units: NaN breaks no row
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def broken(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
+def violated(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
     """Per segment and joint the row that a point breaks most.
 
     Args:

@@ -11,6 +11,7 @@ All values are in units that are powers of two, so that scaling rounds nothing.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -45,11 +46,20 @@ class Rows(NamedTuple):
             self.bounds[numbers],
         )
 
-    def row(self, number: int) -> tuple[Indices, Array, float]:
-        """One of them."""
-        columns = self.columns[number]
-        coefficients = self.coefficients[number]
-        return columns, coefficients, float(self.bounds[number])
+    def single(self, number: int) -> Rows:
+        """One of them, as rows of one."""
+        one = slice(number, number + 1)
+        return Rows(self.columns[one], self.coefficients[one], self.bounds[one])
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Put rows one after the other."""
+    columns, coefficients, bounds = zip(*parts, strict=True)
+    return Rows(
+        np.concatenate(columns),
+        np.concatenate(coefficients),
+        np.concatenate(bounds),
+    )
 
 
 class Box(NamedTuple):

@@ -1,7 +1,12 @@
-"""The relaxation's linear program: a box's rows, and those that were found to be broken.
+"""The relaxation's linear program over one box: the box's rows, and the rows found so far.
 
-Rows hold in every box, so each stays for the proof. In the program itself only those stay that
-were of use lately: what is broken again is found again.
+Rows found hold in every box, so the pool keeps each of them for the proof. The program itself keeps
+only the rows that were of use lately: rows that are violated again are found again.
+
+HiGHS's tolerances are absolute, and a segment of 1e-10 s beside one of 1 s has an inverse of 1e10.
+So every variable counts in the power of two next to the farthest value of its box, every row in
+that of its largest coefficient, and the objective likewise. The tolerances are then relative ones,
+and these units round nothing.
 """
 
 from __future__ import annotations
@@ -10,22 +15,37 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy  # its parts are imported when they are used: listing planners needs none
 from numpy.typing import NDArray
 
-from baselines.lower_bound import dual_check, jerk_rows, sources
-from baselines.lower_bound.costates import Cut
-from baselines.lower_bound.jerk_rows import SquareTangent
-from baselines.lower_bound.linear import Answer
-from baselines.lower_bound.relaxation import Box, Relaxation, Rows
-from baselines.lower_bound.scaled import ScaledProgram
-from baselines.lower_bound.sources import Source, Tables, Tangent
+from baselines.linear_programs import TOLERANCE, Answer, LinearProgram
+from baselines.lower_bound import dual_check
+from baselines.lower_bound.costates import CELL_COLUMNS, Cut
+from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
+from baselines.lower_bound.relaxation import Box, Relaxation, Rows, joined, powers_of_two
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Programs without a multiplier, after which a row leaves; rows are looked through so often.
-_IDLE_PROGRAMS = 40
-_LOOK_PROGRAMS = 20
+# Programs after which a row without a multiplier is dropped, and between two looks for such rows.
+_MAX_IDLE_PROGRAMS = 40
+_PROGRAMS_PER_LOOK = 20
+# Factor by which a box may outgrow the units before the program is set up again.
+_OUTGROWN_FACTOR = 16.0
+# HiGHS takes a row for satisfied that is violated by less, in the row's unit.
+_VISIBLE_VIOLATION = 4 * TOLERANCE
+
+
+class Tangent(NamedTuple):
+    """A tangent to `1/T` of a segment, at a time."""
+
+    segment: int
+    at: float
+
+
+Source = Tangent | SquareTangent | Ramp | Cut
+# A proof counts its rows in this order.
+_KINDS: list[type] = [SquareTangent, Tangent, Ramp, Cut]
 
 
 class Proved(NamedTuple):
@@ -36,238 +56,231 @@ class Proved(NamedTuple):
     bound: float
 
 
-class Enclosing(NamedTuple):
-    """Rows, their numbers through box and pool, and the segments whose curves they enclose."""
-
-    numbers: Indices
-    rows: Rows
-    segments: Indices
-
-
 class RowPool:
     """The linear program over one box at a time.
 
     Attributes:
-        box_count: How many rows enclose a box; those of the pool are counted after them.
-        programs: How many linear programs were solved.
+        box_count: Number of rows that enclose a box; the pool's rows are counted after them.
+        programs: Number of linear programs solved.
+        found: The pool's rows, one by one.
+        sources: What each of them was made from.
+        present: The pool's rows in the program, in the program's order.
+        used_at: When each of the pool's rows last had a multiplier, counted in programs.
+        held: The pool's rows that stay in the program.
+        units: Units of the variables, `(variables,)`.
+        row_units: What each row of the program was divided by.
     """
 
-    def __init__(self, relaxation: Relaxation, solver: Any, box: Box) -> None:
+    def __init__(self, relaxation: Relaxation, box: Box) -> None:
         self.relaxation = relaxation
-        self.solver = solver
         self.programs = 0
         self.found: list[Rows] = []
         self.sources: list[Source] = []
-        # which of the pool's rows are square tangents
-        self.squares: list[int] = []
-        # the pool's rows in the program, in its order, and when each was of use
         self.present: list[int] = []
         self.used_at: list[int] = []
         self.held: set[int] = set()
         self.box = box
         self.box_rows = relaxation.box_rows(box)
         self.box_count = len(self.box_rows.bounds)
-        self.program = self._program()
+        self._set_up()
 
-    def enter(self, box: Box) -> None:
-        """Ask about another box."""
-        before = self.box_rows
-        self.box = box
-        self.box_rows = self.relaxation.box_rows(box)
-        renewed = self._renewed_squares()
-        if not self.program.suits(box):
-            self.program = self._program()
-            return
-        self.program.set_box(box)
-        differs = before.coefficients != self.box_rows.coefficients
-        changed = differs.any(axis=1) | (before.bounds != self.box_rows.bounds)
-        for number in np.flatnonzero(changed).tolist():
-            row = _one(self.box_rows, number)
-            self.program.set_row(number, row)
-        places = {number: place for place, number in enumerate(self.present)}
-        for number in renewed:
-            if number in places:
-                place = self.box_count + places[number]
-                row = self.found[number]
-                self.program.set_row(place, row)
+    # --- the program ---
 
-    def _renewed_squares(self) -> list[int]:
-        """Square tangents are other rows in another box: which they are in the pool."""
-        rows = jerk_rows.square_rows(self.relaxation, self._squares(), self.box)
-        renewed = []
-        for place, number in enumerate(self.squares):
-            row = _one(rows, place)
-            before = self.found[number]
-            if row.bounds[0] != before.bounds[0]:
-                self.found[number] = row
-                renewed.append(number)
-        return renewed
-
-    def _squares(self) -> list[SquareTangent]:
-        sources = [self.sources[number] for number in self.squares]
-        return [source for source in sources if isinstance(source, SquareTangent)]
-
-    def _program(self) -> ScaledProgram:
-        """The linear program in units that suit the box."""
-        parts = [self.box_rows]
-        parts += [self.found[number] for number in self.present]
-        return ScaledProgram(
-            self.solver,
-            self.box,
-            dual_check.joined(parts),
-            self.relaxation.nothing,
+    def _set_up(self) -> None:
+        """Make a new program in units that suit the box."""
+        self.units = _farthest(self.box)
+        rows, self.row_units = self._in_units(self._program_rows())
+        used = rows.columns != self.relaxation.nothing
+        numbers, _ = np.nonzero(used)
+        places = (numbers, rows.columns[used])
+        shape = (len(rows.bounds), len(self.units))
+        self.program = LinearProgram()
+        self.program.load(
+            self.box.low / self.units,
+            self.box.high / self.units,
+            matrix=scipy.sparse.csr_matrix((rows.coefficients[used], places), shape),
+            above=rows.bounds,
         )
 
+    def _program_rows(self) -> Rows:
+        return joined([self.box_rows, *(self.found[number] for number in self.present)])
+
+    def _in_units(self, rows: Rows) -> tuple[Rows, Array]:
+        """Return rows in the program's units, and what each was divided by."""
+        coefficients = rows.coefficients * self.units[rows.columns]
+        row_units = powers_of_two(np.abs(coefficients).max(axis=1))
+        coefficients /= row_units[:, None]
+        return Rows(rows.columns, coefficients, rows.bounds / row_units), row_units
+
+    def _single(self, row: Rows) -> tuple[tuple[Indices, Array, float], Array]:
+        """Return one row's columns, coefficients and bound for the program, and its unit."""
+        scaled, row_unit = self._in_units(row)
+        used = scaled.columns[0] != self.relaxation.nothing
+        bound = float(scaled.bounds[0])
+        return (scaled.columns[0, used], scaled.coefficients[0, used], bound), row_unit
+
+    def enter(self, box: Box) -> None:
+        """Ask about another box from now on."""
+        before = self._program_rows()
+        self.box = box
+        self.box_rows = self.relaxation.box_rows(box)
+        self._renew_squares()
+        outgrown = np.abs(np.log2(_farthest(box) / self.units))
+        if outgrown.max() >= np.log2(_OUTGROWN_FACTOR):
+            self._set_up()
+            return
+        self.program.set_bounds(box.low / self.units, box.high / self.units)
+        after = self._program_rows()
+        differs = (before.coefficients != after.coefficients).any(axis=1)
+        differs |= before.bounds != after.bounds
+        for number in np.flatnonzero(differs).tolist():
+            entries, row_unit = self._single(after.single(number))
+            self.row_units[number] = row_unit[0]
+            self.program.set_row(number, *entries)
+
+    def _renew_squares(self) -> None:
+        """Compute the rows of the square tangents again: they depend on the box."""
+        numbers = []
+        squares = []
+        for number, source in enumerate(self.sources):
+            if isinstance(source, SquareTangent):
+                numbers.append(number)
+                squares.append(source)
+        rows = square_rows(self.relaxation, squares, self.box)
+        for place, number in enumerate(numbers):
+            self.found[number] = rows.single(place)
+
     def minimised(self, objective: Array) -> Answer:
-        """The minimum, with multipliers of the box's rows and then of all the pool's."""
+        """Return the minimum, with multipliers of the box's rows and then of all the pool's.
+
+        Raises:
+            TrajoptError: HiGHS breaks down.
+        """
         self.programs += 1
-        answer = self.program.minimised(objective)
+        costs = objective * self.units
+        unit = float(powers_of_two(np.abs(costs).max()))
+        answer = self.program.minimised(costs / unit)
+        of_pool = np.array(self.present, dtype=np.intp)
+        numbers = np.append(np.arange(self.box_count), self.box_count + of_pool)
         multipliers = np.zeros(self.box_count + len(self.found))
-        multipliers[: self.box_count] = answer.multipliers[: self.box_count]
-        own = answer.multipliers[self.box_count :]
-        places = self.box_count + np.array(self.present, dtype=np.intp)
-        multipliers[places] = own
-        for place in np.flatnonzero(own > 0):
-            self.used_at[self.present[place]] = self.programs
-        if self.programs % _LOOK_PROGRAMS == 0:
+        multipliers[numbers] = answer.multipliers / self.row_units
+        for number in of_pool[answer.multipliers[self.box_count :] > 0]:
+            self.used_at[number] = self.programs
+        if self.programs % _PROGRAMS_PER_LOOK == 0:
             self._drop_idle()
         if answer.x is None:
             return answer._replace(multipliers=multipliers)
         # HiGHS may leave the box by its tolerance
-        inside = np.clip(answer.x, self.box.low, self.box.high)
-        return Answer(inside, answer.value, multipliers)
+        inside = np.clip(answer.x * self.units, self.box.low, self.box.high)
+        return Answer(inside, answer.value * unit, multipliers * unit)
+
+    # --- rows ---
 
     def hold(self, rows: Indices) -> None:
-        """Keep those of the pool in the program, whatever it is asked next; no others are held.
+        """Keep these rows of the pool in the program, and no others.
 
         Args:
             rows: Counted through box and pool.
         """
         of_pool = rows[rows >= self.box_count] - self.box_count
         self.held = set(of_pool.tolist())
-        absent = self.held.difference(self.present)
-        for number in sorted(absent):
-            row = self.found[number]
-            if self.program.add_row(row):
+        for number in sorted(self.held.difference(self.present)):
+            if self._append(self.found[number]):
                 self.present.append(number)
                 self.used_at[number] = self.programs
 
-    def _is_idle(self, number: int) -> bool:
-        oldest = self.programs - _IDLE_PROGRAMS
-        return self.used_at[number] < oldest and number not in self.held
-
     def _drop_idle(self) -> None:
-        idle = [self._is_idle(number) for number in self.present]
-        places = np.flatnonzero(idle)
-        self.program.drop_rows(self.box_count + places)
-        self.present = [
-            number for number, is_idle in zip(self.present, idle, strict=True) if not is_idle
-        ]
+        oldest = self.programs - _MAX_IDLE_PROGRAMS
+        kept = [self.used_at[number] >= oldest or number in self.held for number in self.present]
+        places = self.box_count + np.flatnonzero(np.logical_not(kept))
+        self.program.drop_rows(places)
+        self.row_units = np.delete(self.row_units, places)
+        self.present = [number for number, stays in zip(self.present, kept, strict=True) if stays]
 
-    def add_tangent(self, segment: int, at: float) -> None:
-        """A tangent to `1/T` of a segment."""
-        row = self.relaxation.tangent(segment, at)
-        self._add(row, Tangent(segment, at))
+    def add(self, sources: Sequence[Source]) -> None:
+        """Add the rows of sources of one kind."""
+        self._add(sources, self._rows_of(sources))
 
-    def add_broken_tangent(self, segment: int, x: Array) -> None:
-        """The tangent at a point, if the point breaks it."""
-        at = float(x[self.relaxation.time[segment]])
-        row = self.relaxation.tangent(segment, at)
-        if self.program.breaks(row, x)[0]:
-            self._add(row, Tangent(segment, at))
+    def add_violated(self, sources: Sequence[Source], x: Array) -> None:
+        """Add those rows of sources of one kind that a point violates visibly for HiGHS."""
+        rows = self._rows_of(sources)
+        scaled, _ = self._in_units(rows)
+        terms = scaled.coefficients * (x / self.units)[rows.columns]
+        violated = terms.sum(axis=1) - scaled.bounds > _VISIBLE_VIOLATION
+        numbers = np.flatnonzero(violated)
+        self._add([sources[number] for number in numbers.tolist()], rows.chosen(numbers))
 
-    def add_broken_jerk_rows(self, x: Array) -> None:
-        """The square tangents and ramps that a point breaks."""
-        relaxation = self.relaxation
-        squares = jerk_rows.square_tangents(relaxation, x, self.box)
-        rows = jerk_rows.square_rows(relaxation, squares, self.box)
-        self._add_broken(squares, rows, x)
-        ramps = jerk_rows.broken_ramps(relaxation, x)
-        if ramps:
-            parts = [jerk_rows.ramp_row(relaxation, ramp) for ramp in ramps]
-            self._add_broken(ramps, dual_check.joined(parts), x)
+    def _rows_of(self, sources: Sequence[Any]) -> Rows:
+        """Return the rows of sources of one kind."""
+        match sources:
+            case [SquareTangent(), *_]:
+                return square_rows(self.relaxation, sources, self.box)
+            case [Cut(), *_]:
+                return dual_check.cuts(self.relaxation, sources)
+            case [Ramp(), *_]:
+                return joined([ramp_row(self.relaxation, ramp) for ramp in sources])
+        tangents = [self.relaxation.tangent(*tangent) for tangent in sources]
+        return joined([self.relaxation.blank(0), *tangents])
 
-    def add_broken_cuts(self, given: Sequence[Cut], x: Array) -> None:
-        """Those rows of costates that a point breaks."""
-        rows = dual_check.cuts(self.relaxation, given)
-        self._add_broken(given, rows, x)
+    def _add(self, sources: Sequence[Source], rows: Rows) -> None:
+        for number, source in enumerate(sources):
+            row = rows.single(number)
+            if self._append(row):
+                self.present.append(len(self.found))
+                self.used_at.append(self.programs)
+                self.found.append(row)
+                self.sources.append(source)
 
-    def add_touching(self, x: Array, cuts: Sequence[Cut]) -> None:
-        """The tangents at a point of the curves, and rows of costates."""
-        times = x[self.relaxation.time].tolist()
-        for segment, at in enumerate(times):
-            self.add_tangent(segment, at)
-        if cuts:
-            self._add_each(cuts, dual_check.cuts(self.relaxation, cuts))
+    def _append(self, row: Rows) -> bool:
+        """Append a row to the program; return whether HiGHS accepts its numbers."""
+        entries, row_unit = self._single(row)
+        accepted = self.program.add_row(*entries)
+        if accepted:
+            self.row_units = np.append(self.row_units, row_unit)
+        return accepted
 
-    def _add_broken(
-        self,
-        given: Sequence[Source],
-        rows: Rows,
-        x: Array,
-    ) -> None:
-        if not given:
-            return
-        numbers = np.flatnonzero(self.program.breaks(rows, x))
-        broken = [given[number] for number in numbers.tolist()]
-        self._add_each(broken, rows.chosen(numbers))
+    # --- proofs ---
 
-    def _add_each(self, given: Sequence[Source], rows: Rows) -> None:
-        for number, source in enumerate(given):
-            row = _one(rows, number)
-            self._add(row, source)
-
-    def _add(self, row: Rows, source: Source) -> None:
-        if not self.program.add_row(row):
-            return
-        if isinstance(source, SquareTangent):
-            self.squares.append(len(self.found))
-        self.present.append(len(self.found))
-        self.used_at.append(self.programs)
-        self.found.append(row)
-        self.sources.append(source)
-
-    def enclosing(self) -> Enclosing:
-        """The rows that depend on the box, but for the cut-off."""
-        own = np.array(self.squares, dtype=np.intp)
-        of_box = np.arange(1, self.box_count)
-        parts = [self.box_rows.chosen(of_box)]
-        parts += [self.found[number] for number in self.squares]
-        of_squares = [square.segment for square in self._squares()]
-        segments = self.relaxation.row_segments()[1:]
-        return Enclosing(
-            numbers=np.concatenate([of_box, self.box_count + own]),
-            rows=dual_check.joined(parts),
-            segments=np.append(segments, of_squares).astype(np.intp),
-        )
-
-    def proved(self, objective: Array, box: Box, multipliers: Array) -> Proved:
-        """What multipliers prove of an objective on the box that was entered."""
+    def proved(self, objective: Array, multipliers: Array) -> Proved:
+        """Return the bound of an objective on the box that multipliers prove."""
         used = np.flatnonzero(multipliers > 0)
         of_box = used[used < self.box_count]
         of_pool = used[used >= self.box_count] - self.box_count
-        parts = [self.box_rows.chosen(of_box)]
-        parts += [self.found[number] for number in of_pool]
-        rows = dual_check.joined(parts)
-        own = multipliers[used]
-        bound = dual_check.dual_bound(objective, box, rows, own)
-        return Proved(used, own, bound)
+        rows = joined([self.box_rows.chosen(of_box), *(self.found[n] for n in of_pool)])
+        bound = dual_check.dual_bound(objective, self.box, rows, multipliers[used])
+        return Proved(used, multipliers[used], bound)
 
-    def tables(self, used: Indices) -> tuple[Tables, Indices]:
-        """What a proof stores of the rows that it uses, and the new numbers of all rows."""
+    def tables(self, used: Indices) -> tuple[dict[str, Array], Indices]:
+        """Return the rows used as a proof stores them, and the new numbers of all rows."""
+
+        def kind(number: int) -> int:
+            return _KINDS.index(type(self.sources[number]))
+
         of_pool = used[used >= self.box_count] - self.box_count
-        ordered = sources.in_order(self.sources, of_pool.tolist())
-        chosen = [self.sources[number] for number in ordered]
-        stored = sources.tables(chosen)
-        count = self.box_count + len(self.found)
-        numbers = np.arange(count)
-        places = self.box_count + np.array(ordered, dtype=np.intp)
-        new = np.arange(len(ordered))
-        numbers[places] = self.box_count + new
-        return stored, numbers
+        ordered = sorted(of_pool.tolist(), key=kind)
+        numbers = np.arange(self.box_count + len(self.found))
+        numbers[self.box_count + np.array(ordered, dtype=np.intp)] = self.box_count + np.arange(
+            len(ordered)
+        )
+        by_kind: dict[type, list[Any]] = {own: [] for own in _KINDS}
+        for number in ordered:
+            by_kind[type(self.sources[number])].append(self.sources[number])
+        heads = [(cut.segment, cut.joint, len(cut.cells)) for cut in by_kind[Cut]]
+        cells = [cut.cells for cut in by_kind[Cut]]
+        tables = {
+            "square_tangents": _table(by_kind[SquareTangent], 2),
+            "tangents": _table(by_kind[Tangent], 2),
+            "ramps": _table(by_kind[Ramp], 3),
+            "cuts": _table(heads, 3),
+            "cells": np.concatenate([np.zeros((0, CELL_COLUMNS)), *cells]),
+        }
+        return tables, numbers
 
 
-def _one(rows: Rows, number: int) -> Rows:
-    """One of the rows."""
-    chosen = np.array([number])
-    return rows.chosen(chosen)
+def _table(rows: Sequence[Sequence[float]], columns: int) -> Array:
+    return np.array(rows, dtype=float).reshape(-1, columns)
+
+
+def _farthest(box: Box) -> Array:
+    """Return the powers of two next to the largest sizes of a box's variables."""
+    return powers_of_two(np.maximum(np.abs(box.low), np.abs(box.high)))

@@ -1,50 +1,64 @@
-"""Linear programs small enough to be solved by hand."""
+"""Linear programs against answers by hand."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy
 
-from baselines.linear_programs import Entries, LinearPrograms
-
-
-def test_a_corner_found_by_hand():
-    # min −x − 2y with x + y ≤ 4, x − y ≥ −2 and x, y ≤ 3: y = x + 2 = 4 − x.
-    matrix = np.array([[1.0, 1.0], [-1.0, 1.0]])
-    cost = np.array([-1.0, -2.0])
-    high = np.full(2, 3.0)
-    place = LinearPrograms().minimised(cost, matrix, np.array([4.0, 2.0]), high)
-    assert place == pytest.approx([1.0, 3.0], rel=1e-12)
+from baselines.linear_programs import LinearProgram
+from trajopt.core.exceptions import TrajoptError
 
 
-def test_the_entries_are_the_matrix_and_zeros_are_none():
-    # min x + z with x ≥ 1 − y, z ≥ 2 and y ≤ 0.25; the middle row is empty.
-    entries = Entries(
-        np.array([0, 0, 0, 1, 2]),
-        np.array([2, 1, 0, 1, 2]),
-        np.array([0.0, -1.0, -1.0, 0.0, -1.0]),
+def program(matrix: object, above: object, high: object) -> LinearProgram:
+    """`matrix x ≤ above` and `0 ≤ x ≤ high`."""
+    loaded = LinearProgram()
+    loaded.load(
+        low=np.zeros(len(high)),
+        high=np.array(high),
+        matrix=scipy.sparse.csr_matrix(matrix),
+        above=np.array(above),
     )
-    cost = np.array([1.0, 0.0, 1.0])
-    above = np.array([-1.0, 0.0, -2.0])
-    high = np.array([5.0, 0.25, 5.0])
-    place = LinearPrograms().minimised_sparse(cost, entries, above, high)
-    assert place == pytest.approx([0.75, 0.25, 2.0], rel=1e-12)
+    return loaded
 
 
-def test_no_answer_where_there_is_none_and_another_after_it():
-    programs = LinearPrograms()
-    one = np.ones(1)
-    # x ≤ −1 beside x ≥ 0, and a coefficient that is no number
-    assert programs.minimised(one, np.array([[1.0]]), -one, 5 * one) is None
-    assert programs.minimised(one, np.array([[np.inf]]), one, one) is None
-    assert programs.minimised(-one, np.array([[1.0]]), 2 * one, 5 * one) == pytest.approx([2.0])
+def test_the_minimum_and_the_multipliers_that_prove_it() -> None:
+    # x + y ≥ 1, y ≤ 0.25, z ≥ 2
+    matrix = [[-1.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
+    answer = program(matrix, [-1.0, -2.0], [5.0, 0.25, 5.0]).minimised(np.array([1.0, 0.0, 1.0]))
+    assert answer.x == pytest.approx([0.75, 0.25, 2.0], rel=1e-12)
+    assert answer.value == pytest.approx(2.75)
+    assert answer.multipliers == pytest.approx([1.0, 1.0])
 
 
-def test_many_rows_may_take_many_iterations():
-    # min Σ x with x_i + x_(i+1) ≥ 1: every other one, 1000 of 2001; an iteration or more for each.
-    rows = np.arange(2000)
-    columns = np.stack([rows, rows + 1], axis=1)
-    entries = Entries(rows.repeat(2), columns.ravel(), np.full(4000, -1.0))
-    cost = np.ones(2001)
-    unlimited = np.full(2001, np.inf)
-    place = LinearPrograms().minimised_sparse(cost, entries, -np.ones(2000), unlimited)
-    assert place is not None
-    assert cost @ place == pytest.approx(1000.0, rel=1e-9)
+def test_rows_are_added_replaced_and_dropped() -> None:
+    small = program([[-1.0]], [-1.0], [5.0])
+    cost = np.ones(1)
+    column = np.zeros(1, dtype=np.intp)
+    assert small.add_row(column, np.array([-1.0]), -2.0)
+    assert small.minimised(cost).value == pytest.approx(2.0)
+    small.set_row(1, column, np.array([-1.0]), -3.0)
+    assert small.minimised(cost).value == pytest.approx(3.0)
+    small.drop_rows(np.array([1]))
+    assert small.minimised(cost).value == pytest.approx(1.0)
+    small.set_bounds(np.array([1.5]), np.array([5.0]))
+    assert small.minimised(cost).value == pytest.approx(1.5)
+
+
+def test_a_ray_proves_that_no_point_satisfies_the_rows() -> None:
+    # x ≤ −1 beside x ≥ 0
+    answer = program([[1.0]], [-1.0], [5.0]).minimised(np.ones(1))
+    assert answer.x is None
+    assert answer.multipliers[0] > 0
+
+
+def test_numbers_that_highs_refuses_are_an_error() -> None:
+    with pytest.raises(TrajoptError, match="HiGHS"):
+        program([[np.inf]], [1.0], [1.0]).minimised(np.ones(1))
+
+
+def test_many_rows_may_take_many_iterations() -> None:
+    # min Σ x with x_i + x_(i+1) ≥ 1 is 1000: every other one of 2001
+    pairs = -(np.eye(2000, 2001) + np.eye(2000, 2001, 1))
+    answer = program(pairs, -np.ones(2000), np.full(2001, np.inf)).minimised(np.ones(2001))
+    assert answer.value == pytest.approx(1000.0, rel=1e-9)

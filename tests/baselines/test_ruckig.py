@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import ruckig
 
 from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
 from experiments.relations import drawn
@@ -154,7 +155,17 @@ def test_a_section_that_starts_too_fast_is_refused():
 
 @pytest.mark.parametrize("planner", [RuckigStop(), SHORT])
 def test_a_solver_that_gives_up_is_a_failure_with_a_reason(monkeypatch, planner):
-    monkeypatch.setattr(Sections, "_is_solved", lambda *_, **__: False)
+    class Refusing:
+        def __init__(self, joints):
+            self.joints = joints
+
+        def validate_input(self, *_):
+            return True
+
+        def calculate(self, *_):
+            return ruckig.Result.Error
+
+    monkeypatch.setattr(ruckig, "Ruckig", Refusing)
     solution = planner.solve(Problem([[0.0], [1.0]], Limits([1.0], [1.0])))
     assert solution.status is Status.FAILED
     assert solution.message == "Ruckig gave up on segment 1"
