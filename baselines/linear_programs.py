@@ -89,7 +89,11 @@ class LinearProgram:
         Raises:
             TrajoptError: HiGHS breaks down.
         """
-        self.highs.changeColsCost(len(self.variables), self.variables, objective)
+        self.highs.changeColsCost(
+            len(self.variables),
+            self.variables,
+            objective,
+        )
         words = self.solver.HighsModelStatus
         status = self._run()
         if status not in (words.kOptimal, words.kInfeasible):
@@ -100,7 +104,11 @@ class LinearProgram:
             raise TrajoptError(f"HiGHS ended with {status}")
         solution = self.highs.getSolution()
         value = float(self.highs.getInfo().objective_function_value)
-        return Answer(np.array(solution.col_value), value, -np.array(solution.row_dual))
+        return Answer(
+            np.array(solution.col_value),
+            value,
+            -np.array(solution.row_dual),
+        )
 
     def _run(self) -> Any:
         self.highs.run()
@@ -141,21 +149,47 @@ class LinearProgram:
 
     def set_bounds(self, low: Array, high: Array) -> None:
         """Replace the bounds of all variables."""
-        self.highs.changeColsBounds(len(self.variables), self.variables, low, high)
+        self.highs.changeColsBounds(
+            len(self.variables),
+            self.variables,
+            low,
+            high,
+        )
 
-    def set_row(self, number: int, columns: Any, coefficients: Array, bound: float) -> None:
+    def set_row(
+        self,
+        number: int,
+        columns: Any,
+        coefficients: Array,
+        bound: float,
+    ) -> None:
         """Replace a row by a row `≤` with the same columns."""
         for column, coefficient in zip(columns.tolist(), coefficients.tolist(), strict=True):
             self.highs.changeCoeff(number, column, coefficient)
-        self.highs.changeRowBounds(number, -np.inf, bound)
+        self.highs.changeRowBounds(
+            number,
+            -np.inf,
+            bound,
+        )
 
     def drop_rows(self, numbers: Any) -> None:
         """Remove rows; later rows move up."""
         indices = numbers.astype(np.int32)
         self.highs.deleteRows(len(indices), indices)
 
-    def add_row(self, columns: Any, coefficients: Array, bound: float) -> bool:
+    def add_row(
+        self,
+        columns: Any,
+        coefficients: Array,
+        bound: float,
+    ) -> bool:
         """Append a row `≤`; return whether HiGHS accepts its numbers."""
         indices = columns.astype(np.int32)
-        status = self.highs.addRow(-np.inf, bound, len(indices), indices, coefficients)
+        status = self.highs.addRow(
+            -np.inf,
+            bound,
+            len(indices),
+            indices,
+            coefficients,
+        )
         return bool(status != self.solver.HighsStatus.kError)

@@ -132,7 +132,11 @@ class Sections:
         self.unit_times = np.array([units.time for units in self._units])
         self._unit_lengths = np.array([units.lengths for units in self._units])
         self._inputs = [
-            _input(ruckig, units.limits(self.limits), way / units.lengths)
+            _input(
+                ruckig,
+                units.limits(self.limits),
+                way / units.lengths,
+            )
             for way, units in zip(np.diff(self.waypoints, axis=0), self._units, strict=True)
         ]
         # units of the whole motion: its longest segment's time, each joint's range
@@ -186,7 +190,11 @@ class Sections:
         """
         return [
             self._time(number) if solved and self._keeps_positions(number) else np.inf
-            for number, solved in self._calculated(k, at_ends, checked=True)
+            for number, solved in self._calculated(
+                k,
+                at_ends,
+                checked=True,
+            )
         ]
 
     def profiles(self, states: Array) -> Iterator[tuple[float, list[Part]]]:
@@ -196,7 +204,13 @@ class Sections:
                 raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
             yield self._time(k), [self._cubics(joint) for joint in range(len(self.moving))]
 
-    def fitted(self, k: int, profiles: list[Part], ends: Array, clock: Clock) -> list[Part]:
+    def fitted(
+        self,
+        k: int,
+        profiles: list[Part],
+        ends: Array,
+        clock: Clock,
+    ) -> list[Part]:
         """Fit the profiles of segment `k` to the breaks that a trajectory stores.
 
         A phase of a stiff jerk limit is so short that the rounding of its length counts. Such a
@@ -217,7 +231,12 @@ class Sections:
             if _stiff(levels, cubics, clock):
                 kept = nearest(breaks, clock.elapsed(stored))
                 lengths = clock.lengths(stored)
-                fitted = through(lengths, levels[kept], (u[j], w[j]), target[j])
+                fitted = through(
+                    lengths,
+                    levels[kept],
+                    (u[j], w[j]),
+                    target[j],
+                )
             highest = np.abs(cubics[0]).max() * (1 + _FITTED_JERK_RTOL)
             if fitted is None or np.abs(fitted[0]).max() > highest:
                 stored = clock.stored(breaks)
@@ -240,23 +259,45 @@ class Sections:
                 if t > 0:
                     # q(t) = p + v t + a t²/2 + j t³/6
                     lengths.append(t)
-                    cubics.append([j / 6, a / 2, v, p])
+                    cubics.append(
+                        [
+                            j / 6,
+                            a / 2,
+                            v,
+                            p,
+                        ]
+                    )
         if not lengths:
             lengths = [self._trajectory.duration]
-            cubics = [[0.0, 0.0, profile.vf, profile.pf]]
+            cubics = [
+                [
+                    0.0,
+                    0.0,
+                    profile.vf,
+                    profile.pf,
+                ]
+            ]
         breaks = np.append(0.0, np.cumsum(lengths))
         breaks[-1] = self._trajectory.duration
         return breaks, np.array(cubics).T
 
     def _calculated(
-        self, k: Numbers, at_ends: Array, *, checked: bool = False
+        self,
+        k: Numbers,
+        at_ends: Array,
+        *,
+        checked: bool = False,
     ) -> Iterator[tuple[int, bool]]:
         """Yield each case's segment, and whether Ruckig has just solved it.
 
         With `checked`, a section is refused whose states break a limit.
         """
         time = self.unit_times[k, None]
-        states = segment_units.states_in(at_ends * _END_FACTORS, time, self._unit_lengths[k])
+        states = segment_units.states_in(
+            at_ends * _END_FACTORS,
+            time,
+            self._unit_lengths[k],
+        )
         (starts, ends), (first_bends, last_bends) = [state.tolist() for state in states]
         for case, number in enumerate(k.tolist()):
             given = self._inputs[number]
@@ -269,7 +310,11 @@ class Sections:
     def _solves(self, given: Any, checked: bool) -> bool:
         self.evaluations += 1
         try:
-            if checked and not self._solver.validate_input(given, True, True):
+            if checked and not self._solver.validate_input(
+                given,
+                True,
+                True,
+            ):
                 return False
             return self._solver.calculate(given, self._trajectory) in self._success
         except self._errors:
@@ -345,10 +390,21 @@ def improved(sections: Sections, evaluations: int) -> tuple[Array, History]:
     guesses = _guesses(sections)
     while sections.evaluations < evaluations:
         radius = generator.choice(_RANDOM_RADII)
-        start = generator.uniform(*_trust_region(sections, best, radius))
+        start = generator.uniform(
+            *_trust_region(
+                sections,
+                best,
+                radius,
+            )
+        )
         if guesses:
             start = guesses.pop(0)
-        states, total = _descended(sections, programs, start, evaluations)
+        states, total = _descended(
+            sections,
+            programs,
+            start,
+            evaluations,
+        )
         if total < shortest:
             best = states
             shortest = total
@@ -370,7 +426,10 @@ def _guesses(sections: Sections) -> list[Array]:
 
 
 def _descended(
-    sections: Sections, programs: StepPrograms, states: Array, evaluations: int
+    sections: Sections,
+    programs: StepPrograms,
+    states: Array,
+    evaluations: int,
 ) -> tuple[Array, float]:
     """Return a local optimum and its total time, by sequential linear programming.
 
@@ -464,7 +523,13 @@ class StepPrograms:
         if answer is None:
             return states
         rise, fall = answer[: slack.size].reshape(slack.shape)
-        return np.asarray(np.clip(states + (rise - fall) * units, lower, upper))
+        return np.asarray(
+            np.clip(
+                states + (rise - fall) * units,
+                lower,
+                upper,
+            )
+        )
 
     def _model(self, states: Array, slack: Array) -> tuple[Array, Array]:
         """Return the least times, and their slopes with the rises and falls.
@@ -490,18 +555,40 @@ class StepPrograms:
         minima = self._sections.minima(numbers, moved)
         times = minima[:count]
         change = minima[count:] - times[segment]
-        slope = np.divide(change, step, out=np.zeros_like(step), where=step != 0)
+        slope = np.divide(
+            change,
+            step,
+            out=np.zeros_like(step),
+            where=step != 0,
+        )
         slopes = np.zeros_like(steps)
-        slopes[sign, order, end, segment] = np.where(np.isnan(slope), 0.0, slope)
+        slopes[sign, order, end, segment] = np.where(
+            np.isnan(slope),
+            0.0,
+            slope,
+        )
         up, down = slopes
-        slopes = np.where(up < down, 0.5 * (up + down), slopes)
-        return np.where(np.isnan(times), 0.0, times), slopes * _SIGNS
+        slopes = np.where(
+            up < down,
+            0.5 * (up + down),
+            slopes,
+        )
+        return np.where(
+            np.isnan(times),
+            0.0,
+            times,
+        ), slopes * _SIGNS
 
 
 # --- the answer ---
 
 
-def _solution(problem: Problem, sections: Sections, states: Array, history: History) -> Solution:
+def _solution(
+    problem: Problem,
+    sections: Sections,
+    states: Array,
+    history: History,
+) -> Solution:
     try:
         durations, profiles = zip(*sections.profiles(states), strict=True)
     except ArithmeticError as error:
@@ -509,7 +596,12 @@ def _solution(problem: Problem, sections: Sections, states: Array, history: Hist
     passages = np.append(0.0, np.cumsum(durations))
     by_waypoint = states.swapaxes(0, 1)
     segments = [
-        sections.fitted(k, profiles[k], by_waypoint[k : k + 2], clock)
+        sections.fitted(
+            k,
+            profiles[k],
+            by_waypoint[k : k + 2],
+            clock,
+        )
         for k, clock in enumerate(clocks(passages, sections.unit_times))
     ]
     low, high = problem.limits.jerk.T
