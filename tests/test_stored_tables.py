@@ -138,7 +138,8 @@ def test_what_a_page_prints_of_a_command_is_stored(page):
     rest = "".join([blocks[0], *(block.split("\n```\n", 1)[1] for block in blocks[1:])])
     for found in PRINTED.finditer(rest):
         assert found["file"], f"nothing is stored of {found[1]}"
-        head, _, text = (ROOT / page).parent.joinpath(found["file"]).read_text(encoding="utf-8").partition("\n\n")
+        file = (ROOT / page).parent / found["file"]
+        head, _, text = file.read_text(encoding="utf-8").partition("\n\n")
         said = dict(line.removeprefix("# ").split(": ", 1) for line in head.splitlines())
         assert said.keys() == {"command", "date", "commit"}
         assert text == found[1]
