@@ -12,7 +12,7 @@ down is a recorded trial, and the run goes on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -129,13 +129,10 @@ def run(
     memory: float | None = None,
     progress: Callable[[Progress], None] = lambda _: None,
     executor: Executor | None = None,
-    spare: Callable[[Sequence[Trial]], None] = lambda _: None,
 ) -> Comparison:
     """`compare`, which says what the arguments are, without its tables: pandas takes long.
 
-    The pool's processes run the trials, and stay for what comes after them. As soon as some of them
-    have nothing to do, since only the last tasks still run or none does, `spare` is called with the
-    trials that this run has made of the planners that have finished.
+    The pool's processes run the trials.
     """
     store = Store(Path(folder).absolute())  # whatever becomes of the working folder
     here = executor is None and pool.jobs == 0
@@ -152,14 +149,10 @@ def run(
     progress(Progress(len(asked), finished, len(done)))
     before = store.stamps() if waiting else {}
     seen = Seen()
-    unfinished = {id(task): task for task in waiting}
     for task, written in _run(waiting, store, allowed, pool, executor):
         finished += len(task.seeds)
         progress(Progress(len(asked), finished, len(done)))
         seen.add(written)
-        del unfinished[id(task)]
-        if len(unfinished) < side_by_side:
-            spare(_settled(seen, unfinished.values()))
     found = None if waiting else store.current(asked)
     if found is None:
         store.restore(before, seen)
@@ -198,13 +191,6 @@ def _isolation(executor: Executor | None) -> str:
     if executor is None:
         return OWN_PROCESS
     return f"{OWN_PROCESS}; on a worker of {type(executor).__name__}"
-
-
-def _settled(seen: Seen, unfinished: Iterable[Task]) -> list[Trial]:
-    """Trials of planners that have finished on their problem."""
-    running = {(task.problem.digest(), task.configuration.entrant.label) for task in unfinished}
-    trials = seen.trials.values()
-    return [t for t in trials if (t.problem.digest(), t.label) not in running]
 
 
 def _consolidated(store: Store, asked: set[str], seen: Seen) -> list[Trial]:

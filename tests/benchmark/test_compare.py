@@ -24,7 +24,6 @@ from trajopt import (
 )
 from trajopt import comparison as run
 from trajopt.benchmark.run.plan import Allowance, plan
-from trajopt.benchmark.run.pool import Pool
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
 from trajopt.planners.registry import load
@@ -367,19 +366,6 @@ def test_progress_counts_every_trial_once(tmp_path):
         assert counts == sorted(counts)
         assert counts[-1] == 4
         assert {state.kept for state in seen} == {counts[0]}
-
-
-def test_a_spare_process_is_told_what_has_finished(tmp_path):
-    told = []
-    hanging = ("hanging", Mine("hang"))
-    with Pool(2) as pool:
-        planners = [hanging, ("mine", Mine()), *FAST]
-        run.run([PROBLEM], planners, tmp_path, pool, timeout=3, spare=told.append)
-    *running, ended = [{trial.planner for trial in trials} for trials in told]
-    everyone = {"exact", "hanging", "mine"}
-    assert running
-    assert all("mine" in planners and planners < everyone for planners in running)
-    assert ended == everyone
 
 
 def test_a_folder_that_cannot_be_written_is_an_error_not_a_trial(tmp_path):

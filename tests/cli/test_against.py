@@ -93,7 +93,7 @@ def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
         return Comparison([*fast, *slow], None)
 
     monkeypatch.setattr(comparison.benchmark, "run", compared)
-    monkeypatch.setattr(comparison.drawn, "draw", lambda *arguments, **options: [])
+    monkeypatch.setattr(comparison.draw, "draw", lambda *arguments, **options: [])
     rival = "slow:first=11.0"
     monkeypatch.setattr(comparison, "label_of", lambda name, planner: rival)
     command = ["compare", "one-joint", "--planner", "exact", "--output", str(tmp_path)]

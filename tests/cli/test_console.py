@@ -79,7 +79,7 @@ def test_a_process_whose_streams_are_ascii_writes_ascii():
 def test_a_comparison_ends_well_where_its_table_cannot_be_written_as_it_is(
     written, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(comparison.drawn, "draw", lambda *arguments, **options: [])
+    monkeypatch.setattr(comparison.draw, "draw", lambda *arguments, **options: [])
     arguments = ("--planner", "unoptimised:segment_time=0.1", "--jobs", 1, "--output", tmp_path)
     code, out, err = written("compare", "one-joint", *arguments, encoding="ascii")
     assert (code, err) == (0, b"")

@@ -27,8 +27,7 @@ from trajopt.judging.falling_velocity import caveats
 from trajopt.planners.registry import entries, named
 from trajopt.planners.registry import label as label_of
 from trajopt.views.analysis.summary import Line, Summary
-from trajopt.views.figures import drawn
-from trajopt.views.figures.drawing import Drawer
+from trajopt.views.figures import draw
 from trajopt.views.figures.style import dilated
 
 if TYPE_CHECKING:
@@ -82,7 +81,6 @@ def run(
     folder = output.absolute()
     few = len(loaded) <= MANY
     with Pool(processes) as pool:
-        drawer = Drawer(pool)
         specs: list[benchmark.Contestant] = [*(planners or _default_planners())]
         if motions:
             specs += _motions(motions, interpolation)
@@ -92,10 +90,6 @@ def run(
         if against is not None:
             rival = label_of(*named(against))
             specs = [*specs, against]
-
-        def spare(trials: Sequence[Trial]) -> None:
-            if few:
-                drawn.begin(trials, folder / "figures", drawer)
 
         elsewhere = cluster.executor(dask) if dask else nullcontext()
         with console.trials() as advance, elsewhere as executor:
@@ -110,11 +104,10 @@ def run(
                 memory=memory,
                 progress=advance,
                 executor=executor,
-                spare=spare,
             )
-        if few:
-            with console.waiting("drawing the figures"):
-                figures = drawn.draw(ran.trials, folder / "figures", drawer)
+    if few:
+        with console.waiting("drawing the figures"):
+            figures = draw.draw(ran.trials, folder / "figures")
     if ran.kept:
         console.line(str(ran.kept))
         console.paragraph()

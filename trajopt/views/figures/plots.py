@@ -7,9 +7,7 @@ others chose (problems, planners and their options) are drawn as they are writte
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from io import BytesIO
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from math import isnan
 from pathlib import Path
@@ -20,15 +18,11 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
-from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
 from trajopt.views.analysis.summary import Line, by_median
 from trajopt.views.figures.style import (
@@ -53,95 +47,32 @@ _SHORT_DASHES = (0, (3, 2))
 _BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
 _RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
 
-_PNG_DPI = 150
-_PNG_COMPRESSION = 3  # of 9: a tenth larger than 6, in three quarters of its time
+PNG_DPI = 150
 _COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
 _SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # of a decade of durations: where ticks are
 
-styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings are left alone
+styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings stay as they are
 
 
 @styled
-def write(figure: Figure, file: Path, digest: str = "") -> Path:
-    """Write a figure, its text as text but in a PNG; the same figure gives the same bytes.
+def write(figure: Figure, file: Path) -> Path:
+    """Write a figure as its suffix says (`.png`, `.svg`, `.pdf`), and return the file.
 
-    Args:
-        figure: laid out once, for whatever files are written of it.
-        file: its suffix, `.png`, `.svg` or `.pdf`, says what it is.
-        digest: of what the figure shows; a PNG or SVG carries it in its metadata.
-
-    Returns:
-        The file.
+    Vector files keep text as text, and the same figure gives the same bytes.
     """
-    said = {"Description": digest} if digest else {}
+    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    file.parent.mkdir(parents=True, exist_ok=True)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        _lay_out(figure)
-        if file.suffix == ".png":
-            _write_png(figure, file, said)
-        elif file.suffix == ".svg":
-            _write_vector(figure, file, {"Date": None, **said})
-        else:
-            _write_vector(figure, file, {"CreationDate": None})
+        figure.savefig(file, dpi=PNG_DPI, metadata=undated.get(file.suffix))
     return file
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write `stem.png` and `stem.svg`, which are returned."""
-    files = [stem.with_name(f"{stem.name}.{suffix}") for suffix in ("png", "svg")]
-    return [write(figure, file) for file in files]
-
-
-def _lay_out(figure: Figure) -> None:
-    """Find every place once: else each file's writer draws the figure for it, and again.
-
-    In the PNG's pixels: at another density its hinted letters are up to a tenth wider or narrower.
-    """
-    engine = figure.get_layout_engine()
-    if engine is None:
-        return
-    with _dense(figure):
-        engine.execute(figure)
-    figure.set_layout_engine(None)
-
-
-@contextmanager
-def _dense(figure: Figure) -> Iterator[None]:
-    """A figure with the PNG's density."""
-    usual = figure.get_dpi()
-    figure.set_dpi(_PNG_DPI)
-    yield
-    figure.set_dpi(usual)
-
-
-def _write_png(figure: Figure, file: Path, said: Mapping[str, str]) -> None:
-    """The same figure in pixels; `said` are texts that the file carries."""
-    with _dense(figure):
-        canvas: Any = FigureCanvasAgg(figure)
-        canvas.draw()
-    pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
-    opaque = pixels.convert("RGB")
-    texts = PngInfo()
-    for keyword, value in said.items():
-        texts.add_text(keyword, value)
-    content = BytesIO()
-    opaque.save(
-        content,
-        "png",
-        pnginfo=texts,
-        dpi=(_PNG_DPI, _PNG_DPI),
-        compress_level=_PNG_COMPRESSION,
-    )
-    file.write_bytes(content.getvalue())
-
-
-def _write_vector(figure: Figure, file: Path, metadata: Mapping[str, str | None]) -> None:
-    """Write all of it at once, so that a figure that cannot be drawn leaves the old one."""
-    content = BytesIO()
-    figure.savefig(content, format=file.suffix.removeprefix("."), metadata=metadata)
-    file.write_bytes(content.getvalue())
+    """Write `stem.png` and `stem.svg`, and return both."""
+    return [write(figure, stem.with_name(f"{stem.name}.{kind}")) for kind in ("png", "svg")]
 
 
 # ---- durations ------------------------------------------------------------------------------
@@ -296,13 +227,12 @@ def convergence(
     above.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
     above.yaxis.set_major_locator(LogLocator(subs=_SUBDIVISIONS))
     above.yaxis.set_major_formatter(FuncFormatter(plain))
+    above.yaxis.set_minor_formatter(NullFormatter())
     if best:
         name = f"best 3-5-3 {best:#.4g} s"
         above.axhline(best, color=BLACK, lw=0.8, ls=_SHORT_DASHES, label=name)
         _log_percent(grid[1].yaxis)
         grid[1].set_ylabel("above the best 3-5-3 (%)")
-    _draw_minor_ticks([above.yaxis])
-    _draw_minor_ticks([axes.xaxis for axes in grid])
     grid[-1].set_xlabel("evaluations")
     keys = above.get_legend_handles_labels()
     figure.legend(*keys, loc="outside right upper", title="median and quartiles")
@@ -435,40 +365,6 @@ def _log_percent(axis: XAxis | YAxis) -> None:
         axis.axes.set(yscale="log", ylim=limits)
     axis.set_major_locator(LogLocator(numticks=8))
     axis.set_major_formatter(FuncFormatter(_floored))
-    _draw_minor_ticks([axis])
-
-
-def _draw_minor_ticks(sharing: Sequence[XAxis | YAxis]) -> None:
-    """Minor ticks as one artist an axis, once its limits are set: Matplotlib draws five for each.
-
-    Args:
-        sharing: all axes that share their ticks: without its own, none has any.
-    """
-    places = []
-    for axis in sharing:
-        low, high = sorted(axis.get_view_interval())
-        found = np.asarray(axis.get_minorticklocs())
-        inside = (found >= low) & (found <= high)
-        places.append(found[inside])
-    for axis, shown in zip(sharing, places, strict=True):
-        axis.set_minor_locator(NullLocator())
-        _draw_ticks(axis, shown)
-
-
-def _draw_ticks(axis: XAxis | YAxis, places: Array) -> None:
-    """Ticks without numbers, as Matplotlib draws minor ones."""
-    edge = np.zeros_like(places)
-    size = matplotlib.rcParams["xtick.minor.size"]
-    width = matplotlib.rcParams["xtick.minor.width"]
-    look: Look = {"ls": "", "color": BLACK, "ms": size, "mew": width}
-    axes = axis.axes
-    if axis.axis_name == "x":
-        look |= {"marker": TICKDOWN, "transform": axes.get_xaxis_transform()}
-        ticks = Line2D(places, edge, **look)
-    else:
-        look |= {"marker": TICKLEFT, "transform": axes.get_yaxis_transform()}
-        ticks = Line2D(edge, places, **look)
-    axes.figure.add_artist(ticks)
 
 
 def _floored(value: float, _: object = None) -> str:

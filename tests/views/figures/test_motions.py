@@ -1,0 +1,80 @@
+"""A motion's figure shows its curves, limits and waypoints, panel by panel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from pictures import motion_of, overlaps, texts
+
+from trajopt.core.problem import Limits
+from trajopt.views.figures import motions, style
+
+
+@pytest.mark.parametrize("joints", [1, 6, 12])
+def test_a_row_is_a_joint_counted_from_one(joints):
+    problem, trajectory = motion_of(joints)
+    slower = trajectory.dilated(1.5)
+    figure = motions.motion(problem, trajectory, slower, "title")
+    assert len(figure.axes) == 3 * joints
+    shown = set(texts(figure))
+    assert {f"joint {j + 1}" for j in range(joints)} <= shown
+    assert {"position (rad)", "velocity (rad/s)", "acceleration (rad/s²)"} <= shown
+    assert {"exact optimum", "limit", "waypoint", "planner"} <= shown
+    assert overlaps(figure) == []
+
+
+def test_jerk_has_a_column_where_it_is_limited():
+    figure = motions.motion(*motion_of(1, jerk=True))
+    assert len(figure.axes) == 4
+    assert "jerk (rad/s³)" in texts(figure)
+
+
+def test_a_panel_has_limits_and_both_curves_on_one_time_axis():
+    problem, trajectory = motion_of(2)
+    figure = motions.motion(problem, trajectory, trajectory.dilated(2.0))
+    velocity = figure.axes[4]  # of the second joint: 3 panels a row
+    assert velocity.get_xlim() == (0, 4)
+    first_limit, second_limit, reference, own = velocity.lines
+    assert list(first_limit.get_ydata()) == [-1.5, -1.5]
+    assert list(second_limit.get_ydata()) == [3.0, 3.0]
+    # the peak is 1 rad/s at half of 2 s; dilated by 2 it is 0.5 rad/s
+    assert max(own.get_ydata()) == pytest.approx(1.0)
+    assert max(own.get_xdata()) == pytest.approx(2.0)
+    assert max(reference.get_ydata()) == pytest.approx(0.5)
+    assert max(reference.get_xdata()) == pytest.approx(4.0)
+
+
+def test_waypoints_are_dots_in_positions_and_lines_elsewhere():
+    problem, trajectory = motion_of(1)
+    position, velocity, _ = motions.motion(problem, trajectory).axes
+    dots = position.lines[-1]
+    np.testing.assert_allclose(dots.get_xydata(), [[0, 0], [1, 0.5], [2, 1]])
+    (passing,) = velocity.collections
+    (line,) = passing.get_segments()
+    assert line[:, 0].tolist() == [1, 1]
+
+
+def test_the_far_side_of_a_limit_is_grey_whatever_its_sign():
+    """Positions from 0 to 1 rad are drawn between limits of −3 and 4 rad."""
+    problem, trajectory = motion_of(1)
+    limits = Limits([2.0], [3.0], position=[[-3.0, 4.0]])
+    limited = replace(problem, limits=limits)
+    position = motions.motion(limited, trajectory).axes[0]
+    low, high = position.get_ylim()
+    below, above = (patch.get_extents() for patch in position.patches)
+    to_pixels = position.transData.transform
+    assert below.y0 == pytest.approx(to_pixels((0, low))[1])
+    assert below.y1 == pytest.approx(to_pixels((0, -3.0))[1])
+    assert above.y0 == pytest.approx(to_pixels((0, 4.0))[1])
+    assert above.y1 == pytest.approx(to_pixels((0, high))[1])
+
+
+def test_a_title_fits_into_the_figure():
+    title = style.headline("n" * 500, ", 1.234 s")
+    figure = motions.motion(*motion_of(2), title=title)
+    FigureCanvasAgg(figure).draw()
+    extent = figure._suptitle.get_window_extent()
+    assert extent.x1 <= figure.bbox.x1
