@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Picture = tuple[str, Callable[[], "Figure"]]  # a file's name without suffix, and what draws it
 
-STAMP = ".trials"  # a file in a problem's folder: a digest of the trials that its figures show
 NAME_LENGTH = 80  # characters of a file's name
 
 
@@ -125,8 +124,11 @@ def _problems(trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], str]]:
 
 
 def _draw_problem(trials: Sequence[Trial], folder: Path) -> list[Path]:
-    """Draw the figures of one problem, unless its stamp says that they show these trials."""
-    stamp = folder / STAMP
+    """Draw the figures of one problem, unless its stamp says that they show these trials.
+
+    The stamp is a file beside the folder: a digest of the trials and of the files' names.
+    """
+    stamp = folder.with_name(f".{folder.name}.trials")
     if stamp.is_file() and stamp.read_bytes() == _digest(trials, folder):
         return sorted(folder.glob("*.png"))
     from trajopt.views.figures import plots
