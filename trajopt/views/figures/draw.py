@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Picture = tuple[str, Callable[[], "Figure"]]  # a file's name without suffix, and what draws it
 
+MOTIONS = 3  # so many planners' motions are drawn of a problem
 NAME_LENGTH = 80  # characters of a file's name
 
 
@@ -79,23 +80,33 @@ def explain(trial: Trial, found: Explanation, folder: Path) -> list[Path]:
     """Draw `<problem>-<label>-seed<n>-waterfall` and `-limit-use`, as PNG and SVG."""
     from trajopt.views.figures import explanation, plots
 
-    label = f"{trial.problem.name}-{trial.label}-seed{trial.seed}"
-    (stem,) = distinct_names([(label, "")])
-    name = f"{trial.problem.name}: {trial.label}"
+    problem = trial.problem.name
+    name = f"{problem}: {trial.label}"
+    stem = _portable(f"{problem}-{trial.label}-seed{trial.seed}")
     files: list[Path] = []
-    if steps := found.steps():
-        panels = [(headline(name, f", {which}"), own) for which, own in steps.items()]
-        files += plots.save(explanation.waterfalls(panels), folder / f"{stem}-waterfall")
-    title = headline(name, f", {found.certified_duration:#.4g} s")
-    use = explanation.limit_use(trial.problem, found.trajectory, found.optimum, title)
-    return files + plots.save(use, folder / f"{stem}-limit-use")
+    panels = []
+    for which, own in found.steps().items():
+        title = headline(name, f", {which}")
+        panels.append((title, own))
+    if panels:
+        climb = explanation.waterfalls(panels)
+        files += plots.save(climb, folder / f"{stem}-waterfall")
+    use = explanation.limit_use(
+        trial.problem,
+        found.trajectory,
+        found.optimum,
+        headline(name, f", {found.certified_duration:#.4g} s"),
+    )
+    files += plots.save(use, folder / f"{stem}-limit-use")
+    return files
 
 
 def judged(found: Judgement, folder: Path) -> Path:
     """Draw a motion as it is, its limits, and the optimum behind: `<problem>-<motion>.png`."""
     from trajopt.views.figures import motions, plots
 
-    optimum = None if found.explanation is None else found.explanation.optimum
+    name = f"{found.problem.name}-{found.motion.name}"
+    optimum = found.explanation.optimum if found.explanation else None
     verdict = f", {found.claimed_duration:#.4g} s"
     if not found.certificate.valid:
         verdict += ", no slow-down mends it"
@@ -109,16 +120,17 @@ def judged(found: Judgement, folder: Path) -> Path:
         reference_name="best known optimum",
         own_name="motion as executed",
     )
-    (stem,) = distinct_names([(f"{found.problem.name}-{found.motion.name}", "")])
-    return plots.write(figure, folder / f"{stem}.png")
+    return plots.write(figure, folder / f"{_portable(name)}.png")
 
 
 def _problems(trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], str]]:
     """Yield the trials of every problem, and the name of its folder."""
     problems: dict[tuple[str, str], list[Trial]] = {}
     for trial in trials:
-        key = trial.problem.name, trial.problem.digest()
-        problems.setdefault(key, []).append(trial)
+        problem = trial.problem
+        key = (problem.name, problem.digest())
+        own = problems.setdefault(key, [])
+        own.append(trial)
     names = distinct_names(list(problems))
     yield from zip(problems.values(), names, strict=True)
 
@@ -151,9 +163,11 @@ def _draw_problem(trials: Sequence[Trial], folder: Path) -> list[Path]:
 
 def _digest(trials: Sequence[Trial], folder: Path) -> bytes:
     """Return a digest of the trials' identities, starts and verdicts, and of the files' names."""
-    rows = [f"{trial.id} {trial.label} {trial.started} {trial.status}" for trial in trials]
     names = [file.name for file in folder.glob("*.png")]
-    return sha256("\n".join(sorted(rows + names)).encode()).digest()
+    for trial in trials:
+        names.append(f"{trial.id} {trial.label} {trial.started} {trial.status}")
+    text = "\n".join(sorted(names))
+    return sha256(text.encode()).digest()
 
 
 def _pictures(trials: Sequence[Trial], *, every_motion: bool = False) -> Iterator[Picture]:
@@ -164,30 +178,41 @@ def _pictures(trials: Sequence[Trial], *, every_motion: bool = False) -> Iterato
     summary = Summary(trials)
     yield "durations", partial(plots.durations, summary.lines(), title)
     yield from _motions(trials, every_motion=every_motion)
-    found = histories(trials)
-    searching = searches([found])
-    curves = {
-        label: sampling.over_runs(own) for label, own in found.runs.items() if label in searching
-    }
-    if curves:
-        best = found.best if np.isfinite(found.best) else None
-        yield "convergence", partial(plots.convergence, curves, best, title)
-    gaps = {
-        label: np.array([summary.gap(trial) for trial in runs])
-        for label, runs in by_label(trials).items()
-    }
-    if any(np.isfinite(runs).sum() > 1 for runs in gaps.values()):
+    if curves := _convergence(trials):
+        best = histories(trials).best
+        known = best if np.isfinite(best) else None
+        yield "convergence", partial(plots.convergence, curves, known, title)
+    gaps = {}
+    several = False
+    for label, runs in by_label(trials).items():
+        own = np.array([summary.gap(trial) for trial in runs])
+        several |= np.isfinite(own).sum() > 1
+        gaps[label] = own
+    if several:
         yield "gaps", partial(plots.gap_distribution, gaps, title)
+
+
+def _convergence(trials: Sequence[Trial]) -> dict[str, tuple[Array, Array]]:
+    """Return the curve of every search of the best 3-5-3."""
+    found = histories(trials)
+    curves = {}
+    for label in searches([found]):
+        curves[label] = sampling.over_runs(found.runs[label])
+    return curves
 
 
 def _motions(trials: Sequence[Trial], *, every_motion: bool) -> Iterator[Picture]:
     """Yield a figure per planner, the optimum behind all but its own."""
     from trajopt.views.figures import motions
 
-    groups = by_label(trials)
-    medians = [run for runs in groups.values() if (run := median_run(runs))]
-    keys = [(trial.label, sha256(trial.label.encode()).hexdigest()) for trial in medians]
-    names = dict(zip([trial.label for trial in medians], distinct_names(keys), strict=True))
+    medians = []
+    for runs in by_label(trials).values():
+        if run := median_run(runs):
+            medians.append(run)
+    labels = [trial.label for trial in medians]
+    digests = [sha256(label.encode()).hexdigest() for label in labels]
+    keys = list(zip(labels, digests, strict=True))
+    names = dict(zip(labels, distinct_names(keys), strict=True))
     optimum, optimum_name = _optimum(trials)
     for trial in medians if every_motion else _telling(medians):
         assert trial.certified_trajectory is not None
@@ -196,7 +221,7 @@ def _motions(trials: Sequence[Trial], *, every_motion: bool) -> Iterator[Picture
             trial.problem,
             trial.certified_trajectory,
             None if trial.planner in REFERENCES else optimum,
-            title=_title(trial, groups[trial.label]),
+            title=_title(trial, trials),
             reference_name=optimum_name,
         )
         yield f"motion-{names[trial.label]}", picture
@@ -207,17 +232,21 @@ def _telling(medians: Sequence[Trial]) -> list[Trial]:
 
     References are left out: they are drawn behind the others. Without others the first is kept.
     """
-    compared = [trial for trial in medians if trial.planner not in (*REFERENCES, PROOF)]
-    ordered = sorted(compared or medians[:1], key=_duration)
-    chosen = {0, len(ordered) // 2, len(ordered) - 1}
-    return [trial for rank, trial in enumerate(ordered) if rank in chosen]
+    references = {*REFERENCES, PROOF}
+    compared = [trial for trial in medians if trial.planner not in references]
+    ordered = sorted(compared, key=_duration)
+    if len(ordered) <= MOTIONS:
+        return ordered or list(medians[:1])
+    middle = len(ordered) // 2
+    return [ordered[0], ordered[middle], ordered[-1]]
 
 
-def _title(trial: Trial, runs: Sequence[Trial]) -> str:
+def _title(trial: Trial, trials: Sequence[Trial]) -> str:
     duration = f", {trial.certified_duration:#.4g} s"
-    certified = sum(run.certified_duration is not None for run in runs)
-    if certified > 1:
-        duration += f" (median of {certified} runs, seed {trial.seed})"
+    own = [other for other in trials if other.label == trial.label]
+    runs = sum(other.certified_duration is not None for other in own)
+    if runs > 1:
+        duration += f" (median of {runs} runs, seed {trial.seed})"
     return headline(f"{trial.problem.name}: {trial.label}", duration)
 
 
@@ -227,17 +256,20 @@ def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     It is the record, where gaps are measured against that, or the shortest of the references.
     """
     problem = trials[0].problem
-    if any(reference.recorded for reference in Summary(trials).references.values()):
-        return records.answer(problem).trajectory, "best known"
-    asked = [trial for trial in trials if trial.planner in REFERENCES]
-    answered = [trial for trial in asked if trial.solution.trajectory is not None]
+    for reference in Summary(trials).references.values():
+        if reference.recorded:
+            return records.answer(problem).trajectory, "best known"
+    answered = []
+    for trial in trials:
+        if trial.planner in REFERENCES and trial.claimed_duration:
+            answered.append(trial)
     if not answered:
         return None, ""
     best = min(answered, key=lambda trial: (_duration(trial), trial.claimed_duration))
     if best.certified_trajectory is not None:
         return best.certified_trajectory, "exact optimum"
     limits: list[LimitName] = ["jerk", "position"]
-    ignored = " or ".join(name for name in limits if problem.has(name))
+    ignored = " or ".join(filter(problem.has, limits))
     return best.solution.trajectory, f"best known without {ignored} limits (relaxed)"
 
 
@@ -251,7 +283,8 @@ def median_run(runs: Sequence[Trial]) -> Trial | None:
     certified = [trial for trial in runs if trial.certified_duration is not None]
     ordered = sorted(certified, key=lambda trial: (_duration(trial), trial.seed))
     while ordered:
-        middle = ordered.pop((len(ordered) - 1) // 2)
+        lower = (len(ordered) - 1) // 2
+        middle = ordered.pop(lower)
         if middle.certified_trajectory is not None:  # computed for the run that is shown only
             return middle
     return None
@@ -267,13 +300,18 @@ def by_label(trials: Sequence[Trial]) -> dict[str, list[Trial]]:
 
 def distinct_names(keys: Sequence[tuple[str, str]]) -> list[str]:
     """Return portable file names for `(name, digest)` pairs, with a digest where names clash."""
-    safe = []
-    for name, _ in keys:
-        portable = re.sub(r"[^A-Za-z0-9_.=+-]+", "_", name).strip("._")
-        safe.append(portable[:NAME_LENGTH] or "_")
-    count = Counter(name.casefold() for name in safe)
+    portable = [_portable(name) for name, _ in keys]
+    count = Counter(name.casefold() for name in portable)
     names = []
-    for name, (_, digest) in zip(safe, keys, strict=True):
-        clashes = count[name.casefold()] > 1
-        names.append(f"{name}-{digest[:8]}" if clashes else name)
+    for name, (_, digest) in zip(portable, keys, strict=True):
+        if count[name.casefold()] > 1:
+            name += f"-{digest[:8]}"
+        names.append(name)
     return names
+
+
+def _portable(name: str) -> str:
+    """Return the name without what file systems refuse, at most `NAME_LENGTH` characters."""
+    safe = re.sub(r"[^A-Za-z0-9_.=+-]+", "_", name)
+    bare = safe.strip("._")
+    return bare[:NAME_LENGTH] or "_"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,11 @@ _REFERENCE: Look = {"color": GREY, "lw": 1.8}
 _PASSING: Look = {"color": "0.6", "lw": 0.4}
 _WAYPOINT: Look = {"marker": "o", "mfc": "white", "mec": BLACK, "mew": 0.8, "zorder": 3}
 
-MARGINS_IN = {"left": 0.75, "right": 0.12, "top": 0.65, "bottom": 0.42}
+LEFT_IN = 0.75  # inches left of the panels
+RIGHT_IN = 0.12
+TOP_IN = 0.65
+BOTTOM_IN = 0.42
+BEYOND = (-1e6, 1e6)  # rad, rad/s, …: the shade beyond a limit ends outside the panel
 MARGIN_SHARE = 0.08  # of the range of values, above and below it
 CONSTANT_RTOL = 1e-9  # a smaller change of value is drawn as none
 CONSTANT_MARGIN = 0.05  # rad, rad/s, …: shown around a value that does not change
@@ -55,34 +59,61 @@ def motion(
         own_name: names the trajectory in the legend.
     """
     quantities = QUANTITIES if problem.has("jerk") else QUANTITIES[:3]
-    curves = {own_name: (trajectory, _MOTION)}
-    if reference:
-        curves = {reference_name: (reference, _REFERENCE)} | curves
-    end = max(shown.duration for shown, _ in curves.values())
+    passing = trajectory.waypoint_times
     figure, grid = _grid(problem.joints, len(quantities))
-    for order, (quantity, column) in enumerate(zip(quantities, grid.T, strict=True)):
+    looks = {own_name: _MOTION}
+    end = trajectory.duration
+    if reference:
+        looks = {reference_name: _REFERENCE} | looks
+        end = max(end, reference.duration)
+    for order, quantity in enumerate(quantities):
         limits = getattr(problem.limits, quantity)
-        lines = [(*curve(shown, order), look) for shown, look in curves.values()]
+        lines = [curve(trajectory, order)]
+        if reference:
+            lines.insert(0, curve(reference, order))
+        column = grid[:, order]
         for joint, axes in enumerate(column):
-            own = [(times, values[:, joint], look) for times, values, look in lines]
-            _panel(axes, own, limits[joint], trajectory.waypoint_times[1:-1])
-        column[0].set_title(f"{quantity} ({problem.shared_unit(order)})")
-        column[-1].set(xlabel="time (s)", xlim=(0, end))
+            _limits(axes, limits[joint])
+            for (times, values), look in zip(lines, looks.values(), strict=True):
+                axes.plot(times, values[:, joint], **look)
+            _fit(axes)
+            for time in passing[1:-1]:
+                axes.axvline(time, **_PASSING)
+        unit = problem.shared_unit(order)
+        column[0].set_title(f"{quantity} ({unit})")
+        column[-1].set_xlabel("time (s)")
+        column[-1].set_xlim(0, end)
     for joint, axes in enumerate(grid[:, 0]):
         waypoints = problem.waypoints[:, joint]
-        axes.plot(trajectory.waypoint_times, waypoints, ls="", clip_on=False, **_WAYPOINT)
+        axes.plot(passing, waypoints, ls="", clip_on=False, **_WAYPOINT)
         label = _label(problem, joint)
         axes.set_ylabel(text(label), fontsize=6 if len(label) > LONG_LABEL else 8)
-    looks = {name: look for name, (_, look) in curves.items()}
-    looks |= {"limit": _LIMIT, "waypoint": _PASSING | _WAYPOINT}
-    keys = [Line2D([], [], label=name, **look) for name, look in looks.items()]
-    left = MARGINS_IN["left"] / figure.get_figwidth()
-    line = 0.2 / figure.get_figheight()
-    figure.suptitle(text(title), x=left, y=1 - line / 4, ha="left", fontsize=9)
-    place = (left, 1 - line)
-    figure.legend(handles=keys, loc="upper left", bbox_to_anchor=place, ncols=4, borderpad=0.2)
     figure.align_ylabels(grid[:, 0])
+    looks["limit"] = _LIMIT
+    looks["waypoint"] = _PASSING | _WAYPOINT
+    _caption(figure, title, looks)
     return figure
+
+
+def _caption(figure: Figure, title: str, looks: Mapping[str, Look]) -> None:
+    """Write the title in the first line, and what the lines mean in the second."""
+    keys = [Line2D([], [], label=name, **look) for name, look in looks.items()]
+    left = LEFT_IN / figure.get_figwidth()
+    line = 0.2 / figure.get_figheight()
+    figure.suptitle(
+        text(title),
+        x=left,
+        y=1 - line / 4,
+        ha="left",
+        fontsize=9,
+    )
+    figure.legend(
+        handles=keys,
+        loc="upper left",
+        bbox_to_anchor=(left, 1 - line),
+        ncols=len(keys),
+        borderpad=0.2,
+    )
 
 
 def _grid(joints: int, columns: int) -> tuple[Figure, Any]:
@@ -92,44 +123,41 @@ def _grid(joints: int, columns: int) -> tuple[Figure, Any]:
     height = joints * row + 1.05
     figure = Figure(figsize=(width, height))
     figure.subplots_adjust(
-        left=MARGINS_IN["left"] / width,
-        right=1 - MARGINS_IN["right"] / width,
-        top=1 - MARGINS_IN["top"] / height,
-        bottom=MARGINS_IN["bottom"] / height,
+        left=LEFT_IN / width,
+        right=1 - RIGHT_IN / width,
+        top=1 - TOP_IN / height,
+        bottom=BOTTOM_IN / height,
         wspace=0.38,
         hspace=0.22,
     )
     return figure, figure.subplots(joints, columns, squeeze=False, sharex=True)
 
 
-def _panel(
-    axes: Axes,
-    lines: Sequence[tuple[Array, Array, Look]],
-    limits: Array,
-    passing: Array,
-) -> None:
-    """Draw one quantity of one joint: its curves, its finite limits, and the waypoint times."""
-    finite = limits[np.isfinite(limits)]
-    values = np.concatenate([finite, *(own for _, own, _ in lines)])
-    low, high = _view(values)
-    axes.set_ylim(low, high)
-    for limit, edge in zip(limits, (low, high), strict=True):
+def _limits(axes: Axes, limits: Array) -> None:
+    """Draw the finite ones of the limits `(2,)`, and shade what lies beyond them."""
+    for limit, beyond in zip(limits, BEYOND, strict=True):
         if np.isfinite(limit):
-            axes.axhspan(min(limit, edge), max(limit, edge), color="0.93", lw=0, zorder=0)
             axes.axhline(limit, **_LIMIT)
-    axes.vlines(passing, low, high, colors=_PASSING["color"], lw=_PASSING["lw"])
-    for times, own, look in lines:
-        axes.plot(times, own, **look)
-    axes.yaxis.set_major_locator(MaxNLocator(3))
+            axes.axhspan(
+                limit,
+                limit + beyond,
+                color="0.93",
+                lw=0,
+                zorder=0,
+            )
 
 
-def _view(values: Array) -> tuple[float, float]:
-    """Return the ends of a value axis: all values, and a margin."""
+def _fit(axes: Axes) -> None:
+    """Let the value axis show every line, with a margin, and nothing beyond."""
+    values = np.concatenate([line.get_ydata() for line in axes.lines])
     low = float(values.min())
     high = float(values.max())
     changes = high - low > CONSTANT_RTOL * max(1.0, abs(high))
-    margin = MARGIN_SHARE * (high - low) if changes else CONSTANT_MARGIN
-    return low - margin, high + margin
+    margin = CONSTANT_MARGIN
+    if changes:
+        margin = MARGIN_SHARE * (high - low)
+    axes.set_ylim(low - margin, high + margin)
+    axes.yaxis.set_major_locator(MaxNLocator(3))
 
 
 def _label(problem: Problem, joint: int) -> str:
