@@ -205,7 +205,7 @@ def summary(outcome: Outcome) -> pd.DataFrame:
         flat = by_entrant.reshape(len(outcome.names), -1)
         spent = statistics.expected_running_time(flat, outcome.evaluations)
         columns[f"evaluations to {target}"] = np.asarray(spent)
-    columns["mean rank"] = statistics.friedman(medians.T).mean_ranks
+    columns["mean rank"] = statistics.mean_ranks(medians.T)
     index = pd.Index(outcome.names, name="entrant")
     return pd.DataFrame(columns, index=index)
 

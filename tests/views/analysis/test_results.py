@@ -248,11 +248,6 @@ def test_profiles_of_nothing_are_empty():
     assert failed.profile([1, 2])["a"].tolist() == [0, 0]
 
 
-def test_taus_must_be_numbers():
-    with pytest.raises(InvalidInput, match="no NaN"):
-        Results(run("a", 1.0)).profile([1.0, np.nan])
-
-
 def searching(name, histories, *, problem=PROBLEM, spent=None):
     """One run per history `(m, 2)`, as long as its last best; an empty one is a run without any."""
     items = run(name, *(h[-1][1] if h else -1.0 for h in histories), problem=problem)

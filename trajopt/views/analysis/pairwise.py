@@ -99,8 +99,8 @@ def mean_ranks(runs: pd.DataFrame) -> pd.Series[float]:
     costs = table.loc[:, everywhere]
     if costs.shape[1] < 3:
         return pd.Series(name="rank", dtype=float)
-    ranking = statistics.friedman(costs)
-    return pd.Series(ranking.mean_ranks, costs.columns, name="rank")
+    ranks = statistics.mean_ranks(costs)
+    return pd.Series(ranks, costs.columns, name="rank")
 
 
 def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:

@@ -7,10 +7,9 @@
     shorter_interval(chance, len(ours), len(theirs))             # Newcombe's
     holm([wilcoxon(ours, theirs).pvalue for theirs in others])
 
-Lower is better: values are durations (s), gaps, or evaluations. No answer is NaN or +inf, and is
-worse than every answer, never left out. Runs lie along the last axis. Only equal numbers are tied:
-round first where a difference means nothing. Every function raises `InvalidInput` for what is not
-numbers, has the wrong shape, is empty (an empty family is fine for `holm`), or holds −inf.
+Lower is better: values are durations (s), gaps, or evaluations. A missing answer is NaN or +inf; it
+is worse than every answer, and never left out. Runs lie along the last axis. Only equal numbers are
+tied: round values first where a difference means nothing.
 """
 
 from __future__ import annotations
@@ -29,8 +28,8 @@ Values = Array | np.float64  # a number where the runs were the only axis
 
 EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact
 EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's p is exact
-_BOOTSTRAP_VALUES = 10**6  # drawn at a time: they fit into memory
-_BESIDE_END = 1e-12  # of a chance: the variance is 0 at both ends
+MAX_BOOTSTRAP_VALUES = 10**6  # drawn at a time: they fit into memory
+END_MARGIN = 1e-12  # of a chance: its variance is 0 at both ends
 QUARTILES = (0.25, 0.5, 0.75)
 FIVE_NUMBERS = (0, *QUARTILES, 1)
 
@@ -66,29 +65,10 @@ class RankSum:
     pvalue: float
 
 
-@dataclass(frozen=True, eq=False)
-class Ranking:
-    """Friedman's chi-square, its p, and the mean rank of each solver `(solvers,)`, 1 the best."""
-
-    statistic: float
-    pvalue: float
-    mean_ranks: Array
-
-
 def success_rate(successes: ArrayLike, confidence: float = 0.95) -> Estimate:
     """Share of true in booleans `(runs,)`, such as feasibility, with Wilson's interval (1927)."""
-    outcomes = _costs("successes", successes, 1)
-    binary = np.isin(outcomes, (0, 1))
-    _require(binary, "successes", "true or false", outcomes)
-    _require_level(confidence)
-    successful = int(outcomes.sum())
-    counted = _scipy().binomtest(successful, outcomes.size)
-    low, high = counted.proportion_ci(confidence, method="wilson")
-    return Estimate(
-        value=float(outcomes.mean()),
-        low=float(low),
-        high=float(high),
-    )
+    outcomes = _costs("successes", successes)
+    return mean_interval(outcomes, np.arange(outcomes.size), confidence)
 
 
 def quantile(values: ArrayLike, q: ArrayLike) -> Values:
@@ -96,15 +76,15 @@ def quantile(values: ArrayLike, q: ArrayLike) -> Values:
 
     Linear between neighbouring runs, as NumPy's; +inf from the first run without an answer on.
     """
-    ordered = np.sort(_costs("values", values))
-    share = _shares("q", q)
-    last = ordered.shape[-1] - 1
-    place = np.round(share * last, 9)  # 0.55 · 100 must not reach past 55
-    below = np.floor(place).astype(int)
-    above = np.ceil(place).astype(int)
+    costs = _costs("values", values)
+    ordered = np.sort(costs)
+    last = costs.shape[-1] - 1
+    rank = np.round(np.asarray(q) * last, 9)  # 0.55 · 100 must not exceed 55
+    below = np.floor(rank).astype(int)
+    above = np.ceil(rank).astype(int)
     low = ordered[..., below]
     high = ordered[..., above]
-    weight = place % 1
+    weight = rank % 1
     with np.errstate(invalid="ignore"):
         between = low * (1 - weight) + high * weight
     equal = low == high
@@ -123,16 +103,16 @@ def summary(gaps: ArrayLike) -> Array:
 
 
 def ecdf(values: ArrayLike, at: ArrayLike | None = None) -> tuple[Array, Array]:
-    """`x` (`at`, or wherever it steps), and the share of values `(runs,)` that are at most `x`.
+    """Return `x` (`at`, or all steps) and the share of values `(runs,)` that are at most `x`.
 
     Runs without an answer never are: the share ends at the success rate, even at +inf.
     """
-    runs = _costs("values", values, 1)
+    runs = _costs("values", values)
     finite = np.isfinite(runs)
     answers = np.sort(runs[finite])
     x = np.unique(answers)
     if at is not None:
-        x = _numbers("at", at, nan=False)
+        x = np.asarray(at, dtype=float)
     counts = np.searchsorted(answers, x, side="right")
     shares: Array = counts / runs.size
     return x, shares
@@ -144,10 +124,9 @@ def evaluations_to_target(histories: Sequence[ArrayLike], targets: ArrayLike) ->
     `histories`: per run `(m, 2)`, evaluations spent and the answer by then; rows without an answer
     are passed over. Returns `(runs,)`, or `(targets, runs)`; the target +inf is the first answer.
     """
-    curves = _curves(histories)
-    wanted = _numbers("targets", targets, nan=False)
+    wanted = np.asarray(targets, dtype=float)
     hits = []
-    for spent, best in curves:
+    for spent, best in map(_curve, histories):
         row = np.searchsorted(-best, -wanted)
         spent_or_never = np.append(spent, np.nan)
         hits.append(spent_or_never[row])
@@ -155,15 +134,13 @@ def evaluations_to_target(histories: Sequence[ArrayLike], targets: ArrayLike) ->
 
 
 def fixed_budget(histories: Sequence[ArrayLike], budgets: ArrayLike) -> Array:
-    """Best of each run within a budget of evaluations (its last, if it ended before), NaN if none.
+    """Best of each run within a budget of evaluations (its last, if it ended before), or NaN.
 
     `histories` as above. Returns `(runs,)`, or `(budgets, runs)`: its `median` is a curve.
     """
-    curves = _curves(histories)
-    limit = _numbers("budgets", budgets, nan=False)
     within = []
-    for spent, best in curves:
-        row = np.searchsorted(spent, limit, "right")
+    for spent, best in map(_curve, histories):
+        row = np.searchsorted(spent, budgets, "right")
         none_or_best = np.insert(best, 0, np.nan)
         within.append(none_or_best[row])
     return np.stack(within, axis=-1)
@@ -175,8 +152,7 @@ def quartiles_over_runs(histories: Sequence[ArrayLike], budgets: ArrayLike) -> A
     `histories` as above; a run without an answer by then is worse than any, so that a quartile is
     +inf until enough runs have one.
     """
-    several = np.atleast_1d(budgets)
-    best = fixed_budget(histories, several)
+    best = fixed_budget(histories, np.atleast_1d(budgets))
     quartiles = np.asarray(quantile(best, QUARTILES))
     return quartiles.T
 
@@ -189,16 +165,8 @@ def expected_running_time(hits: ArrayLike, budgets: ArrayLike) -> Values:
     as is then its `bootstrap` interval, which sees no further: look at that of `success_rate`.
     """
     reached = _costs("hits", hits)
-    limit = _numbers("budgets", budgets)
-    _require(reached >= 0, "hits", "0 or more", reached)
-    usable = (limit > 0) & (limit < np.inf)
-    _require(usable, "budgets", "positive and finite", limit)
-    shape = reached.shape
-    shapes = [(), shape[-1:], shape]
-    fits = limit.shape in shapes
-    _require(fits, "budgets", f"one, or of shape {shape}", limit.shape)
-    spent = np.minimum(reached, limit)
-    hit = reached <= limit
+    spent = np.minimum(reached, budgets)
+    hit = reached <= np.asarray(budgets)
     successes = hit.sum(axis=-1)
     with np.errstate(divide="ignore"):
         ert = spent.sum(axis=-1) / successes
@@ -214,8 +182,7 @@ def performance_profile(
     `costs` `(problems, solvers)`, positive. Returns `taus` `(k,)` (by default, wherever a profile
     steps) and shares `(k, solvers)`. A problem that none solved counts against all of them.
     """
-    table = _costs("costs", costs, 2)
-    _require(table > 0, "costs", "positive, since profiles are of ratios", table)
+    table = _costs("costs", costs)
     best = table.min(axis=1, keepdims=True)
     with np.errstate(invalid="ignore", over="ignore"):
         ratios = table / best
@@ -232,14 +199,9 @@ def data_profile(
     `evaluations` `(problems, solvers)` to the target; `dimension`, a number or `(problems,)`: a
     simplex gradient is `dimension + 1` evaluations. Returns `alphas` and shares, as above.
     """
-    table = _costs("evaluations", evaluations, 2)
-    size = _numbers("dimension", dimension)
-    _require(table >= 0, "evaluations", "0 or more", table)
-    usable = (size >= 1) & (size < np.inf)
-    _require(usable, "dimension", "at least 1", size)
-    if size.ndim:
-        _require_shape("dimension", size, table.shape[:1])
-    gradients = table.T / (size + 1)
+    table = _costs("evaluations", evaluations)
+    per_gradient = np.asarray(dimension) + 1
+    gradients = table.T / per_gradient
     return _profile(gradients.T, alphas)
 
 
@@ -252,22 +214,15 @@ def wilcoxon(a: ArrayLike, b: ArrayLike, groups: ArrayLike | None = None) -> Pai
     Equal pairs, two failures too, are dropped (p = 1 if none is left); a failure differs most from
     an answer. p is exact, ties or not, up to `EXACT_PAIRS` groups, then normal.
     """
-    x = _costs("a", a, 1)
-    y = _costs("b", b, 1)
-    pairs = x.size
-    paired = y.size == pairs
-    _require(paired, "b", f"as many values as in a, {pairs}", y.size)
-    own = np.arange(pairs) if groups is None else np.asarray(groups)
-    _require(own.shape == (pairs,), "groups", f"one for each of {pairs} pairs", own.shape)
+    x = _costs("a", a)
+    y = _costs("b", b)
+    own = np.arange(x.size) if groups is None else np.asarray(groups)
     differ = x != y
     with np.errstate(over="ignore"):
         change = x[differ] - y[differ]
-    below = change < 0
-    above = change > 0
-    size = np.abs(change)
-    ranks = _scipy().rankdata(size)
+    ranks = _scipy().rankdata(np.abs(change))
+    signed = np.sign(change) * ranks
     _, group = np.unique(own[differ], return_inverse=True)
-    signed = np.where(above, ranks, -ranks)
     sums: Array = np.bincount(group, weights=signed).astype(float)
     sizes = np.abs(sums)
     negative = sizes[sums < 0].sum()
@@ -277,12 +232,13 @@ def wilcoxon(a: ArrayLike, b: ArrayLike, groups: ArrayLike | None = None) -> Pai
         pvalue = _exact_signed_rank(sizes, rank_sum)
     else:
         pvalue = _normal_signed_rank(sums)
+    wins = int((change < 0).sum())
     return Paired(
         statistic=rank_sum,
         pvalue=pvalue,
-        wins=int(below.sum()),
-        ties=pairs - change.size,
-        losses=int(above.sum()),
+        wins=wins,
+        ties=x.size - change.size,
+        losses=change.size - wins,
     )
 
 
@@ -294,66 +250,49 @@ def mann_whitney(a: ArrayLike, b: ArrayLike) -> RankSum:
     together: the share of all ways to deal the ranks; then normal, corrected for ties and
     continuity. If all runs are equal, p = 1.
     """
-    x = _costs("a", a, 1)
-    y = _costs("b", b, 1)
-    n = x.size
-    m = y.size
+    x = _costs("a", a)
+    y = _costs("b", b)
     both = np.concatenate([x, y])
     ranks = _scipy().rankdata(both)
-    rank_sum = ranks[:n].sum()
-    # pairs lost: U' = R − n (n + 1) / 2; pairs won: U = n m − U'
-    lost = rank_sum - n * (n + 1) / 2
-    won = float(n * m - lost)
+    pairs = x.size * y.size
+    halves = np.round(2 * pairs * shorter_chance(x, y))
+    won = float(halves / 2)
     if np.ptp(ranks) == 0:
         return RankSum(won, 1.0)
     if both.size <= EXACT_RUNS:
-        pvalue = _exact_rank_sum(ranks, n, rank_sum)
-    else:
-        pvalue = _normal_rank_sum(ranks, n)
-    return RankSum(won, pvalue)
+        return RankSum(won, _exact_rank_sum(ranks, x.size))
+    own = ranks[: x.size]
+    theirs = ranks[x.size :]
+    found = _scipy().mannwhitneyu(own, theirs, method="asymptotic")
+    return RankSum(won, float(found.pvalue))
 
 
 def holm(pvalues: ArrayLike) -> Array:
     """p-values adjusted for being one family (Holm 1979), in their own shape."""
-    p = _shares("pvalues", pvalues)
+    p = np.asarray(pvalues, dtype=float)
     order = np.argsort(p, axis=None)
-    rising = p.ravel()[order]
     remaining = np.arange(p.size, 0, -1)
+    scaled = p.ravel()[order] * remaining
     adjusted = np.empty(p.size)
-    scaled = rising * remaining
     adjusted[order] = np.maximum.accumulate(scaled)
     return np.minimum(adjusted, 1).reshape(p.shape)
 
 
-def friedman(costs: ArrayLike) -> Ranking:
-    """Friedman's test on costs `(problems, solvers)`, at least 3 solvers (Demšar 2006, 3.2.2).
-
-    Ties share their mean rank; the statistic is corrected for them. If all are tied, p = 1.
-    """
-    table = _costs("costs", costs, 2)
-    ranks = _scipy().rankdata(table, axis=1)
-    solvers = table.shape[1]
-    _require(solvers > 2, "costs", "3 solvers or more (for 2, wilcoxon)", table.shape)
-    mean_ranks = ranks.mean(axis=0)
-    spread = np.ptp(ranks, axis=1)
-    if not spread.any():
-        return Ranking(0.0, 1.0, mean_ranks)
-    statistic, pvalue = _scipy().friedmanchisquare(*ranks.T)
-    return Ranking(float(statistic), float(pvalue), mean_ranks)
+def mean_ranks(costs: ArrayLike) -> Array:
+    """Mean rank of each solver over costs `(problems, solvers)`, 1 the best; ties share theirs."""
+    ranks = _scipy().rankdata(_costs("costs", costs), axis=1)
+    means: Array = ranks.mean(axis=0)
+    return means
 
 
 def critical_difference(problems: int, solvers: int, confidence: float = 0.95) -> float:
     """Difference of mean ranks that Nemenyi's test calls significant (Demšar 2006, 3.2.2)."""
-    _require_level(confidence)
-    several = problems > 0 and solvers > 1
-    _require(several, "size", "a problem, 2 solvers", (problems, solvers))
     studentized = _scipy().studentized_range.ppf(confidence, solvers, np.inf)
     # CD = q √(k (k + 1) / 6 N), with q the studentized range over √2
     q = studentized / np.sqrt(2)
     orders = solvers * (solvers + 1)
     spread = orders / (6 * problems)
-    difference = q * np.sqrt(spread)
-    return float(difference)
+    return float(q * np.sqrt(spread))
 
 
 def shorter_chance(a: ArrayLike, b: ArrayLike) -> Values:
@@ -364,14 +303,14 @@ def shorter_chance(a: ArrayLike, b: ArrayLike) -> Values:
     """
     x = _costs("a", a)
     y = _costs("b", b)
-    *leading, n = x.shape
-    *others, m = y.shape
-    expected = f"shape {(*leading, 'm')}"
-    _require(leading == others, "b", expected, y.shape)
+    n = x.shape[-1]
+    m = y.shape[-1]
     both = np.concatenate([x, y], axis=-1)
     ranks = _scipy().rankdata(both, axis=-1)
+    own = ranks[..., :n]
+    rank_sum = own.sum(axis=-1)
     # the rank sum of `a` is n (n + 1) / 2 more than the pairs that it loses, ties counting half
-    lost = ranks[..., :n].sum(axis=-1) - n * (n + 1) / 2
+    lost = rank_sum - n * (n + 1) / 2
     share = 1 - lost / (n * m)
     return np.asarray(share)[()]
 
@@ -385,19 +324,23 @@ def shorter_interval(chance: float, n: int, m: int, confidence: float = 0.95) ->
 
     so it does not shrink to a point at 0 and 1, as a bootstrap does.
     """
-    _require(n > 0 and m > 0, "runs", "at least one each", (n, m))
-    _require_level(confidence)
-    quantile = _scipy().norm.ppf((1 + confidence) / 2)
+    z = _z(confidence)
     k = (n + m) / 2 - 1
 
     def excess(theta: float) -> float:
-        spread = 1 + k * (1 - theta) / (2 - theta) + k * theta / (1 + theta)
-        variance = theta * (1 - theta) * spread / (n * m)
-        return float((chance - theta) ** 2 - quantile**2 * variance)
+        other = 1 - theta
+        spread = 1 + k * other / (1 + other)
+        spread += k * theta / (1 + theta)
+        variance = theta * other * spread / (n * m)
+        return float((chance - theta) ** 2 - z**2 * variance)
 
-    inside = min(max(chance, _BESIDE_END), 1 - _BESIDE_END)
-    low = 0.0 if chance == 0 else _root(excess, inside, 0.0)
-    high = 1.0 if chance == 1 else _root(excess, inside, 1.0)
+    inside = np.clip(chance, END_MARGIN, 1 - END_MARGIN)
+    low = 0.0
+    high = 1.0
+    if chance > 0:
+        low = _root(excess, inside, low)
+    if chance < 1:
+        high = _root(excess, inside, high)
     return Estimate(chance, low, high)
 
 
@@ -408,17 +351,22 @@ def mean_interval(shares: ArrayLike, groups: ArrayLike, confidence: float = 0.95
     is Wilson's (1927) for as many yes-or-no outcomes as there are groups: none of the same mean
     spreads more.
     """
-    values = _shares("shares", shares)
-    _, group = np.unique(np.asarray(groups), return_inverse=True)
+    values = np.asarray(shares, dtype=float)
+    _, group = np.unique(groups, return_inverse=True)
     sums = np.bincount(group, weights=values)
-    count = len(sums)
-    _require_level(confidence)
-    mean = float((sums / np.bincount(group)).mean())
-    z = float(_scipy().norm.ppf((1 + confidence) / 2))
-    centre = (mean + z**2 / (2 * count)) / (1 + z**2 / count)
-    spread = mean * (1 - mean) / count + z**2 / (4 * count**2)
-    half = z * spread**0.5 / (1 + z**2 / count)
-    return Estimate(mean, max(0.0, centre - half), min(1.0, centre + half))
+    means = sums / np.bincount(group)
+    mean = float(means.mean())
+    n = len(means)
+    z = _z(confidence)
+    share = z**2 / n
+    scale = 1 + share
+    centre = (mean + share / 2) / scale
+    variance = mean * (1 - mean) + share / 4
+    spread = np.sqrt(share * variance)
+    half = float(spread / scale)
+    low = max(0.0, centre - half)
+    high = min(1.0, centre + half)
+    return Estimate(mean, low, high)
 
 
 def bootstrap(
@@ -435,22 +383,11 @@ def bootstrap(
     `expected_running_time` do. Samples are drawn independently, or, if `paired`, run by run. Bounds
     may be +inf; they are NaN if a sample has a single run, which says nothing of the spread.
     """
-    arrays = []
-    for number, sample in enumerate(samples, 1):
-        key = f"sample {number}"
-        array = _costs(key, sample, 1)
-        arrays.append(array)
-    sizes = [array.size for array in arrays]
-    matched = len(set(sizes)) == 1
-    independent = not paired and sizes != []
-    _require_level(confidence)
-    _require(resamples > 0, "resamples", "at least 1", resamples)
-    _require(matched or independent, "samples", "one size", sizes)
+    arrays = [_costs("sample", sample) for sample in samples]
     value = float(statistic(*arrays))
+    sizes = [array.size for array in arrays]
     if min(sizes) < 2:
         return Estimate(value, np.nan, np.nan)
-    values = sum(sizes)
-    batch = max(1, _BOOTSTRAP_VALUES // values)
     with np.errstate(invalid="ignore"):  # SciPy's own interval is NaN where resamples are inf
         found = _scipy().bootstrap(
             arrays,
@@ -458,38 +395,37 @@ def bootstrap(
             paired=paired,
             vectorized=True,
             n_resamples=resamples,
-            batch=batch,
+            batch=max(1, MAX_BOOTSTRAP_VALUES // sum(sizes)),
             method="percentile",
             rng=np.random.default_rng(seed),
         )
-    lower = (1 - confidence) / 2
-    upper = (1 + confidence) / 2
-    tails = [lower, upper]
-    interval = quantile(found.bootstrap_distribution, tails)
-    low, high = np.asarray(interval)
-    return Estimate(
-        value,
-        low=float(low),
-        high=float(high),
-    )
+    tail = (1 - confidence) / 2
+    low = quantile(found.bootstrap_distribution, tail)
+    high = quantile(found.bootstrap_distribution, 1 - tail)
+    return Estimate(value, float(low), float(high))
 
 
 def _scipy() -> Any:
-    """`scipy.stats`, which takes a second to import and few commands need."""
+    """Return `scipy.stats`, which takes a second to import and few commands need."""
     from scipy import stats
 
     return stats
 
 
+def _z(confidence: float) -> float:
+    """Return the normal quantile of a two-sided interval."""
+    return float(_scipy().norm.ppf((1 + confidence) / 2))
+
+
 def _root(function: Callable[[float], float], inside: float, end: float) -> float:
-    """Where a function that is negative at `inside` and positive at `end` is 0."""
+    """Return the root between `inside` (function negative) and `end` (positive)."""
     from scipy.optimize import brentq
 
     return float(brentq(function, inside, end, xtol=1e-12))
 
 
 def _doubled(ranks: Array) -> NDArray[np.int64]:
-    """Twice the ranks: those shared by an even number of ties end in ½."""
+    """Return twice the ranks: those shared by an even number of ties end in ½."""
     return np.rint(2 * ranks).astype(np.int64)
 
 
@@ -500,7 +436,7 @@ def _exact_signed_rank(ranks: Array, rank_sum: float) -> float:
     chance = np.zeros(total + 1)
     chance[0] = 1.0
     for rank in doubled:
-        # positive with probability ½; what it rolls over the end is 0
+        # a rank is positive with probability ½; `roll` moves only zeros over the end
         chance = (chance + np.roll(chance, rank)) / 2
     end = round(2 * rank_sum) + 1
     tail = chance[:end].sum()
@@ -510,136 +446,59 @@ def _exact_signed_rank(ranks: Array, rank_sum: float) -> float:
 def _normal_signed_rank(sums: Array) -> float:
     """Two-sided p of a sum of independent terms with random signs."""
     deviation = np.sqrt((sums**2).sum())
-    return float(2 * _scipy().norm.sf(abs(sums.sum()) / deviation))
+    z = abs(sums.sum()) / deviation
+    return float(2 * _scipy().norm.sf(z))
 
 
-def _exact_rank_sum(ranks: Array, n: int, rank_sum: float) -> float:
-    """Twice the share of all choices of `n` of the ranks in the smaller tail at `rank_sum`."""
+def _exact_rank_sum(ranks: Array, n: int) -> float:
+    """Twice the share of all choices of `n` ranks in the smaller tail at the sum of the first `n`.
+
+    `ways[k, s]` counts the choices of `k` ranks that sum to `s / 2`.
+    """
     doubled = _doubled(ranks)
     sums = doubled.sum() + 1
-    # ways[k, s]: choices of k ranks that sum to s / 2
     ways = np.zeros((n + 1, sums))
     ways[0, 0] = 1.0
     for rank in doubled:
-        room = sums - rank
-        without = ways[:-1, :room].copy()
+        without = ways[:-1, : sums - rank].copy()
         ways[1:, rank:] += without
     chance = ways[n] / ways[n].sum()
-    place = round(2 * rank_sum)
-    at_most = chance[: place + 1].sum()
-    at_least = chance[place:].sum()
+    own = doubled[:n].sum()
+    at_most = chance[: own + 1].sum()
+    at_least = chance[own:].sum()
     tail = min(at_most, at_least)
     return min(1.0, 2 * float(tail))
 
 
-def _normal_rank_sum(ranks: Array, n: int) -> float:
-    first = ranks[:n]
-    second = ranks[n:]
-    found = _scipy().mannwhitneyu(first, second, method="asymptotic")
-    return float(found.pvalue)
-
-
 def _profile(ratios: Array, at: ArrayLike | None) -> tuple[Array, Array]:
-    """The ECDF of each column of `(problems, solvers)`, at the same points."""
-    if at is None:
-        x, _ = ecdf(ratios.ravel())
-    else:
+    """Return the ECDF of each column of `(problems, solvers)`, at the same points."""
+    x = np.unique(ratios[np.isfinite(ratios)])
+    if at is not None:
         x = np.asarray(at, dtype=float)
-    shares = []
-    for column in ratios.T:
-        _, share = ecdf(column, x)
-        shares.append(share)
+    shares = [ecdf(column, x)[1] for column in ratios.T]
     return x, np.stack(shares, axis=-1)
 
 
-def _curves(histories: Sequence[ArrayLike]) -> list[Array]:
-    """Per run, evaluations spent and best by then, where there is an answer: `(2, m)`."""
-    _require(len(histories) > 0, "histories", "at least one run")
-    numbers = [_numbers("history", history, 2) for history in histories]
-    return [_curve(history) for history in numbers]
+def _curve(history: ArrayLike) -> Array:
+    """Return evaluations spent and the best by then, where there is an answer: `(2, m)`.
 
-
-def _curve(history: Array) -> Array:
-    """A history may rise (a better claim may certify worse): its best by then does not."""
-    shape = history.shape
-    _require(shape[1] == 2, "history", "evaluations and best, (m, 2)", shape)
-    answered = history[:, 1] < np.inf
-    curve: Array = history[answered].T
-    spent, values = curve
-    finite = np.isfinite(curve)
-    rising = np.diff(spent) >= 0
-    orderly = finite.all() and rising.all()
-    _require(orderly, "history", "finite numbers, and evaluations that never fall")
+    A history may rise (a better claim may certify worse): its best by then does not.
+    """
+    rows = np.asarray(history, dtype=float)
+    answered = rows[rows[:, 1] < np.inf]
+    spent, values = answered.T
     best = np.minimum.accumulate(values)
     return np.stack([spent, best])
 
 
-def _costs(
-    key: str,
-    values: ArrayLike,
-    axes: int | None = None,
-) -> Array:
-    """At least one number along each axis, +inf for NaN: no answer is the worst of all."""
-    array = _numbers(key, values, axes)
-    some = array.ndim and array.size
-    _require(bool(some), key, "at least one value", array.shape)
-    _require(array != -np.inf, key, "no −inf", array)
-    missing = np.isnan(array)
-    costs: Array = np.where(missing, np.inf, array)
+def _costs(name: str, values: ArrayLike) -> Array:
+    """Return at least one number, +inf for NaN: a missing answer is the worst of all.
+
+    Raises:
+        InvalidInput: if there is no number.
+    """
+    array = np.asarray(values, dtype=float)
+    if not array.size:
+        raise InvalidInput(name, "at least one value", value=array.shape)
+    costs: Array = np.where(np.isnan(array), np.inf, array)
     return costs
-
-
-def _numbers(
-    key: str,
-    values: ArrayLike,
-    axes: int | None = None,
-    *,
-    nan: bool = True,
-) -> Array:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise InvalidInput(key, "an array of numbers") from None
-    if axes is not None:
-        expected = f"an array of {axes} axes"
-        _require(array.ndim == axes, key, expected, array.shape)
-    if not nan:
-        _require(~np.isnan(array), key, "no NaN", array)
-    return array
-
-
-def _shares(key: str, values: ArrayLike) -> Array:
-    array = _numbers(key, values)
-    inside = (array >= 0) & (array <= 1)
-    _require(inside, key, "from 0 to 1", array)
-    return array
-
-
-def _require_level(confidence: float) -> None:
-    inside = 0 < confidence < 1
-    _require(inside, "confidence", "between 0 and 1", confidence)
-
-
-def _require_shape(
-    key: str,
-    array: NDArray[Any],
-    shape: tuple[int, ...],
-) -> None:
-    alike = array.shape == shape
-    _require(alike, key, f"of shape {shape}", array.shape)
-
-
-def _require(
-    holds: ArrayLike,
-    key: str,
-    expected: str,
-    value: object = None,
-) -> None:
-    """Raise `InvalidInput` unless all hold, with the first value that does not."""
-    held = np.asarray(holds)
-    if held.all():
-        return
-    if held.ndim:
-        wrong = np.asarray(value)[~held]
-        raise InvalidInput(key, expected, value=wrong[0])
-    raise InvalidInput(key, expected, value=value)

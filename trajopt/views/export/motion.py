@@ -194,11 +194,17 @@ def _judged(trial: Trial, planned: Trajectory, motion: OnCycle, samples: Samples
 
 def peak(certificate: Certificate, trial: Trial) -> str:
     """The highest use of a limit, in words."""
-    peaks = {kind: getattr(certificate, kind) for kind in _KINDS}
-    values = {kind: worst.value for kind, worst in peaks.items() if worst is not None}
-    kind = max(values, key=values.__getitem__)
-    label = trial.problem.joint_labels[peaks[kind].joint]
-    return f"its peak is {values[kind]:.5f} of the {kind} limit of {label}"
+    values = {}
+    joints = {}
+    for kind in _KINDS:
+        worst = getattr(certificate, kind)
+        if worst is not None:
+            values[kind] = worst.value
+            joints[kind] = worst.joint
+    highest = max(values, key=values.__getitem__)
+    joint = joints[highest]
+    label = trial.problem.joint_labels[joint]
+    return f"its peak is {values[highest]:.5f} of the {highest} limit of {label}"
 
 
 _FORMATS: dict[str, tuple[Callable[[Path, Samples], None], Callable[[Path], Samples]]] = {

@@ -207,7 +207,8 @@ def _motions(trials: Sequence[Trial], *, every_motion: bool) -> Iterator[Picture
 
     medians = []
     for runs in by_label(trials).values():
-        if run := median_run(runs):
+        run = median_run(runs)
+        if run:
             medians.append(run)
     labels = [trial.label for trial in medians]
     digests = [sha256(label.encode()).hexdigest() for label in labels]
@@ -243,8 +244,10 @@ def _telling(medians: Sequence[Trial]) -> list[Trial]:
 
 def _title(trial: Trial, trials: Sequence[Trial]) -> str:
     duration = f", {trial.certified_duration:#.4g} s"
-    own = [other for other in trials if other.label == trial.label]
-    runs = sum(other.certified_duration is not None for other in own)
+    runs = 0
+    for other in trials:
+        if other.label == trial.label and other.certified_duration:
+            runs += 1
     if runs > 1:
         duration += f" (median of {runs} runs, seed {trial.seed})"
     return headline(f"{trial.problem.name}: {trial.label}", duration)
@@ -266,10 +269,11 @@ def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     if not answered:
         return None, ""
     best = min(answered, key=lambda trial: (_duration(trial), trial.claimed_duration))
-    if best.certified_trajectory is not None:
-        return best.certified_trajectory, "exact optimum"
+    certified = best.certified_trajectory
+    if certified is not None:
+        return certified, "exact optimum"
     limits: list[LimitName] = ["jerk", "position"]
-    ignored = " or ".join(filter(problem.has, limits))
+    ignored = " or ".join(name for name in limits if problem.has(name))
     return best.solution.trajectory, f"best known without {ignored} limits (relaxed)"
 
 

@@ -148,7 +148,8 @@ def _dots(axes: Axes, rows: Sequence[Line]) -> None:
 
 def _columns(axes: Axes, rows: Sequence[Line], *, gaps: bool) -> None:
     """Median and gap as numbers, beside the chart."""
-    cells = {"median (s)": [f"{row.median:#.4g}" for row in rows]}
+    medians = [f"{row.median:#.4g}" for row in rows]
+    cells = {"median (s)": medians}
     if gaps:
         cells["gap"] = [percent(row.gap) for row in rows]
     style: Look = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
@@ -344,7 +345,8 @@ def _strips(axes: Axes, values: Sequence[Array]) -> None:
 
 def _row_chart(labels: Sequence[str], panels: int) -> tuple[Figure, Sequence[Axes]]:
     """A figure with one labelled row per planner, the first on top."""
-    row = 0.2 + 0.1 * max(label.count("\n") for label in labels)
+    breaks = [label.count("\n") for label in labels]
+    row = 0.2 + 0.1 * max(breaks)
     height = 1.15 + row * len(labels)
     figure = Figure(figsize=(7.2, height), layout="constrained")
     grid: Sequence[Axes] = figure.subplots(1, panels, sharey=True, squeeze=False)[0]

@@ -67,8 +67,11 @@ def over_runs(runs: Sequence[Array], points: int = 120) -> tuple[Array, Array]:
         Evaluations `(points,)` and quartiles `(3, points)`. A run without an answer counts as
         infinitely long: a quartile is +inf until enough runs have one.
     """
-    spent = [float(run[-1, 0]) for run in runs]
-    end = max(*spent, 1.0)
+    end = 1.0
+    for run in runs:
+        spent, _ = run[-1]
+        end = max(end, spent)
     grid = np.geomspace(1.0, end, points)
     evaluations = np.unique(grid.round())
-    return evaluations, statistics.quartiles_over_runs(runs, evaluations)
+    quartiles = statistics.quartiles_over_runs(runs, evaluations)
+    return evaluations, quartiles

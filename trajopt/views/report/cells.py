@@ -119,13 +119,16 @@ def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """
     kinds: dict[tuple[str, str, str], list[Trial]] = {}
     for trial in trials:
-        if trial.status is not Status.SOLVED:
-            reason = NUMBER.sub("#", _reason(trial))
-            kind = trial.label, str(trial.status), reason
-            kinds.setdefault(kind, []).append(trial)
+        if trial.status is Status.SOLVED:
+            continue
+        reason = NUMBER.sub("#", _reason(trial))
+        kind = (trial.label, str(trial.status), reason)
+        own = kinds.setdefault(kind, [])
+        own.append(trial)
     rows = []
     for (label, status, _), own in kinds.items():
-        rows.append(_failure(label, status, own))
+        row = _failure(label, status, own)
+        rows.append(row)
     return sorted(rows, key=lambda row: -int(row["count"]))
 
 
@@ -157,7 +160,7 @@ def with_numbered_joints(reason: str, names: Sequence[str]) -> str:
     """Joints by number, from 1: reasons then differ in numbers only, of whichever robot."""
     if not names:
         return reason
-    numbers = {name: number for number, name in enumerate(names, start=1)}
+    numbers = dict(zip(names, range(1, len(names) + 1), strict=True))
     longest_first = sorted(names, key=len, reverse=True)
     any_name = "|".join(map(re.escape, longest_first))
     return re.sub(f"({any_name}) at ", lambda found: f"joint {numbers[found[1]]} at ", reason)

@@ -148,8 +148,8 @@ def again(trial: Trial, problem: str) -> tuple[str, str]:
         return "", f"{trial.planner} was given in Python: the script that did so runs it again."
     if motions([trial]):
         return "", f"{trial.planner} is a file: trajopt compare {problem} --motion judges it again."
-    command = ["trajopt", "plan", problem, "--planner", trial.label]
-    return shlex.join(command), ""
+    command = shlex.join(["trajopt", "plan", problem, "--planner", trial.label])
+    return command, ""
 
 
 def release(items: Sequence[Trial]) -> str:

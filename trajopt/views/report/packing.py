@@ -38,8 +38,10 @@ def finite(value: Any) -> Any:
 def rounded(values: ArrayLike, digits: int = 4) -> list[Any]:
     """Numbers to so many digits of the largest, for curves: they are drawn, never read off."""
     array = np.asarray(values, dtype=float)
-    finite_sizes = np.abs(array[np.isfinite(array)])
-    largest = float(finite_sizes.max(initial=0.0)) or 1.0
-    before_point = int(np.ceil(np.log10(largest)))
+    finite = np.isfinite(array)
+    sizes = np.abs(array[finite])
+    largest = float(sizes.max(initial=0.0)) or 1.0
+    power = np.log10(largest)
+    before_point = int(np.ceil(power))
     found: list[Any] = np.round(array, digits - before_point).tolist()
     return found

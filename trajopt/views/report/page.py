@@ -101,10 +101,11 @@ class Page:
 
     @cached_property
     def trials_by_problem(self) -> list[list[Trial]]:
-        groups: dict[str, list[Trial]] = {digest: [] for digest in self.digests}
-        for trial, digest in zip(self.results.items, self.gaps["digest"], strict=True):
-            groups[digest].append(trial)
-        return list(groups.values())
+        groups: dict[str, list[Trial]] = {}
+        for trial in self.results.items:
+            own = groups.setdefault(trial.problem.digest(), [])
+            own.append(trial)
+        return [groups[digest] for digest in self.digests]
 
     @cached_property
     def references(self) -> list[str]:

@@ -85,11 +85,14 @@ def sampled(trajectory: Trajectory, orders: int, points: int = POINTS) -> tuple[
     pieces = len(trajectory.breaks) - 1
     if 2 * pieces > points:
         times = np.linspace(0.0, trajectory.duration, points)
-        return times, np.stack([trajectory(times, order).T for order in range(orders)])
-    per_piece = points // pieces
-    curves = [both_sides(trajectory, order, per_piece) for order in range(orders)]
-    times, _ = curves[0]
-    return times, np.stack([values.T for _, values in curves])
+        values = [trajectory(times, order) for order in range(orders)]
+    else:
+        values = []
+        for order in range(orders):
+            times, own = both_sides(trajectory, order, points // pieces)
+            values.append(own)
+    by_joint = [own.T for own in values]
+    return times, np.stack(by_joint)
 
 
 def use(problem: Problem, trajectory: Trajectory) -> tuple[float, list[Stretch]]:
@@ -97,6 +100,10 @@ def use(problem: Problem, trajectory: Trajectory) -> tuple[float, list[Stretch]]
 
     Interruptions shorter than 1 % of the duration are passed over in the stretches.
     """
-    motion = [own for own in stretches(problem, trajectory) if own.limit != "position"]
+    motion = []
+    for own in stretches(problem, trajectory):
+        if own.limit != "position":
+            motion.append(own)
     longest = sorted(motion, key=lambda own: own.start - own.end)
-    return share_at_limits(problem, trajectory), longest[:LONGEST]
+    share = share_at_limits(problem, trajectory)
+    return share, longest[:LONGEST]
