@@ -296,7 +296,8 @@ class Results:
         """Per problem, by its digest, the best 3-5-3 and every run's history."""
         groups: dict[str, list[Trial]] = {}
         for trial in self.items:
-            groups.setdefault(trial.problem.digest(), []).append(trial)
+            own = groups.setdefault(trial.problem.digest(), [])
+            own.append(trial)
         return {digest: searches.histories(trials) for digest, trials in groups.items()}
 
     def running_times(self, targets: ArrayLike = searches.TARGETS) -> pd.DataFrame:

@@ -148,7 +148,8 @@ class Summary:
         groups: dict[tuple[str, str, str], list[Trial]] = {}
         for trial in self.trials:
             key = (trial.problem.name, trial.problem.digest(), trial.label)
-            groups.setdefault(key, []).append(trial)
+            own = groups.setdefault(key, [])
+            own.append(trial)
         lines = [self._line(runs) for runs in groups.values()]
         return sorted(lines, key=_by_problem_and_median)
 

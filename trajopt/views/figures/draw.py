@@ -298,7 +298,8 @@ def by_label(trials: Sequence[Trial]) -> dict[str, list[Trial]]:
     """Return each planner's trials, by its name with its options."""
     groups: dict[str, list[Trial]] = {}
     for trial in trials:
-        groups.setdefault(trial.label, []).append(trial)
+        own = groups.setdefault(trial.label, [])
+        own.append(trial)
     return groups
 
 
