@@ -27,6 +27,7 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
+from trajopt.planners.planner import Planner
 from trajopt.planners.registry import entries
 from trajopt.views import report
 
@@ -47,7 +48,7 @@ STANDS_OUT = """const root = document.documentElement;
 
 
 @dataclass(frozen=True)
-class Faulty:
+class Faulty(Planner):
     """A planner with a fault, as one that is being written has."""
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:

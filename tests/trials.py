@@ -9,6 +9,7 @@ import numpy as np
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark.store.seal import sealed
 from trajopt.benchmark.trial import judge
+from trajopt.planners.planner import Planner
 
 PROBLEM = Problem(
     [[0.0, 0.3], [1.0, -0.2], [1.0, -0.2], [0.4, 0.1]],
@@ -19,7 +20,7 @@ PROBLEM = Problem(
 
 
 @dataclass(frozen=True)
-class Stopping:
+class Stopping(Planner):
     """A quintic from rest to rest in each segment: peaks 15/8 h/T and 10/√3 h/T²."""
 
     segment_time: float = 3.0

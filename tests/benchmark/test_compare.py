@@ -26,6 +26,7 @@ from trajopt import comparison as run
 from trajopt.benchmark.run.plan import Allowance, plan
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
+from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 
 PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
@@ -40,7 +41,7 @@ def quintic(problem, t):
 
 
 @dataclass(frozen=True)
-class Mine:
+class Mine(Planner):
     """Behaves as told; leaves a mark in `log` whenever it runs."""
 
     does: str = "solve"

@@ -117,10 +117,10 @@ def with_list(problem, *, sizes=[]): ...  # noqa: B006
     ("function", "words"),
     [
         (with_needed, "with_needed, size: expected a keyword with a default"),
-        (with_any, "with_any, options: expected options by their names"),
+        (with_any, "with_any, options: expected options by their names, without *"),
         (with_list, "with_list: expected other defaults: mutable default"),
         (lambda: None, "planner"),
-        (len, "a planner, with a method solve"),
+        (len, "an object of a class derived from trajopt.Planner, or a function"),
     ],
 )
 def test_options_that_nobody_sees_are_refused(function, words):

@@ -53,7 +53,7 @@ class Inner:
 
 
 @dataclass(frozen=True)
-class Straight:
+class Straight(Planner):
     """Goes straight from waypoint to waypoint at a constant speed: no planner at all."""
 
     steps: int = 10
@@ -114,7 +114,7 @@ def test_what_a_planner_need_not_say_has_a_default():
     problem = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
 
     @dataclass(frozen=True)
-    class Bare:
+    class Bare(Planner):
         """First line.
 
         Second."""
@@ -145,7 +145,7 @@ def test_a_planner_made_here_is_one():
     assert isinstance(planner, Planner)
     assert planner.options() == options(Straight(steps=3))
     assert adapted(planner) is planner
-    with pytest.raises(InvalidInput, match=r"planner is 'Inner': expected a planner, with"):
+    with pytest.raises(InvalidInput, match="planner is 'Inner': expected a planner: an object of"):
         adapted(Inner())
     with pytest.raises(InvalidInput, match=r"expected an object, Straight\(\)"):
         adapted(Straight)
@@ -312,7 +312,7 @@ def test_a_label_names_only_what_differs():
 def test_a_missing_backend_is_told_with_the_line_that_mends_it(tmp_path, monkeypatch):
     (tmp_path / "needy_planner.py").write_text(
         "from dataclasses import dataclass\nfrom typing import ClassVar\n"
-        "@dataclass(frozen=True)\nclass Needy:\n"
+        "from trajopt import Planner\n@dataclass(frozen=True)\nclass Needy(Planner):\n"
         "    requires: ClassVar = ('numpy', 'no_such_solver', 'nor_this')\n"
         "    def solve(self, problem, *, seed=0): ...\n"
     )

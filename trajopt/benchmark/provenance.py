@@ -92,7 +92,7 @@ def provenance() -> dict[str, str]:
 
 def code_of(planner: Planner) -> Code:
     """The code that runs when this planner does: its own, its bases', its nested options', ours."""
-    own = type(planner.implementation)
+    own = type(planner)
     parts: dict[str, str] = {}
     for cls in _classes(planner):
         name = f"{cls.__module__}.{cls.__qualname__}"
@@ -148,7 +148,7 @@ def _plain_array(array: np.ndarray[Any, Any]) -> Any:
 
 def _classes(planner: Planner) -> Iterator[type]:
     """The classes whose code runs: of the planner, of its nested options, and their bases."""
-    waiting: list[object] = [planner.implementation]
+    waiting: list[object] = [planner]
     while waiting:
         value = waiting.pop()
         for cls in type(value).__mro__:

@@ -184,14 +184,14 @@ class Configuration:
 
     @classmethod
     def of(cls, planner: object, name: str = "") -> Configuration:
-        """Of a planner with the base class or without; its name is its class's by default.
+        """Of a planner, or a function that plans; its name is its class's by default.
 
         Raises:
             InvalidInput: for what is no planner, or may have options that nobody sees.
         """
         own = adapted(planner)
         check_visible(own)
-        name = name or type(own.implementation).__name__
+        name = name or type(own).__name__
         options = {
             key: plain(value, f"planner {name}, option {key}")
             for key, value in own.options().items()

@@ -1,4 +1,4 @@
-"""The planner contract: what a planner must offer, and what it has unless it says otherwise.
+"""The planner contract: what a planner must offer, and the defaults of everything else.
 
 A planner is a frozen dataclass whose fields are its options:
 
@@ -20,8 +20,8 @@ from __future__ import annotations
 import importlib
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, make_dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, fields, is_dataclass, make_dataclass, replace
 from enum import Enum
 from functools import cached_property, wraps
 from types import FunctionType
@@ -44,32 +44,20 @@ class Relation(Enum):
     RELAXATION = "ignores a limit: its motion may break it"
 
 
-def _refusing(solve: Callable[..., Solution]) -> Callable[..., Solution]:
-    """A `solve` that answers `unsupported` where the planner refuses the problem."""
+def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap `solve` or `solve_batch` to answer `unsupported` where the planner refuses a problem."""
 
     @wraps(solve)
-    def checked_solve(self: Planner, problem: Problem, *, seed: int = 0) -> Solution:
+    def checked(self: Planner, problem: Problem, *seeds: Sequence[int], **keywords: int) -> Any:
         reason = self.unsupported(problem)
-        if reason is not None:
-            return Solution(Status.UNSUPPORTED, message=reason)
-        return solve(self, problem, seed=seed)
+        if reason is None:
+            return solve(self, problem, *seeds, **keywords)
+        refusal = Solution(Status.UNSUPPORTED, message=reason)
+        if solve.__name__ == "solve_batch":
+            return [refusal for _ in seeds[0]]
+        return refusal
 
-    return checked_solve
-
-
-def _refusing_batch(
-    solve_batch: Callable[..., list[Solution]],
-) -> Callable[..., list[Solution]]:
-    """The same for `solve_batch`."""
-
-    @wraps(solve_batch)
-    def checked_batch(self: Planner, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
-        reason = self.unsupported(problem)
-        if reason is not None:
-            return [Solution(Status.UNSUPPORTED, message=reason) for _ in seeds]
-        return solve_batch(self, problem, seeds)
-
-    return checked_batch
+    return checked
 
 
 class Planner(ABC):
@@ -83,8 +71,8 @@ class Planner(ABC):
         requires: Modules that `solve` imports, from packages that may be missing: looked for before
             the planner is listed, and imported before its time is taken.
         extra: The extra of this package that installs them, if there is one.
-        knows: Kinds of limits that it plans for. Where it breaks another kind the verifier says
-            so: it dilates the answer, or finds it outside its position limits.
+        knows: Kinds of limits that it plans for. The verifier dilates an answer that breaks another
+            kind, or finds it outside its position limits.
     """
 
     stochastic: bool = False
@@ -94,29 +82,23 @@ class Planner(ABC):
     knows: tuple[LimitName, ...] = ("velocity", "acceleration")
 
     def __init_subclass__(cls, **arguments: Any) -> None:
-        """A class's own `solve` and `solve_batch` answer `unsupported` what it cannot solve.
+        """Make a class's own `solve` and `solve_batch` refuse what it cannot solve.
 
-        So nobody who calls them directly has to remember to ask `unsupported` first. It is done
-        here and not in a wrapper around `solve`, so that a planner still writes a plain `solve`.
+        Nobody who calls them directly has to ask `unsupported` first, and a planner still writes a
+        plain `solve`.
         """
         super().__init_subclass__(**arguments)
-        if "solve" in vars(cls):
-            cls.solve = _refusing(cls.solve)  # type: ignore[method-assign]
-        if "solve_batch" in vars(cls):
-            cls.solve_batch = _refusing_batch(cls.solve_batch)  # type: ignore[method-assign]
+        for name in ("solve", "solve_batch"):
+            if name in vars(cls):
+                setattr(cls, name, _refusing(vars(cls)[name]))
 
     @abstractmethod
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The answer; the same for the same seed. Nothing it returns is believed unverified."""
+        """Return the answer; the same for the same seed. The verifier judges what it returns."""
 
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
-        """One answer per seed, each what `solve` gives; by default one after the other."""
+        """Return one answer per seed, each what `solve` gives; by default one after the other."""
         return [self.solve(problem, seed=seed) for seed in seeds]
-
-    @property
-    def implementation(self) -> object:
-        """The object that does the work: itself, unless another was adapted to this interface."""
-        return self
 
     @property
     def batched(self) -> bool:
@@ -124,129 +106,62 @@ class Planner(ABC):
         return type(self).solve_batch is not Planner.solve_batch
 
     def relation(self, problem: Problem) -> Relation:
-        """How its answers relate to the optimum of this problem; by default a restriction."""
+        """Return how its answers relate to the optimum of this problem."""
         return Relation.RESTRICTION
 
     def unsupported(self, problem: Problem) -> str | None:
-        """Why it cannot solve this problem, from a quick look; None (the default) if it can."""
+        """Return why it cannot solve this problem, from a quick look; None if it can."""
         return None
 
     def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
-        """The fastest timing of a given trajectory's path; by default unsupported."""
+        """Return the fastest timing of a given trajectory's path; by default unsupported."""
         return Solution(Status.UNSUPPORTED, message="it does not time given paths")
 
     def options(self) -> dict[str, Any]:
-        """Every option with its value; those of nested dataclasses beside the outer ones."""
+        """Return every option with its value; those of nested dataclasses beside the outer ones."""
         return field_values(self)
 
     def defaults(self) -> dict[str, Any]:
-        """The values of those options that have one by default."""
-        return field_defaults(self)
+        """Return the values of those options that have one by default."""
+        return _field_defaults(type(self))
 
     @property
     def description(self) -> str:
-        """What `trajopt list` says of it."""
-        return first_line(self)
+        """The first line of its docstring, for `trajopt list`."""
+        text = type(self).__doc__ or ""
+        return text.strip().partition("\n")[0]
 
 
-def first_line(planner: object) -> str:
-    """The first line of a planner's own docstring."""
-    text = type(planner).__doc__ or ""
-    return text.strip().partition("\n")[0]
-
-
-def field_values(value: object) -> dict[str, Any]:
-    """The fields of a dataclass, with those of nested dataclasses beside the outer ones."""
+def field_values(value: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass, with those of nested dataclasses beside them."""
     if not is_dataclass(value):
         return {}
-    table: dict[str, Any] = {}
-    for field in fields(value):
-        own = getattr(value, field.name)
-        if is_dataclass(own):
-            table |= field_values(own)
-        else:
-            table[field.name] = own
-    return table
+    return _flat({field.name: getattr(value, field.name) for field in fields(value)})
 
 
-def field_defaults(value: object) -> dict[str, Any]:
-    """The defaults of a dataclass's fields, with those of nested dataclasses beside them."""
-    if not is_dataclass(value):
-        return {}
+def _field_defaults(kind: Any) -> dict[str, Any]:
     table: dict[str, Any] = {}
-    for field in fields(value):
-        default = field.default
+    for field in fields(kind) if is_dataclass(kind) else ():
         if field.default_factory is not MISSING:
-            default = field.default_factory()
-        if is_dataclass(default):
-            table |= field_values(default)
-        elif default is not MISSING:
-            table[field.name] = default
-    return table
+            table[field.name] = field.default_factory()
+        elif field.default is not MISSING:
+            table[field.name] = field.default
+    return _flat(table)
 
 
-@dataclass(frozen=True)
-class _Adapted(Planner):
-    """A planner that offers the methods without the base class, with the defaults for the rest."""
-
-    own: Any
-    stochastic: bool
-    on_request: bool
-    requires: tuple[str, ...]
-    knows: tuple[LimitName, ...]
-
-    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        solution: Solution = self.own.solve(problem, seed=seed)
-        return solution
-
-    def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
-        if not self.batched:
-            return super().solve_batch(problem, seeds)
-        solutions: list[Solution] = self.own.solve_batch(problem, seeds)
-        return solutions
-
-    @property
-    def implementation(self) -> object:
-        return self.own
-
-    @property
-    def batched(self) -> bool:
-        return hasattr(self.own, "solve_batch")
-
-    def relation(self, problem: Problem) -> Relation:
-        if not hasattr(self.own, "relation"):
-            return super().relation(problem)
-        relation: Relation = self.own.relation(problem)
-        return relation
-
-    def unsupported(self, problem: Problem) -> str | None:
-        if not hasattr(self.own, "unsupported"):
-            return super().unsupported(problem)
-        reason: str | None = self.own.unsupported(problem)
-        return reason
-
-    def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
-        if not hasattr(self.own, "along"):
-            return super().along(problem, trajectory)
-        solution: Solution = self.own.along(problem, trajectory)
-        return solution
-
-    def options(self) -> dict[str, Any]:
-        if not hasattr(self.own, "options"):
-            return field_values(self.own)
-        table: dict[str, Any] = self.own.options()
-        return table
-
-    def defaults(self) -> dict[str, Any]:
-        return field_defaults(self.own)
-
-    @property
-    def description(self) -> str:
-        return str(getattr(self.own, "description", first_line(self.own)))
+def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The same table with the fields of its dataclasses in their place."""
+    flat: dict[str, Any] = {}
+    for name, value in table.items():
+        if is_dataclass(value):
+            flat |= field_values(value)
+        else:
+            flat[name] = value
+    return flat
 
 
 def is_solve(target: object) -> bool:
-    """Whether this is a function that plans: one whose first argument, the problem, is needed."""
+    """Return whether this is a function whose first argument, the problem, has no default."""
     if not isinstance(target, FunctionType):
         return False
     first = next(iter(inspect.signature(target).parameters.values()), None)
@@ -254,10 +169,9 @@ def is_solve(target: object) -> bool:
 
 
 def of_function(function: Callable[..., Solution]) -> Planner:
-    """A planner that calls a function; its options are the function's keywords.
+    """Return a planner that calls a function; its options are the function's keywords.
 
-    What a planner may say of itself beyond that (`stochastic`, `requires`, `knows`, `on_request`,
-    `relation`, `unsupported`) a function says by attributes of these names.
+    A function sets the other members of a planner (`stochastic`, `relation`, …) as attributes.
 
     Raises:
         InvalidInput: An option has no default, or cannot be seen.
@@ -273,12 +187,10 @@ def of_function(function: Callable[..., Solution]) -> Planner:
         return function(problem, **given)
 
     members: dict[str, Any] = {"solve": solve, "__doc__": function.__doc__}
-    for said in _SAID_BY_ATTRIBUTES:
-        if hasattr(function, said):
-            members[said] = getattr(function, said)
-    for said in ("relation", "unsupported"):
-        if hasattr(function, said):
-            members[said] = staticmethod(getattr(function, said))
+    for member in _FUNCTION_ATTRIBUTES:
+        if hasattr(function, member):
+            value = getattr(function, member)
+            members[member] = staticmethod(value) if callable(value) else value
     try:
         made = make_dataclass(name, options, bases=(Planner,), namespace=members, frozen=True)
     except ValueError as error:  # a list as a default, which all calls would share
@@ -294,7 +206,7 @@ def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any,
     _, *others = inspect.signature(function).parameters.values()
     try:
         hints = get_type_hints(function)
-    except NameError:  # of what is imported for type checkers only
+    except NameError:  # a name that is imported for type checkers only
         hints = {}
     options = []
     for parameter in others:
@@ -302,7 +214,7 @@ def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any,
             continue
         key = f"planner {function.__name__}, {parameter.name}"
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
-            raise InvalidInput(key, "options by their names: what * takes nobody sees")
+            raise InvalidInput(key, "options by their names, without *")
         if parameter.kind is parameter.POSITIONAL_ONLY or parameter.default is parameter.empty:
             raise InvalidInput(key, "a keyword with a default, as every option")
         hint = hints.get(parameter.name, type(parameter.default))
@@ -311,70 +223,64 @@ def _function_options(function: Callable[..., Solution]) -> list[tuple[str, Any,
 
 
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-_SAID_BY_ATTRIBUTES = ("stochastic", "on_request", "requires", "knows")
+_FUNCTION_ATTRIBUTES = (
+    "stochastic",
+    "on_request",
+    "requires",
+    "knows",
+    "relation",
+    "unsupported",
+)
 
 
 def adapted(planner: object) -> Planner:
-    """The planner itself, or one around a function, or around an object with the methods alone.
+    """Return the planner itself, or one around a function.
 
-    The one place where an object of a stranger is asked what it has. Raises `InvalidInput` if it
-    has no `solve`.
+    Raises:
+        InvalidInput: It is neither.
     """
     if isinstance(planner, Planner):
         return planner
     if is_solve(planner):
         return of_function(cast(Callable[..., Solution], planner))
-    name = type(planner).__name__
     if isinstance(planner, type):
         raise InvalidInput("planner", f"an object, {planner.__name__}()", value=planner)
-    if not callable(getattr(planner, "solve", None)):
-        right = "a planner, with a method solve(problem, *, seed) (see trajopt.Planner)"
-        raise InvalidInput("planner", right, value=name)
-    return _Adapted(
-        own=planner,
-        stochastic=getattr(planner, "stochastic", False),
-        on_request=getattr(planner, "on_request", False),
-        requires=getattr(planner, "requires", ()),
-        knows=getattr(planner, "knows", Planner.knows),
-    )
+    right = "a planner: an object of a class derived from trajopt.Planner, or a function"
+    raise InvalidInput("planner", right, value=type(planner).__name__)
 
 
 def check_visible(planner: Planner) -> None:
-    """Refuse a planner that could run with options that nobody sees.
+    """Refuse a planner with options that its fields do not show.
 
-    Its trials would be kept under the options that are seen, so that another configuration would
-    show the first one's results.
+    Its trials would be kept under the options that are shown, so that another configuration would
+    get the first one's results.
 
     Raises:
         InvalidInput: with the lines that mend it.
     """
-    own = planner.implementation
-    kind = type(own)
-    if "options" in dir(kind) and getattr(kind, "options", None) is not Planner.options:
+    kind = type(planner)
+    if kind.options is not Planner.options:
         return  # it lists them itself
     parameters = getattr(kind, "__dataclass_params__", None)
     if parameters is None:
-        raise _unseen(kind, "its options are no fields", _attributes(own))
+        raise _unseen(kind, "its options are no fields", sorted(vars(planner)))
     if not parameters.frozen:
         raise _unseen(kind, "its options can change while it runs", [])
-    hidden = _hidden(own)
+    hidden = _hidden(planner)
     if hidden:
-        raise _unseen(kind, f"{', '.join(hidden)} cannot be seen", hidden)
-
-
-def _attributes(own: object) -> list[str]:
-    return sorted(vars(own)) if hasattr(own, "__dict__") else []
+        names = ", ".join(hidden)
+        raise _unseen(kind, f"{names} cannot be seen", hidden)
 
 
 def _hidden(value: Any) -> list[str]:
     """Attributes of a dataclass, and of those nested in it, that are no fields."""
     shown = {field.name for field in fields(value)}
     kind = type(value)
-    hidden = [
-        name
-        for name in _attributes(value)
-        if name not in shown and not isinstance(getattr(kind, name, None), cached_property)
-    ]
+    hidden = []
+    for name in sorted(getattr(value, "__dict__", {})):
+        is_cached = isinstance(getattr(kind, name, None), cached_property)
+        if name not in shown and not is_cached:
+            hidden.append(name)
     for name in shown:
         nested = getattr(value, name, None)
         if is_dataclass(nested) and not isinstance(nested, type):
@@ -393,7 +299,7 @@ SolveT = TypeVar("SolveT", bound=Callable[..., Solution])
 
 
 def passing_once(solve: SolveT) -> SolveT:
-    """Let a `solve` method see consecutive identical waypoints as one, passed once."""
+    """Decorate a `solve` method to see consecutive identical waypoints as one, passed once."""
 
     @wraps(solve)
     def merged_solve(self: Any, problem: Problem, *, seed: int = 0) -> Solution:
@@ -407,11 +313,11 @@ def passing_once(solve: SolveT) -> SolveT:
 
 
 def expanded(solution: Solution, index: NDArray[np.intp]) -> Solution:
-    """A merged problem's solution with one waypoint time per original waypoint.
+    """Return a merged problem's solution with one waypoint time per original waypoint.
 
     Args:
         solution: The merged problem's.
-        index: `(waypoints,)`, where each original waypoint went, from `Problem.merged`.
+        index: The merged waypoint of each original one, `(waypoints,)`, from `Problem.merged`.
     """
     if solution.trajectory is None:
         return solution

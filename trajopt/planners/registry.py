@@ -1,7 +1,7 @@
-"""Names to planners and back: the one door by which every planner enters.
+"""Names to planners and back: every planner enters here.
 
-Ours, the baselines and a stranger's register under the entry-point group `trajopt.planners`: a
-class, an object, a function that returns one, or a function that plans: `solve(problem, *, seed)`.
+Our planners, the baselines and other people's register under the entry-point group
+`trajopt.planners`: a class, an object, a function that returns one, or a function that plans.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from trajopt.core.exceptions import InvalidInput, MissingBackend, TrajoptError, 
 from trajopt.planners.planner import Planner, adapted, is_solve
 
 GROUP = "trajopt.planners"
-# What a planner was called before; it still answers to that name.
+# Other names that a planner answers to.
 FORMER_NAMES = {"ruckig": "ruckig-search"}
 
 PlannerT = TypeVar("PlannerT")
@@ -47,7 +47,7 @@ class Entry:
             raise TrajoptError(f"planner {self.name!r} cannot be loaded: {why}") from error
 
     def missing(self) -> str | None:
-        """What keeps this planner from running, with the command that mends it; or None."""
+        """Return why this planner cannot run, with the command that mends it; None if it can."""
         try:
             planner = self.load()
         except TrajoptError as error:
@@ -68,7 +68,7 @@ def _missing_package(error: Exception) -> str:
 
 
 def _shadow(package: str) -> str:
-    """In words, a folder that hides a package of ours: `baselines` is a frequent name."""
+    """Name a folder that hides a package of ours, if one does: `baselines` is a frequent name."""
     root = Path(__file__).resolve().parents[2]
     ours = root / package
     found = importlib.util.find_spec(package)
@@ -83,7 +83,7 @@ def _shadow(package: str) -> str:
 
 
 def _object(target: Any) -> object:
-    """What an entry point names: an object, a function that plans, or what something makes."""
+    """Return the object or planning function that an entry point names, or calls to make."""
     is_object = hasattr(target, "solve") and not isinstance(target, type)
     is_planner = is_object or is_solve(target)
     return target if is_planner else target()
@@ -131,17 +131,15 @@ def parse(spec: str) -> tuple[str, dict[str, str]]:
 
 
 def options(planner: object) -> dict[str, Any]:
-    """Every option of a planner with its value, whether it has the base class or not."""
+    """Return every option of a planner with its value."""
     return adapted(planner).options()
 
 
 def label(name: str, planner: object) -> str:
-    """A planner's name with the options that differ from the registered ones, or its defaults."""
+    """Return a planner's name with the options that differ from the registered ones."""
     own = adapted(planner)
     entry = entries().get(name)
-    usual = own.defaults()
-    if entry is not None:
-        usual = entry.load().options()
+    usual = entry.load().options() if entry is not None else own.defaults()
     changed = []
     for key, value in own.options().items():
         if key not in usual or repr(usual[key]) != repr(value):
@@ -153,7 +151,7 @@ def label(name: str, planner: object) -> str:
 
 
 def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") -> PlannerT:
-    """A copy of the planner with some options changed; text is converted to the option's type."""
+    """Copy a planner with some options changed; text is converted to the option's type."""
     known = options(planner)
     listed = ", ".join(known) or "no options"
     for option, value in changes.items():
@@ -173,8 +171,7 @@ def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
             new[field.name] = _replaced(value, changes, name)
         elif field.name in changes:
             key = f"planner {name}, option {field.name}"
-            given = changes[field.name]
-            new[field.name] = _converted(key, given, hints[field.name])
+            new[field.name] = _converted(key, changes[field.name], hints[field.name])
     try:
         return replace(planner, **new)
     except InvalidInput as error:
@@ -183,40 +180,28 @@ def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
 
 
 def _converted(key: str, given: Any, hint: Any) -> Any:
-    """A value of the annotated type, from that type or from text; as given, or refused."""
-    value = given
-    if isinstance(given, str):
-        value = _read(given)
+    """Return a value of the annotated type, from that type or from text.
+
+    Raises:
+        InvalidInput: The value is of another type, or not among the choices.
+    """
+    value = _read(given) if isinstance(given, str) else given
     origin = get_origin(hint)
     if origin is Literal:
-        return _chosen(key, given, value, get_args(hint))
-    kinds = (hint,)
-    if origin in (Union, UnionType):
-        kinds = get_args(hint)
+        choices = get_args(hint)
+        for candidate in (given, value):
+            if candidate in choices:
+                return candidate
+        raise InvalidInput(key, " or ".join(map(repr, choices)), value=value)
+    kinds = get_args(hint) if origin in (Union, UnionType) else (hint,)
     for kind in kinds:
         if kind is float and _is_whole(value) and abs(value) < _LARGEST_FLOAT:
             return float(value)
-        if isinstance(value, bool) and kind is not bool:
-            continue
-        if isinstance(value, kind):
+        if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
             return value
     if isinstance(given, str) and str in kinds:
         return given
     names = [kind.__name__ for kind in kinds]
-    raise InvalidInput(key, " or ".join(names), value=value)
-
-
-def _chosen(
-    key: str,
-    given: Any,
-    value: Any,
-    choices: tuple[Any, ...],
-) -> Any:
-    """One of the choices: the text as given, or the value that it says."""
-    for candidate in (given, value):
-        if candidate in choices:
-            return candidate
-    names = map(repr, choices)
     raise InvalidInput(key, " or ".join(names), value=value)
 
 
@@ -225,7 +210,7 @@ def _is_whole(value: Any) -> bool:
 
 
 def _read(text: str) -> Any:
-    """A word or a decimal number of Python's; the text itself where it is neither."""
+    """Read a word or a decimal number of Python's; else return the text itself."""
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]
     number = numerals.parsed(text)

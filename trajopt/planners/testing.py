@@ -1,4 +1,4 @@
-"""The planner contract as a function: run it on your own planner, in a test or a notebook.
+"""The planner contract as a function that checks your own planner, in a test or a notebook.
 
     from trajopt.planners.testing import check_planner
 
@@ -12,6 +12,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Iterable
 from dataclasses import fields
+from typing import Any
 
 import cloudpickle
 import numpy as np
@@ -20,41 +21,39 @@ from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, TrajoptErro
 from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.judging.verification import verify
-from trajopt.planners.planner import Planner, Relation, adapted, check_visible, is_solve
-from trajopt.planners.registry import options
+from trajopt.planners.planner import Planner, Relation, adapted, check_visible
 
 _SEEDS = (0, 7)
-_BEATEN_RTOL = 1e-6  # below the optimum by more than this: no rounding
+_BEATEN_RTOL = 1e-6  # relative to the optimum: more than rounding
 
 
 class ContractError(TrajoptError, AssertionError):
-    """What a planner does that the contract forbids; the message says where."""
+    """A planner breaks the contract; the message says where."""
 
 
 def check_planner(planner: object, problems: Iterable[Problem] | None = None) -> None:
     """Raise `ContractError` unless the planner keeps the contract on these problems.
 
-    It must be a frozen dataclass that survives pickling, or a function; say how it relates to the
-    optimum; answer every supported problem with a `Solution` whose trajectory the verifier can
-    certify (unless the problem has limits that the planner does not know), or with status `relaxed`
-    where its motion may break limits that it ignores on purpose;
-    keep a history, if any, that leads to its answer; give the same answer for the same seed, alone
-    or in a batch; and never beat the optimum where
-    that is known in closed form. What was checked is printed, a line a problem.
+    - It is a frozen dataclass that survives pickling, or a function.
+    - It says how its answers relate to the optimum.
+    - It answers every supported problem with a `Solution` whose trajectory the verifier can
+      certify, unless the problem has limits that the planner does not know. The status is
+      `relaxed` where its motion may break limits that it ignores on purpose.
+    - Its history, if it has one, leads to its answer.
+    - It gives the same answer for the same seed, alone or in a batch.
+    - It never beats the optimum where that is known in closed form.
+
+    What was checked is printed, a line a problem.
 
     Args:
-        planner: the planner, as it would be compared.
-        problems: by default small ones with edges (`examples`), jerk and position limits among
-            them.
+        planner: The planner, as it would be compared.
+        problems: By default small ones with edges (`examples`), with jerk and position limits too.
 
     Raises:
-        ContractError: what is broken, and on which problem.
+        ContractError: What is broken, and on which problem.
     """
-    own = adapted(planner) if is_solve(planner) else planner
-    _check_object(own)
-    own = adapted(own)
-    name = type(own.implementation).__name__
-    print(f"{name}: options {own.options()}, survives pickling")
+    own = _checked_object(planner)
+    print(f"{type(own).__name__}: options {own.options()}, survives pickling")
     for problem in problems or examples():
         found = _check_on(own, problem)
         print(f"  {problem.name}: {found}")
@@ -63,126 +62,79 @@ def check_planner(planner: object, problems: Iterable[Problem] | None = None) ->
 
 
 def examples() -> list[Problem]:
-    """Small problems with edges; the first has the known optimum 2 s."""
-    one = Limits(velocity=[1.0], acceleration=[2.0])
-    two = Limits(velocity=[1.0, 1.5], acceleration=[2.0, 3.0])
-    asymmetric = Limits(
-        velocity=[[-1, 2], 1.5],
-        acceleration=[[-2, 1], [-4, 3]],
-    )
-    return [
-        Problem(
-            [[0.0], [0.4], [1.0], [1.5]],
-            one,
-            name="one joint",
-        ),
-        Problem(
-            [[0, 0], [1, -0.5], [0.3, -1], [0.5, 0]],
-            two,
-            name="reversal",
-        ),
-        Problem(
-            [[0, 0.2], [0.4, 0.2], [1, 0.2], [1.2, 0.2]],
-            two,
-            name="a joint that rests",
-        ),
-        Problem(
-            [[0, 0], [0.5, 0.2], [0.5, 0.2], [0.8, 0.7], [1, 1]],
-            two,
-            name="a waypoint twice",
-        ),
-        Problem(
-            [[0, 0], [1, 1]],
-            two,
-            name="two waypoints",
-        ),
-        Problem(
-            [[0, 0], [0.5, -0.1], [1, 0.4], [0.2, 0.8]],
-            asymmetric,
-            name="asymmetric limits",
-        ),
-        Problem(
-            [[0], [1], [0.3]],
-            Limits([1.0], [2.0], jerk=[20.0]),
-            name="jerk limits",
-        ),
-        Problem(
-            [[0], [1], [0.4]],
-            Limits([1.0], [2.0], position=[[0.0, 1.0]]),
-            name="position limits",
-        ),
+    """Return small problems with edges; the first has the known optimum 2 s."""
+    one = Limits([1.0], [2.0])
+    two = Limits([1.0, 1.5], [2.0, 3.0])
+    asymmetric = Limits([[-1, 2], 1.5], [[-2, 1], [-4, 3]])
+    jerk = Limits([1.0], [2.0], jerk=[20.0])
+    position = Limits([1.0], [2.0], position=[[0.0, 1.0]])
+    twice = [[0, 0], [0.5, 0.2], [0.5, 0.2], [0.8, 0.7], [1, 1]]
+    table: list[tuple[str, Any, Limits]] = [
+        ("one joint", [[0.0], [0.4], [1.0], [1.5]], one),
+        ("reversal", [[0, 0], [1, -0.5], [0.3, -1], [0.5, 0]], two),
+        ("a joint that rests", [[0, 0.2], [0.4, 0.2], [1, 0.2], [1.2, 0.2]], two),
+        ("a waypoint twice", twice, two),
+        ("two waypoints", [[0, 0], [1, 1]], two),
+        ("asymmetric limits", [[0, 0], [0.5, -0.1], [1, 0.4], [0.2, 0.8]], asymmetric),
+        ("jerk limits", [[0], [1], [0.3]], jerk),
+        ("position limits", [[0], [1], [0.4]], position),
     ]
+    return [Problem(waypoints, limits, name) for name, waypoints, limits in table]
 
 
-def _check_object(planner: object) -> None:
-    parameters = getattr(type(planner), "__dataclass_params__", None)
-    if parameters is None:
-        raise ContractError("it is not a dataclass")
-    _require(parameters.frozen, "its dataclass is not frozen")
-    _require(hasattr(planner, "solve"), "it lacks solve")
-    for field in fields(planner):  # type: ignore[arg-type]
-        has_value = hasattr(planner, field.name)
-        _require(has_value, f"option {field.name} has no value")
+def _checked_object(planner: object) -> Planner:
     try:
-        check_visible(adapted(planner))
+        own = adapted(planner)
+        check_visible(own)
+        for field in fields(own):  # type: ignore[arg-type]
+            has_value = hasattr(own, field.name)
+            _require(has_value, f"option {field.name} has no value")
     except InvalidInput as error:
         raise ContractError(str(error)) from None
     try:
         copy = pickle.loads(cloudpickle.dumps(planner))
     except Exception as error:
         raise ContractError(f"it does not survive pickling: {error}") from error
-    _require(options(copy) == options(planner), "its options do not survive pickling")
+    same = adapted(copy).options() == own.options()
+    _require(same, "its options do not survive pickling")
+    return own
 
 
 def _check_on(planner: Planner, problem: Problem) -> str:
-    """What was found, in words."""
+    """Check one problem, and return in words what came out."""
     where = f" on {problem.name!r}"
     relation = planner.relation(problem)
-    is_relation = isinstance(relation, Relation)
-    _require(is_relation, f"relation{where} is not a Relation")
+    _require(isinstance(relation, Relation), f"relation{where} is not a Relation")
     reason = planner.unsupported(problem)
-    says_why = isinstance(reason, str) and bool(reason)
-    as_agreed = reason is None or says_why
-    _require(as_agreed, f"unsupported{where} is neither None nor a reason")
+    is_reason = isinstance(reason, str) and reason != ""
+    _require(reason is None or is_reason, f"unsupported{where} is neither None nor a reason")
     if reason is not None:
         return f"unsupported: {reason}"
     solutions = [planner.solve(problem, seed=seed) for seed in _SEEDS]
-    answers = list(solutions)
+    again = solutions[-1]
     if planner.stochastic:
-        answers.append(planner.solve(problem, seed=_SEEDS[0]))
-    for solution in answers:
-        is_solution = isinstance(solution, Solution)
-        _require(is_solution, f"solve{where} returns no Solution")
-    repeated = _same(answers[0], answers[-1])
-    if planner.stochastic:
-        _require(repeated, f"solve{where} differs for the same seed")
-    _require(repeated, f"solve{where} differs between two calls")
+        again = planner.solve(problem, seed=_SEEDS[0])
+    for solution in (*solutions, again):
+        _require(isinstance(solution, Solution), f"solve{where} returns no Solution")
+    between = "for the same seed" if planner.stochastic else "between two calls"
+    _require(_equal(solutions[0], again), f"solve{where} differs {between}")
     unknown = [kind for kind in LIMIT_NAMES if problem.has(kind) and kind not in planner.knows]
-    excused = bool(unknown)
+    found = []
     for solution in solutions:
-        is_relaxed = solution.status is Status.RELAXED
-        as_said = relation is Relation.RELAXATION or not is_relaxed
-        _require(as_said, f"relaxed{where}, which is not what its relation says")
-    found = [_check_solution(solution, problem, where, excused) for solution in solutions]
+        may_relax = relation is Relation.RELAXATION
+        keeps_word = may_relax or solution.status is not Status.RELAXED
+        _require(keeps_word, f"relaxed{where}, which is not what its relation says")
+        verdict = _check_solution(solution, problem, where, excused=bool(unknown))
+        found.append(verdict)
     if planner.batched:
-        _check_batch(planner, problem, solutions, where)
+        together = planner.solve_batch(problem, list(_SEEDS))
+        complete = len(together) == len(solutions)
+        _require(complete, f"solve_batch{where} returns another number of solutions")
+        equal = all(map(_equal, solutions, together))
+        _require(equal, f"solve_batch{where} differs from solve")
     if unknown:
         return f"{found[0]} (it does not know {' and '.join(unknown)} limits)"
     return found[0]
-
-
-def _check_batch(
-    planner: Planner,
-    problem: Problem,
-    alone: list[Solution],
-    where: str,
-) -> None:
-    together = planner.solve_batch(problem, list(_SEEDS))
-    complete = len(together) == len(_SEEDS)
-    _require(complete, f"solve_batch{where} returns another number of solutions")
-    for one, other in zip(alone, together, strict=True):
-        alike = _same(one, other)
-        _require(alike, f"solve_batch{where} differs from solve")
 
 
 def _check_solution(
@@ -191,7 +143,7 @@ def _check_solution(
     where: str,
     excused: bool,
 ) -> str:
-    """What the verifier says; a planner that cannot keep the limits is excused from flaws."""
+    """Return the verdict; a planner that does not know a limit is `excused` from flaws."""
     status = solution.status
     flaw = solution.history_flaw
     _require(not flaw, f"history{where}: {flaw}")
@@ -214,13 +166,7 @@ def _check_solution(
     return f"certified {certificate.certified_duration:.6g} s, {claimed}"
 
 
-def _check_never_beats(
-    planner: Planner,
-    problem: Problem,
-    optimum: float,
-) -> None:
-    if planner.unsupported(problem) is not None:
-        return
+def _check_never_beats(planner: Planner, problem: Problem, optimum: float) -> None:
     if planner.relation(problem) is Relation.RELAXATION:
         return
     trajectory = planner.solve(problem).trajectory
@@ -234,8 +180,8 @@ def _check_never_beats(
         )
 
 
-def _same(one: Solution, other: Solution) -> bool:
-    """The same bits, whatever the time they took."""
+def _equal(one: Solution, other: Solution) -> bool:
+    """Whether both trajectories have the same bits."""
     a = one.trajectory
     b = other.trajectory
     if a is None or b is None:
@@ -247,6 +193,6 @@ def _same(one: Solution, other: Solution) -> bool:
     )
 
 
-def _require(condition: bool, what: str) -> None:
+def _require(condition: bool, breach: str) -> None:
     if not condition:
-        raise ContractError(what)
+        raise ContractError(breach)

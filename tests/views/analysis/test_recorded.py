@@ -11,13 +11,14 @@ from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import Origin, Record
 from trajopt.benchmark.trial import judge
+from trajopt.planners.planner import Planner
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.summary import Summary
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
 
 
-class Fixed:
+class Fixed(Planner):
     """A quintic of a given duration, or only a bound."""
 
     def __init__(self, duration, bound=None):

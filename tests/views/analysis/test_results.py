@@ -21,6 +21,7 @@ from trajopt import (
 from trajopt.benchmark.store.columns import COLUMNS
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.trial import judge
+from trajopt.planners.planner import Planner
 from trajopt.views.analysis.pairwise import mean_ranks
 from trajopt.views.analysis.results import TRIAL_COLUMNS, Results, competing
 
@@ -29,7 +30,7 @@ THIRD = Problem([[0.0], [3.0]], Limits([10.0], [100.0]), "three")
 OTHER = Problem([[0.0], [2.0]], Limits([10.0], [100.0]), "two")
 
 
-class Fixed:
+class Fixed(Planner):
     """A quintic of a given duration per seed; 0 is a crash, a negative one fails."""
 
     def __init__(self, *durations, bound=None, relation=Relation.RESTRICTION):

@@ -16,6 +16,7 @@ from trajopt.benchmark.provenance import PACKAGES
 from trajopt.benchmark.trial import judge
 from trajopt.core.exceptions import MissingBackend
 from trajopt.core.trajectory import Trajectory
+from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.views.analysis.results import Results
 from trajopt.views.export import all_trials, ioh, tables
@@ -27,7 +28,7 @@ NAN, INF = np.nan, np.inf
 
 
 @dataclass(frozen=True)
-class Searching:
+class Searching(Planner):
     """Quintics of `segment_time`; too short a one is dilated by the verifier. Keeps `history`."""
 
     segment_time: float = 2.0

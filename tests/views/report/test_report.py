@@ -24,6 +24,7 @@ from trajopt.benchmark.trial import Trial, judge
 from trajopt.core.exceptions import InvalidInput
 from trajopt.explain.active_limits import share_at_limits
 from trajopt.formats.motion import motion
+from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.views import report
 from trajopt.views.analysis.results import Results
@@ -38,7 +39,7 @@ from trajopt.views.report.cells import spread, with_numbered_joints
 NASTY = "evil:note=</script><b>&"
 
 
-class Made:
+class Made(Planner):
     """A quintic over 1 rad of a given duration per seed; None is an answer that never came."""
 
     stochastic = True
