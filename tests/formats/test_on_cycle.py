@@ -133,24 +133,3 @@ def test_samples_come_back_to_the_last_bit(tmp_path):
     assert back.joint_names == samples.joint_names
     for name in ("times", "positions", "velocities", "accelerations"):
         assert np.array_equal(getattr(back, name), getattr(samples, name))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "header"),
-        ("a [rad]\n0\n1\n", "time [s], then columns"),
-        ("time [s],a\n0,0\n", "a name and a unit"),
-        ("time [s],a [rad/s]\n0,0\n", "positions, and no other: a"),
-        ("time [s],a [rad]\n0\n1,1\n", "line 2 is 1: expected 2 cells"),
-        ("time [s],a [rad]\n0,0\n1,x\n", "line 3, column 2, a [rad], is 'x'"),
-        ("time [s],a [rad]\n0,0\n0,1\n", "line 3, column 1"),
-        ("time [s],a [rad]\n", "at least two lines"),
-    ],
-)
-def test_what_is_wrong_with_samples_is_named(tmp_path, text, words):
-    (tmp_path / "m.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(InvalidInput) as caught:
-        samples_csv.read(tmp_path / "m.csv")
-    assert words in str(caught.value)
-    assert str(tmp_path / "m.csv") in str(caught.value)

@@ -20,17 +20,14 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from trajopt.core import files
 from trajopt.core.exceptions import InvalidInput
 from trajopt.formats import yaml_file
 from trajopt.formats.samples import Samples
 
-Array = NDArray[np.float64]
-
 _WHAT = "JointTrajectory"
-# What carries the message, from the outside in: action goals, MoveIt's and the controller's.
+# Keys that hold the message, from the outside in: of action goals, of MoveIt and the controller.
 _CARRIERS = ("goal", "trajectory", "joint_trajectory")
 _CARRIER_KEYS = (
     *_CARRIERS,
@@ -51,11 +48,12 @@ _CARRIER_KEYS = (
     "trajectory_start",
 )
 _MESSAGE_KEYS = ("header", "joint_names", "points")
-_POINT_KEYS = ("accelerations", "effort", "positions", "time_from_start", "velocities")
+_FIELDS = ("positions", "velocities", "accelerations")
+_POINT_KEYS = (*_FIELDS, "effort", "time_from_start")
 _DURATIONS = (("sec", "nanosec"), ("secs", "nsecs"))  # of ROS 2 and ROS 1
 _NANOSECONDS = 10**9  # in a second
-_DURATION_MAX = (2**31 - 1, _NANOSECONDS - 1)  # of the two whole numbers
-_CUT_SHORT = "..."  # what `ros2 topic echo` prints in place of a long array's rest
+_DURATION_MAX = (2**31 - 1, _NANOSECONDS - 1)  # seconds, nanoseconds
+_CUT_SHORT = "..."  # printed by `ros2 topic echo` in place of a long array's rest
 
 
 def read(path: Path) -> Samples:
@@ -91,17 +89,13 @@ def write(path: Path, samples: Samples) -> None:
 
 def to_message(samples: Samples) -> dict[str, Any]:
     """The message as dictionaries and lists."""
-    tables = {
-        "positions": samples.positions,
-        "velocities": samples.velocities,
-        "accelerations": samples.accelerations,
-    }
+    tables = {field: getattr(samples, field) for field in _FIELDS}
     points = []
     for sample, time in enumerate(samples.times):
         point: dict[str, Any] = {}
-        for name, table in tables.items():
+        for field, table in tables.items():
             if table is not None:
-                point[name] = table[sample].tolist()
+                point[field] = table[sample].tolist()
         total = round(float(time) * _NANOSECONDS)
         seconds, nanoseconds = divmod(total, _NANOSECONDS)
         point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
@@ -116,40 +110,47 @@ def from_message(message: Any) -> Samples:
         InvalidInput: Names the point (from 1), the joint, the value, and what would be right.
     """
     table = _uncarried(message)
-    names = _names(table.get("joint_names"))
-    points = _points(table["points"])
-    times = _times(points)
-    joints = len(names)
-    positions = _column(points, "positions", joints)
-    if positions is None:
-        raise InvalidInput("points", "positions in every point; there are none")
-    velocities = _column(points, "velocities", joints)
-    accelerations = _column(points, "accelerations", joints)
-    return Samples(
-        names,
-        times,
-        positions,
-        velocities,
-        accelerations,
-    )
-
-
-def is_message(table: Any) -> bool:
-    """Whether this is such a message, or carries one."""
-    try:
-        _uncarried(table)
-    except InvalidInput:
-        return False
-    return True
+    names = files.names_at(table, "joint_names")
+    points = table["points"]
+    if not names:
+        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
+    if not _is_list(points) or len(points) < 2:
+        right = "at least two points: the first is where the robot starts, at time 0"
+        raise InvalidInput("points", right, value=points)
+    times = []
+    columns: dict[str, list[list[float]]] = {field: [] for field in _FIELDS}
+    for number, point in enumerate(points, start=1):
+        key = f"points, point {number}"
+        if not isinstance(point, Mapping):
+            raise InvalidInput(key, "a table", value=point)
+        files.check_keys(f"{key}: ", point, _POINT_KEYS, ["time_from_start"])
+        times.append(_seconds(f"{key}: time_from_start", point["time_from_start"]))
+        for field in _FIELDS:
+            row = point.get(field)
+            if row:
+                columns[field].append(_row(f"{key}: {field}", row, len(names)))
+            if len(columns[field]) not in (0, number):
+                right = "numbers in every point, or in none"
+                raise InvalidInput(f"{key}: {field}", right, value=row)
+    if not columns["positions"]:
+        raise InvalidInput("points", "positions in every point")
+    if times[0] != 0:
+        right = (
+            "0, with the state that the robot starts from as the first point: the motion before "
+            "the first point depends on it"
+        )
+        raise InvalidInput("points, point 1: time_from_start", right, value=times[0])
+    tables: dict[str, Any] = {name: own for name, own in columns.items() if own}
+    return Samples(tuple(names), np.array(times), **tables)
 
 
 def _table(path: Path) -> Any:
-    if path.suffix != ".json":
-        documents = yaml_file.documents(path, _WHAT)
-        if len(documents) != 1:
-            raise InvalidInput(_WHAT, "one message in the file", value=len(documents))
-        return documents[0]
-    return files.json(path, _WHAT)
+    if path.suffix == ".json":
+        return files.json(path, _WHAT)
+    documents = yaml_file.documents(path, _WHAT)
+    if len(documents) != 1:
+        raise InvalidInput(_WHAT, "one message in the file", value=len(documents))
+    return documents[0]
 
 
 def _uncarried(message: Any) -> Mapping[str, Any]:
@@ -172,49 +173,6 @@ def _uncarried(message: Any) -> Mapping[str, Any]:
     raise InvalidInput(_WHAT, f"{right}: joint_names and points")
 
 
-def _names(names: Any) -> tuple[str, ...]:
-    if not _is_list(names) or len(names) == 0:
-        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
-    for joint, name in enumerate(names):
-        if not isinstance(name, str) or not name:
-            raise InvalidInput("joint_names", "a name", value=name, joint=joint)
-    return tuple(names)
-
-
-def _points(points: Any) -> Sequence[Mapping[str, Any]]:
-    if not _is_list(points) or len(points) < 2:
-        right = "at least two points: the first is where the robot starts, at time 0"
-        raise InvalidInput("points", right, value=points)
-    for number, point in enumerate(points, start=1):
-        key = f"points, point {number}"
-        if not isinstance(point, Mapping):
-            raise InvalidInput(key, "a table", value=point)
-        files.check_keys(f"{key}: ", point, _POINT_KEYS)
-    checked: Sequence[Mapping[str, Any]] = points
-    return checked
-
-
-def _times(points: Sequence[Mapping[str, Any]]) -> Array:
-    """`time_from_start` of every point, s; the first is 0."""
-    times: list[float] = []
-    for number, point in enumerate(points, start=1):
-        key = f"points, point {number}: time_from_start"
-        if "time_from_start" not in point:
-            raise InvalidInput(key, "this key; it is missing")
-        time = _seconds(key, point["time_from_start"])
-        if times and time <= times[-1]:
-            right = f"a time after {times[-1]:.9g} s, that of the point before"
-            raise InvalidInput(key, right, value=time)
-        times.append(time)
-    if times[0] != 0:
-        right = (
-            "0, with the state that the robot starts from as the first point: the motion before "
-            "the first point depends on it"
-        )
-        raise InvalidInput("points, point 1: time_from_start", right, value=times[0])
-    return np.array(times)
-
-
 def _seconds(key: str, duration: Any) -> float:
     """A duration as ROS 2 or ROS 1 writes it, or a number of seconds."""
     if not isinstance(duration, Mapping):
@@ -223,41 +181,21 @@ def _seconds(key: str, duration: Any) -> float:
         if duration and duration.keys() <= set(names):
             whole = []
             for name, most in zip(names, _DURATION_MAX, strict=True):
-                whole.append(_whole(f"{key}.{name}", duration.get(name, 0), most))
+                own = f"{key}.{name}"
+                value = _number(own, duration.get(name, 0))
+                if not 0 <= value <= most or value != int(value):
+                    raise InvalidInput(own, f"a whole number from 0 to {most}", value=value)
+                whole.append(int(value))
             seconds, nanoseconds = whole
             return seconds + nanoseconds / _NANOSECONDS
     raise InvalidInput(key, "{sec, nanosec}, {secs, nsecs} or seconds", value=dict(duration))
 
 
-def _whole(key: str, item: Any, most: int) -> int:
-    value = yaml_file.number(item)
-    if value is None or not 0 <= value <= most or value != int(value):
-        raise InvalidInput(key, f"a whole number from 0 to {most}", value=item)
-    return int(value)
-
-
-def _column(points: Sequence[Mapping[str, Any]], field: str, joints: int) -> Array | None:
-    """One field of all points, `(points, joints)`; None where no point has it."""
-    given = [number for number, point in enumerate(points, start=1) if point.get(field)]
-    if not given:
-        return None
-    rows = []
-    for number, point in enumerate(points, start=1):
-        key = f"points, point {number}: {field}"
-        if not point.get(field):
-            right = f"{joints} numbers, as point {given[0]} has: all points have them, or none"
-            raise InvalidInput(key, right, value=point.get(field))
-        rows.append(_row(key, point[field], joints))
-    return np.array(rows)
-
-
 def _row(key: str, row: Any, joints: int) -> list[float]:
-    if not _is_list(row):
-        raise InvalidInput(key, f"a list of {joints} numbers", value=row)
-    if _CUT_SHORT in row:
+    if _is_list(row) and _CUT_SHORT in row:
         right = "all numbers; `ros2 topic echo --full-length` does not cut arrays short"
         raise InvalidInput(key, right, value=_CUT_SHORT)
-    if len(row) != joints:
+    if not _is_list(row) or len(row) != joints:
         raise InvalidInput(key, f"{joints} numbers, one per joint", value=row)
     return [_number(key, item, joint) for joint, item in enumerate(row)]
 

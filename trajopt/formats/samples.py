@@ -1,15 +1,15 @@
-"""Samples of a motion: what a CSV file or a ROS message holds of it."""
+"""Samples of a motion, as a CSV file or a ROS message holds them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from trajopt.core import interpolation as between
-from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
+from trajopt.core.problem import check_joint_names, frozen
 from trajopt.core.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -41,9 +41,11 @@ class Samples:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
         for name in ("times", "positions", "velocities", "accelerations"):
-            object.__setattr__(self, name, _frozen(getattr(self, name)))
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, frozen(values))
         between.check(self.times, self.positions, self.velocities, self.accelerations)
-        _check_names(self.joint_names, self.positions.shape[1])
+        check_joint_names(self.joint_names, self.positions.shape[1])
 
     def interpolation(self, wanted: Interpolation = "auto") -> Interpolation:
         """The interpolation that is meant: for `auto`, the controller's.
@@ -62,21 +64,3 @@ class Samples:
             self.accelerations,
             interpolation=interpolation,
         )
-
-
-def _frozen(values: ArrayLike | None) -> Array | None:
-    if values is None:
-        return None
-    array = np.array(values, dtype=float)
-    array.setflags(write=False)
-    return array
-
-
-def _check_names(names: tuple[str, ...], joints: int) -> None:
-    if len(names) != joints:
-        raise InvalidInput("joint_names", f"{joints} names, one per joint", value=len(names))
-    seen = set()
-    for joint, name in enumerate(names):
-        if name in seen:
-            raise InvalidInput("joint_names", "names that differ", value=name, joint=joint)
-        seen.add(name)

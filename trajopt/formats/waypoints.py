@@ -18,45 +18,42 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trajopt.core import files, numerals
 from trajopt.core.exceptions import InvalidInput, UnitWarning
-from trajopt.core.problem import Problem
-from trajopt.core.units import UNITS, mixed_units
+from trajopt.core.problem import Problem, waypoint_table
+from trajopt.core.units import LENGTHS, UNITS, mixed_units
+from trajopt.formats import csv_file
 from trajopt.formats.robot_limits import RobotLimits
 
+Array = NDArray[np.float64]
 Unit = Literal["deg", "rad"]
 
 ENDINGS = (".csv", ".txt", ".npy", ".json")
 
-_LENGTHS = ("m", "mm")
 _ALIASES = {"°": "deg"}
 _TIMES = ("t", "time", "times", "time_from_start")
 
 
 @dataclass(frozen=True)
 class Waypoints:
-    """Rows as a file has them, in its units.
+    """Waypoints as a file has them, in its units.
 
     Attributes:
-        rows: One per waypoint, one number per joint.
+        rows: `(waypoints, joints)`.
         joint_names: One per column, or empty where the file does not say.
         units: One per column, or empty.
         angle_unit: Of the angles, where the file says it once for all columns.
     """
 
-    rows: Sequence[Sequence[Any]]
+    rows: Array
     joint_names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     angle_unit: str | None = None
-
-    @property
-    def joints(self) -> int:
-        first = self.rows[0] if len(self.rows) else ()
-        return len(first)
 
 
 def read(path: Path) -> Waypoints:
@@ -101,12 +98,12 @@ def problem(path: Path, robot: RobotLimits, unit: Unit | None = None) -> Problem
 
 
 def _problem(waypoints: Waypoints, robot: RobotLimits, unit: Unit | None, path: Path) -> Problem:
-    names = waypoints.joint_names or robot.names_of(waypoints.joints)
+    names = waypoints.joint_names or robot.names_of(waypoints.rows.shape[1])
     limits = robot.limits(names)
     # Before scaling: errors show what the file says.
     written = Problem(waypoints.rows, limits.without("position"), joint_names=names)
     units = _units(waypoints, names, robot, unit)
-    turning = np.array([own not in _LENGTHS for own in units])
+    turning = np.array([own not in LENGTHS for own in units])
     said = unit or waypoints.angle_unit or waypoints.units
     if not said and (turning & written.moving).any():
         angles = written.only(turning)
@@ -141,64 +138,48 @@ def _units(
     if None not in (asked, known) and asked != known:
         raise InvalidInput("--unit", f"left out, or {known} as the file says", value=asked)
     angle = asked or known or "rad"
-    units = []
-    for joint, name in enumerate(names):
-        kind = robot.units.get(name)
-        if not waypoints.units:
-            units.append("m" if kind == "m" else angle)
-            continue
-        own = waypoints.units[joint]
+    if not waypoints.units:
+        return ["m" if robot.units.get(name) == "m" else angle for name in names]
+    if len(waypoints.units) != len(names):
+        right = f"{len(names)} units, one per joint"
+        raise InvalidInput("unit", right, value=list(waypoints.units))
+    for joint, (name, own) in enumerate(zip(names, waypoints.units, strict=True)):
         if own not in UNITS:
             raise InvalidInput("unit", " or ".join(UNITS), value=own, joint=joint)
-        slides = own in _LENGTHS
+        slides = own in LENGTHS
+        kind = robot.units.get(name)
         if kind is not None and slides != (kind == "m"):
-            does, right = ("slides", "m or mm") if kind == "m" else ("turns", "deg or rad")
-            right = f"{right}: {name} {does}, as {robot.source} says"
+            does = "m or mm: {} slides" if kind == "m" else "deg or rad: {} turns"
+            right = f"{does.format(name)}, as {robot.source} says"
             raise InvalidInput("unit", right, value=own, joint=joint)
         if asked is not None and not slides and own != asked:
             right = f"--unit left out, or {own} as the header says"
             raise InvalidInput("--unit", right, value=asked)
-        units.append(own)
-    return units
+    return list(waypoints.units)
 
 
 def _read_csv(path: Path) -> Waypoints:
     text = files.text(path, "waypoints", path.suffix, marks=",;\t\n ")
-    lines = [line for line in text.splitlines() if _is_row(line)]
+    lines = [line for line in csv_file.lines(text) if not csv_file.is_comment(line[1])]
     if not lines:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint; it is empty")
-    table = _cells(lines)
-    first = table[0]
-    if any(_number(cell) is not None for cell in first):
-        return Waypoints(_numbers(table))
-    names, units = _header(first)
-    rows = _numbers(table[1:])
-    for number, row in enumerate(rows, start=1):
-        if len(row) != len(names):
-            right = f"{len(names)} numbers, one per column of the header"
-            raise InvalidInput(f"waypoints, waypoint {number}", right, value=row)
-    return Waypoints(rows, names, units)
-
-
-def _is_row(line: str) -> bool:
-    content = line.strip()
-    return bool(content) and not content.startswith("#")
-
-
-def _cells(lines: Sequence[str]) -> list[list[str]]:
-    """The cells of each line, split at what separates those of the first."""
-    for separator in (";", ",", "\t"):
-        if separator in lines[0]:
-            rows = csv.reader(lines, delimiter=separator)
-            return [_stripped(row) for row in rows]
-    _, unit = heading(lines[0].strip())
-    if unit is not None:  # "elbow [deg]" of one joint
-        return [[line.strip()] for line in lines]
-    return [line.split() for line in lines]
-
-
-def _stripped(cells: Sequence[str]) -> list[str]:
-    return [cell.strip() for cell in cells]
+    first = lines[0][1]
+    separator = csv_file.separator_of(first)
+    if separator is None and csv_file.heading(first.strip())[1] is not None:
+        separator = ","  # "elbow [deg]" of one joint
+    headings = csv_file.cells(first, separator)
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    if all(numerals.parsed(cell) is None for cell in headings):
+        names, units = _header(headings)
+        lines = lines[1:]
+    else:
+        headings = [""] * len(headings)
+    rows = []
+    for number, line in lines:
+        cells = csv_file.cells(line, separator)
+        rows.append(csv_file.numbers(number, cells, headings))
+    return Waypoints(waypoint_table(rows), names, units)
 
 
 def _header(cells: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -206,7 +187,7 @@ def _header(cells: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     names = []
     units = []
     for column, cell in enumerate(cells, start=1):
-        name, unit = heading(cell)
+        name, unit = csv_file.heading(cell)
         if name.lower() in _TIMES:
             right = "waypoints, without times; `trajopt judge` takes motions"
             raise InvalidInput(f"column {column}", right, value=cell)
@@ -219,36 +200,6 @@ def _header(cells: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
         right = "a unit in every column, or in none"
         raise InvalidInput("header", right, value=", ".join(cells))
     return tuple(names), tuple(units)
-
-
-def heading(cell: str) -> tuple[str, str | None]:
-    """A column's name, and its unit in brackets; None where it has none."""
-    start = max(cell.rfind("["), cell.rfind("("))
-    if start < 0 or cell[-1] not in "])":
-        return cell, None
-    unit = cell[start + 1 : -1]
-    return cell[:start].strip(), unit.strip()
-
-
-def _numbers(table: Sequence[Sequence[str]]) -> list[list[float]]:
-    rows = []
-    for number, cells in enumerate(table, start=1):
-        row = []
-        for joint, cell in enumerate(cells):
-            value = _number(cell)
-            if value is None:
-                key = f"waypoints, waypoint {number}"
-                raise InvalidInput(key, "a finite number", value=cell, joint=joint)
-            row.append(value)
-        rows.append(row)
-    return rows
-
-
-def _number(cell: str) -> float | None:
-    try:
-        return numerals.decimal(cell)
-    except ValueError:
-        return None
 
 
 def _read_npy(path: Path) -> Waypoints:
@@ -265,30 +216,22 @@ def _read_npy(path: Path) -> Waypoints:
     if array.ndim != 2 or array.dtype.kind not in "iuf":
         right = "an array of numbers, (waypoints, joints)"
         raise InvalidInput("waypoints", right, value=f"{array.dtype} {array.shape}")
-    return Waypoints(array.astype(float).tolist())
+    return Waypoints(waypoint_table(array.astype(float)))
 
 
 def _read_json(path: Path) -> Waypoints:
     table = files.json(path, "waypoints")
     if not isinstance(table, Mapping):
         table = {"waypoints": table}
-    files.check_keys("", table, ("waypoints", "joint_names", "unit"))
-    rows = table.get("waypoints")
-    is_table = isinstance(rows, list) and bool(rows) and isinstance(rows[0], list)
-    if not is_table:
-        raise InvalidInput("waypoints", "a list of rows, one per waypoint", value=rows)
-    names = table.get("joint_names", [])
-    is_list = isinstance(names, list)
-    if not is_list or not all(isinstance(name, str) for name in names):
-        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
+    files.check_keys("", table, ("waypoints", "joint_names", "unit"), ("waypoints",))
+    rows = waypoint_table(table["waypoints"])
+    names = tuple(files.names_at(table, "joint_names"))
     unit = table.get("unit")
     if isinstance(unit, list):
-        if len(unit) != len(rows[0]):
-            raise InvalidInput("unit", f"{len(rows[0])} units, one per joint", value=unit)
-        return Waypoints(rows, tuple(names), tuple(map(str, unit)))
+        return Waypoints(rows, names, tuple(map(str, unit)))
     if unit not in (None, "deg", "rad"):
         raise InvalidInput("unit", '"deg" or "rad", or a unit per joint', value=unit)
-    return Waypoints(rows, tuple(names), angle_unit=unit)
+    return Waypoints(rows, names, angle_unit=unit)
 
 
 _READERS = {
