@@ -1,9 +1,10 @@
-"""From samples to the polynomials between them, as a robot's controller runs them.
+"""The polynomials between samples, as a robot's controller runs them.
 
-A robot does not execute a planner's function but what its controller makes of the points it was
+A robot does not execute a planner's function. Its controller interpolates the points that it was
 sent (docs/mathematics.md, section 10). `joint_trajectory_controller` of ros2_control joins them
 with straight lines, with cubic Hermite pieces where the points have velocities, and with quintic
-ones where they have accelerations too: polynomials, so what it executes is known exactly.
+ones where they have accelerations too. These are polynomials, so the executed motion is known
+exactly.
 """
 
 from __future__ import annotations
@@ -25,9 +26,13 @@ Interpolation = Literal["auto", "linear", "cubic", "quintic", "spline"]
 - `cubic`: the Hermite piece from positions and velocities. Acceleration jumps;
 - `quintic`: the Hermite piece from positions, velocities and accelerations. Jerk jumps;
 - `spline`: the cubic spline through the positions with continuous velocity and acceleration, at
-  rest at both ends. No controller's; what many programs mean by interpolation;
-- `auto`: what `joint_trajectory_controller` does with what the samples have.
+  rest at both ends. Many programs interpolate like this, controllers do not;
+- `auto`: the one that `joint_trajectory_controller` uses for these samples.
 """
+
+
+# How many of positions, velocities and accelerations each interpolation uses.
+_TABLES_USED = {"linear": 1, "cubic": 2, "quintic": 3, "spline": 1}
 
 
 def chosen(
@@ -44,25 +49,20 @@ def chosen(
         names = ", ".join(get_args(Interpolation))
         raise InvalidInput("interpolation", f"one of {names}", value=interpolation)
     if interpolation == "auto":
-        return _of_controller(velocities, accelerations)
-    if interpolation in ("cubic", "quintic") and velocities is None:
+        if velocities is None and accelerations is not None:
+            right = "velocities beside them: without, the controller's motion is not defined"
+            raise InvalidInput("accelerations", right)
+        if velocities is None:
+            return "linear"
+        return "cubic" if accelerations is None else "quintic"
+    used = _TABLES_USED[interpolation]
+    if used > 1 and velocities is None:
         right = "linear or spline: the samples have no velocities"
         raise InvalidInput("interpolation", right, value=interpolation)
-    if interpolation == "quintic" and accelerations is None:
+    if used > 2 and accelerations is None:
         right = "linear, cubic or spline: the samples have no accelerations"
         raise InvalidInput("interpolation", right, value=interpolation)
     return interpolation
-
-
-def _of_controller(velocities: Array | None, accelerations: Array | None) -> Interpolation:
-    if velocities is None and accelerations is not None:
-        right = "velocities beside them: without, the controller's motion is not defined"
-        raise InvalidInput("accelerations", right)
-    if velocities is None:
-        return "linear"
-    if accelerations is None:
-        return "cubic"
-    return "quintic"
 
 
 def pieces(
@@ -75,7 +75,7 @@ def pieces(
     """The polynomial between each two samples.
 
     Args:
-        interpolation: which; samples must have what it needs (`chosen` asks).
+        interpolation: which; samples must have what it needs (`chosen` checks).
         times: strictly increasing, s, `(samples,)`.
         positions: rad, `(samples, joints)`; the derivatives likewise, rad/s and rad/s².
         velocities: used by `cubic` and `quintic`.
@@ -92,13 +92,9 @@ def pieces(
         spline = CubicSpline(times, positions, bc_type="clamped")
         return np.asarray(spline.c)
     lengths = np.diff(times)
-    derivatives = [positions]
-    if kind != "linear" and velocities is not None:
-        derivatives.append(velocities)
-    if kind == "quintic" and accelerations is not None:
-        derivatives.append(accelerations)
+    tables = [table for table in (positions, velocities, accelerations) if table is not None]
     with np.errstate(over="ignore", invalid="ignore"):  # a Trajectory refuses what is not finite
-        unit = _hermite(derivatives, lengths[:, None])
+        unit = _hermite(tables[: _TABLES_USED[kind]], lengths[:, None])
         return polynomials.stretched(unit, 1 / lengths)
 
 
@@ -142,29 +138,25 @@ def check(
     if times.shape != positions.shape[:1]:
         raise InvalidInput("times", f"{len(positions)}, one per sample", value=times.shape)
     tables = {
-        "times": times[:, None],
+        "times": times,
         "positions": positions,
         "velocities": velocities,
         "accelerations": accelerations,
     }
     for name, table in tables.items():
-        if table is not None:
-            _check_table(name, table, positions.shape)
-    late = np.flatnonzero(np.diff(times) <= 0)
-    if len(late):
-        sample = int(late[0]) + 1
-        right = f"a time after {times[sample - 1]:.9g} s, that of the sample before"
-        raise InvalidInput(f"times, sample {sample + 1}", right, value=float(times[sample]))
-
-
-def _check_table(name: str, table: Array, shape: tuple[int, ...]) -> None:
-    if name != "times" and table.shape != shape:
-        raise InvalidInput(name, f"an array {shape}, as the positions", value=table.shape)
-    for sample, column in np.argwhere(~np.isfinite(table)):
-        joint = None if name == "times" else int(column)
-        raise InvalidInput(
-            f"{name}, sample {sample + 1}",
-            "a finite number",
-            value=float(table[sample, column]),
-            joint=joint,
-        )
+        if table is None:
+            continue
+        if name != "times" and table.shape != positions.shape:
+            right = f"an array {positions.shape}, as the positions"
+            raise InvalidInput(name, right, value=table.shape)
+        for sample, *joints in np.argwhere(~np.isfinite(table)):
+            raise InvalidInput(
+                f"{name}, sample {sample + 1}",
+                "a finite number",
+                value=float(table[sample, *joints]),
+                joint=int(joints[0]) if joints else None,
+            )
+    for sample in np.flatnonzero(np.diff(times) <= 0):
+        right = f"a time after {times[sample]:.9g} s, that of the sample before"
+        key = f"times, sample {sample + 2}"
+        raise InvalidInput(key, right, value=float(times[sample + 1]))

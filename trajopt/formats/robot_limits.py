@@ -28,21 +28,20 @@ _UNLIMITED = (-np.inf, np.inf)
 
 @dataclass(frozen=True)
 class RobotLimits:
-    """What is known of each joint's limits, rad and s (metres for a prismatic joint).
+    """The limits of a robot's joints, rad and s (metres for a prismatic joint).
 
     Attributes:
         joints: Each joint's bounds, `(low, high)` by the kind of limit, under its name, in the
             robot's order. A kind may be missing (not said) or infinite (said to have no limit).
         source: Where they come from, for errors and for the problem's own source.
-        ordered: Whether the order of the joints is the robot's: a file of limits often has the
-            alphabet's.
-        velocity_scaling: The share of the velocity limits that a planner is asked to use: no limit
-            of the robot, and not counted in `limits` (`scaled` counts it).
-        acceleration_scaling: The same of the acceleration limits.
-        units: Each joint's SI unit, "rad" or "m", as far as the source says whether it slides.
-        falling_velocity: Velocity limits that fall towards a position limit, for those joints that
-            have one.
-        unsound: What is wrong with joints that cannot be used, by name.
+        ordered: True if the joints are in the robot's order; a file of limits is often in
+            alphabetical order.
+        velocity_scaling: The share of the velocity limits that a planner should use. It is no limit
+            of the robot: `limits` ignores it, `scaled` applies it.
+        acceleration_scaling: The share of the acceleration limits that a planner should use.
+        units: Each joint's SI unit, "rad" or "m", where the source says whether it slides.
+        falling_velocity: Velocity limits that fall towards a position limit, by joint.
+        unsound: The error of each joint that cannot be used.
     """
 
     joints: Mapping[str, JointBounds]
@@ -85,7 +84,7 @@ class RobotLimits:
         )
 
     def scaled(self) -> RobotLimits:
-        """The limits to plan with: those times the scaling factors, which are 1 then."""
+        """Return the limits to plan with: multiplied by the scaling factors."""
         factors = {"velocity": self.velocity_scaling, "acceleration": self.acceleration_scaling}
         if set(factors.values()) == {1.0}:
             return self
@@ -120,21 +119,19 @@ class RobotLimits:
         Raises:
             InvalidInput: A joint is unknown, or has no velocity or acceleration limit.
         """
-        pairs: dict[LimitName, list[Bounds]] = {kind: [] for kind in LIMIT_NAMES}
-        for name in joint_names:
-            bounds = self._bounds(name)
-            for kind in LIMIT_NAMES:
-                pairs[kind].append(bounds.get(kind, _UNLIMITED))
-        self._check_complete(joint_names, pairs)
-        return Limits(
-            velocity=pairs["velocity"],
-            acceleration=pairs["acceleration"],
-            jerk=pairs["jerk"],
-            position=pairs["position"],
-        )
+        bounds = [self._bounds(name) for name in joint_names]
+        pairs: dict[str, list[Bounds]] = {}
+        for kind in LIMIT_NAMES:
+            pairs[kind] = [own.get(kind, _UNLIMITED) for own in bounds]
+        for kind in _REQUIRED:
+            own = zip(joint_names, pairs[kind], strict=True)
+            absent = [name for name, pair in own if not np.isfinite(pair).all()]
+            if absent:
+                raise _absent(kind, absent, self.source)
+        return Limits(**pairs)
 
     def described(self, joint_names: Sequence[str]) -> dict[str, Any]:
-        """What a `Problem` is told of these joints beside their limits, by its arguments' names."""
+        """Arguments of a `Problem` for these joints, beside waypoints and limits, by name."""
         units = [self.units[name] for name in joint_names if name in self.units]
         falling = [self.falling_velocity.get(name) for name in joint_names]
         return {
@@ -170,37 +167,16 @@ class RobotLimits:
             right = f"a joint of {self.source}, perhaps {close[0]}"
         raise InvalidInput("joint", right, value=name)
 
-    def _check_complete(
-        self,
-        joint_names: Sequence[str],
-        pairs: Mapping[LimitName, Sequence[Bounds]],
-    ) -> None:
-        for kind in _REQUIRED:
-            absent = []
-            for name, pair in zip(joint_names, pairs[kind], strict=True):
-                if not np.isfinite(pair).all():
-                    absent.append(name)
-            if absent:
-                raise _absent(kind, absent, self.source)
-
 
 def _absent(kind: LimitName, joint_names: Sequence[str], source: str) -> InvalidInput:
-    """What to add where a limit is missing that a problem needs."""
+    """An error that says how to add a limit that a problem needs."""
     names = ", ".join(joint_names)
+    key = f"{kind} limit is missing"
     right = (
         f"one for {names}; add --limits joint_limits.yaml with, under joint_limits: "
         f"{joint_names[0]}:, has_{kind}_limits: true and max_{kind}: a number (per joint)"
     )
     if kind == "acceleration":
         right += ", or --acceleration with a number for all of them"
-    why = "missing"
-    if source.endswith(".urdf") and kind == "acceleration":
-        why = "missing (a URDF has none)"
-    return InvalidInput(f"{kind} limit", right, value=_Words(why), file=source)
-
-
-class _Words(str):
-    """Words that an error shows as they are, not as a quoted text."""
-
-    def __repr__(self) -> str:
-        return str(self)
+        key += " (a URDF has none)" if source.endswith(".urdf") else ""
+    return InvalidInput(key, right, file=source)
