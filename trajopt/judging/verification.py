@@ -1,9 +1,9 @@
-"""The one exact judge: true peaks from polynomial roots, every miss, and the certified duration.
+"""The exact judge: true peaks from polynomial roots, every miss, and the certified duration.
 
-Nothing is sampled, and nothing is forgiven (docs/mathematics.md, sections 2 and 7): a trajectory
-whose misses and jumps are within tolerance is repaired exactly, and its repair is judged. Dividing
-a piece's polynomial by its limit gives its use of the limit; Bernstein coefficients bound that use,
-and only the pieces whose bound exceeds the worst use so far need their roots.
+Nothing is sampled, and nothing is tolerated (docs/mathematics.md, sections 2 and 7). A trajectory
+whose misses and jumps are within tolerance is repaired exactly, and the repaired one is judged.
+A piece's polynomial over its limit is its use of the limit. Bernstein coefficients bound that use:
+roots are found only for pieces whose bound exceeds the worst use so far.
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ from trajopt.judging.repair import repaired
 Array = NDArray[np.float64]
 Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, low, high)
 
-_CHUNK_PIECES = 256  # pieces whose roots are found at once, the most promising first
-# The time of a break is known to some units in its last place.
-_TIME_RTOL = 16 * EPS
+PIECES_PER_CHUNK = 256  # roots are found for so many pieces at once, the largest bounds first
+BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 
 RATIO_KINDS = tuple(name for name, order in LIMIT_ORDERS.items() if order > 0)
 """The worst values that are ratios to a limit; slowing down mends them."""
@@ -36,10 +35,10 @@ WORST_KINDS = (*RATIO_KINDS, "position", "waypoint", "continuity")
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far a trajectory may stray and still be worth repairing.
+    """The largest misses and jumps that are repaired.
 
-    What is within tolerance is not forgiven but repaired, and the repair is what is certified; what
-    is beyond is a flaw.
+    A miss within tolerance is repaired, and the repaired trajectory is certified. A larger miss is
+    a flaw.
 
     Attributes:
         limit: for velocity, acceleration and jerk to count as kept, relative.
@@ -75,7 +74,7 @@ class Worst:
 
 @dataclass(frozen=True, repr=False)
 class Certificate:
-    """What `verify` says of a trajectory.
+    """The result of `verify`.
 
     Peaks of velocity, acceleration and jerk are those of the repaired trajectory, or of the given
     one where it is beyond repair; `position`, `waypoint` and `continuity` are the given one's.
@@ -84,10 +83,10 @@ class Certificate:
     Attributes:
         duration: of the given trajectory, s.
         dilation: the exact cheapest factor `k` that brings the trajectory within its velocity,
-            acceleration and jerk limits (section 2); below 1, it left something on the table.
-        flaws: what no repair and no dilation can mend, in words; then there is no certified
-            duration.
-        tolerance: what decided that.
+            acceleration and jerk limits (section 2); below 1, it could be faster.
+        flaws: errors that neither repair nor dilation can remove, in words. With a flaw there is no
+            certified duration.
+        tolerance: the tolerance used.
     """
 
     duration: float
@@ -107,7 +106,7 @@ class Certificate:
 
     @property
     def feasible(self) -> bool:
-        """Whether the trajectory keeps every limit as it stands, within tolerance."""
+        """Return whether the trajectory keeps every limit without dilation, within tolerance."""
         peaks = [getattr(self, kind) for kind in RATIO_KINDS]
         highest = max(worst.value for worst in peaks if worst)
         return self.valid and highest <= 1 + self.tolerance.limit
@@ -133,13 +132,12 @@ class Certificate:
         table: dict[str, Any] = {"feasible": self.feasible, "dilation": self.dilation}
         for kind in WORST_KINDS:
             worst: Worst | None = getattr(self, kind)
+            if worst is None:
+                table[kind] = None
+                continue
             word = "ratio" if kind in RATIO_KINDS else "error"
-            table[kind] = worst and {
-                word: worst.value,
-                "joint": worst.joint + 1,
-                "time": worst.time,
-            }
-            if worst and kind == "continuity":
+            table[kind] = {word: worst.value, "joint": worst.joint + 1, "time": worst.time}
+            if kind == "continuity":
                 table[kind]["order"] = worst.order
         return table
 
@@ -160,10 +158,10 @@ def verify(
 
 
 def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
-    """The trajectory that the certified duration belongs to.
+    """The trajectory that has the certified duration.
 
-    Repaired where it missed or jumped within tolerance, dilated where it then breaks a limit; None
-    where nothing can mend it.
+    It is repaired where the given one missed or jumped within tolerance, and dilated where it then
+    breaks a limit. None where the given one has a flaw.
     """
     _check_sizes(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -187,7 +185,7 @@ def _judged(
     trajectory: Trajectory,
     tolerance: Tolerance,
 ) -> tuple[Certificate, Trajectory]:
-    """The verdict, and the trajectory whose peaks it tells: repaired where that can be."""
+    """The certificate, and the trajectory that has its peaks: repaired, if that is possible."""
     allowed = _allowed(problem, trajectory.duration, tolerance)
     waypoint, missed = _worst_miss(problem, trajectory, allowed.waypoint)
     jumps = []
@@ -209,9 +207,7 @@ def _judged(
     limits = problem.limits
     velocity = _peak(judged, 1, limits.velocity, _ratio)
     acceleration = _peak(judged, 2, limits.acceleration, _ratio)
-    jerk = None
-    if problem.has("jerk"):
-        jerk = _peak(judged, 3, limits.jerk, _ratio)
+    jerk = _peak(judged, 3, limits.jerk, _ratio) if problem.has("jerk") else None
     position = None
     if problem.has("position"):
         position = _peak(trajectory, 0, limits.position, _excess)
@@ -246,12 +242,12 @@ def _dilation(
     factors = [velocity.value, acceleration.value**0.5]
     if jerk:
         factors.append(jerk.value ** (1 / 3))
-    return float(np.max(factors))  # which keeps what is not a number
+    return float(np.max(factors))  # a factor that is not a number stays one
 
 
 @dataclass(frozen=True)
 class _Allowed:
-    """How far each joint may be off and still be worth repairing, `(joints,)` each.
+    """The largest misses and jumps of each joint that are repaired, `(joints,)` each.
 
     Attributes:
         waypoint, position_limit, blur: rad.
@@ -280,7 +276,7 @@ def _allowed(
     from_jerk = np.cbrt(J) ** 2 * np.cbrt(largest)
     reached_acceleration = np.minimum(A, from_jerk)
     # Breaks are rounded, which moves each derivative by as much as it changes meanwhile.
-    rounded = _TIME_RTOL * duration
+    rounded = BREAK_TIME_RTOL * duration
     position_jump = tolerance.position * largest + coordinates + rounded * V
     velocity_jump = tolerance.jump * reached_velocity + rounded * A
     acceleration_jump = tolerance.jump * reached_acceleration + rounded * J
@@ -293,26 +289,12 @@ def _allowed(
     )
 
 
-def _ratio(
-    values: Array,
-    rounding: Array,
-    low: Array,
-    high: Array,
-) -> Array:
-    upwards = (values + rounding) / high
-    downwards = (values - rounding) / low
-    return np.maximum(upwards, downwards)
+def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
+    return np.maximum((values + rounding) / high, (values - rounding) / low)
 
 
-def _excess(
-    values: Array,
-    rounding: Array,
-    low: Array,
-    high: Array,
-) -> Array:
-    above = values + rounding - high
-    below = low - values + rounding
-    return np.maximum(above, below)
+def _excess(values: Array, rounding: Array, low: Array, high: Array) -> Array:
+    return np.maximum(values + rounding - high, low - values + rounding)
 
 
 class _Peak(NamedTuple):
@@ -347,12 +329,12 @@ def _peak(
     side, piece, joint = np.unravel_index(np.argmax(ends), ends.shape)
     best = _Peak(float(ends.max()), int(piece), int(joint), float(side))
 
-    # No piece exceeds its bound, so those whose bound does not exceed the best need no roots.
+    # No piece exceeds its bound: roots are needed only where the bound exceeds the worst so far.
     bounds = measure(polynomials.bernstein(unit), rounding, low, high)
     bounds = bounds.max(axis=0)
     by_bound = np.argsort(-bounds, axis=None)
-    for start in range(0, bounds.size, _CHUNK_PIECES):
-        chunk = by_bound[start : start + _CHUNK_PIECES]
+    for start in range(0, bounds.size, PIECES_PER_CHUNK):
+        chunk = by_bound[start : start + PIECES_PER_CHUNK]
         promising = chunk[bounds.ravel()[chunk] > best.value]
         if not len(promising):
             break
@@ -418,7 +400,7 @@ def _worst_jump(
 
 
 def _worst_blur(trajectory: Trajectory, allowed: Array) -> tuple[Worst, float]:
-    """Where rounding alone moves a joint most, and by how much over what is allowed."""
+    """The largest rounding of a joint's position, and its size over what is allowed."""
     rounding = polynomials.evaluation_rounding(trajectory.pieces())
     return _worst_of(rounding, allowed, trajectory.breaks)
 
@@ -431,7 +413,7 @@ def _worst_of(
 ) -> tuple[Worst, float]:
     """The error `(times, joints)` that is worst beside what is allowed `(joints,)`, and that ratio.
 
-    What is not a number (which `argmax` finds) is beyond all bounds.
+    An error that is not a number counts as infinite (`argmax` finds it).
     """
     excess = errors / allowed
     row, joint = np.unravel_index(np.argmax(excess), excess.shape)
