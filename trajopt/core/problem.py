@@ -91,12 +91,18 @@ class Limits:
     def only(self, joints: ArrayLike) -> Limits:
         """The limits of some joints, by index (from 0) or mask."""
         chosen = np.asarray(joints)
-        return Limits(**{name: pairs[chosen] for name, pairs in self.by_name().items()})
+        pairs = {}
+        for name, own in self.by_name().items():
+            pairs[name] = own[chosen]
+        return Limits(**pairs)
 
     def scaled(self, factor: ArrayLike) -> Limits:
         """Every limit times a positive factor, or one per joint, as another unit needs it."""
         factors = np.asarray(factor, dtype=float)[..., None]
-        return Limits(**{name: factors * pairs for name, pairs in self.by_name().items()})
+        pairs = {}
+        for name, own in self.by_name().items():
+            pairs[name] = factors * own
+        return Limits(**pairs)
 
     def by_name(self) -> dict[str, Array]:
         """Every limit, `(joints, 2)`, by its name."""

@@ -16,8 +16,11 @@ Line = tuple[int, str]  # its number in the file, and its text
 
 def lines(text: str) -> list[Line]:
     """The lines that are not empty, with their numbers from 1."""
-    numbered = enumerate(text.splitlines(), start=1)
-    return [(number, line) for number, line in numbered if line.strip(" ,;\t")]
+    found = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.strip(" ,;\t"):
+            found.append((number, line))
+    return found
 
 
 def is_comment(line: str) -> bool:
@@ -26,7 +29,10 @@ def is_comment(line: str) -> bool:
 
 def separator_of(line: str) -> str | None:
     """The character that separates the cells of a line; None where there is none."""
-    return next((own for own in ";,\t" if own in line), None)
+    for separator in ";,\t":
+        if separator in line:
+            return separator
+    return None
 
 
 def cells(line: str, separator: str | None) -> list[str]:

@@ -126,12 +126,15 @@ def _samples(text: str) -> Samples:
     tables: dict[str, Any] = {}
     for field, own in zip(_FIELDS, joints, strict=True):
         if own:
+            places = [column.index for column in own]
             sizes = [column.size for column in own]
-            tables[field] = values[:, [column.index for column in own]] * sizes
+            tables[field] = values[:, places] * sizes
+    names = [column.name for column in joints[0]]
+    units = [column.length for column in joints[0]]
     return Samples(
-        joint_names=tuple(column.name for column in joints[0]),
+        joint_names=tuple(names),
         times=np.array(times),
-        joint_units=tuple(column.length for column in joints[0]),
+        joint_units=tuple(units),
         **tables,
     )
 

@@ -90,7 +90,10 @@ def _mended(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
     for order, joints in by_order.items():
         if not joints.any():
             continue
-        jumps = [_jumps(layout, derivative)[:, joints] for derivative in range(1, order + 1)]
+        jumps = []
+        for derivative in range(1, order + 1):
+            jump = _jumps(layout, derivative)
+            jumps.append(jump[:, joints])
         added = np.zeros((2 * order + 2, *layout.travel.shape))
         added[..., joints] = _cancelling(layout, missed[:, joints], jumps)
         if at_limits or not _is_negligible(added, layout, problem):
@@ -279,10 +282,14 @@ def _in_time(layout: _Layout, growing: Array, dying: Array, lowest_power: int) -
     length = layout.end - layout.start
     elapsed = (begins - layout.start) / length  # σ at the piece's start
     left = (layout.end - begins) / length  # 1 − σ there
-    grown = polynomials.shifted(_rows(growing, lowest_power), elapsed[:, None])
-    died = polynomials.shifted(_rows(dying, lowest_power), left[:, None])
     rate = 1 / length
-    return polynomials.stretched(grown, rate) + polynomials.stretched(died, -rate)
+    of_elapsed = _rows(growing, lowest_power)
+    grown = polynomials.shifted(of_elapsed, elapsed[:, None])
+    forwards = polynomials.stretched(grown, rate)
+    of_left = _rows(dying, lowest_power)
+    died = polynomials.shifted(of_left, left[:, None])
+    backwards = polynomials.stretched(died, -rate)
+    return forwards + backwards
 
 
 def _is_negligible(added: Array, layout: _Layout, problem: Problem) -> bool:
@@ -310,14 +317,17 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     order = len(jumps)
     breaks = layout.breaks
     # The time on both sides of each break, within its segment; none before and after the motion.
-    time_before = np.insert(breaks[1:] - layout.start, 0, -1.0)
-    time_after = np.append(layout.end - breaks[:-1], -1.0)
+    since_start = breaks[1:] - layout.start
+    until_end = layout.end - breaks[:-1]
+    time_before = np.insert(since_start, 0, -1.0)
+    time_after = np.append(until_end, -1.0)
     dies = time_after > time_before
     time = np.where(dies, time_after, time_before)
     # The same as a share of the segment.
     length = layout.end - layout.start
-    after = np.append(length, np.inf)
-    segment_length = np.where(dies, after, np.insert(length, 0, np.inf))
+    length_after = np.append(length, np.inf)
+    length_before = np.insert(length, 0, np.inf)
+    segment_length = np.where(dies, length_after, length_before)
     share = time / segment_length
 
     # The correction's derivatives at the break, in units of its time. A dying one runs backwards
@@ -326,7 +336,9 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     unit = sign * time[:, None]
     slopes = []
     for derivative, jump in enumerate(jumps, start=1):
-        slopes.append(sign * jump * unit**derivative)
+        cancelled = sign * jump
+        slope = cancelled * unit**derivative
+        slopes.append(slope)
     # x^(r+1) … x^(2r+1), in x = σ / share.
     lowest_power = order + 1
     powers = np.arange(lowest_power, lowest_power + order + 1)
@@ -340,8 +352,10 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     died = np.cumsum(dying, axis=0)
     grown = np.cumsum(growing, axis=0)
     before = died - dying
-    still_growing = layout.of_pieces(grown[layout.after]) - grown[:-1]
-    still_dying = died[:-1] - layout.of_pieces(before[layout.first])
+    to_segment_end = grown[layout.after]
+    before_segment = before[layout.first]
+    still_growing = layout.of_pieces(to_segment_end) - grown[:-1]
+    still_dying = died[:-1] - layout.of_pieces(before_segment)
     return still_growing, still_dying
 
 
@@ -422,9 +436,12 @@ def _within_position_limits(
         needed = _needed_share(problem, layout, mixed, resting, excess)
         if not needed.any():
             return mixed
-        more = np.maximum(2 * share, share + (1 - share) * needed)
-        share = np.minimum(np.where(needed > 0, more, share), 1.0)
-        mixed = polynomials.plus(coefficients, share * towards_rest)
+        left = 1 - share
+        more = np.maximum(2 * share, share + left * needed)
+        share = np.where(needed > 0, more, share)
+        share = np.minimum(share, 1.0)
+        added = share * towards_rest
+        mixed = polynomials.plus(coefficients, added)
     return np.full_like(mixed, np.nan)
 
 
@@ -445,7 +462,8 @@ def _allowed_excess(problem: Problem, layout: _Layout, side: Array) -> Array:
     on the limit, the gain is proportional to `e`.
     """
     low, high = problem.limits.position.T
-    gap = np.minimum(high - layout.waypoints, layout.waypoints - low)
+    waypoints = layout.waypoints
+    gap = np.minimum(high - waypoints, waypoints - low)
     gainless = EXCESS_RTOL * np.sqrt(gap * problem.largest_displacements)
     allowed = np.where(side != 0, np.inf, gainless)
     of_segment = np.minimum(allowed[:-1], allowed[1:])

@@ -290,11 +290,15 @@ def _allowed(
 
 
 def _ratio(values: Array, rounding: Array, low: Array, high: Array) -> Array:
-    return np.maximum((values + rounding) / high, (values - rounding) / low)
+    upwards = (values + rounding) / high
+    downwards = (values - rounding) / low
+    return np.maximum(upwards, downwards)
 
 
 def _excess(values: Array, rounding: Array, low: Array, high: Array) -> Array:
-    return np.maximum(values + rounding - high, low - values + rounding)
+    above = values + rounding - high
+    below = low - values + rounding
+    return np.maximum(above, below)
 
 
 class _Peak(NamedTuple):
