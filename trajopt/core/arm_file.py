@@ -108,7 +108,8 @@ def _arm(table: Mapping[str, Any]) -> Arm:
     known = (*_REQUIRED, "joint_names", *LIMIT_NAMES, _FALLING)
     files.check_keys("", table, known, _REQUIRED)
     given = [kind for kind in LIMIT_NAMES if kind in table]
-    limits = Limits(**{kind: _numbers(kind, table[kind], "values") for kind in given})
+    pairs = {kind: _numbers(kind, table[kind], "values") for kind in given}
+    limits = Limits(**pairs)
     numbered = [f"joint_{joint + 1}" for joint in range(limits.joints)]
     names = files.names_at(table, "joint_names", numbered)
     check_joint_names(names, limits.joints)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def data_folder() -> Path:
-    """Where the data files live: inside the installed package, or beside it in a checkout."""
+    """The folder of the data files: inside the installed package, or beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     if is_installed():
         return package / "data"
@@ -15,7 +15,7 @@ def data_folder() -> Path:
 
 
 def is_installed() -> bool:
-    """Whether the package was installed from a wheel, and is no checkout."""
+    """Return whether the package was installed from a wheel; False in a checkout."""
     return (Path(__file__).resolve().parents[1] / "data").is_dir()
 
 

@@ -1,6 +1,6 @@
-"""What can go wrong, each error carrying the data that a script needs to react.
+"""All errors of this package, each with the data that a script needs to react.
 
-Not solving a problem is not an error: it is a `Status` (see `trajopt.core.solution`).
+An unsolved problem is not an error: it is a `Status` (see `trajopt.core.solution`).
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import reprlib
 from collections.abc import Iterable
 from typing import Any
 
-_LONGEST_KEY = 200  # characters that a message shows of a key
-_LONGEST_HINT = 1000  # and of what would be right
+_LONGEST_KEY = 200  # characters of a key in a message
+_LONGEST_HINT = 1000  # characters of the hint in a message
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel = 3
@@ -19,7 +19,7 @@ _SHORT.maxstring = _SHORT.maxother = 120
 
 
 def shown(value: object) -> str:
-    """A value as an error shows it: the whole of a number or a name, the beginning of a table."""
+    """A value as an error shows it: a number or a name as a whole, the beginning of a table."""
     try:
         return shortened(_SHORT.repr(value), 4 * _LONGEST_KEY)
     except ValueError:  # Python prints no whole number of more than 4300 digits
@@ -75,14 +75,14 @@ class InvalidInput(TrajoptError, ValueError):
         if self.joint is not None:
             text += f", joint {self.joint + 1}"
         value = self.value
-        if hasattr(value, "item"):  # one of NumPy's numbers
+        if hasattr(value, "item"):  # a NumPy number
             value = value.item()
         if value is not None:
             text += f" is {shown(value)}"
         return f"{text}: expected {shortened(self.expected, _LONGEST_HINT)}"
 
     def in_file(self, file: str) -> InvalidInput:
-        """The same error, naming the file it came from."""
+        """Return this error with the name of its file."""
         return InvalidInput(
             self.key,
             self.expected,
@@ -93,11 +93,11 @@ class InvalidInput(TrajoptError, ValueError):
 
 
 class InvalidTrajectory(TrajoptError, ValueError):
-    """Arrays that do not make a piecewise polynomial, or not one of this problem's size."""
+    """Arrays that are no piecewise polynomial, or one of another size than the problem's."""
 
 
 class UnknownName(TrajoptError, LookupError):
-    """No planner or problem of this name; the message lists those there are."""
+    """No planner or problem has this name; the message lists the known names."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         from difflib import get_close_matches  # late: most commands know their names
@@ -113,9 +113,9 @@ class UnknownName(TrajoptError, LookupError):
 
 
 class MissingBackend(TrajoptError, ImportError):
-    """A package that is not installed; the message is the command that mends it.
+    """A package that is not installed; the message gives the command that installs it.
 
-    `extra` is the extra of this package that brings it, if it belongs to one.
+    `extra` is the extra of this package that installs it, if there is one.
     """
 
     def __init__(self, package: str, extra: str = "") -> None:
@@ -130,7 +130,7 @@ class StoreError(TrajoptError, OSError):
 
 
 class WorkerError(TrajoptError):
-    """A process for trials that could not do what it was asked; the message says why."""
+    """A worker process that could not run a trial; the message gives the reason."""
 
 
 class UnitWarning(UserWarning):

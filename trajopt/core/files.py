@@ -1,8 +1,8 @@
-"""Text files of strangers: read whole within bounds, or refused in one line.
+"""Text files from anywhere, read as a whole within bounds, or refused in one line.
 
-Every reader takes its text from here, therefore no file of any format has more than `MAX_BYTES`
-bytes, `MAX_VALUES` values or lines, a word of more than `MAX_WORD` characters (a number of 60,000
-digits takes minutes to read), or tables nested deeper than `MAX_DEPTH`.
+Every reader takes its text from this module. A file of any format has at most `MAX_BYTES` bytes,
+`MAX_VALUES` values or lines, words of `MAX_WORD` characters (a number of 60,000 digits takes
+minutes to read), and tables nested `MAX_DEPTH` deep.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MAX_WORD = 400  # characters; a float written in full has 327
 MAX_DEPTH = 40
 TOO_DEEP = f"it is nested deeper than {MAX_DEPTH}"
 
-_MARKS = ",;\t\n[{<"  # one of them stands before every value but the first
+_MARKS = ",;\t\n[{<"  # one of these precedes every value but the first
 _LONG_WORD = re.compile(rf"(?<![\w.+-])[\w.+-]{{{MAX_WORD + 1}}}")
 _PART = r"""\.[ \t]*(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*"""
 _DEEP_KEY = re.compile(rf"(?:{_PART}){{{MAX_DEPTH}}}")  # quadratic in memory, for `tomllib`
@@ -41,13 +41,13 @@ def text(
 
     Args:
         path: The file.
-        what: It should be, in words, as an error says it.
-        kind: Of file, as an error says it: "JSON".
-        max_bytes: The most that it may have.
+        what: The expected content, for errors.
+        kind: The kind of file, for errors: "JSON".
+        max_bytes: The largest size.
         marks: Characters that are counted against `MAX_VALUES`.
 
     Raises:
-        InvalidInput: It cannot be read, is no text, or is beyond a bound; names the file.
+        InvalidInput: It cannot be read, is not UTF-8, or exceeds a bound; names the file.
     """
     try:
         found = content(path, max_bytes).decode("utf-8-sig")
@@ -58,7 +58,7 @@ def text(
 
 
 def content(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
-    """What is in a file; raises `OSError`, and `ValueError` where it is too large."""
+    """Read a file's bytes; raises `OSError`, and `ValueError` if it is too large."""
     with path.open("rb") as file:
         found = file.read(max_bytes + 1)
     if len(found) > max_bytes:
@@ -77,7 +77,7 @@ def check_bounds(found: str, marks: str = _MARKS) -> None:
 
 
 def unreadable(path: Path, what: str, kind: str, error: Exception) -> InvalidInput:
-    """What to raise where reading a file fails."""
+    """The error to raise where reading a file fails."""
     reason = getattr(error, "strerror", None) or str(error)
     if isinstance(error, RecursionError):
         reason = TOO_DEEP
@@ -85,7 +85,7 @@ def unreadable(path: Path, what: str, kind: str, error: Exception) -> InvalidInp
 
 
 def json(path: Path, what: str) -> Any:
-    """What a JSON file says; raises `InvalidInput` naming the file, also for a key given twice."""
+    """Read a JSON file; raises `InvalidInput` naming the file, also if a key is there twice."""
     found = text(path, what, "JSON")
     try:
         return parsed_json(found)
@@ -94,10 +94,10 @@ def json(path: Path, what: str) -> Any:
 
 
 def parsed_json(said: str) -> Any:
-    """What a JSON text says.
+    """Parse a JSON text.
 
     Raises:
-        ValueError, RecursionError: It is none, has a key twice, NaN or infinity, or is beyond a
+        ValueError, RecursionError: It is not JSON, has a key twice, NaN or infinity, or exceeds a
             bound.
     """
     check_bounds(said)
@@ -107,10 +107,10 @@ def parsed_json(said: str) -> Any:
 
 
 def toml(path: Path, what: str, number: Callable[[str], Any] = float) -> dict[str, Any]:
-    """What a TOML file says; `number` reads what has a decimal point or an exponent.
+    """Read a TOML file; `number` converts numbers with a decimal point or an exponent.
 
     Raises:
-        InvalidInput: It cannot be read, or is no TOML; names the file.
+        InvalidInput: It cannot be read, or is not TOML; names the file.
     """
     said = text(path, what, "TOML", max_bytes=MAX_TOML_BYTES)
     try:
@@ -139,7 +139,8 @@ def _no_number(constant: str) -> Any:
 def _check_depth(value: Any) -> None:
     level = [value]
     for _ in range(MAX_DEPTH):
-        level = [item for table in level for item in items(table) if isinstance(item, list | dict)]
+        level = [item for table in level for item in items(table)]
+        level = [item for item in level if isinstance(item, list | dict)]
         if not level:
             return
     raise ValueError(TOO_DEEP)
@@ -159,14 +160,14 @@ def check_keys(
     *,
     others: bool = False,
 ) -> None:
-    """Refuse keys that nobody reads, and missing ones.
+    """Refuse unknown keys, and missing ones.
 
     Args:
-        prefix: Stands before a key in errors.
-        table: What the file says.
-        known: The keys that are right, those that are ignored too.
-        required: The keys that must be there.
-        others: Whether keys that come near no known one are ignored.
+        prefix: Text before a key in errors.
+        table: A table of the file.
+        known: The keys that the file may have.
+        required: The keys that the file must have.
+        others: True to ignore keys that resemble no known one.
 
     Raises:
         InvalidInput: Names the key and the nearest known one.
@@ -177,7 +178,9 @@ def check_keys(
             continue
         close = _nearest(str(key), names)
         if close or not others:
-            right = f"the key {close}" if close else f"one of the keys {', '.join(names)}"
+            right = f"the key {close}"
+            if not close:
+                right = f"one of the keys {', '.join(names)}"
             raise InvalidInput(f"{prefix}{key}", right, value=value)
     for key in required:
         if key not in table:
@@ -200,7 +203,8 @@ def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:
 
 def names_at(table: Mapping[str, Any], key: str, default: Sequence[str] = ()) -> Sequence[str]:
     """The list of names under a key; raises `InvalidInput` for anything else."""
-    value = table.get(key, default)
-    if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
+    value: Sequence[str] = table.get(key, default)
+    is_list = isinstance(value, list | tuple)
+    if not is_list or not all(isinstance(name, str) for name in value):
         raise InvalidInput(key, "a list of names, one per joint", value=value)
     return value

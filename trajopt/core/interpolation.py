@@ -94,7 +94,8 @@ def pieces(
     lengths = np.diff(times)
     tables = [table for table in (positions, velocities, accelerations) if table is not None]
     with np.errstate(over="ignore", invalid="ignore"):  # a Trajectory refuses what is not finite
-        unit = _hermite(tables[: _TABLES_USED[kind]], lengths[:, None])
+        used = _TABLES_USED[kind]
+        unit = _hermite(tables[:used], lengths[:, None])
         return polynomials.stretched(unit, 1 / lengths)
 
 
@@ -114,9 +115,12 @@ def _hermite(derivatives: list[Array], lengths: Array) -> Array:
 
     a0 = derivatives[2][:-1] * lengths**2
     a1 = derivatives[2][1:] * lengths**2
-    c5 = 6 * h - 3 * (v0 + v1) + (a1 - a0) / 2
-    c4 = -15 * h + 8 * v0 + 7 * v1 + (3 * a0 - 2 * a1) / 2
-    c3 = 10 * h - 6 * v0 - 4 * v1 - (3 * a0 - a1) / 2
+    c5 = 6 * h - 3 * (v0 + v1)
+    c4 = -15 * h + 8 * v0 + 7 * v1
+    c3 = 10 * h - 6 * v0 - 4 * v1
+    c5 += (a1 - a0) / 2
+    c4 += (3 * a0 - 2 * a1) / 2
+    c3 -= (3 * a0 - a1) / 2
     return np.stack([c5, c4, c3, a0 / 2, v0, q0])
 
 

@@ -66,7 +66,9 @@ def exact(text: str) -> Decimal:
 
 def is_number(value: Any) -> bool:
     """Return whether a value is a finite number that a float holds; True and False are not."""
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+    if not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    if isinstance(value, bool):
         return False
     try:
         return math.isfinite(value)

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# A crossing this near to a break is the break, relative to the whole: bisection finds no nearer.
-_CROSSING_RTOL = 1e-12
-# How far the inner function may leave the outer one's domain, relative to that: rounding.
-_DOMAIN_RTOL = 1e-12
+# Relative to the duration. A nearer crossing of a break is the break itself.
+CROSSING_RTOL = 1e-12
+# Relative to the domain. By so much rounding may lead s(t) out of the path's domain.
+DOMAIN_RTOL = 1e-12
 
 
 class Pieces(NamedTuple):
@@ -33,7 +33,7 @@ class Pieces(NamedTuple):
 
 
 def of_scipy(function: PPoly | BSpline) -> Pieces:
-    """What SciPy has, as pieces.
+    """Convert SciPy's piecewise polynomial or B-spline.
 
     Raises:
         InvalidTrajectory: It is neither a `PPoly` nor a `BSpline`, or not usable as one.
@@ -84,7 +84,7 @@ def of_spline(spline: BSpline) -> Pieces:
 
 
 def _columns(coefficients: Array, what: str) -> Array:
-    """With the joints as the last of three axes, where there is one joint too."""
+    """Coefficients with joints as the last of three axes, also for a single joint."""
     if np.iscomplexobj(coefficients):
         raise InvalidTrajectory(f"{what} must be real")
     if coefficients.ndim == 2:
@@ -138,11 +138,11 @@ def _check_domain(path: Pieces, parameter: Pieces) -> None:
     first = path.breaks[0]
     last = path.breaks[-1]
     size = max(last - first, abs(first), abs(last))
-    slack = _DOMAIN_RTOL * size
+    slack = DOMAIN_RTOL * size
     lowest = float(values.min())
     highest = float(values.max())
     inside = lowest >= first - slack and highest <= last + slack
-    if not inside:  # also of what is no number
+    if not inside:  # also where a value is not a number
         reached = f"s(t) runs from {lowest:.9g} to {highest:.9g}"
         raise InvalidTrajectory(f"{reached}; the path from {first:.9g} to {last:.9g}")
 
@@ -155,7 +155,7 @@ def _unit(parameter: Pieces) -> Array:
 
 
 def _split(parameter: Pieces, levels: Array) -> Pieces:
-    """The same function with a break wherever it crosses one of the levels, too."""
+    """Add a break to a function wherever it crosses one of the levels."""
     breaks = _with_crossings(parameter, levels)
     starts = breaks[:-1]
     after = np.searchsorted(parameter.breaks, starts, side="right")
@@ -187,7 +187,7 @@ def _with_crossings(parameter: Pieces, levels: Array) -> Array:
 
     breaks = parameter.breaks
     duration = breaks[-1] - breaks[0]
-    slack = _CROSSING_RTOL * duration
+    slack = CROSSING_RTOL * duration
     for crossing in found:
         distance = np.abs(breaks - crossing)
         if distance.min() > slack:

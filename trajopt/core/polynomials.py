@@ -1,4 +1,4 @@
-"""Polynomials on the unit interval, many at once: roots, extrema and the bounds that avoid them.
+"""Polynomials on the unit interval, many at once: roots, extrema and bounds.
 
 Every array holds coefficients along its first axis, highest power first, one polynomial per
 remaining index. No eigenvalues: roots are bracketed between the roots of the derivative, so a
@@ -7,7 +7,7 @@ vanishing leading coefficient needs no special case.
 
 from __future__ import annotations
 
-from functools import cache, reduce
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -15,26 +15,25 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# 2^-42 of the interval: an extremum's value is then exact to rounding, being flat there.
-_BISECTIONS = 42
+# The root is known to 2^-42 of the interval. An extremum's value is then exact to rounding.
+BISECTIONS = 42
 # Evaluating a polynomial of degree d rounds by less than this times (d + 1) Σ |coefficients|.
-_EVALUATION_RTOL = 2 * float(np.finfo(float).eps)
+EVALUATION_RTOL = 2 * float(np.finfo(float).eps)
 
 
 def evaluate(coefficients: Array, s: Array) -> Array:
     """Horner's rule: `(degree + 1, …)` coefficients at points that broadcast against `…`."""
     highest, *others = coefficients
-    # of the shape of both
-    value = 0.0 * s + highest
+    value = 0.0 * s + highest  # broadcast
     for c in others:
         value = value * s + c
     return np.asarray(value)
 
 
 def evaluation_rounding(coefficients: Array) -> Array:
-    """How much evaluating each polynomial on `[0, 1]` may round."""
+    """Bound the rounding of each polynomial's values on `[0, 1]`."""
     terms = np.abs(coefficients).sum(axis=0)
-    return np.asarray(_EVALUATION_RTOL * len(coefficients) * terms)
+    return np.asarray(EVALUATION_RTOL * len(coefficients) * terms)
 
 
 def derivative(coefficients: Array, order: int = 1) -> Array:
@@ -57,14 +56,16 @@ def plus(left: Array, right: Array) -> Array:
     shape = np.broadcast_shapes(longer.shape[1:], shorter.shape[1:])
     total = np.zeros((len(longer), *shape))
     total += longer
-    total[len(longer) - len(shorter) :] += shorter
+    lowest = total[-len(shorter) :]
+    lowest += shorter
     return total
 
 
 def product(left: Array, right: Array) -> Array:
     """The product of polynomials of any two degrees, whose remaining indices broadcast."""
     shape = np.broadcast_shapes(left.shape[1:], right.shape[1:])
-    result = np.zeros((len(left) + len(right) - 1, *shape))
+    rows = len(left) + len(right) - 1
+    result = np.zeros((rows, *shape))
     for power, factor in enumerate(right):
         result[power : power + len(left)] += left * factor
     return result
@@ -156,7 +157,7 @@ def unit_roots(coefficients: Array) -> Array:
 
 
 def _unit_quadratic(coefficients: Array) -> Array:
-    """The same in closed form for degree 2, which saves most of the bisections."""
+    """`unit_roots` of degree 2, in closed form, which saves most of the bisections."""
     size = np.abs(coefficients).max(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         a, b, c = coefficients / size
@@ -172,7 +173,7 @@ def _bisect(
     high: Array,
     negative: NDArray[np.bool_],
 ) -> Array:
-    for _ in range(_BISECTIONS):
+    for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         below = evaluate(coefficients, middle) < 0
         left = below == negative
@@ -182,7 +183,7 @@ def _bisect(
 
 
 def critical_points(coefficients: Array) -> Array:
-    """Where an extremum can lie on `[0, 1]`: both ends and the inner critical points, `(k, N)`."""
+    """Possible extrema on `[0, 1]`: both ends and the inner critical points, `(k, N)`."""
     inner = unit_roots(derivative(coefficients))
     inner = np.nan_to_num(inner, nan=0.0)
     start = np.zeros((1, *inner.shape[1:]))
@@ -194,7 +195,7 @@ def quadratic_roots(
     b: Array,
     c: Array,
 ) -> Array:
-    """Real roots of `a s² + b s + c`, `(2, …)`; NaN where there are none, no cancellation."""
+    """Real roots of `a s² + b s + c`, `(2, …)`, without cancellation; complex ones are NaN."""
     with np.errstate(invalid="ignore", divide="ignore"):
         discriminant = b * b - 4 * a * c
         root = np.copysign(np.sqrt(discriminant), b)
@@ -210,20 +211,22 @@ def cubic_roots(
 ) -> Array:
     """Real roots of `a s³ + b s² + c s + d`, `(3, …)`; NaN where fewer.
 
-    The root that stands most apart from the others, in closed form and polished; then the quadratic
-    that is left without it (Kahan), however far away that root is. Where `a` is nothing beside the
-    others the quadratic's roots are returned. Meant for roots of moderate size, such as those in
-    the unit interval.
+    The root farthest from the others is found in closed form and polished; the others are the roots
+    of the remaining quadratic (Kahan). Where `a` is negligible beside the other coefficients, the
+    quadratic's roots are returned. Meant for roots of moderate size, such as those in the unit
+    interval.
     """
-    sizes = [np.abs(term) for term in (a, b, c, d)]
-    largest = reduce(np.maximum, sizes)
+    coefficients = np.stack(np.broadcast_arrays(a, b, c, d))
+    sizes = np.abs(coefficients)
+    largest = sizes.max(axis=0)
     flat = sizes[0] <= 1e-12 * largest
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         lone = _lone_root(b / a, c / a, d / a)
-        lone = _newton(lone, a, b, c, d)
-        # a s³ + b s² + c s + d = (s − lone) (a s² + linear s + constant), divided out from the end
-        # of the cubic where nothing cancels.
-        far = np.abs(a * lone * lone * lone) > np.abs(d)
+        lone = _newton(lone, coefficients)
+        # a s³ + b s² + c s + d = (s − lone) (a s² + linear s + constant), divided from that end of
+        # the cubic where no terms cancel.
+        first_term = a * lone * lone * lone
+        far = np.abs(first_term) > np.abs(d)
         forwards = a * lone + b
         backwards = -d / lone
         linear = np.where(far, (backwards - c) / lone, forwards)
@@ -236,19 +239,14 @@ def cubic_roots(
     return np.concatenate([lone[None], pair])
 
 
-def _newton(
-    roots: Array,
-    a: Array,
-    b: Array,
-    c: Array,
-    d: Array,
-) -> Array:
+def _newton(roots: Array, coefficients: Array) -> Array:
     """Two steps, each kept only where it comes nearer: at a multiple root none may."""
+    derivatives = derivative(coefficients)
     for _ in range(2):
-        value = ((a * roots + b) * roots + c) * roots + d
-        slope = (3 * a * roots + 2 * b) * roots + c
+        value = evaluate(coefficients, roots)
+        slope = evaluate(derivatives, roots)
         nearer = roots - value / slope
-        left = ((a * nearer + b) * nearer + c) * nearer + d
+        left = evaluate(coefficients, nearer)
         better = np.abs(left) < np.abs(value)
         roots = np.where(better, nearer, roots)
     return roots
@@ -263,7 +261,8 @@ def _lone_root(
     # q = (b² − 3c) / 9,  r = (2b³ − 9bc + 27d) / 54
     q = (b * b - 3 * c) / 9
     # products: a power takes as long as thirty of them
-    r = (2 * b * b * b - 9 * b * c + 27 * d) / 54
+    b3 = b * b * b
+    r = (2 * b3 - 9 * b * c + 27 * d) / 54
     q3 = q * q * q
     size = np.abs(r)
 

@@ -82,7 +82,7 @@ class Limits:
         return np.asarray(finite.any(axis=1))
 
     def without(self, *names: LimitName) -> Limits:
-        """Return these limits without the named ones (only jerk and position can be removed)."""
+        """Return these limits without the named ones: jerk, position, or both."""
         remaining = self.by_name()
         for name in names:
             remaining.pop(name, None)
@@ -228,7 +228,8 @@ class Problem:
     def largest_displacements(self) -> Array:
         """Largest `|h_k|` of each joint, rad, `(joints,)`; a joint at rest gets the largest."""
         distances = np.abs(self.displacements)
-        largest = np.where(self.moving, distances.max(axis=0), distances.max())
+        own = distances.max(axis=0)
+        largest = np.where(self.moving, own, distances.max())
         return np.asarray(largest)
 
     @property
@@ -260,15 +261,19 @@ class Problem:
         """
         chosen = np.asarray(joints)
         kept = np.arange(self.joints)[chosen]
-        own = (self.joint_names, self.joint_units, self.falling_velocity)
-        names, units, falling = [tuple(one[joint] for joint in kept if one) for one in own]
+        own = {
+            "joint_names": self.joint_names,
+            "joint_units": self.joint_units,
+            "falling_velocity": self.falling_velocity,
+        }
+        described: dict[str, Any] = {}
+        for name, values in own.items():
+            described[name] = [values[joint] for joint in kept if values]
         return replace(
             self,
             waypoints=self.waypoints[:, chosen],
             limits=self.limits.only(chosen),
-            joint_names=names,
-            joint_units=units,
-            falling_velocity=falling,
+            **described,
         )
 
     def has(self, name: LimitName) -> bool:
@@ -321,7 +326,8 @@ class Problem:
         for row, joint in np.argwhere(outside):
             low = lows[joint]
             high = highs[joint]
-            right = f"a value inside limits.position [{low:.9g}, {high:.9g}] {self.unit(joint)}"
+            range_ = f"[{low:.9g}, {high:.9g}] {self.unit(joint)}"
+            right = f"a value inside limits.position {range_}"
             raise InvalidInput(
                 f"waypoints, waypoint {row + 1}",
                 right,

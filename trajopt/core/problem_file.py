@@ -102,7 +102,8 @@ def _problem(table: Mapping[str, Any], path: Path) -> Problem:
             raise InvalidInput("units", right, value="m", joint=kinds.index("m"))
         names = names or arm.joint_names
         check_joint_names(names, len(kinds))
-        chosen = [_index(arm, joint, name) for joint, name in enumerate(names)]
+        numbered = enumerate(names)
+        chosen = [_index(arm, joint, name) for joint, name in numbered]
         of_robot = arm.limits.only(chosen).by_name()
         falling = [arm.falling_velocity[joint] for joint in chosen if arm.falling_velocity]
     # Before scaling: errors show what the file says.
@@ -110,16 +111,20 @@ def _problem(table: Mapping[str, Any], path: Path) -> Problem:
     if written.joints != len(kinds):
         right = f"{len(kinds)} values, one per joint of the waypoints"
         raise InvalidInput("limits.velocity", right, value=written.joints)
-    size = {key: np.array([UNITS[unit] for unit in own]) for key, own in units.items()}
+    size = {}
+    for key, own in units.items():
+        sizes = [UNITS[unit] for unit in own]
+        size[key] = np.array(sizes)
     scaled = written.scaled(size["limits"]).by_name()
     kept = {kind: pairs for kind, pairs in of_robot.items() if kind not in given}
+    units_known = arm is not None or list in map(type, said.values())
     problem = Problem(
         waypoints * size["waypoints"],
         Limits(**(scaled | kept)),
         name=text_at(table, "name", path.stem),
         source=text_at(table, "source", arm.description if arm else ""),
         joint_names=names,
-        joint_units=kinds if arm or list in map(type, said.values()) else (),
+        joint_units=kinds if units_known else (),
         falling_velocity=falling,
     )
     if "units" not in table:
@@ -145,7 +150,8 @@ def _arm(table: Mapping[str, Any]) -> Arm | None:
 def _index(arm: Arm, joint: int, name: str) -> int:
     """The index of a robot's joint of this name."""
     if name not in arm.joint_names:
-        right = f"a joint of {arm.name}: {', '.join(arm.joint_names)}"
+        known = ", ".join(arm.joint_names)
+        right = f"a joint of {arm.name}: {known}"
         raise InvalidInput("joint_names", right, value=name, joint=joint)
     return arm.joint_names.index(name)
 
@@ -159,7 +165,10 @@ def text(problem: Problem) -> str:
     unit = list(problem.joint_units) if "m" in problem.joint_units else "rad"
     table["units"] = dict.fromkeys(_UNIT_KEYS, unit)
     limits = problem.limits.by_name()
-    table["limits"] = {kind: limits[kind].tolist() for kind in LIMIT_NAMES if problem.has(kind)}
+    table["limits"] = {}
+    for kind in LIMIT_NAMES:
+        if problem.has(kind):
+            table["limits"][kind] = limits[kind].tolist()
     return tomli_w.dumps(table)
 
 

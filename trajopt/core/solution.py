@@ -1,4 +1,4 @@
-"""What a planner returns: a status, a trajectory if it has one, and what it cost."""
+"""A planner's answer: a status, a trajectory if it found one, and its effort."""
 
 from __future__ import annotations
 
@@ -53,9 +53,10 @@ class Solution:
 
     @property
     def history_flaw(self) -> str:
-        """Why `history` does not lead to the answer; empty where it does, or where there is none.
+        """The reason why `history` contradicts the answer; empty if it is consistent or missing.
 
-        Evaluations and claims are in order, and the last claim is the trajectory's duration.
+        Evaluations and claims must be in order, and the last claim must be the trajectory's
+        duration.
         """
         if self.history is None or not len(self.history):
             return ""

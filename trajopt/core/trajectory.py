@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 EPS = float(np.finfo(float).eps)
-# Breaks closer than this fraction of the duration are one break: what sums of durations in
-# different orders leave, and no more. A piece dropped although it moves would be a jump.
+# Relative to the duration. Breaks closer than this are one break: sums of durations in different
+# orders differ by so much. Dropping a longer piece, which moves, would make a jump.
 BREAK_RTOL = 16 * EPS
 
 
@@ -82,7 +82,8 @@ class Trajectory:
         return polynomials.evaluate(derivative[:, piece], local[..., None])
 
     def __repr__(self) -> str:
-        passed = ", ".join(f"{time:.6g}" for time in self.waypoint_times)
+        times = [f"{time:.6g}" for time in self.waypoint_times]
+        passed = ", ".join(times)
         pieces = len(self.lengths)
         degree = len(self.coefficients) - 1
         return (
@@ -106,15 +107,15 @@ class Trajectory:
 
     @cached_property
     def _pieces(self) -> dict[int, Array]:
-        """What `pieces` has computed so far, by order: the verifier asks again and again."""
+        """Results of `pieces` by order: the verifier needs them several times."""
         return {}
 
     def __getstate__(self) -> dict[str, Array]:
-        """The arrays alone: what was computed from them does not travel between processes."""
+        """The arrays alone: results computed from them are not sent between processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def dilated(self, factor: float) -> Trajectory:
-        """The same path, `factor` times as slow: the n-th derivative divides by `factor ** n`.
+        """Slow the motion down `factor` times: the n-th derivative divides by `factor ** n`.
 
         Raises:
             InvalidTrajectory: the factor is not a positive number.
@@ -125,7 +126,7 @@ class Trajectory:
         return Trajectory(self.breaks * factor, coefficients, self.waypoint_times * factor)
 
     def refined(self, times: ArrayLike) -> Trajectory:
-        """The same motion with a break at each of these times, s, too.
+        """Add a break at each of these times, s, without changing the motion.
 
         A time within rounding of a break adds none; times outside `[0, duration]` are moved to the
         nearer end.
@@ -142,7 +143,8 @@ class Trajectory:
         breaks = np.union1d(self.breaks, added)
         piece = self._piece_at(breaks[:-1])
         offset = breaks[:-1] - self.breaks[piece]
-        coefficients = polynomials.shifted(self.coefficients[:, piece], offset[:, None])
+        own = self.coefficients[:, piece]
+        coefficients = polynomials.shifted(own, offset[:, None])
         return Trajectory(breaks, coefficients, self.waypoint_times)
 
     @classmethod
@@ -205,8 +207,8 @@ class Trajectory:
     ) -> Trajectory:
         """The motion that a controller runs between samples (docs/mathematics.md, section 10).
 
-        Nothing is smoothed or guessed: each piece is the polynomial that the interpolation names,
-        and all samples are met. It starts at time 0, whatever the first sample's time.
+        Nothing is smoothed: each piece is the polynomial that the interpolation names, through all
+        samples. The motion starts at time 0, whatever the first sample's time.
 
         Args:
             times: strictly increasing, s, `(samples,)`.
@@ -234,9 +236,9 @@ class Trajectory:
 
     @classmethod
     def from_ppoly(cls, ppoly: PPoly, *, waypoint_times: ArrayLike | None = None) -> Trajectory:
-        """The motion that SciPy's piecewise polynomial is, `CubicSpline` and the like too.
+        """The motion of SciPy's piecewise polynomial (`PPoly`, `CubicSpline` and others).
 
-        Its own polynomials, on its own breaks; time is moved so that the first break is 0.
+        Polynomials and breaks are taken over; time is moved so that the first break is 0.
 
         Args:
             ppoly: of time in seconds, radians, `(joints,)` or one number for one joint.
@@ -250,14 +252,14 @@ class Trajectory:
 
     @classmethod
     def from_spline(cls, spline: BSpline, *, waypoint_times: ArrayLike | None = None) -> Trajectory:
-        """The motion that a B-spline of SciPy is, on its own interval `[t[k], t[-k - 1]]`.
+        """The motion of SciPy's B-spline, on its interval `[t[k], t[-k - 1]]`.
 
-        Every piece between two knots as a polynomial, exactly; where knots are repeated it may
-        jump, which is judged like any jump. Time is moved so that the interval starts at 0.
+        Every piece between two knots is converted exactly. A spline may jump where knots are
+        repeated, which is judged like any jump. Time is moved so that the interval starts at 0.
 
         Args:
             spline: of time in seconds, radians, `(joints,)` or one number for one joint.
-            waypoint_times: as `from_ppoly` has them.
+            waypoint_times: as for `from_ppoly`.
 
         Raises:
             InvalidTrajectory: It is of several axes, complex or not finite.
@@ -274,13 +276,13 @@ class Trajectory:
     ) -> Trajectory:
         """The motion `q(s(t))` along a path: a polynomial on every piece, exactly.
 
-        Broken where `s(t)` is, and where `s(t)` crosses a break of the path. `s(t)` may run back
-        and forth, and may stand.
+        It has breaks where `s(t)` has them, and where `s(t)` crosses a break of the path. `s(t)`
+        may run back and forth, and may stand.
 
         Args:
             path: `q(s)`, radians, of any parameter `s`.
             s_of_t: one function of time in seconds, whose values stay within the path's domain.
-            waypoint_times: as `from_ppoly` has them.
+            waypoint_times: as for `from_ppoly`.
 
         Raises:
             InvalidTrajectory: `s(t)` is several functions, or leaves the path's domain.
@@ -298,7 +300,8 @@ class Trajectory:
 
     def _piece_at(self, time: Array) -> NDArray[np.intp]:
         after = np.searchsorted(self.breaks, time, side="right")
-        return np.clip(after - 1, 0, len(self.breaks) - 2)
+        last = len(self.breaks) - 2
+        return np.clip(after - 1, 0, last)
 
 
 def _pieces_of(function: Trajectory | PPoly | BSpline) -> Pieces:
@@ -326,11 +329,12 @@ def _check(
 
 def _increasing_from_zero(times: Array) -> bool:
     steps = np.diff(times)
-    return bool(times[0] == 0 and (steps > 0).all())
+    rises = (steps > 0).all()
+    return bool(times[0] == 0 and rises)
 
 
 def _fit(waypoint_times: Array, breaks: Array) -> bool:
-    """Whether the waypoint times run from the first break to the last, to rounding."""
+    """Return whether waypoint times run from the first break to the last, up to rounding."""
     if waypoint_times.ndim != 1 or waypoint_times.size < 2:
         return False
     if (np.diff(waypoint_times) < 0).any():
@@ -352,7 +356,7 @@ def nearest(sorted_times: Array, wanted: Array) -> NDArray[np.intp]:
 
 
 def _union(all_breaks: Sequence[Array], times: Array) -> Array:
-    """All breaks, those that rounding split counted once; waypoint times win over neighbours."""
+    """All breaks that differ by more than rounding; waypoint times replace their neighbours."""
     slack = BREAK_RTOL * times[-1]
     others = np.concatenate(all_breaks)
     waypoint = times[nearest(times, others)]

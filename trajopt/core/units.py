@@ -13,23 +13,22 @@ ANGLES = {"deg": pi / 180, "rad": 1.0}  # rad
 LENGTHS = {"m": 1.0, "mm": 1e-3}  # m
 UNITS = ANGLES | LENGTHS
 
-# What tells degrees from radians in the numbers of an arm's problem (`mixed_units`).
-# Ranges are what the makers of arms write.
-_WAYPOINTS_DEG = (4 * pi, 720.0)  # from where they would be more than two turns in radians
+# Usual ranges of an arm's numbers, by which `mixed_units` distinguishes degrees from radians.
+_WAYPOINTS_DEG = (4 * pi, 720.0)  # deg; in radians they would be more than two turns
 _VELOCITY_RAD = (0.05, 4 * pi)  # rad/s
-_WAYPOINTS_RAD = (0.0, 2 * pi)
+_WAYPOINTS_RAD = (0.0, 2 * pi)  # rad
 _VELOCITY_DEG = (30.0, 1000.0)  # deg/s
 _ACCELERATION_DEG = (30.0, 1e5)  # deg/s²
-_SLOW_SEGMENT_S = 3.0  # at full velocity; slower than that, the units are hardly the same
-_SPAN_RAD = 4 * pi  # of one joint: where samples are dense no segment is slow
-_FAST_SEGMENT_S = 0.05  # faster than that in every segment, neither
+_SLOW_SEGMENT_S = 3.0  # at full velocity; slower segments suggest different units
+_SPAN_RAD = 4 * pi  # of one joint; larger spans suggest different units, however dense the samples
+_FAST_SEGMENT_S = 0.05  # at full velocity; faster segments suggest different units
 
 
 def mixed_units(waypoints: Array, velocity: Array, acceleration: Array) -> str | None:
-    """Why waypoints and limits look as if one was written in degrees and one in radians, or None.
+    """Describe why waypoints and limits seem to mix degrees and radians, or return None.
 
-    The numbers of joints that move, as a file has them under one unit. Both signs are asked for:
-    sizes that the supposed unit makes usual for an arm, and durations that only a mixture explains.
+    The numbers are those of a file with one unit. Two signs are needed, on joints that move: sizes
+    that are usual for an arm in the supposed units, and durations that only a mixture explains.
 
     Args:
         waypoints: `(waypoints, joints)`.

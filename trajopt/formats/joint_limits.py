@@ -96,12 +96,13 @@ def _unwrapped(table: Any) -> Any:
 
 
 def _limits(table: Any, source: str) -> RobotLimits:
-    if not isinstance(table, Mapping) or not isinstance(table.get("joint_limits"), Mapping):
+    said = table.get("joint_limits") if isinstance(table, Mapping) else None
+    if not isinstance(said, Mapping):
         raise InvalidInput(_WHAT, "a mapping joint_limits: of joints by their names")
     # the file may define values for its aliases, and hold what other programs read
     files.check_keys("", table, _TABLE_KEYS, others=True)
     joints = {}
-    for name, entry in table["joint_limits"].items():
+    for name, entry in said.items():
         key = f"joint_limits.{name}"
         if not isinstance(entry, Mapping):
             raise InvalidInput(key, "a mapping with max_velocity: and others", value=entry)

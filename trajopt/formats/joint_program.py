@@ -115,8 +115,9 @@ class JointProgram:
         )
         if answer.status != 0:
             return None
-        rates = answer.x[-2 * self._pieces : -self._pieces]
-        return np.asarray(rates * self._units[self.order])
+        _, rates, _ = np.split(answer.x, [-2 * self._pieces, -self._pieces])
+        unit = self._units[self.order]
+        return np.asarray(rates * unit)
 
     # ---- the program's matrices -------------------------------------------------------------
 
@@ -143,7 +144,8 @@ class JointProgram:
         pairs = np.concatenate([own.position, own.velocity, own.acceleration, own.jerk])
         pairs[0] -= self.positions[0]
         pairs[1:] *= 1 - LIMIT_RTOL
-        return np.asarray(pairs[: self.order + 1] / self._units[:, None])
+        kinds = self.order + 1
+        return np.asarray(pairs[:kinds] / self._units[:, None])
 
     def _ranges(self) -> Array:
         """The range of every unknown: limits, rest at both ends, and the waypoints."""
@@ -160,8 +162,10 @@ class JointProgram:
         """Taylor: `Σ_p x_(k + p)(i) d_i^p / p! − x_k(i + 1) = 0`, the last term of `u`."""
         blocks = []
         for kind in range(self.order):
-            terms = [self._term(kind, power) for power in range(self.order - kind + 1)]
-            blocks.append(sum(terms) - self._states_at(kind, 1))
+            powers = range(self.order - kind + 1)
+            terms = [self._term(kind, power) for power in powers]
+            block = sum(terms) - self._states_at(kind, 1)
+            blocks.append(block)
         return scipy.sparse.vstack(blocks)
 
     def _inside(self) -> list[_Inequalities]:
@@ -194,7 +198,9 @@ class JointProgram:
         planned = changes / steps / self._units[self.order]
         rates = self._states_at(self.order, 0)
         distances = self._unknowns[-self._pieces :]
-        matrix = scipy.sparse.vstack([rates - distances, -rates - distances])
+        above = rates - distances
+        below = -rates - distances
+        matrix = scipy.sparse.vstack([above, below])
         return matrix, np.concatenate([planned, -planned])
 
     # ---- from the program's answer to exact states ------------------------------------------
@@ -250,6 +256,7 @@ class JointProgram:
             for kind in range(self.order):
                 value = 0.0
                 for power in range(self.order - kind, -1, -1):  # the smallest terms first
-                    value += states[kind + power, piece] * length**power / factorial(power)
+                    derivative = states[kind + power, piece]
+                    value += derivative * length**power / factorial(power)
                 states[kind, piece + 1] = value
         return states[: self.order]

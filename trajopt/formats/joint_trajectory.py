@@ -128,7 +128,8 @@ def from_message(message: Any) -> Samples:
         for field in _FIELDS:
             row = point.get(field)
             if row:
-                columns[field].append(_row(f"{key}: {field}", row, len(names)))
+                numbers = _row(f"{key}: {field}", row, len(names))
+                columns[field].append(numbers)
             if len(columns[field]) not in (0, number):
                 right = "numbers in every point, or in none"
                 raise InvalidInput(f"{key}: {field}", right, value=row)

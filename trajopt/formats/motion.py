@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from trajopt.core import files, piecewise
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
-from trajopt.core.problem import Problem
+from trajopt.core.problem import Problem, check_joint_names
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_trajectory, own_breaks, samples_csv
 from trajopt.formats.samples import Samples
@@ -122,7 +122,8 @@ class Motion:
         for joint, own in enumerate(self.joint_units):
             if problem.joint_units and own != problem.unit(joint):
                 does = "slides" if own == "rad" else "turns"
-                right = f"a unit of {problem.unit(joint)}: {problem.joint_labels[joint]} {does}"
+                label = problem.joint_labels[joint]
+                right = f"a unit of {problem.unit(joint)}: {label} {does}"
                 raise InvalidInput("unit", right, value=own, joint=joint, file=self.name)
 
 
@@ -196,8 +197,8 @@ def _in_file(path: Path, interpolation: Interpolation) -> Motion:
         return _of_samples(path.name, joint_trajectory.from_message(table), interpolation)
     _check_nothing_to_join(interpolation)
     trajectory, names = _stated(table)
-    if names and len(names) != trajectory.joints:
-        raise InvalidInput("joint_names", f"{trajectory.joints} names", value=len(names))
+    if names:
+        check_joint_names(names, trajectory.joints)
     return Motion(path.name, trajectory, "polynomial", tuple(names))
 
 
@@ -208,23 +209,17 @@ def _has_polynomials(table: Any) -> bool:
     return "coefficients" in table or own_breaks.is_said(table.get("trajectory"))
 
 
-def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, list[str]]:
+def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]]:
     """The trajectory and the joints' names of a table of polynomials."""
     if own_breaks.is_said(table.get("trajectory")):
         files.check_keys("", table, _RECORD_KEYS)
-        return own_breaks.trajectory(table["trajectory"]), _names(table)
-    files.check_keys("", table, (*_POLYNOMIAL_KEYS, *_TRIAL_KEYS), _POLYNOMIAL_KEYS[:2])
+        return own_breaks.trajectory(table["trajectory"]), files.names_at(table, "joint_names")
+    known = (*_POLYNOMIAL_KEYS, *_TRIAL_KEYS)
+    files.check_keys("", table, known, ("breaks", "coefficients"))
     breaks = own_breaks.array("breaks", table["breaks"], _RIGHT)
     coefficients = own_breaks.array("coefficients", table["coefficients"], _RIGHT)
     if breaks.ndim != 1 or coefficients.ndim != 3 or 0 in coefficients.shape or not breaks.size:
         shapes = f"{breaks.shape} and {coefficients.shape}"
         raise InvalidInput("breaks and coefficients", _RIGHT, value=shapes)
     own_breaks.check_work(*coefficients.shape)
-    return Trajectory(breaks, coefficients, breaks[[0, -1]]), _names(table)
-
-
-def _names(table: Mapping[str, Any]) -> list[str]:
-    names = table.get("joint_names") or []
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise InvalidInput("joint_names", "a list of names, one per joint", value=names)
-    return names
+    return Trajectory(breaks, coefficients, breaks[[0, -1]]), files.names_at(table, "joint_names")

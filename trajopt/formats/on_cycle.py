@@ -108,7 +108,8 @@ def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
         order=3 if problem.has("jerk") else 2,
     )
     found = search.shortest()
-    if found is None or found.duration > trajectory.duration * (1 + _LONG_RTOL) + 3 * cycle:
+    long = trajectory.duration * (1 + _LONG_RTOL) + 3 * cycle
+    if found is None or found.duration > long:
         other = replace(search, beside=True).shortest()
         candidates = [motion for motion in (found, other) if motion is not None]
         found = min(candidates, key=lambda motion: motion.duration, default=None)

@@ -94,9 +94,11 @@ class RobotLimits:
             for kind in _REQUIRED:
                 if kind in own:
                     low, high = own[kind]
-                    own[kind] = (factors[kind] * low, factors[kind] * high)
+                    factor = factors[kind]
+                    own[kind] = (factor * low, factor * high)
             joints[name] = own
-        shares = ", ".join(f"{kind} times {factor:g}" for kind, factor in factors.items())
+        said = [f"{kind} times {factor:g}" for kind, factor in factors.items()]
+        shares = ", ".join(said)
         return replace(
             self,
             joints=joints,

@@ -101,7 +101,9 @@ def _samples(text: str) -> Samples:
     (first, header), *others = lines
     separator = csv_file.separator_of(header) or ","
     headings = csv_file.cells(header.lstrip("# "), separator)
-    columns = [_column(first, index, cell) for index, cell in enumerate(headings)]
+    columns = []
+    for index, cell in enumerate(headings):
+        columns.append(_column(first, index, cell))
     time, joints = _by_joint(first, columns)
 
     rows = []

@@ -160,7 +160,8 @@ def _units(
 
 def _read_csv(path: Path) -> Waypoints:
     text = files.text(path, "waypoints", path.suffix, marks=",;\t\n ")
-    lines = [line for line in csv_file.lines(text) if not csv_file.is_comment(line[1])]
+    every = csv_file.lines(text)
+    lines = [(number, line) for number, line in every if not csv_file.is_comment(line)]
     if not lines:
         raise InvalidInput("waypoints", "at least two rows, one per waypoint; it is empty")
     first = lines[0][1]

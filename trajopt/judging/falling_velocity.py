@@ -99,7 +99,10 @@ def _on_side(
     With `w` the distance to the end, the joint is too fast where `v > 0` and
     `(v + o)² − 2 d w > 0`.
     """
-    motion = [sign * trajectory.pieces(order)[..., joint] for order in range(3)]
+    motion = []
+    for order in range(3):
+        unit = trajectory.pieces(order)
+        motion.append(sign * unit[..., joint])
     position, velocity, acceleration = motion
     end = limit.high if sign > 0 else -limit.low
     double = 2 * limit.deceleration
@@ -135,7 +138,9 @@ def _on_side(
     middles = (points[1:] + points[:-1]) / 2
     inside, _ = beyond(middles)
     too_fast = inside > EXCESS_ATOL
-    intervals = np.stack([times[:-1][too_fast], times[1:][too_fast]])
+    begins = times[:-1]
+    ends = times[1:]
+    intervals = np.stack([begins[too_fast], ends[too_fast]])
     return Excess(
         value=max(0.0, largest),
         joint=joint,
@@ -171,7 +176,9 @@ def _points(
 
 def _total_length(intervals: Array) -> float:
     """The length that intervals `(2, count)` cover together: where they overlap it counts once."""
-    starts, ends = intervals[:, np.argsort(intervals[0])]
-    covered = np.maximum.accumulate(np.concatenate([[0.0], ends[:-1]]))
+    by_start = np.argsort(intervals[0])
+    starts, ends = intervals[:, by_start]
+    ended = np.insert(ends[:-1], 0, 0.0)
+    covered = np.maximum.accumulate(ended)
     new = np.maximum(ends - np.maximum(starts, covered), 0.0)
     return float(new.sum())

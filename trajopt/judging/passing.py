@@ -1,9 +1,9 @@
-"""When a motion passes waypoints: where it comes closest to each of them, in order.
+"""The times at which a motion passes waypoints: where it comes closest to each, in order.
 
-The squared distance of a polynomial piece to a waypoint is a polynomial too: its minima are found
-from roots, none is missed between samples. Of all minima and breaks, the times are chosen together
-that do not decrease and miss least in sum, by dynamic programming: a motion that comes by a
-waypoint early, on its way to another, does not mislead it.
+The squared distance of a polynomial piece to a waypoint is a polynomial too. Its minima are found
+from roots, so none is missed. Among all minima and breaks, dynamic programming chooses times that
+do not decrease and have the least sum of distances. A motion that comes near a waypoint too early,
+on its way to another one, is therefore timed correctly.
 """
 
 from __future__ import annotations
@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.core import polynomials
-from trajopt.core.trajectory import EPS, Trajectory, nearest
+from trajopt.core.problem import COORDINATE_RTOL
+from trajopt.core.trajectory import Trajectory, nearest
 
 Array = NDArray[np.float64]
 
-# A break this near to the closest approach is it, where its miss is no worse than rounding.
-_SAME_TIME_RTOL = 1e-9
-_COORDINATE_RTOL = 16 * EPS
-_NEWTON_STEPS = 3
+# Relative to the duration. A break nearer to the closest approach replaces it, if it misses by no
+# more than rounding.
+SAME_TIME_RTOL = 1e-9
+NEWTON_STEPS = 3
 
 
 def waypoint_times(trajectory: Trajectory, waypoints: Array) -> Array:
@@ -29,37 +30,24 @@ def waypoint_times(trajectory: Trajectory, waypoints: Array) -> Array:
         trajectory: of as many joints as the waypoints.
         waypoints: rad, `(waypoints, joints)`. Closest is meant in joint space, over all joints.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # beyond all bounds is far away
-        return _waypoint_times(trajectory, waypoints)
-
-
-def _waypoint_times(trajectory: Trajectory, waypoints: Array) -> Array:
-    candidates = [trajectory.breaks]
-    for waypoint in waypoints[1:-1]:
-        candidates.append(_minima(trajectory, waypoint))
-    together = np.concatenate(candidates)
-    times = np.unique(together)
-    misses = []
-    for waypoint in waypoints:
-        misses.append(_miss(trajectory, waypoint, times))
-    chosen = _in_order(np.array(misses))
-    return _at_breaks(trajectory, waypoints, times[chosen])
+    with np.errstate(over="ignore", invalid="ignore"):  # an infinite distance is far away
+        candidates = [trajectory.breaks]
+        for waypoint in waypoints[1:-1]:
+            candidates.append(_minima(trajectory, waypoint))
+        together = np.concatenate(candidates)
+        times = np.unique(together)
+        misses = [_miss(trajectory, waypoint, times) for waypoint in waypoints]
+        chosen = _in_order(np.array(misses))
+        return _at_breaks(trajectory, waypoints, times[chosen])
 
 
 def _minima(trajectory: Trajectory, waypoint: Array) -> Array:
     """Times within pieces where the distance to a waypoint has a minimum (or maximum), s."""
     away = np.array(trajectory.pieces())
     away[-1] -= waypoint
-    terms = len(away)
-    # |q(s) − w|², summed over joints
-    pieces = away.shape[1]
-    degree = 2 * (terms - 1)
-    square = np.zeros((degree + 1, pieces))
-    for power, factor in enumerate(away):
-        products = away * factor
-        rows = slice(power, power + terms)
-        square[rows] += products.sum(axis=2)
-    slope = polynomials.derivative(square)
+    squares = polynomials.product(away, away)
+    distance = squares.sum(axis=2)  # |q(s) − w|², summed over joints
+    slope = polynomials.derivative(distance)
     shares = polynomials.unit_roots(slope)
     row, piece = np.nonzero(np.isfinite(shares))
     start = trajectory.breaks[piece]
@@ -68,19 +56,17 @@ def _minima(trajectory: Trajectory, waypoint: Array) -> Array:
     return _polished(trajectory, waypoint, start + elapsed)
 
 
-def _polished(
-    trajectory: Trajectory,
-    waypoint: Array,
-    times: Array,
-) -> Array:
-    """Gauss and Newton's steps, each kept only where it comes nearer: squares round too much."""
-    for _ in range(_NEWTON_STEPS):
+def _polished(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
+    """Improve times by Gauss-Newton steps, each kept only where it comes nearer.
+
+    Roots of the squared distance alone round too much.
+    """
+    for _ in range(NEWTON_STEPS):
         away = trajectory(times) - waypoint
         velocity = trajectory(times, 1)
         along = (away * velocity).sum(axis=1)
         speed = np.square(velocity).sum(axis=1)
-        # where it stands there is no step
-        speed[speed == 0] = np.inf
+        speed[speed == 0] = np.inf  # no step where the robot stands
         step = along / speed
         moved = np.clip(times - step, 0.0, trajectory.duration)
         before = _miss(trajectory, waypoint, times)
@@ -89,19 +75,15 @@ def _polished(
     return times
 
 
-def _miss(
-    trajectory: Trajectory,
-    waypoint: Array,
-    times: Array,
-) -> Array:
-    """How far it is from the waypoint, rad, over all joints."""
+def _miss(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
+    """Distance from the waypoint over all joints, rad."""
     away = trajectory(times) - waypoint
     distance = np.linalg.norm(away, axis=1)
     return np.asarray(np.nan_to_num(distance, nan=np.inf))
 
 
 def _in_order(misses: Array) -> NDArray[np.intp]:
-    """Which candidate each waypoint has: not decreasing, of the least sum of misses.
+    """Choose a candidate for each waypoint: not decreasing, with the least sum of misses.
 
     Args:
         misses: `(waypoints, candidates)`, candidates in the order of time.
@@ -127,21 +109,17 @@ def _in_order(misses: Array) -> NDArray[np.intp]:
     return np.array(backwards[::-1])
 
 
-def _at_breaks(
-    trajectory: Trajectory,
-    waypoints: Array,
-    times: Array,
-) -> Array:
-    """The same, at a break where that is as near: no sliver of a piece is cut off for nothing."""
+def _at_breaks(trajectory: Trajectory, waypoints: Array, times: Array) -> Array:
+    """Move times to breaks that are as near to the waypoint, to avoid needless short pieces."""
     breaks = trajectory.breaks[nearest(trajectory.breaks, times)]
     distance = np.abs(breaks - times)
-    close = distance <= _SAME_TIME_RTOL * trajectory.duration
+    close = distance <= SAME_TIME_RTOL * trajectory.duration
     missed = trajectory(times) - waypoints
     missed_there = trajectory(breaks) - waypoints
     miss = np.abs(missed).max(axis=1)
     miss_there = np.abs(missed_there).max(axis=1)
     largest = np.abs(waypoints).max()
-    rounding = _COORDINATE_RTOL * largest
+    rounding = COORDINATE_RTOL * largest
     as_near = miss_there <= miss + rounding
     found = np.where(close & as_near, breaks, times)
     return np.maximum.accumulate(found)

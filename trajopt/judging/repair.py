@@ -94,8 +94,10 @@ def _mended(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
         for derivative in range(1, order + 1):
             jump = _jumps(layout, derivative)
             jumps.append(jump[:, joints])
-        added = np.zeros((2 * order + 2, *layout.travel.shape))
-        added[..., joints] = _cancelling(layout, missed[:, joints], jumps)
+        rows = 2 * order + 2
+        added = np.zeros((rows, *layout.travel.shape))
+        own = missed[:, joints]
+        added[..., joints] = _cancelling(layout, own, jumps)
         if at_limits or not _is_negligible(added, layout, problem):
             coefficients = polynomials.plus(coefficients, added)
     if at_limits:
@@ -390,7 +392,9 @@ def _ending(slope: Array, curvature: Array | None = None) -> Array:
         return np.stack([-slope, slope], axis=-1)
     # x³ (s (x − 1) + c (x − 1)²), whose curvature at 1 is 6 s + 2 c.
     c = curvature / 2 - 3 * slope
-    return np.stack([c - slope, slope - 2 * c, c], axis=-1)
+    cubic = c - slope
+    quartic = slope - 2 * c
+    return np.stack([cubic, quartic, c], axis=-1)
 
 
 def _rows(factors: Array, lowest_power: int) -> Array:
@@ -479,8 +483,10 @@ def _turned_at_limits(layout: _Layout, coefficients: Array, side: Array) -> Arra
     slopes = np.where(side == 0, 0.0, -velocities)
     unit = polynomials.stretched(acceleration, layout.trajectory.lengths)
     stops = unit.sum(axis=0)
-    ending = _inwards(stops[layout.after - 1], side[1:])
-    starting = _inwards(unit[-1, layout.first], side[:-1])
+    last = layout.after - 1
+    starts = unit[-1]
+    ending = _inwards(stops[last], side[1:])
+    starting = _inwards(starts[layout.first], side[:-1])
     growing, dying = _bent(layout, slopes, ending, starting)
     of_pieces = layout.of_pieces
     return _in_time(layout, of_pieces(growing), of_pieces(dying), lowest_power=3)

@@ -136,7 +136,11 @@ class Certificate:
                 table[kind] = None
                 continue
             word = "ratio" if kind in RATIO_KINDS else "error"
-            table[kind] = {word: worst.value, "joint": worst.joint + 1, "time": worst.time}
+            table[kind] = {
+                word: worst.value,
+                "joint": worst.joint + 1,
+                "time": worst.time,
+            }
             if kind == "continuity":
                 table[kind]["order"] = worst.order
         return table
@@ -207,7 +211,9 @@ def _judged(
     limits = problem.limits
     velocity = _peak(judged, 1, limits.velocity, _ratio)
     acceleration = _peak(judged, 2, limits.acceleration, _ratio)
-    jerk = _peak(judged, 3, limits.jerk, _ratio) if problem.has("jerk") else None
+    jerk = None
+    if problem.has("jerk"):
+        jerk = _peak(judged, 3, limits.jerk, _ratio)
     position = None
     if problem.has("position"):
         position = _peak(trajectory, 0, limits.position, _excess)
@@ -273,7 +279,8 @@ def _allowed(
     A = np.abs(limits.acceleration).min(axis=1)
     J = np.abs(limits.jerk).min(axis=1)
     reached_velocity = np.minimum(V, np.sqrt(A * largest))
-    from_jerk = np.cbrt(J) ** 2 * np.cbrt(largest)
+    root = np.cbrt(J)
+    from_jerk = root**2 * np.cbrt(largest)
     reached_acceleration = np.minimum(A, from_jerk)
     # Breaks are rounded, which moves each derivative by as much as it changes meanwhile.
     rounded = BREAK_TIME_RTOL * duration
@@ -325,13 +332,16 @@ def _peak(
     rounding = polynomials.evaluation_rounding(unit)
     if not np.isfinite(rounding).all():
         beyond = np.where(np.isfinite(rounding), 0.0, np.inf)
-        worst, _ = _worst_of(beyond, np.ones(unit.shape[2]), trajectory.breaks, order)
+        allowed = np.ones(trajectory.joints)
+        worst, _ = _worst_of(beyond, allowed, trajectory.breaks, order)
         return replace(worst, value=np.nan)
     starts = unit[-1]
     stops = unit.sum(axis=0)
-    ends = measure(np.stack([starts, stops]), rounding, low, high)
+    both = np.stack([starts, stops])
+    ends = measure(both, rounding, low, high)
     side, piece, joint = np.unravel_index(np.argmax(ends), ends.shape)
-    best = _Peak(float(ends.max()), int(piece), int(joint), float(side))
+    highest = float(ends.max())
+    best = _Peak(highest, int(piece), int(joint), float(side))
 
     # No piece exceeds its bound: roots are needed only where the bound exceeds the worst so far.
     bounds = measure(polynomials.bernstein(unit), rounding, low, high)
@@ -397,8 +407,10 @@ def _worst_jump(
     still = np.zeros((2, problem.joints))
     if order == 0:
         still = problem.waypoints[[0, -1]]
-    before = np.vstack([still[:1], unit.sum(axis=0)])
-    after = np.vstack([unit[-1], still[1:]])
+    starts = unit[-1]
+    stops = unit.sum(axis=0)
+    before = np.vstack([still[:1], stops])
+    after = np.vstack([starts, still[1:]])
     jumps = np.abs(after - before)
     return _worst_of(jumps, allowed, trajectory.breaks, order)
 
@@ -440,5 +452,6 @@ def _say(
     what: str,
 ) -> str:
     unit = problem.unit(worst.joint, worst.order)
-    where = f"{problem.joint_labels[worst.joint]} at {worst.time:.6g} s"
+    label = problem.joint_labels[worst.joint]
+    where = f"{label} at {worst.time:.6g} s"
     return f"{where}: {what} {worst.value:.3g} {unit}"
