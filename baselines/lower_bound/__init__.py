@@ -4,9 +4,20 @@
     bound = certify(problem)
     print(bound.lower_bound, bound.upper_bound, bound.status)
 
-`planner.py` is the registered planner, and `bound.py` asks. Any trajectory, every limit counted:
-`relaxation.py` has the variables, `costates.py` and `jerk_rows.py` the rows, `extremal.py` and
-`separation.py` find those that are broken, `branching.py` searches with `row_pool.py` and HiGHS
-(`linear.py`), and `dual_check.py` checks the proof without a solver. The best 3-5-3 spline:
-`spline353.py` asks, and `ratio_boxes.py` searches and checks.
+In reading order:
+
+- `planner.py`: the registered planner `certify`;
+- `bound.py`: the function `certify`, for both questions;
+- `incumbent.py`: the best trajectory of the references.
+
+The bound on every trajectory, under every kind of limit:
+
+- `relaxation.py`: the variables, their box, and the rows of a box;
+- `costates.py`, `jerk_rows.py`: rows that hold in every box;
+- `dual_check.py`: the check of a proof, without a solver;
+- `extremal.py`, `separation.py`: the rows that a point violates;
+- `row_pool.py`: the linear program with the rows found so far;
+- `branching.py`: the search for a proof.
+
+The bound on the 3-5-3 splines: `ratio_boxes.py`, search and check.
 """

@@ -1,9 +1,9 @@
-"""Both ends of a proof: a lower bound that nothing beats, and the shortest verified trajectory.
+"""Ask for a lower bound on the minimum time, and for the shortest verified trajectory.
 
-Any trajectory is bounded under every kind of limit by linear programs (`branching.py`,
-`dual_check.py`), the 3-5-3 splines with shared times by boxes of their two ratios
-(`ratio_boxes.py`). Both ask for anything that is shorter than the incumbent by a given share, until
-there is none. Each bound has a proof that is checked without a solver.
+Linear programs bound all trajectories under every kind of limit (`branching.py`, `dual_check.py`).
+Boxes of two ratios bound the 3-5-3 splines with shared times (`ratio_boxes.py`). Both searches end
+if nothing is shorter than the incumbent by a given share. Each bound has a proof that is checked
+without a solver.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.lower_bound import ratio_boxes
-from baselines.lower_bound import spline353 as best_spline353
 from baselines.lower_bound.branching import prove
 from baselines.lower_bound.dual_check import Proof
 from baselines.lower_bound.incumbent import Incumbent, incumbent, kept
@@ -30,32 +29,32 @@ from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
 Family = Literal["free", "spline353"]
 
-# A time limit below this (s) still lets a proof begin.
-_GRACE_SECONDS = 1.0
+# Smallest time limit that counts, s: a shorter one still lets a proof begin.
+_MIN_TIME_LIMIT_S = 1.0
 # Share of the time limit that an incumbent may take.
 _INCUMBENT_SHARE = 0.3
-# Measured, per segment and moving joint: one linear program and one start of `exact`, s.
+# Time of one linear program and one start of `exact`, s per segment and joint (measured).
 _SECONDS_PER_CELL = 5e-3
-# A verified duration may exceed the solver's by rounding, relative.
+# Rounding by which a verified duration may exceed the solver's, relative.
 _ROUNDING_RTOL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Bound:
-    """What is proved about the minimum time. All times in seconds.
+    """Bounds on the minimum time. All times in seconds.
 
     Attributes:
-        lower_bound: No trajectory is faster.
-        upper_bound: The certified duration of `trajectory`; infinite if none is known to keep
-            every limit, or none was looked for.
+        lower_bound: No trajectory is shorter.
+        upper_bound: The certified duration of `trajectory`; infinite without a trajectory that
+            keeps every limit.
         proved_within: Upper over lower bound, minus 1.
         status: "proved" (within what was asked), "time limit", "stopped: no progress", or
             "infeasible" (no 3-5-3 spline keeps the position limits: the message says why, and both
             bounds are infinite).
         solve_time: Wall time spent.
         trajectory: The fastest one known.
-        message: Why there was no time to begin, if there was none.
-        proof: What proves the lower bound without a solver; None for a closed form.
+        message: The reason if the time limit left no time to begin.
+        proof: Proof of the lower bound, checked without a solver; None for a closed form.
     """
 
     lower_bound: float
@@ -76,15 +75,15 @@ def certify(
     time_limit: float = 60.0,
     joint: int | None = None,
 ) -> Bound:
-    """Bounds on the minimum time, or on the best 3-5-3 spline with shared times.
+    """Bound the minimum time, or that of the best 3-5-3 spline with shared times.
 
     Args:
         problem: All its limits count.
         family: Any trajectory, or the 3-5-3 spline only.
-        within: Relative distance of upper and lower bound at which to stop.
+        within: Relative gap of upper and lower bound at which to stop.
         time_limit: Seconds, building the programs included; then the bounds reached are the answer.
-            A problem whose first program alone would take longer gets a bound in closed form and a
-            message. Below one second it counts as one for that.
+            A problem whose first program alone takes longer (and longer than one second) gets a
+            bound in closed form and a message.
         joint: That joint alone, counted from 0.
 
     Raises:
@@ -112,7 +111,7 @@ def certify(
 
 
 def asked(problem: Problem, family: Family, joint: int | None) -> tuple[Problem, NDArray[np.intp]]:
-    """The problem that a bound is about, consecutive identical waypoints merged.
+    """Return the problem that a bound is about, consecutive identical waypoints merged.
 
     Returns:
         The problem, and which of its waypoints each original one is.
@@ -137,13 +136,13 @@ def asked(problem: Problem, family: Family, joint: int | None) -> tuple[Problem,
 
 
 def _free(problem: Problem, within: float, began: float, time_limit: float) -> Bound:
-    """Linear programs under every limit."""
+    """Bound all trajectories by linear programs."""
     needed = _SECONDS_PER_CELL * cells(problem)
-    if needed > max(time_limit, _GRACE_SECONDS):
+    if needed > max(time_limit, _MIN_TIME_LIMIT_S):
         return _not_begun(problem, needed, time_limit)
     deadline = began + time_limit
     best = incumbent(problem, _INCUMBENT_SHARE * time_limit)
-    # without a trajectory there is something to prove all the same
+    # without a trajectory, the time of stopping at every waypoint is the target
     known = float(stop_times(problem).sum())
     motion = None
     if best is not None:
@@ -162,11 +161,11 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
 
 
 def _spline353(problem: Problem, within: float, deadline: float) -> Bound:
-    """Boxes of the two ratios."""
+    """Bound the 3-5-3 splines by boxes of their two ratios."""
     reason = spline353.infeasible(problem)
     if reason is not None:
         return Bound(np.inf, np.inf, 0.0, "infeasible", 0.0, None, reason)
-    times, proof = best_spline353.prove(problem, within, deadline)
+    times, proof = ratio_boxes.prove(problem, within, deadline)
     best = kept(problem, spline353.trajectory(problem, times))
     if proof is None:
         return _bound(end_to_end_bound(problem), best, within, "stopped: no progress", None)
@@ -181,7 +180,7 @@ def _bound(
     otherwise: str,
     proof: Proof | RatioProof | None,
 ) -> Bound:
-    """Both ends; the status is `otherwise` where they are farther apart than was asked."""
+    """Return both bounds, with the status `otherwise` if the gap is larger than asked for."""
     if best is None:
         return Bound(lower, np.inf, np.inf, otherwise, 0.0, None, proof=proof)
     proved = best.duration <= lower * (1 + within) * (1 + _ROUNDING_RTOL)
@@ -197,7 +196,7 @@ def _bound(
 
 
 def _not_begun(problem: Problem, needed: float, time_limit: float) -> Bound:
-    """A bound in closed form, where a time limit (s) leaves no room for anything else."""
+    """Return a bound in closed form if a time limit (s) is too short for a proof."""
     message = (
         f"{described(problem)} need about {needed:.0f} s before a proof can begin, "
         f"more than the limit of {time_limit:g} s: this is a bound in closed form"

@@ -51,7 +51,7 @@ _LONGER_CUTOFF = 1.25
 _FINAL_VIOLATION_SHARE = 0.1
 _FIRST_VIOLATION = 1e-3
 _MIN_VIOLATION = 1e-8
-# Least progress of the bound that another round or split is worth, relative to what is missing.
+# Least progress of the bound for another round or split, relative to the missing part.
 _MIN_PROGRESS = 0.01
 # Splits without that progress before the search gives up.
 _MAX_IDLE_SPLITS = 24
@@ -365,7 +365,7 @@ class _Search:
         column: int,
         multipliers: Array,
     ) -> None:
-        """Move one side of the box as far as multipliers prove, if the move is worth a step."""
+        """Move one side of the box as far as multipliers prove, if it moves far enough."""
         width = node.box.high[column] - node.box.low[column]
         proved = self.pool.proved(self._side_objective(kind, column), multipliers)
         # rounding must not grow from step to step

@@ -30,9 +30,9 @@ Indices = NDArray[np.intp]
 # `f0, f1, f2` of `f0 + f1 s + f2 s²`, piece by piece.
 Quadratic = tuple[Array, Array, Array]
 
-# A generous bound on what the roundings of a few dozen operations add up to, of the terms' sizes.
+# A generous bound on the rounding of a few dozen operations, relative to the terms' sizes.
 COEFFICIENT_RTOL = 1e-14
-# What a sum over cells rounds by for each of them, likewise.
+# Rounding of a sum for each of its cells, relative to the terms' sizes.
 _CELL_RTOL = 2.0**-52
 
 # A cell: its start, `p` as a quadratic from there, `q` as a line, `λ` constant.
@@ -40,7 +40,7 @@ CELL_COLUMNS = 7
 
 
 class Cut(NamedTuple):
-    """A row's segment, joint (among those that move) and costates, `(cells, 7)`."""
+    """A row of costates: segment, joint (among those that move) and cells, `(cells, 7)`."""
 
     segment: int
     joint: int
@@ -48,7 +48,7 @@ class Cut(NamedTuple):
 
 
 class Costates(NamedTuple):
-    """Rows of one segment and joint each, as their limits and costates: `(rows, ...)`."""
+    """Costates with equal numbers of cells, each of one segment and joint: `(rows, ...)`."""
 
     segments: Indices
     joints: Indices
@@ -56,7 +56,7 @@ class Costates(NamedTuple):
 
 
 def row(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> tuple[Array, float]:
-    """The inequality that the costates of one segment and joint give: as `rows`, of one."""
+    """Return the inequality of one segment and joint's costates, as `rows` does."""
     one = Costates(
         segments=np.array([segment]),
         joints=np.array([joint]),
@@ -67,7 +67,7 @@ def row(relaxation: Relaxation, segment: int, joint: int, cells: Array) -> tuple
 
 
 def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
-    """The inequalities that costates give.
+    """Return the inequalities that costates give.
 
     Args:
         relaxation: Whose limits count.
@@ -81,14 +81,14 @@ def rows(relaxation: Relaxation, given: Costates) -> tuple[Array, Array]:
     parts = _Parts.of(relaxation, given)
     h = relaxation.h[given.segments, given.joints]
     displacement = parts.slope[:, -1] * h
-    walls, wall_size = _walls(relaxation, given, parts.slope)
-    inverse_size = np.abs(displacement) + wall_size
+    limits, limit_size = _position_costs(relaxation, given, parts.slope)
+    inverse_size = np.abs(displacement) + limit_size
     inverse_rounding = parts.sum_rtol * inverse_size
     p_end = value(parts.p, parts.widths)
     q_end = value(parts.q, parts.widths)
     coefficients = [
         -_by_acceleration(parts),
-        displacement - walls - inverse_rounding,
+        displacement - limits - inverse_rounding,
         -_by_jerk(parts),
         -parts.q[0][:, 0],
         q_end[:, -1],
@@ -111,12 +111,12 @@ class _Parts(NamedTuple):
 
     @property
     def sum_rtol(self) -> float:
-        """What a sum over cells can round by, of the terms' sizes."""
+        """Bound on the rounding of a sum over cells, relative to the terms' sizes."""
         _, cells = self.widths.shape
         return COEFFICIENT_RTOL + float(cells) * _CELL_RTOL
 
     def up(self, values: Array) -> Array:
-        """Sums over cells, rounded upwards."""
+        """Return sums over cells, rounded upwards."""
         return np.asarray(values * (1 + self.sum_rtol))
 
     @classmethod
@@ -140,14 +140,14 @@ class _Parts(NamedTuple):
 
 
 def _by_jerk(parts: _Parts) -> Array:
-    """What jerk can add, `J ∫|p|`."""
+    """Return the cost of jerk, `J ∫|p|`."""
     limit = np.where(np.isfinite(parts.jerk), parts.jerk, 0.0)
     integrals = _weighed(parts.p, parts.widths, limit)
     return parts.up(integrals.sum(axis=1))
 
 
 def _by_acceleration(parts: _Parts) -> Array:
-    """What acceleration can add, `A ∫|dp + q dτ|`, jumps included."""
+    """Return the cost of acceleration, `A ∫|dp + q dτ|`, jumps included."""
     _, p1, p2 = parts.p
     q0, q1, zero = parts.q
     bending = (p1 + q0, 2 * p2 + q1, zero)
@@ -161,7 +161,7 @@ def _by_acceleration(parts: _Parts) -> Array:
 
 
 def _by_velocity(parts: _Parts) -> Array:
-    """What velocity can add, `V ∫|dq + λ dτ|`, jumps included."""
+    """Return the cost of velocity, `V ∫|dq + λ dτ|`, jumps included."""
     _, q1, zero = parts.q
     turning = (q1 + parts.slope, zero, zero)
     integrals = _weighed(turning, parts.widths, parts.velocity)
@@ -173,7 +173,7 @@ def _by_velocity(parts: _Parts) -> Array:
 
 
 def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
-    """`p0`, moved until `p` has nowhere the sign of a side without a jerk limit."""
+    """Move `p0` until `p` has nowhere the sign of a side without a jerk limit."""
     p0, p1, p2 = p
     rounding = COEFFICIENT_RTOL * _size(p, widths)
     vertex = _quotient(-p1, 2 * p2)
@@ -198,7 +198,7 @@ def value(quadratic: Quadratic, s: Array) -> Array:
 
 
 def area(quadratic: Quadratic, s: Array) -> Array:
-    """Its integral from 0 to `s`."""
+    """Integral of the quadratic from 0 to `s`."""
     f0, f1, f2 = quadratic
     halves = (f0, f1 / 2, f2 / 3)
     mean = value(halves, s)
@@ -211,10 +211,10 @@ def integral(
     down: float | Array,
     up: float | Array,
 ) -> Array:
-    """An upper bound of `∫ (up f⁺ + down f⁻)` over each width, tight but for rounding.
+    """Return an upper bound of `∫ (up f⁺ + down f⁻)` over each width, tight but for rounding.
 
-    Between the computed roots `f` has one sign, but for what the roots' rounding is worth: the
-    depth to which it has the other sign there is known from its ends and its vertex.
+    Between the computed roots `f` has one sign, but for the roots' rounding. Its largest value of
+    the other sign is known from its ends and its vertex.
 
     Args:
         quadratic: `f0, f1, f2` of `f0 + f1 s + f2 s²`, `(..., pieces)` each.
@@ -249,26 +249,26 @@ def integral(
 
 
 def _size(quadratic: Quadratic, widths: Array) -> Array:
-    """The sizes of a quadratic's terms at the end of its piece."""
+    """Return the sizes of a quadratic's terms at the end of its piece."""
     f0, f1, f2 = quadratic
     sizes = (np.abs(f0), np.abs(f1), np.abs(f2))
     return value(sizes, widths)
 
 
 def _rounding(terms: Array, limit: Array) -> Array:
-    """What terms of such sizes can round by, under a limit."""
+    """Bound the rounding of terms of such sizes, multiplied by a limit."""
     weight = COEFFICIENT_RTOL * limit.sum(axis=0)
     return np.asarray(weight * terms)
 
 
 def _weighed(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
-    """The same with a limit's sizes downwards and upwards as weights."""
+    """Call `integral` with a limit's sizes downwards and upwards as weights."""
     down, up = limit
     return integral(quadratic, widths, down, up)
 
 
 def _jumps(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
-    """What the jumps between cells can add, and the rounding of all ends, the last one's too."""
+    """Return the cost of the jumps between cells, and the rounding of all ends."""
     starts = quadratic[0]
     ends = value(quadratic, widths)
     jumps = starts[:, 1:] - ends[:, :-1]
@@ -280,32 +280,32 @@ def _jumps(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
     return np.asarray(up * upwards + down * downwards + rounding)
 
 
-def _walls(relaxation: Relaxation, given: Costates, slope: Array) -> tuple[Array, Array]:
-    """What position limits can add, per `S`, and the sizes of its terms."""
+def _position_costs(relaxation: Relaxation, given: Costates, slope: Array) -> tuple[Array, Array]:
+    """Return the cost of position limits, per `S`, and the sizes of its terms."""
     jumps = np.diff(slope)
     upwards = np.maximum(jumps, 0.0).sum(axis=1)
     downwards = np.maximum(-jumps, 0.0).sum(axis=1)
-    room_above = relaxation.above[given.segments, given.joints]
-    room_below = relaxation.below[given.segments, given.joints]
-    # a wall that is not met may be infinitely far
-    room_above = np.where(upwards > 0, room_above, 0.0)
-    room_below = np.where(downwards > 0, room_below, 0.0)
-    above = upwards * room_above
-    below = downwards * room_below
+    distance_above = relaxation.above[given.segments, given.joints]
+    distance_below = relaxation.below[given.segments, given.joints]
+    # a position limit that is not active may be infinite
+    distance_above = np.where(upwards > 0, distance_above, 0.0)
+    distance_below = np.where(downwards > 0, distance_below, 0.0)
+    above = upwards * distance_above
+    below = downwards * distance_below
     total = above - below
     size = np.abs(above) + np.abs(below)
     return total, size
 
 
 def _quotient(a: Array, b: Array) -> Array:
-    """`a / b`, and 0 where that is no number: a hint, which may be wrong."""
+    """Return `a / b`, and 0 where it is not finite: a hint, which may be wrong."""
     with np.errstate(all="ignore"):
         quotient = a / b
     return np.where(np.isfinite(quotient), quotient, 0.0)
 
 
 def _roots(quadratic: Quadratic) -> Array:
-    """Both roots, `(2, pieces)`; anything where there are none. Hints, which may be wrong."""
+    """Return both roots, `(2, pieces)`, or any numbers: hints, which may be wrong."""
     f0, f1, f2 = quadratic
     with np.errstate(under="ignore"):
         square = f1 * f1 - 4 * f2 * f0

@@ -1,10 +1,12 @@
 """A proof of a lower bound: a tree of boxes and multipliers, checked without a solver.
 
 Every step's multipliers `y ≥ 0` add rows `A x ≤ b` of the relaxation to an objective `c`:
-`c x ≥ (c + Aᵀ y) x − bᵀ y ≥ min over the box − bᵀ y`, whatever the multipliers are. So no solver
-has to be believed. What arithmetic can round is bounded by the sizes of all terms and taken off:
-that counts on numbers of moderate size, so others are refused, and so is whatever overflows or
-underflows on the way (docs/mathematics.md, section 5c).
+
+    c x ≥ (c + Aᵀ y) x − bᵀ y ≥ min over the box − bᵀ y.
+
+This holds for any multipliers, so no solver has to be believed. The rounding of the arithmetic is
+bounded by the sizes of all terms and subtracted. This bound needs numbers of moderate size: other
+numbers are refused, and so is any overflow or underflow (docs/mathematics.md, section 5c).
 """
 
 from __future__ import annotations
@@ -25,31 +27,31 @@ from trajopt.core.problem import Problem
 
 Array = NDArray[np.float64]
 
-# Steps of a proof, in the order of a walk through its tree.
+# Kinds of steps of a proof. Steps are stored in the order of a walk through the tree.
 RAISE = 0
 LOWER = 1
 BRANCH = 2
 LEAF = 3
 
 _PREFIX = "proof_"
-# Between these lies every number of a proof that is not 0: honest ones from 2e-30 to 9e17.
+# Smallest and largest size of a proof's numbers that are not 0; found proofs need 2e-30 to 9e17.
 SMALLEST = 2.0**-128
 LARGEST = 2.0**128
-# Of an operation, with as much again for the few that a row's own entries take.
+# Rounding of an operation, relative; and extra operations for a row's own entries.
 _EPSILON = 2.0**-52
 _ENTRY_ROUNDINGS = 32
 
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """What proves a lower bound; all arrays of floats, as they are stored with the trial.
+    """A proof of a lower bound; all arrays of floats, as they are stored with the trial.
 
     Attributes:
         units: The unit of time, s, then of each moving joint's lengths, rad; powers of two.
-        cutoff: What lies above was not asked about, s, `(1,)`.
+        cutoff: Longer motions were not asked about, s, `(1,)`.
         tangents: Segment and place of each tangent to `1/T`, `(tangents, 2)`.
-        square_tangents: The same of each of `jerk_rows`; none in proofs of older versions.
-        ramps: Segment, joint and side of each of `jerk_rows`, `(ramps, 3)`; likewise.
+        square_tangents: Segment and place of each square tangent of `jerk_rows`; optional.
+        ramps: Segment, joint and side of each ramp of `jerk_rows`, `(ramps, 3)`; optional.
         cuts: Segment, joint and number of cells of each row of costates, `(cuts, 3)`.
         cells: Their cells one after the other, `(cells, 7)`, as in `costates.row`.
         steps: Kind, variable, value and number of multipliers, `(steps, 4)`. `RAISE` and `LOWER`
@@ -71,15 +73,15 @@ class Proof:
     ramps: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def arrays(self) -> dict[str, Array]:
-        """By the names under which a trial stores them."""
+        """Return the arrays by the names under which a trial stores them."""
         return {_PREFIX + name: value for name, value in vars(self).items()}
 
     @classmethod
     def stored(cls, stats: Mapping[str, Any]) -> Proof | None:
-        """The proof among a trial's statistics, if there is one.
+        """Return the proof among a trial's statistics, if there is one.
 
         Raises:
-            InvalidInput: A part is missing, or has not the shape that it must have.
+            InvalidInput: A part is missing, or has the wrong shape.
         """
         if _PREFIX + "steps" not in stats:
             return None
@@ -116,14 +118,14 @@ _SHAPES = {
 
 
 def _numbers(value: Any) -> Array:
-    """As an array; not a number where it is none."""
+    """Return a value as an array of floats; NaN if it cannot be one."""
     try:
         return np.asarray(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         return np.array(np.nan)
 
 
-# Columns that count or number something.
+# Columns that hold counts or numbers of something.
 _WHOLE = {
     "tangents": [0],
     "cuts": [0, 1, 2],
@@ -132,29 +134,29 @@ _WHOLE = {
     "square_tangents": [0],
     "ramps": [0, 1, 2],
 }
-# Rows that older proofs do not have.
+# Tables that a proof may lack.
 _LATER = ("square_tangents", "ramps")
 
 
 class _ProofRows(NamedTuple):
-    """A proof's own rows: those that change with the box, and all others."""
+    """A proof's own rows: square tangents, which change with the box, and all others."""
 
     squares: list[SquareTangent]
     others: Rows
 
     def with_box(self, relaxation: Relaxation, box: Box) -> Rows:
-        """All rows of a step, in the order in which multipliers count them."""
+        """Return all rows of a step, in the order in which multipliers count them."""
         of_box = relaxation.box_rows(box)
         squares = jerk_rows.square_rows(relaxation, self.squares, box)
         return joined([of_box, squares, self.others])
 
 
 def proved_bound(problem: Problem, proof: Proof) -> float:
-    """The lower bound that a proof proves, s: no motion within all limits is briefer.
+    """Return the lower bound that a proof proves, s: no motion within all limits is shorter.
 
     Args:
         problem: Consecutive identical waypoints count once.
-        proof: Anything: what proves nothing gives a low bound, or none.
+        proof: Any proof, honest or not.
 
     Raises:
         InvalidInput: The proof is not one of this problem, or not in order.
@@ -162,7 +164,7 @@ def proved_bound(problem: Problem, proof: Proof) -> float:
     _check_numbers(proof)
     merged, _ = problem.merged()
     try:
-        # what no flag is raised for is exact, or rounded by its last digit
+        # an operation that raises no flag is exact, or rounds its last digit
         with np.errstate(all="raise"):
             relaxation = relaxation_of(merged, proof)
             rows = _proof_rows(relaxation, proof)
@@ -175,7 +177,7 @@ def proved_bound(problem: Problem, proof: Proof) -> float:
 
 
 def _check_numbers(proof: Proof) -> None:
-    """Each is 0 or of moderate size; what counts or numbers something is whole."""
+    """Refuse numbers that are not of moderate size, and counts that are not whole."""
     for name, table in vars(proof).items():
         sizes = np.abs(table)
         moderate = (sizes >= SMALLEST) & (sizes <= LARGEST)
@@ -190,7 +192,7 @@ def _refuse(name: str, table: Array, wrong: NDArray[np.bool_], right: str) -> No
 
 
 def relaxation_of(problem: Problem, proof: Proof) -> Relaxation:
-    """The relaxation that a proof is about."""
+    """Return the relaxation that a proof is about."""
     if proof.cutoff.shape != (1,) or not proof.cutoff[0] > 0:
         raise InvalidInput("proof cutoff", "one positive number", value=proof.cutoff.tolist())
     if not proof.units.size:
@@ -247,7 +249,7 @@ def _cuts(relaxation: Relaxation, proof: Proof) -> Rows:
 
 
 def cuts(relaxation: Relaxation, given: Sequence[Cut]) -> Rows:
-    """Rows of costates, as the relaxation's.
+    """Return rows of costates as rows of the relaxation.
 
     Raises:
         InvalidInput: The cells do not divide the segment, or the joint has no jerk limit and `p`
@@ -281,12 +283,12 @@ def _check_cells(relaxation: Relaxation, row: Cut) -> None:
 
 
 def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> float:
-    """What multipliers prove of an objective on a box: a lower bound, rounded down.
+    """Return the lower bound of an objective on a box that multipliers prove, rounded down.
 
     Args:
         objective: `(variables,)`.
-        box: Between what the variables lie.
-        rows: Those used.
+        box: The variables' bounds.
+        rows: The rows used.
         multipliers: `(rows,)`; negative ones count as 0.
     """
     y = np.maximum(multipliers, 0.0)
@@ -306,7 +308,7 @@ def dual_bound(objective: Array, box: Box, rows: Rows, multipliers: Array) -> fl
 
 
 def _walked(relaxation: Relaxation, rows: _ProofRows, proof: Proof) -> float:
-    """The lowest of all leaves' bounds."""
+    """Walk through the tree and return the lowest bound of its leaves."""
     box = relaxation.root_box()
     if is_empty(box):
         raise InvalidInput("proof cutoff", "a time in which every segment can be passed")
@@ -347,7 +349,7 @@ def branched(
     column: int,
     value: float,
 ) -> tuple[Box, Box]:
-    """Both parts of a box, split at a value of one variable."""
+    """Return both parts of a box, split at a value of one variable."""
     high = box.high.copy()
     high[column] = min(high[column], value)
     low = box.low.copy()
@@ -364,7 +366,7 @@ def moved(
     raises: bool,
     bound: float,
 ) -> Box:
-    """The box with one side moved as far as a bound on `x` (or on `−x`) proves."""
+    """Return the box with one side moved as far as a bound on `x` (or on `−x`) proves."""
     low = box.low.copy()
     high = box.high.copy()
     if raises:
@@ -375,12 +377,12 @@ def moved(
 
 
 def is_empty(box: Box) -> bool:
-    """Whether nothing lies in it."""
+    """Return whether a box holds no point."""
     return bool((box.low > box.high).any())
 
 
 def _completed(relaxation: Relaxation, box: Box) -> Box:
-    """Nothing is left to say of an empty box."""
+    """Complete a box unless it is empty."""
     return box if is_empty(box) else relaxation.completed(box)
 
 
@@ -391,7 +393,7 @@ def _step_bound(
     objective: Array,
     multipliers: Array,
 ) -> float:
-    """What a step's multipliers prove; anything, of an empty box."""
+    """Return the bound that a step's multipliers prove; infinity on an empty box."""
     if is_empty(box):
         return np.inf
     every = rows.with_box(relaxation, box)
@@ -403,7 +405,7 @@ def _step_bound(
 
 
 def _index(value: float, count: int) -> int:
-    """A whole number from 0 to below `count`."""
+    """Return a whole number from 0 to below `count`, or refuse it."""
     if not 0 <= value < count or value != int(value):
         raise InvalidInput("proof", f"a whole number from 0 to {count - 1}", value=value)
     return int(value)

@@ -1,7 +1,7 @@
-"""Costates of extremal motions in closed form: the rows where no position limit counts.
+"""Costates of extremal motions in closed form: the rows where no position limit is active.
 
-Over a segment in normalised time (`costates.py`), between given states, a few motions decide what
-can be reached, each with its mirror image:
+Over a segment in normalised time (`costates.py`), a few motions between given states are extremal,
+each with its mirror image:
 
 - the longest displacement: jerk up, acceleration at its limit, jerk down, cruise, jerk down,
   deceleration at its limit, jerk up;
@@ -10,8 +10,8 @@ can be reached, each with its mirror image:
   deceleration at the end comes;
 - the highest acceleration at the end.
 
-Where the instants of switching are the motion's own, its costates give the row that a point breaks
-most. Any instants give a valid row, and errors of the instants cost their squares.
+At the exact switching times, a motion's costates give the row that a point violates most. Any
+switching times give a valid row; their errors weaken it by their squares only.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from baselines.lower_bound.relaxation import Relaxation
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Bisections of an instant: to 2⁻⁴⁴.
+# Bisections of a switching time, to 2⁻⁴⁴ of the segment.
 _BISECTIONS = 44
-# Jerk limits so high (accelerations of about 1 a normalised time) are none: on both sides, or on
-# one, where an acceleration jumps to what it needs and an instant has to tell how far.
-_NO_JERK_LIMIT = 1e13
-_NO_JERK_LIMIT_ONE_SIDE = 1e6
-# Cells so narrow are left out.
-_NARROWEST = 2.0**-34
+# Stand-ins for an infinite jerk limit, in normalised time, where accelerations are about 1. The one
+# for a single side is smaller: the acceleration's jump then has a duration that can be computed.
+_WIDE_JERK = 1e13
+_WIDE_JERK_ONE_SIDE = 1e6
+# Narrower cells are left out, in normalised time.
+_MIN_WIDTH = 2.0**-34
 
 
 class Point(NamedTuple):
-    """What segments and joints do, in normalised time: arrays of any one shape.
+    """States and limits of segments and joints in normalised time: arrays of one shape.
 
     Attributes:
         h: Displacements, `h S`.
@@ -64,17 +64,17 @@ class Point(NamedTuple):
     j_down: Array
 
     def limited(self) -> Point:
-        """With jerk limits that are as good as none in the place of infinite ones."""
+        """Replace infinite jerk limits by very wide ones."""
         free_up = np.isinf(self.j_up)
         free_down = np.isinf(self.j_down)
-        none = np.where(free_up & free_down, _NO_JERK_LIMIT, _NO_JERK_LIMIT_ONE_SIDE)
+        none = np.where(free_up & free_down, _WIDE_JERK, _WIDE_JERK_ONE_SIDE)
         return self._replace(
             j_up=np.where(free_up, none, self.j_up),
             j_down=np.where(free_down, none, self.j_down),
         )
 
     def reversed(self) -> Point:
-        """The same in reversed time: accelerations change their sign, and jerks do not."""
+        """Reverse time: accelerations change their sign, and jerks do not."""
         return self._replace(
             v0=self.v1,
             v1=self.v0,
@@ -86,7 +86,7 @@ class Point(NamedTuple):
 
 
 class Instants(NamedTuple):
-    """When the phases of the longest displacement end, but for the last one."""
+    """Ends of the phases of the longest displacement, but for the last one."""
 
     jerk: Array
     hold: Array
@@ -96,47 +96,40 @@ class Instants(NamedTuple):
     brake_hold: Array
 
 
-# limits of a segment that takes next to no time vanish in its units: NaN breaks no row
+# limits of a segment that takes almost no time vanish in its units: NaN violates no row
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def violated(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
-    """Per segment and joint the row that a point breaks most.
+    """Return each segment and joint's row that a point violates most.
 
     Args:
         relaxation: Whose limits count.
         x: Its variables.
-        tolerance: What a row must be broken by, where its cost is 1; below 0 for rows that are
-            nearly broken.
+        tolerance: Least violation of a row of cost 1; negative for rows that are nearly active.
     """
     point = _points(relaxation, x)
-    shape = (2, relaxation.segments, relaxation.joints)
-    indices = np.indices(shape).reshape(3, -1)
-    mirrored, segments, joints = indices
-    largest = np.full(shape[1:], tolerance)
+    largest = np.full(relaxation.h.shape, tolerance)
     best: dict[tuple[int, int], Cut] = {}
     for cells in families(point):
         gains, costs = _values(point, cells)
-        shares = (gains - costs).ravel() / costs.ravel()
-        shares[costs.ravel() == 0] = -np.inf
-        flat = cells.reshape(-1, *cells.shape[3:])
-        for number in np.flatnonzero(shares > tolerance):
-            segment = int(segments[number])
-            joint = int(joints[number])
+        shares = np.where(costs == 0, -np.inf, (gains - costs) / costs)
+        for number in np.argwhere(shares > tolerance):
+            mirrored, segment, joint = number.tolist()
             place = (segment, joint)
-            if shares[number] > largest[place]:
-                largest[place] = shares[number]
-                sign = -1 if mirrored[number] else 1
-                cost = float(costs.ravel()[number])
-                of_cost_one = _scaled(flat[number], sign / cost)
-                chosen = _with_width(of_cost_one)
+            violation = shares[mirrored, segment, joint]
+            if violation > largest[place]:
+                largest[place] = violation
+                chosen = _with_width(cells[mirrored, segment, joint])
+                sign = -1 if mirrored else 1
+                chosen[:, 1:] *= sign / costs[mirrored, segment, joint]
                 best[place] = Cut(segment, joint, chosen)
     return list(best.values())
 
 
 def _values(point: Point, cells: Array) -> tuple[Array, Array]:
-    """A row's left and right side at a point, `(2, segments, joints)` each.
+    """Return a row's left and right side at a point, `(2, segments, joints)` each.
 
-    Within a cell `p`, `dp + q dτ` and `dq + λ dτ` have one sign each, at the right instants. That
-    only steers: the rows are computed exactly.
+    At the exact switching times `p`, `dp + q dτ` and `dq + λ dτ` have one sign in each cell. This
+    only steers: the rows are computed exactly later.
     """
     _, p0, p1, p2, q0, q1, slope = np.moveaxis(cells, -1, 0)
     w = _widths(cells)
@@ -167,7 +160,7 @@ def _values(point: Point, cells: Array) -> tuple[Array, Array]:
 
 
 def _cost(parts: Array, down: Array, up: Array) -> Array:
-    """The sum over cells of what parts cost under a limit's two sides."""
+    """Return the sum over cells of the costs of parts under a limit's two sides."""
     upwards = np.maximum(parts, 0.0).sum(axis=-1)
     downwards = np.maximum(-parts, 0.0).sum(axis=-1)
     return np.asarray(up * upwards + down * downwards)
@@ -180,21 +173,15 @@ def _widths(cells: Array) -> Array:
     return np.asarray(ends - starts)
 
 
-def _scaled(cells: Array, factor: float) -> Array:
-    scaled = cells.copy()
-    scaled[:, 1:] *= factor
-    return scaled
-
-
 def _with_width(cells: Array) -> Array:
-    """The cells that have a width."""
-    chosen = cells[_widths(cells) > _NARROWEST]
+    """Leave out cells without width."""
+    chosen = cells[_widths(cells) > _MIN_WIDTH]
     chosen[0, 0] = 0.0
     return chosen
 
 
 def families(point: Point) -> list[Array]:
-    """Costates of all segments and joints, and of their mirror images, family by family.
+    """Return costates of all segments and joints and their mirror images, by family.
 
     Returns:
         Per family `(2, segments, joints, cells, 7)`; cells may have no width.
@@ -213,7 +200,7 @@ def families(point: Point) -> list[Array]:
 
 
 def _points(relaxation: Relaxation, x: Array) -> Point:
-    """All segments and joints, then their mirror images: `(2, segments, joints)`."""
+    """Return all segments and joints, then their mirror images: `(2, segments, joints)`."""
     rest = np.zeros((1, relaxation.joints))
     inner = x[relaxation.velocity]
     v0 = np.concatenate([rest, inner])
@@ -247,7 +234,7 @@ def _mirrored(values: Array, mirrored: Array) -> Array:
 
 
 def _without_free_jerk(point: Point, cells: Array) -> None:
-    """No `p` where no jerk limit prices it: such phases take no time."""
+    """Set `p` to 0 where its sign has no jerk limit: such phases take no time."""
     p0 = cells[..., 1]
     p1 = cells[..., 2]
     p2 = cells[..., 3]
@@ -272,7 +259,7 @@ def _cell(
     q1: float = 0.0,
     slope: float = 0.0,
 ) -> Array:
-    """A cell of `costates.row`, `(..., 7)`."""
+    """Return a cell as `costates.row` takes it, `(..., 7)`."""
     cell = np.empty((*start.shape, CELL_COLUMNS))
     columns = (start, p0, p1, p2, q0, q1, slope)
     for number, column in enumerate(columns):
@@ -341,7 +328,7 @@ def _held(start: Array, m: Array) -> Array:
 
 
 def _instants(point: Point) -> Instants:
-    """Up to the velocity limit and down from it, where the way without a cruise passes it."""
+    """Return the switching times, with a cruise if the way without one exceeds the limit."""
 
     def is_early(instant: Array) -> Array:
         _, _, velocity = _falling(point, instant)
@@ -351,27 +338,18 @@ def _instants(point: Point) -> Instants:
     jerk, peak, _ = _rising(point, hold)
     brake, brake_hold, _ = _falling(point, hold)
     middle = (hold + brake) / 2
-    direct = Instants(
-        jerk,
-        hold,
-        release=middle,
-        cruise=middle,
-        brake=brake,
-        brake_hold=brake_hold,
-    )
+    direct = Instants(jerk, hold, middle, middle, brake, brake_hold)
     cruises = (_height(point, hold) > point.v_up) & (peak > 0)
     if not cruises.any():
         return direct
     by_cruise = _with_cruise(point)
-    both = zip(by_cruise, direct, strict=True)
-    chosen = [np.where(cruises, first, second) for first, second in both]
-    return Instants(*chosen)
+    return Instants(*np.where(cruises, by_cruise, direct))
 
 
 def _with_cruise(point: Point) -> Instants:
     rise = _to_cruise(point)
     fall = _to_cruise(point.reversed())
-    # where both meet, if there is no time for a cruise
+    # the rise and the fall meet in the middle if there is no time for a cruise
     meeting = (rise[2] + 1 - fall[2]) / 2
     middle = np.clip(meeting, 0.0, 1.0)
     jerk, hold, release = np.minimum(rise, middle)
@@ -381,7 +359,7 @@ def _with_cruise(point: Point) -> Instants:
 
 
 def _to_cruise(point: Point) -> Array:
-    """When a rise from the start has full acceleration, leaves it, and is at the velocity limit."""
+    """Return when a rise has full acceleration, leaves it, and is at the velocity limit."""
 
     def is_low(instant: Array) -> Array:
         return np.asarray(_height(point, instant) <= point.v_up)
@@ -393,7 +371,7 @@ def _to_cruise(point: Point) -> Array:
 
 
 def _latest(holds: Callable[[Array], Array], point: Point) -> Array:
-    """The latest instant at which something holds that holds before it too; else 0."""
+    """Return the latest instant up to which a condition holds; 0 if it never holds."""
     low = np.zeros_like(point.v0)
     high = np.ones_like(point.v0)
     for _ in range(_BISECTIONS):
@@ -405,7 +383,7 @@ def _latest(holds: Callable[[Array], Array], point: Point) -> Array:
 
 
 def _rising(point: Point, instant: Array) -> tuple[Array, Array, Array]:
-    """When acceleration is full, what it is then, and the velocity gained until an instant."""
+    """Return when acceleration is full, its peak, and the velocity gained until an instant."""
     missing = point.a_up - point.a0
     ramp = np.clip(missing / point.j_up, 0.0, 1.0)
     full = np.minimum(ramp, instant)
@@ -416,14 +394,14 @@ def _rising(point: Point, instant: Array) -> tuple[Array, Array, Array]:
 
 
 def _height(point: Point, instant: Array) -> Array:
-    """The velocity at which a rise that is released at an instant arrives."""
+    """Return the final velocity of a rise that is released at an instant."""
     _, peak, gained = _rising(point, instant)
     released = np.maximum(peak, 0.0) ** 2 / (2 * point.j_down)
     return np.asarray(point.v0 + gained + released)
 
 
 def _falling(point: Point, instant: Array) -> tuple[Array, Array, Array]:
-    """When deceleration is full, when it is released, and the velocity at the end.
+    """Return when deceleration is full, when it is released, and the velocity at the end.
 
     Jerk is at its limit downwards from the instant, and upwards at last, so that the acceleration
     at the end is the given one.

@@ -1,4 +1,4 @@
-"""The trajectory that a lower bound is asked to come close to: the best of the references."""
+"""The best trajectory of the references: the target of a lower bound."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
 from trajopt.planners.planner import Planner
 
-# Measured, per segment and moving joint: one start of each planner, s.
+# Time of one start of each planner, s per segment and joint (measured).
 _START_SECONDS = 3e-3
 _START_SECONDS_JERK = 0.05
 _START_SECONDS_POSITION = 0.03
 _STARTS = 4
-# Of the other side's jerk limit: in the place of none.
-_FREE_SIDE = 1e3
+# Stand-in for an infinite jerk limit, relative to the limit of the other side.
+_WIDE_JERK_FACTOR = 1e3
 
 
 class Incumbent(NamedTuple):
@@ -34,11 +34,11 @@ class Incumbent(NamedTuple):
 
 
 def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
-    """The best trajectory that the references find, or one that stops at every waypoint.
+    """Return the best trajectory of the references, or one that stops at every waypoint.
 
     Args:
         problem: All its limits count.
-        seconds: What there is time for, about: then there are fewer starts.
+        seconds: About the time available, which limits the number of starts.
 
     Returns:
         None if no planner's answer keeps every limit.
@@ -54,13 +54,13 @@ def incumbent(problem: Problem, seconds: float) -> Incumbent | None:
 
 
 def _answer(planner: Planner, problem: Problem) -> Incumbent | None:
-    """A planner's answer, dilated until it keeps every limit, where that is possible."""
+    """Return a planner's answer, dilated until it keeps every limit, if that is possible."""
     answer = planner.solve(_two_sided(problem)).trajectory
     return None if answer is None else kept(problem, answer)
 
 
 def kept(problem: Problem, answer: Trajectory) -> Incumbent | None:
-    """A trajectory dilated until it keeps every limit, where that is possible."""
+    """Dilate a trajectory until it keeps every limit, if that is possible."""
     duration = verify(problem, answer).certified_duration
     trajectory = certified(problem, answer)
     if duration is None or trajectory is None:
@@ -69,7 +69,7 @@ def kept(problem: Problem, answer: Trajectory) -> Incumbent | None:
 
 
 def _two_sided(problem: Problem) -> Problem:
-    """With a limit so wide on the free side of a jerk limit that it costs next to nothing."""
+    """Replace the infinite side of one-sided jerk limits by one that costs next to nothing."""
     jerk = problem.limits.jerk
     limited = np.isfinite(jerk)
     sides_limited = limited.sum(axis=1)
@@ -77,7 +77,7 @@ def _two_sided(problem: Problem) -> Problem:
     if not one_sided.any():
         return problem
     sizes = np.where(limited, np.abs(jerk), 0.0)
-    wide = _FREE_SIDE * sizes.max(axis=1)
+    wide = _WIDE_JERK_FACTOR * sizes.max(axis=1)
     sides = np.stack([-wide, wide], axis=1)
     stands_in = ~limited
     stands_in[~one_sided] = False
@@ -86,7 +86,7 @@ def _two_sided(problem: Problem) -> Problem:
 
 
 def _planners(problem: Problem, seconds: float) -> list[Planner]:
-    """In the order in which they are asked; the first reference with an answer is the last one."""
+    """Return the planners in the order in which they are run, up to the first answer."""
     size = cells(problem)
     rate = _START_SECONDS_JERK if problem.has("jerk") else _START_SECONDS
     starts = int(np.clip(seconds / (rate * size), 1, _STARTS))

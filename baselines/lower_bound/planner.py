@@ -25,7 +25,7 @@ class Certify(Planner):
     Every kind of limit counts.
 
     Args:
-        within: Relative distance of upper and lower bound at which to stop.
+        within: Relative gap of upper and lower bound at which to stop.
         time_limit: Seconds, after which the bounds reached are the answer; building the model
             counts.
         family: `free` bounds every trajectory, `spline353` only the 3-5-3 splines with shared
@@ -50,7 +50,7 @@ class Certify(Planner):
             raise InvalidInput("joint", "a joint counted from 1", value=self.joint)
 
     def relation(self, problem: Problem) -> Relation:
-        """Lifting the other joints makes the answer a lower bound."""
+        """Leaving out the other joints makes the answer a lower bound."""
         if self.family == "spline353":
             return Relation.RESTRICTION
         return Relation.SAME if self.joint is None else Relation.RELAXATION
@@ -65,11 +65,11 @@ class Certify(Planner):
         return None
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The proof's two ends; without the upper one if it breaks a lifted limit.
+        """Return the lower bound, and the fastest trajectory known if it keeps every limit.
 
-        `stats`, about what was asked: `proof` (its status), `lower_bound` and `upper_bound`, s, and
-        `proved_within`; the last two are NaN where no trajectory is known. The arrays of
-        `dual_check.Proof` or `ratio_boxes.RatioProof` too: no solver need be believed.
+        `stats`: `proof` (its status), `lower_bound` and `upper_bound`, s, and `proved_within`; the
+        last two are NaN if no trajectory is known. Then the arrays of `dual_check.Proof` or
+        `ratio_boxes.RatioProof`, so that no solver has to be believed.
         """
         bound = self.bound(problem)
         if bound.status == "infeasible":
@@ -90,7 +90,7 @@ class Certify(Planner):
         return Solution(Status.SOLVED, bound.trajectory, message, lower_bound, stats=stats)
 
     def bound(self, problem: Problem) -> Bound:
-        """Both bounds, as `baselines.lower_bound.bound.certify` gives them."""
+        """Return both bounds, as `baselines.lower_bound.bound.certify` does."""
         from baselines.lower_bound.bound import certify
 
         index = None if self.joint is None else self.joint - 1
@@ -103,12 +103,12 @@ class Certify(Planner):
         )
 
     def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
-        """What the proof among a solution's `stats` proves, s, without a solver.
+        """Return the bound, s, that the proof among a solution's `stats` proves, without a solver.
 
-        None without a proof: then the bound is in closed form, or none at all.
+        None without a proof: the bound is in closed form, or there is no bound.
 
         Raises:
-            InvalidInput: The proof is not one of this problem, or damaged.
+            InvalidInput: The proof is damaged, or belongs to another problem.
         """
         from baselines.lower_bound import dual_check, ratio_boxes
         from baselines.lower_bound.bound import asked

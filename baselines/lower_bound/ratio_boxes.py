@@ -1,10 +1,10 @@
 """The best 3-5-3 spline with shared times, by branching on its two ratios (mathematics, section 5).
 
 With `r1 = t2/t1` and `r3 = t2/t3` every derivative of the quintic, times a power of `t2`, is a sum
-of `1, r1, r3, r1², r3²` at each normalised instant, and the cubics' jerk is one of `r1³, r3³`. The
-total time is `t2 (1 + 1/r1 + 1/r3)`. So a box of ratios holds no spline briefer than a cut-off if
+of `1, r1, r3, r1², r3²` at each normalised instant. The cubics' jerk is one of `r1³, r3³`. The
+total time is `t2 (1 + 1/r1 + 1/r3)`. So a box of ratios holds no spline shorter than a cut-off if
 one limit at one instant needs a longer `t2` everywhere in the box. The boxes that prove this, in
-the order in which they are found, are the proof, which is checked without a solver.
+the order in which they are found, are the proof. It is checked without a solver.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.spline353_nlp import MovingSpline
+from baselines.spline353_nlp import MovingSpline, Spline353NLP, initial_guesses
 from trajopt.core import polynomials
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
@@ -27,7 +27,17 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 # Exponents of `r1` and `r3` in the monomials.
-_EXPONENTS = np.array([[0, 0], [1, 0], [0, 1], [2, 0], [0, 2], [3, 0], [0, 3]], dtype=float)
+_EXPONENTS = np.array(
+    [
+        [0.0, 0.0],
+        [1.0, 0.0],
+        [0.0, 1.0],
+        [2.0, 0.0],
+        [0.0, 2.0],
+        [3.0, 0.0],
+        [0.0, 3.0],
+    ]
+)
 # Quintic Hermite polynomials of `h, v0, v1, a0, a1` on the unit interval, highest power first.
 _HERMITE = np.array(
     [
@@ -38,27 +48,30 @@ _HERMITE = np.array(
         [0.5, -1, 0.5, 0, 0, 0],
     ]
 ).T
-# Relative to the sum of all terms: more than a row's few hundred operations can round.
+# Bound on the rounding of a row's few hundred operations, relative to the sum of all terms.
 _ROUNDING_RTOL = 1e-12
 _START_INSTANTS = 33
 _MAX_INSTANTS = 2000
 _INSTANT_SOURCES_PER_ROUND = 4
 _BOXES_AT_ONCE = 2048
 _MAX_BOXES = 1_000_000
-# Logarithm of a ratio: in a smaller box rounding decides.
-_LEAST_WIDTH = 1e-10
+# Smallest width of a box, as the logarithm of a ratio: in a smaller one rounding decides.
+_MIN_LOG_WIDTH = 1e-10
+# The gap asked for is reached by steps of this factor, so that a time limit leaves a bound.
+_GAP_STEP = 10.0
+_FIRST_GAP = 1.0
 _PREFIX = "ratio_proof_"
 
 
 @dataclass(frozen=True, eq=False)
 class RatioProof:
-    """What proves that no 3-5-3 spline is briefer than a cut-off.
+    """A proof that no 3-5-3 spline is shorter than a cut-off.
 
     Attributes:
         cutoff: s, `(1,)`.
-        instants: Normalised instants of the quintic at which limits are asked, `(instants,)`.
-        leaves: Round by round, whether each box is proved (1) or halved (0), packed eight to a
-            number, `(bytes,)`.
+        instants: Normalised instants of the quintic at which the limits count, `(instants,)`.
+        leaves: Round by round, a bit per box: proved (1) or halved (0). Eight bits are packed into
+            a number, `(bytes,)`.
     """
 
     cutoff: Array
@@ -66,20 +79,63 @@ class RatioProof:
     leaves: Array
 
     def arrays(self) -> dict[str, Array]:
-        """By the names under which a trial stores them."""
+        """Return the arrays by the names under which a trial stores them."""
         return {_PREFIX + name: value for name, value in vars(self).items()}
 
     @classmethod
     def stored(cls, stats: Mapping[str, Any]) -> RatioProof | None:
-        """The proof among a trial's statistics, if there is one."""
+        """Return the proof among a trial's statistics, if there is one."""
         names = cls.__dataclass_fields__
         if not all(_PREFIX + name in stats for name in names):
             return None
         return cls(**{name: np.asarray(stats[_PREFIX + name], dtype=float) for name in names})
 
 
+class Proved(NamedTuple):
+    """Segment times (s) of the best spline known, and the proof of how much shorter others can be.
+
+    There is no proof where a segment is so short beside the others that rounding decides.
+    """
+
+    times: Array
+    proof: RatioProof | None
+
+
+def prove(problem: Problem, within: float, deadline: float) -> Proved:
+    """Search until no spline is shorter than the best one known by more than a given share.
+
+    Args:
+        problem: With four waypoints that differ from their neighbours, and some spline that keeps
+            the position limits.
+        within: Relative gap of both bounds at which to stop.
+        deadline: Of `time.perf_counter`. The proof of the last gap reached is the answer.
+    """
+    spline = MovingSpline(problem)
+    times = initial_guesses(spline, 1)[0]
+    if problem.displacements.any(axis=1).all():
+        optimum = Spline353NLP().solve(problem).trajectory
+        if optimum is not None:
+            times = np.diff(optimum.waypoint_times)
+    even = np.linspace(0, 1, _START_INSTANTS)
+    proof = None
+    reached = _FIRST_GAP
+    while reached > within:
+        gap = max(within, reached / _GAP_STEP)
+        ratios = Ratios(spline, times.sum() / (1 + gap))
+        instants = np.unique(np.append(even, _critical_instants(spline, times)))
+        outcome = ratios.search(instants, deadline)
+        if outcome.times is not None:
+            times = outcome.times
+        elif outcome.proof is not None:
+            proof = outcome.proof
+            reached = gap
+        else:
+            break
+    return Proved(times, proof)
+
+
 class Outcome(NamedTuple):
-    """How a search ended: with a proof, with a briefer spline's segment times (s), or neither."""
+    """Result of a search: a proof, or a shorter spline's segment times (s), or neither."""
 
     proof: RatioProof | None
     times: Array | None
@@ -89,8 +145,8 @@ class _Rows(NamedTuple):
     """Limits at instants: the monomials' sum is at most `t2^order`, or 0 for a position limit.
 
     Attributes:
-        coefficients: Of the monomials, over the limit, `(rows, 7)`.
-        orders: Of the derivative, `(rows,)`; 0 for position.
+        coefficients: Coefficients of the monomials, divided by the limit, `(rows, 7)`.
+        orders: Orders of the derivatives, `(rows,)`; 0 for position.
     """
 
     coefficients: Array
@@ -111,7 +167,7 @@ class Boxes(NamedTuple):
         return Boxes(self.low[chosen], self.high[chosen])
 
     def halved(self) -> Boxes:
-        """Both halves of each box, across its longer side."""
+        """Return both halves of each box, across its longer side."""
         width = self.high - self.low
         longer = width.argmax(axis=1)
         across = np.equal(longer[:, None], np.arange(2))
@@ -121,18 +177,13 @@ class Boxes(NamedTuple):
 
 
 class Ratios:
-    """All ratios of segment times of a problem's 3-5-3 splines that are briefer than a cut-off.
-
-    Args:
-        spline: Of the problem.
-        cutoff: s.
-    """
+    """All ratios of segment times of 3-5-3 splines that are shorter than a cut-off, s."""
 
     def __init__(self, spline: MovingSpline, cutoff: float) -> None:
         self.spline = spline
         self.cutoff = cutoff
         low, high = segment_times(spline, cutoff)
-        # Without displacement an outer segment takes no time: its ratio has no part in anything.
+        # An outer segment without displacement takes no time: nothing depends on its ratio.
         self.present = low[::2] > 0
         self.is_empty = bool(low.sum() * (1 - _ROUNDING_RTOL) > cutoff)
         outer_low = np.where(self.present, low[::2], 1.0)
@@ -145,7 +196,7 @@ class Ratios:
         self.root = Boxes(lowest[None], highest[None])
 
     def search(self, instants: Array, deadline: float) -> Outcome:
-        """Halve boxes until all are proved, a briefer spline is found, or time is over.
+        """Halve boxes until all are proved, a shorter spline is found, or time is over.
 
         Args:
             instants: Normalised instants to begin with.
@@ -158,20 +209,20 @@ class Ratios:
         while len(boxes.low):
             late = time.perf_counter() > deadline
             width = (boxes.high - boxes.low).max()
-            if late or width < _LEAST_WIDTH or len(boxes.low) > _MAX_BOXES:
+            if late or width < _MIN_LOG_WIDTH or len(boxes.low) > _MAX_BOXES:
                 return Outcome(None, None)
             rows = self._rows(instants)
             proved = self._proved(rows, boxes)
             flags.append(proved)
             rest = boxes.only(~proved)
-            briefer, instants = self._exchanged(rows, rest.centre, instants)
-            if briefer is not None:
-                return Outcome(None, briefer)
+            shorter, instants = self._exchanged(rows, rest.centre, instants)
+            if shorter is not None:
+                return Outcome(None, shorter)
             boxes = rest.halved()
         return Outcome(self._proof(instants, flags), None)
 
     def check(self, proof: RatioProof) -> bool:
-        """Whether the proof's boxes cover all ratios, and each one is proved."""
+        """Return whether the proof's boxes cover all ratios, and each one is proved."""
         if self.is_empty:
             return True
         packed = proof.leaves.astype(np.uint8)
@@ -218,10 +269,13 @@ class Ratios:
             tables.append(table)
             orders.append(0)
         counts = [len(table) for table in tables]
-        return _Rows(np.concatenate(tables), np.repeat(orders, counts))
+        return _Rows(
+            coefficients=np.concatenate(tables),
+            orders=np.repeat(orders, counts),
+        )
 
     def _position_tables(self, instants: Array, parts: Array) -> Iterator[Array]:
-        """How far a position is beyond each limit, over the joint's largest displacement."""
+        """Yield a position's distance beyond each limit, over the joint's largest displacement."""
         room = self.spline.room
         if room is None:
             return
@@ -235,9 +289,9 @@ class Ratios:
             yield _padded(beyond)
 
     def _exchanged(self, rows: _Rows, points: Array, instants: Array) -> tuple[Array | None, Array]:
-        """Segment times briefer than the cut-off among points, or more instants that exclude them.
+        """Return a shorter spline's segment times among points, or more instants that exclude them.
 
-        Points that some row excludes need neither.
+        Points that some row excludes already are left out.
         """
         points = points[(self._excess(rows, points) <= 0).all(axis=1)]
         if not len(points):
@@ -253,16 +307,16 @@ class Ratios:
         if len(instants) > _MAX_INSTANTS:
             return None, instants
         nearest = np.argsort(dilation)[:_INSTANT_SOURCES_PER_ROUND]
-        found = [critical_instants(self.spline, own) for own in times[nearest]]
+        found = [_critical_instants(self.spline, own) for own in times[nearest]]
         return None, np.unique(np.concatenate([instants, *found]))
 
     def _excess(self, rows: _Rows, points: Array) -> Array:
-        """Each row's sum minus the longest `t2` to the power of its order, `(points, rows)`."""
+        """Return each row's sum minus the longest `t2` to its order, `(points, rows)`."""
         sums = _monomials(points) @ rows.coefficients.T
         return np.asarray(sums - self._thresholds(points)[:, rows.orders])
 
     def _times(self, points: Array) -> Array:
-        """Segment times of points, with the cut-off as their sum, `(points, 3)`."""
+        """Return segment times of points, with the cut-off as their sum, `(points, 3)`."""
         shares = self._shares(points)
         middle = self.cutoff / (1 + shares.sum(axis=1))
         outer = np.maximum(shares, _ROUNDING_RTOL) * middle[:, None]
@@ -273,14 +327,14 @@ class Ratios:
         return np.where(self.present, np.exp(-points), 0.0)
 
     def _thresholds(self, points: Array) -> Array:
-        """The longest `t2` to the power of each order, `(points, 4)`; 0 for positions."""
+        """Return the longest `t2` to the power of each order, `(points, 4)`; 0 for positions."""
         longest = self.cutoff / (1 + self._shares(points).sum(axis=1))
         powers = longest[:, None] ** np.arange(4)
         powers[:, 0] = 0.0
         return np.asarray(powers)
 
     def _proved(self, rows: _Rows, boxes: Boxes) -> Flags:
-        """Which boxes hold no spline briefer than the cut-off."""
+        """Return which boxes hold no spline shorter than the cut-off."""
         parts = [np.zeros(0, dtype=bool)]
         for begin in range(0, len(boxes.low), _BOXES_AT_ONCE):
             chosen = slice(begin, begin + _BOXES_AT_ONCE)
@@ -289,12 +343,13 @@ class Ratios:
         return np.concatenate(parts)
 
     def _proved_at_once(self, rows: _Rows, boxes: Boxes) -> Flags:
-        """By the mean value theorem: a row at the centre less its largest slopes times half widths.
+        """Bound each row from below by the mean value theorem.
 
-        A row is a limit's sum of monomials minus the longest `t2` to the power of its order.
+        A row is a limit's sum of monomials minus the longest `t2` to the power of its order. It is
+        at least its value at the centre minus its largest slopes times half the widths.
         """
         at_centre = self._excess(rows, boxes.centre)
-        # A row that is negative at every centre proves none of these boxes.
+        # a row that is negative at every centre proves none of these boxes
         useful = (at_centre > 0).any(axis=0)
         orders = rows.orders[useful]
         coefficients = rows.coefficients[useful].T
@@ -323,12 +378,12 @@ class Ratios:
         return np.asarray((least > _ROUNDING_RTOL * rounded).any(axis=1))
 
     def _share_of_total(self, boxes: Boxes, side: int) -> tuple[Array, Array]:
-        """The least and the largest share of an outer segment in the total time, `(boxes,)`."""
+        """Return the least and the largest share of an outer segment in the total time."""
         other = 1 - side
         longest = self._shares(boxes.low)
-        briefest = self._shares(boxes.high)
-        low = briefest[:, side] / (1 + briefest[:, side] + longest[:, other])
-        high = longest[:, side] / (1 + longest[:, side] + briefest[:, other])
+        shortest = self._shares(boxes.high)
+        low = shortest[:, side] / (1 + shortest[:, side] + longest[:, other])
+        high = longest[:, side] / (1 + longest[:, side] + shortest[:, other])
         return low, high
 
 
@@ -356,23 +411,14 @@ def proved_bound(problem: Problem, proof: RatioProof) -> float:
     return float(cutoff[0])
 
 
-def start_instants(spline: MovingSpline, times: Array) -> Array:
-    """Evenly spread normalised instants, and those where limits can be worst at segment times."""
-    even = np.linspace(0, 1, _START_INSTANTS)
-    return np.unique(np.concatenate([even, critical_instants(spline, times)]))
-
-
-def critical_instants(spline: MovingSpline, times: Array) -> Array:
-    """The normalised instants of the quintic where a limit can be worst, `(instants,)`."""
-    rates = spline.rates(times)
-    if spline.room is not None:
-        rates.append(spline.position(times))
-    points = [polynomials.critical_points(rate).ravel() for rate in rates]
+def _critical_instants(spline: MovingSpline, times: Array) -> Array:
+    """Return the normalised instants of the quintic where a limit can be worst, `(instants,)`."""
+    points = [instants.ravel() for instants in spline.instants(times)]
     return np.clip(np.concatenate(points), 0.0, 1.0)
 
 
 def segment_times(spline: MovingSpline, total: float) -> tuple[Array, Array]:
-    """Least and most time of each segment where the total is at most so long, `(3,)` each, s.
+    """Return the least and the most time of each segment within a total, s, `(3,)` each.
 
     Without displacement an outer segment may take no time at all.
     """
@@ -387,7 +433,7 @@ def segment_times(spline: MovingSpline, total: float) -> tuple[Array, Array]:
     by_jerk = np.cbrt(6 * d / j)
     outer = np.maximum(np.maximum(by_velocity, by_acceleration), by_jerk)
 
-    # A joint that is back where it was stops on the way, from the ends' speeds 3 d1/t1 and 3 d3/t3.
+    # a joint that ends where it started stops on the way, from the speeds 3 d1/t1 and 3 d3/t3
     h = d[:, 1:2]
     braking = 3 * d[:, ::2] / (total * a)
     stop = np.where(h == 0, braking, 0)
@@ -399,23 +445,23 @@ def segment_times(spline: MovingSpline, total: float) -> tuple[Array, Array]:
 
 
 def _wider(limits: Array) -> Array:
-    """The larger of both sides' sizes, `(joints, 1)`."""
+    """Return the larger of both sides' sizes, `(joints, 1)`."""
     return np.asarray(np.abs(limits).max(axis=1)[:, None])
 
 
 def _monomials(points: Array) -> Array:
-    """`(points, 7)`."""
+    """Return the monomials at points, `(points, 7)`."""
     return np.asarray(np.exp(points @ _EXPONENTS.T))
 
 
 def _padded(table: Array) -> Array:
-    """Coefficients of the first five monomials as rows of all seven."""
+    """Complete coefficients of the first five monomials to rows of all seven."""
     rows = table.reshape(-1, 5)
     return np.pad(rows, ((0, 0), (0, 2)))
 
 
 def _cubes(displacements: Array, limits: Array) -> Array:
-    """Rows of the jerk of both cubics: `6 d1 r1³` and `6 d3 r3³`, over the limit."""
+    """Return rows of the jerk of both cubics: `6 d1 r1³` and `6 d3 r3³`, over the limit."""
     rows = np.zeros((2 * len(limits), 7))
     rows[: len(limits), 5] = 6 * displacements[:, 0] / limits
     rows[len(limits) :, 6] = 6 * displacements[:, 2] / limits

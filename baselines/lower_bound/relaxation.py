@@ -1,12 +1,12 @@
 """The relaxation behind the lower bound, every limit counted (docs/mathematics.md, section 5b).
 
-Per segment of duration `T`, in normalised time: real velocity `v`, scaled acceleration `α = a T`,
-scaled jerk `j T²`. Everything that a segment can do is linear in `T`, `S = 1/T`, `Q = T²` and the
-states at its ends; the rows that say so come from `costates.py`. What is left is one curve
-`(T, 1/T, T²)` a segment, and `α = a T` at both sides of a waypoint, whose acceleration `a` two
-segments share. Both are enclosed on a box of segment times and accelerations.
+A segment of duration `T` is described in normalised time, with velocity `v`, scaled acceleration
+`α = a T` and scaled jerk `j T²`. The inequalities of a segment are linear in `T`, `S = 1/T`,
+`Q = T²` and the states at its ends; `costates.py` computes them. Two relations are not linear: the
+curve `(T, 1/T, T²)` of each segment, and `α = a T` on both sides of a waypoint, whose acceleration
+`a` two segments share. Both are enclosed by rows on a box of segment times and accelerations.
 
-All values are in units that are powers of two, so that scaling rounds nothing.
+All values are in units that are powers of two, so scaling rounds nothing.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from trajopt.core.trajectory import Trajectory
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Outward, for quantities that take a few roundings: relative.
+# Outward rounding of quantities that take a few operations, relative.
 ROUNDING_RTOL = 2.0**-48
-# T, S, Q of a segment and the states at its ends: the entries of a row of costates.
+# Entries of a row of costates: T, S, Q of a segment and the states at its ends.
 ROW_ENTRIES = 7
 _MCCORMICK_ROWS = 4
 
@@ -39,7 +39,7 @@ class Rows(NamedTuple):
     bounds: Array
 
     def chosen(self, numbers: Indices) -> Rows:
-        """Some of them."""
+        """Return some of the rows."""
         return Rows(
             self.columns[numbers],
             self.coefficients[numbers],
@@ -47,7 +47,7 @@ class Rows(NamedTuple):
         )
 
     def single(self, number: int) -> Rows:
-        """One of them, as rows of one."""
+        """Return one of the rows."""
         one = slice(number, number + 1)
         return Rows(self.columns[one], self.coefficients[one], self.bounds[one])
 
@@ -63,7 +63,7 @@ def joined(parts: Sequence[Rows]) -> Rows:
 
 
 class Box(NamedTuple):
-    """Between what the variables lie, `(variables,)` each."""
+    """Bounds of the variables, `(variables,)` each."""
 
     low: Array
     high: Array
@@ -75,12 +75,12 @@ class Relaxation:
     A variable that a segment lacks (the motion rests at its ends) is the last one, always 0.
 
     Attributes:
-        cutoff: Only motions below this total time are asked about, in `time_unit`.
+        cutoff: Only motions shorter than this are asked about, in `time_unit`.
         h: Displacements, `(segments, joints)`; only joints that move count.
         v, a, j: Sizes of the limits, downwards and upwards, `(2, joints)`. Velocities are those
             that accelerating and braking within the cut-off can reach.
         jerky: Which joints have a jerk limit, on one side at least.
-        below, above: Room for positions, from each segment's start, `(segments, joints)`.
+        below, above: Position limits minus each segment's start, `(segments, joints)`.
         time, inverse, square: Variables `T`, `S`, `Q`, `(segments,)`.
         velocity, acceleration: Variables `v`, `a` of inner waypoints, `(segments − 1, joints)`.
         before, after: Variables `a T` of the segments before and after a waypoint, likewise.
@@ -107,7 +107,7 @@ class Relaxation:
         self.h = np.diff(waypoints, axis=0) / lengths
         self.a = _sizes(limits.acceleration[moving], lengths / time_unit**2)
         velocity = _sizes(limits.velocity[moving], lengths / time_unit)
-        # from rest to rest within the cut-off: peak / A1 + peak / A2 ≤ cut-off
+        # the motion starts and ends at rest: peak / A1 + peak / A2 ≤ cut-off
         reached = self.cutoff / (1 / self.a).sum(axis=0)
         reached *= 1 + ROUNDING_RTOL
         self.v = np.minimum(velocity, reached)
@@ -123,11 +123,11 @@ class Relaxation:
 
     @classmethod
     def of(cls, problem: Problem, cutoff: float) -> Relaxation:
-        """In units that suit it.
+        """Return the relaxation in units that suit the problem.
 
         Args:
             problem: Without identical consecutive waypoints.
-            cutoff: Only motions briefer than this are asked about, s.
+            cutoff: Only motions shorter than this are asked about, s.
         """
         time_unit = float(powers_of_two(cutoff / problem.segments))
         accelerations = np.abs(problem.limits.acceleration[problem.moving])
@@ -148,7 +148,7 @@ class Relaxation:
         self.variables = self.nothing + 1
 
     def at(self, problem: Problem, motion: Trajectory) -> Array:
-        """A motion's times, velocities and accelerations; the other variables are 0."""
+        """Return a motion's times, velocities and accelerations; other variables are 0."""
         x = np.zeros(self.variables)
         inner = motion.waypoint_times[1:-1]
         unit = self.time_unit
@@ -160,7 +160,7 @@ class Relaxation:
         return x
 
     def row_columns(self, segment: int, joint: int) -> Indices:
-        """The variables of one segment and joint.
+        """Return the variables of one segment and joint.
 
         Returns:
             `T, S, Q`, velocity at both ends, `α` at both ends: `(7,)`.
@@ -178,13 +178,13 @@ class Relaxation:
         return columns
 
     def total(self) -> Array:
-        """The objective `Σ T`, `(variables,)`."""
+        """Return the objective `Σ T`, `(variables,)`."""
         objective = np.zeros(self.variables)
         objective[self.time] = 1.0
         return objective
 
     def root_box(self) -> Box:
-        """Every motion below the cut-off lies in it."""
+        """Return a box that holds every motion below the cut-off."""
         low = np.zeros(self.variables)
         high = np.zeros(self.variables)
         # |h| ≤ V T
@@ -200,7 +200,7 @@ class Relaxation:
         return self.completed(Box(low, high))
 
     def completed(self, box: Box) -> Box:
-        """The box with what its times and accelerations say of `S`, `Q` and `a T`."""
+        """Return the box with the bounds of `S`, `Q` and `a T` that follow from the others."""
         low = box.low.copy()
         high = box.high.copy()
         shortest = low[self.time]
@@ -225,35 +225,21 @@ class Relaxation:
         return Box(low, high)
 
     def box_rows(self, box: Box) -> Rows:
-        """The cut-off, then what encloses the curves on a box: secants, then McCormick's rows."""
+        """Return the rows of a box: the cut-off, then secants, then McCormick's rows."""
         parts = (
             self._cutoff_row(),
             self._secants(box),
             self._mccormick(box),
         )
-        columns, coefficients, bounds = zip(*parts, strict=True)
-        return Rows(
-            np.concatenate(columns),
-            np.concatenate(coefficients),
-            np.concatenate(bounds),
-        )
-
-    def row_segments(self) -> Indices:
-        """Which segment's curve each of `box_rows` encloses; −1 for the cut-off."""
-        secants = np.repeat(self.time, 2)
-        each = np.tile(self.jerky, (self.segments - 1, 1))
-        inner, _ = np.nonzero(each)
-        before = np.repeat(inner, _MCCORMICK_ROWS)
-        after = before + 1
-        return np.concatenate([[-1], secants, before, after])
+        return joined(parts)
 
     @property
     def entries(self) -> int:
-        """A row's width; what it does not need multiplies nothing."""
+        """Width of a row. Entries that it does not need multiply the variable that is 0."""
         return max(ROW_ENTRIES, self.segments)
 
     def blank(self, count: int) -> Rows:
-        """Rows that say nothing yet."""
+        """Return rows of zeros."""
         shape = (count, self.entries)
         return Rows(
             np.full(shape, self.nothing),
@@ -315,12 +301,7 @@ class Relaxation:
                 rows.coefficients[corner, 2] = -sign * t
                 rows.bounds[corner] = -sign * x * t
             parts.append(rows)
-        before, after = parts
-        return Rows(
-            np.concatenate([before.columns, after.columns]),
-            np.concatenate([before.coefficients, after.coefficients]),
-            np.concatenate([before.bounds, after.bounds]),
-        )
+        return joined(parts)
 
     def tangent(self, segment: int, at: float) -> Rows:
         """`S ≥ 2/t − T/t²`, that is `−T − t² S ≤ −2t`, wherever `t > 0`."""
@@ -334,7 +315,7 @@ class Relaxation:
 
 
 def powers_of_two(values: Array | float) -> Array:
-    """Those next to positive values; 1 for 0."""
+    """Return the powers of two next to positive values; 1 for 0."""
     positive = np.where(np.equal(values, 0.0), 1.0, values)
     exponents = np.round(np.log2(positive))
     return np.asarray(2.0**exponents)
@@ -349,12 +330,12 @@ def _check_units(time_unit: float, lengths: Array, joints: int) -> None:
 
 
 def _sizes(pairs: Array, units: Array) -> Array:
-    """Sizes downwards and upwards, `(2, joints)`."""
+    """Return sizes downwards and upwards, `(2, joints)`."""
     return np.asarray(np.abs(pairs).T / units)
 
 
 def _products(low: Array, high: Array, shortest: Array, longest: Array) -> tuple[Array, Array]:
-    """The least and largest of `a T`, rounded outward."""
+    """Return the least and the largest of `a T`, rounded outward."""
     corners = np.stack(
         [
             low * shortest,
