@@ -1,4 +1,4 @@
-"""Where a robot's hand is, and the joint angles that put it there: Cartesian path to `Problem`.
+"""Forward and inverse kinematics, and the `Problem` of a Cartesian path.
 
 Modified Denavit–Hartenberg parameters (Craig), eq. 1 of Ma et al. 2024, for any chain of revolute
 joints. The analytic inverse is for the commonest arm: six joints, the second and third parallel to
@@ -10,10 +10,10 @@ A pose is a 4 x 4 homogeneous matrix, or SciPy's `RigidTransform`, which takes a
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,25 +33,29 @@ its back), elbow, and wrist (`s5 ≥ 0` or `s5 ≤ 0` in Table 1's convention)."
 
 _COLUMNS = ("a", "alpha", "d", "theta", "joint_range")
 _KEYS = {*_COLUMNS, "angle_unit", "convention", "name", "source"}
-_NUMBER_TYPES = {int, float, np.int64, np.float64}
 _TWISTS = np.array([0, -1, 0, -1, 1, -1]) * np.pi / 2  # Table 1's alpha
-_TOUCHING_SHARE = 1e-12  # of the arm's size: a wrist centre this near its reach's boundary is on it
-_ALIGNED_RAD = 1e-10  # below, axes 4 and 6 are one
-_ROUNDING_RAD = 1e-10  # an angle this far outside its range is at its end
-_TWIST_HALF_TURNS = 1e-12  # how far a twist may be from a multiple of a quarter turn
-_ORTHONORMAL = 1e-6  # largest entry of R Rᵀ − 1 that a rotation may have
+# A wrist centre this near the boundary of its reach is on it, relative to the arm's size.
+_TOUCHING_RTOL = 1e-12
+# Below this angle axes 4 and 6 are one.
+_ALIGNED_RAD = 1e-10
+# An angle this far outside its range is at its end.
+_ROUNDING_RAD = 1e-10
+# Largest difference of a twist from a multiple of a quarter turn, in half turns.
+_TWIST_HALF_TURNS = 1e-12
+# Largest entry of R Rᵀ − 1 that a rotation may have.
+_ORTHONORMAL_ATOL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Inverse:
     """All branches of each pose, in the order of `BRANCHES`; never NaN.
 
+    At a singular shoulder or elbow two branches coincide or turn about a free axis. At a singular
+    wrist (axes 4 and 6 aligned) the previous θ4 is kept.
+
     - `joints` `(…, 8, 6)`, rad: a branch that does not exist stretches towards the pose;
     - `exists` `(…, 8)`: whether the branch reaches the pose;
     - `in_range` `(…, 8)`: whether it exists and keeps every joint in its range;
-    - `singular` `(…, 8, 3)`: shoulder (wrist centre as near axis 1 as it gets), elbow (stretched or
-      folded), wrist (axes 4 and 6 aligned). At a singular shoulder or elbow its two branches
-      coincide or turn about a free axis; at a singular wrist the previous θ4 is kept;
     - `distance` `(…)`, m: how far the wrist centre is from the nearest one that some branch reaches
       with θ1 turned towards it: its distance from the reach if d2 + d3 = 0, else a bound above it.
     """
@@ -59,7 +63,6 @@ class Inverse:
     joints: Array
     exists: Mask
     in_range: Mask
-    singular: Mask
     distance: Array
 
 
@@ -149,11 +152,11 @@ class Robot:
         before = self._posture("previous", previous)
         signs, base, hand = _flips(self)
         lengths = np.abs([self.a, self.d])
-        near = _TOUCHING_SHARE * float(lengths.sum())
+        near = _TOUCHING_RTOL * float(lengths.sum())
         target = np.linalg.inv(base) @ _checked(pose)
         target = target @ hand
         free = signs * (before + self.theta)
-        joints, gap, singular = _solve(
+        joints, gap = _solve(
             self.a,
             signs * self.d,
             target,
@@ -168,7 +171,6 @@ class Robot:
             joints=q,
             exists=exists,
             in_range=exists & inside,
-            singular=singular & exists[..., None],
             distance=np.where(exists.any(axis=-1), 0.0, nearest),
         )
 
@@ -190,37 +192,21 @@ class Robot:
         half_turns = (self.alpha - _TWISTS) / np.pi
         off = half_turns - np.round(half_turns)
         square = np.abs(off) < _TWIST_HALF_TURNS
-        for joint in range(1, 6):
-            angle = "0 or ±pi" if joint == 2 else "±pi/2"
-            self._check_entry("alpha", joint, square[joint], angle)
-        a = self.a
-        d = self.d
-        # The last three axes meet in one point.
         meet = "0, as the last three axes meet"
-        self._check_entry("a", 4, a[4] == 0, meet)
-        self._check_entry("d", 4, d[4] == 0, meet)
-        self._check_entry("a", 5, a[5] == 0, meet)
-        # Both links of the elbow have a length.
         move = "not 0, as the elbow moves the wrist"
-        self._check_entry("a", 2, a[2] != 0, move)
-        lower = a[3] != 0 or d[3] != 0
-        self._check_entry("d", 3, lower, move)
-
-    def _check_entry(
-        self,
-        key: Literal["a", "alpha", "d"],
-        joint: int,
-        holds: bool,
-        expected: str,
-    ) -> None:
-        if not holds:
-            column = getattr(self, key)
-            raise InvalidInput(
-                key,
-                f"{expected}, for the analytic inverse",
-                value=column[joint],
-                joint=joint,
-            )
+        required = [("alpha", joint, square[joint], "±pi/2") for joint in (1, 3, 4, 5)]
+        required += [
+            ("alpha", 2, square[2], "0 or ±pi"),
+            ("a", 4, self.a[4] == 0, meet),
+            ("d", 4, self.d[4] == 0, meet),
+            ("a", 5, self.a[5] == 0, meet),
+            ("a", 2, self.a[2] != 0, move),
+            ("d", 3, self.a[3] != 0 or self.d[3] != 0, move),
+        ]
+        for key, joint, holds, expected in required:
+            if not holds:
+                right = f"{expected}, for the analytic inverse"
+                raise InvalidInput(key, right, value=getattr(self, key)[joint], joint=joint)
 
     def _angles(self, key: str, q: ArrayLike) -> Array:
         expected = f"{self.joints} finite angles in rad, one per joint"
@@ -361,41 +347,14 @@ def _flips(robot: Robot) -> tuple[Array, Array, Array]:
     return signs, base, hand
 
 
-class _Shoulder(NamedTuple):
-    """θ1, the wrist centre's distance forwards, how much too near axis 1 it is, singular or not."""
-
-    angle: Array
-    reach: Array
-    short: Array
-    singular: Mask
-
-
-class _Elbow(NamedTuple):
-    """θ2, θ3, how far the wrist centre is outside of the links' annulus, singular or not."""
-
-    upper_angle: Array
-    lower_angle: Array
-    short: Array
-    singular: Mask
-
-
-class _Wrist(NamedTuple):
-    """θ4, θ5, θ6, singular or not."""
-
-    first: Array
-    second: Array
-    third: Array
-    singular: Mask
-
-
 def _solve(
     a: Array,
     d: Array,
     pose: Array,
     free: Array,
     near: float,
-) -> tuple[Array, Array, Mask]:
-    """Angles `(…, 8, 6)`, each branch's distance from its pose `(…, 8)` m, and singularities."""
+) -> tuple[Array, Array]:
+    """Angles `(…, 8, 6)`, and each branch's distance from its pose, `(…, 8)`, m."""
     # The wrist's centre lies d6 behind the hand.
     hand = pose[..., :3, 3]
     approach = pose[..., :3, 2]
@@ -404,7 +363,7 @@ def _solve(
     y = centre[..., 1, None]
     z = centre[..., 2, None]
     shoulder_sign, elbow_sign, wrist_sign = BRANCHES.T
-    shoulder = _shoulder(
+    t1, reach, beside = _shoulder(
         x,
         y,
         offset=d[1] + d[2],
@@ -412,8 +371,8 @@ def _solve(
         free=free[..., 0],
         near=near,
     )
-    elbow = _elbow(
-        shoulder.reach - a[1],
+    t2, t3, beyond = _elbow(
+        reach - a[1],
         d[0] - z,
         upper=a[2],
         lower=(a[3], d[3]),
@@ -421,31 +380,17 @@ def _solve(
         free=free[..., 1],
         near=near,
     )
-    wrist = _wrist(
+    t4, t5, t6 = _wrist(
         pose[..., None, :3, :3],
-        shoulder.angle,
-        elbow.upper_angle + elbow.lower_angle,
+        t1,
+        t2 + t3,
         sign=wrist_sign,
         free=free[..., 3],
     )
-    angles = np.broadcast_arrays(
-        shoulder.angle,
-        elbow.upper_angle,
-        elbow.lower_angle,
-        wrist.first,
-        wrist.second,
-        wrist.third,
-    )
+    angles = np.broadcast_arrays(t1, t2, t3, t4, t5, t6)
     joints = np.stack(angles, axis=-1)
-    gap = np.hypot(shoulder.short, elbow.short)
-    gap = np.broadcast_to(gap, joints.shape[:-1])
-    singularities = np.broadcast_arrays(
-        shoulder.singular,
-        elbow.singular,
-        wrist.singular,
-    )
-    singular = np.stack(singularities, axis=-1)
-    return joints, gap, singular
+    gap = np.hypot(beside, beyond)
+    return joints, np.broadcast_to(gap, joints.shape[:-1])
 
 
 def _shoulder(
@@ -455,21 +400,22 @@ def _shoulder(
     sign: Array,
     free: Array,
     near: float,
-) -> _Shoulder:
-    """The wrist centre `(x, y)` stands `offset` beside the arm's plane, which turns by θ1."""
+) -> tuple[Array, Array, Array]:
+    """θ1, the wrist centre's distance forwards, and how much too near axis 1 it is.
+
+    The wrist centre `(x, y)` stands `offset` beside the arm's plane, which turns by θ1.
+    """
     r = np.hypot(x, y)
     inner = abs(offset)
-    singular = np.abs(r - inner) <= near
     # reach = ±√(r² − offset²), as a product: precise where the difference is small.
     beyond = np.maximum(r - inner, 0.0)
-    beyond = np.where(singular, 0.0, beyond)
+    beyond = np.where(beyond <= near, 0.0, beyond)
     reach = sign * np.sqrt(beyond) * np.sqrt(r + inner)
     # θ1 = atan2(y, x) − atan2(offset, reach)   (eq. 6)
     heading = np.arctan2(y, x)
     heading = np.where(r > near, heading, free)
     angle = heading - np.arctan2(offset, reach)
-    short = np.maximum(inner - r, 0.0)
-    return _Shoulder(angle, reach, short, singular)
+    return angle, reach, np.maximum(inner - r, 0.0)
 
 
 def _elbow(
@@ -480,24 +426,23 @@ def _elbow(
     sign: Array,
     free: Array,
     near: float,
-) -> _Elbow:
-    """Links of lengths `upper` and `|lower|` that reach `(u, w)` in the arm's plane (eq. 7)."""
+) -> tuple[Array, Array, Array]:
+    """θ2, θ3, and how far the wrist centre is outside the annulus that the links reach.
+
+    Links of lengths `upper` and `|lower|` reach `(u, w)` in the arm's plane (eq. 7).
+    """
     lower_length = np.hypot(*lower)
     inner = abs(abs(upper) - lower_length)
     outer = abs(upper) + lower_length
     rho = np.hypot(u, w)
     # Within the annulus, and on its rims where rounding would leave them.
-    touches_outer = np.abs(rho - outer) <= near
-    touches_inner = np.abs(rho - inner) <= near
     rim = np.clip(rho, inner, outer)
-    rim = np.where(touches_outer, outer, rim)
-    rim = np.where(touches_inner, inner, rim)
+    rim = np.where(np.abs(rho - outer) <= near, outer, rim)
+    rim = np.where(np.abs(rho - inner) <= near, inner, rim)
     # tan²(bend/2) = (outer² − ρ²)/(ρ² − inner²), factored: precise up to the stretched arm.
     beyond = (outer - rim) * (outer + rim)
     within = (rim - inner) * (rim + inner)
-    root_beyond = np.sqrt(beyond)
-    root_within = np.sqrt(within)
-    half = np.arctan2(root_beyond, root_within)
+    half = np.arctan2(np.sqrt(beyond), np.sqrt(within))
     straight = 0.0 if upper > 0 else np.pi
     bend = straight + 2 * sign * half
     # θ2 = atan2(w, u) − the angle at the shoulder between upper link and wrist centre
@@ -505,15 +450,12 @@ def _elbow(
     adjacent = upper + lower_length * np.cos(bend)
     elevation = np.arctan2(w, u)
     lift = elevation - np.arctan2(opposite, adjacent)
+    upper_angle = np.where(rho > near, lift, free)
     # θ3 counts from the lower link's x axis.
     along, across = lower
+    lower_angle = bend - np.arctan2(across, along)
     outside = np.maximum(rho - outer, inner - rho)
-    return _Elbow(
-        upper_angle=np.where(rho > near, lift, free),
-        lower_angle=bend - np.arctan2(across, along),
-        short=np.maximum(outside, 0.0),
-        singular=(rim == inner) | (rim == outer),
-    )
+    return upper_angle, lower_angle, np.maximum(outside, 0.0)
 
 
 def _wrist(
@@ -522,7 +464,7 @@ def _wrist(
     t23: Array,
     sign: Array,
     free: Array,
-) -> _Wrist:
+) -> tuple[Array, Array, Array]:
     """θ4, θ5, θ6 from `N = Rx(π/2) R36 = Rz(θ4) Ry(−θ5) Rz(θ6)`."""
     c1 = np.cos(t1)
     s1 = np.sin(t1)
@@ -540,10 +482,10 @@ def _wrist(
     n21, n22, n23 = second_row
     n33 = product[..., 2, 2]
     # Its last column is (−c4 s5, −s4 s5, c5): θ4 from the first two, unless they vanish.
-    singular = np.hypot(n13, n23) <= _ALIGNED_RAD
+    aligned = np.hypot(n13, n23) <= _ALIGNED_RAD
     flip = np.where(sign > 0, 0.0, np.pi)
     turned = np.arctan2(-sign * n23, -sign * n13)
-    t4 = np.where(singular, free + flip, turned)
+    t4 = np.where(aligned, free + flip, turned)
     # Rz(−θ4) N = Ry(−θ5) Rz(θ6)
     c4 = np.cos(t4)
     s4 = np.sin(t4)
@@ -551,8 +493,7 @@ def _wrist(
     t5 = np.arctan2(s5, n33)
     s6 = c4 * n21 - s4 * n11
     c6 = c4 * n22 - s4 * n12
-    t6 = np.arctan2(s6, c6)
-    return _Wrist(t4, t5, t6, singular)
+    return t4, t5, np.arctan2(s6, c6)
 
 
 def _representative(
@@ -593,7 +534,7 @@ def _checked(poses: Any) -> Array:
     # R Rᵀ = 1, det R > 0
     gram = rotation @ np.swapaxes(rotation, -1, -2)
     deviation = np.abs(gram - np.eye(3))
-    orthonormal = deviation.max(axis=entries) < _ORTHONORMAL
+    orthonormal = deviation.max(axis=entries) < _ORTHONORMAL_ATOL
     right_handed = np.linalg.det(rotation) > 0
     last_row = array[..., 3, :] == [0, 0, 0, 1]
     right = finite & orthonormal & right_handed & last_row.all(axis=-1)
@@ -660,51 +601,27 @@ def _columns(given: Mapping[str, Any]) -> dict[str, Array]:
     """The columns as new arrays, one row per joint, or the error that names the wrong entry."""
     columns: dict[str, Array] = {}
     for key, value in given.items():
-        entry = _RANGE if key == "joint_range" else _NUMBER
-        expected = f"one {entry.description} per joint"
-        _check_types(key, value, expected)
-        array = _array(key, value, entry.shape, expected)
+        is_range = key == "joint_range"
+        entry = "[low, high] with low < high" if is_range else "finite number"
+        expected = f"one {entry} per joint"
+        if _has_truth_value(value):
+            raise InvalidInput(key, expected, value=value)
+        array = _array(key, value, (2,) if is_range else (), expected)
         columns[key] = array
-        is_column = array.ndim == 1 + len(entry.shape)
+        is_column = array.ndim == 1 + is_range
         if not is_column or not 0 < len(array) == len(columns["a"]):
             raise InvalidInput(key, f"{expected} of a", value=array.tolist())
-        wrong = ~entry.right(array)
-        for joint in np.flatnonzero(wrong).tolist():
-            value = array[joint].tolist()
-            raise InvalidInput(key, expected, value=value, joint=joint)
+        right = np.isfinite(array)
+        if is_range:
+            low, high = array.T
+            right = low < high
+        for joint in np.flatnonzero(~right).tolist():
+            raise InvalidInput(key, expected, value=array[joint].tolist(), joint=joint)
     return columns
 
 
-def _check_types(key: str, value: Any, expected: str) -> None:
-    """Numbers only: NumPy would take truth values and texts of digits too."""
-    rows = value if isinstance(value, list | tuple) else ()
-    for joint, item in enumerate(rows):
-        entries = np.array(item, dtype=object)
-        types = {type(entry) for entry in entries.flat}
-        if types - _NUMBER_TYPES:
-            raise InvalidInput(key, expected, value=item, joint=joint)
-
-
-class _Entry(NamedTuple):
-    """What one joint has in a column."""
-
-    description: str
-    shape: tuple[int, ...]
-    right: Callable[[Array], Mask]
-
-
-def _ordered(rows: Array) -> Mask:
-    low, high = rows.T
-    return np.asarray(low < high)
-
-
-_NUMBER = _Entry(
-    "finite number",
-    shape=(),
-    right=np.isfinite,
-)
-_RANGE = _Entry(
-    "[low, high] with low < high",
-    shape=(2,),
-    right=_ordered,
-)
+def _has_truth_value(value: Any) -> bool:
+    """Whether a list, or a list in it, holds `True` or `False`, which NumPy takes for numbers."""
+    if isinstance(value, list):
+        return any(map(_has_truth_value, value))
+    return isinstance(value, bool)
