@@ -1,12 +1,12 @@
 """TOPP-RA: the fastest timing of a given path (Pham & Pham 2018), from the package `toppra`.
 
-The path's parameter counts gridpoints, and time is scaled to make the cheapest uniform path speed
-1, so that the solver, whose tolerances are absolute, sees numbers near 1 whatever the units and the
-size of the problem. The path's second derivative may jump at the path's breaks: each grid interval
-is held to the limits with its own piece's derivatives, at `_NODES` (toppra's own interpolation
-scheme takes the next piece's at the far end).
+The solver's tolerances are absolute. So the path's parameter counts gridpoints, and time is scaled
+to make the cheapest uniform path speed 1: the numbers are near 1 for any problem. The path's second
+derivative may jump at the path's breaks. So each grid interval keeps the limits with its own
+piece's derivatives, at `_NODES` (toppra's own interpolation scheme takes the next piece's at the
+far end).
 
-Between gridpoints the path acceleration is constant, so `s(t)` is quadratic and the answer is a
+Between gridpoints the path acceleration is constant. So `s(t)` is quadratic, and the answer is a
 piecewise polynomial of twice the path's degree, composed exactly.
 """
 
@@ -33,25 +33,25 @@ Array = NDArray[np.float64]
 Knots = Literal["uniform", "chord", "centripetal", "limit"]
 Ends = Literal["not-a-knot", "natural", "clamped"]
 
-# Where in each grid interval the acceleration limits are imposed.
+# Places in each grid interval at which the acceleration limits count.
 _NODES = (0.0, 0.5, 1.0)
-# Of a velocity limit, at the path's cheapest duration: the path stands still.
-_STILL_SHARE = 1e-9
-# Of the even share of gridpoints: what a short piece still gets.
+# A path stands still below this path velocity, relative to the limit at the cheapest duration.
+_STILL_RTOL = 1e-9
+# Gridpoints of a short piece, relative to an even share of all gridpoints.
 _SHORT_PIECE_SHARE = 0.25
-# Of the whole path: shorter pieces are one step, too short to lose time in.
-_INDIVISIBLE_SHARE = 1e-6
-# Of the even step: where the solver's rounding of speeds must be mended.
+# Shorter pieces are a single step, relative to the whole path.
+_INDIVISIBLE_RTOL = 1e-6
+# Steps so short that the solver's rounding of speeds is corrected, relative to the even step.
 _SHORT_STEP = 1e-2
-# Of a piece's largest coefficient: what its others may be on a line.
+# Smaller coefficients of a piece count as 0, relative to the largest one.
 _STRAIGHT_RTOL = 1e-9
-# Where in each piece its own timing's use of the limits is sampled.
+# Samples of each piece's own timing.
 _SAMPLES = np.linspace(0.0, 1.0, 9)[:, None, None]
-# Of the whole path: a piece shorter than that is none.
+# Shorter pieces are left out, relative to the whole path.
 _BREAK_RTOL = 1e-8
-# By which a start speed may exceed the highest possible one.
+# A start speed may exceed the highest possible one by this, relative.
 _SPEED_RTOL = 1e-6
-# Times the limits: a path's only timing may lie on the edge, rounding beyond it.
+# Factor on the limits if rounding makes a path infeasible whose only timing is at its limits.
 _WIDER = 1 + 1e-6
 # More than any path speed, in units of the cheapest uniform one.
 _FREE_SPEED = 1e2
@@ -85,7 +85,7 @@ class ToppRa(Planner):
         return None
 
     def along(self, problem: Problem, trajectory: Trajectory) -> Solution:
-        """The fastest timing of a given trajectory's path."""
+        """Return the fastest timing of a given trajectory's path."""
         return along(problem, trajectory, gridpoints=self.gridpoints)
 
     @passing_once
@@ -98,25 +98,17 @@ class ToppRa(Planner):
         return best_of(problem, solutions)
 
 
-def rules(knots: Knots | Literal["best"], ends: Ends | Literal["best"]) -> list[tuple[Knots, Ends]]:
-    """The knot and end rules that are meant, `best` being all."""
-    all_knots: tuple[Knots, ...] = get_args(Knots)
-    if knots != "best":
-        all_knots = (knots,)
-    all_ends: tuple[Ends, ...] = get_args(Ends)
-    if ends != "best":
-        all_ends = (ends,)
-    return list(product(all_knots, all_ends))
-
-
-def steps_by_rule(problem: Problem) -> dict[Knots, Array]:
-    """By how much the parameter grows in each segment, `(segments,)`, by knot rule."""
-    every: tuple[Knots, ...] = get_args(Knots)
-    return {rule: steps(problem, rule) for rule in every}
+def rules(knots: str = "best", ends: str = "best") -> list[tuple[Any, Any]]:
+    """Return the pairs of knot and end rules; `best` stands for all rules."""
+    return [
+        pair
+        for pair in product(get_args(Knots), get_args(Ends))
+        if knots in (pair[0], "best") and ends in (pair[1], "best")
+    ]
 
 
 def steps(problem: Problem, knots: Knots) -> Array:
-    """By how much the parameter grows in each segment, `(segments,)`."""
+    """Return the growth of the parameter in each segment, `(segments,)`."""
     if knots == "limit":
         return stop_times(problem.without("jerk"))
     if knots == "uniform":
@@ -128,10 +120,10 @@ def steps(problem: Problem, knots: Knots) -> Array:
 
 
 def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
-    """The cubic spline through the waypoints (no two consecutive ones alike), not timed yet.
+    """Return the cubic spline through the waypoints, before it is timed.
 
-    Its "time" is the path parameter. Not-a-knot is a parabola with three waypoints, a line
-    with two.
+    No two consecutive waypoints may be identical. The spline's "time" is the path parameter.
+    Not-a-knot is a parabola with three waypoints, a line with two.
     """
     import scipy  # late: planners that are only listed need none of it
 
@@ -148,17 +140,18 @@ def along(
     start_speed: float | None = None,
     end_speed: float | None = None,
 ) -> Solution:
-    """The fastest timing of any trajectory's path under the velocity and acceleration limits.
+    """Return the fastest timing of a trajectory's path under velocity and acceleration limits.
 
     `start_speed` and `end_speed` are path speeds `ds/dt` with the trajectory's own time as `s`: 1
-    is as timed. `None` means 0, or any where the path stands still (`q'(s) = 0`): the robot rests
-    there at whatever path speed. A trajectory from rest to rest is such a path. Held to path speed
-    0, it loses time at first order in the grid; left free, it can keep its own timing. Where it
-    leaves or reaches rest along a line `q0 + d s^m`, `m ≥ 3`, as a 3-5-3 spline does, the fastest
-    path speed there is infinite: the line itself is then the path, from path speed 0.
+    is its own speed. `None` means 0, or any speed if the path stands still (`q'(s) = 0`): the robot
+    rests there at any path speed. A trajectory from rest to rest is such a path. At path speed 0 it
+    would lose time at first order in the grid; with a free speed it can keep its own timing.
+
+    A 3-5-3 spline leaves and reaches rest along a line `q0 + d s^m`, `m ≥ 3`. The fastest path
+    speed there is infinite, so the line itself becomes the path, from path speed 0.
 
     Every break is a gridpoint, and each piece is cut evenly into steps of about `1/gridpoints` of
-    the whole. The claim holds at the gridpoints; certify it.
+    the whole. The limits hold at the gridpoints only: verify the answer.
     """
     scale = sampled_dilation(problem.without("jerk").limits, trajectory)
     if start_speed is None:
@@ -166,12 +159,7 @@ def along(
     if end_speed is None:
         trajectory = _reversed(_straightened(_reversed(trajectory)))
     speeds = (start_speed, end_speed)
-    attempts = [
-        (gridpoints, 1.0),
-        (gridpoints, _WIDER),
-        (3 * gridpoints, _WIDER),
-    ]
-    for size, wider in attempts:
+    for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER)):
         solution = _along(
             problem.limits,
             trajectory,
@@ -186,9 +174,9 @@ def along(
 
 
 def sampled_dilation(limits: Limits, path: Trajectory) -> float:
-    """The cheapest uniform dilation of a path's own timing, as `_SAMPLES` of each piece show it.
+    """Return the cheapest uniform dilation of a path's own timing at `_SAMPLES` of each piece.
 
-    It is a unit, not a verdict: a peak that the samples miss makes the numbers a little larger.
+    It serves as a unit: a peak between the samples makes other numbers a little larger.
     """
     lengths = np.diff(path.breaks)
     unit = polynomials.stretched(path.coefficients, lengths)
@@ -212,21 +200,21 @@ def _along(
     scale: float,
     wider: float,
 ) -> Solution:
-    """The same on one grid; `scale` is about the dilation that the path's own timing needs."""
+    """Time the path on one grid; `scale` is about the dilation that its own timing needs."""
     path = unit_path(trajectory, gridpoints)
     grid = cut(path)
     unit = scale * trajectory.duration / gridpoints  # of time, s
-    velocity = limits.velocity * unit * wider
-    acceleration = limits.acceleration * unit**2 * wider
-    own_limits = Limits(velocity, acceleration)
-
-    both_ends = [0.0, path.duration]
-    slopes = np.abs(path(both_ends, order=1))
-    still = slopes <= _STILL_SHARE * velocity[:, 1]
-    start_speed, end_speed = speeds
-    start = _speeds(start_speed, scale, bool(still[0].all()))
-    end = _speeds(end_speed, scale, bool(still[1].all()))
-
+    own_limits = Limits(
+        velocity=limits.velocity * unit * wider,
+        acceleration=limits.acceleration * unit**2 * wider,
+    )
+    slopes = np.abs(path([0.0, path.duration], order=1))
+    use = (slopes / own_limits.velocity[:, 1]).max(axis=1)
+    still = use <= _STILL_RTOL
+    start, end = [
+        _allowed_speeds(speed, scale, bool(rests))
+        for speed, rests in zip(speeds, still, strict=True)
+    ]
     path_speeds, reason = _path_speeds(
         grid,
         own_limits,
@@ -241,9 +229,9 @@ def _along(
 
 
 def best_of(problem: Problem, solutions: dict[str, Solution]) -> Solution:
-    """The solution of the shortest certified duration, with every candidate's result in `stats`.
+    """Return the solution of the shortest certified duration, with all results in `stats`.
 
-    A single one is left to the verifier of its trial.
+    A single solution is returned without being verified here.
     """
     if len(solutions) == 1:
         ((rule, only),) = solutions.items()
@@ -268,7 +256,7 @@ def best_of(problem: Problem, solutions: dict[str, Solution]) -> Solution:
 
 
 def _straightened(path: Trajectory) -> Trajectory:
-    """The same path, its first piece `q0 + d s^m`, `m ≥ 3`, as a line; the slope after it stays."""
+    """Turn a first piece `q0 + d s^m`, `m ≥ 3`, into a line; the slope at its end stays."""
     length = path.breaks[1]
     first = path.coefficients[:, 0]
     piece = polynomials.stretched(first, length)
@@ -300,7 +288,7 @@ def _straightened(path: Trajectory) -> Trajectory:
 
 
 def _reversed(path: Trajectory) -> Trajectory:
-    """The same path from its end to its start."""
+    """Reverse a path."""
     lengths = np.diff(path.breaks)
     ends = polynomials.shifted(path.coefficients, lengths[:, None])
     ends[-2::-2] *= -1
@@ -310,7 +298,7 @@ def _reversed(path: Trajectory) -> Trajectory:
 
 
 def unit_path(trajectory: Trajectory, length: float) -> Trajectory:
-    """The same path over [0, length], without its pieces too short for the solver."""
+    """Stretch a path to [0, length], without pieces that are too short for the solver."""
     scaled = trajectory.dilated(length / trajectory.duration)
     own = scaled.breaks
     apart = np.diff(own) > _BREAK_RTOL * own[-1]
@@ -329,9 +317,9 @@ class Grid(NamedTuple):
     """A path cut into steps.
 
     Attributes:
-        at: The path parameter at the gridpoints, `(N + 1,)`.
+        at: Path parameter at the gridpoints, `(N + 1,)`.
         step: Lengths of the steps, `(N,)`.
-        local: The path over each, polynomials on [0, 1], `(degree + 1, N, joints)`.
+        local: Path over each step, polynomials on [0, 1], `(degree + 1, N, joints)`.
     """
 
     at: Array
@@ -340,18 +328,16 @@ class Grid(NamedTuple):
 
 
 def cut(path: Trajectory) -> Grid:
+    """Cut a path into steps of about 1; every break is a gridpoint."""
     lengths = np.diff(path.breaks)
     shortest = path.duration * _SHORT_PIECE_SHARE / len(lengths)
     even = np.ceil(np.maximum(lengths, shortest)).astype(int)
-    indivisible = lengths < _INDIVISIBLE_SHARE * path.duration
+    indivisible = lengths < _INDIVISIBLE_RTOL * path.duration
     parts = np.where(indivisible, 1, even)
 
-    # of every step: its piece, and its number in it
+    # the piece of every step, and the step's number in its piece
     piece = np.repeat(np.arange(len(parts)), parts)
-    before = np.cumsum(parts) - parts
-    steps_before = np.repeat(before, parts)
-    number = np.arange(len(piece)) - steps_before
-
+    number = np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]
     even_steps = lengths / parts
     step = even_steps[piece]
     offset = number * step
@@ -363,18 +349,11 @@ def cut(path: Trajectory) -> Grid:
     return Grid(at, step, local)
 
 
-def _speeds(
-    speed: float | None,
-    scale: float,
-    still: bool,
-) -> tuple[float, float]:
-    """The interval of path speeds allowed at an end."""
+def _allowed_speeds(speed: float | None, scale: float, still: bool) -> tuple[float, float]:
+    """Return the lowest and highest path speed at an end."""
     if speed is not None:
-        scaled = speed * scale
-        return scaled, scaled
-    if still:
-        return 0.0, _FREE_SPEED
-    return 0.0, 0.0
+        return speed * scale, speed * scale
+    return 0.0, _FREE_SPEED if still else 0.0
 
 
 def _path_speeds(
@@ -383,7 +362,7 @@ def _path_speeds(
     start: tuple[float, float],
     end: tuple[float, float],
 ) -> tuple[Array | None, str]:
-    """The path speed at every gridpoint, or None and why not."""
+    """Return the path speed at every gridpoint, or None and the reason."""
     interval = grid.at[[0, -1]]
     algorithm = backend("toppra").algorithm.TOPPRA(
         [_constraint(grid, limits)],
@@ -394,7 +373,7 @@ def _path_speeds(
     controllable = algorithm.compute_controllable_sets(*end)
     if not np.isfinite(controllable).all():
         return None, "the path cannot be followed to its end"
-    # The package takes one end speed; here the end's whole interval is allowed.
+    # the package takes a single end speed; here the whole interval is allowed
     algorithm.compute_controllable_sets = lambda *_: controllable
     fastest = float(np.sqrt(controllable[0, 1]))
     slowest_start, fastest_start = start
@@ -418,9 +397,9 @@ def _smoothed(
     accelerations: Array,
     step: Array,
 ) -> Array:
-    """The speeds, with the solver's own path acceleration on very short steps.
+    """Replace the speeds on very short steps by those of the solver's own path acceleration.
 
-    The solver lowers squared speeds by 1e-8 here and there, which is a large acceleration there.
+    The solver lowers some squared speeds by 1e-8, which is a large acceleration over such a step.
     """
     squared = speeds**2
     short = np.flatnonzero(step < _SHORT_STEP)
@@ -434,17 +413,20 @@ def _smoothed(
 
 
 def _constraint(grid: Grid, limits: Limits) -> Any:
-    """Both limits on every grid interval, as toppra's `a u + b x + c ≤ 0` and `x ≤ bound`.
+    """Return both limits on every grid interval as toppra's `a u + b x + c ≤ 0` and `x ≤ bound`.
 
-    With path acceleration `u`, and path speed squared `x` where the interval starts, the joints'
-    acceleration is `q'(s) u + q''(s) (x + 2 (s − s_i) u)`. Velocity is held to its limit at the
-    gridpoints and between them: from rest a path may reach it within one interval. Beside a point
-    where the path stands still the fastest speed falls from `_FREE_SPEED` like `1/s`, so that over
-    the first steps velocity exceeds its limit elsewhere, the more the larger the unit makes that
-    speed (`edges-slow` along the clamped spline over chords: 2 %).
+    With path acceleration `u`, and the squared path speed `x` where the interval starts, the
+    joints' acceleration is
+
+        q'(s) u + q''(s) (x + 2 (s − s_i) u).
+
+    The velocity limits count at the gridpoints and in the middle: from rest a path may reach its
+    limit within one interval. Beside a point where the path stands still, the fastest speed falls
+    from `_FREE_SPEED` like `1/s`. Velocity exceeds its limit between the nodes there; the excess
+    grows with the unit's speed (2 % for `edges-slow` along the clamped spline over chords).
     """
     step = grid.step[:, None]
-    # a joint at rest keeps its limits: its rows would only cost the solver time
+    # a joint at rest keeps its limits: its rows are left out
     moves = grid.local[:-1].any(axis=(0, 1))
     local = grid.local[:, :, moves]
     limits = limits.only(moves)
@@ -469,7 +451,7 @@ def _constraint(grid: Grid, limits: Limits) -> Any:
     middle = _normalised(step * square, square, -(top**2))
     rows.append(middle)
 
-    # beside each other, for every step; toppra asks for one more at the end
+    # beside each other, for every step; toppra needs one more at the end
     a, b, c = np.concatenate(rows, axis=2)[:, [*range(len(step)), -1]]
     bounds = _speed_bounds(first, limits.velocity)
     # toppra's F (a u + b x + c) ≤ g, and no limit on u alone
@@ -488,19 +470,15 @@ def _normalised(
     b: Array,
     c: Array,
 ) -> Array:
-    """Each row over its largest coefficient, `(3, …)`: the solver's tolerances are absolute."""
+    """Divide each row by its largest coefficient, `(3, …)`, for the absolute tolerances."""
     largest = np.maximum(np.abs(a), np.abs(b))
     constant = np.abs(c) / _FREE_SPEED**2
-    rows = np.empty((3, *a.shape))
-    rows[0] = a
-    rows[1] = b
-    rows[2] = c
-    rows /= np.maximum(largest, constant)
-    return rows
+    rows = np.stack(np.broadcast_arrays(a, b, c))
+    return rows / np.maximum(largest, constant)
 
 
 def _speed_bounds(first: Array, velocity: Array) -> Array:
-    """`0 ≤ x ≤ (V / q')²` at the gridpoints, `(N + 1, 2)`."""
+    """Return the bounds `0 ≤ x ≤ (V / q')²` at the gridpoints, `(N + 1, 2)`."""
     last = first[:, -1:].sum(axis=0)
     slope = np.concatenate([first[-1], last])
     slowest, fastest = velocity.T
@@ -518,7 +496,7 @@ def timed(
     speeds: Array,
     waypoints: Array,
 ) -> Trajectory:
-    """The path at `s(t)`, quadratic on each interval; `waypoints` are parameters."""
+    """Return the path at `s(t)`, quadratic on each interval; `waypoints` are parameters."""
     # a step takes 2 Δ/(v_i + v_(i+1)); over it, s = c w + (1 − c) w² with w = time/step's time
     before = speeds[:-1]
     sums = speeds[1:] + before
@@ -540,7 +518,7 @@ def timed(
 
 
 def _composed(local: Array, linear: Array) -> Array:
-    """`p(c w + (1 − c) w²)` by Horner's rule, all on [0, 1]: twice the degree."""
+    """Return `p(c w + (1 − c) w²)` by Horner's rule, all on [0, 1]: twice the degree."""
     result = local[:1]
     for row in local[1:]:
         zero = np.zeros_like(result[:1])

@@ -1,12 +1,16 @@
 """Other people's planners, one file each, run as their authors run them.
 
-One rule for all: `tries` settings of the package, each a complete run of it, and the answer whose
-certified duration is shortest. The first setting is that of the package's own example, so `tries=1`
-is what its documentation shows; twelve is the effort that every one of them gets. Each file lists
-what it chooses and from which source.
+All of them follow one rule: run the package with up to twelve settings, and return the answer of
+the shortest certified duration. The first setting is that of the package's own example, so
+`tries=1` is what its documentation shows. Each file lists its choices and their sources.
 
-Each is an extra of this package (`pip install "trajopt[rivals]"` for all), runs on request, and is
-judged as every other planner is.
+Each package is an extra (`pip install "trajopt[rivals]"` for all). These planners run on request,
+and are judged as every other planner is.
+
+- `drake_toppra.py`, `totg.py`: the fastest timing of a path;
+- `copp.py`: the same under jerk limits;
+- `drake_kto.py`: the fastest B-spline;
+- `minsnap.py`: splines of least snap.
 """
 
 from __future__ import annotations
@@ -38,7 +42,7 @@ Tried = Callable[..., Solution]
 class Rival(Planner):
     """Someone else's planner: the best of its first `tries` settings.
 
-    - `tries`: how many of its twelve settings are run. 1: that of its authors' own example.
+    - `tries`: number of its settings that are run. 1: the setting of its authors' own example.
     """
 
     tries: int = TRIES
@@ -52,7 +56,7 @@ class Rival(Planner):
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of its tries. `stats`: the setting, and every setting's result."""
+        """Return the best of its tries. `stats`: the setting, and every setting's result."""
         solutions = {}
         for setting in self.settings[: self.tries]:
             name = "/".join(map(str, setting))
@@ -61,20 +65,19 @@ class Rival(Planner):
 
     @abstractmethod
     def tried(self, problem: Problem, *setting: Any) -> Solution:
-        """The package's answer with one of the settings."""
+        """Return the package's answer with one of the settings."""
 
 
 def splines_after(first: Setting) -> list[Setting]:
-    """The twelve splines through the waypoints, knots and ends, with the authors' own first."""
-    every: list[Setting] = list(rules("best", "best"))
-    return [first, *(spline for spline in every if spline != first)]
+    """Return the twelve splines through the waypoints, the authors' own one first."""
+    return [first, *(spline for spline in rules() if spline != first)]
 
 
 def in_own_units(tried: Tried) -> Tried:
-    """Let a `tried` method see lengths and times near 1, whatever units the problem has.
+    """Give a `tried` method lengths and times near 1: the packages' tolerances are absolute.
 
-    Others' solvers have absolute tolerances. The unit of time is that of stopping at every
-    waypoint, the unit of length the largest displacement of all joints.
+    The unit of time is the time of stopping at every waypoint, the unit of length the largest
+    displacement of all joints.
     """
 
     @wraps(tried)
@@ -97,7 +100,7 @@ def in_own_units(tried: Tried) -> Tried:
 
 
 def _in_units(problem: Problem, length: float, second: float) -> Problem:
-    """The problem with lengths counted in `length`, rad, and times in `second`, s."""
+    """Return the problem with lengths in units of `length`, rad, and times of `second`, s."""
     rate = second / length
     limits = Limits(
         velocity=problem.limits.velocity * rate,

@@ -3,9 +3,9 @@
 Without jerk limits COPP's reachability analysis gives path speeds between which the path
 acceleration is constant: composed exactly. With them its second-order cone program gives path speed
 and acceleration at the gridpoints, from a jerk limit that is linearised around the previous answer.
-What runs between the gridpoints is then the quintic Hermite piece, as a controller would run it.
+Between the gridpoints runs the quintic Hermite piece, as a controller would run it.
 
-What is chosen, and whence (repository TOPP-THU/copp):
+Choices and their sources (repository TOPP-THU/copp):
 
 - the first path, COPP's own quintic through the waypoints (`Path.from_waypoints`); 1001 gridpoints;
   the reachability analysis as first linearisation, two programs; almost solved is accepted: all
@@ -46,7 +46,7 @@ _PROGRAMS = 2
 class Copp(Rival):
     """COPP along a spline, jerk limits kept at gridpoints; the best of twelve splines.
 
-    - `tries`: how many splines. 1: COPP's own quintic, as its examples have it.
+    - `tries`: number of splines. 1: COPP's own quintic, as in its examples.
     """
 
     requires = ("copp_py",)
@@ -94,7 +94,7 @@ class Copp(Rival):
         return _sampled(derivatives, profile, np.asarray(times), grid, unit.waypoint_times)
 
     def _third_order(self, copp: Any, robot: Any, squared: Array) -> Any:
-        """Squared path speeds and path accelerations, from those without jerk limits."""
+        """Return squared path speeds and path accelerations under jerk limits."""
         topp3 = copp.solver.topp3_socp
         options = copp.clarabel.Options(allow_almost_solved=True)
         robot.constraints.amax_substitute(squared, 0)
@@ -106,7 +106,7 @@ class Copp(Rival):
 
 
 def _quintic(problem: Problem, copp: Any) -> Trajectory:
-    """COPP's own spline through the waypoints, over [0, 1]."""
+    """Return COPP's own spline through the waypoints, over [0, 1]."""
     path = copp.Path.from_waypoints(problem.waypoints)
     first, last = path.s_range
     knots = np.linspace(first, last, len(problem.waypoints))
@@ -122,13 +122,13 @@ def _quintic(problem: Problem, copp: Any) -> Trajectory:
 
 
 def _sides(bounds: Array) -> tuple[Array, Array]:
-    """Upper and lower limits, as COPP takes them."""
+    """Return upper and lower limits, as COPP takes them."""
     low, high = bounds.T
     return high.copy(), low.copy()
 
 
 def _derivatives(grid: Grid) -> list[Array]:
-    """The path and its first three derivatives at all gridpoints, each `(gridpoints, joints)`."""
+    """Return the path and three derivatives at all gridpoints, each `(gridpoints, joints)`."""
     step = grid.step[:, None]
     derivatives = []
     for order in range(4):
@@ -146,7 +146,7 @@ def _sampled(
     grid: Grid,
     waypoints: Array,
 ) -> Trajectory:
-    """The motion through the gridpoints with their positions, velocities and accelerations."""
+    """Return the motion through the gridpoints' positions, velocities and accelerations."""
     position, slope, bend, _ = derivatives
     squared = np.maximum(np.asarray(profile.a), 0.0)[:, None]
     path_acceleration = np.asarray(profile.b)[:, None]

@@ -4,7 +4,7 @@ A B-spline on uniform knots whose control points and duration are free. It passe
 share of its duration that the user has to choose: here in the proportions of a rule. Drake keeps
 the limits at the control points of the derivatives, hence everywhere. The B-spline is the answer.
 
-What is chosen, and whence (repositories RobotLocomotion/drake and RussTedrake/manipulation):
+Choices and their sources (repositories RobotLocomotion/drake and RussTedrake/manipulation):
 
 - order 4, cubic: the default of `KinematicTrajectoryOptimization`;
 - 10 control points in every segment at first: `book/trajectories/
@@ -37,7 +37,7 @@ from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 
-# Times the time of stopping at every waypoint: where the solver starts.
+# Initial guess of the duration, relative to the time of stopping at every waypoint.
 _SLOWER = 1.5
 _RULES: tuple[Knots, ...] = ("uniform", "limit", "chord", "centripetal")
 
@@ -46,9 +46,9 @@ _RULES: tuple[Knots, ...] = ("uniform", "limit", "chord", "centripetal")
 class DrakeKto(Rival):
     """Drake's fastest B-spline on uniform knots; by default the best of twelve programs.
 
-    - `tries`: how many, of three numbers of control points and four rules of passing times. 1: ten
-      control points in every segment, waypoints passed at even times;
-    - `order`: of the B-spline, one more than its degree; Drake's own default is 4, cubic.
+    - `tries`: number of programs: three numbers of control points, four rules of passing times. 1:
+      ten control points in every segment, waypoints passed at even times;
+    - `order`: order of the B-spline, its degree plus one; Drake's own default is 4, cubic.
     """
 
     order: Literal[4, 5, 6, 8] = 4
@@ -88,7 +88,7 @@ class DrakeKto(Rival):
 
 
 def _limit(search: Any, problem: Problem) -> None:
-    """The problem's limits, and rest at both ends: without acceleration where jerk is limited."""
+    """Add the limits, and rest at both ends (without acceleration under jerk limits)."""
     nothing = np.zeros(problem.joints)
     limits = problem.limits
     for share in (0.0, 1.0):
@@ -104,7 +104,7 @@ def _limit(search: Any, problem: Problem) -> None:
 
 
 def _polynomials(answer: Any, shares: Array) -> Trajectory:
-    """Drake's B-spline as polynomials between its knots."""
+    """Return Drake's B-spline as polynomials between its knots."""
     import scipy  # late: planners that are only listed need none of it
 
     basis = answer.basis()

@@ -3,12 +3,12 @@
 The path is a cubic spline through the waypoints, given to Drake by its slopes at the knots. Drake
 returns `s(t)` with constant acceleration between gridpoints, so the answer is composed exactly.
 
-What is chosen, and whence (repository RobotLocomotion/drake):
+Choices and their sources (repository RobotLocomotion/drake):
 
 - the first path, a clamped spline with knots spaced evenly: as `multibody/optimization/test/
   toppra_test.cc` makes it;
 - acceleration limits by interpolation: the default of `AddJointAccelerationLimit`;
-- 1000 intervals: ours. `CalcGridPoints` refines from 100.
+- 1000 intervals: our choice. `CalcGridPoints` refines from 100.
 
     from baselines.third_party.drake_toppra import DrakeToppra
     solution = DrakeToppra().solve(problem)
@@ -36,7 +36,7 @@ _GRIDPOINTS = 1000
 class DrakeToppra(Rival):
     """Drake's TOPP-RA along a cubic spline; by default the best of twelve splines.
 
-    - `tries`: how many splines. 1: knots spaced evenly, clamped, as Drake's own test has it.
+    - `tries`: number of splines. 1: evenly spaced knots, clamped, as in Drake's own test.
     """
 
     requires = (
@@ -88,7 +88,7 @@ def _plant(joints: int, plants: Any, tree: Any) -> Any:
 
 
 def _drakes(path: Trajectory, trajectories: Any) -> Any:
-    """The same cubic spline as Drake's own."""
+    """Return the cubic spline as a trajectory of Drake's."""
     at = path.breaks
     slopes = path(at, order=1)
     return trajectories.PiecewisePolynomial.CubicHermite(at, path(at).T, slopes.T)

@@ -1,18 +1,18 @@
 """Minimum-snap splines, from the package `minsnap-trajectories` (Mellinger and Kumar 2011).
 
-Of all splines of one degree through the waypoints at given times the one with the least snap (or
-jerk, or acceleration) squared; the whole is then dilated until the limits hold, which leaves the
-path as it is. Its polynomials are the answer: nothing is sampled.
+The package returns the spline of one degree through the waypoints at given times that has the
+least snap (or jerk, or acceleration) squared. The spline is then dilated until the limits hold,
+which does not change the path. Its polynomials are the answer: nothing is sampled.
 
-What is chosen, and whence:
+Choices and their sources:
 
 - the first setting: degree 8, least jerk and snap, continuous to the third derivative, closed form,
   equal times: `example/example.py` and README (repository Hs293Go/minsnap_trajectories);
-- the others optimise the ratios of the times, as Mellinger and Kumar do (ICRA 2011, optimal segment
-  times); what is minimised is the dilated duration, which is judged here, not the snap. Where that
-  leaves position limits, which the package does not know, the ratios of the start are kept;
-- their degree is 5: the closed form is that of least jerk then, and is wrong beyond (in version
-  0.3, between two points at rest and with degree 8, it leaves 1222 where 720 is least).
+- the other settings optimise the ratios of the times, as Mellinger and Kumar do (ICRA 2011, optimal
+  segment times). They minimise the dilated duration instead of the snap. The first ratios are kept
+  if the result leaves its position limits, which the package does not support;
+- their degree is 5, where the closed form has the least jerk. It is wrong for higher degrees
+  (version 0.3, degree 8, two points at rest: 1222, but 720 is the minimum).
 
     from baselines.third_party.minsnap import MinSnap
     solution = MinSnap().solve(problem)
@@ -39,22 +39,22 @@ from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 
-# Of the derivatives that are kept small.
+# Orders of the derivatives that are minimised.
 _ORDERS: dict[str, int | tuple[int, ...]] = {
     "acceleration": 2,
     "jerk": 3,
     "snap": 4,
     "jerk and snap": (3, 4),
 }
-# Splines tried for each ratio of times.
-_SPLINES_PER_RATIO = 40
+# Evaluations of the search, per segment.
+_EVALUATIONS_PER_SEGMENT = 40
 
 
 @dataclass(frozen=True)
 class MinSnap(Rival):
     """Splines of least snap, jerk or acceleration, dilated; the best of twelve, times optimised.
 
-    - `tries`: how many settings. 1: degree 8, equal times, as the package's own example has it.
+    - `tries`: number of settings. 1: degree 8, equal times, as in the package's own example.
     """
 
     requires = ("minsnap_trajectories",)
@@ -86,7 +86,7 @@ class MinSnap(Rival):
                 answers.append(timed.dilated(verify(problem, timed).dilation))
         except (RuntimeError, ValueError) as error:
             return Solution(Status.FAILED, message=str(error))
-        # the search knows no position limits: where it leaves them, its start may not
+        # the search ignores position limits: its start may keep them if its end does not
         valid = [answer for answer in answers if verify(problem, answer).valid]
         shortest = min(valid or answers, key=lambda answer: answer.duration)
         return Solution(Status.SOLVED, shortest)
@@ -99,14 +99,14 @@ def spline(
     degree: int,
     package: Any,
 ) -> Trajectory:
-    """The package's spline of a degree, its segments of such durations, s."""
+    """Return the package's spline of a degree, with segments of these durations, s."""
     times = np.r_[0.0, np.cumsum(durations)]
     waypoints = [
         package.Waypoint(time=float(t), position=q)
         for t, q in zip(times, problem.waypoints, strict=True)
     ]
     with warnings.catch_warnings():
-        # of ill-conditioned systems: what comes of them is judged like anything else
+        # the package warns of ill-conditioned systems; their results are judged too
         warnings.simplefilter("ignore")
         found = package.generate_trajectory(
             waypoints,
@@ -125,12 +125,12 @@ def optimised(
     durations: Array,
     at: Callable[[Array], Trajectory],
 ) -> Array:
-    """The times of the segments whose spline is shortest once dilated, by Powell's method.
+    """Return the segment times whose spline is shortest once dilated, by Powell's method.
 
     Args:
-        problem: with the limits.
-        durations: where the search begins, s, `(segments,)`. Only their ratios matter.
-        at: the spline at such times.
+        problem: Its limits count.
+        durations: First times of the search, s, `(segments,)`. Only their ratios matter.
+        at: Returns the spline of given times.
     """
     import scipy  # late: planners that are only listed need none of it
 
@@ -138,7 +138,7 @@ def optimised(
         timed = at(durations * np.exp(logarithms))
         return sampled_dilation(problem.limits, timed) * timed.duration
 
-    evaluations = _SPLINES_PER_RATIO * problem.segments
+    evaluations = _EVALUATIONS_PER_SEGMENT * problem.segments
     start = np.zeros(problem.segments)
     options = {"maxfev": evaluations, "ftol": 1e-4, "xtol": 1e-3}
     found = scipy.optimize.minimize(dilated, start, method="Powell", options=options)

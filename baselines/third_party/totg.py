@@ -10,14 +10,14 @@ TOTG returns time, velocity and acceleration in the middle of every circle. The 
 a quintic from middle to middle with the circles' tangents and curvatures, at its path speeds, with
 constant path acceleration from middle to middle.
 
-What is chosen, and whence (repositories moveit/moveit2 and tesseract-robotics/tesseract_planning):
+Choices and their sources (repositories moveit/moveit2 and tesseract-robotics/tesseract_planning):
 
 - a circle may leave its corner by 0.1 rad: `DEFAULT_PATH_TOLERANCE`, the default of both;
-- the first path: knots spaced evenly, ours, since MoveIt's paths come from a planner;
-- 20 points in every segment: ours; more take it ten times as long and change 0.3 %;
-- points are never left out (`min_angle_change`): ours, since no two of them are alike;
-- Tesseract counts the points in one more joint, without limits: as its `totg/src/
-  time_optimal_trajectory_generation.cpp` does, so that circles are those of such points.
+- the first path: evenly spaced knots, our choice, since MoveIt's paths come from a planner;
+- 20 points in every segment: our choice; more points change 0.3 % and take ten times as long;
+- points are never left out (`min_angle_change`): our choice, since all points differ;
+- Tesseract counts the points in one more joint without limits, and so do the circles here
+  (`totg/src/time_optimal_trajectory_generation.cpp`).
 
     from baselines.third_party.totg import Totg
     solution = Totg().solve(problem)
@@ -42,16 +42,16 @@ from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
 
-# rad/s³, no limit: the package asks for one and does not use it.
+# Jerk limit that the package requires and does not use, rad/s³.
 _JERK = 1000.0
-# rad: how far a circle may leave its corner.
+# Distance of a circle from its corner, rad.
 _TOLERANCE = 0.1
-# rad: nearer points are left out.
+# Distance below which the package leaves points out, rad.
 _SAME_POINT = 1e-9
 _POINTS_PER_SEGMENT = 20
-# Each brings the points four times nearer to where they belong.
+# Corrections of the corners; each reduces the error to a quarter.
 _CORRECTIONS = 25
-# Least difference of two directions: less is a straight line.
+# Smallest difference of two directions, against division by 0 on a straight line.
 _LEAST_TURN = 1e-12
 
 
@@ -59,7 +59,7 @@ _LEAST_TURN = 1e-12
 class Totg(Rival):
     """MoveIt's TOTG (Tesseract's) along a cubic spline; by default the best of twelve splines.
 
-    - `tries`: how many splines. 1: knots spaced evenly, not-a-knot.
+    - `tries`: number of splines. 1: evenly spaced knots, not-a-knot.
     """
 
     requires = (
@@ -98,10 +98,10 @@ class Totg(Rival):
 
 
 class _Circles(NamedTuple):
-    """The circles that round the corners of a line, in their middles; nothing at its ends.
+    """Circles that round the corners of a line, at their middles; zeros at the line's ends.
 
     Attributes:
-        offset: From the corner, rad, `(points, joints)`.
+        offset: Vector from the corner to the circle's middle, rad, `(points, joints)`.
         tangent: Derivative of the joints with respect to path length, `(points, joints)`.
         curvature: Their second derivative, `(points, joints)`.
         between: Path length from middle to middle, `(points − 1,)`.
@@ -114,7 +114,7 @@ class _Circles(NamedTuple):
 
 
 def _rounded(corners: Array) -> _Circles:
-    """TOTG's circles: as wide as half of the shorter side and the tolerance allow."""
+    """Return TOTG's circles, as wide as half of the shorter side and the tolerance allow."""
     counted = np.column_stack([corners, np.arange(len(corners))])
     sides = np.diff(counted, axis=0)
     lengths = np.linalg.norm(sides, axis=1)
@@ -133,7 +133,7 @@ def _rounded(corners: Array) -> _Circles:
     curvature = towards * (np.tan(angle / 2) / distance)[:, None]
     along = before + after
     tangent = along / np.linalg.norm(along, axis=1)[:, None]
-    # by how much a circle is shorter than its corner, on either side
+    # difference of the lengths of a corner and its circle, on either side
     spared = np.pad(distance - angle / 2 * distance / np.tan(angle / 2), 1)
     return _Circles(
         _inside(offset),
@@ -144,7 +144,7 @@ def _rounded(corners: Array) -> _Circles:
 
 
 def _inside(values: Array) -> Array:
-    """Of the inner points, zero at both ends, without the counting joint."""
+    """Append zeros at both ends, and leave out the counting joint."""
     return np.pad(values[:, :-1], ((1, 1), (0, 0)))
 
 
@@ -154,7 +154,7 @@ def _motion(
     velocities: Array,
     waypoints: NDArray[np.intp],
 ) -> Trajectory:
-    """TOTG's path from middle to middle at its path speeds there."""
+    """Return TOTG's path from middle to middle at its path speeds there."""
     at = np.r_[0.0, np.cumsum(circles.between)]
     path = Trajectory.from_samples(
         at,
@@ -173,13 +173,13 @@ def _motion(
 
 
 def _narrowed(bounds: Array) -> Array:
-    """Limits at their tighter side, both ways: TOTG knows no others."""
+    """Return symmetric limits at the tighter side: TOTG supports no others."""
     tighter = np.abs(bounds).min(axis=1)
     return np.stack([-tighter, tighter], axis=1)
 
 
 def _program(positions: Array, language: Any) -> Any:
-    """Tesseract's program of one move per point."""
+    """Return Tesseract's program of one move per point."""
     names = [f"joint{joint}" for joint in range(positions.shape[1])]
     program = language.CompositeInstruction()
     for position in positions:
@@ -191,10 +191,10 @@ def _program(positions: Array, language: Any) -> Any:
 
 
 def _states(program: Any, language: Any) -> tuple[float, Array]:
-    """When the last point is passed, s, and the velocity at every one, `(points, joints)`."""
+    """Return when the last point is passed, s, and all velocities, `(points, joints)`."""
     velocities = []
     for i in range(len(program)):
-        # each view keeps the one before alive: Tesseract's own do not
+        # each view needs the one before, which Tesseract's views do not keep alive
         instruction = program[i]
         move = language.InstructionPoly_as_MoveInstructionPoly(instruction)
         waypoint = move.getWaypoint()
