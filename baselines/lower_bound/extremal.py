@@ -445,7 +445,12 @@ def _end_velocity(point: Point) -> Array:
     hold = np.where(is_held, 1 - fall, meets)
     hold = np.clip(hold, jerk, 1.0)
     phases = [
-        _cell(np.zeros_like(jerk), p0=jerk, p1=-1.0, q0=1.0),
+        _cell(
+            np.zeros_like(jerk),
+            p0=jerk,
+            p1=-1.0,
+            q0=1.0,
+        ),
         _cell(jerk, q0=1.0),
         _cell(hold, p1=-1.0, q0=1.0),
     ]
@@ -456,7 +461,12 @@ def _velocity_after_start(point: Point) -> Array:
     """`q = −1` until the acceleration at the start is taken back."""
     release = np.clip(point.a0 / point.j_down, 0.0, 1.0)
     phases = [
-        _cell(np.zeros_like(release), p0=-release, p1=1.0, q0=-1.0),
+        _cell(
+            np.zeros_like(release),
+            p0=-release,
+            p1=1.0,
+            q0=-1.0,
+        ),
         _cell(release),
     ]
     return np.stack(phases, axis=-2)

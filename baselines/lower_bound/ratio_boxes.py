@@ -248,7 +248,16 @@ class Ratios:
     def _rows(self, instants: Array) -> _Rows:
         spline = self.spline
         d1, h, d3 = spline.displacements.T
-        parts = np.stack([h, 3 * d1, 3 * d3, 6 * d1, -6 * d3], axis=-1)
+        parts = np.stack(
+            [
+                h,
+                3 * d1,
+                3 * d3,
+                6 * d1,
+                -6 * d3,
+            ],
+            axis=-1,
+        )
         tables = []
         orders = []
         for order, bounds in enumerate(spline.bounds, start=1):
