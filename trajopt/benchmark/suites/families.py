@@ -63,12 +63,11 @@ def draw(
     """
     if family not in FAMILIES:
         raise UnknownName("random family", family, FAMILIES)
-    lowest = {"index": 0, "joints": 1, "waypoints": 2}
-    for key, value in {"index": index, "joints": joints, "waypoints": waypoints}.items():
-        if value is not None and value < lowest[key]:
-            raise InvalidInput(key, f"{lowest[key]} or more", value=value)
-    key = crc32(family.encode())
-    rng = np.random.default_rng([VERSION, key, index])
+    sizes = {"index": (index, 0), "joints": (joints, 1), "waypoints": (waypoints, 2)}
+    for key, (size, lowest) in sizes.items():
+        if size is not None and size < lowest:
+            raise InvalidInput(key, f"{lowest} or more", value=size)
+    rng = np.random.default_rng([VERSION, crc32(family.encode()), index])
     # Sizes are drawn even where they are given: a given size changes no later number.
     drawn_joints = 1 + int(rng.integers(JOINTS))
     drawn_waypoints = WAYPOINTS[rng.integers(len(WAYPOINTS))]
