@@ -28,8 +28,7 @@ from trajopt.benchmark.best_known import proposal, records
 from trajopt.benchmark.best_known.proposal import Candidate
 from trajopt.benchmark.best_known.record import CLOSED_WITHIN
 from trajopt.benchmark.run import runner
-from trajopt.benchmark.run.plan import OWN_PROCESS, Allowance, Task, missing
-from trajopt.benchmark.run.pool import Pool
+from trajopt.benchmark.run.plan import Allowance, Task, missing
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration
@@ -93,12 +92,12 @@ class Filling:
 
     def run(self, stage: str, tasks: Sequence[Task]) -> None:
         """Run what no earlier run has finished, and record what is better."""
-        allowed = Allowance(self.timeout, jobs=self.jobs, isolation=OWN_PROCESS)
+        allowed = Allowance.of(self.jobs, None, self.timeout, None)
         stopped = {t.id for t in self.store.unanswered() if allowed.would_stop(t)}
         done = self.store.finished() | stopped
         waiting = [batch for task in tasks for batch in missing(task, done)]
-        with console.progress(len(waiting), stage) as advance, Pool(self.jobs) as pool:
-            for finished in runner.in_children(waiting, self.store, allowed, pool):
+        with console.progress(len(waiting), stage) as advance:
+            for finished in runner.run(waiting, self.store, allowed):
                 advance(len(finished.task.seeds))
         if not tasks:
             return

@@ -7,8 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline, PPoly
 
 import trajopt
-from trajopt.benchmark.given_motion import GivenMotion
-from trajopt.benchmark.judgement import as_executed
+from trajopt.benchmark.judgement import GivenMotion, as_executed
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.solution import Status

@@ -25,7 +25,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import FallingVelocity, Limits, Problem
-from trajopt.core.solution import Status
+from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.core.units import mixed_units
 from trajopt.explain import decomposition
@@ -36,6 +36,7 @@ from trajopt.formats.samples import Samples
 from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.verification import Certificate, verify
+from trajopt.planners.planner import Planner
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
@@ -325,3 +326,41 @@ def _own_waypoints(positions: Array, limits: Limits) -> NDArray[np.intp]:
     distances[~inside] = 0.0
     farthest = np.argmax(distances, axis=0)
     return np.unique(np.concatenate([[0], farthest, [len(positions) - 1]]))
+
+
+@dataclass(frozen=True, eq=False)
+class GivenMotion(Planner):
+    """A motion that takes part in a comparison beside the planners.
+
+    Its options are the interpolation and a digest of the executed polynomials: a changed file is
+    another motion, and the old trials are not shown for it.
+    """
+
+    motion: Motion
+
+    knows = ("velocity", "acceleration", "jerk", "position")
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        """Return the motion with the times at which it comes closest to the waypoints, in order."""
+        own = self.motion.for_joints(problem.joint_names)
+        return Solution(Status.SOLVED, passing(problem, own.trajectory))
+
+    def unsupported(self, problem: Problem) -> str | None:
+        """Say why it is not a motion of this problem's robot; None if it is."""
+        joints = self.motion.trajectory.joints
+        if joints != problem.joints:
+            return f"a motion of {joints} joints; the problem has {problem.joints}"
+        try:
+            self.motion.for_joints(problem.joint_names).check_units(problem)
+        except InvalidInput as error:
+            return str(error)
+        return None
+
+    def options(self) -> dict[str, Any]:
+        return {
+            "interpolation": self.motion.interpolation,
+            "digest": self.motion.digest(),
+        }
+
+    def defaults(self) -> dict[str, Any]:
+        return self.options()

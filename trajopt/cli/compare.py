@@ -1,16 +1,38 @@
-"""`trajopt compare`: what it is asked, before anything that takes long is imported."""
+"""`trajopt compare`: run planners on problems, print the tables, draw the figures."""
 
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from trajopt.benchmark.run import server
+from trajopt import comparison
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.judgement import GivenMotion
+from trajopt.benchmark.run import dask as cluster
+from trajopt.benchmark.run.processes import cpus
+from trajopt.benchmark.suites import catalogue
+from trajopt.cli import against as versus
+from trajopt.cli import console, overview, problem_tables
 from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, number, whole_number
-from trajopt.core.exceptions import InvalidInput
+from trajopt.comparison import Contestant
+from trajopt.core.exceptions import InvalidInput, TrajoptError
+from trajopt.core.interpolation import Interpolation
+from trajopt.core.problem import Problem
+from trajopt.formats.motion import motion as motion_of
+from trajopt.judging.falling_velocity import caveats
+from trajopt.planners.registry import entries, named
+from trajopt.planners.registry import label as label_of
+from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.summary import Summary
+from trajopt.views.figures import drawn
+
+MAX_PROBLEMS_WITH_TABLES = 12  # more problems get one page in place of a table and figures each
 
 
 def compare(
@@ -70,34 +92,64 @@ def compare(
         right = "at least one problem file or built-in name (see `trajopt list`), or a --suite"
         raise InvalidInput("PROBLEM", right)
     output = _outside_deleted_folder(output)
-    if dask is None and not (output / "results.h5").exists():
-        server.start()
-    # planners and tables: while the server imports what every trial needs
-    from trajopt.cli import comparison
+    loaded = _problems(problems, suite or [])
+    contestants: list[Contestant] = [*(planner or _default_planners())]
+    contestants += _motions(motion or [], interpolation)
+    if certify:
+        contestants.append("certify")
+    rival = None
+    if against is not None:
+        rival = label_of(*named(against))
+        contestants.append(against)
+    elsewhere = cluster.executor(dask) if dask else nullcontext()
+    with console.trials() as progress, elsewhere as executor:
+        results = comparison.compare(
+            loaded,
+            contestants,
+            output,
+            seeds=seeds,
+            jobs=jobs or cpus(),
+            fresh=fresh,
+            timeout=timeout,
+            memory=memory,
+            progress=progress,
+            executor=executor,
+        )
+    _show(results, loaded, output, rival)
+    return 0 if any(trial.is_answered for trial in results.items) else 1
 
-    return comparison.run(
-        problems,
-        planner,
-        motions=motion or [],
-        interpolation=interpolation,
-        suites=suite or [],
-        seeds=seeds,
-        jobs=jobs,
-        output=output,
-        fresh=fresh,
-        timeout=timeout,
-        memory=memory,
-        dask=dask,
-        certify=certify,
-        against=against,
-    )
+
+def _show(results: Results, problems: Sequence[Problem], folder: Path, rival: str | None) -> None:
+    """Print and draw the results."""
+    count = f"{len(results.items)} trials"
+    stored = f"stored:  {folder / 'results.h5'} ({count}"
+    if results.kept:
+        console.line(str(results.kept))
+        console.paragraph()
+    summary = Summary(results.items)
+    if len(problems) > MAX_PROBLEMS_WITH_TABLES:
+        page = overview.show(results, folder)
+        files = [f"{stored})", f"report:  {page} ({count})"]
+    else:
+        with console.waiting("drawing the figures"):
+            figures = drawn.draw(results.items, folder / "figures")
+        problem_tables.show(summary)
+        files = [f"{stored} of this comparison)"]
+        if figures:
+            files.append(f"figures: {folder / 'figures'} ({len(figures)} files)")
+    if rival is not None:
+        versus.show(results, rival)
+    for sentence in caveats(problems):
+        console.paragraph(sentence)
+    _warn(summary)
+    for file in files:
+        console.line(file)
+    for sentence in _better_than_recorded(summary, folder):
+        console.paragraph(sentence)
 
 
 def _outside_deleted_folder(output: Path) -> Path:
-    """The same folder, reached from elsewhere if the working folder was deleted.
-
-    Processes cannot start in that.
-    """
+    """Leave the working folder if it was deleted: no process can start in it."""
     try:
         os.getcwd()
     except FileNotFoundError:
@@ -105,3 +157,63 @@ def _outside_deleted_folder(output: Path) -> Path:
         os.chdir(folder.anchor)
         return folder
     return output
+
+
+def _motions(
+    files: Sequence[Path],
+    interpolation: Interpolation,
+) -> Iterator[tuple[str, GivenMotion]]:
+    """Yield each motion with its file's name, or its whole path where two have one name."""
+    names = Counter(file.name for file in files)
+    for file in files:
+        name = file.name if names[file.name] == 1 else str(file)
+        yield name, GivenMotion(motion_of(file, interpolation))
+
+
+def _problems(names: Sequence[str], suites: Sequence[str]) -> list[Problem]:
+    """Return the problems asked for, each once."""
+    problems = [catalogue.load(name) for name in dict.fromkeys(names)]
+    for name in dict.fromkeys(suites):
+        problems += catalogue.problems(name)
+    return problems
+
+
+def _default_planners() -> list[str]:
+    """Return the planners that take part unless others are named.
+
+    Say on standard error which of them cannot be imported.
+    """
+    names = []
+    for name, entry in entries().items():
+        try:
+            if not entry.load().on_request:
+                names.append(name)
+        except TrajoptError as error:
+            console.note(f"left out: {error}")
+    return names
+
+
+def _warn(summary: Summary) -> None:
+    for trial in summary.suspicious():
+        below = -100 * summary.gap(trial)
+        console.ERR.print(
+            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {console.markup(trial.label)} "
+            f"(seed {trial.seed}) on {console.markup(trial.problem.name)} is {below:.6f} % below "
+            f"the reference; trial {trial.id}"
+        )
+
+
+def _better_than_recorded(summary: Summary, folder: Path) -> Iterator[str]:
+    """Name the answers that are better than the best known, and the command that records them."""
+    improvements = summary.improvements()
+    for trial in improvements:
+        record = records.find(trial.problem)
+        if record is None or trial.certified_duration is None:
+            continue
+        less = 100 * (1 - trial.certified_duration / record.duration)
+        yield (
+            f"{trial.label} on {trial.problem.name} takes {trial.certified_duration:.6f} s, "
+            f"{less:.4g} % less than the best known, {record.motion}, {record.duration:.6f} s."
+        )
+    if improvements:
+        yield f"To record what is better: trajopt best-known propose {folder}"

@@ -76,7 +76,7 @@ def test_a_worker_killed_during_the_run_has_its_trials_run_elsewhere(tmp_path: P
 def test_nobody_at_the_address_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.5)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(InvalidInput, match="scheduler"), cluster.executor("tcp://127.0.0.1:9"):
         pass
     with pytest.raises(SystemExit) as stop:

@@ -1,4 +1,4 @@
-"""Trials on Dask's distributed workers, which must see the results folder.
+"""Run trials on Dask's distributed workers, which must see the results folder.
 
 Each worker has judges of its own, and a planner a process of its own, as on one machine:
 
@@ -17,21 +17,24 @@ from trajopt.core import files
 from trajopt.core.exceptions import InvalidInput
 from trajopt.planners.planner import backend
 
-_PATIENCE = 20.0  # s, for the scheduler to answer
+CONNECT_TIMEOUT_S = 20.0  # for the scheduler to answer
 
 
 @contextmanager
 def executor(address: str) -> Iterator[Executor]:
-    """An executor on the scheduler at `address`, or in that scheduler file.
+    """Connect to the scheduler at `address`, or at the address in that scheduler file.
 
-    A worker that dies has its trials run again elsewhere. Raises `MissingBackend` without Dask,
-    `InvalidInput` if nobody answers.
+    Trials of a worker that dies run again elsewhere.
+
+    Raises:
+        MissingBackend: Dask is not installed.
+        InvalidInput: No scheduler answers.
     """
     distributed = backend("distributed")
     try:
         file = Path(address)
         where = files.json(file, "--dask")["address"] if file.is_file() else address
-        client = distributed.Client(where, timeout=_PATIENCE)
+        client = distributed.Client(where, timeout=CONNECT_TIMEOUT_S)
     except (OSError, ValueError, KeyError, TypeError) as error:
         right = "the address or scheduler file of a running Dask scheduler"
         raise InvalidInput("--dask", right, value=address) from error

@@ -1,9 +1,9 @@
-"""The process that judges: it never runs a planner's code, so that what it finds is believed.
+"""Judge answers in a process that never runs a planner's code, so that its verdict can be trusted.
 
-It is forked from the server (`server.py`), does what the run asks until the run ends, and has one
-solver process at a time (`solver.py`): for each planner with its options a new one. What that
-answers is plain data; the judge verifies it on the run's own problem, writes the trials, and sends
-them to the run. Whatever a planner started ends with its solver process.
+A judge is forked from the server (`server.py`) and serves one run until that ends. It has one
+solver process at a time (`solver.py`), a new one for each planner with its options. The answer of
+that process is plain data. The judge verifies it on the run's own problem, stores the trials, and
+sends them to the run. Everything that a planner started ends with its solver process.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import signal
 import socket
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from types import FrameType
@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from trajopt.benchmark.run import answer, processes, solver
 from trajopt.benchmark.run.plan import Allowance
-from trajopt.benchmark.run.solver import Question, Surroundings
+from trajopt.benchmark.run.solver import Surroundings
 from trajopt.benchmark.store.columns import harmless
 from trajopt.benchmark.store.folder import Store, Written
 from trajopt.benchmark.trial import (
@@ -40,20 +40,22 @@ from trajopt.core.exceptions import WorkerError
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 
-_CHUNK = 1 << 16  # bytes read at once
-_TAIL = 4096  # bytes of what a planner printed that are kept
+_CHUNK_BYTES = 1 << 16  # read at once
+_TAIL_BYTES = 4096  # kept of a planner's output
 _TAIL_LINES = 10
-_LOOK = 0.1  # s between two looks at the memory in use
-_VERIFYING = 60.0  # s that verifying answers may take at least
-_CLOCK_SLACK = 0.5  # s, by which a solver's clock may differ from the judge's, and
-_CLOCK_SHARE = 0.2  # the share of the time besides
-
-Job = Callable[[], Any]
+_MEMORY_INTERVAL_S = 0.1  # between two measurements of the memory in use
+MIN_VERIFICATION_TIMEOUT_S = 60.0
+# How far a solver's clock may lag behind the judge's: seconds, plus a share of the time.
+_CLOCK_ATOL_S = 0.5
+_CLOCK_RTOL = 0.2
 
 
 @dataclass(frozen=True)
 class Request:
-    """Some seeds of one planner on one problem, as a judge is asked to run them."""
+    """What a judge is asked for: trials of one planner on one problem with some seeds.
+
+    `planner` is pickled: reading it would run a stranger's code.
+    """
 
     entrant: Entrant
     problem: Problem
@@ -62,27 +64,22 @@ class Request:
     store: Store
     allowed: Allowance
 
-    @property
-    def question(self) -> Question:
-        """What the solver process is asked of it."""
-        return Question(self.planner, self.problem, self.seeds)
-
 
 class Ending(NamedTuple):
-    """What became of a solver process that did not answer."""
+    """Status and message of trials whose solver process did not answer."""
 
     status: Status
     message: str
 
 
 class Failure(NamedTuple):
-    """What a job raised in a judge."""
+    """An error of the judge itself, which the run raises."""
 
     error: BaseException
 
 
 def serve(link: socket.socket) -> NoReturn:
-    """In a new process: do one job after another until the run hangs up."""
+    """Serve one request after another in a new process until the run hangs up."""
     processes.adopt_orphans()
     processes.seal_memory(True)
     with link.makefile("rwb") as stream:
@@ -92,20 +89,17 @@ def serve(link: socket.socket) -> NoReturn:
         bench = _Bench(link, around)
         while True:
             try:
-                job = pickle.load(stream)
+                request = pickle.load(stream)
             except EOFError:
                 bench.leave()
-            done = _done(job, bench)
+            done = _served(bench, request)
             pickle.dump(done, stream)
             stream.flush()
 
 
-def _done(job: Request | Job, bench: _Bench) -> Any:
-    """What comes of a job, or what it raised, if that can travel."""
+def _served(bench: _Bench, request: Request) -> list[Written] | Failure:
     try:
-        if isinstance(job, Request):
-            return bench.try_it(job)
-        return job()
+        return bench.serve(request)
     except Exception as error:
         with suppress(Exception):
             pickle.loads(pickle.dumps(error))
@@ -114,14 +108,14 @@ def _done(job: Request | Job, bench: _Bench) -> Any:
 
 
 def judge_here(request: Request, answers: Answers, started: str) -> list[Written]:
-    """Judge answers in this process, and store the trials."""
+    """Verify answers in this process and store the trials."""
     limits = request.allowed.as_dict()
     trials = judged(request.entrant, request.problem, request.seeds, answers, started, limits)
     return request.store.write_all(trials, instead=_lost)
 
 
 def record(request: Request, status: Status, message: str) -> list[Written]:
-    """Store that the planner never answered: it hung, or its process died."""
+    """Store trials of a planner that did not answer: it hung, or its process died."""
     limits = request.allowed.as_dict()
     trials = [
         unanswered(request.entrant, request.problem, seed, status, message, limits)
@@ -131,7 +125,7 @@ def record(request: Request, status: Status, message: str) -> list[Written]:
 
 
 def _lost(trial: Trial) -> Trial:
-    """Instead of a trial whose answer no file can hold, while it says why."""
+    """Return a crashed trial in place of one that cannot be stored, with the current exception."""
     message = traceback.format_exc()
     solution = Solution(Status.CRASHED, message=message)
     return replace(
@@ -140,10 +134,10 @@ def _lost(trial: Trial) -> Trial:
 
 
 class _Solver:
-    """A solver process as its judge sees it: its number, and the ends of its pipes."""
+    """A solver process as its judge sees it: its number, and the judge's ends of its pipes."""
 
     def __init__(self, request: Request, around: Surroundings) -> None:
-        self.is_for = (request.planner, request.allowed.memory)
+        self.key = (request.planner, request.allowed.memory)
         questions, self.ask = os.pipe()
         self.hear, answers = os.pipe()
         self.output, output = os.pipe()
@@ -158,41 +152,41 @@ class _Solver:
         self.tail = b""
 
     def signal(self, sign: signal.Signals) -> None:
-        """To it and what it started in its group."""
-        for send in (os.killpg, os.kill):  # it may not lead its group yet
+        """Send a signal to the process and its group."""
+        for send in (os.killpg, os.kill):  # at its start the process has no group of its own yet
             with suppress(ProcessLookupError, PermissionError):
                 send(self.process, sign)
 
     def read(self, descriptor: int) -> bytes:
-        """What can be read; a pipe that it has closed is forgotten."""
-        data = os.read(descriptor, _CHUNK)
+        """Read from a pipe; forget the pipe if the process has closed it."""
+        data = os.read(descriptor, _CHUNK_BYTES)
         if not data:
             self.sources.discard(descriptor)
         return data
 
     def drain(self) -> None:
-        """Read what it printed, and keep the end of that."""
+        """Read its output, and keep the end."""
         with suppress(BlockingIOError):
-            self.tail = (self.tail + self.read(self.output))[-_TAIL:]
+            self.tail = (self.tail + self.read(self.output))[-_TAIL_BYTES:]
 
     def take(self, question: bytes) -> bytes:
-        """Send the beginning of a question; what is left of it."""
+        """Send as much of a question as the pipe takes; return the rest."""
         with suppress(BlockingIOError):
             try:
-                return question[os.write(self.ask, question[:_CHUNK]) :]
-            except BrokenPipeError:  # it ended, and will be found so
+                return question[os.write(self.ask, question[:_CHUNK_BYTES]) :]
+            except BrokenPipeError:  # it ended, which the signal of its end will tell
                 return b""
         return question
 
     @property
     def last_lines(self) -> str:
-        """The end of what it printed since it was asked, harmless to a terminal."""
+        """Return the end of its output since the question, without control characters."""
         lines = self.tail.decode(errors="backslashreplace").split("\n")
         text = "\n".join(lines[-_TAIL_LINES:]).strip()
         return str(harmless(text))
 
     def end(self) -> None:
-        """It, and whatever descends from it."""
+        """Kill it and all its descendants."""
         self.signal(signal.SIGKILL)
         with suppress(ChildProcessError):
             os.waitpid(self.process, 0)
@@ -203,7 +197,7 @@ class _Solver:
 
 
 class _Bench:
-    """Where a judge tries planners: its link to the run, and the solver process of the moment."""
+    """A judge's link to its run, and its current solver process."""
 
     def __init__(self, link: socket.socket, around: Surroundings) -> None:
         self._link = link
@@ -212,13 +206,13 @@ class _Bench:
         self._child_ended = processes.wake_on_children()
 
     def leave(self) -> NoReturn:
-        """End what was started, and this process."""
+        """End everything that was started, then this process."""
         self._clear()
         processes.end_children()
         os._exit(0)
 
-    def try_it(self, request: Request) -> list[Written]:
-        """Let the planner answer, judge that and store the trials."""
+    def serve(self, request: Request) -> list[Written]:
+        """Ask the planner, verify its answers and store the trials."""
         started = now()
         began = time.monotonic()
         reply = self._reply(request)
@@ -233,10 +227,10 @@ class _Bench:
         except Exception as error:
             self._clear()
             message = f"its process answered what no planner can: {type(error).__name__}: {error}"
-            return record(request, Status.CRASHED, _with_output(message[:_TAIL], printed))
-        solutions = [_saying(solution, printed) for solution in answers.solutions]
+            return record(request, Status.CRASHED, _with_output(message[:_TAIL_BYTES], printed))
+        solutions = [_explained(solution, printed) for solution in answers.solutions]
         timed = replace(answers, solutions=solutions, wall_time=_believed(answers, elapsed))
-        limit = max(_VERIFYING, request.allowed.timeout * len(request.seeds))
+        limit = max(MIN_VERIFICATION_TIMEOUT_S, request.allowed.timeout * len(request.seeds))
         try:
             with _at_most(limit):
                 return judge_here(request, timed, started)
@@ -246,9 +240,9 @@ class _Bench:
             return record(request, Status.CRASHED, "verifying it took more memory than there is")
 
     def _reply(self, request: Request) -> bytes | Ending:
-        """The message of the solver process, or how it ended without one."""
+        """Return the message of the solver process, or how it ended without one."""
         current = self._solver_for(request)
-        question = pickle.dumps(request.question)
+        question = pickle.dumps((request.planner, request.problem, request.seeds))
         heard = bytearray()
         seconds = request.allowed.timeout * len(request.seeds)
         look = time.monotonic()
@@ -260,7 +254,7 @@ class _Bench:
                 return ending
             sources: list[Any] = [*current.sources, self._child_ended, self._link]
             sinks = [current.ask] if question else []
-            ready, open_, _ = select.select(sources, sinks, [], min(left, _LOOK))
+            ready, open_, _ = select.select(sources, sinks, [], min(left, _MEMORY_INTERVAL_S))
             if self._link in ready:
                 self.leave()
             if open_:
@@ -269,8 +263,8 @@ class _Bench:
                 current.drain()
             if current.hear in ready:
                 heard += current.read(current.hear)
-                if current.hear not in current.sources:  # closed: it can answer no more
-                    end = min(end, time.monotonic() + _LOOK)
+                if current.hear not in current.sources:  # it cannot answer any more
+                    end = min(end, time.monotonic() + _MEMORY_INTERVAL_S)
                     ending = Ending(Status.CRASHED, "its process closed the way for its answer")
             length = _length(heard)
             if length > answer.LARGEST:
@@ -280,22 +274,20 @@ class _Bench:
                 current.drain()
                 return bytes(heard[solver.SIZE.size :][:length])
             if self._child_ended in ready:
-                os.read(self._child_ended, _CHUNK)
+                os.read(self._child_ended, _CHUNK_BYTES)
                 code = processes.ended().get(current.process)
                 if code is not None:
-                    return Ending(Status.CRASHED, _obituary(code))
+                    return Ending(Status.CRASHED, _cause_of_end(code))
             if time.monotonic() >= look:
-                look = time.monotonic() + _LOOK
-                if self._has_too_much(request.allowed.memory):
+                look = time.monotonic() + _MEMORY_INTERVAL_S
+                memory = request.allowed.memory
+                if memory is not None and processes.memory_in_use() > memory * 2**30:
                     return Ending(Status.CRASHED, OUT_OF_MEMORY)
 
-    def _has_too_much(self, memory: float | None) -> bool:
-        return memory is not None and processes.memory_in_use() > memory * 2**30
-
     def _solver_for(self, request: Request) -> _Solver:
-        """The process that has the planner already, or a new one."""
+        """Return the current process if it has this planner, else a new one."""
         current = self._solver
-        if current is not None and current.is_for == (request.planner, request.allowed.memory):
+        if current is not None and current.key == (request.planner, request.allowed.memory):
             current.tail = b""
             current.signal(signal.SIGCONT)
             return current
@@ -310,14 +302,14 @@ class _Bench:
 
 
 def _length(heard: bytearray) -> int:
-    """Bytes of the message that has begun, if its beginning is there."""
+    """Return the length of the message that has begun, bytes; 0 while it is not known."""
     if len(heard) < solver.SIZE.size:
         return 0
     (length,) = solver.SIZE.unpack_from(heard)
     return int(length)
 
 
-def _obituary(code: int) -> str:
+def _cause_of_end(code: int) -> str:
     if code == -signal.SIGKILL:
         return "its process was killed, perhaps because the machine ran out of memory"
     return f"its process died with exit code {code}, without an answer"
@@ -327,17 +319,17 @@ def _with_output(message: str, printed: str) -> str:
     return f"{message}; what it printed last:\n{printed}" if printed else message
 
 
-def _saying(solution: Solution, printed: str) -> Solution:
-    """A crash with what the planner printed; any other answer as it is."""
+def _explained(solution: Solution, printed: str) -> Solution:
+    """Add the planner's output to the message of a crash."""
     if solution.status is not Status.CRASHED or not printed:
         return solution
     return crash(f"what it printed last:\n{printed}\n\n{solution.message}")
 
 
 def _believed(answers: Answers, elapsed: float) -> float:
-    """Seconds that the call took: the planner's process says so, unless the judge saw longer."""
+    """Return the wall time of the call, s, by the planner's clock where that agrees with ours."""
     known = answers.loading_time + answers.wall_time
-    slack = _CLOCK_SLACK + _CLOCK_SHARE * elapsed
+    slack = _CLOCK_ATOL_S + _CLOCK_RTOL * elapsed
     if known > elapsed or elapsed > known + slack:
         return elapsed
     return answers.wall_time
@@ -345,7 +337,7 @@ def _believed(answers: Answers, elapsed: float) -> float:
 
 @contextmanager
 def _at_most(seconds: float) -> Iterator[None]:
-    """Raises `TimeoutError` in a block that takes longer."""
+    """Raise `TimeoutError` in the block when it takes longer."""
 
     def late(sign: int, frame: FrameType | None) -> None:
         raise TimeoutError

@@ -1,8 +1,10 @@
-"""What there is to run: tasks, of which those that an earlier run has finished are left out."""
+"""Plan tasks: which planner runs on which problem with which seeds, and what it may use."""
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,21 +15,22 @@ from trajopt.core.solution import Status
 from trajopt.explain.references import references
 from trajopt.planners.registry import entries
 
+HAS_JUDGES = hasattr(socket, "send_fds")  # on Unix
 IN_PROCESS = "nothing: all in one process"
 OWN_PROCESS = "a process of the planner's own, judged in another"
 
-_BATCH = 30  # seeds solved together at most: large enough to be fast, small enough to lose little
+MAX_BATCH_SEEDS = 30  # solved together: enough to be fast, and few to lose when a process dies
 
 
 @dataclass(frozen=True)
 class Allowance:
-    """What a trial may use.
+    """Limits of a trial, and where it runs.
 
-    Args:
-        timeout: Seconds of wall time.
-        memory: GiB for its process; None: any.
-        jobs: How many trials may run side by side; 0: not known.
-        isolation: Where it runs, as the report says it.
+    Attributes:
+        timeout: Wall time, s.
+        memory: GiB for its process; None for no limit.
+        jobs: How many trials run side by side in processes of this machine.
+        isolation: Where it runs, in the report's words.
     """
 
     timeout: float = float("inf")
@@ -35,8 +38,23 @@ class Allowance:
     jobs: int = 0
     isolation: str = IN_PROCESS
 
+    @classmethod
+    def of(
+        cls, jobs: int, executor: Executor | None, timeout: float, memory: float | None
+    ) -> Allowance:
+        """Return the limits under these arguments of `trajopt.compare`.
+
+        A trial in the run's own process has no limits.
+        """
+        if executor is not None:
+            isolation = f"{OWN_PROCESS}; on a worker of {type(executor).__name__}"
+            return cls(timeout, memory, isolation=isolation)
+        if jobs > 0 and HAS_JUDGES:
+            return cls(timeout, memory, jobs, OWN_PROCESS)
+        return cls()
+
     def as_dict(self) -> dict[str, str]:
-        """As a trial's provenance has it."""
+        """Return the limits as a trial's provenance has them."""
         memory = "" if self.memory is None else f"{self.memory:g}"
         jobs = str(self.jobs) if self.jobs else ""
         return {
@@ -47,9 +65,9 @@ class Allowance:
         }
 
     def would_stop(self, trial: Trial) -> bool:
-        """Whether a trial that ran out of time or memory has no more of it now.
+        """Whether a trial hit a limit of time or memory that is as tight in this allowance.
 
-        Any other crash may have had a cause that is gone, so that nothing speaks for the same end.
+        A trial that crashed for another reason may succeed when it runs again.
         """
         if trial.status is Status.TIMEOUT:
             had = trial.provenance.get("timeout_limit", "")
@@ -70,7 +88,7 @@ class Task:
 
     @cached_property
     def ids(self) -> dict[int, str]:
-        """The trials' identities by their seeds."""
+        """Return the trials' identities by their seeds."""
         entrant = self.configuration.entrant
         return {seed: entrant.trial_id(self.problem, seed) for seed in self.seeds}
 
@@ -80,10 +98,12 @@ def plan(
     configurations: Sequence[Configuration],
     seeds: int,
 ) -> list[Task]:
-    """One task per problem and planner with all its seeds, references too; identical ones once.
+    """Return a task per problem and planner with all its seeds; identical tasks once.
+
+    The references that a problem needs join the planners.
 
     Raises:
-        InvalidInput: Two planners have one name with the same options shown, and differ.
+        InvalidInput: Two different planners have the same label.
     """
     _check_labels([configuration.entrant for configuration in configurations])
     given = {configuration.entrant.name for configuration in configurations}
@@ -105,7 +125,7 @@ def plan(
 
 
 def _check_labels(entrants: Sequence[Entrant]) -> None:
-    """Tables and figures know planners by their labels."""
+    """Refuse two planners of one label: tables and figures know planners by their labels."""
     known: dict[str, Entrant] = {}
     for entrant in entrants:
         if known.setdefault(entrant.label, entrant) != entrant:
@@ -114,18 +134,18 @@ def _check_labels(entrants: Sequence[Entrant]) -> None:
 
 
 def _varies(configuration: Configuration, problem: Problem) -> bool:
-    """Whether another seed may give another answer; a refusal needs no second trial."""
+    """Whether another seed may give another answer; a problem is refused with any seed."""
     planner = configuration.planner
     try:
         return planner.stochastic and planner.unsupported(problem) is None
-    except Exception:  # its trials will say so
+    except Exception:  # its trials record the error
         return True
 
 
 def missing(task: Task, done: set[str]) -> Iterator[Task]:
-    """The task's unfinished seeds, in batches for planners that advance them together."""
+    """Yield tasks of the unfinished seeds, several in a task if the planner solves batches."""
     seeds = [seed for seed in task.seeds if task.ids[seed] not in done]
-    size = _BATCH if task.configuration.planner.batched else 1
+    size = MAX_BATCH_SEEDS if task.configuration.planner.batched else 1
     for start in range(0, len(seeds), size):
         batch = seeds[start : start + size]
         yield replace(task, seeds=tuple(batch))

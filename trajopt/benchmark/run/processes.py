@@ -1,4 +1,4 @@
-"""What the system can do with processes: adopt those that lost their parent, and end them all."""
+"""Adopt, watch and end processes by the means of the system; most are Linux's."""
 
 from __future__ import annotations
 
@@ -9,41 +9,34 @@ import time
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
-_PATIENCE = 5.0  # s, for killed processes to be gone
-_PAUSE = 0.002  # s between two looks
+KILL_TIMEOUT_S = 5.0  # for killed processes to be gone
+_PAUSE_S = 0.002  # between two looks
 
-_SET_PARENT_DEATH_SIGNAL = 1  # of Linux's prctl
+# Options of Linux's prctl.
+_SET_PARENT_DEATH_SIGNAL = 1
 _SET_DUMPABLE = 4
 _SET_CHILD_SUBREAPER = 36
 
 
-class Relative(NamedTuple):
-    """A process and its parent, by their numbers."""
-
-    process: int
-    parent: int
-
-
 def cpus() -> int:
-    """The CPUs this process may use; all of them where the system does not say."""
+    """Return how many CPUs this process may use, or all where the system does not tell."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
 def adopt_orphans() -> None:
-    """What descends from this process becomes its child when its own parent ends (Linux)."""
+    """Become the parent of every descendant whose own parent ends (Linux)."""
     _control(_SET_CHILD_SUBREAPER, 1)
 
 
 def end_with_parent() -> None:
-    """This process is killed when its parent ends (Linux)."""
+    """Have this process killed when its parent ends (Linux)."""
     _control(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
 
 
 def seal_memory(sealed: bool) -> None:
-    """Whether other processes of this user are kept from this one's memory (Linux)."""
+    """Keep other processes of this user from this process's memory, or let them (Linux)."""
     _control(_SET_DUMPABLE, not sealed)
 
 
@@ -53,7 +46,7 @@ def _control(option: int, value: int) -> None:
 
 
 def wake_on_children() -> int:
-    """A descriptor that becomes readable whenever a child of this process ends."""
+    """Return a descriptor that becomes readable whenever a child of this process ends."""
     readable, writable = os.pipe()
     os.set_blocking(readable, False)
     os.set_blocking(writable, False)
@@ -63,7 +56,7 @@ def wake_on_children() -> int:
 
 
 def ended() -> dict[int, int]:
-    """The children that have ended since the last look, with their exit codes (< 0: a signal)."""
+    """Return the exit codes of children that ended since the last call (below 0: a signal)."""
     codes: dict[int, int] = {}
     with suppress(ChildProcessError):
         while True:
@@ -75,22 +68,22 @@ def ended() -> dict[int, int]:
 
 
 def end_children(but: Collection[int] = ()) -> None:
-    """Kill every child of this process but some; orphans that it adopts meanwhile too."""
-    end = time.monotonic() + _PATIENCE
-    while _has_children() and time.monotonic() < end:
+    """Kill every child of this process except some, and the orphans that it adopts meanwhile."""
+    deadline = time.monotonic() + KILL_TIMEOUT_S
+    while _has_children() and time.monotonic() < deadline:
         own = os.getpid()
-        children = {one.process for one in _relatives() if one.parent == own}
+        children = {process for process, parent in _parents().items() if parent == own}
         doomed = children.difference(but)
         if not doomed:
             return
         for process in doomed:
             with suppress(ProcessLookupError, PermissionError):
                 os.kill(process, signal.SIGKILL)
-        time.sleep(_PAUSE)
+        time.sleep(_PAUSE_S)
 
 
 def _has_children() -> bool:
-    """Whether this process has any, once those that have ended are forgotten."""
+    """Whether this process has children, after waiting for those that have ended."""
     try:
         while os.waitpid(-1, os.WNOHANG) != (0, 0):
             pass
@@ -100,17 +93,13 @@ def _has_children() -> bool:
 
 
 def memory_in_use() -> int:
-    """Bytes that the descendants of this process hold: their own, and memory they share.
+    """Return the bytes that the descendants of this process hold, mapped files excepted.
 
-    What several of them share counts in each that touched it; files that are mapped do not count.
+    Memory that several of them share counts in each that has touched it.
     """
-    parents = dict(_relatives())
+    parents = _parents()
     own = os.getpid()
-    total = 0
-    for process in parents:
-        if own in _ancestors(process, parents):
-            total += _held(process)
-    return total
+    return sum(_held(process) for process in parents if own in _ancestors(process, parents))
 
 
 def _ancestors(process: int, parents: dict[int, int]) -> Iterator[int]:
@@ -120,7 +109,7 @@ def _ancestors(process: int, parents: dict[int, int]) -> Iterator[int]:
 
 
 def _held(process: int) -> int:
-    """Bytes of a process that are no file's (Linux)."""
+    """Return the bytes of a process that belong to no file (Linux)."""
     kilobytes = 0
     with suppress(OSError):
         for line in Path(f"/proc/{process}/status").read_bytes().splitlines():
@@ -129,13 +118,12 @@ def _held(process: int) -> int:
     return 1024 * kilobytes
 
 
-def _relatives() -> Iterator[Relative]:
-    """Every process of the system that can be seen (Linux)."""
+def _parents() -> dict[int, int]:
+    """Return the parent of every process of the system that can be seen (Linux)."""
+    parents: dict[int, int] = {}
     with suppress(OSError):
-        for name in os.listdir("/proc"):
-            if not name.isdigit():
-                continue
+        for name in filter(str.isdigit, os.listdir("/proc")):
             with suppress(OSError):
-                facts = Path(f"/proc/{name}/stat").read_bytes()
-                parent = facts.rpartition(b")")[2].split()[1]
-                yield Relative(int(name), int(parent))
+                stat = Path(f"/proc/{name}/stat").read_bytes()
+                parents[int(name)] = int(stat.rpartition(b")")[2].split()[1])
+    return parents

@@ -1,12 +1,9 @@
-"""The process that judges are forked from: what every trial needs is loaded once, there.
+"""Fork judges from one small process, which has loaded what every trial needs.
 
-Forking a process that has loaded solvers, or runs threads, is not safe. This one has loaded
-neither, and forks a judge in milliseconds where a fresh interpreter takes half a second. It imports
-from where the run does, never from the folder that the run happens to stand in, and ends all its
-judges, and what planners started, when the run has ended, however that ends.
-
-Nothing that takes long is imported here: a command starts the server first of all, and imports the
-rest meanwhile.
+It is not safe to fork a process that runs threads or has loaded solvers. The server has done
+neither, and forks a judge in milliseconds, where a fresh interpreter takes half a second. It
+imports modules from where the run does, never from the working folder. When the run ends, in
+whatever way, the server kills all judges and everything that planners started.
 """
 
 from __future__ import annotations
@@ -30,7 +27,7 @@ _LOADED = (
     "trajopt.benchmark.store.trial_file",
     "trajopt.planners.swarm_planner",
 )
-# `-P`: the working folder may hold a `json.py` of its own
+# `-P`: the working folder may hold a `json.py` of its own.
 _COMMAND = (sys.executable, "-P", "-c")
 _PROGRAM = """\
 import json, sys
@@ -38,7 +35,7 @@ sys.path[:] = json.loads(sys.argv[1])
 from trajopt.benchmark.run import server
 server.serve(int(sys.argv[2]))
 """
-# so that trials side by side do not fight for cores; NumPy reads it as it loads
+# Trials that run side by side must not fight for cores. NumPy reads this when it is imported.
 SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
@@ -47,7 +44,6 @@ class _Server:
 
     def __init__(self) -> None:
         self.owner = os.getpid()
-        self.is_used = False
         self.control, theirs = socket.socketpair()
         path = json.dumps([entry for entry in sys.path if isinstance(entry, str)])
         with theirs:
@@ -56,25 +52,19 @@ class _Server:
                 stdin=subprocess.DEVNULL,
                 env=os.environ | SINGLE_THREADED,
                 pass_fds=[theirs.fileno()],
-                start_new_session=True,  # a Ctrl-C is the run's business
+                start_new_session=True,  # Ctrl-C is for the run alone
             )
+        atexit.register(self.end)
 
     @property
-    def is_mine(self) -> bool:
-        """Whether it runs, and this process did not inherit it by a fork."""
+    def is_usable(self) -> bool:
+        """Whether it runs and was started by this process, not by one that forked this process."""
         return self.owner == os.getpid() and self.process.poll() is None
 
-    def fork(self, link: socket.socket) -> None:
-        """Let it fork a judge that serves this link."""
-        self.is_used = True
-        socket.send_fds(self.control, [b"\0"], [link.fileno()])
-
     def end(self) -> None:
-        """End it, with all its judges and what planners started."""
+        """End it, all its judges and what planners started."""
         self.control.close()
         if self.owner == os.getpid():
-            if not self.is_used:  # perhaps it is still starting
-                self.process.kill()
             self.process.wait()
 
 
@@ -82,37 +72,25 @@ _lock = threading.Lock()
 _servers: list[_Server] = []  # the last one is used
 
 
-def start() -> None:
-    """Start the server, if none is running; returns at once."""
-    with _lock:
-        _started()
-
-
 def judge() -> socket.socket:
-    """The link to a new judge."""
+    """Start a judge; return the link to it."""
     mine, theirs = socket.socketpair()
     with _lock, theirs:
-        _started().fork(theirs)
+        if not _servers or not _servers[-1].is_usable:
+            _servers.append(_Server())
+        socket.send_fds(_servers[-1].control, [b"\0"], [theirs.fileno()])
     return mine
 
 
-def _started() -> _Server:
-    if not _servers or not _servers[-1].is_mine:
-        server = _Server()
-        atexit.register(server.end)
-        _servers.append(server)
-    return _servers[-1]
-
-
 def serve(descriptor: int) -> NoReturn:
-    """In the server: fork a judge for each descriptor that comes, until the run hangs up."""
+    """Fork a judge for each descriptor that arrives, in the server, until the run hangs up."""
     from trajopt.benchmark.provenance import provenance
     from trajopt.benchmark.run import judge, processes
 
     for name in _LOADED:
         import_module(name)
-    provenance()  # for all judges: it asks git
-    gc.freeze()  # else looking for garbage would copy every page in every judge
+    provenance()  # runs git: once here, for all judges
+    gc.freeze()  # else garbage collection would copy every page in every judge
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     processes.adopt_orphans()
     child_ended = processes.wake_on_children()

@@ -1,7 +1,7 @@
-"""The process that a planner runs in, of which nothing is believed.
+"""Run a planner in a process of its own, which judges nothing.
 
-It is forked from a judge for one planner with its options, and answers the judge's questions in
-plain data (`answer.py`). What it prints goes to the judge, not to the terminal.
+The process is forked from a judge for one planner with its options. It answers the judge's
+questions in plain data (`answer.py`). Its output goes to the judge, never to the terminal.
 """
 
 from __future__ import annotations
@@ -25,19 +25,22 @@ from trajopt.benchmark.trial import OUT_OF_MEMORY, Answers, answered, crash
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner, Relation
 
-SIZE = struct.Struct("<Q")  # before each message: its length, bytes
+SIZE = struct.Struct("<Q")  # precedes each message: its length, bytes
 
 _INPUT = 0
 _OUTPUT = 1
 _ERRORS = 2
-_QUESTIONS = 3  # the descriptors that it has, besides the standard ones
+_QUESTIONS = 3
 _ANSWERS = 4
-_OUT_OF_THE_WAY = 16
+_FIRST_FREE = 16  # from here up descriptors are moved, before they get the numbers above
+
+# A planner as pickled bytes (reading them runs a stranger's code), the problem, and the seeds.
+Question = tuple[bytes, Problem, Sequence[int]]
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What the run that a planner belongs to has around it."""
+    """Environment, import path and working folder of a run, which its planners get too."""
 
     environment: Mapping[str, str]
     path: Sequence[str]
@@ -45,7 +48,7 @@ class Surroundings:
 
     @classmethod
     def here(cls) -> Surroundings:
-        """Of this process."""
+        """Return those of this process."""
         try:
             folder = os.getcwd()
         except FileNotFoundError:  # deleted
@@ -53,25 +56,16 @@ class Surroundings:
         return cls(dict(os.environ), list(sys.path), folder)
 
 
-@dataclass(frozen=True)
-class Question:
-    """What a planner is asked; the planner is pickled, since reading it runs a stranger's code."""
-
-    planner: bytes
-    problem: Problem
-    seeds: Sequence[int]
-
-
 def live(
     questions: int, answers: int, output: int, around: Surroundings, memory: float | None
 ) -> NoReturn:
-    """In the new process: answer until nobody asks any more.
+    """Answer questions in the new process until the judge hangs up.
 
     Args:
-        questions: The descriptor to read from.
-        answers: The descriptor to write to.
-        output: The descriptor that takes what is printed.
-        around: What the planner finds around it.
+        questions: Descriptor to read from.
+        answers: Descriptor to write to.
+        output: Descriptor for standard output and standard error.
+        around: The run's surroundings.
         memory: GiB that the process may have.
     """
     code = 1
@@ -84,7 +78,7 @@ def live(
         with suppress(OSError):
             os.chdir(around.folder)
         if memory is not None:
-            _hold_to(memory)
+            _limit_memory(memory)
         _answer_all()
         code = 0
     finally:
@@ -102,12 +96,12 @@ def _become_own_process() -> None:
 
 
 def _keep_only(questions: int, answers: int, output: int) -> None:
-    """Let go of every descriptor of the judge's, and print to the judge."""
-    from fcntl import F_DUPFD, fcntl  # of Unix: trials in the run's own process need none
+    """Close every other descriptor of the judge's, and print to the judge."""
+    from fcntl import F_DUPFD, fcntl  # only Unix has it
 
     nothing = os.open(os.devnull, os.O_RDONLY)
     kept = [nothing, output, output, questions, answers]
-    high = [fcntl(descriptor, F_DUPFD, _OUT_OF_THE_WAY) for descriptor in kept]
+    high = [fcntl(descriptor, F_DUPFD, _FIRST_FREE) for descriptor in kept]
     for place, descriptor in enumerate(high):
         os.dup2(descriptor, place, inheritable=place <= _ERRORS)
     os.closerange(len(kept), os.sysconf("SC_OPEN_MAX"))
@@ -116,9 +110,9 @@ def _keep_only(questions: int, answers: int, output: int) -> None:
     sys.stderr = open(_ERRORS, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
 
 
-def _hold_to(memory: float) -> None:
-    """Beyond so many GiB of its own this process gets no more: Python's `MemoryError`."""
-    import resource  # of Unix, likewise
+def _limit_memory(memory: float) -> None:
+    """Limit this process's own memory, GiB; beyond it Python raises `MemoryError`."""
+    import resource  # only Unix has it
 
     hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
     own = int(memory * 2**30)
@@ -136,26 +130,27 @@ def _answer_all() -> None:
             except EOFError:
                 return
             message = _message(question, planners)
-            if os.getpid() != own:  # a fork that the planner forgot to end
+            if os.getpid() != own:  # a fork of the planner's that returned from `solve`
                 return
             _write(SIZE.pack(len(message)) + message)
 
 
 def _message(question: Question, planners: dict[bytes, Planner]) -> bytes:
-    """What the planner answers, or why it does not."""
+    """Return the planner's answers, or why there are none."""
+    pickled, problem, seeds = question
     try:
         began = time.perf_counter()
-        if question.planner not in planners:
-            planners[question.planner] = cloudpickle.loads(question.planner)
+        if pickled not in planners:
+            planners[pickled] = cloudpickle.loads(pickled)
         loaded = time.perf_counter()
-        answers = answered(planners[question.planner], question.problem, question.seeds)
+        answers = answered(planners[pickled], problem, seeds)
         loading_time = answers.loading_time + loaded - began
         return answer.packed(replace(answers, loading_time=loading_time))
     except MemoryError:
         lost = crash(OUT_OF_MEMORY)
-    except BaseException:  # it does not load in another process, or raises what is no Exception
+    except BaseException:  # SystemExit too: a planner's class may fail to load here
         lost = crash(traceback.format_exc())
-    answers = Answers([lost] * len(question.seeds), Relation.RESTRICTION)
+    answers = Answers([lost] * len(seeds), Relation.RESTRICTION)
     return answer.packed(answers)
 
 
