@@ -30,7 +30,7 @@ from trajopt.planners.registry import entries, named
 from trajopt.planners.registry import label as label_of
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.summary import Summary
-from trajopt.views.figures import drawn
+from trajopt.views.figures import draw
 
 MAX_PROBLEMS_WITH_TABLES = 12  # more problems get one page in place of a table and figures each
 
@@ -132,7 +132,7 @@ def _show(results: Results, problems: Sequence[Problem], folder: Path, rival: st
         files = [f"{stored})", f"report:  {page} ({count})"]
     else:
         with console.waiting("drawing the figures"):
-            figures = drawn.draw(results.items, folder / "figures")
+            figures = draw.draw(results.items, folder / "figures")
         problem_tables.show(summary)
         files = [f"{stored} of this comparison)"]
         if figures:
