@@ -7,8 +7,8 @@ import pytest
 
 from trajopt import Limits, Planner, Problem, Solution, Status, Trajectory
 from trajopt.benchmark.trial import judge
-from trajopt.cli import against, app, comparison
-from trajopt.comparison import Comparison
+from trajopt.cli import against, app
+from trajopt.cli import compare as command
 from trajopt.views.analysis.results import Results
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one step")
@@ -88,17 +88,17 @@ def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):
     fast = judge(Quintic(1.0), PROBLEM, range(5), "fast")
     asked = []
 
-    def compared(problems, planners, folder, *pool, **options):
+    def compared(problems, planners, folder, **options):
         asked.extend(planners)
-        return Comparison([*fast, *slow], None)
+        return Results([*fast, *slow])
 
-    monkeypatch.setattr(comparison.benchmark, "run", compared)
-    monkeypatch.setattr(comparison.draw, "draw", lambda *arguments, **options: [])
+    monkeypatch.setattr(command.comparison, "compare", compared)
+    monkeypatch.setattr(command.draw, "draw", lambda *arguments, **options: [])
     rival = "slow:first=11.0"
-    monkeypatch.setattr(comparison, "label_of", lambda name, planner: rival)
-    command = ["compare", "one-joint", "--planner", "exact", "--output", str(tmp_path)]
+    monkeypatch.setattr(command, "label_of", lambda name, planner: rival)
+    arguments = ["compare", "one-joint", "--planner", "exact", "--output", str(tmp_path)]
     with pytest.raises(SystemExit) as stop:
-        app.main([*command, "--against", "ruckig-stop"])
+        app.main([*arguments, "--against", "ruckig-stop"])
     assert stop.value.code == 0
     assert asked == ["exact", "ruckig-stop"]
     out = capsys.readouterr().out

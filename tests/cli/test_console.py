@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from trajopt.cli import app, comparison, console
+from trajopt.cli import app, compare, console
 from trajopt.cli.console import LoggedProgress
 
 EVIL = "[red]evil[/red] \x1b]0;title\x07 $x_$ \\frac :smile: \u202e[/bold]"
@@ -79,7 +79,7 @@ def test_a_process_whose_streams_are_ascii_writes_ascii():
 def test_a_comparison_ends_well_where_its_table_cannot_be_written_as_it_is(
     written, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(comparison.draw, "draw", lambda *arguments, **options: [])
+    monkeypatch.setattr(compare.draw, "draw", lambda *arguments, **options: [])
     arguments = ("--planner", "unoptimised:segment_time=0.1", "--jobs", 1, "--output", tmp_path)
     code, out, err = written("compare", "one-joint", *arguments, encoding="ascii")
     assert (code, err) == (0, b"")

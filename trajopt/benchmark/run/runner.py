@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import pickle
 import socket
@@ -157,6 +158,12 @@ class _Judge:
 
 # Idle judges of an executor's worker, by the worker's process.
 _idle: dict[int, list[_Judge]] = {}
+
+
+@atexit.register
+def _end_idle() -> None:
+    for judge in _idle.pop(os.getpid(), []):
+        judge.end()
 
 
 def _or_lost(written: list[Written] | None, request: Request) -> list[Written]:
