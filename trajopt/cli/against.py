@@ -1,17 +1,17 @@
-"""`trajopt compare … --against PLANNER`: every planner against that one.
+"""The tables of `trajopt compare … --against PLANNER`: every planner against that one.
 
-Over several problems they are paired by problem; on one problem their seeds are compared.
+Planners are paired by problem where there are several; on one problem their seeds are compared.
 """
 
 from __future__ import annotations
 
-from math import isinf, isnan
+from math import isinf
 from typing import Any
 
 import pandas as pd
-from rich.table import Table
 
 from trajopt.cli import console
+from trajopt.cli.console import Grid
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.statistics import holm
 
@@ -26,11 +26,11 @@ _SEEDS_MEANING = (
     "rows of this table. Shorter: chance that a run of it is shorter, with its 95 % interval. Left "
     "out are planners with a single run."
 )
-_SMALLEST_P = 0.001  # below it, only that it is below
+_SMALLEST_P = 0.001  # smaller ones are printed as `< 0.001`
 
 
 def show(results: Results, rival: str) -> None:
-    """Print every planner against the one with this label.
+    """Print the comparison of every planner with one rival.
 
     Args:
         results: Trials of one problem or of several.
@@ -51,7 +51,7 @@ def show(results: Results, rival: str) -> None:
 
 
 def _against(pairs: pd.DataFrame, rival: str) -> pd.DataFrame:
-    """The rows of all others against one, the fastest first; Holm counts these rows alone."""
+    """Return the rows against one rival, the fastest first; Holm's method counts only these."""
     rows = pairs.xs(rival, level="against").copy()
     for name in ("holm", "both_holm"):
         if name in rows:
@@ -68,65 +68,41 @@ def _nothing_to_compare(rival: str, one_problem: bool) -> str:
     )
 
 
-def _paired_table(rows: pd.DataFrame, rival: str) -> Table:
+def _paired_table(rows: pd.DataFrame, rival: str) -> Grid:
     numbers = ("problems", "better", "tied", "worse", "ratio", "p", "shorter")
     title = f"Against {rival}, problem by problem"
     table = console.table("planner", *numbers, numbers=numbers, title=title)
     for row in rows.itertuples():
-        table.add_row(
-            console.option_lines(row.Index),
-            str(row.problems),
-            str(row.better),
-            str(row.tied),
-            str(row.worse),
-            _ratio(row.ratio),
-            _probability(row.holm),
-            _effect(row),
-        )
-        if row.both < row.problems:
-            table.add_row(*_where_both_answer(row))
+        counts = (row.problems, row.better, row.tied, row.worse)
+        name = console.option_lines(row.Index)
+        table.row(name, *counts, *_ratio_and_p(row.ratio, row.holm), _effect(row))
+        if row.both == 0:
+            table.row("  both answer", 0)
+        elif row.both < row.problems:
+            counts = (row.both, row.both_better, row.both_tied, row.both_worse)
+            table.row("  both answer", *counts, *_ratio_and_p(row.both_ratio, row.both_holm))
     return table
 
 
-def _where_both_answer(row: Any) -> list[str]:
-    if row.both == 0:
-        return ["  both answer", "0"]
-    return [
-        "  both answer",
-        str(row.both),
-        str(row.both_better),
-        str(row.both_tied),
-        str(row.both_worse),
-        _ratio(row.both_ratio),
-        _probability(row.both_holm),
-    ]
-
-
-def _seeds_table(rows: pd.DataFrame, rival: str) -> Table:
+def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
     numbers = ("runs", "median s", "ratio", "p", "Holm", "shorter")
     runs = rows["rival_runs"].iloc[0]
     title = f"Against {rival} ({runs} runs)"
     table = console.table("planner", *numbers, numbers=numbers, title=title)
     for row in rows.itertuples():
-        median = "none" if isinf(row.median) else f"{row.median:.4f}"
-        table.add_row(
+        table.row(
             console.option_lines(row.Index),
-            str(row.runs),
-            median,
-            _ratio(row.ratio),
-            _probability(row.pvalue),
+            row.runs,
+            "none" if isinf(row.median) else f"{row.median:.4f}",
+            *_ratio_and_p(row.ratio, row.pvalue),
             _probability(row.holm),
             _effect(row),
         )
     return table
 
 
-def _ratio(value: float) -> str:
-    if isnan(value):
-        return "–"
-    if isinf(value):
-        return "∞"
-    return f"{value:.4f}"
+def _ratio_and_p(ratio: float, pvalue: float) -> tuple[str, str]:
+    return console.number(ratio, ".4f"), _probability(pvalue)
 
 
 def _probability(value: float) -> str:
@@ -134,5 +110,5 @@ def _probability(value: float) -> str:
 
 
 def _effect(row: Any) -> str:
-    """The chance of a shorter run, with its interval."""
+    """Format the probability of a shorter run, with its interval."""
     return f"{row.chance:.2f} [{row.low:.2f}–{row.high:.2f}]"

@@ -1,8 +1,7 @@
-"""The command line: list, suite, new, plan, compare, explain, certify, claims, best-known,
-verify, export, report.
+"""The commands of the command line, their exit codes, and errors in one line.
 
-A command is a file beside this one, imported when it is asked for, so that `--help` answers at
-once. Exit codes: 0 done, 1 nothing could be solved or something does not hold, 2 bad input (one
+A command is a file beside this one. It is imported when it runs, so that `--help` answers at once.
+Exit codes: 0 done, 1 nothing could be solved or something does not hold, 2 bad input (one
 line on standard error), 130 stopped by Ctrl-C.
 """
 
@@ -26,74 +25,65 @@ app = cyclopts.App(
     help_format="plaintext",
     suppress_keyboard_interrupt=False,  # main says what to type to go on
 )
-app.command(
-    "trajopt.cli.listing:list_",
-    name="list",
-    help="List planners, with their options and defaults, built-in problems and robots.",
-)
-app.command(
-    "trajopt.cli.suite:app",
-    name="suite",
-    help="List benchmark suites, show their problems, write them as problem files.",
-)
-app.command(
-    "trajopt.cli.new:new",
-    name="new",
-    help="Write a commented problem file to start from.",
-)
-app.command(
-    "trajopt.cli.plan:plan",
-    name="plan",
-    help="Run one planner on one problem and verify its answer.\n\n"
-    "The problem is a built-in name, a problem file, or a file of waypoints (.csv, .txt, .npy, "
-    ".json) with --robot, --urdf or --limits.",
-)
-app.command(
-    "trajopt.cli.compare:compare",
-    name="compare",
-    help="Run planners on problems; print the table, store every trial, draw the figures.\n\n"
-    "More than 12 problems get one line per planner, and a report in place of the figures.",
-)
-app.command(
-    "trajopt.cli.explain:explain",
-    name="explain",
-    help="Say what a planner's gap is made of, and which limits hold it back.",
-)
-app.command(
-    "trajopt.cli.judge:judge",
-    name="judge",
-    help="Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
-)
-app.command(
-    "trajopt.cli.certify:certify",
-    name="certify",
-    help="Prove a lower bound on the minimum time.",
-)
-app.command(
-    "trajopt.cli.claims:claims",
-    name="claims",
-    help="Judge the times that were published for a problem.",
-)
-app.command(
-    "trajopt.cli.best_known:app",
-    name="best-known",
-    help="List, check and improve the best known motion of every suite problem.",
-)
-app.command(
-    "trajopt.cli.verify:verify",
-    name="verify",
-    help="Verify every stored trajectory anew, from the file alone; or a motion within --limits.",
-)
-app.command(
-    "trajopt.cli.export:export",
-    name="export",
-    help="Write the trials of a folder for other tools.",
-)
-app.command(
-    "trajopt.cli.report:report",
-    name="report",
-    help="Write one self-contained, interactive page about all trials of a folder: report.html.",
-)
+_COMMANDS = {
+    "list": (
+        "listing:list_",
+        "List planners, with their options and defaults, built-in problems and robots.",
+    ),
+    "suite": (
+        "suite:app",
+        "List benchmark suites, show their problems, write them as problem files.",
+    ),
+    "new": (
+        "new:new",
+        "Write a commented problem file to start from.",
+    ),
+    "plan": (
+        "plan:plan",
+        "Run one planner on one problem and verify its answer.\n\n"
+        "The problem is a built-in name, a problem file, or a file of waypoints (.csv, .txt, .npy, "
+        ".json) with --robot, --urdf or --limits.",
+    ),
+    "compare": (
+        "compare:compare",
+        "Run planners on problems; print the table, store every trial, draw the figures.\n\n"
+        "More than 12 problems get one line per planner, and a report in place of the figures.",
+    ),
+    "explain": (
+        "explain:explain",
+        "Say what a planner's gap is made of, and which limits hold it back.",
+    ),
+    "judge": (
+        "judge:judge",
+        "Judge a motion that anyone planned: a CSV, a ROS message, or polynomials.",
+    ),
+    "certify": (
+        "certify:certify",
+        "Prove a lower bound on the minimum time.",
+    ),
+    "claims": (
+        "claims:claims",
+        "Judge the times that were published for a problem.",
+    ),
+    "best-known": (
+        "best_known:app",
+        "List, check and improve the best known motion of every suite problem.",
+    ),
+    "verify": (
+        "verify:verify",
+        "Verify every stored trajectory anew, from the file alone; or a motion within --limits.",
+    ),
+    "export": (
+        "export:export",
+        "Write the trials of a folder for other tools.",
+    ),
+    "report": (
+        "report:report",
+        "Write one self-contained, interactive page about all trials of a folder: report.html.",
+    ),
+}
+for _name, (_target, _help) in _COMMANDS.items():
+    app.command(f"trajopt.cli.{_target}", name=_name, help=_help)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,8 +1,9 @@
-"""`trajopt certify`: a proved lower bound on the minimum time, by the registered planner."""
+"""`trajopt certify`: prove a lower bound on the minimum time."""
 
 from __future__ import annotations
 
 import time
+from math import isfinite
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
@@ -62,13 +63,13 @@ def certify(
 
 
 def _print(table: dict[str, Any], message: str) -> None:
-    """What is proved; the planner's message says what is missing."""
+    """Print the bounds; the planner's message tells why there is no upper bound."""
     what = f"{table['problem']}, {table['family']}"
     if table["joint"]:
         what += f", joint {table['joint']} alone"
-    console.OUT.print(f"{console.markup(what)}: [bold]{table['status']}[/bold]", soft_wrap=True)
+    console.headline("", f"{what}: ", table["status"])
     console.line(f"  lower bound {table['lower_bound']:.9f} s")
-    if table["proved_within"] < float("inf"):
+    if isfinite(table["proved_within"]):
         console.line(
             f"  upper bound {table['upper_bound']:.9f} s, a verified trajectory's duration"
         )

@@ -1,21 +1,43 @@
-"""`trajopt claims`: published times, each judged by what is known of its problem."""
+"""`trajopt claims`: judge published times by the best known motion and the proved bound."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from cyclopts import Parameter
+from rich.text import Text
 
 from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
 from trajopt.cli import console
+from trajopt.cli.console import Grid
 from trajopt.cli.parameters import MAX_SECONDS, Json, number
 from trajopt.core.exceptions import InvalidInput
 from trajopt.explain.claims import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
 from trajopt.views.figures import style
 
 _ZERO = 5e-5  # a ratio minus 1 that would be shown as 0.00 %
+_PUBLISHED_FIELDS = (
+    "source",
+    "doi",
+    "objective",
+    "reading",
+    "unsaid",
+    "transcription",
+    "checked",
+)
+_KNOWN_FIELDS = (
+    "best",
+    "best_by",
+    "lower_bound",
+    "bound_by",
+    "stopping",
+    "best_of_family",
+)
+_CLAIM_FIELDS = ("method", "duration", "rounding", "table", "objective")
+_JUDGED_FIELDS = ("excess", "over_stopping", "over_family", "over_equal_jerk")
 _PROBLEM = "Published problem, or a problem file with claims; without it, they are listed."
 
 
@@ -46,7 +68,7 @@ def claims(
 
 
 def _list(*, json: bool) -> int:
-    """Every published problem that can be stated, with how many times were published for it."""
+    """List the published problems that can be stated, with the number of their claims."""
     rows = []
     for name in literature.files():
         published = literature.published(name)
@@ -56,54 +78,32 @@ def _list(*, json: bool) -> int:
         return 0
     table = console.table("problem", "claims", "source", numbers=("claims",))
     for row in rows:
-        name = console.markup(row["name"])
-        table.add_row(f"[bold]{name}[/bold]", str(row["claims"]), console.markup(row["source"]))
+        table.row(console.bold(row["name"]), row["claims"], row["source"])
     console.OUT.print(table)
     console.paragraph("Judge the times of one: trajopt claims PROBLEM")
     return 0
 
 
 def as_dict(published: Published, known: Known, judgements: list[JudgedClaim]) -> dict[str, Any]:
-    """For JSON: seconds, and ratios minus 1."""
-    return {
+    """Return what is known of a problem and its claims for JSON: seconds, and ratios minus 1."""
+    facts = {
         "problem": published.name,
-        "source": published.source,
-        "doi": published.doi,
-        "objective": published.objective,
-        "reading": published.reading,
-        "unsaid": list(published.unsaid),
-        "transcription": published.transcription,
-        "checked": published.checked,
-        "best": known.best,
-        "best_by": known.best_by,
-        "lower_bound": known.lower_bound,
-        "bound_by": known.bound_by,
-        "stopping": known.stopping,
-        "best_of_family": dict(known.best_of_family),
-        "claims": [_row(judgement) for judgement in judgements],
+        **_fields(published, _PUBLISHED_FIELDS),
+        **_fields(known, _KNOWN_FIELDS),
     }
+    claims = []
+    for own in judgements:
+        verdict = {"verdict": str(own.verdict), **_fields(own, _JUDGED_FIELDS)}
+        claims.append(_fields(own.claim, _CLAIM_FIELDS) | verdict)
+    return facts | {"claims": claims}
 
 
-def _row(judgement: JudgedClaim) -> dict[str, Any]:
-    claim = judgement.claim
-    return {
-        "method": claim.method,
-        "duration": claim.duration,
-        "rounding": claim.rounding,
-        "table": claim.table,
-        "objective": claim.objective,
-        "verdict": str(judgement.verdict),
-        "excess": judgement.excess,
-        "over_stopping": judgement.over_stopping,
-        "over_family": judgement.over_family,
-        "over_equal_jerk": judgement.over_equal_jerk,
-    }
+def _fields(value: object, names: Sequence[str]) -> dict[str, Any]:
+    return {name: getattr(value, name) for name in names}
 
 
 def _print(published: Published, known: Known, judgements: list[JudgedClaim]) -> None:
-    name = console.markup(published.name)
-    source = console.markup(published.source)
-    console.OUT.print(f"[bold]{name}[/bold]: {source}")
+    console.OUT.print(Text.assemble(console.bold(published.name), f": {published.source}"))
     facts = {
         "reading": published.reading,
         "optimised": published.objective,
@@ -140,37 +140,31 @@ def _known(known: Known) -> list[str]:
     return sentences
 
 
-def _table(judgements: list[JudgedClaim]) -> Any:
-    numbers = ["published s", "above best", "over stopping"]
-    beside = {
+def _table(judgements: list[JudgedClaim]) -> Grid:
+    columns: dict[str, list[float | None]] = {
+        "above best": [own.excess for own in judgements],
+        "over stopping": [own.over_stopping for own in judgements],
         "over its family": [own.over_family for own in judgements],
         "at its own jerk": [own.over_equal_jerk for own in judgements],
     }
-    shown = [name for name, values in beside.items() if set(values) != {None}]
-    headings = (*numbers, *shown)
-    table = console.table("method", *headings, "verdict", numbers=headings)
+    for optional in ("over its family", "at its own jerk"):
+        if set(columns[optional]) == {None}:
+            del columns[optional]
+    numbers = ("published s", *columns)
+    table = console.table("method", *numbers, "verdict", numbers=numbers)
     for row, own in enumerate(judgements):
-        table.add_row(
-            console.markup(own.claim.method),
-            f"{own.claim.duration:g}",
-            percent(own.excess),
-            percent(own.over_stopping),
-            *(percent(beside[name][row]) for name in shown),
-            _coloured(own.verdict),
-        )
+        ratios = (percent(column[row]) for column in columns.values())
+        table.row(own.claim.method, f"{own.claim.duration:g}", *ratios, _coloured(own.verdict))
     return table
 
 
 def percent(excess: float | None) -> str:
-    """A ratio minus 1 with its sign; a dash for None."""
+    """Format a ratio minus 1 with its sign; a dash for None."""
     if excess is None:
         return "–"
-    if abs(excess) < _ZERO:
-        return "0.00 %"
-    return style.percent(excess)
+    return "0.00 %" if abs(excess) < _ZERO else style.percent(excess)
 
 
-def _coloured(verdict: Verdict) -> str:
-    if verdict in (Verdict.IMPOSSIBLE, Verdict.UNPROVED):
-        return f"[bold red]{verdict}[/bold red]"
-    return str(verdict)
+def _coloured(verdict: Verdict) -> str | Text:
+    alarming = verdict in (Verdict.IMPOSSIBLE, Verdict.UNPROVED)
+    return console.alarm(verdict) if alarming else str(verdict)

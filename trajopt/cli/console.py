@@ -1,8 +1,7 @@
-"""The one place where text meets the terminal: encodings, control characters, tables, progress.
+"""Print text, tables and progress: encodings, control characters, closed streams.
 
-Names of problems and planners are text: what looks like rich's markup or a terminal's escape
-sequence is shown, not obeyed. Where a terminal or file cannot hold a character, a likeness in ASCII
-stands for it.
+Names of problems and planners are text: rich's markup and a terminal's escape sequences in them are
+shown, not obeyed. A character that a terminal or file cannot hold is replaced by ASCII.
 """
 
 from __future__ import annotations
@@ -12,23 +11,26 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from math import isfinite, isinf, isnan
 from typing import TYPE_CHECKING, Any, TextIO
 
+from rich import progress as bars
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 if TYPE_CHECKING:
     from trajopt.comparison import Progress as TrialProgress
 
 
 class _Console(Console):
-    """A console whose reader may leave: the work goes on, and its files and exit code are kept."""
+    """A console whose reader may leave, as `head` does: the command goes on and ends as usual."""
 
     def on_broken_pipe(self) -> None:
-        """What is still to be said is said to nobody: `head` perhaps has seen enough."""
+        """Discard all further output."""
         self.quiet = True
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self.file.fileno())
@@ -38,29 +40,31 @@ class _Console(Console):
 OUT = _Console(highlight=False, emoji=False)
 ERR = _Console(stderr=True, highlight=False, emoji=False)
 
-_LOG_INTERVAL = 10.0  # s between a log's lines of progress, where there is no terminal
-_LONGEST_NOTE = 1400  # characters
+_LOG_INTERVAL_S = 10.0  # between a log's lines of progress, where there is no terminal
+_MAX_NOTE_CHARACTERS = 1400
 _DEGRADE = "trajopt-degrade"  # the error handler's name among Python's codecs
-_ASCII = {
-    "–": "-",
-    "—": "-",
-    "−": "-",
-    "×": "x",
-    "…": "...",
-    "≥": ">=",
-    "≤": "<=",
-    "·": ".",
-    "²": "^2",
-    "³": "^3",
-    "ü": "ue",
-    "ö": "oe",
-    "ä": "ae",
-    "ß": "ss",
-}
+_ASCII = str.maketrans(
+    {
+        "–": "-",
+        "—": "-",
+        "−": "-",
+        "×": "x",
+        "…": "...",
+        "≥": ">=",
+        "≤": "<=",
+        "·": ".",
+        "²": "^2",
+        "³": "^3",
+        "ü": "ue",
+        "ö": "oe",
+        "ä": "ae",
+        "ß": "ss",
+    }
+)
 
 
 def prepare() -> None:
-    """Make the standard streams take any text, and be there at all."""
+    """Make the standard streams exist and accept any text."""
     codecs.register_error(_DEGRADE, _degraded)
     sys.stdin = sys.stdin or open(os.devnull, encoding="utf-8")  # noqa: SIM115
     sys.stdout = _tolerant(sys.stdout)
@@ -76,21 +80,15 @@ def _tolerant(stream: TextIO | None) -> TextIO:
 
 
 def _degraded(error: UnicodeError) -> tuple[str, int]:
-    """Characters that a stream cannot hold, in ASCII."""
+    """Return the characters that a stream cannot hold in ASCII, and where they end."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    characters = error.object[error.start : error.end]
-    return "".join(map(_in_ascii, characters)), error.end
-
-
-def _in_ascii(character: str) -> str:
-    if character in _ASCII:
-        return _ASCII[character]
-    return character.encode("ascii", "backslashreplace").decode("ascii")
+    characters = error.object[error.start : error.end].translate(_ASCII)
+    return characters.encode("ascii", "backslashreplace").decode("ascii"), error.end
 
 
 def visible(value: object) -> str:
-    """A value as text whose control characters are written out; line breaks and tabs stay."""
+    """Return a value as text with control characters written out; line breaks and tabs stay."""
     return "".join(map(_written_out, str(value)))
 
 
@@ -101,38 +99,59 @@ def _written_out(character: str) -> str:
 
 
 def markup(value: object) -> str:
-    """A value as text inside rich's markup."""
+    """Return a value as text inside rich's markup."""
     return escape(visible(value))
 
 
+def bold(value: object) -> Text:
+    """Return a value as bold text."""
+    return Text(visible(value), "bold")
+
+
+def alarm(value: object) -> Text:
+    """Return a value as bold red text."""
+    return Text(visible(value), "bold red")
+
+
 def option_lines(label: str) -> str:
-    """A planner's label as markup, an option a line: folded in the middle it is hard to read."""
+    """Return a planner's label with one option a line, where folding would break options."""
     name, _, options = label.partition(":")
-    lines = [name, *(option for option in options.split(",") if option)]
-    return markup("\n  ".join(lines))
+    return "\n  ".join([name, *filter(None, options.split(","))])
+
+
+def number(value: float | None, form: str, missing: str = "–") -> str:
+    """Format a number; None and NaN are `missing`, and infinity is ∞."""
+    if value is None or isnan(value):
+        return missing
+    return "∞" if isinf(value) else format(value, form)
+
+
+def headline(subject: str, rest: str, verdict: str) -> None:
+    """Print one line: a subject in bold, the rest, a verdict in bold."""
+    OUT.print(Text.assemble(bold(subject), visible(rest), bold(verdict)), soft_wrap=True)
 
 
 def paragraph(text: object = "") -> None:
-    """Text on standard output, folded at the terminal's width."""
+    """Print text on standard output, folded at the terminal's width."""
     OUT.print(visible(text), markup=False)
 
 
 def line(text: object) -> None:
-    """One line on standard output, however long: to be copied, like a path."""
+    """Print one line on standard output without folding it, so that a path can be copied."""
     OUT.print(visible(text), markup=False, soft_wrap=True)
 
 
 def note(text: object) -> None:
-    """One line on standard error, of whose middle no more is shown than a screen holds."""
+    """Print one line on standard error, shortened in the middle to what a screen holds."""
     words = " ".join(visible(text).split())
-    if len(words) > _LONGEST_NOTE:
-        half = _LONGEST_NOTE // 2
+    if len(words) > _MAX_NOTE_CHARACTERS:
+        half = _MAX_NOTE_CHARACTERS // 2
         words = f"{words[:half]} … {words[-half:]}"
     ERR.print(f"trajopt: {words}", markup=False, soft_wrap=True)
 
 
 def print_json(table: Any) -> None:
-    """One JSON object and nothing else; what does not exist (infinity, NaN) is null."""
+    """Print one JSON object and nothing else; infinity and NaN are null."""
     print(json.dumps(_finite(table), indent=2, allow_nan=False, default=str))
 
 
@@ -141,22 +160,29 @@ def _finite(value: Any) -> Any:
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
-    if isinstance(value, float) and not abs(value) < float("inf"):
+    if isinstance(value, float) and not isfinite(value):
         return None
     return value
 
 
-def table(*columns: str, numbers: tuple[str, ...] = (), title: str | None = None) -> Table:
-    """A table without lines; the first column of text takes the width that is left.
+class Grid(Table):
+    """A table without lines, whose cells are text, numbers, or rich's text."""
+
+    def row(self, *cells: object) -> None:
+        """Add a row, in which no text is read as markup."""
+        self.add_row(*(cell if isinstance(cell, Text) else markup(cell) for cell in cells))
+
+
+def table(*columns: str, numbers: Collection[str] = (), title: str | None = None) -> Grid:
+    """Make a table; its first column of text takes the width that is left.
 
     Args:
         columns: Headings, from the left.
-        numbers: Those of columns aligned to the right and never folded.
-        title: Above the table.
+        numbers: The headings of columns that are aligned to the right and never folded.
+        title: Printed above the table.
     """
-    made = Table(box=None, pad_edge=False, collapse_padding=True, title_justify="left")
-    if title is not None:
-        made.title = markup(title)
+    made = Grid(box=None, pad_edge=False, collapse_padding=True, title_justify="left")
+    made.title = None if title is None else markup(title)
     for column in columns:
         if column in numbers:
             made.add_column(markup(column), justify="right", no_wrap=True)
@@ -167,7 +193,7 @@ def table(*columns: str, numbers: tuple[str, ...] = (), title: str | None = None
 
 @contextmanager
 def waiting(message: str) -> Iterator[None]:
-    """A spinner on standard error, in a terminal."""
+    """Show a spinner on standard error, if that is a terminal."""
     if not ERR.is_terminal:
         yield
         return
@@ -177,17 +203,14 @@ def waiting(message: str) -> Iterator[None]:
 
 @contextmanager
 def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]]:
-    """Progress on standard error with the time left: a bar in a terminal, else lines for a log.
+    """Show progress and the time left on standard error: a bar in a terminal, else lines.
 
-    Call what it yields with the number just finished. What is finished at the first call was there
-    already and does not count for the estimate.
+    Call the yielded function with the number just finished. The first call counts what was there
+    before, which the estimate leaves out.
     """
     if not ERR.is_terminal:
         yield LoggedProgress(total, what)
         return
-    # not for commands without a bar: what draws it takes as long to import as the tables
-    from rich import progress as bars
-
     columns = (
         bars.TextColumn("{task.description}"),
         bars.BarColumn(),
@@ -203,15 +226,14 @@ def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]
 
 @contextmanager
 def trials() -> Iterator[Callable[[TrialProgress], None]]:
-    """The same for a comparison, which says itself how many trials there are."""
+    """Show the progress of a comparison, which tells how many trials there are."""
     finished = 0
     advance: Callable[[int], None] | None = None
     with ExitStack() as stack:
 
         def show(state: TrialProgress) -> None:
             nonlocal advance, finished
-            if advance is None:
-                advance = stack.enter_context(progress(state.total))
+            advance = advance or stack.enter_context(progress(state.total))
             advance(state.finished - finished)
             finished = state.finished
 
@@ -219,13 +241,13 @@ def trials() -> Iterator[Callable[[TrialProgress], None]]:
 
 
 class LoggedProgress:
-    """Lines of progress on standard error, `interval` seconds apart or more."""
+    """Print lines of progress on standard error, at least `interval` seconds apart."""
 
     def __init__(
         self,
         total: int,
         what: str,
-        interval: float = _LOG_INTERVAL,
+        interval: float = _LOG_INTERVAL_S,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._total = total

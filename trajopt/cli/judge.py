@@ -16,7 +16,7 @@ from trajopt.cli import asked, console
 from trajopt.cli.asked import Robot
 from trajopt.cli.explain import sentences
 from trajopt.cli.parameters import InterpolationName, Json, MotionFile, ProblemName, number
-from trajopt.cli.plan import own_velocity_limits, worst_values
+from trajopt.cli.plan import print_durations, print_worst
 from trajopt.views.figures import draw
 
 _OWN_LIMITS = Robot()
@@ -70,7 +70,7 @@ def judge(
 
 
 def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
-    """Whether it beats the best known motion, and what to do then."""
+    """Tell if it beats the best known motion, and name the command that records it."""
     record = records.find(found.problem)
     duration = found.certified_duration
     if record is None or duration is None or duration >= record.duration * (1 - BETTER_RTOL):
@@ -83,25 +83,17 @@ def _better_than_recorded(found: Judgement, motion: Path) -> Iterator[str]:
 
 
 def _print(found: Judgement) -> None:
-    certificate = found.certificate
     verdict = "feasible" if found.kept else "not feasible"
-    name = console.markup(found.motion.name)
-    title = f"[bold]{name}[/bold] on {console.markup(found.problem.name)}: [bold]{verdict}[/bold]"
-    console.OUT.print(title, soft_wrap=True)
+    console.headline(found.motion.name, f" on {found.problem.name}: ", verdict)
     for sentence in _verdict(found):
         console.paragraph(sentence)
-    console.paragraph(f"  {'claimed':<12}{found.claimed_duration:.6f} s")
-    if found.certified_duration is not None:
-        console.paragraph(f"  {'certified':<12}{found.certified_duration:.6f} s")
-    passed = ", ".join(f"{t:.6g}" for t in found.trajectory.waypoint_times)
-    console.paragraph(f"  {'waypoints':<12}{passed} s")
-    console.OUT.print(worst_values(certificate, found.problem))
-    if found.excess is not None:
-        console.paragraph(own_velocity_limits(found.excess, found.problem))
+    times = found.trajectory.waypoint_times
+    print_durations(found.claimed_duration, found.certified_duration, times)
+    print_worst(found.certificate, found.excess, found.problem)
 
 
 def _verdict(found: Judgement) -> Iterator[str]:
-    """How it was executed, what is wrong with it, and what mends it."""
+    """Tell how it was executed, what is wrong with it, and what mends it."""
     certificate = found.certificate
     kind = found.motion.interpolation
     if kind == "polynomial":

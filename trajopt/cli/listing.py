@@ -1,13 +1,16 @@
-"""`trajopt list`: planners with what they know, built-in problems, and robots."""
+"""`trajopt list`: planners with the limits that they keep, built-in problems, and robots."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, Literal
+from typing import Any
+
+from rich.text import Text
 
 from trajopt.benchmark.suites import catalogue, robots
 from trajopt.cli import console
+from trajopt.cli.console import Grid
 from trajopt.cli.parameters import Json
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, LimitName, Limits, Problem
@@ -24,21 +27,21 @@ def list_(*, json: Json = False) -> int:
     arms = [_arm(name) for name in robots.arm_files()]
     if json:
         console.print_json({"planners": planners, "problems": problems, "robots": arms})
-        return 0
-    console.OUT.print(_planner_table(planners))
-    console.paragraph()
-    console.OUT.print(_problem_table(problems))
-    console.paragraph()
-    console.OUT.print(_arm_table(arms))
+    else:
+        console.OUT.print(_planner_table(planners))
+        console.paragraph()
+        console.OUT.print(_problem_table(problems))
+        console.paragraph()
+        console.OUT.print(_arm_table(arms))
     return 0
 
 
 def described(entry: Entry) -> dict[str, Any]:
-    """A planner's name, one line, options, limits, and what is missing.
+    """Describe a planner: its name, one line, options, limits, and what is missing.
 
-    Limits that it `knows` it plans for. Those that it `ignores` it ignores on purpose: its answer
-    is relaxed then. Problems with those that it `refuses` it does not solve. Any other it may
-    break, which the verifier then says.
+    It keeps the limits that it `knows`. It drops those that it `ignores`: its answer is relaxed
+    then. It does not solve problems with limits that it `refuses`. It may break any other limit,
+    which the verifier reports.
     """
     missing = entry.missing()
     row: dict[str, Any] = {
@@ -55,40 +58,37 @@ def described(entry: Entry) -> dict[str, Any]:
         row["options"] = planner.options()
         row["knows"] = list(planner.knows)
         for limit in _OPTIONAL_LIMITS:
-            fate = _fate(planner, limit)
-            if fate is not None:
-                row[fate].append(limit)
+            row.get(_fate(planner, limit), []).append(limit)
     except TrajoptError:
-        pass  # `missing` says why
+        pass  # `missing` tells the reason
     row["available"] = missing is None
     row["missing"] = missing
     return row
 
 
-def _fate(planner: Planner, limit: LimitName) -> Literal["ignores", "refuses"] | None:
-    """What a planner does with a kind of limit that it cannot keep; None for others."""
+def _fate(planner: Planner, limit: LimitName) -> str:
+    """Tell whether a planner `ignores` or `refuses` a kind of limit; empty for neither."""
     problem = _limited_by(limit)
     try:
         if planner.unsupported(problem) is not None:
             return "refuses"
         if planner.relation(problem) is Relation.RELAXATION:
             return "ignores"
-    except Exception:  # a stranger's planner: its trials will say so
-        return None
-    return None
+    except Exception:  # a stranger's planner: its trials record the error
+        return ""
+    return ""
 
 
 @cache
 def _limited_by(name: LimitName) -> Problem:
-    """One joint through four waypoints, as many as a 3-5-3 spline takes."""
-    limits = Limits([1.0], [1.0], jerk=[1.0], position=[10.0])
-    problem = Problem([[0.0], [1.0], [2.0], [3.0]], limits)
-    other: LimitName = "position" if name == "jerk" else "jerk"
-    return problem.without(other)
+    """Return a problem of one joint and four waypoints, as many as a 3-5-3 spline takes."""
+    optional = {"jerk": [1.0], "position": [10.0]}
+    limits = Limits([1.0], [1.0], **{name: optional[name]})
+    return Problem([[0.0], [1.0], [2.0], [3.0]], limits)
 
 
 def _problem(name: str) -> dict[str, Any]:
-    """A built-in problem's file, size, limits, and where it comes from."""
+    """Describe a built-in problem: its file, size, limits and source."""
     problem = catalogue.load(name)
     return {
         "name": name,
@@ -101,7 +101,7 @@ def _problem(name: str) -> dict[str, Any]:
 
 
 def _arm(name: str) -> dict[str, Any]:
-    """A built-in robot's joints, kinds of limits, and how well each kind is known."""
+    """Describe a built-in robot: its joints, kinds of limits, and how well each kind is known."""
     arm = robots.arm(name)
     return {
         "name": name,
@@ -112,60 +112,43 @@ def _arm(name: str) -> dict[str, Any]:
     }
 
 
-def _planner_table(planners: Sequence[dict[str, Any]]) -> Any:
+def _planner_table(planners: Sequence[dict[str, Any]]) -> Grid:
     table = console.table("planner", "what it is, its options, and the limits it knows")
     for planner in planners:
-        lines = [console.markup(planner["description"])]
-        options = planner["options"]
-        settings = ", ".join(f"{key}={value}" for key, value in options.items())
+        lines = [Text(console.visible(planner["description"]))]
+        settings = [f"{key}={value}" for key, value in planner["options"].items()]
         if settings:
-            lines.append(f"[dim]{console.markup(settings)}[/dim]")
+            lines.append(Text(console.visible(", ".join(settings)), "dim"))
         if planner["available"]:
-            lines.append(f"[dim]{_limits_in_words(planner)}[/dim]")
+            lines.append(Text(_limits_in_words(planner), "dim"))
         else:
-            missing = console.markup(planner["missing"])
-            lines.append(f"[red]not available: {missing}[/red]")
-        name = console.markup(planner["name"])
-        table.add_row(f"[bold]{name}[/bold]", "\n".join(lines))
+            lines.append(Text(console.visible(f"not available: {planner['missing']}"), "red"))
+        table.row(console.bold(planner["name"]), Text("\n").join(lines))
     return table
 
 
 def _limits_in_words(planner: dict[str, Any]) -> str:
-    known = ", ".join(planner["knows"])
-    sentences = [f"knows {known or 'no'} limits"]
+    sentences = [f"knows {', '.join(planner['knows']) or 'no'} limits"]
     if planner["ignores"]:
-        ignored = " and ".join(planner["ignores"])
-        sentences.append(f"ignores {ignored} limits: relaxed then")
+        sentences.append(f"ignores {' and '.join(planner['ignores'])} limits: relaxed then")
     if planner["refuses"]:
-        refused = " and ".join(planner["refuses"])
-        sentences.append(f"refuses {refused} limits")
+        sentences.append(f"refuses {' and '.join(planner['refuses'])} limits")
     return "; ".join(sentences)
 
 
-def _problem_table(problems: Sequence[dict[str, Any]]) -> Any:
+def _problem_table(problems: Sequence[dict[str, Any]]) -> Grid:
     table = console.table("problem", "joints", "waypoints", "limits")
     for problem in problems:
-        name = console.markup(problem["name"])
-        table.add_row(
-            f"[bold]{name}[/bold]",
-            str(problem["joints"]),
-            str(problem["waypoints"]),
-            ", ".join(problem["limits"]),
-        )
+        name = console.bold(problem["name"])
+        table.row(name, problem["joints"], problem["waypoints"], ", ".join(problem["limits"]))
     return table
 
 
-def _arm_table(arms: Sequence[dict[str, Any]]) -> Any:
+def _arm_table(arms: Sequence[dict[str, Any]]) -> Grid:
     table = console.table("robot", "joints", "limits, and how they are known")
     for arm in arms:
-        origins = []
-        for kind, status in arm["limits"].items():
-            origins.append(f"{kind} ({status})")
+        origins = [f"{kind} ({status})" for kind, status in arm["limits"].items()]
         if arm["falling_velocity"]:
             origins.append("constant velocity limits; the arm allows less near its position limits")
-        table.add_row(
-            f"[bold]{console.markup(arm['name'])}[/bold]",
-            str(len(arm["joint_names"])),
-            ", ".join(origins),
-        )
+        table.row(console.bold(arm["name"]), len(arm["joint_names"]), ", ".join(origins))
     return table

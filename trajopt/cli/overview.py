@@ -1,11 +1,10 @@
-"""What `trajopt compare` says of many problems: a line per planner, and why it failed."""
+"""The table of `trajopt compare` for many problems: a line per planner, and reasons of failure."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any
 
 from trajopt.cli import console
 from trajopt.views import report
@@ -18,7 +17,7 @@ Problems: as supported. Relaxed: motions that break limits which their planner
 ignores.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
-_KINDS_SHOWN = 3  # of a planner's failures
+MAX_FAILURE_KINDS = 3  # shown of each planner
 
 
 def show(results: Results, folder: Path) -> Path:
@@ -30,7 +29,16 @@ def show(results: Results, folder: Path) -> Path:
     numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
     table = console.table("planner", *numbers, numbers=numbers)
     for row in overview(results).itertuples():
-        table.add_row(*_overview_cells(row))
+        table.row(
+            console.option_lines(row.Index),
+            row.problems,
+            f"{row.solved} of {row.trials}",
+            row.failed,
+            row.relaxed,
+            "none" if row.gap == inf else _percent(row.gap),
+            _percent(row.worst),
+            f"{row.time:.3f}",
+        )
     console.OUT.print(table)
     for sentence in _why_failed(results):
         console.paragraph(sentence)
@@ -39,26 +47,12 @@ def show(results: Results, folder: Path) -> Path:
     return page
 
 
-def _overview_cells(row: Any) -> list[str]:
-    gap = "none" if row.gap == inf else _percent(row.gap)
-    return [
-        console.option_lines(row.Index),
-        str(row.problems),
-        f"{row.solved} of {row.trials}",
-        str(row.failed),
-        str(row.relaxed),
-        gap,
-        _percent(row.worst),
-        f"{row.time:.3f}",
-    ]
-
-
 def _why_failed(results: Results) -> Iterator[str]:
-    """What kept each planner's trials from being solved, the most frequent kinds by their size."""
+    """Yield a sentence per planner with failed trials: the most frequent kinds of failure."""
     reasons = failures(results)
     for label, own in reasons.groupby(level="label", sort=False):
-        sentence = f"{label}: {own['count'].sum()} failed: {in_words(own.head(_KINDS_SHOWN))}"
-        others = own["count"].iloc[_KINDS_SHOWN:].sum()
+        sentence = f"{label}: {own['count'].sum()} failed: {in_words(own.head(MAX_FAILURE_KINDS))}"
+        others = own["count"].iloc[MAX_FAILURE_KINDS:].sum()
         if others:
             sentence += f"; {others} in other ways"
         yield sentence

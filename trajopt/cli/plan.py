@@ -1,13 +1,13 @@
-"""`trajopt plan`: one planner, one problem, one verdict."""
+"""`trajopt plan`: run one planner on one problem, verify and write its answer."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.table import Table
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, judge
@@ -25,7 +25,7 @@ from trajopt.views.export import motion
 from trajopt.views.export.motion import Executed, Points, Target, peak
 
 _OWN_LIMITS = Robot()
-_CYCLE = 1e-3  # s
+_CYCLE_S = 1e-3
 
 
 def plan(
@@ -79,36 +79,34 @@ def plan(
     table = _table(trial, problem, found)
     if not json:
         print_trial(trial, problem)
-        if found is not None:
-            for sentence in sentences(found):
-                console.paragraph(sentence)
+        for sentence in sentences(found) if found else ():
+            console.paragraph(sentence)
     code = 0 if trial.is_answered else 1
-    if target is not None:
-        if trial.certified_trajectory is None and target.path.suffix != ".h5":
-            console.note(f"{out} is not written: no certified trajectory")
-            code = 1
-        else:
-            executed = motion.write(target, trial)
-            table["out"] = {"file": str(out)} | (executed.as_dict() if executed else {})
-            if not json:
-                console.paragraph(_written(target, trial, executed))
+    if target is not None and not trial.certified_trajectory and target.path.suffix != ".h5":
+        console.note(f"{out} is not written: no certified trajectory")
+        code = 1
+    elif target is not None:
+        executed = motion.write(target, trial)
+        table["out"] = {"file": str(out)} | (executed.as_dict() if executed else {})
+        if not json:
+            console.paragraph(_written(target, trial, executed))
     if json:
         console.print_json(table)
     return code
 
 
 def _cycle(cycle: float | None, rate: float | None) -> float:
-    """The control cycle, s, in whole nanoseconds."""
+    """Return the control cycle, s, rounded to nanoseconds."""
     if cycle is not None and rate is not None:
         raise InvalidInput("--rate", "--cycle or --rate, not both", value=rate)
-    seconds = _CYCLE if cycle is None else cycle
+    seconds = cycle or _CYCLE_S
     if rate is not None:
         seconds = 1 / rate
     return max(round(seconds, 9), 1e-6)
 
 
 def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
-    """What was written, and what a controller makes of it."""
+    """Tell what was written, and how a controller executes it."""
     if executed is None:
         return f"{target.path} is written."
     certificate = executed.certificate
@@ -122,16 +120,14 @@ def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
 
 
 def _table(trial: Trial, problem: str, found: Best | None) -> dict[str, Any]:
-    """For JSON."""
+    """Return the trial for JSON, with the problem's file."""
     file = Path(problem) if Path(problem).suffix in ENDINGS else catalogue.find(problem)
-    path = None if file is None else str(file)
-    names = {"problem": trial.problem.name, "problem_file": path}
-    choice = {} if found is None else found.as_dict()
-    return names | trial.as_dict() | choice
+    names = {"problem": trial.problem.name, "problem_file": file and str(file)}
+    return names | trial.as_dict() | (found.as_dict() if found else {})
 
 
 def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
-    """Find out before the work that a file cannot be written after it.
+    """Check before the work whether a file can be written after it.
 
     Raises:
         InvalidInput: It is there already (and not `force`), is a folder, or its folder cannot be
@@ -142,54 +138,70 @@ def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
     if path.exists() and not force:
         right = "a file that is not there yet, or --force to overwrite it"
         raise InvalidInput(key, right, value=str(path))
-    if path.exists():
-        writable = os.access(path, os.W_OK)
-    else:
-        folder = _nearest_folder(path)
-        writable = folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
-    if not writable:
+    # folders on the way are made when the file is written
+    nearest = path if path.exists() else next(p for p in path.absolute().parents if p.exists())
+    needed = os.W_OK if nearest == path else os.W_OK | os.X_OK
+    if nearest.is_dir() == (nearest == path) or not os.access(nearest, needed):
         raise InvalidInput(key, "a file that can be written", value=str(path))
 
 
-def _nearest_folder(path: Path) -> Path:
-    """The closest ancestor that exists: folders between are made when the file is written."""
-    for folder in path.absolute().parents:
-        if folder.exists():
-            return folder
-    return path.absolute()
-
-
 def print_trial(trial: Trial, problem: str) -> None:
-    """The verdict, then the worst value of each kind; `problem` is the name or file asked for."""
+    """Print the verdict and the worst values; `problem` is the name or file that was asked for."""
     where = "" if problem == trial.problem.name else f" ({problem})"
-    title = f"[bold]{console.markup(trial.label)}[/bold] on "
-    title += console.markup(f"{trial.problem.name}{where}")
-    console.OUT.print(f"{title}: [bold]{trial.status}[/bold]", soft_wrap=True)
+    console.headline(trial.label, f" on {trial.problem.name}{where}: ", trial.status)
     if trial.message:
         console.paragraph(trial.message.strip().splitlines()[-1])
-    durations = {
-        "claimed": trial.claimed_duration,
-        "certified": trial.certified_duration,
-        "lower bound": trial.lower_bound,
-    }
+    certified = trial.certified_trajectory
+    print_durations(
+        trial.claimed_duration,
+        trial.certified_duration,
+        None if certified is None else certified.waypoint_times,
+        trial.lower_bound,
+    )
+    console.paragraph(
+        f"  computing   {trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
+    )
+    if trial.certificate:
+        found = None
+        if certified is not None and trial.problem.falling_velocity:
+            found = excess(trial.problem.falling_velocity, certified)
+        print_worst(trial.certificate, found, trial.problem)
+
+
+def print_durations(
+    claimed: float | None,
+    certified: float | None,
+    waypoint_times: Iterable[float] | None,
+    lower_bound: float | None = None,
+) -> None:
+    """Print the durations that exist, s, and when the motion passes its waypoints, s."""
+    durations = {"claimed": claimed, "certified": certified, "lower bound": lower_bound}
     for name, value in durations.items():
         if value is not None:
             console.paragraph(f"  {name:<12}{value:.6f} s")
-    certified = trial.certified_trajectory
-    if certified is not None:
-        passed = ", ".join(f"{t:.6g}" for t in certified.waypoint_times)
-        console.paragraph(f"  {'waypoints':<12}{passed} s")
-    computing = f"{trial.solve_time:.3f} s, after {trial.setup_time:.3f} s of setup"
-    console.paragraph(f"  {'computing':<12}{computing}")
-    if trial.certificate:
-        console.OUT.print(worst_values(trial.certificate, trial.problem))
-    if certified is not None and trial.problem.falling_velocity:
-        found = excess(trial.problem.falling_velocity, certified)
-        console.paragraph(own_velocity_limits(found, trial.problem))
+    if waypoint_times is not None:
+        console.paragraph(f"  waypoints   {', '.join(f'{t:.6g}' for t in waypoint_times)} s")
 
 
-def own_velocity_limits(found: Excess, problem: Problem) -> str:
-    """Whether a motion keeps the arm's own velocity limits, which fall towards position limits."""
+def print_worst(certificate: Certificate, found: Excess | None, problem: Problem) -> None:
+    """Print the worst value of each kind, and whether the arm's own velocity limits are kept."""
+    table = console.table("worst", "value", "joint", "time [s]")
+    for kind in WORST_KINDS:
+        worst: Worst | None = getattr(certificate, kind)
+        if worst is None:
+            continue
+        value = f"{worst.value:.2e} {problem.unit(worst.joint, worst.order)}"
+        if kind in RATIO_KINDS:
+            value = f"{worst.value:.6f} of limit"
+        joint = problem.joint_labels[worst.joint].removeprefix("joint ")
+        table.row(kind, value, joint, f"{worst.time:.6f}")
+    console.OUT.print(table)
+    if found is not None:
+        console.paragraph(_own_velocity_limits(found, problem))
+
+
+def _own_velocity_limits(found: Excess, problem: Problem) -> str:
+    """Tell whether a motion keeps velocity limits that fall near the position limits."""
     limits = "the arm's own velocity limits, which fall near its position limits"
     if found.kept:
         return f"It keeps {limits}."
@@ -200,20 +212,3 @@ def own_velocity_limits(found: Excess, problem: Problem) -> str:
         f"moves at {found.velocity:.4g} and may at {found.allowed:.4g} {unit}; some joint is too "
         f"fast for {100 * found.share:.1f} % of the time. No planner here keeps these limits yet."
     )
-
-
-def worst_values(certificate: Certificate, problem: Problem) -> Table:
-    """The worst of each kind; a joint by its name where it has one."""
-    table = console.table("worst", "value", "joint", "time [s]")
-    for kind in WORST_KINDS:
-        worst: Worst | None = getattr(certificate, kind)
-        if worst is None:
-            continue
-        if kind in RATIO_KINDS:
-            value = f"{worst.value:.6f} of limit"
-        else:
-            value = f"{worst.value:.2e} {problem.unit(worst.joint, worst.order)}"
-        label = problem.joint_labels[worst.joint]
-        joint = console.markup(label.removeprefix("joint "))
-        table.add_row(kind, value, joint, f"{worst.time:.6f}")
-    return table

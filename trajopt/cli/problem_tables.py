@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isnan
 
-from rich.table import Table
-
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
+from trajopt.cli.console import Grid
 from trajopt.views.analysis.summary import Line, Summary
 from trajopt.views.figures.style import dilated
 
@@ -30,35 +29,28 @@ def show(summary: Summary) -> None:
         console.paragraph()
 
 
-def _comparison(lines: Sequence[Line]) -> Table:
+def _comparison(lines: Sequence[Line]) -> Grid:
     numbers = ("median s", "quartiles s", "gap %", "kept limits", "evals", "time s")
     title = f"{lines[0].problem}: certified durations"
     table = console.table("planner", *numbers, numbers=numbers, title=title)
     for line in lines:
-        name = console.option_lines(line.label)
-        time = f"{line.solve_time:.3f}"
-        if isnan(line.median):
-            table.add_row(name, _without_duration(line), "", "", "", "", time)
-        else:
-            table.add_row(name, *_durations(line), time)
+        cells = _without_duration(line) if isnan(line.median) else _durations(line)
+        table.row(console.option_lines(line.label), *cells, f"{line.solve_time:.3f}")
     return table
 
 
-def _without_duration(line: Line) -> str:
-    if isnan(line.lower_bound):
-        return console.markup(line.status)
-    return f"≥ {line.lower_bound:.4f}"
+def _without_duration(line: Line) -> list[str]:
+    known = line.status if isnan(line.lower_bound) else f"≥ {line.lower_bound:.4f}"
+    return [known, "", "", "", ""]
 
 
 def _durations(line: Line) -> list[str]:
-    quartiles = ""
-    if line.runs > 1:
-        quartiles = f"{line.q1:.4f}–{line.q3:.4f}"
-    kept_limits = f"{100 * line.kept:.0f} %"
+    quartiles = f"{line.q1:.4f}–{line.q3:.4f}" if line.runs > 1 else ""
+    kept_limits = f"{line.kept:.0%}".replace("%", " %")
     if line.dilation > 1:
         kept_limits += f" {dilated(line.dilation)}"
-    gap = "" if isnan(line.gap) else f"{100 * line.gap:+.2f}"
-    evaluations = "" if isnan(line.evaluations) else f"{line.evaluations:.0f}"
+    gap = console.number(100 * line.gap, "+.2f", missing="")
+    evaluations = console.number(line.evaluations, ".0f", missing="")
     return [f"{line.median:.4f}", quartiles, gap, kept_limits, evaluations]
 
 

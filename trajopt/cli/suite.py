@@ -1,4 +1,4 @@
-"""`trajopt suite list | show | export`: what there is to compare planners on."""
+"""`trajopt suite list | show | export`: suites of problems to compare planners on."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import cyclopts
 from cyclopts import Parameter
+from rich.text import Text
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.suites.catalogue import Suite
@@ -82,7 +83,7 @@ def export(
 
 
 def _missing(texts: dict[Path, str]) -> Iterator[Path]:
-    """The files that are not there yet; raises before anything is written if one differs."""
+    """Yield the files that do not exist; raise if a file exists with another text."""
     for file, text in texts.items():
         if not file.exists():
             yield file
@@ -121,34 +122,25 @@ def _print_list(rows: Sequence[dict[str, Any]]) -> None:
     numbers = ("problems", "joints", "waypoints", "version")
     table = console.table("suite", *numbers, "also limited", numbers=numbers)
     for row in rows:
-        name = console.markup(row["name"])
-        table.add_row(
-            f"[bold]{name}[/bold]",
-            str(row["problems"]),
+        table.row(
+            console.bold(row["name"]),
+            row["problems"],
             _range(*row["joints"]),
             _range(*row["waypoints"]),
-            str(row["version"]),
+            row["version"],
             _besides(row),
         )
     console.OUT.print(table)
     console.paragraph("\nvelocity and acceleration are always limited")
     for row in rows:
-        name = console.markup(row["name"])
-        description = console.markup(row["description"])
-        console.OUT.print(f"[bold]{name}[/bold]: {description}")
+        console.OUT.print(Text.assemble(console.bold(row["name"]), ": ", row["description"]))
 
 
 def _print_show(suite: Suite, rows: Sequence[dict[str, Any]]) -> None:
     sizes = ("joints", "waypoints")
     table = console.table("problem", *sizes, "also limited", "digest", numbers=sizes)
     for row in rows:
-        table.add_row(
-            console.markup(row["name"]),
-            str(row["joints"]),
-            str(row["waypoints"]),
-            _besides(row),
-            row["digest"][:12],
-        )
+        table.row(row["name"], row["joints"], row["waypoints"], _besides(row), row["digest"][:12])
     console.OUT.print(table)
     count = "1 problem" if len(rows) == 1 else f"{len(rows)} problems"
     console.paragraph(f"{count}, version {suite.version}: {suite.description}")
@@ -159,5 +151,5 @@ def _range(low: int, high: int) -> str:
 
 
 def _besides(row: dict[str, Any]) -> str:
-    """The limits besides those that every problem has."""
+    """Name the limits besides velocity and acceleration, which every problem has."""
     return ", ".join(limit for limit in row["limits"] if limit not in ("velocity", "acceleration"))

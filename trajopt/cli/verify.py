@@ -1,6 +1,4 @@
-"""`trajopt verify`: claimed against certified, trial by trial, and what does not hold; or whether
-a motion, as a controller runs it, keeps a robot's limits.
-"""
+"""`trajopt verify`: check stored trials again, or a motion against a robot's limits."""
 
 from __future__ import annotations
 
@@ -9,15 +7,15 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.table import Table
 
 from trajopt.benchmark.judgement import Execution, as_executed
 from trajopt.benchmark.store.verification import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console
 from trajopt.cli.asked import Robot
+from trajopt.cli.console import Grid
 from trajopt.cli.parameters import InterpolationName, Json
-from trajopt.cli.plan import own_velocity_limits, worst_values
+from trajopt.cli.plan import print_worst
 from trajopt.core.arm_file import arm_files
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
@@ -25,8 +23,7 @@ from trajopt.formats.motion import ENDINGS, Motion, motion
 from trajopt.judging.verification import Certificate
 
 _NO_ROBOT = Robot()
-# More trials than this are counted, and only those that do not hold are listed.
-_MAX_ROWS = 200
+MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are listed
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
@@ -65,7 +62,7 @@ def _verify_motion(
     interpolation: Interpolation,
     json: bool,
 ) -> int:
-    """A motion as a controller runs it, within limits alone."""
+    """Judge a motion as a controller runs it, by limits alone."""
     if robot.unit is not None:
         right = "no such flag: a motion's columns have their units in the header"
         raise InvalidInput("--unit", right, value=robot.unit)
@@ -82,7 +79,7 @@ def _verify_motion(
 
 
 def _executed(given: Motion, robot: Robot) -> Execution:
-    """The motion within the limits of its joints: a file's, a robot's or a problem's.
+    """Judge the motion by the limits of a file, a robot or a problem.
 
     Joints are found by their names, or in their order where the motion or the problem has none.
     """
@@ -108,19 +105,15 @@ def _executed(given: Motion, robot: Robot) -> Execution:
 
 
 def _print_execution(found: Execution, limits: str) -> None:
-    certificate = found.certificate
     verdict = "feasible" if found.kept else "not feasible"
-    name = console.markup(found.motion.name)
-    title = f"[bold]{name}[/bold] within {console.markup(limits)}: [bold]{verdict}[/bold]"
-    console.OUT.print(title, soft_wrap=True)
-    kind = found.motion.interpolation
+    console.headline(found.motion.name, f" within {limits}: ", verdict)
+    certificate = found.certificate
     pieces = len(found.motion.trajectory.lengths)
+    kind = found.motion.interpolation
     console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")
     for sentence in _mended(certificate):
         console.paragraph(sentence)
-    console.OUT.print(worst_values(certificate, found.problem))
-    if found.excess is not None:
-        console.paragraph(own_velocity_limits(found.excess, found.problem))
+    print_worst(certificate, found.excess, found.problem)
 
 
 def _mended(certificate: Certificate) -> Iterator[str]:
@@ -137,7 +130,7 @@ def _mended(certificate: Certificate) -> Iterator[str]:
 
 def _print(found: Verification) -> None:
     wrong = [trial for trial in found.trials if not trial.holds]
-    shown = found.trials if len(found.trials) <= _MAX_ROWS else wrong
+    shown = found.trials if len(found.trials) <= MAX_TRIALS_LISTED else wrong
     if shown:
         console.OUT.print(_table(shown))
     for sentence in found.summary():
@@ -148,29 +141,20 @@ def _print(found: Verification) -> None:
         console.paragraph(_what_is_wrong(trial))
 
 
-def _table(trials: Iterable[CheckedTrial]) -> Table:
+def _table(trials: Iterable[CheckedTrial]) -> Grid:
     table = console.table("problem", "planner", *_NUMBERS, numbers=_NUMBERS)
     for trial in trials:
-        verdict = console.markup(trial.status)
-        if not trial.holds:
-            verdict = "[bold red]DOES NOT HOLD[/bold red]"
-        table.add_row(
-            console.markup(trial.problem),
+        durations = (trial.claimed_duration, trial.certified_duration, trial.dilation)
+        table.row(
+            trial.problem,
             console.option_lines(trial.planner),
-            "–" if trial.seed is None else str(trial.seed),
-            _number(trial.claimed_duration),
-            _number(trial.certified_duration),
-            _number(trial.dilation),
-            verdict,
+            console.number(trial.seed, "d"),
+            *(console.number(value, ".6f") for value in durations),
+            trial.status if trial.holds else console.alarm("DOES NOT HOLD"),
         )
     return table
 
 
 def _what_is_wrong(trial: CheckedTrial) -> str:
     name = f"{trial.planner} on {trial.problem}, seed {trial.seed}, trial {trial.id}"
-    flaws = [flaw for flaw in trial.flaws if flaw]
-    return f"{name}: {'; '.join([*trial.differences, *flaws])}"
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.6f}"
+    return f"{name}: {'; '.join([*trial.differences, *filter(None, trial.flaws)])}"
