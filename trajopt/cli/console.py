@@ -113,10 +113,11 @@ def alarm(value: object) -> Text:
     return Text(visible(value), "bold red")
 
 
-def option_lines(label: str) -> str:
+def option_lines(label: str) -> Text:
     """Return a planner's label with one option a line, where folding would break options."""
     name, _, options = label.partition(":")
-    return "\n  ".join([name, *filter(None, options.split(","))])
+    lines = [name, *filter(None, options.split(","))]
+    return Text(visible("\n  ".join(lines)))
 
 
 def number(value: float | None, form: str, missing: str = "–") -> str:
