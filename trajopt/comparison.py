@@ -129,7 +129,11 @@ def _done(store: Store, allowed: Allowance) -> set[str]:
     return store.finished() | stopped
 
 
-def _consolidated(store: Store, asked: set[str], seen: Seen) -> list[Trial]:
+def _consolidated(
+    store: Store,
+    asked: set[str],
+    seen: Seen,
+) -> list[Trial]:
     """Collect all trials of the folder in `results.h5`; return those asked for, sorted."""
     file = store.consolidate(seen)
     trials = [trial for trial_id, trial in seen.trials.items() if trial_id in asked]

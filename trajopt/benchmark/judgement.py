@@ -178,7 +178,12 @@ def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
 def _check_joints(motion: Motion, joints: int) -> None:
     own = motion.trajectory.joints
     if own != joints:
-        raise InvalidInput("joints", f"{joints}, as the problem has", value=own, file=motion.name)
+        raise InvalidInput(
+            "joints",
+            f"{joints}, as the problem has",
+            value=own,
+            file=motion.name,
+        )
 
 
 def _excess(problem: Problem, trajectory: Trajectory) -> Excess | None:
@@ -196,7 +201,11 @@ def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
         raise InvalidInput("via_tolerance", right, value=via_tolerance)
 
 
-def _as_passed(problem: Problem, trajectory: Trajectory, via_tolerance: float) -> Problem:
+def _as_passed(
+    problem: Problem,
+    trajectory: Trajectory,
+    via_tolerance: float,
+) -> Problem:
     """The problem through the points that the motion passes, where they are within tolerance.
 
     Within its position limits too: a waypoint outside would be no problem's.
@@ -340,7 +349,12 @@ class GivenMotion(Planner):
 
     knows = ("velocity", "acceleration", "jerk", "position")
 
-    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+    def solve(
+        self,
+        problem: Problem,
+        *,
+        seed: int = 0,
+    ) -> Solution:
         """Return the motion with the times at which it comes closest to the waypoints, in order."""
         own = self.motion.for_joints(problem.joint_names)
         return Solution(Status.SOLVED, passing(problem, own.trajectory))

@@ -56,7 +56,11 @@ def _against(pairs: pd.DataFrame, rival: str) -> pd.DataFrame:
     for name in ("holm", "both_holm"):
         if name in rows:
             rows[name] = holm(rows[name.replace("holm", "pvalue")])
-    return rows.sort_values("ratio", kind="stable", na_position="last")
+    return rows.sort_values(
+        "ratio",
+        kind="stable",
+        na_position="last",
+    )
 
 
 def _nothing_to_compare(rival: str, one_problem: bool) -> str:
@@ -71,7 +75,12 @@ def _nothing_to_compare(rival: str, one_problem: bool) -> str:
 def _paired_table(rows: pd.DataFrame, rival: str) -> Grid:
     numbers = ("problems", "better", "tied", "worse", "ratio", "p", "shorter")
     title = f"Against {rival}, problem by problem"
-    table = console.table("planner", *numbers, numbers=numbers, title=title)
+    table = console.table(
+        "planner",
+        *numbers,
+        numbers=numbers,
+        title=title,
+    )
     for row in rows.itertuples():
         counts = (row.problems, row.better, row.tied, row.worse)
         name = console.option_lines(row.Index)
@@ -88,7 +97,12 @@ def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
     numbers = ("runs", "median s", "ratio", "p", "Holm", "shorter")
     runs = rows["rival_runs"].iloc[0]
     title = f"Against {rival} ({runs} runs)"
-    table = console.table("planner", *numbers, numbers=numbers, title=title)
+    table = console.table(
+        "planner",
+        *numbers,
+        numbers=numbers,
+        title=title,
+    )
     for row in rows.itertuples():
         table.row(
             console.option_lines(row.Index),

@@ -83,7 +83,11 @@ _COMMANDS = {
     ),
 }
 for _name, (_target, _help) in _COMMANDS.items():
-    app.command(f"trajopt.cli.{_target}", name=_name, help=_help)
+    app.command(
+        f"trajopt.cli.{_target}",
+        name=_name,
+        help=_help,
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -109,7 +113,11 @@ def _run(arguments: list[str] | None) -> int:
     """The command's exit code; warnings of this package are a line each on standard error."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", UnitWarning)
-        warnings.filterwarnings("always", category=UserWarning, module="trajopt")
+        warnings.filterwarnings(
+            "always",
+            category=UserWarning,
+            module="trajopt",
+        )
         warnings.showwarning = _show_warning
         code: int = app(
             arguments,
@@ -133,7 +141,11 @@ def _show_warning(
         console.note(f"warning: {message}")
     elif not issubclass(category, RuntimeWarning):  # NumPy's: what overflows the verifier refuses
         text = warnings.formatwarning(message, category, filename, lineno, line)
-        print(text, end="", file=file or sys.stderr)
+        print(
+            text,
+            end="",
+            file=file or sys.stderr,
+        )
 
 
 def _words(error: Exception) -> str:

@@ -68,7 +68,12 @@ class Robot:
         return {flag: value for flag, value in flags.items() if value is not None}
 
 
-def problem(name_or_path: str, robot: Robot, *, scaled: bool = False) -> Problem:
+def problem(
+    name_or_path: str,
+    robot: Robot,
+    *,
+    scaled: bool = False,
+) -> Problem:
     """The problem that is meant.
 
     Args:

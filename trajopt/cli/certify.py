@@ -36,7 +36,12 @@ def certify(
     """Prove a lower bound on the minimum time."""
     file = catalogue.find(problem)
     loaded = catalogue.load(problem)
-    options = {"family": family, "within": within, "time_limit": time_limit, "joint": joint}
+    options = {
+        "family": family,
+        "within": within,
+        "time_limit": time_limit,
+        "joint": joint,
+    }
     planner = configured(entries()["certify"].load(), options, "certify")
     began = time.perf_counter()
     proof = planner.solve(loaded)

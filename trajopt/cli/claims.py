@@ -45,7 +45,12 @@ def claims(
     problem: Annotated[str | None, Parameter(help=_PROBLEM)] = None,
     *,
     time_limit: Annotated[
-        float, number("Seconds for the proof of a lower bound.", above=0, most=MAX_SECONDS)
+        float,
+        number(
+            "Seconds for the proof of a lower bound.",
+            above=0,
+            most=MAX_SECONDS,
+        ),
     ] = 20.0,
     json: Json = False,
 ) -> int:
@@ -72,7 +77,13 @@ def _list(*, json: bool) -> int:
     rows = []
     for name in literature.files():
         published = literature.published(name)
-        rows.append({"name": name, "claims": len(published.claims), "source": published.source})
+        rows.append(
+            {
+                "name": name,
+                "claims": len(published.claims),
+                "source": published.source,
+            }
+        )
     if json:
         console.print_json({"problems": rows})
         return 0
@@ -84,7 +95,11 @@ def _list(*, json: bool) -> int:
     return 0
 
 
-def as_dict(published: Published, known: Known, judgements: list[JudgedClaim]) -> dict[str, Any]:
+def as_dict(
+    published: Published,
+    known: Known,
+    judgements: list[JudgedClaim],
+) -> dict[str, Any]:
     """Return what is known of a problem and its claims for JSON: seconds, and ratios minus 1."""
     facts = {
         "problem": published.name,
@@ -102,7 +117,11 @@ def _fields(value: object, names: Sequence[str]) -> dict[str, Any]:
     return {name: getattr(value, name) for name in names}
 
 
-def _print(published: Published, known: Known, judgements: list[JudgedClaim]) -> None:
+def _print(
+    published: Published,
+    known: Known,
+    judgements: list[JudgedClaim],
+) -> None:
     console.OUT.print(Text.assemble(console.bold(published.name), f": {published.source}"))
     facts = {
         "reading": published.reading,

@@ -53,11 +53,19 @@ def compare(
     ] = None,
     seeds: Annotated[
         int,
-        whole_number("Seeds 0 … N−1 of each stochastic planner.", least=1, most=1_000_000),
+        whole_number(
+            "Seeds 0 … N−1 of each stochastic planner.",
+            least=1,
+            most=1_000_000,
+        ),
     ] = 30,
     jobs: Annotated[
         int | None,
-        whole_number("Worker processes; by default one per CPU.", least=1, most=4096),
+        whole_number(
+            "Worker processes; by default one per CPU.",
+            least=1,
+            most=4096,
+        ),
     ] = None,
     output: Annotated[
         Path, Parameter(help="Results folder; what is there already is kept.")
@@ -65,7 +73,11 @@ def compare(
     fresh: Annotated[bool, Parameter(negative=(), help="Run everything again.")] = False,
     timeout: Annotated[
         float,
-        number("Seconds after which a trial is stopped.", least=1, most=MAX_SECONDS),
+        number(
+            "Seconds after which a trial is stopped.",
+            least=1,
+            most=MAX_SECONDS,
+        ),
     ] = 600.0,
     memory: Annotated[
         float | None,
@@ -119,7 +131,12 @@ def compare(
     return 0 if any(trial.is_answered for trial in results.items) else 1
 
 
-def _show(results: Results, problems: Sequence[Problem], folder: Path, rival: str | None) -> None:
+def _show(
+    results: Results,
+    problems: Sequence[Problem],
+    folder: Path,
+    rival: str | None,
+) -> None:
     """Print and draw the results."""
     count = f"{len(results.items)} trials"
     stored = f"stored:  {folder / 'results.h5'} ({count}"

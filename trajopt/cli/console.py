@@ -38,7 +38,11 @@ class _Console(Console):
 
 
 OUT = _Console(highlight=False, emoji=False)
-ERR = _Console(stderr=True, highlight=False, emoji=False)
+ERR = _Console(
+    stderr=True,
+    highlight=False,
+    emoji=False,
+)
 
 _LOG_INTERVAL_S = 10.0  # between a log's lines of progress, where there is no terminal
 _MAX_NOTE_CHARACTERS = 1400
@@ -120,14 +124,22 @@ def option_lines(label: str) -> Text:
     return Text(visible("\n  ".join(lines)))
 
 
-def number(value: float | None, form: str, missing: str = "–") -> str:
+def number(
+    value: float | None,
+    form: str,
+    missing: str = "–",
+) -> str:
     """Format a number; None and NaN are `missing`, and infinity is ∞."""
     if value is None or isnan(value):
         return missing
     return "∞" if isinf(value) else format(value, form)
 
 
-def headline(subject: str, rest: str, verdict: str) -> None:
+def headline(
+    subject: str,
+    rest: str,
+    verdict: str,
+) -> None:
     """Print one line: a subject in bold, the rest, a verdict in bold."""
     OUT.print(Text.assemble(bold(subject), visible(rest), bold(verdict)), soft_wrap=True)
 
@@ -139,7 +151,11 @@ def paragraph(text: object = "") -> None:
 
 def line(text: object) -> None:
     """Print one line on standard output without folding it, so that a path can be copied."""
-    OUT.print(visible(text), markup=False, soft_wrap=True)
+    OUT.print(
+        visible(text),
+        markup=False,
+        soft_wrap=True,
+    )
 
 
 def note(text: object) -> None:
@@ -148,12 +164,23 @@ def note(text: object) -> None:
     if len(words) > _MAX_NOTE_CHARACTERS:
         half = _MAX_NOTE_CHARACTERS // 2
         words = f"{words[:half]} … {words[-half:]}"
-    ERR.print(f"trajopt: {words}", markup=False, soft_wrap=True)
+    ERR.print(
+        f"trajopt: {words}",
+        markup=False,
+        soft_wrap=True,
+    )
 
 
 def print_json(table: Any) -> None:
     """Print one JSON object and nothing else; infinity and NaN are null."""
-    print(json.dumps(_finite(table), indent=2, allow_nan=False, default=str))
+    print(
+        json.dumps(
+            _finite(table),
+            indent=2,
+            allow_nan=False,
+            default=str,
+        )
+    )
 
 
 def _finite(value: Any) -> Any:
@@ -182,11 +209,20 @@ def table(*columns: str, numbers: Collection[str] = (), title: str | None = None
         numbers: The headings of columns that are aligned to the right and never folded.
         title: Printed above the table.
     """
-    made = Grid(box=None, pad_edge=False, collapse_padding=True, title_justify="left")
+    made = Grid(
+        box=None,
+        pad_edge=False,
+        collapse_padding=True,
+        title_justify="left",
+    )
     made.title = None if title is None else markup(title)
     for column in columns:
         if column in numbers:
-            made.add_column(markup(column), justify="right", no_wrap=True)
+            made.add_column(
+                markup(column),
+                justify="right",
+                no_wrap=True,
+            )
         else:
             made.add_column(markup(column), overflow="fold")
     return made
@@ -220,7 +256,12 @@ def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]
         bars.TextColumn("left"),
         bars.TimeRemainingColumn(),
     )
-    with bars.Progress(*columns, console=ERR, transient=True, speed_estimate_period=600) as bar:
+    with bars.Progress(
+        *columns,
+        console=ERR,
+        transient=True,
+        speed_estimate_period=600,
+    ) as bar:
         task = bar.add_task(what, total=total)
         yield lambda count: bar.advance(task, count)
 

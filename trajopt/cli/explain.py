@@ -42,7 +42,11 @@ def explain(
     """Say what a planner's gap is made of, and which limits hold it back."""
     name, chosen = named(planner)
     trial = explained_run(chosen, catalogue.load(problem), seed, name)
-    names = {"problem": trial.problem.name, "planner": trial.label, "seed": trial.seed}
+    names = {
+        "problem": trial.problem.name,
+        "planner": trial.label,
+        "seed": trial.seed,
+    }
     if trial.certified_trajectory is None:
         if json:
             console.print_json(names | {"status": trial.status, "message": trial.message})
@@ -70,7 +74,12 @@ def explain(
     return 0
 
 
-def explained_run(planner: Planner, problem: Problem, seed: int | None, name: str) -> Trial:
+def explained_run(
+    planner: Planner,
+    problem: Problem,
+    seed: int | None,
+    name: str,
+) -> Trial:
     """The run of that seed; without one, the median of a stochastic planner's runs.
 
     Of two runs in the middle, the shorter. Those without an answer count as the longest.
@@ -90,7 +99,12 @@ def _drawn(figures: Sequence[Path]) -> str:
     return f"figures: {names} in {folder}"
 
 
-def _sentences(trial: Trial, found: Explanation, *, median: bool) -> Iterator[str]:
+def _sentences(
+    trial: Trial,
+    found: Explanation,
+    *,
+    median: bool,
+) -> Iterator[str]:
     run = ""
     if trial.solution.history is not None:
         run = f" (seed {trial.seed})"
@@ -99,7 +113,11 @@ def _sentences(trial: Trial, found: Explanation, *, median: bool) -> Iterator[st
     return sentences(f"{trial.label}{run}", trial.problem, found)
 
 
-def sentences(subject: str, problem: Problem, found: Explanation) -> Iterator[str]:
+def sentences(
+    subject: str,
+    problem: Problem,
+    found: Explanation,
+) -> Iterator[str]:
     """The gap of a planner's or anyone's motion in five sentences."""
     what = f"{subject} takes {found.certified_duration:.4f} s on {problem.name}"
     if found.exact is None or found.gap is None:

@@ -54,7 +54,11 @@ def new(
     path = Path(name)
     if not path.suffix:
         path = path.with_suffix(".toml")
-    check_target(path, force=force, key="new")
+    check_target(
+        path,
+        force=force,
+        key="new",
+    )
     text = _TEXT.format(file=path)
     atomic.write(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
     console.line(f"{path}: edit it, then run: trajopt plan {path}")

@@ -24,9 +24,18 @@ def _decimal(type_: Any, tokens: Sequence[Token]) -> float:
     return numerals.decimal(tokens[0].value)
 
 
-def whole_number(help: str, *, least: int | None = None, most: int | None = None) -> Parameter:
+def whole_number(
+    help: str,
+    *,
+    least: int | None = None,
+    most: int | None = None,
+) -> Parameter:
     """A parameter that is a whole number from `least` to `most`."""
-    return Parameter(help=help, converter=_whole, validator=Number(gte=least, lte=most))
+    return Parameter(
+        help=help,
+        converter=_whole,
+        validator=Number(gte=least, lte=most),
+    )
 
 
 def number(
@@ -37,7 +46,15 @@ def number(
     most: float | None = None,
 ) -> Parameter:
     """A parameter that is a finite number above `above`, from `least` to `most`."""
-    return Parameter(help=help, converter=_decimal, validator=Number(gt=above, gte=least, lte=most))
+    return Parameter(
+        help=help,
+        converter=_decimal,
+        validator=Number(
+            gt=above,
+            gte=least,
+            lte=most,
+        ),
+    )
 
 
 def beside(results: Path, name: str) -> Path:
@@ -52,7 +69,11 @@ PlannerSpec = Annotated[
 ]
 Seed = Annotated[
     int,
-    whole_number("Seed of the random stream of stochastic planners.", least=0, most=_MAX_SEED),
+    whole_number(
+        "Seed of the random stream of stochastic planners.",
+        least=0,
+        most=_MAX_SEED,
+    ),
 ]
 Json = Annotated[bool, Parameter(negative=(), help="Print one JSON object and nothing else.")]
 MotionFile = Annotated[

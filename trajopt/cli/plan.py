@@ -47,10 +47,19 @@ def plan(
     force: Annotated[bool, Parameter(negative=(), help="Overwrite the file of --out.")] = False,
     cycle: Annotated[
         float | None,
-        number("Control cycle, s; all points are on it. By default 0.001.", least=1e-6, most=1e3),
+        number(
+            "Control cycle, s; all points are on it. By default 0.001.",
+            least=1e-6,
+            most=1e3,
+        ),
     ] = None,
     rate: Annotated[
-        float | None, number("The same as cycles per second.", above=0, most=1e6)
+        float | None,
+        number(
+            "The same as cycles per second.",
+            above=0,
+            most=1e6,
+        ),
     ] = None,
     points: Annotated[
         Points | None,
@@ -105,7 +114,11 @@ def _cycle(cycle: float | None, rate: float | None) -> float:
     return max(round(seconds, 9), 1e-6)
 
 
-def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
+def _written(
+    target: Target,
+    trial: Trial,
+    executed: Executed | None,
+) -> str:
     """Tell what was written, and how a controller executes it."""
     if executed is None:
         return f"{target.path} is written."
@@ -119,14 +132,23 @@ def _written(target: Target, trial: Trial, executed: Executed | None) -> str:
     )
 
 
-def _table(trial: Trial, problem: str, found: Best | None) -> dict[str, Any]:
+def _table(
+    trial: Trial,
+    problem: str,
+    found: Best | None,
+) -> dict[str, Any]:
     """Return the trial for JSON, with the problem's file."""
     file = Path(problem) if Path(problem).suffix in ENDINGS else catalogue.find(problem)
     names = {"problem": trial.problem.name, "problem_file": file and str(file)}
     return names | trial.as_dict() | (found.as_dict() if found else {})
 
 
-def check_target(path: Path, *, force: bool, key: str = "--out") -> None:
+def check_target(
+    path: Path,
+    *,
+    force: bool,
+    key: str = "--out",
+) -> None:
     """Check before the work whether a file can be written after it.
 
     Raises:
@@ -175,7 +197,11 @@ def print_durations(
     lower_bound: float | None = None,
 ) -> None:
     """Print the durations that exist, s, and when the motion passes its waypoints, s."""
-    durations = {"claimed": claimed, "certified": certified, "lower bound": lower_bound}
+    durations = {
+        "claimed": claimed,
+        "certified": certified,
+        "lower bound": lower_bound,
+    }
     for name, value in durations.items():
         if value is not None:
             console.paragraph(f"  {name:<12}{value:.6f} s")
@@ -183,7 +209,11 @@ def print_durations(
         console.paragraph(f"  waypoints   {', '.join(f'{t:.6g}' for t in waypoint_times)} s")
 
 
-def print_worst(certificate: Certificate, found: Excess | None, problem: Problem) -> None:
+def print_worst(
+    certificate: Certificate,
+    found: Excess | None,
+    problem: Problem,
+) -> None:
     """Print the worst value of each kind, and whether the arm's own velocity limits are kept."""
     table = console.table("worst", "value", "joint", "time [s]")
     for kind in WORST_KINDS:

@@ -32,7 +32,12 @@ def show(summary: Summary) -> None:
 def _comparison(lines: Sequence[Line]) -> Grid:
     numbers = ("median s", "quartiles s", "gap %", "kept limits", "evals", "time s")
     title = f"{lines[0].problem}: certified durations"
-    table = console.table("planner", *numbers, numbers=numbers, title=title)
+    table = console.table(
+        "planner",
+        *numbers,
+        numbers=numbers,
+        title=title,
+    )
     for line in lines:
         cells = _without_duration(line) if isnan(line.median) else _durations(line)
         table.row(console.option_lines(line.label), *cells, f"{line.solve_time:.3f}")

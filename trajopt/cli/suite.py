@@ -42,12 +42,22 @@ def list_(*, json: Json = False) -> int:
 
 
 @app.command
-def show(name: Name, /, *, size: Size = None, json: Json = False) -> int:
+def show(
+    name: Name,
+    /,
+    *,
+    size: Size = None,
+    json: Json = False,
+) -> int:
     """Show a suite's problems, with the digest that keeps old results from mixing with new."""
     rows = [_row(problem) for problem in catalogue.problems(name, size)]
     suite = catalogue.suites()[name]
     if json:
-        head = {"suite": name, "version": suite.version, "description": suite.description}
+        head = {
+            "suite": name,
+            "version": suite.version,
+            "description": suite.description,
+        }
         console.print_json(head | {"problems": rows})
     else:
         _print_show(suite, rows)
@@ -73,7 +83,13 @@ def export(
     if json:
         digests = {str(file): problem.digest() for file, problem in problems.items()}
         written = [str(file) for file in missing]
-        console.print_json({"suite": name, "files": digests, "written": written})
+        console.print_json(
+            {
+                "suite": name,
+                "files": digests,
+                "written": written,
+            }
+        )
         return 0
     said = f"{len(missing)} problem files written to {folder}"
     if len(missing) < len(texts):

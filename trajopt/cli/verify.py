@@ -50,7 +50,13 @@ def verify(
     found = verification(path)
     if json:
         rows = [trial.as_dict() for trial in found.trials]
-        console.print_json({"holds": found.holds, "summary": found.summary(), "trials": rows})
+        console.print_json(
+            {
+                "holds": found.holds,
+                "summary": found.summary(),
+                "trials": rows,
+            }
+        )
     else:
         _print(found)
     return 0 if found.holds else 1

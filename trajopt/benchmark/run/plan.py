@@ -40,7 +40,11 @@ class Allowance:
 
     @classmethod
     def of(
-        cls, jobs: int, executor: Executor | None, timeout: float, memory: float | None
+        cls,
+        jobs: int,
+        executor: Executor | None,
+        timeout: float,
+        memory: float | None,
     ) -> Allowance:
         """Return the limits under these arguments of `trajopt.compare`.
 

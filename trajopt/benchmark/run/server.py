@@ -36,7 +36,11 @@ from trajopt.benchmark.run import server
 server.serve(int(sys.argv[2]))
 """
 # Trials that run side by side must not fight for cores. NumPy reads this when it is imported.
-SINGLE_THREADED = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+SINGLE_THREADED = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+}
 
 
 class _Server:

@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 import cloudpickle
 
@@ -57,7 +57,11 @@ class Surroundings:
 
 
 def live(
-    questions: int, answers: int, output: int, around: Surroundings, memory: float | None
+    questions: int,
+    answers: int,
+    output: int,
+    around: Surroundings,
+    memory: float | None,
 ) -> NoReturn:
     """Answer questions in the new process until the judge hangs up.
 
@@ -95,7 +99,11 @@ def _become_own_process() -> None:
     os.setsid()
 
 
-def _keep_only(questions: int, answers: int, output: int) -> None:
+def _keep_only(
+    questions: int,
+    answers: int,
+    output: int,
+) -> None:
     """Close every other descriptor of the judge's, and print to the judge."""
     from fcntl import F_DUPFD, fcntl  # only Unix has it
 
@@ -105,9 +113,19 @@ def _keep_only(questions: int, answers: int, output: int) -> None:
     for place, descriptor in enumerate(high):
         os.dup2(descriptor, place, inheritable=place <= _ERRORS)
     os.closerange(len(kept), os.sysconf("SC_OPEN_MAX"))
-    sys.stdin = open(_INPUT, closefd=False)  # noqa: SIM115
-    sys.stdout = open(_OUTPUT, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
-    sys.stderr = open(_ERRORS, "w", buffering=1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    sys.stdin = os.fdopen(_INPUT, closefd=False)
+    sys.stdout = _line_buffered(_OUTPUT)
+    sys.stderr = _line_buffered(_ERRORS)
+
+
+def _line_buffered(descriptor: int) -> TextIO:
+    return os.fdopen(
+        descriptor,
+        "w",
+        buffering=1,
+        errors="backslashreplace",
+        closefd=False,
+    )
 
 
 def _limit_memory(memory: float) -> None:

@@ -49,7 +49,11 @@ def random_problem(
     return Problem(path, limits, name=f"random-{seed}")
 
 
-def _displacements(rng: Generator, segments: int, joints: int) -> Array:
+def _displacements(
+    rng: Generator,
+    segments: int,
+    joints: int,
+) -> Array:
     """Displacements `(segments, joints)`, rad."""
     shape = (segments, joints)
     h = rng.uniform(0.05, 1.5, shape)
@@ -67,7 +71,11 @@ def _displacements(rng: Generator, segments: int, joints: int) -> Array:
     return h
 
 
-def _signs(rng: Generator, segments: int, joints: int) -> Array:
+def _signs(
+    rng: Generator,
+    segments: int,
+    joints: int,
+) -> Array:
     """Half of the joints go one way, the others turn back at random."""
     either = [-1.0, 1.0]
     own = rng.choice(either, joints)
@@ -86,7 +94,11 @@ def _shrink(rng: Generator, segments: int) -> Array:
     return np.where(tiny, scale, 1.0)
 
 
-def _limits(rng: Generator, joints: int, low: float) -> Array:
+def _limits(
+    rng: Generator,
+    joints: int,
+    low: float,
+) -> Array:
     """Pairs from `low` to 100 times as much; one joint in four is asymmetric."""
     decades = rng.uniform(0, 2, joints)
     high = low * 10**decades

@@ -24,7 +24,12 @@ _NAME = re.compile(r"robots-(?P<arm>.+)-w(?P<waypoints>\d+)(?P<jerk>-jerk)?")
 arm = arm_file.read
 
 
-def robot_problem(real: Arm, waypoints: int, *, jerk: bool = False) -> Problem:
+def robot_problem(
+    real: Arm,
+    waypoints: int,
+    *,
+    jerk: bool = False,
+) -> Problem:
     """An arm's problem: waypoints drawn evenly from its joint ranges, under its own limits.
 
     From the middle 95 % of each range, and from at most a turn; the same waypoints with its jerk
