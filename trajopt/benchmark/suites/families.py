@@ -147,7 +147,8 @@ def _steps(
 def _walk(rng: Generator, h: Array) -> Array:
     """Return waypoints `(k + 1, n)` with the displacements `h` from a random start."""
     start = _between(rng, -1.0, 1.0, h.shape[1])
-    return np.vstack([start, start + np.cumsum(h, axis=0)])
+    travelled = np.cumsum(h, axis=0)
+    return np.vstack([start, start + travelled])
 
 
 def _smooth(
@@ -170,7 +171,8 @@ def _zigzag(
 ) -> Array:
     turns = 1.0 - 2.0 * (np.arange(k) % 2)
     signs = turns[:, None] * _signs(rng, 1, n)
-    return _walk(rng, signs * _between(rng, 0.2, 1.5, (k, n)))
+    sizes = _between(rng, 0.2, 1.5, (k, n))
+    return _walk(rng, signs * sizes)
 
 
 def _collinear(
@@ -186,7 +188,8 @@ def _collinear(
     digits = _between(rng, 1.0, 10.0, ())
     size = digits * rng.choice(_TINY_SHARES[-4:])
     straight = start + along / along[-1] * h
-    return np.asarray(straight + size * _between(rng, -1, 1, (k + 1, n)))
+    noise = _between(rng, -1, 1, (k + 1, n))
+    return np.asarray(straight + size * noise)
 
 
 def _ordinary(
@@ -194,7 +197,8 @@ def _ordinary(
     k: int,
     n: int,
 ) -> Array:
-    return _walk(rng, _steps(rng, k, n))
+    h = _steps(rng, k, n)
+    return _walk(rng, h)
 
 
 def _scaled(
@@ -208,8 +212,10 @@ def _scaled(
     factors = rng.choice(shares, k)
     factors[is_ordinary] = 1.0
     share = rng.choice(shares)
-    factors[rng.integers(k)] = share
-    return _walk(rng, _steps(rng, k, n) * factors[:, None])
+    segment = rng.integers(k)
+    factors[segment] = share
+    h = _steps(rng, k, n)
+    return _walk(rng, h * factors[:, None])
 
 
 def _moderate(rng: Generator, n: int) -> tuple[Array, Array]:
