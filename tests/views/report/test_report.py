@@ -18,7 +18,7 @@ import pytest
 from trials import as_runs
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
-from trajopt.benchmark.given_motion import GivenMotion
+from trajopt.benchmark.judgement import GivenMotion
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.core.exceptions import InvalidInput
