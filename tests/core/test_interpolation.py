@@ -1,4 +1,4 @@
-"""What a controller runs between samples, against closed forms and SciPy."""
+"""Interpolations of samples against closed forms and SciPy."""
 
 from __future__ import annotations
 

@@ -10,14 +10,13 @@ from trajopt.benchmark.suites.random import random_problem
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import configured, entries, options
 
-# What a certified duration may change by, relative, once the units are undone: rounding, or what
-# a solver's own tolerance is worth.
+# Largest relative change of a certified duration by other units: rounding, or a solver's tolerance.
 DEFAULT_RTOL = 1e-9
 RTOL = {
     "exact-jerk": 1e-8,  # IPOPT's tolerance
     "collocation-refined": 1e-7,  # IPOPT's tolerance, on a grid of its own making
 }
-# Who is not the same under another unit of time, and why; of length they all are.
+# Planners whose answers depend on the unit of time, and why; none depends on the unit of length.
 NOT_IN_TIME = {
     "unoptimised": "its option is a time of 2 s",
     "ssa": "eq. 41 divides a difference of places by one of durations: a number is added to a time",
@@ -56,7 +55,7 @@ CASES = [
 
 
 def in_units(problem: Problem, length: float, time: float) -> Problem:
-    """The same problem where a radian is `length` units long, and a second `time`."""
+    """A problem in other units: a radian is `length` units long, and a second `time`."""
     rate = length / time
     limits = Limits(
         velocity=problem.limits.velocity * rate,

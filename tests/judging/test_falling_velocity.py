@@ -79,7 +79,7 @@ def test_the_limit_s_own_arc_is_kept():
 def test_rest_near_the_end_and_leaving_it_break_nothing():
     limit = FallingVelocity(0.3, 6.0, -2.7501, 2.7501)  # nothing is allowed in the last 7.5 mrad
     still = pieces([0, 1], [0, 0, 2.745])
-    leaving = pieces([0, 1], [0, -0.1, 2.745])  # where v > -offset, but not towards the end
+    leaving = pieces([0, 1], [0, -0.1, 2.745])  # v > -offset, but not towards the end
     entering = pieces([0, 1], [0, 0.001, 2.744])
     beyond = pieces([0, 1], [0, 0.001, 2.8])
     assert both_ways(limit, still) == Excess()

@@ -40,7 +40,9 @@ def _quintic_motion(waypoints, segment_time, cuts) -> Trajectory:
     blend, columns, breaks = np.poly1d([6, -15, 10, 0, 0, 0]), [], [0.0]
     for k, h in enumerate(np.diff(waypoints, axis=0)):
         for low, high in pairwise(shares):
-            s = np.poly1d([1 / segment_time, low])  # of the time since the piece's start
+            s = np.poly1d(
+                [1 / segment_time, low]
+            )  # a polynomial of the time since the piece's start
             piece = np.zeros(6)
             coefficients = blend(s).coeffs
             piece[6 - len(coefficients) :] = coefficients

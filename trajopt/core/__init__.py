@@ -1,1 +1,13 @@
-"""A problem, a trajectory and a solution: what every other folder talks about."""
+"""Problems, trajectories and solutions: the data that every other folder works with.
+
+In reading order:
+
+- `exceptions`: errors that name the file, the key, the joint and the value;
+- `polynomials`: roots, extrema and bounds of many polynomials at once;
+- `trajectory`: the piecewise polynomial, with `piecewise` (from SciPy) and `interpolation` (from
+  samples);
+- `problem`: waypoints and limits;
+- `solution`: a planner's answer;
+- `problem_file`, `arm_file`: problems and robot arms in TOML;
+- `files`, `numerals`, `units`, `built_in`: what all readers of files share.
+"""

@@ -1,4 +1,4 @@
-"""Real robot arms, read from files: joint names and limits, with the origin of each limit.
+"""Robot arms, read from files: joint names and limits, and who published each limit.
 
 name = "ur5e"
 description = "Universal Robots UR5e, six joints"

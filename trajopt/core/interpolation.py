@@ -31,7 +31,7 @@ Interpolation = Literal["auto", "linear", "cubic", "quintic", "spline"]
 """
 
 
-# How many of positions, velocities and accelerations each interpolation uses.
+# The number of tables used: positions, then velocities, then accelerations.
 _TABLES_USED = {"linear": 1, "cubic": 2, "quintic": 3, "spline": 1}
 
 

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 # Relative to the duration. A nearer crossing of a break is the break itself.
 CROSSING_RTOL = 1e-12
-# Relative to the domain. By so much rounding may lead s(t) out of the path's domain.
+# Relative to the domain: rounding by which s(t) may leave it.
 DOMAIN_RTOL = 1e-12
 
 

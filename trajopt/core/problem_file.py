@@ -11,16 +11,16 @@
     acceleration = [1.6, [-2.1, 2.4]]
     jerk = [20, inf]                     # optional, like position
 
-Known robots bring their limits and their joints' names (`arm_file`); what the file says of
-a kind of limit itself counts instead, and joint names choose from the robot's joints:
+A known robot has its limits and joint names in its own file (`arm_file`). Limits in the problem
+file replace the robot's of the same kind, and joint names choose from the robot's joints:
 
     robot = "ur5e"                       # in place of some or all limits; `trajopt list` has more
     joint_names = ["elbow_joint", ...]   # one per column of the waypoints; optional everywhere
 
-A table `published` belongs to `trajopt.benchmark.suites.literature` and is left to it.
+A table `published` is read by `trajopt.benchmark.suites.literature`.
 
-`angle_unit = "deg"` (or `"rad"`) in place of `units` means both. Where a joint is prismatic, say a
-unit per joint, "m" or "mm" for that one:
+`angle_unit = "deg"` (or `"rad"`) in place of `units` means both. For a prismatic joint write a unit
+per joint, "m" or "mm" for that joint:
 
     units.waypoints = ["deg", "deg", "m"]
     units.limits = ["rad", "rad", "m"]   # "rad" alone means the same: a single unit is of angles
@@ -173,9 +173,9 @@ def text(problem: Problem) -> str:
 
 
 def _said_units(table: Mapping[str, Any], *, limits_given: bool) -> dict[str, Any]:
-    """The units of waypoints and limits as the file says them: a text, or a list per joint.
+    """The units of waypoints and limits as written: a text, or a list with one per joint.
 
-    Limits that a file leaves to the robot need no unit.
+    A file without limits of its own needs no unit for them.
     """
     if "units" not in table:
         unit = table.get("angle_unit")

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 EPS = float(np.finfo(float).eps)
-# Relative to the duration. Breaks closer than this are one break: sums of durations in different
-# orders differ by so much. Dropping a longer piece, which moves, would make a jump.
+# Relative to the duration. Closer breaks are one break: sums of durations in different orders
+# differ by rounding. Dropping a longer piece, which moves, would make a jump.
 BREAK_RTOL = 16 * EPS
 
 

@@ -28,7 +28,7 @@ def is_comment(line: str) -> bool:
 
 
 def separator_of(line: str) -> str | None:
-    """The character that separates the cells of a line; None where there is none."""
+    """The character that separates the cells of a line, or None."""
     for separator in ";,\t":
         if separator in line:
             return separator
@@ -77,6 +77,6 @@ def numbers(line: int, own_cells: Sequence[str], headings: Sequence[str]) -> lis
 
 
 def place(line: int, column: int, column_heading: str) -> str:
-    """Where a cell is, as an error says it; columns count from 1."""
+    """The place of a cell, for errors; columns count from 1."""
     where = f"line {line}, column {column}"
     return f"{where}, {column_heading}," if column_heading else where

@@ -10,14 +10,15 @@
         max_acceleration: 5.0                  # rad/s²
         has_jerk_limits: false                 # no jerk limit, whatever another source says
 
-What nodes and launch files wrap around this (`/**:`, `move_group:`, `ros__parameters:`,
-`robot_description_planning:`) is taken off. The scaling factors are the default of a request, no
-limits of the robot: planning counts them, judging does not (`RobotLimits.scaled`).
+Keys of nodes and launch files around this table (`/**:`, `move_group:`, `ros__parameters:`,
+`robot_description_planning:`) are removed. The scaling factors are defaults of
+a request, not limits of the robot: planning applies them, judging does not (`RobotLimits.scaled`).
 
-Also read: `min_position` and `max_position` with `has_position_limits`, and
-`max_deceleration`, where a smaller one bounds accelerations of both signs: a limit here knows a
-direction, not whether a joint is braking. What a file does not say is left as it is
-(`RobotLimits.updated`). Keys of other uses (effort, soft limits) are ignored, others refused.
+Also read are `min_position` and `max_position` with `has_position_limits`, and `max_deceleration`.
+A deceleration limit below the acceleration limit bounds accelerations of both signs, because limits
+here depend on the direction, not on whether a joint brakes. Limits that are not in the file keep
+their values (`RobotLimits.updated`). Keys of other uses (effort, soft limits) are ignored; unknown
+keys are refused.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ _KEYS = (
     "max_deceleration",
     "has_jerk_limits",
     "max_jerk",
-    # of other uses: efforts, ros2_control's soft limits
+    # Keys of other uses: efforts, ros2_control's soft limits.
     "angle_wraparound",
     "has_effort_limits",
     "has_soft_limits",
@@ -83,7 +84,7 @@ def read(path: str | Path) -> RobotLimits:
 
 
 def _unwrapped(table: Any) -> Any:
-    """The table without the names of nodes and the keys that ROS wraps around it."""
+    """Remove the names of nodes and the keys that ROS puts around the table."""
     wrapped = [table]
     for _ in range(_WRAPPERS_MAX):
         found = [own for own in wrapped if isinstance(own, Mapping) and "joint_limits" in own]
@@ -99,7 +100,7 @@ def _limits(table: Any, source: str) -> RobotLimits:
     said = table.get("joint_limits") if isinstance(table, Mapping) else None
     if not isinstance(said, Mapping):
         raise InvalidInput(_WHAT, "a mapping joint_limits: of joints by their names")
-    # the file may define values for its aliases, and hold what other programs read
+    # The file may define values for aliases, and hold keys of other programs.
     files.check_keys("", table, _TABLE_KEYS, others=True)
     joints = {}
     for name, entry in said.items():
@@ -120,7 +121,7 @@ def _limits(table: Any, source: str) -> RobotLimits:
 
 
 def _scaling(table: Mapping[str, Any], key: str) -> float:
-    """A scaling factor; 1 where there is none."""
+    """A scaling factor; by default 1."""
     if key not in table:
         return 1.0
     factor = yaml_file.number(table[key])
@@ -130,7 +131,7 @@ def _scaling(table: Mapping[str, Any], key: str) -> float:
 
 
 def _bounds(key: str, entry: Mapping[str, Any]) -> JointBounds:
-    """What one joint's entry says, by the kind of limit."""
+    """One joint's limits, by kind."""
     files.check_keys(f"{key}.", entry, _KEYS)
     bounds: dict[LimitName, Bounds] = {}
     for kind in _RATES:
@@ -149,7 +150,7 @@ def _bounds(key: str, entry: Mapping[str, Any]) -> JointBounds:
 
 
 def _has(key: str, entry: Mapping[str, Any], kind: str) -> bool | None:
-    """Whether the joint is limited; None where the file does not say."""
+    """Return the flag of a kind of limit; None where it is missing."""
     flag = f"has_{kind}_limits"
     value = entry.get(flag)
     if value is not None and not isinstance(value, bool):
@@ -158,7 +159,7 @@ def _has(key: str, entry: Mapping[str, Any], kind: str) -> bool | None:
 
 
 def _rate(key: str, entry: Mapping[str, Any], kind: str) -> float | None:
-    """A symmetric limit's size, infinite where it is switched off, None where nothing is said."""
+    """A symmetric limit's size, infinite if it is switched off, None if it is missing."""
     limited = _has(key, entry, kind)
     if limited is False:
         return np.inf
@@ -167,7 +168,7 @@ def _rate(key: str, entry: Mapping[str, Any], kind: str) -> float | None:
         return None
     size = yaml_file.number(entry[name])
     if size is not None and kind == "deceleration":
-        size = abs(size)  # written as negative where it is a change of velocity
+        size = abs(size)  # some files write it as a negative acceleration
     if size is None or size <= 0:
         right = f"a positive number, or has_{kind}_limits: false"
         raise InvalidInput(f"{key}.{name}", right, value=entry[name])

@@ -7,7 +7,7 @@
       time_from_start: {sec: 0, nanosec: 0}     # or {secs, nsecs}, or seconds
     - ...
 
-Also inside what carries it: a `RobotTrajectory` of MoveIt (`joint_trajectory`), a goal of
+It may be inside another message: a `RobotTrajectory` of MoveIt (`joint_trajectory`), or a goal of
 `FollowJointTrajectory` (`trajectory`, perhaps in `goal`).
 """
 
@@ -104,7 +104,7 @@ def to_message(samples: Samples) -> dict[str, Any]:
 
 
 def from_message(message: Any) -> Samples:
-    """Samples of a message, or of what carries it, given as dictionaries and lists.
+    """Samples of a message, or of a message that contains it, as dictionaries and lists.
 
     Raises:
         InvalidInput: Names the point (from 1), the joint, the value, and what would be right.

@@ -1,4 +1,4 @@
-"""A motion from wherever it comes: a file of samples or polynomials, or an object in Python.
+"""A motion from a file of samples or polynomials, or from an object in Python.
 
 - `.csv`, `.txt`: samples, with a header of names and units (`trajopt.formats.samples_csv`);
 - `.json`, `.yaml`: a `trajectory_msgs/JointTrajectory` (`trajopt.formats.joint_trajectory`);
@@ -30,7 +30,7 @@ ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
 _TABLES = (".csv", ".txt")
 _RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
 _POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names")
-# What else the files have that `plan` writes, and those of data/best_known.
+# Further keys of files that `plan` writes, and of data/best_known.
 _TRIAL_KEYS = (
     "certificate",
     "certified_duration",
@@ -65,11 +65,11 @@ class Motion:
     """A motion as it is executed.
 
     Attributes:
-        name: Of its file, or what it is.
+        name: The name of its file, or of its type.
         trajectory: From time 0 on; its waypoint times are its start and end.
-        interpolation: What joins its samples; `polynomial` where it has none.
-        joint_names: One per joint, or empty where nobody said them.
-        joint_units: "rad", or "m" for a prismatic joint; empty where nobody said them.
+        interpolation: The interpolation of its samples; `polynomial` where it has none.
+        joint_names: One per joint, or empty if unknown.
+        joint_units: "rad", or "m" for a prismatic joint; empty if unknown.
     """
 
     name: str
@@ -79,7 +79,7 @@ class Motion:
     joint_units: tuple[str, ...] = ()
 
     def digest(self) -> str:
-        """SHA-256 of what is executed: 20 hexadecimal digits."""
+        """SHA-256 of the executed polynomials: 20 hexadecimal digits."""
         whole = hashlib.sha256()
         for array in (self.trajectory.breaks, self.trajectory.coefficients):
             whole.update(repr(array.shape).encode())
@@ -87,9 +87,9 @@ class Motion:
         return whole.hexdigest()[:20]
 
     def for_joints(self, joint_names: Sequence[str]) -> Motion:
-        """The same with its joints in this order, where both sides name them.
+        """Return the motion with its joints in this order, if both sides name them.
 
-        A namespace that all joints of one side share (`left/elbow`) is no part of their names.
+        A namespace that all joints of one side share (`left/elbow`) is ignored.
 
         Raises:
             InvalidInput: It has other joints.
@@ -114,7 +114,7 @@ class Motion:
     def check_units(self, problem: Problem) -> None:
         """Refuse metres for a joint that turns, and angles for one that slides.
 
-        Joints are in the problem's order, and both sides say their units; else nothing is known.
+        Joints are in the problem's order. Without units on both sides nothing is refused.
 
         Raises:
             InvalidInput: Names the joint and the unit.
@@ -139,7 +139,7 @@ def motion(
     given: str | Path | Motion | Samples | Trajectory | PPoly | BSpline,
     interpolation: Interpolation = "auto",
 ) -> Motion:
-    """The motion that is meant by a file or an object.
+    """Return the motion of a file or an object.
 
     Raises:
         InvalidInput: It cannot be read, or lacks what the interpolation needs; names the file, the
@@ -203,7 +203,7 @@ def _in_file(path: Path, interpolation: Interpolation) -> Motion:
 
 
 def _has_polynomials(table: Any) -> bool:
-    """Whether JSON is meant as polynomials, and not as a message."""
+    """Return whether a JSON table holds polynomials; a message does not."""
     if not isinstance(table, Mapping):
         return False
     return "coefficients" in table or own_breaks.is_said(table.get("trajectory"))

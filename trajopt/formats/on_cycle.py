@@ -1,13 +1,13 @@
 """A motion moved to whole control cycles, so that a controller's interpolation reproduces it.
 
 A controller joins the points that it is sent with cubic pieces (positions and velocities) or
-quintic ones (accelerations too). Between two breaks on the cycle a motion of constant acceleration
-is a cubic piece's twin, one of constant jerk a quintic one's (docs/mathematics.md, section 10): it
-is executed as planned. A sample between breaks is not: bang-bang motions overshoot then.
+quintic ones (accelerations too). Between two breaks on the cycle, a cubic piece reproduces a motion
+of constant acceleration exactly, and a quintic piece one of constant jerk (docs/mathematics.md,
+section 10). With samples between breaks it does not: bang-bang motions overshoot then.
 
-So the breaks are moved to the nearest cycle, where many become one, and the motion between them is
-found again, each joint alone (`trajopt.formats.joint_program`). Where that has no solution, the
-motion gets a cycle longer, and another.
+Therefore the breaks are moved to the nearest cycle, where many become one, and the motion between
+them is found again, joint by joint (`trajopt.formats.joint_program`). Where that has no solution,
+the motion is made one cycle longer, and tried again.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from trajopt.formats.samples import Samples
 Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
-_LONGEST_RTOL = 0.25  # by which a motion may get longer; beyond, the cycle is too long for it
-_LONG_RTOL = 0.01  # by which it may get longer before more breaks are tried
-_PIECES_MAX = 400  # of a motion whose own pieces are of a higher degree
-_CONSTANT_RTOL = 1e-4  # of a limit, by which a constant may vary
-_SAME_PLACE_RTOL = 1e-12  # of the largest displacement, by which one waypoint may miss another
-_DECIMALS = 9  # of a second: what a ROS message holds
-_SAME_CYCLE = 1e-6  # of a cycle: a time this near to one is on it
+MAX_LENGTHENING = 0.25  # share of the duration; with a longer motion the cycle is too long
+GOOD_LENGTHENING = 0.01  # share of the duration; beyond it more breaks are tried
+MAX_PIECES = 400  # for a motion whose own pieces have a higher degree
+CONSTANT_RTOL = 1e-4  # relative to a limit; a smaller variation counts as constant
+SAME_PLACE_RTOL = 1e-12  # relative to the largest displacement; nearer waypoints are equal
+TIME_DECIMALS = 9  # a ROS message holds nanoseconds
+SAME_CYCLE = 1e-6  # cycles; a time nearer to a cycle is on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,23 +64,23 @@ class OnCycle:
         return self._times(self.waypoints)
 
     def at_breaks(self, joint_names: Sequence[str]) -> Samples:
-        """The points that reproduce it, no more than needed."""
+        """The fewest points that reproduce the motion."""
         return _samples(joint_names, self._times(self.breaks), self.states)
 
     def at_cycles(self, joint_names: Sequence[str]) -> Samples:
-        """A point every cycle, which reproduce it too."""
+        """A point every cycle; these reproduce the motion too."""
         motion = self.at_breaks(joint_names).trajectory()
         every = np.arange(self.breaks[-1] + 1)
         times = self._times(every)
         orders = range(len(self.states))
         states = np.stack([motion(times, order) for order in orders])
-        # At its breaks the motion is what it is, not what evaluating it rounds.
+        # At breaks the states are exact, without the rounding of an evaluation.
         states[:, self.breaks] = self.states
         return _samples(joint_names, times, states)
 
     def _times(self, cycles: Indices) -> Array:
         """s, as decimal fractions: 0.3, not 0.30000000000000004."""
-        return np.round(cycles * self.cycle, _DECIMALS)
+        return np.round(cycles * self.cycle, TIME_DECIMALS)
 
 
 def _samples(joint_names: Sequence[str], times: Array, states: Array) -> Samples:
@@ -108,7 +108,7 @@ def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
         order=3 if problem.has("jerk") else 2,
     )
     found = search.shortest()
-    long = trajectory.duration * (1 + _LONG_RTOL) + 3 * cycle
+    long = trajectory.duration * (1 + GOOD_LENGTHENING) + 3 * cycle
     if found is None or found.duration > long:
         other = replace(search, beside=True).shortest()
         candidates = [motion for motion in (found, other) if motion is not None]
@@ -121,7 +121,7 @@ def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """For the fewest cycles in which the motion can be done.
+    """The search for the fewest cycles in which the motion can be done.
 
     Attributes:
         problem: Without a waypoint twice.
@@ -129,8 +129,8 @@ class _Search:
         waypoint_times: s, one per waypoint.
         cycle: s.
         order: Of the derivative that is constant on each piece: 2 or 3.
-        beside: Whether there are breaks a cycle before and after each one too: where limits are so
-            high that a velocity or acceleration changes at once, it needs a cycle to change.
+        beside: True for further breaks a cycle before and after each one. Where limits are so high
+            that a velocity or acceleration changes at once, it needs a cycle to change.
     """
 
     problem: Problem
@@ -143,11 +143,11 @@ class _Search:
     def shortest(self) -> OnCycle | None:
         """The motion in the fewest cycles; None where it would get much longer.
 
-        Twice as many more cycles each time until there is one, then bisection.
+        The added cycles double until there is a motion; then bisection finds the fewest.
         """
         cycles = self.trajectory.duration / self.cycle
-        least = int(np.ceil(cycles - _SAME_CYCLE))
-        most = int(least * (1 + _LONGEST_RTOL)) + 1
+        least = int(np.ceil(cycles - SAME_CYCLE))
+        most = int(least * (1 + MAX_LENGTHENING)) + 1
         low = least - 1
         high = least
         found = self._in_cycles(high)
@@ -167,7 +167,7 @@ class _Search:
         return found
 
     def _in_cycles(self, cycles: int) -> OnCycle | None:
-        """The motion in so many cycles, if it can be done within the limits."""
+        """The motion in this many cycles, if it can be done within the limits."""
         waypoints = self._waypoints(cycles)
         if waypoints[-1] != cycles:
             return None
@@ -196,22 +196,22 @@ class _Search:
     def _waypoints(self, cycles: int) -> Indices:
         """The nearest whole cycle of each waypoint, each later than the one before.
 
-        Waypoints that are one but for rounding may share a cycle.
+        Waypoints that differ by rounding only may share a cycle.
         """
         shares = self.waypoint_times / self.trajectory.duration
         found = np.rint(shares * cycles).astype(int)
         distances = np.abs(self.problem.displacements).max(axis=1)
-        apart = distances > _SAME_PLACE_RTOL * distances.max()
+        apart = distances > SAME_PLACE_RTOL * distances.max()
         for segment, step in enumerate(apart.astype(int)):
             earliest = found[segment] + step
             found[segment + 1] = max(found[segment + 1], earliest)
         return found
 
     def _breaks(self, stretched: Trajectory, cycles: int) -> Indices:
-        """The nearest whole cycles of the breaks, and others where pieces are of another kind."""
+        """The nearest whole cycles of the breaks, and more where pieces have a higher degree."""
         wanted = stretched.breaks / self.cycle
         if not self._constant():
-            step = max(1, cycles // _PIECES_MAX)
+            step = max(1, cycles // MAX_PIECES)
             even = np.arange(0, cycles, step)
             wanted = np.append(wanted, even)
         found = np.rint(wanted).astype(int)
@@ -221,11 +221,11 @@ class _Search:
         return found
 
     def _constant(self) -> bool:
-        """Whether the derivative of this order is constant on each piece, but for rounding."""
+        """Return whether the derivative of this order is constant on each piece."""
         unit = self.trajectory.pieces(self.order)
         varying = np.abs(unit[:-1]).sum(axis=0)
         kind: LimitName = "jerk" if self.order == 3 else "acceleration"
         pairs = self.problem.limits.by_name()[kind]
         limit = np.abs(pairs).min(axis=1)
         usual = np.minimum(limit, np.abs(unit).max())
-        return bool(np.all(varying.max(axis=0) <= _CONSTANT_RTOL * usual))
+        return bool(np.all(varying.max(axis=0) <= CONSTANT_RTOL * usual))

@@ -25,7 +25,7 @@ class Samples:
         positions: rad (metres for a prismatic joint), `(samples, joints)`.
         velocities: rad/s, `(samples, joints)`, or None.
         accelerations: rad/s², `(samples, joints)`, or None.
-        joint_units: "rad", or "m" for a prismatic joint; empty where nobody said them.
+        joint_units: "rad", or "m" for a prismatic joint; empty if unknown.
 
     Raises:
         InvalidInput: These do not fit together, are not finite, or times do not increase.

@@ -1,8 +1,8 @@
 """URDF: names of the joints that move, position and velocity limits, in the order of the file.
 
 A URDF has no acceleration limits; `joint_limits.yaml` adds them (`trajopt.formats.joint_limits`).
-Only joints are read: meshes, transmissions and what else a file holds may be unsound. So may joints
-that no waypoint names: what is wrong with a joint is said where its limits are asked for.
+Only joints are read; meshes, transmissions and other elements may be faulty. So may joints that no
+waypoint names: the error of a joint is raised when its limits are needed.
 
 Franka's own element is read too (libfranka, `test/fr3.urdf` and `src/joint_velocity_limits.cpp`):
 
@@ -38,14 +38,14 @@ _INFINITIES = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
 
 
 def read(path: str | Path) -> RobotLimits:
-    """The limits of a robot description, rad and s (m for a prismatic joint).
+    """Read the limits of a robot description, rad and s (m for a prismatic joint).
 
-    Joints that are fixed, or mimic another, are left out. A velocity limit of 0, as generators
-    write where nobody said one, is none.
+    Joints that are fixed, or mimic another, are left out. A velocity limit of 0 is ignored:
+    generators write it where the limit is unknown.
 
     Raises:
-        InvalidInput: Names the file and what would be right. A joint that is unsound is named
-            where its limits are asked for.
+        InvalidInput: Names the file and what would be right. The error of a faulty joint is raised
+            when its limits are needed (`RobotLimits.limits`).
     """
     try:
         return _robot(_parsed(Path(path)), str(path))
@@ -56,7 +56,7 @@ def read(path: str | Path) -> RobotLimits:
 def _parsed(file: Path) -> Element:
     try:
         content = files.content(file)
-        files.check_bounds(content.decode("latin-1"))  # whatever the encoding that it declares
+        files.check_bounds(content.decode("latin-1"))  # for any declared encoding
     except (OSError, ValueError) as error:
         raise files.unreadable(file, "robot", "URDF", error) from None
     if b"<!ENTITY" in content:

@@ -1,1 +1,9 @@
-"""The exact judge: dilation, repair and the certified duration of a motion."""
+"""The exact judge: peaks, repair, dilation and the certified duration of a motion.
+
+In reading order:
+
+- `repair`: the nearest motion that passes every waypoint and does not jump;
+- `verification`: `verify`, which judges the repaired motion, and its `Certificate`;
+- `passing`: the times at which a motion passes waypoints;
+- `falling_velocity`: velocity limits that fall towards position limits.
+"""

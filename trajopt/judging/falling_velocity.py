@@ -27,10 +27,10 @@ EXCESS_ATOL = 1e-6
 
 @dataclass(frozen=True)
 class Excess:
-    """The largest excess of a motion over velocity limits that fall towards position limits.
+    """The worst excess over velocity limits that fall towards position limits.
 
     Attributes:
-        value: The largest excess, rad/s (m/s for a prismatic joint); 0 where there is none.
+        value: The largest excess, rad/s (m/s for a prismatic joint); 0 if the limits are kept.
         joint: The joint with the largest excess, counted from 0.
         time: When it is largest, s.
         velocity: The joint's velocity then, rad/s.

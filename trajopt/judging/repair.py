@@ -325,7 +325,7 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     time_after = np.append(until_end, -1.0)
     dies = time_after > time_before
     time = np.where(dies, time_after, time_before)
-    # The same as a share of the segment.
+    # That time as a share of the segment.
     length = layout.end - layout.start
     length_after = np.append(length, np.inf)
     length_before = np.insert(length, 0, np.inf)
@@ -409,7 +409,7 @@ def _rows(factors: Array, lowest_power: int) -> Array:
 
 # Relative to the joint's largest displacement. A waypoint nearer to a limit lies on it.
 ON_LIMIT_RTOL = 1e-11
-EXCESS_RTOL = 1e-10  # of the duration, gained by an excess over a position limit
+EXCESS_RTOL = 1e-10  # largest gain of duration by an excess over a position limit
 MAX_MIXTURES = 64  # the share doubles each time, from a rounding unit to the whole
 # From 0 to 1, and there and back to 0, in powers of σ from σ³: both rest at both ends.
 _STEP = np.array([10.0, -15.0, 6.0, 0.0])
