@@ -99,7 +99,7 @@ def test_a_parameter_may_stand_on_a_break_and_start_and_end_there():
         (lambda: Trajectory.from_ppoly(PPoly([[np.nan], [0]], [0, 1])), "not finite"),
         (lambda: Trajectory.composed(LINE, PPoly([[3.0], [0]], [0, 1])), "runs from 0 to 3; the"),
         (lambda: Trajectory.composed(LINE, PPoly([[-1.0], [0]], [0, 1])), "runs from -1 to 0"),
-        (lambda: Trajectory.composed(LINE, PPoly([[np.nan], [0]], [0, 1])), "runs from nan"),
+        (lambda: Trajectory.composed(LINE, PPoly([[np.nan], [0]], [0, 1])), "not finite"),
         (lambda: Trajectory.composed(LINE, PPoly(np.ones((1, 1, 2)), [0, 1])), "one function"),
         (lambda: Trajectory.composed(LINE, np.sin), "PPoly or BSpline is needed, not ufunc"),
     ],

@@ -8,7 +8,7 @@ joint_names = ["shoulder_pan_joint", ...]    # optional
 angle_unit = "deg"
 values = [180, 180, 180, 180, 180, 180]
 status = "published"
-source = "who says so"
+source = "the maker's manual, page 12"
 checked = "against what, and with which result; or why not"
 
 [falling_velocity]                           # optional: `FallingVelocity`, a number per joint
@@ -17,7 +17,7 @@ offset = [0.3, 0.2, 0.2, 0.3, 0.35, 0.35]
 deceleration = [6, 2.6, 3.5, 4, 17, 5.5]
 position = [[-2.75, 2.75], ...]
 status = "published"
-source = "who says so"
+source = "the maker's manual, page 12"
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _FALLING = "falling_velocity"
 _FALLING_COLUMNS = ("offset", "deceleration", "position")
 _REQUIRED = ("name", "description", "velocity", "acceleration")
 
-Status = Literal["published", "configuration", "quoted", "assumed", "memory"]
+OriginStatus = Literal["published", "configuration", "quoted", "assumed", "memory"]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Origin:
     or the reason why they could not be compared.
     """
 
-    status: Status
+    status: OriginStatus
     source: str
     address: str = ""
     rule: str = ""
@@ -156,7 +156,7 @@ def _numbers(kind: str, entry: Any, key: str) -> Array:
 
 def _origin(kind: str, entry: Mapping[str, Any]) -> Origin:
     texts: dict[str, Any] = {key: files.text_at(entry, key) for key in _TEXTS}
-    statuses = get_args(Status)
+    statuses = get_args(OriginStatus)
     if texts["status"] not in statuses:
         right = " or ".join(statuses)
         raise InvalidInput(f"{kind}.status", right, value=texts["status"])

@@ -25,6 +25,10 @@ EPS = float(np.finfo(float).eps)
 # Relative to the duration. Closer breaks are one break: sums of durations in different orders
 # differ by rounding. Dropping a longer piece, which moves, would make a jump.
 BREAK_RTOL = 16 * EPS
+# Relative to the duration. A nearer crossing of a path's break is at the break of s(t) itself.
+CROSSING_RTOL = 1e-12
+# Relative to the domain: rounding by which s(t) may leave it.
+DOMAIN_RTOL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,8 +292,22 @@ class Trajectory:
             InvalidTrajectory: `s(t)` is several functions, or leaves the path's domain.
         """
         outer = _pieces_of(path)
-        inner = _pieces_of(s_of_t)
-        return cls._of_pieces(piecewise.composed(outer, inner), waypoint_times)
+        inner = cls._of_pieces(_pieces_of(s_of_t), None)
+        if inner.joints != 1:
+            raise InvalidTrajectory("the path's parameter s(t) must be one function")
+        _check_domain(outer, inner)
+        s = _broken_at(inner, outer.breaks[1:-1])
+        # Each piece of s(t) lies within one piece of the path: that of its middle.
+        middle = s(s.breaks[:-1] + 0.5 * s.lengths)[:, 0]
+        after = np.searchsorted(outer.breaks[1:-1], middle, side="right")
+        # s(t) since that piece's start, and Horner's rule with it in place of a number.
+        local = np.array(s.coefficients)
+        local[-1, :, 0] -= outer.breaks[after]
+        result = outer.coefficients[:1, after]
+        for row in outer.coefficients[1:, after]:
+            result = polynomials.product(result, local)
+            result[-1] += row
+        return cls._of_pieces(Pieces(s.breaks, result), waypoint_times)
 
     @classmethod
     def _of_pieces(cls, pieces: Pieces, waypoint_times: ArrayLike | None) -> Trajectory:
@@ -308,6 +326,38 @@ def _pieces_of(function: Trajectory | PPoly | BSpline) -> Pieces:
     if isinstance(function, Trajectory):
         return Pieces(function.breaks, function.coefficients)
     return piecewise.of_scipy(function)
+
+
+def _check_domain(path: Pieces, s: Trajectory) -> None:
+    """Refuse a parameter `s(t)` that leaves the path: its extrema lie within the domain."""
+    unit = s.pieces()[..., 0]
+    points = polynomials.critical_points(unit)
+    values = polynomials.evaluate(unit[:, None], points)
+    lowest = values.min()
+    highest = values.max()
+    first = path.breaks[0]
+    last = path.breaks[-1]
+    slack = DOMAIN_RTOL * max(last - first, abs(first), abs(last))
+    inside = lowest >= first - slack and highest <= last + slack
+    if not inside:  # also where a value is not a number
+        reached = f"s(t) runs from {lowest:.9g} to {highest:.9g}"
+        raise InvalidTrajectory(f"{reached}; the path from {first:.9g} to {last:.9g}")
+
+
+def _broken_at(s: Trajectory, levels: Array) -> Trajectory:
+    """Add a break wherever a function of time crosses one of the levels."""
+    unit = s.pieces()[..., 0]
+    times = []
+    for level in levels:
+        shifted = np.array(unit)
+        shifted[-1] -= level
+        shares = polynomials.unit_roots(shifted)
+        row, piece = np.nonzero(np.isfinite(shares))
+        elapsed = shares[row, piece] * s.lengths[piece]
+        times.append(s.breaks[piece] + elapsed)
+    crossings = np.concatenate([np.zeros(0), *times])
+    distance = np.abs(crossings - s.breaks[nearest(s.breaks, crossings)])
+    return s.refined(crossings[distance > CROSSING_RTOL * s.duration])
 
 
 def _check(
