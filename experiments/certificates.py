@@ -86,7 +86,7 @@ def measured(
     began = time.process_time()
     (trial,) = judge(planner, problem, [0], "certify")
     seconds = time.process_time() - began
-    store.save(output / "trials" / f"{trial.id}.h5", trial)
+    store.Store(output).write(trial)
     stats = trial.solution.stats
     upper_bound = float(stats.get("upper_bound", np.nan))
     return {

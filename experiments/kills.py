@@ -122,7 +122,7 @@ def attempt(output: Path, number: int) -> dict[str, Any]:
     turn = int(rng.integers(len(lengths)))
     part = float(rng.uniform())
     folder, child = started(output, f"kill-{number}", jobs, half)
-    stored = _trials(folder.glob("trials/*.h5"))
+    stored = _trials(folder.glob("trials/*.json"))
     try:
         moment = child.entered(wanted, turn + 1) + part * lengths[turn]
         left = moment - time.monotonic()
@@ -199,7 +199,7 @@ def _whole(folder: Path) -> tuple[dict[Path, Answers], list[str]]:
     """The answers in every file that can be read, and why the others cannot."""
     whole = {}
     torn = []
-    for file in sorted(folder.rglob("[!.]*.h5")):
+    for file in [*sorted(folder.glob("trials/[!.]*.json")), *folder.glob("results.h5")]:
         try:
             trials = read(file)
             whole[file] = answers(trials)

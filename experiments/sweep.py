@@ -55,7 +55,7 @@ def sizes(folder: Path, trials: int) -> pd.DataFrame:
     files = {
         "results.h5": [folder / "results.h5"],
         "report.html": [folder / "report.html"],
-        "trials/": list(folder.glob("trials/*.h5")),
+        "trials/": list(folder.glob("trials/*.json")),
     }
     rows = []
     for name, own in files.items():

@@ -1,13 +1,12 @@
 """A problem, a planner and a trial that use all there is to store; shared by the store's tests."""
 
-from contextlib import contextmanager
+import json
 from dataclasses import dataclass, fields, replace
 
-import h5py
 import numpy as np
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
-from trajopt.benchmark.store.seal import sealed
+from trajopt.benchmark.store.trial_text import sealed
 from trajopt.benchmark.trial import judge
 from trajopt.planners.planner import Planner
 
@@ -56,18 +55,12 @@ def solved():
     return judge(Stopping(0.5), PROBLEM, [3], "stopping")[0]
 
 
-@contextmanager
-def edited(path):
-    """The HDF5 file to be changed, sealed again afterwards as a forger would."""
-    with h5py.File(path, "r+") as file:
-        yield file
-    path.write_bytes(sealed(path.read_bytes()))
-
-
-def datasets(file):
-    found = {}
-    file.visititems(lambda n, d: found.update({n: d}) if isinstance(d, h5py.Dataset) else None)
-    return found
+def forged(text, change):
+    """A trial's text whose JSON was changed, sealed again as a forger would."""
+    table = json.loads(text)
+    change(table)
+    del table["schema"], table["sha256"]
+    return sealed(table)
 
 
 def assert_same(a, b):

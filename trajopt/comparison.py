@@ -153,10 +153,10 @@ def _marked(store: Store, trials: Sequence[Trial]) -> Sequence[Trial]:
         when = trial.asked or trial.started
         last[trial.label] = max(when, last.get(trial.label, ""))
     later = set()
-    for trial_id, label, started, asked in store.columns("id", "label", "started", "asked"):
-        when = asked or started
-        if when > last.get(label, when):  # texts in UTC and ISO 8601 sort by time
-            later.add(trial_id)
+    for other in store.others({trial.id for trial in trials}):
+        when = other["asked"] or other["started"]
+        if when > last.get(other["label"], when):  # texts in UTC and ISO 8601 sort by time
+            later.add(other["id"])
     if not later:
         return trials
     everything = [*trials, *read(store.results, later)]

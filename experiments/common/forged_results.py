@@ -1,14 +1,16 @@
 """Results files that a stranger crafted, or that a disk corrupted.
 
-Crafted: one thing in a `results.h5` or a trial file is made what it should not be (another type,
-shape, text, number, link, filter, size), and it is sealed again, as a forger would. Corrupted:
-bits, blocks or the end of a `results.h5` are changed, and nothing else. `verify`, `export` and
-`report` then read it. Needs Linux.
+Crafted: one thing in a trial's text or in the dataset of texts in a `results.h5` is made what it
+should not be (another type, shape, text, number, link, filter, size), and it is sealed again, as a
+forger would. Corrupted: bits, blocks or the end of a `results.h5` are changed, and nothing else.
+`verify`, `export` and `report` then read it. Needs Linux.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
 import tempfile
 import warnings
 import zlib
@@ -24,14 +26,17 @@ import pandas as pd
 from experiments.common import said
 from experiments.common.said import ESCAPES
 from trajopt.benchmark.store.folder import DamagedFile, Store
-from trajopt.benchmark.store.seal import sealed
+from trajopt.benchmark.store.results_file import sealed as sealed_file
+from trajopt.benchmark.store.trial_text import sealed
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import named
 
 T = TypeVar("T")
 Rng = np.random.Generator
-Craft = Callable[[h5py.File, Path, Rng], None]
+TextCraft = Callable[[bytes, Rng], bytes]
+FileCraft = Callable[[h5py.File, Path, Rng], None]
+Craft = Any  # one of the two
 
 SECRET = "what-only-this-machine-knows"
 LONGEST_BLOCK = 4096  # bytes
@@ -72,9 +77,6 @@ ODD_VALUES: tuple[Any, ...] = (
 ODD_INTEGERS = (-1, 0, 1, 2**62, -(2**62))
 ODD_FLOATS = (np.nan, np.inf, -np.inf, -1.0, 0.0, 1e308, 5e-324)
 
-JSON = ("record", "options", "certificate", "stats", "provenance")  # datasets of it
-FILTERS: dict[str, Any] = {"compression": 1, "shuffle": True, "fletcher32": True}
-CHECKSUM = b"\0\0\0\0"  # of zeros
 
 PLANNERS = ("pso:iterations=20,population=5", "unoptimised", "ruckig-stop", "toppra")
 
@@ -89,27 +91,89 @@ def template(folder: Path) -> Path:
     return store.consolidate().parent
 
 
-# --- what a forger does to a file ---
+# --- what a forger does to a trial's text ---
 
 
-def _datasets(file: h5py.File) -> list[str]:
-    found: list[str] = []
-
-    def visit(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        if isinstance(item, h5py.Dataset):
-            found.append(name)
-
-    file.visititems(visit)
-    return found
-
-
-def _of_kind(file: h5py.File, kinds: str) -> list[str]:
-    """The datasets whose type is of one of NumPy's kinds."""
-    return [name for name in _datasets(file) if file[name].dtype.kind in kinds]
+def odd_text(text: bytes, rng: Rng) -> bytes:
+    """An odd value in place of some text, number or name."""
+    odd = [escape.encode() + b"x" for escape in ESCAPES]
+    odd += ODD_TEXTS
+    lines = text.split(b"\n")
+    place = int(rng.integers(2, len(lines) - 2))
+    name, _, _ = lines[place].partition(b": ")
+    lines[place] = name + b": " + _drawn(odd, rng) + b","
+    return _sealed_lines(lines)
 
 
-def _one_of(file: h5py.File, rng: Rng) -> str:
-    return str(rng.choice(_datasets(file)))
+def _sealed_lines(lines: list[bytes]) -> bytes:
+    """Lines of a text with the SHA-256 of those after the second."""
+    digest = hashlib.sha256(b"\n".join(lines[3:])).hexdigest()
+    return b"\n".join([*lines[:2], f'"sha256": "{digest}",'.encode(), *lines[3:]])
+
+
+def odd_json(text: bytes, rng: Rng) -> bytes:
+    """Something in it is made something else."""
+    table = _mutated(_table(text), rng)
+    return sealed(table if isinstance(table, dict) else {"id": table})
+
+
+def _table(text: bytes) -> dict[str, Any]:
+    table: dict[str, Any] = json.loads(text)
+    del table["schema"], table["sha256"]
+    return table
+
+
+def _mutated(value: Any, rng: Rng) -> Any:
+    if isinstance(value, dict) and value and rng.random() < 0.9:
+        key = str(rng.choice(list(value)))
+        if rng.random() < 0.1:
+            return {other: own for other, own in value.items() if other != key}
+        return value | {key: _mutated(value[key], rng)}
+    if isinstance(value, list) and value and rng.random() < 0.7:
+        place = int(rng.integers(len(value)))
+        changed = [*value]
+        changed[place] = _mutated(value[place], rng)
+        return changed
+    return _drawn(ODD_VALUES, rng)
+
+
+def odd_number(text: bytes, rng: Rng) -> bytes:
+    """Another number in place of one, or a word of which JavaScript makes one."""
+    odd = [str(number).encode() for number in (*ODD_INTEGERS, *ODD_FLOATS)]
+    odd += [b"NaN", b"-Infinity", b"1" * 5000, b"0." + b"1" * 60_000]
+    found = list(re.finditer(rb"-?\d+\.\d+", text))
+    place = found[int(rng.integers(len(found)))]
+    changed = text[: place.start()] + _drawn(odd, rng) + text[place.end() :]
+    return _sealed_lines(changed.split(b"\n"))
+
+
+def deep(text: bytes, rng: Rng) -> bytes:
+    """Options nested beyond what a parser's stack holds."""
+    depth = int(rng.choice([50, 900, 100_000]))
+    options = b"[" * depth + b"]" * depth
+    changed = re.sub(rb'"options": .*', b'"options": {"x": ' + options + b"},", text)
+    return _sealed_lines(changed.split(b"\n"))
+
+
+def high_degree(text: bytes, rng: Rng) -> bytes:
+    """Roots of a polynomial of degree 20 000 take gigabytes."""
+    table = _table(text)
+    ends = [0.0, 1.0]
+    rows = [[[1.0]]] * 20_001
+    table["solution"]["trajectory"] = {
+        "breaks": ends,
+        "coefficients": rows,
+        "waypoint_times": ends,
+    }
+    return sealed(table)
+
+
+def odd_schema(text: bytes, rng: Rng) -> bytes:
+    values = [b'"3"', b"4", b'"trajopt-3"', b'"trajopt-99999999999"', b'"\x1b[31m"', b"[4]"]
+    return text.replace(b'"trajopt-4"', _drawn(values, rng), 1)
+
+
+# --- what a forger does to `results.h5` ---
 
 
 def _drawn(values: Sequence[T], rng: Rng) -> T:
@@ -117,23 +181,9 @@ def _drawn(values: Sequence[T], rng: Rng) -> T:
     return values[place]
 
 
-def _replaced(file: h5py.File, name: str, **what: Any) -> None:
-    del file[name]
-    file.create_dataset(name, **what)
-
-
-def _texts(file: h5py.File, name: str) -> list[bytes]:
-    values = np.atleast_1d(file[name][()])
-    return list(values.tolist())
-
-
-def _with_texts(file: h5py.File, name: str, texts: list[bytes]) -> None:
-    """Other texts in a dataset, a scalar where it was one."""
-    width = max(map(len, texts))
-    data = np.array(texts, dtype=f"S{width}")
-    if file[name].ndim == 0:
-        data = data[0]
-    _replaced(file, name, data=data)
+def _replaced(file: h5py.File, **what: Any) -> None:
+    del file["texts"]
+    file.create_dataset("texts", **what)
 
 
 def another_type(file: h5py.File, secret: Path, rng: Rng) -> None:
@@ -151,133 +201,54 @@ def another_type(file: h5py.File, secret: Path, rng: Rng) -> None:
         np.array([file.ref] * 4, dtype=h5py.ref_dtype),
         np.zeros(4, dtype="V5"),
     ]
-    name = _one_of(file, rng)
-    _replaced(file, name, data=_drawn(values, rng))
+    _replaced(file, data=_drawn(values, rng))
 
 
 def another_shape(file: h5py.File, secret: Path, rng: Rng) -> None:
-    name = _one_of(file, rng)
-    values = np.atleast_1d(file[name][()])
-    if rng.random() < 0.1:
-        _replaced(file, name, data=h5py.Empty("f8"))
-        return
+    values = file["texts"][()]
     changed = [
+        h5py.Empty("u1"),
         values[:-1],
         values[:0],
         values[None],
         np.concatenate([values, values]),
         values[0],
     ]
-    _replaced(file, name, data=_drawn(changed, rng))
+    data = _drawn(changed, rng)
+    chunked = isinstance(data, np.ndarray) and data.ndim == 1
+    _replaced(file, data=data, **(_CHUNKED if chunked else {}))
 
 
 def missing(file: h5py.File, secret: Path, rng: Rng) -> None:
-    names = [*_datasets(file), *file]
-    name = str(rng.choice(names))
-    del file[name]
+    del file["texts"]
 
 
 def group_instead(file: h5py.File, secret: Path, rng: Rng) -> None:
-    name = _one_of(file, rng)
-    del file[name]
-    file.create_group(name)
-
-
-def odd_text(file: h5py.File, secret: Path, rng: Rng) -> None:
-    name = str(rng.choice(_of_kind(file, "SO")))
-    odd = [escape.encode() + b"x" for escape in ESCAPES]
-    odd += ODD_TEXTS
-    text = _drawn(odd, rng)
-    texts = _texts(file, name)
-    row = rng.integers(len(texts))
-    texts[row] = text
-    _with_texts(file, name, texts)
-
-
-def odd_json(file: h5py.File, secret: Path, rng: Rng) -> None:
-    """Something in a JSON text is made something else."""
-    names = [name for name in _datasets(file) if name.split("/")[-1] in JSON]
-    name = str(rng.choice(names))
-    texts = _texts(file, name)
-    row = int(rng.integers(len(texts)))
-    value = json.loads(texts[row])
-    mutated = json.dumps(_mutated(value, rng))
-    texts[row] = mutated.encode()
-    _with_texts(file, name, texts)
-
-
-def _mutated(value: Any, rng: Rng) -> Any:
-    if isinstance(value, dict) and value and rng.random() < 0.9:
-        key = str(rng.choice(list(value)))
-        if rng.random() < 0.1:
-            return {other: own for other, own in value.items() if other != key}
-        return value | {key: _mutated(value[key], rng)}
-    if isinstance(value, list) and value and rng.random() < 0.7:
-        place = int(rng.integers(len(value)))
-        changed = [*value]
-        changed[place] = _mutated(value[place], rng)
-        return changed
-    return _drawn(ODD_VALUES, rng)
-
-
-def odd_numbers(file: h5py.File, secret: Path, rng: Rng) -> None:
-    names = [name for name in _of_kind(file, "fi") if file[name].size]
-    name = str(rng.choice(names))
-    values = file[name][()]
-    odd: Sequence[float] = ODD_INTEGERS
-    if values.dtype.kind == "f":
-        odd = ODD_FLOATS
-    number = _drawn(odd, rng)
-    place = rng.integers(values.size)
-    values.flat[place] = number
-    _replaced(file, name, data=values)
+    del file["texts"]
+    file.create_group("texts")
 
 
 def huge_fill(file: h5py.File, secret: Path, rng: Rng) -> None:
     """A terabyte of which the file holds nothing."""
-    name = _one_of(file, rng)
-    chunk = 1 << int(rng.integers(10, 28))
-    _replaced(
-        file,
-        name,
-        shape=(1 << 37,),
-        dtype=file[name].dtype,
-        chunks=(chunk,),
-    )
+    sizes = [1 << int(rng.integers(10, 28)), *_CHUNKED["chunks"]]
+    _replaced(file, shape=(1 << 40,), dtype="u1", chunks=(_drawn(sizes, rng),), compression=1)
 
 
 def bomb(file: h5py.File, secret: Path, rng: Rng) -> None:
-    """Half a gigabyte of zeros, deflated to half a megabyte, in honest chunks."""
-    name = _one_of(file, rng)
-    chunk = 1 << 20
-    size = 64 * chunk
-    kind = rng.choice(["f8", "i8", "S8"])
-    _replaced(
-        file,
-        name,
-        shape=(size,),
-        dtype=kind,
-        chunks=(chunk,),
-        **FILTERS,
-    )
-    stored = _deflated_zeros(8) + CHECKSUM
+    """Half a gigabyte of one byte, deflated to half a megabyte, in honest chunks."""
+    (chunk,) = _CHUNKED["chunks"]
+    size = 2000 * chunk
+    _replaced(file, shape=(size,), dtype="u1", **_CHUNKED)
+    byte = _drawn([b"\0", b" ", b"["], rng)
+    stored = zlib.compress(byte * chunk)
     for start in range(0, size, chunk):
-        file[name].id.write_direct_chunk((start,), stored)
+        file["texts"].id.write_direct_chunk((start,), stored)
 
 
 def inflating_chunk(file: h5py.File, secret: Path, rng: Rng) -> None:
-    """A small chunk, stored as what inflates to 400 MB."""
-    name = _one_of(file, rng)
-    _replaced(
-        file,
-        name,
-        shape=(4,),
-        dtype="f8",
-        chunks=(4,),
-        **FILTERS,
-    )
-    stored = _deflated_zeros(400) + CHECKSUM
-    file[name].id.write_direct_chunk((0,), stored)
+    """A chunk stored as what inflates to 400 MB."""
+    _replaced(file, shape=(4,), dtype="u1", **_CHUNKED)
+    file["texts"].id.write_direct_chunk((0,), _deflated_zeros(400))
 
 
 @cache
@@ -289,95 +260,57 @@ def _deflated_zeros(megabytes: int) -> bytes:
     return b"".join(blocks)
 
 
-def high_degree(file: h5py.File, secret: Path, rng: Rng) -> None:
-    """Roots of a polynomial of degree 20 000 take gigabytes."""
-    rows = np.ones((20_001, 1, 1))
-    if "record" in file:
-        ends = np.array([0.0, 1.0])
-        _replaced(file, "trajectory/coefficients", data=rows)
-        _replaced(file, "trajectory/breaks", data=ends)
-        _replaced(file, "trajectory/waypoint_times", data=ends)
-        return
-    count = len(file["trials/id"])
-    group = "trajectory/coefficients"
-    values = np.tile(rows.ravel(), count)
-    shapes = np.tile(rows.shape, (count, 1))
-    offsets = rows.size * np.arange(count + 1)
-    _replaced(file, f"{group}/values", data=values)
-    _replaced(file, f"{group}/shape", data=shapes)
-    _replaced(file, f"{group}/offsets", data=offsets)
-
-
 def external_storage(file: h5py.File, secret: Path, rng: Rng) -> None:
-    name = _one_of(file, rng)
     size = len(SECRET)
     elsewhere = (str(secret), 0, size)
-    _replaced(
-        file,
-        name,
-        shape=(1,),
-        dtype=f"S{size}",
-        external=[elsewhere],
-    )
+    _replaced(file, shape=(size,), dtype="u1", external=[elsewhere])
 
 
 def external_link(file: h5py.File, secret: Path, rng: Rng) -> None:
-    names = [*_datasets(file), *file]
-    name = str(rng.choice(names))
     other = secret.with_suffix(".h5")
-    del file[name]
-    file[name] = h5py.ExternalLink(str(other), "/secret")
+    del file["texts"]
+    file["texts"] = h5py.ExternalLink(str(other), "/secret")
 
 
 def soft_link(file: h5py.File, secret: Path, rng: Rng) -> None:
-    name = _one_of(file, rng)
-    target = _one_of(file, rng)
-    del file[name]
-    file[name] = h5py.SoftLink(f"/{target}")
+    del file["texts"]
+    file["texts"] = h5py.SoftLink("/trials/id")
 
 
 def virtual(file: h5py.File, secret: Path, rng: Rng) -> None:
-    name = _one_of(file, rng)
     other = secret.with_suffix(".h5")
-    layout = h5py.VirtualLayout(shape=(1,), dtype=f"S{len(SECRET)}")
-    layout[:] = h5py.VirtualSource(other, "secret", shape=(1,))
-    del file[name]
-    file.create_virtual_dataset(name, layout)
+    layout = h5py.VirtualLayout(shape=(len(SECRET),), dtype="u1")
+    layout[:] = h5py.VirtualSource(other, "secret", shape=(len(SECRET),))
+    del file["texts"]
+    file.create_virtual_dataset("texts", layout)
 
 
-def odd_schema(file: h5py.File, secret: Path, rng: Rng) -> None:
-    values: list[Any] = [
-        "3",
-        3.0,
-        [3],
-        np.arange(1000),
-        -1,
-        2**40,
-        h5py.Empty("i8"),
-        b"\x1b[31m",
-    ]
-    file.attrs["schema"] = _drawn(values, rng)
+# As the package has them.
+_CHUNKED: dict[str, Any] = {"chunks": (1 << 18,), "maxshape": (None,), "compression": 1}
 
-
-CRAFTS: tuple[Craft, ...] = (
+TEXT_CRAFTS: tuple[TextCraft, ...] = (
+    odd_text,
+    odd_json,
+    odd_json,
+    odd_number,
+    deep,
+    high_degree,
+    odd_schema,
+)
+FILE_CRAFTS: tuple[FileCraft, ...] = (
     another_type,
     another_shape,
     missing,
     group_instead,
-    odd_text,
-    odd_json,
-    odd_json,
-    odd_numbers,
     huge_fill,
     bomb,
     inflating_chunk,
-    high_degree,
     external_storage,
     external_link,
     soft_link,
     virtual,
-    odd_schema,
 )
+CRAFTS: tuple[Craft, ...] = (*TEXT_CRAFTS, *FILE_CRAFTS)
 
 
 def crafted(
@@ -386,22 +319,31 @@ def crafted(
     craft: Craft,
     rng: Rng,
 ) -> Path:
-    """A forged file: made from `results.h5`, or as often from one of the trial files."""
-    trials = sorted(folder.glob("trials/*.h5"))
-    files = [folder / "results.h5", *trials]
-    weights = np.ones(len(files))
-    weights[0] = len(trials)
-    source = rng.choice(len(files), p=weights / weights.sum())
+    """A forged file: a `results.h5`, or as often a trial's text where only that is crafted."""
+    if craft in FILE_CRAFTS:
+        return _crafted_file(folder, work, lambda file, secret: craft(file, secret, rng))
+    texts = [path.read_bytes() for path in sorted(folder.glob("trials/*.json"))]
+    place = int(rng.integers(len(texts)))
+    texts[place] = craft(texts[place], rng)
+    if rng.random() < 0.5:
+        path = work / "trial.json"
+        path.write_bytes(texts[place])
+        return path
+    joined = b"".join(text + b"\0" for text in texts)
+    data = np.frombuffer(joined, np.uint8)
+    return _crafted_file(folder, work, lambda file, _: _replaced(file, data=data, **_CHUNKED))
+
+
+def _crafted_file(folder: Path, work: Path, craft: Callable[[h5py.File, Path], None]) -> Path:
     secret = work / "secret.txt"
     secret.write_text(SECRET)
     with h5py.File(secret.with_suffix(".h5"), "w") as other:
-        other["secret"] = np.array([SECRET.encode()])
+        other["secret"] = np.frombuffer(SECRET.encode(), np.uint8)
     path = work / "results.h5"
-    path.write_bytes(files[source].read_bytes())
+    path.write_bytes((folder / "results.h5").read_bytes())
     with h5py.File(path, "r+") as file:
-        craft(file, secret, rng)
-    forged = path.read_bytes()
-    path.write_bytes(sealed(forged))
+        craft(file, secret)
+    path.write_bytes(sealed_file(path.read_bytes()))
     return path
 
 
@@ -447,11 +389,7 @@ def faults(
         _export(path, table),
     ]
     if report:
-        folder = path.with_name("folder")
-        trial = folder / "trials" / f"{0:020x}.h5"
-        trial.parent.mkdir(parents=True, exist_ok=True)
-        trial.write_bytes(path.read_bytes())
-        commands.append(["report", str(folder)])
+        commands.append(["report", str(path)])
     found = []
     for arguments in commands:
         with warnings.catch_warnings():

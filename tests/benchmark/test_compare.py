@@ -283,7 +283,7 @@ def test_a_crash_whose_cause_is_gone_leaves_only_the_answer(tmp_path):
     assert status() is Status.CRASHED
     cause.unlink()
     assert status() is Status.SOLVED
-    assert len(list((tmp_path / "trials").glob("*.h5"))) == 2
+    assert len(list((tmp_path / "trials").glob("*.json"))) == 2
 
 
 def test_a_longer_timeout_tries_again(tmp_path):
@@ -325,8 +325,8 @@ def test_a_damaged_trial_runs_again(tmp_path):
     planner = ("mine", Mine(log=str(tmp_path / "log")))
     results = compare([planner], tmp_path)
     (mine,) = [t for t in results.items if t.planner == "mine"]
-    path = tmp_path / "trials" / f"{mine.id}.h5"
-    path.write_bytes(path.read_bytes()[:3000])
+    path = tmp_path / "trials" / f"{mine.id}.json"
+    path.write_bytes(path.read_bytes()[:1000])
     again = compare([planner], tmp_path)
     assert len(lines(tmp_path / "log")) == 2
     assert {t.id for t in again.items} == {t.id for t in results.items}

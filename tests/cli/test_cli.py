@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from trials import edited
+from trials import forged
 
 from baselines.ruckig_ import RuckigStop
 from trajopt import Limits, Problem
@@ -224,7 +224,7 @@ def test_out_writes_the_certified_trajectory(trajopt, tmp_path, suffix):
         assert parsed(file.read_text("utf-8"))["breaks"] == [0, 2, 4, 6]
     else:
         with h5py.File(file) as stored:
-            assert stored["trajectory/breaks"][()].tolist() == [0, 2, 4, 6]
+            assert stored["trials/certified_duration"][()].tolist() == [6]
 
 
 def test_nothing_to_write_exits_1_in_one_line(trajopt, tmp_path):
@@ -369,7 +369,7 @@ acceleration = [1, 1]
         (["verify"], ["path"]),
         (["verify", "nowhere"], ["nowhere"]),
         (["verify", "empty"], ["empty", "results folder"]),
-        (["verify", "bad.toml"], ["bad.toml", "HDF5"]),
+        (["verify", "bad.toml"], ["bad.toml", "damaged"]),
         (["verify", "other.h5"], ["other.h5"]),
     ],
     ids=lambda x: " ".join(x) if isinstance(x, list) and len(x) > 1 and "-" in str(x) else None,
@@ -568,50 +568,46 @@ def test_verify_confirms_folder_and_file(compared, trajopt):
         assert len(rows) == 10
 
 
-def edit(file, name, row, factor, *, place=-1):
-    """Multiply an entry of the trial's column, or of the array that it has a part of."""
-    if name.startswith("trials/"):
-        file[name][row] = file[name][row] * factor
-    else:
-        start, end = file[name]["offsets"][row : row + 2]
-        entry = range(start, end)[place]
-        file[name]["values"][entry] = file[name]["values"][entry] * factor
+def edit(*path, factor):
+    """Multiply one number of a trial's JSON."""
 
+    def change(table):
+        *places, last = path
+        for place in places:
+            table = table[place]
+        table[last] *= factor
 
-def edit_problem(file, name, row, factor, place):
-    edit(file, f"problems/{name}", file["trials/problem_row"][row], factor, place=place)
+    return change
 
 
 TAMPERINGS = {
-    "coefficients": lambda f, i: edit(f, "trajectory/coefficients", i, 1.5),
-    "not finite": lambda f, i: edit(f, "trajectory/coefficients", i, np.nan, place=0),
-    "duration": lambda f, i: edit(f, "trajectory/breaks", i, 0.9),
-    "certified": lambda f, i: edit(f, "trials/certified_duration", i, 0.99),
-    "certified nothing": lambda f, i: edit(f, "trials/certified_duration", i, np.nan),
-    "claimed": lambda f, i: edit(f, "trials/claimed_duration", i, 0.99),
-    "limits": lambda f, i: edit_problem(f, "velocity", i, 1.01, 1),
-    "waypoints": lambda f, i: edit_problem(f, "waypoints", i, 1.01, 1),
-    "seed": lambda f, i: f["trials/seed"].__setitem__(i, 99),
+    "coefficients": edit("solution", "trajectory", "coefficients", 0, 0, 0, factor=1.5),
+    "duration": edit("solution", "trajectory", "breaks", -1, factor=0.9),
+    "certified": edit("certificate", "dilation", factor=0.99),
+    "claimed": edit("certificate", "duration", factor=0.99),
+    "limits": edit("problem", "limits", "velocity", 0, 1, factor=1.01),
+    "waypoints": edit("problem", "waypoints", 1, 0, factor=1.01),
 }
 
 
 @pytest.mark.parametrize("kind", TAMPERINGS)
 def test_verify_finds_what_was_tampered_with_and_names_it(compared, trajopt, tmp_path, kind):
-    folder, _, _ = compared
-    shutil.copy(folder / "results.h5", tmp_path / "results.h5")
-    with edited(tmp_path / "results.h5") as file:
-        columns = [file[f"trials/{name}"].asstr()[()] for name in ("id", "planner", "problem")]
-        ids, planners, problems = columns
-        (row,) = np.flatnonzero((planners == "exact") & (problems == "one-joint"))
-        shared = kind in ("limits", "waypoints")  # by all trials of the problem
-        wrong = set(ids[problems == "one-joint"] if shared else ids[[row]])
-        TAMPERINGS[kind](file, row)
-    code, out, err = trajopt("verify", tmp_path / "results.h5")
+    copied = tmp_path / "trials"
+    shutil.copytree(compared[0] / "trials", copied)
+    files = sorted(copied.iterdir())
+    tables = {file: json.loads(file.read_bytes()) for file in files}
+    (path,) = [
+        file
+        for file, table in tables.items()
+        if (table["planner"], table["problem"]["name"]) == ("exact", "one-joint")
+    ]
+    path.write_bytes(forged(path.read_bytes(), TAMPERINGS[kind]))
+    code, out, err = trajopt("verify", tmp_path)
     assert (code, err) == (1, "")
-    assert all(name in out for name in wrong)
-    assert f"{len(wrong)} do not hold" in out
-    rows = parsed(trajopt("verify", tmp_path / "results.h5", "--json")[1])["trials"]
-    assert {row["id"] for row in rows if not row["holds"]} == wrong
+    assert path.stem in out
+    assert "1 do not hold" in out
+    rows = parsed(trajopt("verify", tmp_path, "--json")[1])["trials"]
+    assert [row["id"] for row in rows if not row["holds"]] == [path.stem]
 
 
 def test_verify_names_a_damaged_trial_file_and_verifies_the_others(compared, trajopt, tmp_path):
@@ -634,7 +630,7 @@ def test_export_names_a_damaged_trial_file_in_one_line(compared, trajopt, tmp_pa
     output = tmp_path / "trials.csv"
     code, _, err = trajopt("export", tmp_path / "results", "--to", "csv", "--out", output)
     assert code == 0
-    assert re.fullmatch(r"trajopt: warning: .*\.h5: damaged.*\n", err)
+    assert re.fullmatch(r"trajopt: warning: .*\.json: damaged.*\n", err)
 
 
 def test_verify_of_a_damaged_file_exits_2(compared, trajopt, tmp_path):
@@ -694,13 +690,13 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(tmp_path):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # pytest may run behind &
     )  # fmt: skip
     deadline = time.monotonic() + 120
-    while not list(tmp_path.glob("trials/*.h5")) and time.monotonic() < deadline:
+    while not list(tmp_path.glob("trials/*.json")) and time.monotonic() < deadline:
         time.sleep(0.1)
     running.send_signal(signal.SIGINT)
     _, err = running.communicate(timeout=60)
     assert running.returncode == 130
     assert err.strip().endswith("finished trials are kept, run the same command to go on")
-    assert list(tmp_path.glob("trials/*.h5"))
+    assert list(tmp_path.glob("trials/*.json"))
 
 
 @pytest.mark.parametrize("began", [0.2, 0.5, 0.8])  # s: commands, the fork server, workers start

@@ -153,7 +153,7 @@ def test_a_forged_trial_is_not_proved_again(tmp_path, monkeypatch):
     forged = Solution(Status.INVALID, None, "without a motion", own.lower_bound, stats=stats)
     monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
     (trial,) = judge(Certify(time_limit=1e-3), own.problem, [0], "certify")
-    folder.save(tmp_path / "trials" / f"{trial.id}.h5", trial)
+    folder.Store(tmp_path).write(trial)
     (found,) = verification(tmp_path).trials
     assert trial.lower_bound == own.lower_bound
     assert found.bound != PROVED_AGAIN
@@ -168,7 +168,7 @@ def test_a_bound_on_some_trajectories_is_none_on_all(tmp_path, monkeypatch):
     forged = replace(forged, lower_bound=found.stats["lower_bound"])
     monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
     (trial,) = judge(planner, load("six-axis"), [0], "certify")
-    folder.save(tmp_path / "trials" / f"{trial.id}.h5", trial)
+    folder.Store(tmp_path).write(trial)
     (again,) = verification(tmp_path).trials
     assert again.lower_bound > 3
     assert again.bound != PROVED_AGAIN

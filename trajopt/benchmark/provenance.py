@@ -44,6 +44,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trajopt.core.exceptions import InvalidInput
+from trajopt.core.harmless import harmless
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import entries
 
@@ -107,7 +108,9 @@ def plain(value: Any, option: str = "option") -> Any:
 
     Raises `InvalidInput` for an object whose text does not say what it holds.
     """
-    if value is None or isinstance(value, str | bool):
+    if isinstance(value, str):
+        return harmless(value)
+    if value is None or isinstance(value, bool):
         return value
     if isinstance(value, Enum):
         return f"{type(value).__name__}.{value.name}"
@@ -118,7 +121,7 @@ def plain(value: Any, option: str = "option") -> Any:
     if isinstance(value, np.ndarray):
         return _plain_array(value)
     if isinstance(value, Mapping):
-        return {str(key): plain(item, option) for key, item in value.items()}
+        return {harmless(str(key)): plain(item, option) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item, option) for item in value]
     if isinstance(value, set | frozenset):
@@ -136,7 +139,7 @@ def plain(value: Any, option: str = "option") -> Any:
     if _ADDRESS.search(text):
         right = "a number, a text, an array, a collection of these, or what says all as text"
         raise InvalidInput(option, right, value=text)
-    return text
+    return harmless(text)
 
 
 def _plain_array(array: np.ndarray[Any, Any]) -> Any:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.provenance import Code, code_of, plain, provenance
 from trajopt.core.exceptions import InvalidTrajectory, MissingBackend
+from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
@@ -94,6 +95,21 @@ class Trial:
     @property
     def lower_bound(self) -> float | None:
         return self.solution.lower_bound
+
+    @property
+    def dilation(self) -> float | None:
+        """The exact cheapest time dilation that meets the limits."""
+        return self.certificate.dilation if self.certificate else None
+
+    @property
+    def feasible(self) -> bool | None:
+        """Whether the trajectory keeps every limit as claimed."""
+        return self.certificate.feasible if self.certificate else None
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the problem's numbers."""
+        return self.problem.digest()
 
     @property
     def relaxed_duration(self) -> float | None:
@@ -191,12 +207,13 @@ class Configuration:
         """
         own = adapted(planner)
         check_visible(own)
-        name = name or type(own).__name__
+        name = harmless(name or type(own).__name__, lines=False)
         options = {
             key: plain(value, f"planner {name}, option {key}")
             for key, value in own.options().items()
         }
-        return cls(own, Entrant(name, label(name, own), options, code_of(own)))
+        shown = harmless(label(name, own), lines=False)
+        return cls(own, Entrant(name, shown, options, code_of(own)))
 
 
 @dataclass(frozen=True)

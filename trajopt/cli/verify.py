@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from trajopt.benchmark.judgement import Execution, as_executed
+from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.verification import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console
@@ -42,7 +43,7 @@ def verify(
     A motion needs no waypoints: told are its peaks as a controller runs it, the slow-down that it
     needs, and how fast it may run at most.
     """
-    if path.suffix in ENDINGS and not path.is_dir():
+    if path.suffix in ENDINGS and not path.is_dir() and not is_trial(path):
         return _verify_motion(path, robot, interpolation, json)
     if robot.said or interpolation != "auto":
         right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"

@@ -444,11 +444,11 @@ def test_what_is_no_proof_is_refused(proved, name, value):
 def test_a_stored_bound_that_was_edited_does_not_hold(tmp_path):
     planner = Certify(within=1e-3, time_limit=20.0)
     (trial,) = judge(planner, load("one-joint"), [0], "certify")
-    folder.save(tmp_path / "trials" / f"{trial.id}.h5", trial)
+    folder.Store(tmp_path).write(trial)
     assert verification(tmp_path).holds
     edited = replace(trial, solution=replace(trial.solution, lower_bound=1.4))
     other = tmp_path / "edited"
-    folder.save(other / "trials" / f"{trial.id}.h5", edited)
+    folder.Store(other).write(edited)
     checked = verification(other)
     assert not checked.holds
     assert "lower bound: recorded 1.4" in checked.trials[0].differences[0]

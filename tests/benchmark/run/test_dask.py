@@ -54,7 +54,7 @@ def test_a_worker_killed_during_the_run_has_its_trials_run_elsewhere(tmp_path: P
     killed: list[int] = []
 
     def kill(_: run.Progress) -> None:
-        if pids and len(list((tmp_path / "trials").glob("*.h5"))) >= 2:
+        if pids and len(list((tmp_path / "trials").glob("*.json"))) >= 2:
             killed.append(pids.pop())
             os.kill(killed[-1], signal.SIGKILL)
 

@@ -49,7 +49,7 @@ def test_a_planner_has_a_process_of_its_own_whose_clock_is_not_believed(
     assert mine["a", 0].solve_time >= 1.0
     assert mine["a", 1].solve_time < 1.0
     assert "own" in mine["a", 0].provenance["isolation"]
-    assert len(list(tmp_path.glob("kept/trials/*.h5"))) == len(results.items)
+    assert len(list(tmp_path.glob("kept/trials/*.json"))) == len(results.items)
 
 
 def test_a_message_holds_every_number_of_an_answer_exactly() -> None:

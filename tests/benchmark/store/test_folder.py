@@ -1,7 +1,6 @@
 """The folder: whole files or none, whatever the disk, a signal or another run does."""
 
 import errno
-import json
 import os
 import platform
 import re
@@ -15,14 +14,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scipy.interpolate import PPoly
-from trials import PROBLEM, assert_same, datasets, edited, solved
+from trials import assert_same, solved
 
 from trajopt import Solution, Status, StoreError
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.store import results_file
-from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, read, records, save
-from trajopt.benchmark.store.hdf5 import SCHEMA
+from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, read, recorded
 
 
 @pytest.fixture(scope="module")
@@ -30,75 +27,8 @@ def trial():
     return solved()
 
 
-@pytest.fixture
-def group(tmp_path, trial):
-    with h5py.File(save(tmp_path / "t.h5", trial)) as file:
-        yield file
-
-
 def files(folder):
     return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
-
-
-# --- a trial file ---
-
-
-def test_the_trial_file_holds_what_the_issue_lists(group, trial):
-    def refuse(word):
-        raise AssertionError(word)
-
-    record = json.loads(group["record"].asstr()[()], parse_constant=refuse)
-    assert record["problem"] == "Gelenk-Prüfung ①"
-    assert record["source"] == "made up"
-    assert record["planner"] == "stopping"
-    assert record["options"] == {"segment_time": 0.5, "note": ""}
-    assert (record["seed"], record["evaluations"], record["batch"]) == (3, 7, 1)
-    assert (record["status"], record["message"]) == ("solved", "")
-    assert record["setup_time"] == 0
-    assert record["solve_time"] > 0
-    assert record["certificate"]["velocity"]["joint"] == 1  # of two, counted from 1
-    assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00$", record["started"])
-    for package in ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "python"):
-        assert re.match(r"\d+\.\d+", record["provenance"][package]), package
-    assert "CPU" in record["provenance"]["machine"]
-    assert record["numbers"]["waypoints"] == PROBLEM.waypoints.tolist()
-    assert record["numbers"]["position"][1] == [{"$float": "-inf"}, {"$float": "inf"}]
-    np.testing.assert_array_equal(group["history/evaluations"][()], [1, 4, 7])
-    np.testing.assert_array_equal(group["history/duration"][()], [np.nan, 2.25, 1.5])
-    np.testing.assert_array_equal(group["trajectory/waypoint_times"][()], [0, 0.5, 1, 1.5])
-    np.testing.assert_array_equal(group["stats/times"][()], [0, 1, 2])
-
-
-def test_every_dataset_of_a_trial_file_documents_itself(group):
-    found = datasets(group)
-    assert len(found) == 7
-    for name, data in found.items():
-        assert isinstance(data.attrs["units"], str), name
-        assert data.attrs["description"], name
-    assert group["trajectory/breaks"].attrs["units"] == "s"
-    assert group["trajectory/coefficients"].attrs["units"] == "rad/s^power"
-
-
-def test_plain_h5py_and_scipy_rebuild_the_trajectory(group, trial):
-    breaks = group["trajectory/breaks"][()]
-    rebuilt = PPoly(group["trajectory/coefficients"][()], breaks)
-    times = np.linspace(0, breaks[-1], 101)
-    s = np.clip(times / 0.5, 0, 1)[:, None]
-    first = PROBLEM.waypoints[0] + (10 * s**3 - 15 * s**4 + 6 * s**5) * PROBLEM.displacements[0]
-    np.testing.assert_allclose(rebuilt(times[:34]), first[:34], atol=1e-12)
-    for order in range(3):
-        expected = trial.solution.trajectory(times, order)
-        np.testing.assert_allclose(rebuilt(times, nu=order), expected, atol=1e-11)
-
-
-def test_a_trial_file_is_small(tmp_path, trial):
-    arrays = sum(a.nbytes for a in arrays_of(trial))
-    assert save(tmp_path / "t.h5", trial).stat().st_size < arrays + 11_000
-
-
-def arrays_of(trial):
-    trajectory = trial.solution.trajectory
-    return trajectory.breaks, trajectory.coefficients, trajectory.waypoint_times
 
 
 # --- atomic writing ---
@@ -108,7 +38,7 @@ def test_no_temporary_file_is_left(tmp_path, trial):
     results = Store(tmp_path)
     results.write(trial)
     results.consolidate()
-    assert files(tmp_path) == ["results.h5", f"trials/{trial.id}.h5"]
+    assert files(tmp_path) == ["results.h5", f"trials/{trial.id}.json"]
 
 
 @pytest.mark.parametrize("moment", ["write", "sync", "rename"])
@@ -142,7 +72,7 @@ def test_a_crash_while_consolidating_keeps_the_old_results(tmp_path, trial, monk
     results.write(trial)
     old = results.consolidate().read_bytes()
 
-    def crash(trials):
+    def crash(trials, texts):
         raise RuntimeError("pulled the plug")
 
     monkeypatch.setattr(results_file, "content", crash)
@@ -168,7 +98,8 @@ def test_a_folder_is_read_from_results_h5_only_while_that_holds_every_trial(tmp_
 
 def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, trial, monkeypatch):
     steps = []
-    sync, rename = atomic._sync, os.replace
+    sync = atomic._sync
+    rename = os.replace
     monkeypatch.setattr(atomic, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
     monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
     Store(tmp_path).write(trial)
@@ -177,7 +108,8 @@ def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, 
 
 def test_trials_that_finish_together_are_synced_before_any_is_renamed(tmp_path, trial, monkeypatch):
     steps = []
-    sync, rename = atomic._sync, os.replace
+    sync = atomic._sync
+    rename = os.replace
     monkeypatch.setattr(atomic, "_sync", lambda p: (steps.append(Path(p).suffix), sync(p)))
     monkeypatch.setattr(os, "replace", lambda a, b: (steps.append("rename"), rename(a, b)))
     trials = [replace(trial, seed=seed) for seed in range(3)]
@@ -198,9 +130,9 @@ def test_what_the_disk_refuses_does_not_take_those_before_it_along(tmp_path, tri
         write(path, data)
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(StoreError, match=rf"{trials[2].id}\.h5.*No space left on device"):
+    with pytest.raises(StoreError, match=rf"{trials[2].id}\.json.*No space left on device"):
         Store(tmp_path).write_all(trials)
-    assert files(tmp_path) == sorted(f"trials/{one.id}.h5" for one in trials[:2])
+    assert files(tmp_path) == sorted(f"trials/{one.id}.json" for one in trials[:2])
 
 
 def test_another_trial_takes_the_place_of_one_that_no_file_can_hold(tmp_path, trial):
@@ -235,11 +167,11 @@ def test_a_full_disk_is_said_in_words_and_loses_nothing(tmp_path, trial, monkeyp
 
     monkeypatch.setattr(Path, "write_bytes", full)
     other = replace(trial, seed=4)
-    with pytest.raises(StoreError, match=rf"{other.id}\.h5.*No space left on device"):
+    with pytest.raises(StoreError, match=rf"{other.id}\.json.*No space left on device"):
         results.write(other)
     with pytest.raises(StoreError, match="No space left on device"):
         results.write(trial)
-    assert files(tmp_path) == [f"trials/{trial.id}.h5"]
+    assert files(tmp_path) == [f"trials/{trial.id}.json"]
     assert old.read_bytes() == before
 
 
@@ -274,7 +206,7 @@ def test_a_limit_on_the_size_of_files_stops_at_a_whole_file(tmp_path, limit):
         str(limit),
     ]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert re.search(r"\.h5: cannot be written: File too large\n", done.stdout)
+    assert re.search(r"\.(h5|json): cannot be written: File too large\n", done.stdout)
     assert done.stderr == ""
     assert len(files(tmp_path)) == 12
     assert len(read(tmp_path)) == 12
@@ -316,7 +248,7 @@ def test_the_backend_s_answer_replaces_its_absence_and_is_never_replaced_by_it(t
     results = Store(tmp_path)
     results.write(absent_of(trial))
     results.write(trial)
-    assert files(tmp_path) == [f"trials/{trial.id}.h5"]
+    assert files(tmp_path) == [f"trials/{trial.id}.json"]
     results.write(absent_of(trial))  # a run elsewhere, without the backend, into this folder
     for found in (results.read(), read(tmp_path, {trial.id}), read(results.consolidate())):
         assert [t.status for t in found] == [Status.SOLVED]
@@ -348,7 +280,7 @@ def test_a_damaged_trial_is_not_finished_and_does_not_spoil_the_others(tmp_path,
     results.write(other)
     assert results.finished() == {other.id}
     assert not results.has(trial.id)
-    words = rf"{trial.id}\.h5: damaged.*; running its comparison again replaces it"
+    words = rf"{trial.id}\.json: damaged.*; running its comparison again replaces it"
     for reading in (lambda: read(results.consolidate()), results.read, lambda: read(tmp_path)):
         with pytest.warns(DamagedFile, match=words):
             assert [t.id for t in reading()] == [other.id]
@@ -359,46 +291,71 @@ def test_a_damaged_trial_is_not_finished_and_does_not_spoil_the_others(tmp_path,
 def test_a_flipped_bit_is_found_when_the_file_is_read(tmp_path, trial):
     results = Store(tmp_path)
     path = results.write(trial)
-    rng, data = np.random.default_rng(0), path.read_bytes()
+    rng = np.random.default_rng(0)
+    data = path.read_bytes()
     for place in rng.integers(len(data), size=60):
         broken = bytearray(data)
         broken[place] ^= 1 << int(rng.integers(8))
         path.write_bytes(broken)
-        with pytest.warns(DamagedFile, match="checksum|its"):
+        with pytest.warns(DamagedFile, match="checksum|start"):
             assert results.read() == []
 
 
-def test_what_is_damaged_is_listed_beside_what_was_verified(tmp_path, trial):
-    results, found = Store(tmp_path), []
+def test_what_is_damaged_is_listed_beside_what_was_read(tmp_path, trial):
+    results = Store(tmp_path)
+    found = []
     damaged(results.write(trial), "one bit")
     results.write(replace(trial, seed=4))
-    ((back, record),) = records(tmp_path, found.append)
-    assert (back.seed, record["certified_duration"]) == (4, trial.certified_duration)
+    (back,) = recorded(tmp_path, found.append)
+    assert back.seed == 4
     (error,) = found
     assert error.path == results.path(trial.id)
 
 
-@pytest.mark.parametrize(("schema", "words"), [(SCHEMA + 1, "upgrade trajopt"), (1, "run again")])
-def test_another_schema_is_refused_in_words_before_anything_runs(tmp_path, trial, schema, words):
+def test_a_trial_under_another_s_name_is_not_finished(tmp_path, trial):
     results = Store(tmp_path)
-    path = results.write(trial)
-    with h5py.File(path, "r+") as file:
-        file.attrs["schema"] = schema
-    ways = [results.finished, results.read, results.consolidate]
-    ways += [lambda: read(path), lambda: read(tmp_path)]
-    for way in ways:
-        with pytest.raises(StoreError, match=rf"schema {schema}, this reads {SCHEMA}; {words}"):
-            way()
-    assert files(tmp_path) == [f"trials/{trial.id}.h5"]
+    other = replace(trial, seed=4)
+    content = results.write(trial).read_bytes()
+    results.write(other).write_bytes(content)
+    assert results.finished() == {trial.id}
 
 
-def test_results_of_another_schema_are_refused_too(tmp_path, trial):
+ANOTHER = "written by another version of trajopt; run again into another folder"
+
+
+def older_trial(folder):
+    (folder / "trials").mkdir()
+    (folder / "trials" / f"{0:020x}.h5").write_bytes(b"HDF5")
+
+
+def older_results(folder):
+    seal = b"trajopt3" + bytes(32)
+    (folder / "results.h5").write_bytes(b"HDF5" + seal)
+
+
+def newer_trial(folder):
+    text = b'{\n"schema": "trajopt-5",\n"sha256": "' + b"0" * 64 + b'",\n'
+    (folder / "trials").mkdir()
+    name = f"{0:020x}"
+    (folder / "trials" / f"{name}.json").write_bytes(text + f'"id": "{name}",\n'.encode())
+
+
+@pytest.mark.parametrize("fill", [older_trial, older_results, newer_trial])
+def test_a_folder_of_another_version_is_refused_in_words_and_left_as_it_is(tmp_path, fill):
+    fill(tmp_path)
+    before = files(tmp_path)
     results = Store(tmp_path)
-    results.write(trial)
-    with edited(results.consolidate()) as file:
-        file.attrs["schema"] = SCHEMA + 1
-    with pytest.raises(StoreError, match=rf"results\.h5: written with schema {SCHEMA + 1}"):
-        read(results.results)
+    with pytest.raises(StoreError, match=ANOTHER):
+        results.finished()
+    with pytest.raises(StoreError):
+        read(tmp_path)
+    assert files(tmp_path) == before
+
+
+def test_results_of_another_version_are_refused_too(tmp_path):
+    older_results(tmp_path)
+    with pytest.raises(StoreError, match=rf"results\.h5: {ANOTHER}"):
+        read(tmp_path / "results.h5")
 
 
 @pytest.mark.parametrize("name", ["nothing", "nothing.h5", "."])
@@ -414,27 +371,6 @@ def test_hdf5_of_something_else_is_a_store_error(tmp_path):
         read(tmp_path / "x.h5")
 
 
-def test_a_stored_trajectory_that_is_none_any_more_reads_as_invalid(tmp_path, trial):
-    path = save(tmp_path / "t.h5", trial)
-    with edited(path) as file:
-        file["trajectory/breaks"][-1] *= 0.9
-    ((back, record),) = records(path)
-    assert back.status is Status.INVALID
-    assert "waypoint_times" in back.message
-    assert back.certified_duration is None
-    assert record["claimed_duration"] == 1.5
-
-
-def test_records_are_verified_anew(tmp_path, trial):
-    path = save(tmp_path / "t.h5", trial)
-    with edited(path) as file:
-        file["trajectory/coefficients"][0] *= 1.01
-    ((back, record),) = records(path)
-    assert back.certified_duration is None
-    assert "waypoint" in " ".join(back.certificate.flaws)
-    assert record["certified_duration"] == trial.certified_duration
-
-
 # --- other runs ---
 
 
@@ -446,33 +382,42 @@ def temporary(folder, host, process, age):
 
 
 def test_litter_of_killed_runs_is_removed_and_live_ones_keep_theirs(tmp_path, trial):
-    results, here = Store(tmp_path), platform.node()
+    results = Store(tmp_path)
+    here = platform.node()
     results.write(trial)
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
     cases = [
-        (here, gone.pid, 120, False), (here, gone.pid, 5, True), (here, os.getpid(), 3600, True),
-        (here, 1, 3600, True), ("elsewhere", gone.pid, 3600, True),
+        (here, gone.pid, 120, False),
+        (here, gone.pid, 5, True),
+        (here, os.getpid(), 3600, True),
+        (here, 1, 3600, True),
+        ("elsewhere", gone.pid, 3600, True),
         ("elsewhere", os.getpid(), 90_000, False),
-    ]  # fmt: skip
+    ]
     for folder in (tmp_path, tmp_path / "trials"):
-        left = [(temporary(folder, *case[:3]), case[3]) for case in cases]
-        (folder / ".strange.tmp").write_text("")
-        os.utime(folder / ".strange.tmp", (time.time() - 3600,) * 2)
+        for host, process, age, stays in cases:
+            path = temporary(folder, host, process, age)
+            results.consolidate()
+            assert path.exists() == stays
+            path.unlink(missing_ok=True)
+        strange = folder / ".strange.tmp"
+        strange.write_text("")
+        hour_ago = time.time() - 3600
+        os.utime(strange, (hour_ago, hour_ago))
         results.consolidate()
-        assert [path.exists() for path, _ in left] == [
-            any(stays for (h, p, _, stays) in cases if f"~{h}~{p}~" in path.name)
-            for path, _ in left
-        ]
+        assert strange.exists()
 
 
 def test_results_are_rebuilt_when_another_run_finished_meanwhile(tmp_path, trial, monkeypatch):
-    results, other = Store(tmp_path), replace(trial, seed=4)
+    results = Store(tmp_path)
+    other = replace(trial, seed=4)
     results.write(trial)
-    content, turns = results_file.content, []
+    content = results_file.content
+    turns = []
 
-    def interrupted(trials):
-        data = content(trials)
+    def interrupted(trials, texts):
+        data = content(trials, texts)
         if not turns:
             turns.append(1)
             results.write(other)
@@ -485,7 +430,8 @@ def test_results_are_rebuilt_when_another_run_finished_meanwhile(tmp_path, trial
 
 
 def test_a_trial_that_another_run_finishes_meanwhile_is_read(tmp_path, trial, monkeypatch):
-    results, listed = Store(tmp_path), store._trial_files
+    results = Store(tmp_path)
+    listed = store._trial_files
     results.write(absent_of(trial))
 
     def then_finished(folder):
@@ -516,7 +462,8 @@ for seed in range(int(sys.argv[3]), 10**6):
 
 def test_killed_writers_lose_nothing_they_reported(tmp_path):
     """Two at once into one folder, killed at random moments; each line is a promise."""
-    rng, promised = np.random.default_rng(1), set()
+    rng = np.random.default_rng(1)
+    promised = set()
     for turn in range(2):
         command = [sys.executable, "-c", WRITER, str(tmp_path), str(Path(__file__).parents[2])]
         running = [

@@ -33,8 +33,8 @@ def mount(place: Path, options: str) -> bool:
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
-    """An empty disk of 100 KB."""
-    if not mount(tmp_path, "size=100k"):
+    """An empty disk of 64 KB."""
+    if not mount(tmp_path, "size=64k"):
         pytest.skip("may not mount a tmpfs")
     yield tmp_path
     subprocess.run(["umount", "--lazy", str(tmp_path)], check=True)
@@ -61,7 +61,7 @@ def test_a_full_disk_is_said_keeps_what_is_finished_and_the_run_goes_on(disk: Pa
     minutes_ago = time.time() - 120
     for file in left:
         os.utime(file, (minutes_ago, minutes_ago))
-    before = {file: file.stat().st_mtime_ns for file in folder.glob("trials/*.h5")}
+    before = {file: file.stat().st_mtime_ns for file in folder.glob("trials/*.json")}
     assert mount(disk, "remount,size=20m")
     found = compared(folder)
     assert len(found) == TRIALS

@@ -1,7 +1,9 @@
-"""results.h5: one dataset per column, described, and readable with plain h5py."""
+"""results.h5: a dataset per field, described, readable with plain h5py, and the trials' texts."""
 
+import json
 import re
 import textwrap
+import zlib
 from dataclasses import replace
 
 import h5py
@@ -9,26 +11,28 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.interpolate import PPoly
-from trials import PROBLEM, Stopping, assert_same, datasets, solved
+from trials import Stopping, assert_same, solved
 
 from trajopt import Limits, Problem, Solution, Status, StoreError
 from trajopt.benchmark.store import results_file
-from trajopt.benchmark.store.columns import COLUMNS
-from trajopt.benchmark.store.folder import Store, read
-from trajopt.benchmark.store.schema import encode
+from trajopt.benchmark.store.fields import FIELDS
+from trajopt.benchmark.store.folder import Store, read, save
 from trajopt.benchmark.trial import judge
 
-SMALL = Problem([[0.0], [1.0]], Limits([1.0], [2.0]), "small")
+LIMITS = Limits([1.0], [2.0])
+SMALL = Problem([[0.0], [1.0]], LIMITS, "small")
 
 
 def kinds():
     """Sizes that differ, a failure without arrays, stats that only some have."""
     a = solved()
     (b,) = judge(Stopping(0.25), SMALL, [5], "stopping")
-    bare = replace(a, seed=4, status=Status.FAILED, solution=Solution(Status.FAILED, message="no"))
+    failed = Solution(Status.FAILED, message="no")
+    bare = replace(a, seed=4, status=Status.FAILED, solution=failed)
     bare = replace(bare, message="no", certificate=None, setup_time=0.0)
-    odd = {"times": np.ones((2, 2)), "more": np.arange(5.0), "kind": 3}
-    odd = replace(a, seed=6, solution=replace(a.solution, stats=odd, history=np.zeros((0, 2))))
+    stats = {"times": np.ones((2, 2)), "more": np.arange(5.0), "kind": 3}
+    odd = replace(a.solution, stats=stats, history=np.zeros((0, 2)))
+    odd = replace(a, seed=6, solution=odd)
     return [bare, a, b, odd, replace(a, seed=8)]
 
 
@@ -61,13 +65,15 @@ def test_every_trial_comes_back_whatever_its_neighbours_are(path, trials):
 def test_columns_are_those_of_the_trials(file, trials):
     ids = file["trials/id"].asstr()[()].tolist()
     own = [trials[name] for name in ids]
-    assert set(file["trials"]) == {*COLUMNS, "problem_row"}
+    assert set(file["trials"]) == {field.name for field in FIELDS}
     assert file["trials/seed"][()].tolist() == [t.seed for t in own]
-    assert file["trials/planner"].asstr()[()].tolist() == ["stopping"] * 5
     assert file["trials/problem"].asstr()[()].tolist() == [t.problem.name for t in own]
+    options = [json.loads(text) for text in file["trials/options"].asstr()[()]]
+    assert options == [t.options for t in own]
     durations = np.array([t.certified_duration for t in own], dtype=float)
     np.testing.assert_array_equal(file["trials/certified_duration"], durations)
-    assert np.isnan(file["trials/evaluations"][()][ids.index(kinds()[0].id)])
+    bare = ids.index(kinds()[0].id)
+    assert np.isnan(file["trials/evaluations"][bare])
 
 
 def test_the_certified_duration_in_the_file_is_the_closed_form(file):
@@ -80,140 +86,134 @@ def test_the_certified_duration_in_the_file_is_the_closed_form(file):
     assert file["trials/feasible"][i] == 0
 
 
-def test_every_dataset_documents_itself(file):
-    found = datasets(file)
-    assert len(found) > 50
-    for name, data in found.items():
-        assert isinstance(data.attrs["units"], str), name
-        assert data.attrs["description"], name
-
-
-def test_units_are_those_of_the_quantities(file):
-    units = {name: data.attrs["units"] for name, data in datasets(file).items()}
-    assert units["problems/waypoints/values"] == units["problems/position/values"] == "rad"
-    assert units["problems/velocity/values"] == "rad/s"
-    assert units["problems/acceleration/values"] == "rad/s^2"
-    assert units["problems/jerk/values"] == "rad/s^3"
-    times = ("claimed_duration", "certified_duration", "setup_time", "solve_time", "lower_bound")
-    seconds = [f"trials/{name}" for name in times]
-    arrays = ("trajectory/breaks", "trajectory/waypoint_times", "history/duration")
-    seconds += [f"{name}/values" for name in arrays]
-    assert {units[name] for name in seconds} == {"s"}
-
-
-def test_whatever_is_per_trial_or_problem_has_its_scale(file):
-    for name, data in datasets(file).items():
-        if name.endswith(("/values", "/offsets")):
-            continue
-        scale = "problems/digest" if name.startswith("problems/") else "trials/id"
-        if name == scale:
+def test_every_dataset_documents_itself_and_has_its_scale(file):
+    for field in FIELDS:
+        data = file[f"trials/{field.name}"]
+        assert data.attrs["units"] == field.unit
+        assert data.attrs["description"] == field.meaning
+        if field.name == "id":
             assert data.is_scale
         else:
-            (attached,) = data.dims[0].values()
-            assert attached.name == f"/{scale}", name
-            assert len(attached) == len(data), name
+            (scale,) = data.dims[0].values()
+            assert scale.name == "/trials/id"
+    assert "JSON" in file["texts"].attrs["description"]
 
 
-def test_a_problem_is_stored_once(file):
-    digests = file["problems/digest"].asstr()[()].tolist()
-    assert sorted(digests) == sorted([PROBLEM.digest(), SMALL.digest()])
-    owners = [digests[row] for row in file["trials/problem_row"]]
-    assert owners == file["trials/digest"].asstr()[()].tolist()
-    waypoints, i = file["problems/waypoints"], digests.index(PROBLEM.digest())
-    start, end = waypoints["offsets"][i : i + 2]
-    own = waypoints["values"][start:end].reshape(waypoints["shape"][i])
-    np.testing.assert_array_equal(own, PROBLEM.waypoints)
-
-
-def test_the_example_of_the_docstring_reads_the_fastest_trajectory(path, trials, monkeypatch):
-    (code,) = re.findall(r"(?s)plain h5py:\n\n(.*)", results_file.__doc__)
-    names = {"h5py": h5py, "np": np, "PPoly": PPoly}
+def test_the_example_of_the_docstring_reads_the_fastest_trajectory(path, trials):
+    (code,) = re.findall(r"(?s)plain h5py:\n\n(.*?)\n\n", results_file.__doc__)
+    names = {"h5py": h5py, "np": np, "PPoly": PPoly, "json": json}
     exec(textwrap.dedent(code).replace("results/results.h5", str(path)), names)
-    fastest = min(
-        (t for t in trials.values() if t.certified_duration), key=lambda t: t.certified_duration
-    )
-    expected, t = fastest.solution.trajectory, np.linspace(0, fastest.claimed_duration, 50)
+    certified = [t for t in trials.values() if t.certified_duration]
+    fastest = min(certified, key=lambda t: t.certified_duration)
+    expected = fastest.solution.trajectory
+    times = np.linspace(0, fastest.claimed_duration, 50)
     for order in range(3):
-        np.testing.assert_allclose(names["trajectory"](t, nu=order), expected(t, order), atol=1e-9)
+        found = names["fastest"](times, nu=order)
+        np.testing.assert_allclose(found, expected(times, order), atol=1e-9)
     assert fastest.problem.name == "small"
 
 
-def test_pandas_reads_the_columns(file, trials):
-    frame = pd.DataFrame(
-        {n: c.asstr()[()] if c.dtype.kind == "S" else c[()] for n, c in file["trials"].items()}
-    )
-    assert frame.groupby("problem")["certified_duration"].count().to_dict() == {
-        "Gelenk-Prüfung ①": 3,
-        "small": 1,
-    }
-
-
-def write(tmp_path, trials):
-    data = results_file.content(lambda: map(encode, trials))
-    (tmp_path / "x.h5").write_bytes(data)
-    return tmp_path / "x.h5"
+def test_pandas_reads_the_columns(file):
+    columns = {}
+    for name, data in file["trials"].items():
+        columns[name] = data.asstr()[()] if data.dtype.kind == "S" else data[()]
+    counts = pd.DataFrame(columns).groupby("problem")["certified_duration"].count()
+    assert counts.to_dict() == {"Gelenk-Prüfung ①": 3, "small": 1}
 
 
 def test_no_trials_are_a_file_too(tmp_path):
-    assert read(write(tmp_path, [])) == []
+    path = tmp_path / "x.h5"
+    path.write_bytes(results_file.content([], []))
+    assert read(path) == []
 
 
-def test_arrays_larger_than_what_is_held_back_stay_in_order(tmp_path, monkeypatch):
-    monkeypatch.setattr(results_file, "_BUFFER", 7)
-    monkeypatch.setattr(results_file, "_CHUNK", 5)
-    for a, b in zip(read(write(tmp_path, kinds())), kinds(), strict=True):
-        np.testing.assert_equal(a.solution.trajectory is None, b.solution.trajectory is None)
-        assert a.id == b.id
-        if b.solution.trajectory:
-            assert_same(a.solution.trajectory, b.solution.trajectory)
-
-
-def test_texts_too_long_to_pad_are_read_the_same_way(tmp_path, monkeypatch):
+def test_a_text_much_longer_than_the_others_does_not_fill_the_file(tmp_path, monkeypatch):
     monkeypatch.setattr(results_file, "_PADDED_BYTES", 100)
     monkeypatch.setattr(results_file, "_PADDED_RATIO", 1)
-    long = replace(solved(), message="ß" * 300)
-    assert read(write(tmp_path, [long, solved()]))[0].message == "ß" * 300
+    long = "ß" * 300
+    store = Store(tmp_path)
+    store.write_all([replace(solved(), message=long), replace(solved(), seed=9)])
+    with h5py.File(store.consolidate()) as file:
+        assert sorted(file["trials/message"].asstr()[()]) == ["", long]
 
 
 def test_a_thousand_trials_take_little_room(tmp_path):
     """30 pieces of 6 joints and a history of 300 rows: 11 kB of numbers alone."""
-    rng, steps = np.random.default_rng(0), np.arange(1, 301) * 30.0
-    trial, base = solved(), encode(solved())
-    random = [
-        replace(
-            base,
-            row=base.row | {"id": f"{i:020x}", "seed": i, "solve_time": rng.random()},
-            arrays={
-                "trajectory/breaks": np.sort(rng.random(31)),
-                "trajectory/coefficients": rng.normal(size=(3, 30, 6)),
-                "trajectory/waypoint_times": np.sort(rng.random(4)),
-                "history/evaluations": steps,
-                "history/duration": 1 + np.sort(rng.random(300))[::-1],
-            },
-        )
-        for i in range(300)
-    ]
-    assert len(results_file.content(lambda: random)) / 300 < 10_000
-    assert trial.problem.joints == 2
+    rng = np.random.default_rng(0)
+    base = solved()
+    store = Store(tmp_path)
+    trials = []
+    for seed in range(100):
+        steps = np.arange(1, 301) * 30.0
+        durations = 1 + np.sort(rng.random(300))[::-1]
+        stats = {"coefficients": rng.normal(size=(3, 30, 6))}
+        history = np.stack([steps, durations], axis=1)
+        solution = replace(base.solution, stats=stats, history=history)
+        trials.append(replace(base, seed=seed, solution=solution))
+    store.write_all(trials)
+    assert store.consolidate().stat().st_size / 100 < 12_000
 
 
-def test_what_compresses_like_a_bomb_is_stored_so_that_it_can_be_read(tmp_path):
-    """56 MB of zeros, deflated to 56 kB, would be more than such a file may claim."""
-    zeros = np.zeros(7_000_000)
+def test_zeros_that_compress_well_are_read_back(tmp_path):
+    zeros = np.zeros(1_000_000)
     trial = solved()
-    trial = replace(trial, solution=replace(trial.solution, stats={"zeros": zeros}))
-    path = write(tmp_path, [trial])
-    assert path.stat().st_size > zeros.nbytes
-    np.testing.assert_array_equal(read(path)[0].solution.stats["zeros"], zeros)
+    solution = replace(trial.solution, stats={"zeros": zeros})
+    (back,) = read(save(tmp_path / "x.h5", replace(trial, solution=solution)))
+    np.testing.assert_array_equal(back.solution.stats["zeros"], zeros)
+
+
+# --- damage and forgery ---
 
 
 def test_every_reader_refuses_a_results_file_with_one_changed_byte(path, tmp_path):
     whole = path.read_bytes()
     places = np.random.default_rng(0).integers(len(whole), size=40)
+    copy = tmp_path / "results.h5"
     for place in places:
         broken = bytearray(whole)
         broken[place] ^= 1 << int(place % 8)
-        copy = tmp_path / "results.h5"
         copy.write_bytes(broken)
         with pytest.raises(StoreError, match=r"results\.h5: damaged"):
             read(copy)
+
+
+CHUNK = 1 << 18
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ({"data": np.zeros(4, np.uint8)}, "deflated chunks"),
+        ({"shape": (4,), "dtype": "f8", "chunks": (CHUNK,), "maxshape": (None,)}, "bytes"),
+        ({"shape": (4,), "dtype": "u1", "external": [("secret", 0, 4)]}, "deflated chunks"),
+        ({"shape": (1 << 40,), "dtype": "u1", "chunks": (CHUNK,), "compression": 1}, "."),
+    ],
+)
+def test_texts_that_lie_elsewhere_or_are_no_bytes_are_refused(tmp_path, what, words):
+    path = save(tmp_path / "x.h5", solved())
+    with h5py.File(path, "r+") as file:
+        del file["texts"]
+        file.create_dataset("texts", **what)
+    path.write_bytes(results_file.sealed(path.read_bytes()))
+    with pytest.raises(StoreError, match=words):
+        read(path)
+
+
+def test_a_chunk_that_inflates_beyond_its_size_is_refused(tmp_path):
+    path = save(tmp_path / "x.h5", solved())
+    with h5py.File(path, "r+") as file:
+        stored = zlib.compress(bytes(2 * CHUNK))
+        file["texts"].id.write_direct_chunk((0,), stored)
+    path.write_bytes(results_file.sealed(path.read_bytes()))
+    with pytest.raises(StoreError, match="a chunk that is not of its size"):
+        read(path)
+
+
+def test_links_are_never_followed(tmp_path):
+    path = save(tmp_path / "x.h5", solved())
+    with h5py.File(path, "r+") as file:
+        file.move("texts", "moved")
+        file["texts"] = h5py.SoftLink("/moved")
+    path.write_bytes(results_file.sealed(path.read_bytes()))
+    with pytest.raises(StoreError, match="in this very file"):
+        read(path)

@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from trials import PROBLEM, Stopping, edited, solved
+from trials import PROBLEM, Stopping, forged, solved
 
 from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status
+from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store import verification as module
 from trajopt.benchmark.store.folder import Store, save
 from trajopt.benchmark.store.verification import verification
@@ -52,14 +53,49 @@ def test_a_false_record_is_named(tmp_path, change, name):
     assert name in " ".join(found.differences)
 
 
-def test_a_digest_that_is_not_the_problem_s_is_named(tmp_path):
+def edit(*path, factor):
+    """Multiply one number of a trial's JSON."""
+
+    def change(table):
+        *places, last = path
+        for place in places:
+            table = table[place]
+        table[last] *= factor
+
+    return change
+
+
+TRAJECTORY = ("solution", "trajectory")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (edit("certificate", "dilation", factor=0.5), "dilation: recorded"),
+        (edit("certificate", "duration", factor=0.9), "duration: recorded"),
+        (edit("certificate", "velocity", "value", factor=0.9), "certificate's velocity"),
+        (edit(*TRAJECTORY, "coefficients", 0, 0, 0, factor=1.5), "certified_duration: recorded"),
+        (edit(*TRAJECTORY, "breaks", -1, factor=0.9), "waypoint_times"),
+        (edit("seed", factor=5), "id: "),
+        (edit("problem", "waypoints", 0, 1, factor=1.01), "problem.digest"),
+        (edit("problem", "limits", "velocity", 0, 1, factor=1.01), "problem.digest"),
+    ],
+)
+@pytest.mark.parametrize("place", ["folder", "results.h5"])
+def test_a_forged_text_does_not_hold_wherever_it_is(tmp_path, monkeypatch, place, change, words):
+    trial = solved()
+    text = forged(trial_text.write(trial), change)
     store = Store(tmp_path)
-    store.write(solved())
-    with edited(store.consolidate()) as file:
-        for group in ("trials", "problems"):
-            file[group]["digest"][0] = b"0" * 64
-    (found,) = verification(store.results).trials
-    assert found.differences[0].startswith("digest: recorded 000")
+    if place == "folder":
+        store.write(trial).write_bytes(text)
+        found = verification(tmp_path)
+    else:
+        monkeypatch.setattr(trial_text, "write", lambda _: text)
+        found = verification(save(tmp_path / "results.h5", trial))
+    (checked,) = found.trials
+    assert checked.id == trial.id
+    assert not found.holds
+    assert words in " ".join(checked.differences)
 
 
 def test_a_built_in_name_needs_the_built_in_numbers(tmp_path):
@@ -178,14 +214,12 @@ def test_a_bound_that_is_no_number_does_not_hold(tmp_path, monkeypatch, bound):
     assert found.trials[0].differences == ("lower bound: it is no number",)
 
 
-def test_an_edited_file_is_refused_until_it_is_forged(tmp_path):
+def test_an_edited_text_is_refused(tmp_path):
     """A weaker bound is true, but it is not what was proved: the seal says so."""
-    import h5py
-
-    path = save(tmp_path / "t.h5", solved())
-    with h5py.File(path, "r+") as file:
-        file["history/duration"][2] = np.nan
-    with pytest.raises(OSError, match=r"checksum is missing, it was cut or edited"):
+    path = Store(tmp_path).write(solved())
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('"lower_bound": 0.25', '"lower_bound": 0.24'), encoding="utf-8")
+    with pytest.raises(OSError, match=r"its checksum differs"):
         verification(path)
 
 

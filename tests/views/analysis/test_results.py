@@ -18,7 +18,7 @@ from trajopt import (
     StoreError,
     Trajectory,
 )
-from trajopt.benchmark.store.columns import COLUMNS
+from trajopt.benchmark.store.fields import FIELDS
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.trial import judge
 from trajopt.planners.planner import Planner
@@ -387,14 +387,15 @@ def test_the_docstring_lists_the_columns(name):
 
 
 def test_frames_are_of_the_kinds_and_units_that_the_store_declares():
-    dtypes = {"name": "str", "text": "str", "integer": int, "number": float}
+    columns = {field.name: field for field in FIELDS}
+    dtypes = {"line": "str", "text": "str", "integer": int, "number": float}
     described = " ".join(Results.trials.__doc__.split())
     for name, dtype in TRIAL_COLUMNS.items():
         if name in ("position_excess", "group"):  # from the certificate and the problem
             continue
-        column = COLUMNS[name]
+        column = columns[name]
         assert dtype == (bool if name == "feasible" else dtypes[column.kind])
-        if column.units == "s":
+        if column.unit == "s":
             (entry,) = re.findall(rf"\b{name}: (.*?)(?= \w+: |$)", described)
             assert ", s" in entry
 

@@ -86,8 +86,7 @@ def test_hdf5_is_a_trial_of_the_store(tmp_path, trial):
     assert back.id == trial.id
     assert back.as_dict() == trial.as_dict()
     with h5py.File(path) as file:
-        record = json.loads(file["record"][()])
-    assert record["certified_duration"] == trial.certified_duration
+        assert file["trials/certified_duration"][0] == trial.certified_duration
 
 
 @pytest.mark.parametrize("suffix", ["csv", "json"])

@@ -210,7 +210,7 @@ def test_a_number_leads_to_its_trials_and_they_are_those_of_the_files(
     assert bold == [np.median(values)]
     text = script("return document.getElementById('trial').innerText")
     chosen = ids[values.index(bold[0])].removeprefix("trial-")
-    assert f"trials/{chosen}.h5" in text
+    assert f"trials/{chosen}.json" in text
     assert (
         f"trajopt plan one-joint --planner pso:iterations=20 --seed {values.index(bold[0])}" in text
     )

@@ -24,7 +24,6 @@ from typing import Any, NamedTuple, NoReturn
 from trajopt.benchmark.run import answer, processes, solver
 from trajopt.benchmark.run.plan import Allowance
 from trajopt.benchmark.run.solver import Surroundings
-from trajopt.benchmark.store.columns import harmless
 from trajopt.benchmark.store.folder import Store, Written
 from trajopt.benchmark.trial import (
     OUT_OF_MEMORY,
@@ -37,6 +36,7 @@ from trajopt.benchmark.trial import (
     unanswered,
 )
 from trajopt.core.exceptions import WorkerError
+from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 
@@ -199,7 +199,7 @@ class _Solver:
         """Return the end of its output since the question, without control characters."""
         lines = self.tail.decode(errors="backslashreplace").split("\n")
         text = "\n".join(lines[-_TAIL_LINES:]).strip()
-        return str(harmless(text))
+        return harmless(text)
 
     def end(self) -> None:
         """Kill it and all its descendants."""

@@ -24,7 +24,6 @@ from typing import NoReturn
 
 _LOADED = (
     "trajopt.benchmark.run.judge",
-    "trajopt.benchmark.store.trial_file",
     "trajopt.planners.swarm_planner",
 )
 # `-P`: the working folder may hold a `json.py` of its own.

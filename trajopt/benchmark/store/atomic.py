@@ -18,7 +18,7 @@ _ORPHAN_AGE = 60.0  # s untouched, after which it is litter if its process is go
 _LITTER_AGE = 86400.0  # s untouched, after which it is litter anyway
 
 
-Content = Callable[[Path], Any]  # fills the file of a path
+Content = bytes | Callable[[Path], Any]  # what to write, or what fills the file of a path
 
 
 def write(path: Path, content: Content) -> None:
@@ -44,7 +44,7 @@ def write_all(contents: Mapping[Path, Content]) -> None:
     try:
         for path, content in contents.items():
             with _refusal(path):
-                content(temporaries[path])
+                _fill(temporaries[path], content)
             filled[path] = temporaries[path]
     finally:
         try:
@@ -52,6 +52,13 @@ def write_all(contents: Mapping[Path, Content]) -> None:
         finally:
             for temporary in temporaries.values():
                 temporary.unlink(missing_ok=True)
+
+
+def _fill(path: Path, content: Content) -> None:
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        content(path)
 
 
 def _temporary(path: Path) -> Path:

@@ -1,37 +1,35 @@
-"""The results folder: one HDF5 file per finished trial, and `results.h5` made from them.
+"""The results folder: a text per finished trial, and `results.h5` made from them.
 
-A trial file is written under a temporary name, synced and renamed into place, so it exists whole
-or not at all; the folder is the index of what is finished. `results.h5` is rebuilt from the trial
-files and renamed into place, never appended to. `trial_file.py` and `results_file.py` show how to
-read them with plain h5py. A trial without an answer, for reasons that may be gone the next time (it
-crashed, was stopped, or lacked a backend), is `<id>.missing.h5`, and runs again.
+A trial's text is written under a temporary name, synced and renamed into place, so the file exists
+whole or not at all; the folder is the index of what is finished. `results.h5` is rebuilt from the
+texts and renamed into place, never appended to. A trial without an answer, for reasons that may be
+gone the next time (it crashed, was stopped, or lacked a package), is `<id>.missing.json`, and runs
+again.
 """
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-import numpy as np
-
-from trajopt.benchmark.store import atomic, seal
-from trajopt.benchmark.store.columns import harmless
-from trajopt.benchmark.store.schema import Encoded, decode, decoded, encode, recorded
+from trajopt.benchmark.store import atomic, results_file, trial_text
+from trajopt.benchmark.store.trial_text import WrongSchema
 from trajopt.benchmark.trial import Trial
+from trajopt.core import files
 from trajopt.core.exceptions import StoreError
+from trajopt.core.harmless import harmless
 
 T = TypeVar("T")
 Stamp = tuple[int, int]  # of a file: its inode, and when that last changed, ns
 
-_UNANSWERED = ".missing.h5"
-_TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.h5")
-_VERDICT = ("id", "digest", "status", "certified_duration", "lower_bound", "certificate")
+_FINISHED = ".json"
+_UNANSWERED = ".missing.json"
+_TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.json")
 _REASON_CHARACTERS = 300  # of what HDF5 or JSON say
 
 
@@ -55,9 +53,17 @@ def _warn(error: Damaged) -> None:
     warnings.warn(str(error), DamagedFile, stacklevel=2)
 
 
+class Written(NamedTuple):
+    """A trial's file, its stamp, and its text."""
+
+    path: Path
+    stamp: Stamp | None
+    text: bytes
+
+
 @dataclass(frozen=True)
 class Store:
-    """A results folder: `trials/*.h5` and `results.h5`."""
+    """A results folder: `trials/*.json` and `results.h5`."""
 
     folder: Path
 
@@ -67,15 +73,19 @@ class Store:
 
     def path(self, trial_id: str, *, unanswered: bool = False) -> Path:
         """The file of one trial; one without an answer has another name."""
-        ending = _UNANSWERED if unanswered else ".h5"
+        ending = _UNANSWERED if unanswered else _FINISHED
         return self.folder / "trials" / f"{trial_id}{ending}"
 
     def finished(self) -> set[str]:
-        """Identities of the trials that need not run again.
+        """Return the identities of the trials that need not run again.
 
-        Not those without an answer (the next run may give one), nor those that were cut short.
-        Raises `StoreError` if another version filled this folder.
+        Trials without an answer and damaged files are not among them.
+
+        Raises:
+            StoreError: Another version filled this folder.
         """
+        with _reading(self.results):
+            results_file.check_schema(self.results)
         files = [file for file in _trial_files(self.folder) if not _is_unanswered(file)]
         return {file.stem for file in files if _is_whole(file)}
 
@@ -86,7 +96,8 @@ class Store:
     def write(self, trial: Trial) -> Path:
         """Store one finished trial; after this returns it survives a power cut.
 
-        Raises `StoreError` where the disk refuses; what was stored before stays as it was.
+        Raises:
+            StoreError: The disk refuses; what was stored before stays as it was.
         """
         (written,) = self.write_all([trial])
         return written.path
@@ -100,48 +111,60 @@ class Store:
 
         Args:
             trials: Each gets a file of its own, which is there whole or not at all.
-            instead: Called while the exception is handled that says why no file can hold a trial,
-                and answers with the trial to store in its place; without it, that is an error.
+            instead: Called where no text can hold a trial, while the exception that says why is
+                handled; returns the trial to store in its place. By default that is an error.
 
         Raises:
-            StoreError: where the disk refuses a file. Those before it are kept.
+            StoreError: The disk refuses a file. Those before it are kept.
         """
-        files: dict[Path, atomic.Content] = {}
-        encoded: dict[Path, Encoded] = {}
+        texts: dict[Path, bytes] = {}
         for trial in trials:
             kept = trial
             try:
-                whole = encode(trial)
-                content = _filling(whole)
+                text = trial_text.write(trial)
             except StoreError:
                 raise
             except Exception:
                 if instead is None:
                     raise
                 kept = instead(trial)
-                whole = encode(kept)
-                content = _filling(whole)
-            path = self.path(kept.id, unanswered=kept.runs_again)
-            files[path] = content
-            encoded[path] = whole
-        atomic.write_all(files)
-        for path in files:
+                text = trial_text.write(kept)
+            texts[self.path(kept.id, unanswered=kept.runs_again)] = text
+        atomic.write_all(texts)
+        for path in texts:
             if not _is_unanswered(path):
                 self.path(path.stem, unanswered=True).unlink(missing_ok=True)
-        return [Written(path, _stamp(path), whole) for path, whole in encoded.items()]
+        return [Written(path, _stamp(path), text) for path, text in texts.items()]
 
     def consolidate(self, seen: Seen | None = None) -> Path:
-        """Rebuild `results.h5` from every trial file; warns of damaged ones (`DamagedFile`).
+        """Rebuild `results.h5` from every trial's text; warns of damaged ones (`DamagedFile`).
 
-        Files that were `seen` are not read again.
+        Files that were `seen` are not read again. It starts anew if another run replaced
+        `results.h5` meanwhile: that run may know more trials.
         """
         atomic.sweep(self.folder, self.folder / "trials")
-        rebuild = partial(self._rebuild, seen or Seen())
+        known = seen or Seen()
+
+        def rebuild(place: Path) -> None:
+            while True:
+                before = _stamp(self.results)
+                place.write_bytes(self._content(known))
+                if _stamp(self.results) == before:
+                    return
+
         atomic.write(self.results, rebuild)
         return self.results
 
+    def _content(self, known: Seen) -> bytes:
+        """What `results.h5` is to hold now."""
+        found = [known.read(path) for path in _trial_files(self.folder)]
+        pairs = [pair for pair in found if pair is not None]
+        trials = [trial for trial, _ in pairs]
+        texts = [text for _, text in pairs]
+        return results_file.content(trials, texts)
+
     def stamps(self) -> dict[Path, Stamp | None]:
-        """What tells later whether the files of finished trials have changed."""
+        """Return the stamps of finished trials: a changed file has another one."""
         files = _trial_files(self.folder)
         return {path: _stamp(path) for path in files if not _is_unanswered(path)}
 
@@ -153,18 +176,20 @@ class Store:
         lost = seen.lost(before)
         if not lost:
             return
-        known = {path: content for path, content in lost.items() if content is not None}
+        known = {path: text for path, text in lost.items() if text is not None}
         if len(known) < len(lost):
-            with suppress(OSError, StoreError):
-                for content in _loaded(self.results):
-                    known.setdefault(self.path(content.row["id"]), content)
+            with suppress(StoreError), _reading(self.results):
+                for text in results_file.read(self.results):
+                    known.setdefault(self.path(trial_text.stated_id(text)), text)
         # another run, or another worker, may have found the same
-        same = {path for path in lost if path in known and _holds(path, known[path])}
-        bad = lost.keys() - same
+        bad = set()
+        for path in lost:
+            if path not in known or not _holds(path, known[path]):
+                bad.add(path)
         if not bad:
             return
         restored = known.keys() & bad
-        atomic.write_all({path: _filling(known[path]) for path in restored})
+        atomic.write_all({path: known[path] for path in restored})
         others = len(bad) - len(restored)
         again = f"; {others} of them are lost, and run again" if others else ""
         warnings.warn(
@@ -175,17 +200,18 @@ class Store:
         )
 
     def current(self, ids: Collection[str]) -> list[Trial] | None:
-        """The trials with these identities from `results.h5`, if it need not be rebuilt.
+        """Return the trials with these identities from `results.h5`, if it need not be rebuilt.
 
         None where a trial file is younger, where one is not in it, or where it cannot be read.
         """
         if not self._is_current():
             return None
+        damaged: list[Damaged] = []
         try:
-            stored = read(self.results, ids)
+            stored = list(recorded(self.results, damaged.append, ids))
         except StoreError:
             return None
-        return stored if len(stored) == len(ids) else None
+        return stored if len(stored) == len(ids) and not damaged else None
 
     def _is_current(self) -> bool:
         """Whether `results.h5` is younger than every trial file."""
@@ -197,56 +223,30 @@ class Store:
             return False
         return max(changes) < built
 
-    def columns(self, *names: str) -> list[tuple[str, ...]]:
-        """Some columns of texts in `results.h5`, a tuple per trial."""
-        from trajopt.benchmark.store import results_file
-
+    def others(self, ids: Collection[str]) -> list[dict[str, Any]]:
+        """Return the fields of the other trials in `results.h5`, as their texts state them."""
         with _reading(self.results):
-            return results_file.texts(self.results, *names)
-
-    def _rebuild(self, seen: Seen, place: Path) -> None:
-        """Again if another run replaced `results.h5` meanwhile: it may know more trials."""
-        # h5py, here and below: not where nothing is read or written yet
-        from trajopt.benchmark.store import results_file
-
-        while True:
-            before = _stamp(self.results)
-            encoded = partial(self._encoded, seen)
-            place.write_bytes(results_file.content(encoded))
-            if _stamp(self.results) == before:
-                return
-
-    def _encoded(self, seen: Seen) -> Iterator[Encoded]:
-        for path in _trial_files(self.folder):
-            kept = seen.content(path)
-            if kept is None:
-                yield from _each([path], _readable, _warn)
-            else:
-                yield kept
+            found = []
+            for text in results_file.read(self.results):
+                if trial_text.stated_id(text) not in ids:
+                    found.append(trial_text.row(text))
+            return found
 
     def unanswered(self) -> list[Trial]:
-        """The trials that ended without an answer, for reasons that may be gone."""
+        """Return the trials that ended without an answer, for reasons that may be gone."""
         files = [file for file in _trial_files(self.folder) if _is_unanswered(file)]
-        return list(_each(files, decode, _warn))
+        return list(_each(files, trial_text.read, _warn))
 
     def read(self) -> list[Trial]:
-        """The stored trials, each from its own file; warns of damaged ones."""
-        return list(_each(_trial_files(self.folder), decode, _warn))
-
-
-class Written(NamedTuple):
-    """A trial that has been stored: its file, what tells whether that changed, and the content."""
-
-    path: Path
-    stamp: Stamp | None
-    content: Encoded
+        """Return the stored trials, each from its own file; warns of damaged ones."""
+        return list(_each(_trial_files(self.folder), trial_text.read, _warn))
 
 
 class Seen:
-    """Trials that this run has stored, as their judges said: no file is asked again.
+    """The trials that this run has stored: their files need not be read again.
 
     Attributes:
-        trials: by their identities.
+        trials: By their identities.
     """
 
     def __init__(self) -> None:
@@ -256,105 +256,110 @@ class Seen:
     def add(self, written: Iterable[Written]) -> None:
         """Keep what has been stored."""
         for one in written:
-            trial = decode(one.content)
+            trial = trial_text.read(one.text)
             self.trials[trial.id] = trial
             self._written[one.path] = one
 
-    def content(self, path: Path) -> Encoded | None:
-        """What this run wrote to a file."""
-        written = self._written.get(path)
-        return None if written is None else written.content
+    def read(self, path: Path) -> tuple[Trial, bytes] | None:
+        """Return the trial in a file, and its text; None, with a warning, if it is damaged."""
+        if path in self._written:
+            text = self._written[path].text
+            return self.trials[trial_text.stated_id(text)], text
 
-    def lost(self, before: Mapping[Path, Stamp | None]) -> dict[Path, Encoded | None]:
-        """The files that somebody else has removed or changed, and what they held, if known.
+        def both(text: bytes) -> tuple[Trial, bytes]:
+            return trial_text.read(text), text
+
+        found = _each([path], both, _warn)
+        return next(found, None)
+
+    def lost(self, before: Mapping[Path, Stamp | None]) -> dict[Path, bytes | None]:
+        """Return the files that somebody else has removed or changed, and their texts, if known.
 
         Those of this run since it wrote them, and those that were there `before`.
         """
-        lost: dict[Path, Encoded | None] = {}
+        lost: dict[Path, bytes | None] = {}
         for path, stamp in before.items():
             if path not in self._written and _stamp(path) != stamp:
                 lost[path] = None
         for path, one in self._written.items():
             if _stamp(path) != one.stamp:
-                lost[path] = one.content
+                lost[path] = one.text
         return lost
 
 
 def save(path: Path, trial: Trial) -> Path:
-    """Write one trial to a file of its own, whole or not at all."""
-    atomic.write(path, _filling(encode(trial)))
+    """Write a `results.h5` of one trial."""
+    text = trial_text.write(trial)
+    content = results_file.content([trial], [text])
+    atomic.write(path, content)
     return path
 
 
-def _filling(trial: Encoded) -> atomic.Content:
-    """What fills a file with a trial."""
-    from trajopt.benchmark.store import trial_file
-
-    data = trial_file.content(trial)
-    return lambda place: place.write_bytes(data)
-
-
-def read(path: Path | str, ids: Container[str] | None = None) -> list[Trial]:
-    """The trials of a results folder, of a `results.h5`, or of a single trial file.
+def read(path: Path | str, ids: Collection[str] | None = None) -> list[Trial]:
+    """Return the trials of a results folder, of a `results.h5`, or of one trial's text.
 
     All of them, or those with these `ids`. Certificates are the recorded ones. A folder is read
     from its `results.h5` where that holds every trial file as it is.
 
     Raises:
-        StoreError: naming the file if it is missing, damaged, or from another version; a damaged
-            file in a folder is left out with a warning (`DamagedFile`).
+        StoreError: The file is missing, damaged, or from another version; a damaged file in a
+            folder is left out with a warning (`DamagedFile`).
     """
-
-    def chosen(kept: Encoded) -> Trial | None:
-        return decode(kept) if ids is None or kept.row["id"] in ids else None
-
     source = Path(path)
     if ids is None and source.is_dir():
-        files = _trial_files(source)
-        named = {_id(file) for file in files}
-        whole = Store(source).current(named) if files else None
+        named = {_id(file) for file in _trial_files(source)}
+        whole = Store(source).current(named) if named else None
         if whole is not None:
             return whole
-    return [trial for trial in _all(source, chosen, _warn) if trial is not None]
+    return list(recorded(source, _warn, ids))
 
 
-def records(path: Path | str, damaged: OnDamage = _warn) -> list[tuple[Trial, dict[str, Any]]]:
-    """Every trial, verified anew from its stored trajectory, beside the row recorded of it.
+def recorded(
+    path: Path,
+    damaged: OnDamage = _warn,
+    ids: Collection[str] | None = None,
+) -> Iterator[Trial]:
+    """Yield the trials of a path, each from its own text; raises as `read` does.
 
-    Raises `StoreError` as `read` does; a damaged file in a folder goes to `damaged`.
+    A damaged text in a folder or in a `results.h5` goes to `damaged`.
     """
-    return list(_all(Path(path), _verified, damaged))
-
-
-def _verified(kept: Encoded) -> tuple[Trial, dict[str, Any]]:
-    row = recorded(kept)
-    return decoded(row, kept, anew=True), row
-
-
-def _readable(kept: Encoded) -> Encoded:
-    """The same, if it can be read: one bad trial must not spoil the `results.h5` of all."""
-    decode(kept)
-    return kept
-
-
-def _both(kept: Encoded) -> tuple[Encoded, Trial]:
-    """As it is stored, and what that is."""
-    return kept, decode(kept)
-
-
-def _all(path: Path, use: Callable[[Encoded], T], damaged: OnDamage) -> Iterator[T]:
     if path.is_dir():
-        files = _trial_files(path)
-        if not files:
-            raise StoreError(f"{path}: expected a results folder with trials/*.h5 in it")
-        yield from _each(files, use, damaged)
-        return
-    with _reading(path):
-        found = [_used(kept, use) for kept in _loaded(path)]
-    yield from found
+        listed = _trial_files(path)
+        if not listed:
+            raise StoreError(f"{path}: expected a results folder with trials/*.json in it")
+        for file in listed:
+            if ids is None or _id(file) in ids:
+                yield from _each([file], trial_text.read, damaged)
+    elif is_trial(path):
+        with _reading(path):
+            yield trial_text.read(_load(path))
+    else:
+        with _reading(path):
+            for text in results_file.read(path):
+                trial_id = trial_text.stated_id(text)
+                if ids is None or trial_id in ids:
+                    yield from _trial(path / trial_id, text, damaged)
 
 
-def _each(files: list[Path], use: Callable[[Encoded], T], damaged: OnDamage) -> Iterator[T]:
+def _trial(place: Path, text: bytes, damaged: OnDamage) -> Iterator[Trial]:
+    """The trial of a text among others."""
+    try:
+        with _reading(place):
+            yield trial_text.read(text)
+    except Damaged as error:
+        damaged(error)
+
+
+def is_trial(path: Path) -> bool:
+    """Whether a file starts as a trial's text does, whatever it is called."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(trial_text.START)) == trial_text.START
+    except OSError:
+        return False
+
+
+def _each(files: list[Path], use: Callable[[bytes], T], damaged: OnDamage) -> Iterator[T]:
     """One after the other; a damaged file does not take the others down."""
     for path in files:
         try:
@@ -366,17 +371,16 @@ def _each(files: list[Path], use: Callable[[Encoded], T], damaged: OnDamage) -> 
             yield found
 
 
-def _used(kept: Encoded, use: Callable[[Encoded], T]) -> T:
-    """What `use` makes of a trial among others; an error says which one it was."""
-    try:
-        return use(kept)
-    except ValueError as error:
-        raise ValueError(f"trial {kept.row['id']!r:.24}: {error}") from error
-
-
 def _trial_files(folder: Path) -> list[Path]:
-    """One file per trial: those without an answer only until there is one."""
-    files = sorted((folder / "trials").glob("*.h5"))
+    """One file per trial: those without an answer only until there is one.
+
+    Raises:
+        WrongSchema: Another version wrote the trials.
+    """
+    listed = sorted((folder / "trials").glob("*.*"))
+    if any(file.suffix == ".h5" for file in listed):
+        raise WrongSchema(str(folder))
+    files = [file for file in listed if _TRIAL_NAME.fullmatch(file.name)]
     done = {file.stem for file in files if not _is_unanswered(file)}
     return [file for file in files if not _is_unanswered(file) or _id(file) not in done]
 
@@ -390,18 +394,14 @@ def _id(path: Path) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether the file ends as `save` left it, or can be read.
-
-    Of what is inside the end says nothing, but to look there takes a hundred times as long.
-    """
+    """Whether the file holds the text that was written."""
     try:
-        if seal.ends_sealed(path):
-            return True
         with _reading(path):
-            decode(_load(path))
-    except (Damaged, FileNotFoundError):
+            return trial_text.check(_load(path)) == _id(path)
+    except WrongSchema:
+        raise
+    except StoreError:
         return False
-    return True
 
 
 @contextmanager
@@ -409,6 +409,8 @@ def _reading(path: Path) -> Iterator[None]:
     """Whatever a damaged file makes h5py, JSON or us raise is one error that names it."""
     try:
         yield
+    except WrongSchema as error:
+        raise WrongSchema(str(path)) from error
     except StoreError:
         raise
     except FileNotFoundError:
@@ -420,44 +422,29 @@ def _reading(path: Path) -> Iterator[None]:
         advice = ""
         if path.parent.name == "trials" and _TRIAL_NAME.fullmatch(path.name):
             advice = "; running its comparison again replaces it"
-        raise Damaged(
-            path, f"damaged, or not an HDF5 file of trajopt ({reason}){advice}"
-        ) from error
+        words = f"damaged, or not a file of trajopt's trials ({reason}){advice}"
+        raise Damaged(path, words) from error
 
 
-def _load(path: Path) -> Encoded:
+def _load(path: Path) -> bytes:
+    """A trial's text."""
     if _is_unanswered(path) and not path.exists():  # another run has finished it meanwhile
-        path = path.with_name(f"{_id(path)}.h5")
-    from trajopt.benchmark.store import trial_file
-
-    return trial_file.read(path)
+        path = path.with_name(f"{_id(path)}{_FINISHED}")
+    return files.content(path, trial_text.MAX_BYTES)
 
 
-def _loaded(path: Path) -> list[Encoded]:
-    """All trials of a file, whichever of the two kinds it is."""
-    from trajopt.benchmark.store import hdf5, results_file, trial_file
-
-    with hdf5.opened(path) as source:
-        consolidated = "trials" in source
-    return list(results_file.read(path)) if consolidated else [trial_file.read(path)]
-
-
-def _holds(path: Path, content: Encoded) -> bool:
+def _holds(path: Path, text: bytes) -> bool:
     """Whether a file holds the same answer and verdict; when and how fast does not matter."""
     try:
-        found = _load(path)
+        return _verdict(_load(path)) == _verdict(text)
     except Exception:
         return False
-    same_row = all(found.row.get(name) == content.row[name] for name in _VERDICT)
-    same_names = found.arrays.keys() == content.arrays.keys()
-    return (
-        same_row
-        and same_names
-        and all(
-            np.array_equal(found.arrays[name], array, equal_nan=True)
-            for name, array in content.arrays.items()
-        )
-    )
+
+
+def _verdict(text: bytes) -> list[Any]:
+    stated = trial_text.row(text)
+    solution = stated["solution"] | {"setup_time": 0.0}
+    return [stated["id"], stated["status"], stated["certificate"], solution]
 
 
 def _stamp(path: Path) -> Stamp | None:

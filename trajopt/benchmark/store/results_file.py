@@ -1,330 +1,209 @@
-"""`results.h5`: every trial of a folder, column by column, for plain h5py, pandas and xarray.
+"""`results.h5`: every trial of a folder, for people and other programs, and as it is kept.
 
-- `trials/` has one dataset per column, one entry per trial, with `id` as their dimension scale;
-- `problems/` the waypoints and limits, once per problem, `trials/problem_row` says whose;
-- `trajectory/`, `history/` and `stats/` the arrays. These differ in size from trial to trial, so
-  all of one kind lie end to end in `values`: trial i has `values[offsets[i]:offsets[i + 1]]`, to
-  be reshaped to `shape[i]` (−1 where it has none). `problems/` does the same.
+- `trials/` has a dataset for each field (`fields.py`), one entry per trial, with `id` as their
+  dimension scale, `units` and a `description`;
+- `texts` has the trials' own texts (`trial_text.py`) in the same order, each ended by a zero byte.
 
-Every dataset carries its `units` and a `description`. The fastest trajectory, with plain h5py:
+The fastest trajectory, with plain h5py:
 
     with h5py.File("results/results.h5") as file:
         best = int(np.nanargmin(file["trials/certified_duration"]))
-        def array(data):
-            start, end = data["offsets"][best : best + 2]
-            return data["values"][start:end].reshape(data["shape"][best])
-        trajectory = PPoly(*(array(file["trajectory"][n]) for n in ("coefficients", "breaks")))
+        texts = file["texts"][()].tobytes().split(b"\\0")
+    trajectory = json.loads(texts[best])["solution"]["trajectory"]
+    fastest = PPoly(trajectory["coefficients"], trajectory["breaks"])
+
+This package reads nothing but `texts`, which must lie in the very file, in chunks whose size is
+known. So it takes no more memory than a text, whatever a stranger's file claims. The file ends
+with a seal: the mark `trajopt4` and the SHA-256 of all bytes before it, which HDF5 ignores.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+import os
+import re
+import zlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.benchmark.store import hdf5
-from trajopt.benchmark.store.columns import (
-    ARRAYS,
-    COLUMNS,
-    PROBLEM,
-    STATS,
-    Array,
-    Block,
-    Column,
-    Malformed,
-    naming,
-)
-from trajopt.benchmark.store.draft import Draft, Filters, checked, compressed, unfiltered
-from trajopt.benchmark.store.schema import Encoded, unpack
+from trajopt.benchmark.store.document import Malformed, pack
+from trajopt.benchmark.store.fields import FIELDS, Field
+from trajopt.benchmark.store.trial_text import MAX_BYTES, SCHEMA, WrongSchema
+from trajopt.benchmark.trial import Trial
 
-_CHUNK = 1 << 14  # values, 128 KiB: read or damaged together
-_BUFFER = 1 << 20  # values kept in memory before they are written
-_PADDED_BYTES = 1 << 22  # of a column's texts, beyond which they are stored one by one
-_PADDED_RATIO = 4  # if they also take as many times what they say
-
-_NO_VALUES = np.empty(0)
-
-Columns = dict[str, list[Any]]
-Numbers = dict[str, Array]  # of a problem, by the names of `PROBLEM`
-Problems = dict[str, Numbers]  # by the problems' digests
-Parts = list[Array | None]  # an array per trial or problem
-
+_MARK = f"trajopt{SCHEMA}".encode()
+_SEAL_BYTES = len(_MARK) + 32  # of SHA-256
+_OTHER_MARK = re.compile(rb"trajopt\d")
+_BLOCK_BYTES = 1 << 20
+_CHUNK_BYTES = 1 << 18  # of texts, inflated at once
+_END = b"\0"  # of a text: JSON spells the character out
+_FILTERS: dict[str, Any] = {"compression": 1, "shuffle": True, "fletcher32": True}
 _DESCRIPTION = "trials of minimum-time planners, each judged by the verifier"
-_OFFSETS = Block(None, "1", "where each starts in values, and where the last one ends")
-_SHAPE = Block(None, "1", "shape of each; -1: none, or no such axis")
-_PROBLEM_ROW = Block(None, "1", "row of the trial's problem in problems/, from 0")
-_PROBLEM_DIGEST = Block(None, "", "SHA-256 of the problem's numbers")
+_TEXTS = "the trials' texts, JSON in UTF-8, in the order of trials/id, each ended by a zero byte"
 
 
-def content(trials: Callable[[], Iterable[Encoded]]) -> bytes:
-    """The file's bytes, in one pass over the trials. Made in memory, as a trial file is.
-
-    What would compress so well that readers took it for a bomb is stored as it is.
-    """
-    data = b""
-    for filters in (compressed, checked):
-        with Draft(_DESCRIPTION) as draft:
-            _write(_Writer(draft, filters), trials())
-            data = draft.content()
-        if draft.claimed <= hdf5.allowance(len(data)):
-            break
-    return data
+# --- writing ---
 
 
-def _write(writer: _Writer, trials: Iterable[Encoded]) -> None:
-    columns: Columns = {name: [] for name in COLUMNS}
-    problems: Problems = {}
-    arrays: dict[str, _Ragged] = {}
-    for name, block in ARRAYS.items():
-        arrays[name] = _Ragged(writer, name, block)
-    for count, trial in enumerate(trials):
-        for name in sorted(trial.arrays.keys() - arrays):
-            arrays[name] = _Ragged(writer, name, STATS, before=count)
-        for name, ragged in arrays.items():
-            ragged.add(trial.arrays.get(name))
-        for name, values in columns.items():
-            values.append(trial.row[name])
-        problems.setdefault(trial.row["digest"], trial.problem)
-    for name, column in COLUMNS.items():
-        values = _stored(column, columns[name])
-        writer.put(f"trials/{name}", values, column)
-    row_of = {digest: row for row, digest in enumerate(problems)}
-    rows = [row_of[digest] for digest in columns["digest"]]
-    writer.put("trials/problem_row", np.array(rows, dtype=int), _PROBLEM_ROW)
-    scale = writer.scaled("trials", "id", "trial")
-    for ragged in arrays.values():
-        ragged.close(scale)
-    _write_problems(writer, problems)
+def content(trials: Sequence[Trial], texts: Sequence[bytes]) -> bytes:
+    """Return the file's bytes. It is made in memory: HDF5 may crash on a full disk."""
+    import h5py  # late, here and below: takes long to import
+
+    joined = b"".join(text + _END for text in texts)
+    with h5py.File.in_memory(libver="v110") as file:
+        file.attrs["schema"] = SCHEMA
+        file.attrs["description"] = _DESCRIPTION
+        for field in FIELDS:
+            values = _column(field, trials)
+            filters = _FILTERS if len(trials) and values.dtype.kind != "O" else {}
+            data = file.create_dataset(f"trials/{field.name}", data=values, **filters)
+            data.attrs["units"] = field.unit
+            data.attrs["description"] = field.meaning
+        scale = file["trials/id"]
+        scale.make_scale("trial")
+        for field in FIELDS:
+            if field.name != "id":
+                file[f"trials/{field.name}"].dims[0].attach_scale(scale)
+        data = file.create_dataset(
+            "texts",
+            data=np.frombuffer(joined, np.uint8),
+            chunks=(_CHUNK_BYTES,),
+            maxshape=(None,),
+            compression=1,
+        )
+        data.attrs["units"] = ""
+        data.attrs["description"] = _TEXTS
+        file.flush()
+        return sealed(file.id.get_file_image())
 
 
-def _write_problems(writer: _Writer, problems: Problems) -> None:
-    digests = _padded(list(problems))
-    writer.put("problems/digest", digests, _PROBLEM_DIGEST)
-    scale = writer.scaled("problems", "digest", "problem")
-    for name, block in PROBLEM.items():
-        ragged = _Ragged(writer, f"problems/{name}", block)
-        for numbers in problems.values():
-            ragged.add(numbers[name])
-        ragged.close(scale)
+def sealed(data: bytes) -> bytes:
+    """Return the bytes with their seal."""
+    return data + _MARK + hashlib.sha256(data).digest()
 
 
-def read(path: Path) -> Iterator[Encoded]:
-    """The trials that `content` stored, in its order.
-
-    Raises:
-        WrongSchema: for what another version wrote.
-        Exception: whatever else it raises means that the content is damaged, or not ours.
-    """
-    with hdf5.opened(path) as source:
-        columns = {name: _column(source, name) for name in _present(source)}
-        count = len(columns["id"])
-        for name in COLUMNS.keys() - columns:
-            columns[name] = [""] * count
-        for name, values in columns.items():
-            entries = len(values)
-            if entries != count:
-                raise Malformed(f"trials/{name}: {entries} entries, but {count} trials")
-        problems = _problems(source)
-        stats = [f"stats/{name}" for name in source.names("stats")]
-        arrays: dict[str, Parts] = {}
-        for name in (*ARRAYS, *stats):
-            arrays[name] = _parts(source, name, count)
-    for i in range(count):
-        row = {name: values[i] for name, values in columns.items()}
-        digest = row["digest"]
-        if digest not in problems:
-            raise Malformed(f"trials/digest: {digest!r:.80} is not in problems/digest")
-        present = {}
-        for name, parts in arrays.items():
-            part = parts[i]
-            if part is not None:
-                present[name] = part
-        yield Encoded(row, problems[digest], present)
-
-
-def texts(path: Path, *names: str) -> list[tuple[str, ...]]:
-    """Some columns of texts, a tuple per trial; raises as `read` does."""
-    with hdf5.opened(path) as source:
-        present = _present(source)
-        ids = _column(source, "id")
-        columns = []
-        for name in names:
-            column = _column(source, name) if name in present else [""] * len(ids)
-            columns.append(column)
-    return list(zip(*columns, strict=True))
-
-
-def _present(source: hdf5.Source) -> list[str]:
-    """The columns that a file must have, and the newer ones that it has."""
-    there = source.names("trials")
-    present = []
-    for name, column in COLUMNS.items():
-        if not column.newer or name in there:
-            present.append(name)
-    return present
-
-
-@dataclass(frozen=True)
-class _Writer:
-    """A file being made, and the filters that its datasets pass."""
-
-    draft: Draft
-    filters: Filters
-
-    def put(self, name: str, values: NDArray[Any], about: Block | Column) -> None:
-        """Write values into a dataset that can grow."""
-        filters = self.filters
-        if name == "trajectory/coefficients/values":  # they hardly get shorter
-            filters = checked
-        if values.dtype.kind == "O":  # texts of any length take none
-            filters = unfiltered
-        rows = max(1, min(len(values), _CHUNK))
-        self.draft.put_growing(name, values, about, rows=rows, filters=filters)
-
-    def extend(self, name: str, values: Array, about: Block) -> None:
-        """Let these values follow those that there are."""
-        if name not in self.draft.datasets:
-            self.put(name, values, about)
-        elif values.size:
-            self.draft.append(name, values)
-
-    def scaled(self, group: str, name: str, dimension: str) -> str:
-        """The path of the dataset `name`, made the dimension scale of all others in the group."""
-        scale = f"{group}/{name}"
-        self.draft.make_scale(scale, dimension)
-        for path in self.draft.datasets:
-            above, _, _ = path.rpartition("/")
-            if above == group and path != scale:
-                self.draft.attach(path, scale)
-        return scale
-
-
-class _Ragged:
-    """Arrays of differing shapes, end to end in one dataset."""
-
-    def __init__(self, writer: _Writer, name: str, block: Block, *, before: int = 0) -> None:
-        self.writer = writer
-        self.name = name
-        self.block = block
-        self.buffer: list[Array] = []
-        self.waiting = 0
-        self.offsets = [0] * (before + 1)
-        self.shapes: list[tuple[int, ...]] = [()] * before  # empty where there is no array
-
-    def add(self, array: Array | None) -> None:
-        end = self.offsets[-1]
-        if array is None:
-            self.shapes.append(())
-            self.offsets.append(end)
-            return
-        self.shapes.append(array.shape)
-        self.offsets.append(end + array.size)
-        self.buffer.append(array.ravel())
-        self.waiting += array.size
-        if self.waiting > _BUFFER:
-            self._flush()
-
-    def close(self, scale: str) -> None:
-        self._flush()
-        shape = f"{self.name}/shape"
-        self.writer.put(shape, self._table(), _SHAPE)
-        self.writer.draft.attach(shape, scale)
-        offsets = np.array(self.offsets)
-        self.writer.put(f"{self.name}/offsets", offsets, _OFFSETS)
-
-    def _table(self) -> NDArray[np.int64]:
-        """The shapes, one a row."""
-        axes = max(map(len, self.shapes), default=0)
-        rows = len(self.shapes)
-        table = np.full((rows, max(1, axes)), -1)
-        for row, shape in zip(table, self.shapes, strict=True):
-            row[: len(shape)] = shape
-        return table
-
-    def _flush(self) -> None:
-        values = np.concatenate([_NO_VALUES, *self.buffer])
-        self.writer.extend(f"{self.name}/values", values, self.block)
-        self.buffer = []
-        self.waiting = 0
-
-
-def _parts(source: hdf5.Source, name: str, count: int) -> Parts:
-    """The arrays of a `_Ragged`."""
-    values = source.numbers(f"{name}/values", 1)
-    shapes = source.integers(f"{name}/shape", 2)
-    offsets = source.integers(f"{name}/offsets", 1)
-    sizes = (len(offsets), len(shapes))
-    if sizes != (count + 1, count):
-        raise Malformed(f"{name}: offsets or shape are not those of {count} arrays")
-    ends = (offsets[0], offsets[-1])
-    if ends != (0, len(values)):
-        raise Malformed(f"{name}: offsets do not reach from 0 to {len(values)}")
-    parts: Parts = []
-    for start, end, row in zip(offsets, offsets[1:], shapes, strict=False):
-        if end < start:
-            raise Malformed(f"{name}/offsets: they decrease")
-        shape = [side for side in row if side >= 0]
-        if not shape:
-            parts.append(None)
-            continue
-        with naming(f"{name}/shape"):
-            parts.append(values[start:end].reshape(shape))
-    return parts
-
-
-def _problems(source: hdf5.Source) -> Problems:
-    """Waypoints and limits by the problem's digest."""
-    digests = source.texts("problems/digest")
-    count = len(digests)
-    problems: Problems = {digest: {} for digest in digests}
-    for name in PROBLEM:
-        parts = _parts(source, f"problems/{name}", count)
-        for digest, part in zip(digests, parts, strict=True):
-            if part is None:
-                raise Malformed(f"problems/{name}: none for problem {digest!r:.80}")
-            problems[digest][name] = part
-    return problems
-
-
-def _stored(column: Column, values: list[Any]) -> Any:
-    """A column's values as they lie in HDF5."""
-    if column.kind == "number":
-        return np.array(unpack(values), dtype=float)
-    if column.kind == "integer":
+def _column(field: Field, trials: Sequence[Trial]) -> NDArray[Any]:
+    """The values of a field, one a trial."""
+    values = [field.of(trial) for trial in trials]
+    if field.kind == "number":
+        return np.array(values, dtype=float)  # None becomes NaN
+    if field.kind == "integer":
         return np.array(values, dtype=np.int64)
-    if column.kind == "object":
-        return _padded([json.dumps(value) for value in values])
-    return _padded(values)
+    return _texts([_as_text(value) for value in values])
 
 
-def _column(source: hdf5.Source, name: str) -> list[Any]:
-    """A column's values as `Encoded` has them."""
-    kind = COLUMNS[name].kind
-    path = f"trials/{name}"
-    if kind == "number":
-        numbers = source.numbers(path, 1).tolist()
-        return [None if np.isnan(value) else value for value in numbers]
-    if kind == "integer":
-        return source.integers(path, 1)
-    texts = source.texts(path)
-    if kind != "object":
-        return texts
-    with naming(path):
-        return [json.loads(text) for text in texts]
+def _as_text(value: Any) -> str:
+    """A text; of several, one a line; of an object, JSON."""
+    if isinstance(value, tuple):
+        return "\n".join(value)
+    plain = pack(value)
+    return plain if isinstance(plain, str) else json.dumps(plain)
 
 
-def _padded(texts: list[str]) -> Any:
-    """Texts of one length, which compress and which everybody reads, unless they were too long."""
+def _texts(texts: list[str]) -> NDArray[Any]:
+    """Texts of one length, which compress, unless one of them is much longer than the others."""
+    import h5py
+
     encoded = [text.encode() for text in texts]
     sizes = [len(text) for text in encoded]
     longest = max(sizes, default=0) or 1
+    padded = longest * len(encoded)
     allowed = max(_PADDED_BYTES, _PADDED_RATIO * sum(sizes))
-    if longest * len(encoded) > allowed:
+    if padded > allowed:
         return np.array(encoded, dtype=h5py.string_dtype())
     return np.array(encoded, dtype=h5py.string_dtype("utf-8", longest))
+
+
+_PADDED_BYTES = 1 << 22  # padded texts may take this much,
+_PADDED_RATIO = 4  # or this much more than without padding
+
+
+# --- reading ---
+
+
+def read(path: Path) -> Iterator[bytes]:
+    """Yield the trials' texts.
+
+    Raises:
+        WrongSchema: Another version wrote the file.
+        Exception: Any other error means that the file is damaged, or not ours.
+    """
+    _check_seal(path)
+    import h5py
+
+    with h5py.File(path, "r", locking=False) as file:
+        rest = b""
+        for block in _blocks(h5py, file):
+            *whole, rest = (rest + block).split(_END)
+            if len(rest) > MAX_BYTES:
+                raise Malformed(f"texts: one has more than {MAX_BYTES / 1e6:g} MB")
+            yield from whole
+    if rest:
+        raise Malformed("texts: the last one has no end")
+
+
+def check_schema(path: Path) -> None:
+    """Raise `WrongSchema` for a file that another version wrote; other files are not looked at."""
+    if path.is_file():
+        with path.open("rb") as stream:
+            _own_seal(path, stream)
+
+
+def _blocks(h5py: Any, file: Any) -> Iterator[bytes]:
+    """Yield the bytes of `texts`, chunk by chunk.
+
+    Each chunk is inflated here: HDF5 would take as much memory as a chunk claims.
+    """
+    if not isinstance(file.get("texts", getlink=True), h5py.HardLink):
+        raise Malformed("texts: expected a dataset in this very file")
+    data = file["texts"]
+    if not isinstance(data, h5py.Dataset):
+        raise Malformed("texts: expected a dataset")
+    if data.dtype != np.uint8 or data.ndim != 1:
+        raise Malformed("texts: expected bytes")
+    plan = data.id.get_create_plist()
+    filters = []
+    for place in range(plan.get_nfilters()):
+        kind, *_ = plan.get_filter(place)
+        filters.append(kind)
+    if data.chunks != (_CHUNK_BYTES,) or filters != [h5py.h5z.FILTER_DEFLATE]:
+        raise Malformed("texts: expected deflated chunks of this program's size")
+    for start in range(0, len(data), _CHUNK_BYTES):
+        skipped, block = data.id.read_direct_chunk((start,))
+        if not skipped:
+            block = zlib.decompressobj().decompress(block, _CHUNK_BYTES + 1)
+        if len(block) != _CHUNK_BYTES:
+            raise Malformed("texts: a chunk that is not of its size")
+        yield block[: len(data) - start]
+
+
+def _check_seal(path: Path) -> None:
+    """Compute the seal anew: HDF5 never sees a file that was damaged."""
+    with path.open("rb") as stream:
+        stated = _own_seal(path, stream)
+        left = stream.seek(0, os.SEEK_END) - _SEAL_BYTES
+        stream.seek(0)
+        digest = hashlib.sha256()
+        while left > 0:
+            block = stream.read(min(left, _BLOCK_BYTES))
+            digest.update(block)
+            left -= len(block)
+    if digest.digest() != stated:
+        raise Malformed("its checksum differs or is missing: it was damaged, cut or edited")
+
+
+def _own_seal(path: Path, stream: BinaryIO) -> bytes:
+    """The digest at the end of the file; nothing where there is no seal."""
+    size = stream.seek(0, os.SEEK_END)
+    stream.seek(max(0, size - _SEAL_BYTES))
+    tail = stream.read()
+    if tail.startswith(_MARK):
+        return tail[len(_MARK) :]
+    if _OTHER_MARK.search(tail):
+        raise WrongSchema(str(path))
+    return b""

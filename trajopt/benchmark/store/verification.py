@@ -1,13 +1,14 @@
-"""Whether what a file says of its trials holds: everything that can be computed again, is.
+"""Whether what a file states of its trials holds: everything that can be computed again, is.
 
-Of each trial: the identity and the digest from its content, the claimed duration and the whole
-certificate from its stored trajectory, the status from both, its lower bound by the planner that
-proved it, and whether a problem that bears a built-in name is the built-in one.
+The verdict of each trial is computed from its stored trajectory, its lower bound by the planner
+that proved it, and a problem with a built-in name is compared with the built-in one. What the
+reader refuses (a wrong checksum, identity or digest) is a damaged file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -15,21 +16,20 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from trajopt.benchmark.store.folder import Damaged, records
-from trajopt.benchmark.store.schema import encode, unpack
+from trajopt.benchmark.store.folder import Damaged, recorded
 from trajopt.benchmark.suites import catalogue
-from trajopt.benchmark.trial import Trial
+from trajopt.benchmark.trial import Trial, verdict
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
-from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS
+from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate
 from trajopt.planners.planner import Relation
 from trajopt.planners.registry import configured, entries
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
-DURATION_RTOL = 1e-9  # a duration computed again is the recorded one within this
-CERTIFICATE_RTOL = 1e-6  # a certificate's uses of limits likewise
-CERTIFICATE_ATOL = 1e-8  # and its misses: rad, rad/s, rad/s^2
-BOUND_RTOL = 1e-6  # a proof may exceed a certified duration by so much, which is rounding
+DURATION_RTOL = 1e-9  # between a recorded duration and the computed one
+CERTIFICATE_RTOL = 1e-6  # between a certificate's uses of limits
+CERTIFICATE_ATOL = 1e-8  # between its misses: rad, rad/s, rad/s^2
+BOUND_RTOL = 1e-6  # by which rounding may lift a proof above a certified duration
 
 PROVED_AGAIN = "proved again"
 NOT_RECHECKED = "not rechecked"
@@ -53,25 +53,27 @@ class StoresProofs(Protocol):
 class CheckedTrial:
     """A stored trial computed again (durations in s), beside what was recorded of it.
 
-    `flaws` are the verifier's, or why there is no trajectory; `differences` say what does not
-    hold. `bound` says what came of its lower bound: `PROVED_AGAIN`, `NOT_PROVED`,
-    `NOT_RECHECKED` (its planner is not installed, or proves nothing), or nothing where it has none.
+    Attributes:
+        flaws: The verifier's, or why there is no trajectory.
+        differences: What does not hold.
+        bound: What came of the lower bound: `PROVED_AGAIN`, `NOT_PROVED`, `NOT_RECHECKED` (its
+            planner is not installed, or proves nothing); empty where there is none.
     """
 
     id: str
-    problem: str
-    planner: str
-    seed: int | None
-    status: str
-    claimed_duration: float | None
-    certified_duration: float | None
-    recorded_claim: float | None
-    recorded_duration: float | None
-    dilation: float | None
-    lower_bound: float | None
-    bound: str
-    flaws: tuple[str, ...]
-    differences: tuple[str, ...]
+    problem: str = ""
+    planner: str = "a damaged file"
+    seed: int | None = None
+    status: str = "damaged"
+    claimed_duration: float | None = None
+    certified_duration: float | None = None
+    recorded_claim: float | None = None
+    recorded_duration: float | None = None
+    dilation: float | None = None
+    lower_bound: float | None = None
+    bound: str = ""
+    flaws: tuple[str, ...] = ()
+    differences: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -100,128 +102,106 @@ class Verification:
     def summary(self) -> list[str]:
         """What came of it, a sentence a line."""
         wrong = sum(not t.holds for t in self.trials)
-        lines = [f"{len(self.trials)} trials verified anew; {wrong} do not hold what was recorded."]
+        count = len(self.trials)
+        lines = [f"{count} trials verified anew; {wrong} do not hold what was recorded."]
         if not self.answered:
             lines.append("No trial has a certified duration or a lower bound: nothing holds.")
         bounds = [t.bound for t in self.trials if t.bound]
-        counts = {word: bounds.count(word) for word in dict.fromkeys(bounds)}
+        counts = [f"{count} {word}" for word, count in Counter(bounds).items()]
         if counts:
-            words = ", ".join(f"{count} {word}" for word, count in counts.items())
+            words = ", ".join(counts)
             lines.append(f"{len(bounds)} lower bounds: {words}.")
         return lines
 
 
 def verification(path: Path | str) -> Verification:
-    """Compute every stored trial of a folder, a `results.h5` or a trial file again.
+    """Compute every stored trial of a folder, a `results.h5` or a trial's text again.
 
     Raises:
-        StoreError: if the path holds no results, or the file cannot be read. A damaged file in a
+        StoreError: The path holds no results, or the file cannot be read. A damaged file in a
             folder is a trial that does not hold.
     """
     damaged: list[Damaged] = []
-    found = records(path, damaged.append)
-    shortest = _shortest([trial for trial, _ in found])
-    trials = [_checked(trial, recorded, shortest) for trial, recorded in found]
-    return Verification((*trials, *map(_damaged, damaged)))
-
-
-def _shortest(trials: Sequence[Trial]) -> dict[str, float]:
-    """The shortest certified duration of each problem (by digest), s."""
+    trials = list(recorded(Path(path), damaged.append))
+    anew = [verdict(trial.problem, trial.solution) for trial in trials]
     shortest: dict[str, float] = {}
-    for trial in trials:
-        duration = trial.certified_duration
-        if duration is not None:
-            digest = trial.problem.digest()
-            shortest[digest] = min(duration, shortest.get(digest, np.inf))
-    return shortest
-
-
-def _damaged(error: Damaged) -> CheckedTrial:
-    return CheckedTrial(
-        id=error.path.stem,
-        problem="",
-        planner="a damaged file",
-        seed=None,
-        status="damaged",
-        claimed_duration=None,
-        certified_duration=None,
-        recorded_claim=None,
-        recorded_duration=None,
-        dilation=None,
-        lower_bound=None,
-        bound="",
-        flaws=(),
-        differences=(str(error),),
-    )
+    for trial, (_, _, certificate) in zip(trials, anew, strict=True):
+        known = shortest.setdefault(trial.digest, np.inf)
+        duration = certificate.certified_duration if certificate else None
+        if duration is not None and duration < known:
+            shortest[trial.digest] = duration
+    checked = []
+    for trial, (status, _, certificate) in zip(trials, anew, strict=True):
+        best = shortest[trial.digest]
+        checked.append(_checked(trial, str(status), certificate, best))
+    for error in damaged:
+        checked.append(CheckedTrial(error.path.stem, differences=(str(error),)))
+    return Verification(tuple(checked))
 
 
 def _checked(
     trial: Trial,
-    recorded: Mapping[str, Any],
-    shortest: Mapping[str, float],
+    status: str,
+    certificate: Certificate | None,
+    shortest: float,
 ) -> CheckedTrial:
-    certificate = trial.certificate
+    """A trial beside its computed verdict, and the shortest certified duration of its problem."""
+    stated = trial.certificate
     bound, unproved = _rechecked(trial)
-    differences = [
-        *_changed(trial, recorded),
-        *_foreign(trial.problem),
-        *_refuted(trial, shortest),
-        *unproved,
-    ]
+    differences = [*_changed(trial, status, certificate), *foreign(trial.problem)]
+    if trial.lower_bound is not None and trial.lower_bound > shortest * (1 + BOUND_RTOL):
+        lower = f"{trial.lower_bound:.9g} s"
+        differences.append(f"lower bound: {lower}, but {shortest:.9g} s is certified")
     return CheckedTrial(
-        id=recorded["id"],
+        id=trial.id,
         problem=trial.problem.name,
         planner=trial.label,
         seed=trial.seed,
-        status=str(trial.status),
+        status=status,
         claimed_duration=trial.claimed_duration,
-        certified_duration=trial.certified_duration,
-        recorded_claim=recorded["claimed_duration"],
-        recorded_duration=recorded["certified_duration"],
+        certified_duration=certificate.certified_duration if certificate else None,
+        recorded_claim=stated.duration if stated else trial.claimed_duration,
+        recorded_duration=trial.certified_duration,
         dilation=certificate.dilation if certificate else None,
         lower_bound=trial.lower_bound,
         bound=bound,
         flaws=certificate.flaws if certificate else (trial.message,),
-        differences=tuple(differences),
+        differences=(*differences, *unproved),
     )
 
 
-def _changed(trial: Trial, recorded: Mapping[str, Any]) -> list[str]:
+def _changed(trial: Trial, status: str, certificate: Certificate | None) -> list[str]:
     """What was recorded otherwise than it is computed now."""
-    now = unpack(encode(trial).row)
-    found = [
-        _difference(name, now[name], recorded[name])
-        for name in ("id", "digest", "status", "feasible")
-        if now[name] != recorded[name]
-    ]
+    stated = trial.certificate
+    found = []
+    if trial.status != status:
+        found.append(_difference("status", status, trial.status))
     if trial.label.partition(":")[0] != trial.planner:
         found.append(_difference("label", trial.planner, trial.label))
-    found += [
-        _difference(name, now[name], recorded[name])
-        for name in ("claimed_duration", "certified_duration", "dilation")
-        if not _close(now[name], recorded[name], rtol=DURATION_RTOL, atol=0.0)
-    ]
-    if now["certificate"] and recorded["certificate"]:
-        found += _changed_worst(now["certificate"], recorded["certificate"])
-    return found
-
-
-def _changed_worst(now: Mapping[str, Any], then: Mapping[str, Any]) -> list[str]:
-    """The certificate's worst values that the verifier does not find."""
-    found = []
+    if certificate is None or stated is None:
+        if certificate is not stated:
+            found.append("certificate: recorded or computed, but not both")
+        return found
+    if certificate.feasible != stated.feasible:
+        found.append(_difference("feasible", certificate.feasible, stated.feasible))
+    for name in ("duration", "certified_duration", "dilation"):
+        now = getattr(certificate, name)
+        then = getattr(stated, name)
+        if not _close(now, then, rtol=DURATION_RTOL, atol=0.0):
+            found.append(_difference(name, now, then))
     for kind in WORST_KINDS:
         rtol = CERTIFICATE_RTOL if kind in RATIO_KINDS else 0.0
         atol = 0.0 if kind in RATIO_KINDS else CERTIFICATE_ATOL
-        new = _worst_value(now, kind)
-        old = _worst_value(then, kind)
+        new = _worst_value(certificate, kind)
+        old = _worst_value(stated, kind)
         if not _close(new, old, rtol=rtol, atol=atol):
             found.append(_difference(f"certificate's {kind}", new, old))
     return found
 
 
-def _worst_value(certificate: Mapping[str, Any], kind: str) -> Any:
-    worst = certificate.get(kind)
-    return worst["value"] if worst else None
+def _worst_value(certificate: Certificate, kind: str) -> float | None:
+    worst = getattr(certificate, kind)
+    return worst.value if worst else None
 
 
 def _close(now: Any, then: Any, *, rtol: float, atol: float) -> bool:
@@ -240,8 +220,8 @@ def _said(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
-def _foreign(problem: Problem) -> list[str]:
-    """Whether a problem of a built-in name has other numbers than the built-in one."""
+def foreign(problem: Problem) -> list[str]:
+    """Say whether a problem of a built-in name has other numbers than the built-in one."""
     digests = _built_in(problem.name)
     if not digests or problem.digest() in digests:
         return []
@@ -259,16 +239,6 @@ def _built_in(name: str) -> frozenset[str]:
 @cache
 def _suite_problems() -> tuple[Problem, ...]:
     return tuple(p for name in catalogue.suites() for p in catalogue.problems(name))
-
-
-def _refuted(trial: Trial, shortest: Mapping[str, float]) -> list[str]:
-    """Why a lower bound on all trajectories cannot be one."""
-    if trial.lower_bound is None:
-        return []
-    best = shortest.get(trial.problem.digest(), np.inf)
-    if trial.lower_bound > best * (1 + BOUND_RTOL):
-        return [f"lower bound: {trial.lower_bound:.9g} s, but {best:.9g} s is certified"]
-    return []
 
 
 def _rechecked(trial: Trial) -> tuple[str, list[str]]:

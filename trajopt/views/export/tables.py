@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from trajopt.benchmark.store import atomic
-from trajopt.benchmark.store.schema import pack
+from trajopt.benchmark.store.document import pack
 from trajopt.benchmark.trial import Trial
 from trajopt.planners.planner import backend
 from trajopt.views.analysis.results import Results

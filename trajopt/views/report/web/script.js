@@ -234,7 +234,7 @@
 
   const showTrial = (i, row) => {
     all("#trial-table tr").forEach((r) => r.classList.toggle("chosen", r.dataset.trial === String(i)));
-    const own = $("trial"), file = `trials/${trials.id[i]}.h5`, problem = data.problems[row.problem];
+    const own = $("trial"), file = `trials/${trials.id[i]}.json`, problem = data.problems[row.problem];
     const options = Object.entries(planners[row.planner].options).map(([name, value]) => `${name}=${value}`).join(", ");
     const stored = make("p"), again = make("p", row.instead || "Run it again:");
     stored.append("Trial ", make("code", trials.id[i]), ...(data.files ? [", stored in ", make("a", file, { href: file })] : [", stored in the results file"]));

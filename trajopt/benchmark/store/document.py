@@ -1,0 +1,279 @@
+"""What files and messages hold, in JSON's terms: values, solutions, problems.
+
+Trials, best known answers and the messages of planners' processes share these functions. Numbers
+come back bit for bit. NaN and infinity are spelled out as `{"$float": "nan"}`; in limits, null
+stands for no limit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator, Mapping
+from enum import Enum
+from math import isfinite
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.benchmark.trial import well_formed
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.files import check_keys
+from trajopt.core.harmless import harmless
+from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.solution import Solution, Status
+from trajopt.core.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+_TRAJECTORY = ("breaks", "coefficients", "waypoint_times")
+_SOLUTION = ("status", "message", "lower_bound", "evaluations", "setup_time", "stats")
+_PROBLEM = ("name", "source", "joint_names", "digest", "waypoints", "limits")
+_ARRAY_KINDS = "biufUmM"  # NumPy's letters for numbers, truth values, texts and times
+
+
+class Malformed(ValueError):
+    """A stored value that is not what its place demands."""
+
+
+# --- values ---
+
+
+def pack(value: Any) -> Any:
+    """Return a value in JSON's terms; control characters in texts are spelled out.
+
+    Raises:
+        TypeError: The value has no such terms.
+    """
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, float):
+        number = float(value)
+        return number if isfinite(number) else {"$float": repr(number)}
+    if isinstance(value, str):
+        return harmless(value)
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, list | tuple):
+        return [pack(item) for item in value]
+    if isinstance(value, Mapping):
+        return {harmless(str(key)): pack(item) for key, item in value.items()}
+    if isinstance(value, np.generic):
+        return pack(value.item())
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return pack(float(value))
+    if isinstance(value, np.ndarray) and value.dtype.kind in _ARRAY_KINDS:
+        return _packed_array(value)
+    raise TypeError(f"a result cannot hold {value!r:.200}")
+
+
+def _packed_array(array: NDArray[Any]) -> Any:
+    items = array.tolist()
+    if array.dtype.kind != "f" or not np.isfinite(array).all():
+        items = pack(items)
+    if array.ndim == 0:
+        return items
+    return {"$array": items, "dtype": array.dtype.str, "shape": list(array.shape)}
+
+
+def unpack(value: Any) -> Any:
+    """Return what `pack` wrote; tuples come back as lists.
+
+    Raises:
+        Malformed: The value holds a text that could steer a terminal, or an impossible array.
+    """
+    if isinstance(value, str):
+        return _checked_text(value)
+    if isinstance(value, list):
+        return [unpack(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if "$float" in value:
+        return float(value["$float"])
+    if "$array" in value:
+        return _unpacked_array(value)
+    return {_checked_text(key): unpack(item) for key, item in value.items()}
+
+
+def _unpacked_array(value: Mapping[str, Any]) -> NDArray[Any]:
+    dtype = np.dtype(str(value.get("dtype")))
+    if dtype.kind not in _ARRAY_KINDS:
+        raise Malformed(f"an array of {dtype}, which no result holds")
+    items = value["$array"]
+    if dtype.kind == "U":
+        dtype = np.dtype(str)  # as wide as the longest text, whatever the file says
+    try:
+        array = np.array(items, dtype=dtype)
+    except TypeError:  # a number in it is spelled out
+        array = np.array(unpack(items), dtype=dtype)
+    return array.reshape(value["shape"])
+
+
+def _checked_text(text: str) -> str:
+    if harmless(text) != text:
+        raise Malformed(f"a text with control characters: {text!r:.80}")
+    return text
+
+
+# --- solutions ---
+
+
+def packed_solution(solution: Solution) -> dict[str, Any]:
+    """Return a planner's answer in JSON's terms; raises `TypeError` as `pack` does."""
+    table = {name: pack(getattr(solution, name)) for name in _SOLUTION}
+    table["trajectory"] = None
+    if solution.trajectory is not None:
+        table["trajectory"] = trajectory_table(solution.trajectory)
+    table["history"] = pack(solution.history)
+    return table
+
+
+def trajectory_table(trajectory: Trajectory) -> dict[str, Any]:
+    """Return every number of a trajectory by its name."""
+    return {name: getattr(trajectory, name).tolist() for name in _TRAJECTORY}
+
+
+def solution_of(table: Any) -> Solution:
+    """Return the answer that `packed_solution` wrote.
+
+    Raises:
+        ValueError, TypeError: The table holds no answer that a planner may give.
+    """
+    check_table("solution", table, (*_SOLUTION, "trajectory", "history"))
+    values = {name: unpack(table[name]) for name in (*_SOLUTION, "history")}
+    values["status"] = Status(values["status"])
+    solution = Solution(trajectory=_trajectory(table["trajectory"]), **values)
+    checked = well_formed(solution)
+    if checked is not solution:
+        raise Malformed(checked.message)
+    return solution
+
+
+def _trajectory(table: Any) -> Trajectory | None:
+    if table is None:
+        return None
+    check_table("trajectory", table, _TRAJECTORY)
+    arrays = [np.array(table[name], dtype=float) for name in _TRAJECTORY]
+    return Trajectory(*arrays)
+
+
+# --- problems ---
+
+
+def problem_table(problem: Problem) -> dict[str, Any]:
+    """Return a problem's numbers and names in JSON's terms; null is no limit."""
+    limits = {}
+    for name in LIMIT_NAMES:
+        if problem.has(name):
+            rows = []
+            for low, high in getattr(problem.limits, name).tolist():
+                pair = [_finite(low), _finite(high)]
+                rows.append(pair)
+            limits[name] = rows
+    table = {
+        "name": harmless(problem.name, lines=False),
+        "source": harmless(problem.source),
+        "joint_names": pack(problem.joint_names),
+        "digest": problem.digest(),
+        "waypoints": problem.waypoints.tolist(),
+        "limits": limits,
+    }
+    if problem.joint_units:
+        table["joint_units"] = pack(problem.joint_units)
+    return table
+
+
+def _finite(limit: float) -> float | None:
+    return limit if isfinite(limit) else None
+
+
+def problem_of(table: Any) -> Problem:
+    """Return the problem that `problem_table` wrote.
+
+    Raises:
+        InvalidInput: The table holds no problem, or another digest than that of its numbers.
+    """
+    check_table("problem", table, _PROBLEM, optional=["joint_units"])
+    texts = unpack([table["name"], table["source"]])
+    names = _names("joint_names", table["joint_names"])
+    units = _names("joint_units", table.get("joint_units", []))
+    if not all(isinstance(text, str) for text in texts):
+        raise InvalidInput("problem", "a name and a source that are texts")
+    name, source = texts
+    limits = _limits(table["limits"])
+    problem = Problem(table["waypoints"], limits, name, source, names, units)
+    if table["digest"] != problem.digest():
+        right = f"{problem.digest()}, that of its numbers"
+        raise InvalidInput("problem.digest", right, value=table["digest"])
+    return problem
+
+
+def _names(key: str, value: Any) -> list[str]:
+    right = "a list of names"
+    if not isinstance(value, list):
+        raise InvalidInput(f"problem.{key}", right, value=value)
+    for name in value:
+        if not isinstance(name, str):
+            raise InvalidInput(f"problem.{key}", right, value=name)
+        _checked_text(name)
+    return value
+
+
+def _limits(table: Any) -> Limits:
+    required = ("velocity", "acceleration")
+    optional = [name for name in LIMIT_NAMES if name not in required]
+    check_table("problem.limits", table, required, optional)
+    return Limits(**{name: _pairs(name, rows) for name, rows in table.items()})
+
+
+def _pairs(name: str, rows: Any) -> list[Any]:
+    """Pairs of limits; null is no limit."""
+    right = "a pair [low, high] per joint"
+    if not isinstance(rows, list):
+        raise InvalidInput(f"problem.limits.{name}", right)
+    pairs = []
+    for row in rows:
+        if not isinstance(row, list) or len(row) != 2:
+            raise InvalidInput(f"problem.limits.{name}", right, value=row)
+        low, high = row
+        low = -np.inf if low is None else low
+        high = np.inf if high is None else high
+        pairs.append([low, high])
+    return pairs
+
+
+# --- tables and texts ---
+
+
+def check_table(
+    key: str,
+    value: Any,
+    required: Collection[str],
+    optional: Collection[str] = (),
+) -> None:
+    """Raise `InvalidInput` unless a value is a table of these keys."""
+    if not isinstance(value, dict):
+        raise InvalidInput(key, f"an object with {', '.join(required)}")
+    check_keys(f"{key}: ", value, {*required, *optional}, required)
+
+
+def json_lines(value: Any) -> Iterator[str]:
+    """JSON with a line for each key and for each row of numbers."""
+    if isinstance(value, dict) and value:
+        yield "{\n"
+        for number, (key, item) in enumerate(value.items()):
+            yield ",\n" if number else ""
+            yield f"{json.dumps(key, ensure_ascii=False)}: "
+            yield from json_lines(item)
+        yield "\n}"
+    elif isinstance(value, list) and value and isinstance(value[0], list):
+        yield "[\n"
+        for number, item in enumerate(value):
+            yield ",\n" if number else ""
+            yield from json_lines(item)
+        yield "\n]"
+    else:
+        yield json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,121 @@
+"""Every field of a trial, declared once: its name, type, unit, meaning, and where it comes from.
+
+The trial's text, the columns of `results.h5`, tables and pages follow this list. To store another
+value, give `Trial` the attribute and add a line here.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from operator import attrgetter
+from typing import Any, Literal
+
+from trajopt.benchmark.store.document import Malformed
+from trajopt.benchmark.trial import Trial
+
+Kind = Literal["line", "text", "time", "integer", "number", "object"]
+
+SEED_MAX = 2**63 - 1  # the largest integer of an HDF5 column
+_YEARS = range(1970, 2262)  # the years that pandas' nanoseconds hold
+
+
+@dataclass(frozen=True)
+class Field:
+    """One value of every trial.
+
+    Attributes:
+        name: In JSON, in columns and in tables.
+        kind: `line` (text without newlines), `text`, `time` (UTC, ISO 8601), `integer` (64 bits,
+            0 or more), `number` (None where there is none), `object`.
+        unit: SI; "1" for a pure number, empty for texts.
+        meaning: In words.
+        path: Of the trial's attribute, where that is not called `name`.
+    """
+
+    name: str
+    kind: Kind
+    unit: str
+    meaning: str
+    path: str = ""
+
+    def of(self, trial: Trial) -> Any:
+        """The value of a trial."""
+        return attrgetter(self.path or self.name)(trial)
+
+    def check(self, value: Any) -> None:
+        """Raise `Malformed` unless a stored value is of this kind."""
+        expected, right = _KINDS[self.kind]
+        if not right(value):
+            raise Malformed(f"{self.name}: expected {expected}, found {value!r:.80}")
+
+
+def _is_integer(value: Any) -> bool:
+    if isinstance(value, bool) or not isinstance(value, int):
+        return False
+    return 0 <= value <= SEED_MAX
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, float | int) and not isinstance(value, bool)
+
+
+def _is_line(value: Any) -> bool:
+    return isinstance(value, str) and value.isprintable()
+
+
+def _is_time(value: Any) -> bool:
+    try:
+        time = datetime.fromisoformat(value)
+    except (TypeError, ValueError):
+        return False
+    return time.tzinfo is not None and time.year in _YEARS
+
+
+_KINDS: dict[Kind, tuple[str, Callable[[Any], bool]]] = {
+    "line": ("a line of text", _is_line),
+    "text": ("text", lambda value: isinstance(value, str)),
+    "time": ("a time like 2026-01-31T12:00:00+00:00", _is_time),
+    "integer": ("a whole number from 0 to 2^63 - 1", _is_integer),
+    "number": ("a number", _is_number),
+    "object": ("a JSON object", lambda value: isinstance(value, Mapping)),
+}
+
+
+FIELDS = (
+    Field("id", "line", "", "identity: problem, planner, options, seed, code"),
+    Field("problem", "line", "", "problem name", "problem.name"),
+    Field("source", "text", "", "where the problem's numbers come from", "problem.source"),
+    Field("joint_names", "text", "", "joint names, one a line", "problem.joint_names"),
+    Field("joint_units", "text", "", "rad or m, one joint a line", "problem.joint_units"),
+    Field("digest", "line", "", "SHA-256 of the problem's numbers"),
+    Field("planner", "line", "", "planner name"),
+    Field("label", "line", "", "planner name with the options that differ from its defaults"),
+    Field("options", "object", "", "all planner options"),
+    Field("seed", "integer", "1", "seed of the random stream; 0 for deterministic planners"),
+    Field("relation", "line", "", "how the planner relates to the minimum-time problem"),
+    Field("status", "line", "", "verdict"),
+    Field("message", "text", "", "reason, if not solved"),
+    Field("planner_status", "line", "", "what the planner reported", "solution.status"),
+    Field("planner_message", "text", "", "the planner's own message", "solution.message"),
+    Field("claimed_duration", "number", "s", "duration of the trajectory as returned"),
+    Field("certified_duration", "number", "s", "max(1, dilation) x claimed; NaN: beyond mending"),
+    Field("lower_bound", "number", "s", "no trajectory is faster, as the planner proved"),
+    Field("dilation", "number", "1", "exact cheapest time dilation that meets the limits"),
+    Field("feasible", "number", "1", "1 if every limit is kept as claimed; NaN: no trajectory"),
+    Field("evaluations", "number", "1", "objective evaluations", "solution.evaluations"),
+    Field("setup_time", "number", "s", "wall time for building what later calls reuse"),
+    Field("solve_time", "number", "s", "other wall time; a batch's is divided by its runs"),
+    Field("batch", "integer", "1", "runs that were solved together"),
+    Field("started", "time", "", "start time, UTC, ISO 8601"),
+    Field("asked", "line", "", "when a later comparison kept the trial; empty: none did"),
+    Field("provenance", "object", "", "versions, commit and machine of the trial"),
+)
+"""Every field; `as_dict`, columns and tables follow their order."""
+
+_ATTRIBUTES = {attribute.name for attribute in dataclasses.fields(Trial)}
+_NAMED = [field for field in FIELDS if not field.path]
+OWN_FIELDS = tuple(field for field in _NAMED if field.name in _ATTRIBUTES)
+"""The fields that a trial's text states; the others follow from its problem, solution, verdict."""

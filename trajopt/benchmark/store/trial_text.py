@@ -1,0 +1,232 @@
+"""A trial as one sealed JSON text, and back: the only format in which trials are kept.
+
+    {
+    "schema": "trajopt-4",
+    "sha256": "8d8a…",
+    "id": "0123456789abcdef0123",
+    "problem": {"name": …, "waypoints": …, "limits": …},
+    "planner": "exact",
+    …
+    "certificate": {…},
+    "solution": {"status": …, "trajectory": {"breaks": …, "coefficients": …}, "history": …}
+    }
+
+Its first three lines are the head. The SHA-256 is that of all bytes after the line that states it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from functools import lru_cache
+from typing import Any
+
+from trajopt.benchmark.store.document import (
+    Malformed,
+    check_table,
+    pack,
+    packed_solution,
+    problem_of,
+    problem_table,
+    solution_of,
+    unpack,
+)
+from trajopt.benchmark.store.fields import OWN_FIELDS, SEED_MAX
+from trajopt.benchmark.trial import Trial
+from trajopt.core import files
+from trajopt.core.exceptions import StoreError
+from trajopt.core.problem import Problem
+from trajopt.core.solution import Status
+from trajopt.judging.verification import WORST_KINDS, Certificate, Tolerance, Worst
+from trajopt.planners.planner import Relation
+
+SCHEMA = 4  # raise it whenever a reader of this version could misread a text or `results.h5`
+MAX_BYTES = files.MAX_BYTES
+START = b'{\n"schema": "trajopt-'
+
+_NAMES = [field.name for field in OWN_FIELDS]
+_KEYS = ("schema", "sha256", "id", "problem", *_NAMES, "certificate", "solution")
+_HEAD = re.compile(
+    rb'\{\n"schema": "trajopt-(?P<schema>\d{1,9})",\n'
+    rb'"sha256": "(?P<sha256>[0-9a-f]{64})",\n'
+    rb'(?P<body>"id": "(?P<id>[0-9a-f]{20})",\n)'
+)
+_WORST_FIELDS = {"value", "joint", "time", "order"}
+
+
+class WrongSchema(StoreError):
+    """A file that another version wrote and this one does not read."""
+
+    def __init__(self, place: str) -> None:
+        words = "written by another version of trajopt; run again into another folder"
+        super().__init__(f"{place}: {words}")
+
+
+def stated_id(text: bytes) -> str:
+    """Return the identity that a text states; a word for that where it states none."""
+    found = _HEAD.match(text)
+    return found["id"].decode() if found else "unknown"
+
+
+def check(text: bytes) -> str:
+    """Check the seal without reading the rest; returns the stated identity.
+
+    Raises:
+        Malformed: The text is damaged, edited, or no trial's.
+        WrongSchema: Another version wrote it.
+    """
+    found = _HEAD.match(text)
+    if found is None:
+        raise Malformed("it does not start as a trial's text does")
+    if int(found["schema"]) != SCHEMA:
+        raise WrongSchema("a trial")
+    body = memoryview(text)[found.start("body") :]
+    digest = hashlib.sha256(body).hexdigest()
+    if digest.encode() != found["sha256"]:
+        raise Malformed("its checksum differs: it was damaged or edited")
+    return stated_id(text)
+
+
+def write(trial: Trial) -> bytes:
+    """Return the trial's text.
+
+    Raises:
+        TypeError, ValueError: No text can hold the trial.
+        StoreError: The seed is negative or has more than 63 bits.
+    """
+    if not 0 <= trial.seed <= SEED_MAX:
+        raise StoreError(f"seed {trial.seed} cannot be stored: expected 0 to {SEED_MAX}")
+    table: dict[str, Any] = {"id": trial.id}
+    table["problem"] = problem_table(trial.problem)
+    for field in OWN_FIELDS:
+        table[field.name] = pack(field.of(trial))
+    table["certificate"] = None
+    if trial.certificate is not None and trial.solution.trajectory is not None:
+        table["certificate"] = _certificate_table(trial.certificate)
+    table["solution"] = packed_solution(trial.solution)
+    text = sealed(table)
+    read(text)  # what cannot be read back is not written
+    return text
+
+
+def sealed(table: Mapping[str, Any]) -> bytes:
+    """Return the text of what a trial states, `id` first, with its seal."""
+    lines = []
+    for name, value in table.items():
+        said = json.dumps(value, ensure_ascii=False, allow_nan=False)
+        lines.append(f'"{name}": {said}')
+    body = (",\n".join(lines) + "\n}\n").encode()
+    digest = hashlib.sha256(body).hexdigest()
+    head = f'{{\n"schema": "trajopt-{SCHEMA}",\n"sha256": "{digest}",\n'
+    return head.encode() + body
+
+
+def read(text: bytes) -> Trial:
+    """Return the trial of a text, with the verdict that the text states.
+
+    Raises:
+        ValueError, TypeError, RecursionError: The text is damaged, edited, or no trial's.
+        WrongSchema: Another version wrote it.
+    """
+    trial_id = check(text)
+    if len(text) > MAX_BYTES:
+        raise Malformed(f"it has more than {MAX_BYTES / 1e6:g} MB")
+    table = files.parsed_json(text.decode(), long_words=True)
+    check_table("trial", table, _KEYS)
+    own = {name: unpack(table[name]) for name in _NAMES}
+    for field in OWN_FIELDS:
+        field.check(own[field.name])
+    _check_provenance(own["provenance"])
+    if own["batch"] < 1:
+        raise Malformed("batch: expected 1 or more")
+    own["relation"] = Relation[own["relation"]]
+    own["status"] = Status(own["status"])
+    problem = _problem(json.dumps(table["problem"]))
+    solution = solution_of(table["solution"])
+    certificate = _certificate(table["certificate"], problem)
+    if certificate is not None and solution.trajectory is None:
+        raise Malformed("certificate: there is no trajectory")
+    trial = Trial(problem=problem, solution=solution, certificate=certificate, **own)
+    if trial.id != trial_id:
+        raise Malformed(f"id: {trial_id}, but its content makes it {trial.id}")
+    return trial
+
+
+def row(text: bytes) -> dict[str, Any]:
+    """Return what a whole text states, by name, unchecked."""
+    check(text)
+    table: dict[str, Any] = files.parsed_json(text.decode(), long_words=True)
+    return table
+
+
+@lru_cache(maxsize=1024)
+def _problem(text: str) -> Problem:
+    """One object for the trials of one problem, however many there are."""
+    return problem_of(json.loads(text))
+
+
+def _check_provenance(provenance: Mapping[str, Any]) -> None:
+    """Check what a trial's identity is computed from."""
+    for name, text in provenance.items():
+        if not isinstance(text, str):
+            raise Malformed(f"provenance: {name}: expected text, found {text!r:.80}")
+    if "trajopt" not in provenance:
+        raise Malformed("provenance: trajopt, the package's version, is missing")
+
+
+def _certificate_table(certificate: Certificate) -> Any:
+    """The certificate in JSON's terms; joints count from 1."""
+    table = asdict(certificate)
+    for name in WORST_KINDS:
+        if table[name] is not None:
+            table[name]["joint"] += 1
+    return pack(table)
+
+
+def _certificate(table: Any, problem: Problem) -> Certificate | None:
+    """The stated certificate."""
+    if table is None:
+        return None
+    names = [field.name for field in fields(Certificate)]
+    check_table("certificate", table, names)
+    values = unpack(table)
+    flaws = values["flaws"]
+    if not isinstance(flaws, list) or not all(isinstance(flaw, str) for flaw in flaws):
+        raise Malformed("certificate: flaws: expected texts")
+    for name in WORST_KINDS:
+        if values[name] is not None:
+            values[name] = _worst(name, values[name], problem)
+    values["flaws"] = tuple(flaws)
+    values["tolerance"] = Tolerance(**_numbers("tolerance", values["tolerance"]))
+    _numbers("certificate", {name: values[name] for name in ("duration", "dilation")})
+    return Certificate(**values)
+
+
+def _worst(name: str, table: Any, problem: Problem) -> Worst:
+    check_table(f"certificate: {name}", table, _WORST_FIELDS)
+    numbers = _numbers(name, table)
+    joint = numbers["joint"] - 1
+    order = numbers["order"]
+    if joint not in range(problem.joints):
+        raise Malformed(f"certificate: {name}: joint {joint + 1:g}")
+    if order not in range(3):
+        raise Malformed(f"certificate: {name}: order {order:g}")
+    return Worst(
+        value=numbers["value"],
+        joint=int(joint),
+        time=numbers["time"],
+        order=int(order),
+    )
+
+
+def _numbers(name: str, table: Any) -> dict[str, float]:
+    """Values that must all be numbers."""
+    if not isinstance(table, dict):
+        raise Malformed(f"certificate: {name}: expected an object")
+    for key, value in table.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise Malformed(f"certificate: {name}: {key}: expected a number, found {value!r:.80}")
+    return {key: float(value) for key, value in table.items()}
