@@ -1,10 +1,10 @@
 """The reference optimum under every kind of limit, by collocation with free nodes, refined.
 
 The optimum's acceleration (its jerk, where that is limited) is piecewise constant, and each joint
-switches at instants of its own. So each joint chooses the lengths of its intervals: then a handful
-of them per segment is not an approximation but the optimum itself, where equal intervals converge
-at first order. Intervals are halved until two refinements in a row agree. IPOPT starts from several
-points, and the answer is the best known, not a proof.
+switches at instants of its own. So each joint chooses the lengths of its intervals. Then a few
+intervals per segment reproduce the optimum itself, where equal intervals converge at first order.
+Intervals are halved until two refinements in a row agree. IPOPT starts from several points. The
+answer is the best known optimum; nothing proves it.
 
     from baselines.collocation.refined import CollocationRefined
     solution = CollocationRefined().solve(problem)
@@ -37,35 +37,34 @@ from trajopt.planners.planner import Planner, passing_once
 
 Array = NDArray[np.float64]
 
-# Intervals per segment to begin with, without and with jerk limits.
+# First number of intervals per segment, without and with jerk limits.
 _START_INTERVALS = 6
 _START_INTERVALS_JERK = 8
-# Of one cell, a segment of a moving joint, without and with jerk limits; and the power of the cells
-# that the time grows with. Measured from 14 to 133 of them, with position limits.
+# Time of a segment and moving joint, s, without and with jerk limits, and the power of their number
+# that the time grows with (measured with position limits, from 14 to 133).
 _CELL_SECONDS = 0.004
 _CELL_SECONDS_JERK = 0.02
 _CELLS_POWER = 1.37
-# Intervals of all joints and segments: no refinement beyond it but the first.
-_MOST_INTERVALS = 3000
-# Starts that have to lead to the best duration: then there are no more.
-_AGREEING = 2
-# Of the error that is wanted: durations that differ by less are one.
+# Intervals of all joints and segments that only the first refinement may exceed.
+_MAX_INTERVALS = 3000
+# Starts that must lead to the best duration for the search to end.
+_AGREEING_STARTS = 2
+# Durations agree that differ by less, relative to the error asked for.
 _AGREEMENT_SHARE = 0.1
-# Times as many starts where all have failed so far.
-_PATIENCE = 4
-# Times the relaxation's duration: a start.
+# Factor on the number of starts while all have failed.
+_MORE_STARTS = 4
+# Duration of a start, relative to the motion without position limits.
 _SLOWER = 1.3
-# Of the largest: the smallest jump of acceleration or jerk that is a switch.
-_SWITCH_SHARE = 1e-6
+# Smallest jump of acceleration or jerk that is a switch, relative to the largest value.
+_SWITCH_RTOL = 1e-6
 
 
 @dataclass(frozen=True)
 class CollocationRefined(Planner):
     """Collocation with free nodes, refined until its own error is below `error` (CasADi/IPOPT).
 
-    `error` is relative, the difference that halving every interval made; there are at most
-    `refinements` halvings (fewer for large problems). It does not cover better local optima, for
-    which there are `starts`.
+    `error` is the relative difference that halving every interval makes. There are at most
+    `refinements` halvings (fewer for large problems). More `starts` look for better local optima.
     """
 
     error: float = 1e-4
@@ -88,10 +87,10 @@ class CollocationRefined(Planner):
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """The best of several local optima, refined.
+        """Return the best of several local optima, refined.
 
         `stats`: IPOPT's status and duration (s, infinite where it failed) of each start, then of
-        the best of them and its refinements with their intervals per segment; `error_estimate`,
+        the best start and its refinements, with their intervals per segment; `error_estimate`,
         relative.
         """
         intervals = _START_INTERVALS
@@ -106,12 +105,12 @@ class CollocationRefined(Planner):
         transcription(grid, free=True)
         setup_time = time.perf_counter() - began
 
-        starts = _starts(grid, _PATIENCE * self.starts)
+        starts = _starts(grid, _MORE_STARTS * self.starts)
         started = optima(
             lambda nodes: _solved(grid, nodes),
             starts,
             self.starts,
-            agreeing=_AGREEING,
+            agreeing=_AGREEING_STARTS,
             rtol=_AGREEMENT_SHARE * self.error,
         )
         incumbent = min(started, key=lambda level: level.duration)
@@ -144,17 +143,15 @@ class CollocationRefined(Planner):
     def _message(self, estimate: float) -> str:
         if estimate <= self.error:
             return ""
-        reached = "is unknown"
-        if estimate < np.inf:
-            reached = f"is {estimate:.1e}"
-        return f"the error {reached} after the last refinement; {self.error:.1e} was wanted"
+        reached = f"{estimate:.1e}" if estimate < np.inf else "unknown"
+        return f"the error is {reached} after the last refinement; {self.error:.1e} was wanted"
 
     def _refined(self, incumbent: _Level) -> list[_Level]:
-        """Halved until two agree, or the cap; where a refinement fails, the next one may not."""
+        """Halve intervals until two durations agree; a failed refinement may be refined again."""
         levels = [incumbent]
         nodes = incumbent.nodes
         while incumbent.duration < np.inf and len(levels) <= self.refinements:
-            too_many = 2 * nodes.lengths.size > _MOST_INTERVALS
+            too_many = 2 * nodes.lengths.size > _MAX_INTERVALS
             if len(levels) > 1 and too_many:
                 break
             grid = levels[-1].grid
@@ -170,7 +167,7 @@ class CollocationRefined(Planner):
 
 
 class _Level(NamedTuple):
-    """A local optimum on a grid; infinite duration (s) if there is none."""
+    """A local optimum on a grid, with its duration, s; infinite if IPOPT failed."""
 
     grid: Grid
     nodes: Nodes
@@ -188,7 +185,7 @@ def _stats(kind: str, levels: list[_Level]) -> dict[str, Any]:
 
 
 def _estimate(levels: list[_Level]) -> float:
-    """The relative difference of the last two durations that there are; infinite without two."""
+    """Return the relative difference of the last two finite durations; infinite without two."""
     durations = [level.duration for level in levels if level.duration < np.inf]
     if len(durations) < 2:
         return np.inf
@@ -197,7 +194,7 @@ def _estimate(levels: list[_Level]) -> float:
 
 
 def _solved(grid: Grid, start: Nodes) -> _Level:
-    """IPOPT's local optimum from `start`, if the verifier accepts it."""
+    """Return IPOPT's local optimum from `start`, if the verifier accepts it."""
     solve = transcription(grid, free=True)
     optimum = solve(grid, start)
     duration = np.inf
@@ -209,7 +206,7 @@ def _solved(grid: Grid, start: Nodes) -> _Level:
 
 
 def _starts(grid: Grid, count: int) -> Iterator[Nodes]:
-    """Without position limits, as it is and slower; stopping at every waypoint; random ones."""
+    """Yield the motion without position limits, stopping, the first one slower, random ones."""
     relaxed = _relaxed(grid.problem)
     if relaxed:
         yield _placed(grid, relaxed)
@@ -230,15 +227,13 @@ def _starts(grid: Grid, count: int) -> Iterator[Nodes]:
 
 
 def _relaxed(problem: Problem) -> Trajectory | None:
-    """The optimum without position limits."""
-    without_position = problem.without("position")
-    if problem.has("jerk"):
-        return ExactJerk(starts=2).solve(without_position).trajectory
-    return Exact(starts=4).solve(without_position).trajectory
+    """Return the optimum without position limits."""
+    planner = ExactJerk(starts=2) if problem.has("jerk") else Exact(starts=4)
+    return planner.solve(problem.without("position")).trajectory
 
 
 def _placed(grid: Grid, trajectory: Trajectory) -> Nodes:
-    """A trajectory with each joint's nodes where it switches, positions within their limits."""
+    """Put each joint's nodes where a trajectory switches, and positions within their limits."""
     cuts = []
     states = []
     for i, joint in enumerate(np.flatnonzero(grid.moving)):
@@ -262,14 +257,14 @@ def _placed(grid: Grid, trajectory: Trajectory) -> Nodes:
 
 
 def _cuts(grid: Grid, trajectory: Trajectory, i: int, joint: int) -> Array:
-    """The nodes of one joint, the grid's `i`-th: one segment's after another's, s."""
+    """Return the nodes of one joint, the grid's `i`-th, segment by segment, s."""
     breaks = trajectory.breaks
     middles = 0.5 * (breaks[:-1] + breaks[1:])
     order = 3 if grid.smooth[i] else 2
     rate = trajectory(middles, order)[:, joint]
     jumps = np.abs(np.diff(rate))
     largest_rate = np.abs(rate).max()
-    switches = jumps > _SWITCH_SHARE * largest_rate
+    switches = jumps > _SWITCH_RTOL * largest_rate
 
     inner = breaks[1:-1]
     nodes = [trajectory.waypoint_times[:1]]
@@ -285,7 +280,7 @@ def _cuts(grid: Grid, trajectory: Trajectory, i: int, joint: int) -> Array:
 
 
 def _longest_halved(cuts: list[float], intervals: int) -> Array:
-    """The cuts with the longest interval halved until there are so many."""
+    """Halve the longest interval again and again until there are enough."""
     cuts = list(cuts)
     while len(cuts) <= intervals:
         longest = int(np.argmax(np.diff(cuts)))

@@ -1,10 +1,10 @@
 """The general transcription, by CasADi/IPOPT: acceleration, or jerk where limited, in steps.
 
-Each segment is cut into equal intervals over which a joint's acceleration (its jerk, where that is
-limited) is constant; states at the nodes and segment times are variables. Limits between nodes are
-imposed on Bernstein coefficients, so they hold at every instant. A restriction of the true problem:
-its optimum approaches the exact one from above as `intervals` grows. It knows every kind of limit,
-position limits too. With `free` nodes each joint chooses the lengths of its own intervals, which
+Each segment is cut into equal intervals. A joint's acceleration (its jerk, where that is limited)
+is constant over an interval; states at the nodes and segment times are the variables. Limits
+between nodes are imposed on Bernstein coefficients, so they hold at every instant. This restricts
+the problem: the optimum approaches the exact one from above as `intervals` grows. Every kind of
+limit is supported. With `free` nodes each joint chooses the lengths of its own intervals, which
 `baselines.collocation.refined` uses.
 
     from baselines.collocation.uniform import Collocation
@@ -33,8 +33,8 @@ from trajopt.planners.planner import Planner, backend, passing_once
 from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
-# A constraint's expression with its lowest and highest values.
-Row = tuple[Any, Any, Any]
+# An expression of constraints with its lowest and highest values.
+Constraints = tuple[Any, Any, Any]
 
 _OPTIONS: Options = {
     "tol": 1e-9,
@@ -42,7 +42,7 @@ _OPTIONS: Options = {
     "bound_relax_factor": 0.0,
     "max_iter": 3000,
 }
-# Free nodes are never far from their start: a small barrier from the beginning keeps them there.
+# Free nodes start near the optimum: a small barrier from the beginning keeps them there.
 _WARM_OPTIONS: Options = {
     **_OPTIONS,
     "tol": 1e-8,
@@ -51,16 +51,16 @@ _WARM_OPTIONS: Options = {
     "bound_frac": 1e-7,
     "max_iter": 400,
 }
-# Measured up to 7000 intervals of all joints: IPOPT's time, in proportion.
+# IPOPT's time, s per interval of all joints (measured up to 7000).
 _SECONDS_PER_INTERVAL = 2e-3
-# No units: a waypoint this close to a position limit is on it.
+# A waypoint this close to a position limit is on it, in the grid's units.
 _TOUCH_DISTANCE = 1e-9
-# Of equal intervals in the least time: the shortest that free nodes leave.
+# Shortest free interval, relative to equal intervals of the shortest segment time.
 _SHORTEST_SHARE = 1e-3
-# Of the mean squared drift of free intervals from their start, beside the duration: where several
-# lengths give one motion, IPOPT would wander among them.
+# Weight of the mean squared drift of free intervals from their start, in the objective. Where
+# several lengths give one motion, IPOPT would wander among them.
 _DRIFT_WEIGHT = 1e-4
-# Times the time of stopping at every waypoint: the longest motion that is looked at.
+# Longest motion, relative to the time of stopping at every waypoint.
 _LONGEST = 1.5
 
 
@@ -82,7 +82,7 @@ class Collocation(Planner):
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """A local optimum from the straight-line start, stopping at every waypoint."""
+        """Return a local optimum from a straight-line start that stops at every waypoint."""
         intervals = self.intervals * cells(problem)
         announce("collocation", problem, _SECONDS_PER_INTERVAL * intervals)
         grid = Grid(problem, self.intervals)
@@ -105,10 +105,10 @@ class Nodes(NamedTuple):
 
     Attributes:
         times: Segment times `(segments,)`.
-        lengths: Of the intervals, `(intervals, joints)`.
+        lengths: Lengths of the intervals, `(intervals, joints)`.
         q: Position at the nodes, `(intervals + 1, joints)`.
         v: Velocity at the nodes.
-        a: Acceleration at the nodes; it counts where jerk is limited.
+        a: Acceleration at the nodes; used where jerk is limited.
     """
 
     times: Any
@@ -119,7 +119,7 @@ class Nodes(NamedTuple):
 
 
 class Optimum(NamedTuple):
-    """IPOPT's status, whether it succeeded, and where it ended."""
+    """IPOPT's status, its success, and its last nodes."""
 
     status: str
     success: bool
@@ -129,65 +129,68 @@ class Optimum(NamedTuple):
 class Grid:
     """The moving joints in their own units: mean stop time, acceleration limits of order one.
 
-    Each segment has so many `intervals`; `smooth` joints have a jerk limit.
+    Attributes:
+        intervals: Number of intervals per segment.
+        smooth: Which joints have a jerk limit.
+        resting: Waypoints and joints without velocity: both ends, and waypoints on a position
+            limit. Their velocity is fixed, or the NLP would have no interior.
     """
 
     def __init__(self, problem: Problem, intervals: int) -> None:
-        limits = problem.limits
         moving = problem.moving
+        limits = problem.limits.only(moving)
+        waypoints = problem.waypoints[:, moving]
         stop = stop_times(problem)
         unit = float(stop.mean())
-        tighter = np.abs(limits.acceleration[moving]).min(axis=1)
-        scale = tighter * unit**2
-        origin = problem.waypoints[0, moving]
-        waypoints = problem.waypoints[:, moving]
-        position = limits.position[moving].T
+        scale = np.abs(limits.acceleration).min(axis=1) * unit**2
 
         self.problem = problem
         self.intervals = intervals
         self.moving = moving
         self.unit = unit
         self.scale = scale
-        self.origin = origin
+        self.origin = waypoints[0]
         self.stop = stop / unit
-        self.waypoints = (waypoints - origin) / scale
-        self.position = (position - origin) / scale
+        self.waypoints = (waypoints - self.origin) / scale
         # (2, joints): lowest and highest
-        velocity = limits.velocity[moving].T
-        acceleration = limits.acceleration[moving].T
-        jerk = limits.jerk[moving].T
-        self.velocity = velocity / scale * unit
-        self.acceleration = acceleration / scale * unit**2
-        self.jerk = jerk / scale * unit**3
-        jerk_limited = np.isfinite(self.jerk).any(axis=0)
-        self.smooth = tuple(bool(one) for one in jerk_limited)
+        self.position = (limits.position.T - self.origin) / scale
+        self.velocity = limits.velocity.T / scale * unit
+        self.acceleration = limits.acceleration.T / scale * unit**2
+        self.jerk = limits.jerk.T / scale * unit**3
+        self.smooth = tuple(np.isfinite(self.jerk).any(axis=0).tolist())
         self.boxed = problem.has("position")
-
-        # On a position limit velocity vanishes: fixed, or the NLP would have no interior.
         distances = np.abs(self.waypoints[:, None] - self.position)
         self.resting = distances.min(axis=1) <= _TOUCH_DISTANCE
         self.resting[[0, -1]] = True
 
     @property
     def longest(self) -> float:
-        """The longest total time that is looked at."""
+        """Longest total time."""
         return float(_LONGEST * self.stop.sum())
 
     def stopping(self) -> Nodes:
-        """Where IPOPT starts: stopping at every waypoint, in generous time."""
-        inner_waypoints = self.waypoints[1:-1]
-        rest = np.zeros_like(inner_waypoints)
-        return self.cubics(2 * self.stop, rest)
+        """Return IPOPT's start: stopping at every waypoint, in twice the stop times."""
+        return self.cubics(2 * self.stop, np.zeros_like(self.waypoints[1:-1]))
 
     def cubics(self, times: Array, velocities: Array) -> Nodes:
-        """Equal intervals of one cubic per segment, `(segments,)` and `(segments - 1, joints)`."""
+        """Return equal intervals of one cubic per segment.
+
+        Args:
+            times: Segment times, `(segments,)`.
+            velocities: At inner waypoints, `(segments - 1, joints)`.
+        """
         t = times[:, None, None]
         h = np.diff(self.waypoints, axis=0)[:, None]
         start = self.waypoints[:-1, None]
         rest = np.zeros_like(self.waypoints[:1])
-        ends = np.vstack([rest, velocities, rest])[:, None]
-        number = np.arange(self.intervals)[:, None]
-        s = number / self.intervals
+        ends = np.vstack(
+            [
+                rest,
+                velocities,
+                rest,
+            ]
+        )[:, None]
+        s = np.arange(self.intervals)[:, None] / self.intervals
 
         # q(s) = q0 + u t s + (3h − 2ut − wt) s² + (ut + wt − 2h) s³, with s = time/t
         first = ends[:-1] * t
@@ -197,13 +200,10 @@ class Grid:
         curve = square + s * cube
         slope = 2 * square + 3 * s * cube
         bend = 2 * square + 6 * s * cube
-        travelled = s * (first + s * curve)
-        q = start + travelled
+        q = start + s * (first + s * curve)
         v = (first + s * slope) / t
         a = bend / t**2
-
-        brief = times / self.intervals
-        equal = np.repeat(brief, self.intervals)
+        equal = np.repeat(times / self.intervals, self.intervals)
         return Nodes(
             times,
             equal[:, None] + rest,
@@ -213,20 +213,23 @@ class Grid:
         )
 
     def _joined(self, states: Array, end: Array) -> Array:
-        """States `(segments, intervals, joints)` one after another, and the last node's."""
-        table = states.reshape(-1, len(self.scale))
-        return np.vstack([table, end])
+        """Join states `(segments, intervals, joints)` and the last node's."""
+        return np.vstack([states.reshape(-1, len(self.scale)), end])
 
-    def room(self) -> list[Array]:
-        """Lowest and highest position of both inner Bernstein coefficients of every interval.
+    def position_bounds(self) -> list[Array]:
+        """Return bounds of both inner Bernstein coefficients of position in every interval.
 
         `(intervals, joints)` each: lowest and highest of the first, then of the second. Beside a
-        waypoint at rest one of them is that waypoint (of the single one without jerk limits, on
-        either side), and free; at both ends, where acceleration vanishes too, both are.
+        waypoint at rest one coefficient is that waypoint and needs no bound (the single one without
+        jerk limits, on either side). At both ends acceleration vanishes too: both are free.
         """
         size = self.intervals
         pieces = len(self.stop) * size
-        low, high = np.repeat(self.position[:, None], pieces, axis=1)
+        low, high = np.repeat(
+            self.position[:, None],
+            pieces,
+            axis=1,
+        )
         first = np.zeros(low.shape, dtype=bool)
         second = np.zeros(low.shape, dtype=bool)
         first[::size] = self.resting[:-1]
@@ -236,32 +239,41 @@ class Grid:
         tables = []
         for free in (first, second):
             free[[0, -1]] = True
-            lowest = np.where(free, -np.inf, low)
-            highest = np.where(free, np.inf, high)
-            tables += [lowest, highest]
+            tables += [
+                np.where(
+                    free,
+                    -np.inf,
+                    low,
+                ),
+                np.where(free, np.inf, high),
+            ]
         return tables
 
     def slopes(self, nodes: Nodes) -> tuple[Array, Array]:
-        """Acceleration at the start of every interval, and jerk in it."""
+        """Return the acceleration at the start of every interval, and the jerk in it."""
         slope = np.diff(nodes.v, axis=0) / nodes.lengths
         jerk = np.diff(nodes.a, axis=0) / nodes.lengths
-        acceleration = np.where(self.smooth, nodes.a[:-1], slope)
+        acceleration = np.where(
+            self.smooth,
+            nodes.a[:-1],
+            slope,
+        )
         return acceleration, np.where(self.smooth, jerk, 0.0)
 
     def halved(self, nodes: Nodes) -> Nodes:
-        """The same motion with every interval cut in two."""
+        """Cut every interval in two, without changing the motion."""
         half = nodes.lengths / 2
         slope, jerk = self.slopes(nodes)
         q = nodes.q[:-1]
         v = nodes.v[:-1]
         # Taylor's formula at half the interval
-        bend = slope / 2 + half * jerk / 6
-        mean_v = v + half * bend
-        mean_slope = slope + half * jerk / 2
-        middle_slope = slope + half * jerk
-        middle_q = q + half * mean_v
-        middle_v = v + half * mean_slope
-        middle_a = np.where(self.smooth, middle_slope, 0.0)
+        middle_q = q + half * (v + half * (slope / 2 + half * jerk / 6))
+        middle_v = v + half * (slope + half * jerk / 2)
+        middle_a = np.where(
+            self.smooth,
+            slope + half * jerk,
+            0.0,
+        )
         return Nodes(
             nodes.times,
             np.repeat(half, 2, axis=0),
@@ -271,22 +283,32 @@ class Grid:
         )
 
     def trajectory(self, nodes: Nodes) -> Trajectory:
-        """Pieces from the states at the nodes, every joint on breaks of its own."""
+        """Return the pieces between the nodes as a trajectory, every joint on its own breaks."""
         at = _from_zero(nodes.times) * self.unit
         breaks = _from_zero(nodes.lengths) * self.unit
         breaks[:: self.intervals] = at[:, None]
 
         # q + v t + a/2 t² + j/6 t³, back in rad and s
         slope, jerk = self.slopes(nodes)
-        q = nodes.q[:-1]
-        v = nodes.v[:-1]
-        parts = np.stack([jerk / 6, slope / 2, v, q])
-        powers = np.array([3, 2, 1, 0])[:, None, None]
+        parts = np.stack(
+            [
+                jerk / 6,
+                slope / 2,
+                nodes.v[:-1],
+                nodes.q[:-1],
+            ]
+        )
+        powers = np.array(
+            [
+                3,
+                2,
+                1,
+                0,
+            ]
+        )[:, None, None]
         parts *= self.scale / self.unit**powers
         parts[3] += self.origin
-        joints = []
-        for i in range(len(self.scale)):
-            joints.append((breaks[:, i], parts[:, :, i]))
+        joints = [(breaks[:, i], parts[:, :, i]) for i in range(len(self.scale))]
         return Trajectory.of_moving(
             self.problem.waypoints[0],
             self.moving,
@@ -296,20 +318,24 @@ class Grid:
 
 
 def _from_zero(lengths: Array) -> Array:
-    """Where intervals of these lengths begin and end, from 0, along the first axis."""
+    """Return the ends of intervals of these lengths, from 0, along the first axis."""
     ends = np.cumsum(lengths, axis=0)
     return np.concatenate([np.zeros_like(ends[:1]), ends])
 
 
 def _interleaved(states: Array, middles: Array) -> Array:
-    """States at the nodes with those at the intervals' middles between them."""
-    doubled = np.repeat(states, 2, axis=0)[:-1]
+    """Insert the states at the intervals' middles between those at the nodes."""
+    doubled = np.repeat(
+        states,
+        2,
+        axis=0,
+    )[:-1]
     doubled[1::2] = middles
     return doubled
 
 
 class Transcription:
-    """One IPOPT problem for all problems of a kind; numbers and bounds are parameters."""
+    """One NLP for all problems of one size; numbers and bounds are parameters."""
 
     def __init__(
         self,
@@ -343,42 +369,70 @@ class Transcription:
             v=ca.MX.sym("v", *states),
             a=ca.MX.sym("a", *states),
         )
-        brief = x.times.T / intervals
-        equal = ca.vec(ca.repmat(brief, intervals, 1))
+        equal = ca.vec(
+            ca.repmat(
+                x.times.T / intervals,
+                intervals,
+                1,
+            )
+        )
         limits = {
             "velocity": ca.MX.sym("velocity", 2, joints),
             "acceleration": ca.MX.sym("acceleration", 2, joints),
             "jerk": ca.MX.sym("jerk", 2, joints),
         }
-        room = [ca.MX.sym(f"room{i}", pieces, joints) for i in range(4)]
+        positions = [
+            ca.MX.sym(
+                f"position{i}",
+                pieces,
+                joints,
+            )
+            for i in range(4)
+        ]
         longest = ca.MX.sym("longest")
         start_lengths = ca.MX.sym("start", pieces, joints)
-        motion = x
-        if not free:
-            motion = x._replace(lengths=ca.repmat(equal, 1, joints))
-        walls = room if boxed else []
-
+        motion = (
+            x
+            if free
+            else x._replace(
+                lengths=ca.repmat(
+                    equal,
+                    1,
+                    joints,
+                )
+            )
+        )
         duration = ca.sum1(x.times)
-        spare_time = longest - duration
-        rows: list[Row] = [(spare_time, 0.0, np.inf)]
-        for j, is_smooth in enumerate(smooth):
-            rows += self._joint(
+        constraints: list[Constraints] = [
+            (
+                longest - duration,
+                0.0,
+                np.inf,
+            )
+        ]
+        for joint, is_smooth in enumerate(smooth):
+            constraints += self._joint(
                 motion,
-                j,
+                joint,
                 limits,
                 is_smooth,
-                walls,
+                positions if boxed else [],
             )
         options = _OPTIONS
         objective = duration
         if free:
             options = _WARM_OPTIONS
-            rows += self._filling(x)
+            constraints += self._filling(x)
             drift = intervals * (x.lengths - start_lengths)
             objective += _DRIFT_WEIGHT * ca.sumsqr(drift) / drift.numel()
 
-        parameters = [*limits.values(), *room, longest, start_lengths]
-        expressions, lows, highs = zip(*rows, strict=True)
+        parameters = [
+            *limits.values(),
+            *positions,
+            longest,
+            start_lengths,
+        ]
+        expressions, lows, highs = zip(*constraints, strict=True)
         self.solver = program(
             "collocation",
             variables=self._varied(x),
@@ -389,184 +443,193 @@ class Transcription:
         )
         low = ca.vertcat(*map(ca.vec, lows))
         high = ca.vertcat(*map(ca.vec, highs))
-        self.edges = ca.Function("edges", parameters, [low, high])
+        self.edges = ca.Function(
+            "edges",
+            parameters,
+            [low, high],
+        )
 
     def _varied(self, tables: Nodes) -> list[Any]:
-        """The tables that IPOPT sees."""
+        """Return the tables that are variables of the NLP."""
         if self.free:
             return list(tables)
         return [tables.times, tables.q, tables.v, tables.a]
 
-    def _filling(self, x: Nodes) -> list[Row]:
-        """Free intervals fill their segment."""
+    def _filling(self, x: Nodes) -> list[Constraints]:
+        """Constrain free intervals to fill their segment."""
         ca = self.ca
-        rows: list[Row] = []
-        for j in range(self.joints):
-            by_segment = ca.reshape(x.lengths[:, j], self.intervals, -1)
+        constraints: list[Constraints] = []
+        for joint in range(self.joints):
+            by_segment = ca.reshape(
+                x.lengths[:, joint],
+                self.intervals,
+                -1,
+            )
             excess = ca.sum1(by_segment).T - x.times
-            zero = ca.DM.zeros(by_segment.shape[1])
-            rows.append((excess, zero, zero))
-        return rows
+            zero = ca.DM.zeros(excess.shape)
+            constraints.append((excess, zero, zero))
+        return constraints
 
     def _joint(
         self,
         x: Nodes,
-        j: int,
+        joint: int,
         limits: dict[str, Any],
         smooth: bool,
-        room: list[Any],
-    ) -> list[Row]:
-        """One joint's constraints, each a row per interval."""
+        position_bounds: list[Any],
+    ) -> list[Constraints]:
+        """Return one joint's constraints, each with a value per interval."""
         ca = self.ca
         pieces = self.nodes - 1
         zero = ca.DM.zeros(pieces)
-        free = ca.DM.inf(pieces)
-        lengths = x.lengths[:, j]
-        q0 = x.q[:-1, j]
-        q1 = x.q[1:, j]
-        v0 = x.v[:-1, j]
-        v1 = x.v[1:, j]
-        a0 = x.a[:-1, j]
-        a1 = x.a[1:, j]
+        infinite = ca.DM.inf(pieces)
+        lengths = x.lengths[:, joint]
+        q, v, a = [
+            table[:, joint]
+            for table in (
+                x.q,
+                x.v,
+                x.a,
+            )
+        ]
+        q0 = q[:-1]
+        q1 = q[1:]
+        v0 = v[:-1]
+        v1 = v[1:]
+        a0 = a[:-1]
+        a1 = a[1:]
 
         def limit(kind: str, side: int) -> Any:
-            own = limits[kind][side, j]
-            return ca.repmat(own, pieces, 1)
+            return ca.repmat(
+                limits[kind][side, joint],
+                pieces,
+                1,
+            )
 
+        # low l ≤ change over the interval ≤ high l
+        kind = "jerk" if smooth else "acceleration"
+        change = a1 - a0 if smooth else v1 - v0
+        constraints: list[Constraints] = [
+            (
+                change - limit(kind, 0) * lengths,
+                zero,
+                infinite,
+            ),
+            (
+                limit(kind, 1) * lengths - change,
+                zero,
+                infinite,
+            ),
+        ]
         if smooth:
-            slowest = limit("jerk", 0) * lengths
-            fastest = limit("jerk", 1) * lengths
-            step_a = a1 - a0
-            step_v = v1 - v0
-            step_q = q1 - q0
-            mean_a = lengths * (a0 + a1) / 2
-            weighted = 2 * a0 + a1
-            way = lengths**2 * weighted / 6
-            middle_v = v0 + lengths * a0 / 2
-            slowest_v = limit("velocity", 0)
-            fastest_v = limit("velocity", 1)
-            rows = [
-                # J1 l ≤ a1 − a0 ≤ J2 l
-                (step_a - slowest, zero, free),
-                (fastest - step_a, zero, free),
-                # v1 = v0 + l (a0 + a1)/2
-                (step_v - mean_a, zero, zero),
-                # q1 = q0 + l v0 + l² (2 a0 + a1)/6
-                (step_q - lengths * v0 - way, zero, zero),
-                # the velocity's inner Bernstein coefficient
-                (middle_v, slowest_v, fastest_v),
+            # v1 = v0 + l (a0 + a1)/2
+            missing_v = v1 - v0 - lengths * (a0 + a1) / 2
+            # q1 = q0 + l v0 + l² (2 a0 + a1)/6
+            missing_q = q1 - q0 - lengths * v0 - lengths**2 * (2 * a0 + a1) / 6
+            inner_v = v0 + lengths * a0 / 2
+            inner_q = [q0 + lengths * v0 / 3, q1 - lengths * v1 / 3]
+            constraints += [
+                (missing_v, zero, zero),
+                (missing_q, zero, zero),
+                (
+                    inner_v,
+                    limit("velocity", 0),
+                    limit("velocity", 1),
+                ),
             ]
-            early_q = q0 + lengths * v0 / 3
-            late_q = q1 - lengths * v1 / 3
-            inner = [early_q, late_q]
         else:
-            slowest = limit("acceleration", 0) * lengths
-            fastest = limit("acceleration", 1) * lengths
-            step_v = v1 - v0
-            step_q = q1 - q0
-            mean_v = lengths * (v0 + v1) / 2
-            rows = [
-                # A1 l ≤ v1 − v0 ≤ A2 l
-                (step_v - slowest, zero, free),
-                (fastest - step_v, zero, free),
-                # q1 = q0 + l (v0 + v1)/2
-                (step_q - mean_v, zero, zero),
-            ]
-            middle_q = q0 + lengths * v0 / 2
-            inner = [middle_q]
-
-        # the position's inner Bernstein coefficients, where positions are limited
-        lowest = room[::2]
-        highest = room[1::2]
-        for coefficient, low, high in zip(inner, lowest, highest, strict=False):
-            rows.append((coefficient, low[:, j], high[:, j]))
-        return rows
+            # q1 = q0 + l (v0 + v1)/2
+            missing_q = q1 - q0 - lengths * (v0 + v1) / 2
+            inner_q = [q0 + lengths * v0 / 2]
+            constraints.append((missing_q, zero, zero))
+        # inner Bernstein coefficients of position, where positions are limited
+        for own, low, high in zip(
+            inner_q, position_bounds[::2], position_bounds[1::2], strict=False
+        ):
+            constraints.append(
+                (
+                    own,
+                    low[:, joint],
+                    high[:, joint],
+                )
+            )
+        return constraints
 
     def __call__(self, grid: Grid, start: Nodes) -> Optimum:
-        """The local optimum that IPOPT finds from `start`."""
-        low = self._lowest(grid)
-        high = self._highest(grid)
+        """Return the local optimum that IPOPT finds from `start`."""
+        low, high = self._bounds(grid)
         parameters = [
             grid.velocity,
             grid.acceleration,
             grid.jerk,
-            *grid.room(),
+            *grid.position_bounds(),
             np.array([grid.longest]),
             start.lengths,
         ]
-        lowest = flat(*self._varied(low))
-        highest = flat(*self._varied(high))
         run = self.solver(
             start=flat(*self._varied(start)),
             parameters=flat(*parameters),
-            bounds=(lowest, highest),
+            bounds=(flat(*self._varied(low)), flat(*self._varied(high))),
             constraint_bounds=self.edges(*parameters),
         )
-        nodes = self._read(run.x)
-        return Optimum(run.status, run.success, nodes)
+        return Optimum(
+            run.status,
+            run.success,
+            self._read(run.x),
+        )
 
     def _read(self, x: Array) -> Nodes:
-        shapes = self._varied(self.shapes)
-        column, *tables = unflat(x, shapes)
+        """Return the variables as nodes."""
+        column, *tables = unflat(x, self._varied(self.shapes))
         times = column[:, 0]
         if self.free:
             return Nodes(times, *tables)
-        brief = column / self.intervals
-        equal = np.repeat(brief, self.intervals, axis=0)
-        lengths = np.tile(equal, (1, self.joints))
-        return Nodes(times, lengths, *tables)
+        equal = np.repeat(
+            column / self.intervals,
+            self.intervals,
+            axis=0,
+        )
+        return Nodes(times, np.tile(equal, (1, self.joints)), *tables)
 
-    def _lowest(self, grid: Grid) -> Nodes:
-        """Lower bounds of all variables; no segment is briefer than its way at top speed."""
+    def _bounds(self, grid: Grid) -> tuple[Nodes, Nodes]:
+        """Return lower and upper bounds of all variables.
+
+        No segment is shorter than its displacement at top speed. At waypoints, and where the motion
+        rests, both bounds of a state are equal.
+        """
         h = np.diff(grid.waypoints, axis=0)
-        forwards = h / grid.velocity[1]
-        backwards = h / grid.velocity[0]
-        by_joint = np.maximum(forwards, backwards)
-        times = by_joint.max(axis=1)
-        shortest = _SHORTEST_SHARE * times / self.intervals
-        by_interval = np.repeat(shortest, self.intervals)
-        lengths = np.tile(by_interval[:, None], (1, self.joints))
-        return self._bounds(
-            grid,
-            side=0,
-            times=times,
-            lengths=lengths,
+        shortest = np.maximum(h / grid.velocity[1], h / grid.velocity[0]).max(axis=1)
+        interval = np.repeat(_SHORTEST_SHARE * shortest / self.intervals, self.intervals)
+        times = (shortest, np.full_like(shortest, grid.longest))
+        lengths = (
+            np.tile(interval[:, None], (1, self.joints)),
+            np.full(self.shapes.lengths, grid.longest),
         )
-
-    def _highest(self, grid: Grid) -> Nodes:
-        """Upper bounds of all variables."""
-        times = np.full_like(grid.stop, grid.longest)
-        lengths = np.full(self.shapes.lengths, grid.longest)
-        return self._bounds(
-            grid,
-            side=1,
-            times=times,
-            lengths=lengths,
-        )
-
-    def _bounds(
-        self,
-        grid: Grid,
-        side: int,
-        times: Array,
-        lengths: Array,
-    ) -> Nodes:
-        """Bounds of the states; at waypoints and where the motion rests both coincide."""
-        every_node = (self.nodes, 1)
-        q = np.tile(grid.position[side], every_node)
-        v = np.tile(grid.velocity[side], every_node)
-        a = np.tile(grid.acceleration[side], every_node)
-        q[:: self.intervals] = grid.waypoints
-        at_waypoints = v[:: self.intervals]
-        at_waypoints[grid.resting] = 0.0
-        a[[0, -1]] = 0.0
-        unused = ~np.array(grid.smooth)
-        a[:, unused] = 0.0
-        return Nodes(times, lengths, q, v, a)
+        bounds = []
+        for side in (0, 1):
+            every_node = (self.nodes, 1)
+            q = np.tile(grid.position[side], every_node)
+            v = np.tile(grid.velocity[side], every_node)
+            a = np.tile(grid.acceleration[side], every_node)
+            q[:: self.intervals] = grid.waypoints
+            v[:: self.intervals][grid.resting] = 0.0
+            a[[0, -1]] = 0.0
+            a[:, ~np.array(grid.smooth)] = 0.0
+            bounds.append(
+                Nodes(
+                    times[side],
+                    lengths[side],
+                    q,
+                    v,
+                    a,
+                )
+            )
+        low, high = bounds
+        return low, high
 
 
 def transcription(grid: Grid, *, free: bool = False) -> Transcription:
-    """The IPOPT problem for a grid, built once for its kind; `free`: with free nodes."""
+    """Return the NLP of a grid, built once for its size; `free`: with free nodes."""
     return _built(
         grid.problem.segments,
         grid.intervals,
