@@ -28,8 +28,7 @@ from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import named
 from trajopt.views.analysis.results import Results
-from trajopt.views.analysis.summary import Kept
-from trajopt.views.analysis.versions import newest
+from trajopt.views.analysis.versions import Kept, newest
 
 Contestant = str | Planner | tuple[str, object] | object
 

@@ -28,8 +28,8 @@ from trajopt.formats.motion import motion as motion_of
 from trajopt.judging.falling_velocity import caveats
 from trajopt.planners.registry import entries, named
 from trajopt.planners.registry import label as label_of
+from trajopt.views.analysis.gap_reference import improvements
 from trajopt.views.analysis.results import Results
-from trajopt.views.analysis.summary import Summary
 from trajopt.views.figures import draw
 
 MAX_PROBLEMS_WITH_TABLES = 12  # more problems get one page in place of a table and figures each
@@ -143,14 +143,13 @@ def _show(
     if results.kept:
         console.line(str(results.kept))
         console.paragraph()
-    summary = Summary(results.items)
     if len(problems) > MAX_PROBLEMS_WITH_TABLES:
         page = overview.show(results, folder)
         files = [f"{stored})", f"report:  {page} ({count})"]
     else:
         with console.waiting("drawing the figures"):
             figures = draw.draw(results.items, folder / "figures")
-        problem_tables.show(summary)
+        problem_tables.show(results)
         files = [f"{stored} of this comparison)"]
         if figures:
             files.append(f"figures: {folder / 'figures'} ({len(figures)} files)")
@@ -158,10 +157,10 @@ def _show(
         versus.show(results, rival)
     for sentence in caveats(problems):
         console.paragraph(sentence)
-    _warn(summary)
+    _warn(results)
     for file in files:
         console.line(file)
-    for sentence in _better_than_recorded(summary, folder):
+    for sentence in _better_than_recorded(results, folder):
         console.paragraph(sentence)
 
 
@@ -210,20 +209,20 @@ def _default_planners() -> list[str]:
     return names
 
 
-def _warn(summary: Summary) -> None:
-    for trial in summary.suspicious():
-        below = -100 * summary.gap(trial)
+def _warn(results: Results) -> None:
+    for row in results.suspicious().itertuples():
+        below = -100 * row.gap
         console.ERR.print(
-            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {console.markup(trial.label)} "
-            f"(seed {trial.seed}) on {console.markup(trial.problem.name)} is {below:.6f} % below "
-            f"the reference; trial {trial.id}"
+            f"[bold red]BUG OR BETTER OPTIMUM[/bold red]: {console.markup(row.label)} "
+            f"(seed {row.seed}) on {console.markup(row.problem)} is {below:.6f} % below "
+            f"the reference; trial {row.id}"
         )
 
 
-def _better_than_recorded(summary: Summary, folder: Path) -> Iterator[str]:
+def _better_than_recorded(results: Results, folder: Path) -> Iterator[str]:
     """Name the answers that are better than the best known, and the command that records them."""
-    improvements = summary.improvements()
-    for trial in improvements:
+    found = improvements(results.items)
+    for trial in found:
         record = records.find(trial.problem)
         if record is None or trial.certified_duration is None:
             continue
@@ -232,5 +231,5 @@ def _better_than_recorded(summary: Summary, folder: Path) -> Iterator[str]:
             f"{trial.label} on {trial.problem.name} takes {trial.certified_duration:.6f} s, "
             f"{less:.4g} % less than the best known, {record.motion}, {record.duration:.6f} s."
         )
-    if improvements:
+    if found:
         yield f"To record what is better: trajopt best-known propose {folder}"

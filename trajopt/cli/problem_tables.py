@@ -8,17 +8,17 @@ from math import isnan
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.cli.console import Grid
-from trajopt.views.analysis.summary import Line, Summary
+from trajopt.views.analysis.results import Line, Results
 from trajopt.views.figures.style import dilated
 
 _READINGS = ("timing", "fitness")  # options for what the paper leaves open
 
 
-def show(summary: Summary) -> None:
+def show(results: Results) -> None:
     """Print a table per problem, the readings used, and why runs failed."""
-    readings = _readings(summary.trials)
+    readings = _readings(results.items)
     problems: dict[str, list[Line]] = {}
-    for line in summary.lines():
+    for line in results.lines():
         problems.setdefault(line.digest, []).append(line)
     for lines in problems.values():
         console.OUT.print(_comparison(lines))

@@ -12,8 +12,8 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import Origin, Record
 from trajopt.benchmark.trial import judge
 from trajopt.planners.planner import Planner
+from trajopt.views.analysis.gap_reference import improvements
 from trajopt.views.analysis.results import Results
-from trajopt.views.analysis.summary import Summary
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([10.0], [100.0]), "one")
 
@@ -91,7 +91,7 @@ def test_the_higher_of_two_proofs_counts(recorded):
 def test_an_answer_below_the_record_is_an_improvement_once(recorded):
     recorded(1.5, 1.3)
     trials = [*run("exact", 1.5), *run("mine", 1.45), *run("other", 1.48)]
-    assert [trial.planner for trial in Summary(trials).improvements()] == ["mine"]
-    assert Summary(run("exact", 1.5 * (1 - 1e-7))).improvements() == []
+    assert [trial.planner for trial in improvements(trials)] == ["mine"]
+    assert improvements(run("exact", 1.5 * (1 - 1e-7))) == []
     recorded(1.4, 1.3)
-    assert Summary(trials).improvements() == []
+    assert improvements(trials) == []

@@ -193,60 +193,11 @@ def test_a_path_is_read_as_the_trials_it_holds(tmp_path, name, as_path):
             getattr(found, table)().sort_values(keys, ignore_index=True),
             expected.sort_values(keys, ignore_index=True),
         )
-    assert found.profile().to_dict() == made.profile().to_dict()
 
 
 def test_a_path_without_results_is_named(tmp_path):
     with pytest.raises(StoreError, match=r"results\.h5: no such file"):
         Results(tmp_path / "results.h5")
-
-
-def test_profiles_are_shares_of_problems_by_ratio_to_the_best():
-    """Best on one: a, on two: b, three times slower; on the third only a answers."""
-    third = Problem([[0.0], [3.0]], Limits([10.0], [100.0]), "three")
-    items = [
-        *run("a", 1.0), *run("b", 2.0),
-        *run("a", 6.0, problem=OTHER), *run("b", 2.0, problem=OTHER),
-        *run("a", 1.5, problem=third), *run("b", -1.0, problem=third),
-    ]  # fmt: skip
-    frame = Results(items[::-1]).profile()
-    assert (frame.index.name, frame.columns.tolist()) == ("tau", ["a", "b"])
-    np.testing.assert_allclose(frame.index, [1, 2, 3], rtol=1e-12)
-    np.testing.assert_allclose(frame, [[2 / 3, 1 / 3], [2 / 3, 2 / 3], [1, 2 / 3]], rtol=1e-12)
-    assert frame.attrs["left_out"] == {}
-    at = Results(items).profile([1.5, 1e9])
-    np.testing.assert_allclose(at, [[2 / 3, 1 / 3], [1, 2 / 3]], rtol=1e-12)
-
-
-def test_profiles_tie_what_ranks_tie():
-    """The shorter by 2e-15 was called the best, alone."""
-    frame = Results([*run("a", 2.0), *run("b", 2.0 * (1 + 2e-15)), *run("c", 2.00002)]).profile()
-    assert frame.loc[1.0].tolist() == [1, 1, 0]
-
-
-def test_profiles_are_of_medians_and_infinite_where_half_of_the_runs_failed():
-    items = [*run("a", 2.0), *run("b", 1.0, 4.0, 9.0), *run("half", 1.0, -1.0)]
-    frame = Results(items).profile()
-    np.testing.assert_allclose(frame.index, [1, 2], rtol=1e-12)
-    assert frame.to_numpy().tolist() == [[1, 0, 0], [1, 1, 0]]
-
-
-def test_profiles_leave_out_and_name_who_was_not_run_on_every_problem():
-    items = [*run("a", 2.0), *run("a", 2.0, problem=OTHER), *run("b", 1.0)]
-    frame = Results(items).profile()
-    assert frame.columns.tolist() == ["a"]
-    assert frame.loc[1.0].tolist() == [1.0]
-    assert frame.attrs["left_out"] == {"b": 1}
-
-
-def test_profiles_of_nothing_are_empty():
-    assert Results([]).profile().shape == (0, 0)
-    nobody = Results([*run("a", 1.0), *run("b", 2.0, problem=OTHER)]).profile()
-    assert nobody.shape == (0, 0)
-    assert nobody.attrs["left_out"] == {"a": 1, "b": 1}
-    failed = Results(run("a", -1.0))
-    assert failed.profile().shape == (0, 1)
-    assert failed.profile([1, 2])["a"].tolist() == [0, 0]
 
 
 def searching(name, histories, *, problem=PROBLEM, spent=None):
@@ -287,22 +238,6 @@ def test_a_run_without_an_answer_or_a_count_is_charged_too():
 def test_what_beats_the_best_353_or_keeps_no_history_is_no_search_of_it():
     items = [*best_353(2.0), *searching("fast", [[[20, 1.5]]]), *run("mine", 2.5)]
     assert Results(items).running_times().empty
-    assert Results(items).data_profile().empty
-
-
-def test_data_profile_counts_problems_against_simplex_gradients():
-    items = [
-        *best_353(2.0), *best_353(3.0, OTHER),
-        *searching("mine", [[[8, 2.0]], [[16, 2.0]], [[24, 2.0]]]),
-        *searching("mine", [[[40, 4.0]]], problem=OTHER),
-        *searching("other", [[[2, 2.0]]]), *searching("other", [[[4, 3.01]]], problem=OTHER),
-        *searching("partly", [[[2, 2.0]]]),
-    ]  # fmt: skip
-    table = Results(items).data_profile(0.01)
-    assert table.columns.tolist() == ["mine", "other"]
-    assert table.index.tolist() == [0.5, 1.0, 4.0]  # 2, 4 and 16 evaluations in units of 3 + 1
-    assert table["mine"].tolist() == [0, 0, 0.5]
-    assert table["other"].tolist() == [0.5, 1, 1]
 
 
 def test_paired_knows_who_is_better_on_each_problem():
@@ -372,7 +307,6 @@ def test_frames_are_built_once_and_handed_out_as_copies(monkeypatch):
     for name, frame in first.items():
         frame["label"] = "spoiled"
         assert "mine" in getattr(results, name)()["label"].tolist()
-    assert len(results.profile()) > 0
     assert len(results.paired()) == 2
 
 

@@ -4,46 +4,48 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from contextlib import AbstractContextManager
-from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
+from numpy import nan
 from pictures import motion_of, overlaps, texts
 
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.planners.registry import load
-from trajopt.views.analysis.summary import Line
 from trajopt.views.figures import explanation, motions, plots, sampling, style
 
 LONG = "issa:fitness=scaled,timing=per-joint"
 
 
-def line(label: str, *five: float, **others: object) -> Line:
-    """A planner's line: its range, quartiles and median in order; NaN for what is not said."""
-    low, q1, median, q3, high = five or [np.nan] * 5
-    blank = dict.fromkeys((field.name for field in fields(Line)), np.nan)
-    said = {
-        "label": label, "min": low, "q1": q1, "median": median, "q3": q3, "max": high,
-        "kind": "exact", "reference": 1.5, "runs": 1, "solved": 1, "status": "solved",
-    }  # fmt: skip
-    return Line(**(blank | said | others))  # type: ignore[arg-type]
+def line(label, low=nan, q1=nan, median=nan, q3=nan, high=nan, **others):
+    """A planner's line: its range, quartiles and median in order, and what else is known."""
+    durations = {"min": low, "q1": q1, "median": median, "q3": q3, "max": high}
+    reference = {"kind": "exact", "reference": 1.5}
+    counts = {"runs": 1, "solved": 1, "status": "solved", "lower_bound": nan}
+    known = durations | reference | counts | others
+    return SimpleNamespace(label=label, **known)
+
+
+def changed(row, **changes):
+    return SimpleNamespace(**(vars(row) | changes))
 
 
 MANY = line(LONG, 4.0, 4.25, 4.5, 5.0, 6.0, gap=2.0, runs=30, solved=30)
 
 
-def table(**changes: object) -> list[Line]:
+def table(**changes):
     """A made-up summary: exact, a stochastic planner, and one without a certified duration."""
     lines = [
         line("unsupporting", solved=0, status="unsupported"),
         MANY,
         line("exact", *[1.5] * 5, gap=0.0),
     ]
-    return [replace(own, **changes) for own in lines]  # type: ignore[arg-type]
+    return [changed(own, **changes) for own in lines]
 
 
 def test_an_overlap_would_be_seen() -> None:
@@ -68,7 +70,7 @@ def test_whiskers_are_quartiles_and_range() -> None:
 
 def test_gaps_keep_their_sign_and_status_is_said() -> None:
     first, many, exact = table()
-    shown = texts(plots.durations([first, many, replace(exact, gap=-0.0123)]))
+    shown = texts(plots.durations([first, many, changed(exact, gap=-0.0123)]))
     assert {"+200.0 %", "−1.23 %", "unsupported"} <= set(shown)
     assert style.percent(1.9048) == "+190.5 %"
 
@@ -99,7 +101,7 @@ def test_without_reference_or_durations() -> None:
 @pytest.mark.parametrize("planners", [1, 15])
 def test_no_text_overlaps(planners: int) -> None:
     labels = [f"{LONG},evaluations={10**k}" for k in range(planners)]
-    summary = [replace(MANY, label=label, solved=20) for label in labels]
+    summary = [changed(MANY, label=label, solved=20) for label in labels]
     assert overlaps(plots.durations(summary, "problem")) == []
     gaps = dict.fromkeys(labels, np.array([0.5, 0.7, 1.9]))
     assert overlaps(plots.gap_distribution(gaps, "problem")) == []
@@ -190,7 +192,7 @@ NAMES = (r"a$b$\frac_{x}^2", "$", "$$", "<b>&amp;", "_hidden", "50 %", r"\$x\$")
 
 def test_names_are_drawn_as_they_are_written(tmp_path: Path) -> None:
     """Each as a label of a row, a curve or a panel, and all of them in a title."""
-    rows = [replace(MANY, label=name) for name in NAMES]
+    rows = [changed(MANY, label=name) for name in NAMES]
     runs = dict.fromkeys(NAMES, sampling.over_runs([np.array([[1, 6.0], [100, 5.0]])]))
     gaps = dict.fromkeys(NAMES, np.array([0.1, 0.2]))
     few = NAMES[:3]  # a panel each

@@ -18,17 +18,16 @@ from trajopt.views.analysis.results import Results, competing
 
 COLUMNS = ["label", "kind", "count", "worst", "unit"]
 
-# What the verifier says of one joint, and of many trials.
-_KINDS = {
+_KINDS = {  # the verifier's words for one trial, and the words for many trials
     "leaves its position limits": "leave position limits",
     "misses the waypoint": "miss a waypoint",
     "position jumps": "jump in position",
     "velocity jumps": "jump in velocity",
     "acceleration jumps": "jump in acceleration",
 }
-# of a joint by its number or its name: `panda_joint6 at 1.2 s: leaves its … by 0.3 rad`
+# a flaw starts with a joint's number or name: `panda_joint6 at 1.2 s: leaves its … by 0.3 rad`
 _FLAW = re.compile(r".+ at \S+ s: (?P<what>.+) by (?P<size>\S+) (?P<unit>\S+)")
-_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(\.\d+)?([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"(?<![\w.+−-])[-−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w-])")  # not of 3-5-3
 
 
 @dataclass(frozen=True)
@@ -41,11 +40,10 @@ class Reason:
 
 
 def failures(results: Results) -> pd.DataFrame:
-    """One row per planner (the index, with its options) and kind of failure.
+    """Count the failures of every planner by kind, the planner with its options as the index.
 
     Failures are counted as in `overview`: not what a planner refused, nor what is relaxed. Each
-    trial counts once, by the first flaw that the verifier names, or else by its status and the last
-    line of its message, in which every number is written `…`.
+    trial counts once, by its `reason`.
 
     Columns:
         kind: in words that follow a number of trials.
@@ -55,13 +53,13 @@ def failures(results: Results) -> pd.DataFrame:
     """
     trials = results.trials()
     status = competing(trials)["status"]
-    failed = status != str(Status.SOLVED)
+    failed = status.index[status != str(Status.SOLVED)]
     rows = []
-    for place in failed.index[failed]:
-        trial = results.items[place]
-        reason = _reason(trial)
-        row = (trial.label, reason.kind, 1, reason.size, reason.unit)
-        rows.append(row)
+    for rank in failed:
+        trial = results.items[rank]
+        found = reason(trial)
+        kind = found.kind if found.unit else f"{trial.status}: {found.kind}"
+        rows.append((trial.label, kind.removesuffix(": "), 1, found.size, found.unit))
     table = pd.DataFrame(rows, columns=COLUMNS)
     table = table.astype({"worst": float, "count": int})
     groups = table.groupby(["label", "kind", "unit"], sort=False, as_index=False)
@@ -71,34 +69,41 @@ def failures(results: Results) -> pd.DataFrame:
 
 
 def in_words(reasons: pd.DataFrame) -> str:
-    """Some rows of `failures`, such as one planner's, as a line."""
+    """Write some rows of `failures`, such as one planner's, as a line."""
     parts = []
     for row in reasons.itertuples():
         words = f"{row.count} {row.kind}"
-        if np.isfinite(row.worst):
-            words += f", worst {row.worst:.3g} {row.unit}"
-        parts.append(words)
+        parts.append(words + worst(row.worst, row.unit))
     return "; ".join(parts)
 
 
-def _reason(trial: Trial) -> Reason:
+def worst(size: float, unit: str) -> str:
+    """Write the largest size of a kind of flaw; nothing where there is none."""
+    if np.isnan(size):
+        return ""
+    return f", worst {size:.3g} {unit}"
+
+
+def reason(trial: Trial) -> Reason:
+    """Return the first flaw that the verifier names, or else the last line of the message.
+
+    Every number of the message is written `…`, so that messages of one kind are equal.
+    """
     flaws = trial.certificate.flaws if trial.certificate else ()
-    if trial.status is Status.INVALID and flaws:
-        return _of_flaw(flaws[0])
-    lines = trial.message.strip().splitlines()
-    if not lines:
-        return Reason(str(trial.status))
-    without_numbers = _NUMBER.sub("…", lines[-1])
-    return Reason(f"{trial.status}: {without_numbers}")
-
-
-def _of_flaw(flaw: str) -> Reason:
-    found = _FLAW.fullmatch(flaw)
+    if trial.status is not Status.INVALID or not flaws:
+        return Reason(_NUMBER.sub("…", last_line(trial)))
+    found = _FLAW.fullmatch(flaws[0])
     if not found:
-        return Reason(_NUMBER.sub("…", flaw))
+        return Reason(_NUMBER.sub("…", flaws[0]))
     what = found["what"]
     return Reason(
         _KINDS.get(what, what),
         size=float(found["size"]),
         unit=found["unit"],
     )
+
+
+def last_line(trial: Trial) -> str:
+    """Return the last line of a trial's message: a traceback says last what happened."""
+    lines = trial.message.strip().splitlines()
+    return lines[-1] if lines else ""

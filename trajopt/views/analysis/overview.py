@@ -15,8 +15,8 @@ import pandas as pd
 
 from trajopt.benchmark.best_known.record import CLOSED_WITHIN
 from trajopt.core.solution import Status
+from trajopt.views.analysis.gap_reference import OPTIMA
 from trajopt.views.analysis.results import Results, competing, median_gap
-from trajopt.views.analysis.summary import OPTIMA
 
 
 def overview(

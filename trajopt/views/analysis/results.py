@@ -3,7 +3,6 @@
     results = Results("results")   # a folder, a results.h5, or trials
     results.gaps()                 # a pandas frame, one row per trial
     results.summary()              # a pandas frame, one row per problem and planner
-    results.profile()              # a pandas frame, one column per planner
     results.paired()               # a pandas frame, one row per planner and rival
     results.between_seeds()        # the same on one problem, over seeds
     results.running_times()        # a pandas frame, one row per search and target
@@ -14,14 +13,14 @@ Durations and times are in seconds, gaps are ratios minus 1.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue
@@ -29,20 +28,13 @@ from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.solution import Status
 from trajopt.views.analysis import pairwise, searches, statistics
-from trajopt.views.analysis.summary import (
-    OPTIMA,
-    Kept,
-    Line,
-    Summary,
-    is_kept,
-    position_excess,
-)
-from trajopt.views.analysis.versions import Newest, newest
+from trajopt.views.analysis.gap_reference import BUG_RTOL, OPTIMA, REFINED_RTOL, references
+from trajopt.views.analysis.versions import Kept, Newest, newest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
+Line = Any  # a row of `Results.summary()`: its columns are attributes
 
 TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
     "id": "str",
@@ -72,19 +64,7 @@ _REFERENCE_COLUMNS: dict[str, Any] = {
     "recorded": "str",
     "recorded_proof": "str",
 }
-_LINE_TEXTS = dict.fromkeys(
-    [
-        "problem",
-        "digest",
-        "label",
-        "kind",
-        "recorded",
-        "recorded_proof",
-        "status",
-        "message",
-    ],
-    "str",
-)
+_OF_A_LINE = ["problem", "digest", "label"]  # what all its trials share
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -115,11 +95,11 @@ class Results:
 
     @property
     def left_out(self) -> Mapping[str, int]:
-        """How many trials of earlier versions are not shown, by label."""
+        """The numbers of trials of earlier versions, which are not shown, by label."""
         return self.newest.left_out
 
     def trials(self) -> pd.DataFrame:
-        """One row per trial; NaN where there is none of a number.
+        """One row per trial; a number that does not exist is NaN.
 
         Columns:
             id: identity of the trial.
@@ -167,7 +147,7 @@ class Results:
 
     @cached_property
     def _references(self) -> pd.DataFrame:
-        found = self._in_numbers.references
+        found = references(self.items)
         rows = [asdict(reference) for reference in found.values()]
         index = pd.Index(list(found), name="digest", dtype="str")
         table = pd.DataFrame(rows, index, list(_REFERENCE_COLUMNS)).astype(_REFERENCE_COLUMNS)
@@ -211,13 +191,49 @@ class Results:
 
     @cached_property
     def _summary(self) -> pd.DataFrame:
-        rows = [asdict(line) for line in self._in_numbers.lines()]
-        columns = [field.name for field in fields(Line)]
-        return pd.DataFrame(rows, columns=columns).astype(_LINE_TEXTS)
+        table = self._gaps
+        solved = table["status"] == str(Status.SOLVED)
+        broke_limits = table["certified_duration"].notna() & ~table["feasible"]
+        mended = table["dilation"].where(broke_limits)
+        table = table.assign(solved=solved, dilation=mended)
+        groups = table.groupby(_OF_A_LINE, sort=False)
+        certified = groups["certified_duration"]
+        of_each = groups.first()
+        telling = table.sort_values("solved", kind="stable").drop_duplicates(_OF_A_LINE)
+        verdicts = telling.set_index(_OF_A_LINE)
+        columns = {
+            "median": certified.median(),
+            "q1": certified.quantile(0.25),
+            "q3": certified.quantile(0.75),
+            "min": certified.min(),
+            "max": certified.max(),
+            "gap": groups["gap"].median(),
+            "kind": of_each["kind"],
+            "reference": of_each["reference"],
+            "proved": of_each["proved"],
+            "recorded": of_each["recorded"],
+            "recorded_proof": of_each["recorded_proof"],
+            "runs": groups.size(),
+            "solved": groups["solved"].sum(),
+            "kept": groups["feasible"].mean(),
+            "dilation": groups["dilation"].median(),
+            "position_excess": groups["position_excess"].max(),
+            "lower_bound": groups["lower_bound"].min(),
+            "evaluations": groups["evaluations"].median(),
+            "solve_time": groups["solve_time"].median(),
+            "setup_time": groups["setup_time"].max(),
+            "status": verdicts["status"],
+            "message": verdicts["message"],
+        }
+        lines = pd.DataFrame(columns, index=of_each.index).reset_index()
+        return lines.sort_values(["problem", "median"], ignore_index=True)
 
-    @cached_property
-    def _in_numbers(self) -> Summary:
-        return Summary(self.items)
+    def lines(self) -> list[Line]:
+        """The rows of `summary()`, their columns as attributes; `kind` may be None."""
+        table = self._summary
+        kind = table["kind"].astype(object)
+        known = kind.where(kind.notna(), None)
+        return list(table.assign(kind=known).itertuples(index=False))
 
     def plot(self, problem: str | None = None) -> Figure:
         """One problem's certified durations, a row per planner, the shortest first.
@@ -228,39 +244,17 @@ class Results:
         Raises:
             InvalidInput: There are several problems, or none of this name.
         """
-        from trajopt.views.figures import plots  # Matplotlib is for those who draw
+        from trajopt.views.figures import plots  # Matplotlib is imported where it draws
 
-        lines = self._in_numbers.lines()
+        lines = self.lines()
         names = list(dict.fromkeys(line.problem for line in lines))
-        wanted = names[0] if problem is None and len(names) == 1 else problem
+        wanted = problem
+        if problem is None and len(names) == 1:
+            wanted = names[0]
         if wanted not in names:
             raise InvalidInput("problem", f"one of {', '.join(names)}", value=problem)
         own = [line for line in lines if line.problem == wanted]
         return plots.durations(own, title=str(wanted))
-
-    def profile(self, taus: ArrayLike | None = None) -> pd.DataFrame:
-        """Performance profiles: the share of problems solved within `tau` times the best.
-
-        One row per `tau` (by default wherever a profile steps), one column per planner with its
-        options, of the median certified durations to `pairwise.TIE_DIGITS`, +inf where half of the
-        runs have none (Dolan & Moré 2002). Compared are the planners that were run on every
-        problem; `attrs["left_out"]` says of each other on how many it was.
-
-        Raises:
-            InvalidInput: if a tau is NaN.
-        """
-        table = pairwise.medians(self._trials)
-        ran = table.notna().sum()
-        everywhere = ran == len(table)
-        compared = table.loc[:, everywhere]
-        if compared.size:
-            x, shares = statistics.performance_profile(compared, taus)
-            frame = pd.DataFrame(shares, pd.Index(x, name="tau"), compared.columns)
-        else:
-            nothing = pd.Index([], name="tau", dtype=float)
-            frame = pd.DataFrame(index=nothing, columns=compared.columns, dtype=float)
-        frame.attrs["left_out"] = ran[~everywhere].to_dict()
-        return frame
 
     def paired(self) -> pd.DataFrame:
         """Every planner against every other, over the problems that both support.
@@ -284,12 +278,15 @@ class Results:
         Raises:
             InvalidInput: if no problem, or more than one, is meant.
         """
-        trials = self._trials
-        named = (trials["problem"] == problem) | (trials["digest"] == problem)
-        runs = trials if problem is None else trials[named]
+        runs = self._trials
+        names = ", ".join(runs["problem"].unique())
+        if problem is not None:
+            by_name = runs["problem"] == problem
+            by_digest = runs["digest"] == problem
+            runs = runs[by_name | by_digest]
         if runs["digest"].nunique() != 1:
-            known = ", ".join(trials["problem"].unique())
-            raise InvalidInput("problem", f"the name or digest of one of: {known}", value=problem)
+            expected = f"the name or digest of one of: {names}"
+            raise InvalidInput("problem", expected, value=problem)
         return pairwise.between_seeds(competing(runs))
 
     def histories(self) -> dict[str, searches.Histories]:
@@ -309,26 +306,18 @@ class Results:
         problems = list(self.histories().values())
         return searches.running_times(searches.over_best(problems), targets)
 
-    def data_profile(self, target: float = 0.01, dimension: float = 3) -> pd.DataFrame:
-        """Share of problems on which a search is within `target` of the best 3-5-3 in `alpha`.
-
-        `alpha` (rows) counts simplex gradients, `dimension + 1` evaluations each (Moré & Wild
-        2009); a 3-5-3 has 3 times to search. One column per search with its options, of the median
-        evaluations over its runs, +inf where half of them miss. Compared are those that were run on
-        every problem whose best 3-5-3 is known.
-        """
-        problems = list(self.histories().values())
-        return searches.data_profile(problems, target, dimension)
-
     def suspicious(self) -> pd.DataFrame:
         """Trials below the reference by more than its tolerance: each is a bug to hunt."""
-        ids = [trial.id for trial in self._in_numbers.suspicious()]
         table = self.gaps()
-        return table[table["id"].isin(ids)]
+        refined = table["kind"] == "refined"
+        tolerance = np.where(refined, REFINED_RTOL, BUG_RTOL)
+        below_reference = table["gap"] < -tolerance
+        below_proof = table["certified_duration"] < table["proved"] * (1 - BUG_RTOL)
+        return table[below_reference | below_proof]
 
 
 def competing(trials: pd.DataFrame) -> pd.DataFrame:
-    """Without those that were refused, are relaxed, or have a lower bound and no motion."""
+    """Return the trials without those that were refused, are relaxed, or have a bound only."""
     aside = trials["status"].isin([str(Status.UNSUPPORTED), str(Status.RELAXED)])
     certified = trials["certified_duration"].notna()
     bounded = trials["lower_bound"].notna()
@@ -350,7 +339,7 @@ def median_gap(trials: pd.DataFrame) -> float:
 
 def _row(trial: Trial) -> dict[str, Any]:
     certificate = trial.certificate
-    return {
+    row = {
         "id": trial.id,
         "problem": trial.problem.name,
         "digest": trial.problem.digest(),
@@ -364,10 +353,14 @@ def _row(trial: Trial) -> dict[str, Any]:
         "claimed_duration": trial.claimed_duration,
         "certified_duration": trial.certified_duration,
         "lower_bound": trial.lower_bound,
-        "feasible": is_kept(certificate),
-        "dilation": certificate.dilation if certificate else None,
-        "position_excess": position_excess(certificate),
+        "feasible": False,
         "evaluations": trial.solution.evaluations,
         "setup_time": trial.setup_time,
         "solve_time": trial.solve_time,
     }
+    if certificate:
+        row["feasible"] = certificate.feasible
+        row["dilation"] = certificate.dilation
+        if certificate.position:
+            row["position_excess"] = max(0.0, certificate.position.value)
+    return row

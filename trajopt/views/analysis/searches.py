@@ -2,7 +2,6 @@
 
     problems = [histories(trials) for trials in by_problem]
     running_times(over_best(problems))   # expected evaluations to each target
-    data_profile(problems, target=0.01)  # share of problems against simplex gradients
 
 A history is `(m, 2)`: evaluations spent, and the best certified duration by then, s.
 """
@@ -10,17 +9,15 @@ A history is `(m, 2)`: evaluations spent, and the best certified duration by the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from trajopt.benchmark.trial import Trial
 from trajopt.explain.references import BEST_353
 from trajopt.views.analysis import statistics
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Array = NDArray[np.float64]
 
@@ -87,8 +84,6 @@ def running_times(
 
     A run that ended without a word of what it spent is charged its planner's longest run.
     """
-    import pandas as pd  # not for figures, which need histories alone
-
     goals = np.atleast_1d(np.asarray(targets, dtype=float))
     rows = []
     for label, runs in relative.items():
@@ -114,35 +109,5 @@ def running_times(
     return table.set_index(["label", "target"])
 
 
-def data_profile(
-    problems: Sequence[Histories],
-    target: float = 0.01,
-    dimension: float = 3,
-) -> pd.DataFrame:
-    """`Results.data_profile()` of histories."""
-    import pandas as pd  # not for figures, which need histories alone
-
-    known = _known(problems)
-    everywhere = searches(known)
-    for problem in known:
-        everywhere &= set(problem.runs)
-    compared = sorted(everywhere)
-    hits = []
-    for best, runs in known:
-        goal = best * (1 + target)
-        own = [_median_hit(runs[label], goal) for label in compared]
-        hits.append(own)
-    if not compared:
-        nothing = pd.Index([], name="alpha", dtype=float)
-        return pd.DataFrame(index=nothing, columns=compared, dtype=float)
-    alphas, shares = statistics.data_profile(hits, dimension)
-    return pd.DataFrame(shares, pd.Index(alphas, name="alpha"), compared)
-
-
 def _known(problems: Sequence[Histories]) -> list[Histories]:
     return [problem for problem in problems if np.isfinite(problem.best)]
-
-
-def _median_hit(runs: Sequence[Array], target: float) -> float:
-    hits = statistics.evaluations_to_target(runs, target)
-    return float(statistics.median(hits))

@@ -21,6 +21,19 @@ Version = tuple[str, str, str]  # planner, options and code
 
 
 @dataclass(frozen=True)
+class Kept:
+    """The number of a comparison's trials that an earlier run had left, and their first start."""
+
+    count: int
+    total: int
+    since: datetime
+
+    def __str__(self) -> str:
+        when = self.since.astimezone().strftime("%d %b %H:%M")
+        return f"{self.count} of {self.total} trials kept from {when}"
+
+
+@dataclass(frozen=True)
 class Newest:
     """The trials of each label's last version, each once, and how many others it has, by label."""
 

@@ -26,8 +26,9 @@ from trajopt.core.exceptions import StoreError
 from trajopt.core.problem import LimitName
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.views.analysis.gap_reference import references
+from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.searches import histories, searches
-from trajopt.views.analysis.summary import Summary
 from trajopt.views.figures import sampling
 from trajopt.views.figures.style import headline
 
@@ -175,8 +176,8 @@ def _pictures(trials: Sequence[Trial], *, every_motion: bool = False) -> Iterato
     from trajopt.views.figures import plots
 
     title = headline(trials[0].problem.name)
-    summary = Summary(trials)
-    yield "durations", partial(plots.durations, summary.lines(), title)
+    results = Results(trials)
+    yield "durations", partial(plots.durations, results.lines(), title)
     yield from _motions(trials, every_motion=every_motion)
     if curves := _convergence(trials):
         best = histories(trials).best
@@ -184,10 +185,9 @@ def _pictures(trials: Sequence[Trial], *, every_motion: bool = False) -> Iterato
         yield "convergence", partial(plots.convergence, curves, known, title)
     gaps = {}
     several = False
-    for label, runs in by_label(trials).items():
-        own = np.array([summary.gap(trial) for trial in runs])
-        several |= np.isfinite(own).sum() > 1
-        gaps[label] = own
+    for label, runs in results.gaps().groupby("label", sort=False):
+        several |= runs["gap"].count() > 1
+        gaps[label] = runs["gap"].to_numpy()
     if several:
         yield "gaps", partial(plots.gap_distribution, gaps, title)
 
@@ -259,7 +259,7 @@ def _optimum(trials: Sequence[Trial]) -> tuple[Trajectory | None, str]:
     It is the record, where gaps are measured against that, or the shortest of the references.
     """
     problem = trials[0].problem
-    for reference in Summary(trials).references.values():
+    for reference in references(trials).values():
         if reference.recorded:
             return records.answer(problem).trajectory, "best known"
     answered = []

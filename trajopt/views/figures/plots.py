@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from math import isnan
+from math import inf, isnan
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -24,7 +24,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from trajopt.views.analysis.summary import Line, by_median
+from trajopt.views.analysis.results import Line
 from trajopt.views.figures.style import (
     BLACK,
     BLUE,
@@ -83,11 +83,11 @@ def durations(summary: Sequence[Line], title: str = "") -> Figure:
     """Certified durations of one problem's planners, the shortest first, and their gaps.
 
     Args:
-        summary: one problem's lines of `Summary`. A planner with several runs shows its median,
+        summary: one problem's `Results.lines()`. A planner with several runs shows its median,
             quartiles (thick) and range (thin); one without a certified duration, its status.
         title: over the figure.
     """
-    rows = sorted(summary, key=by_median)
+    rows = sorted(summary, key=lambda row: inf if isnan(row.median) else row.median)
     certified = [row for row in rows if not isnan(row.median)]
     others = rows[len(certified) :]
     reference = _reference(rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +12,7 @@ import pandas as pd
 from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
 from trajopt.views.analysis import statistics
+from trajopt.views.analysis.failures import last_line, reason, worst
 from trajopt.views.analysis.pairwise import mean_ranks
 from trajopt.views.analysis.results import competing, median_gap
 from trajopt.views.figures.style import dilated, percent
@@ -27,7 +27,6 @@ COLUMNS = {  # of the table of problems and planners: what its heading says, and
     "evaluations": "evaluations",
     "solve_time": "time (s)",
 }
-NUMBER = re.compile(r"(?<![\w.+−-])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w-])")  # not of 3-5-3
 MESSAGE_LENGTH = 10_000  # characters of a message in the table of failures
 REASON_LENGTH = 500
 
@@ -113,76 +112,45 @@ def reference(row: Any) -> str:
 
 
 def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
-    """What did not come out solved, by planner, status and kind of reason, the most frequent first.
+    """Group the trials that are not solved by planner, status and kind of reason.
 
-    Reasons are of one kind where they differ in numbers only.
+    The most frequent come first.
     """
     kinds: dict[tuple[str, str, str], list[Trial]] = {}
     for trial in trials:
         if trial.status is Status.SOLVED:
             continue
-        reason = NUMBER.sub("#", _reason(trial))
-        kind = (trial.label, str(trial.status), reason)
+        kind = (trial.label, str(trial.status), reason(trial).kind)
         own = kinds.setdefault(kind, [])
         own.append(trial)
-    rows = []
-    for (label, status, _), own in kinds.items():
-        row = _failure(label, status, own)
-        rows.append(row)
+    rows = [_failure(own) for own in kinds.values()]
     return sorted(rows, key=lambda row: -int(row["count"]))
 
 
-def _failure(label: str, status: str, trials: Sequence[Trial]) -> dict[str, Any]:
+def _failure(trials: Sequence[Trial]) -> dict[str, Any]:
+    """Return the line of trials that failed for one kind of reason.
+
+    A flaw is given with its worst size; another reason as it is written, if all trials agree.
+    """
     first = trials[0]
     message = _clipped(first.message.strip(), MESSAGE_LENGTH)
-    reason = spread([_reason(trial) for trial in trials])
+    found = [reason(trial) for trial in trials]
+    sizes = [own.size for own in found]
+    said = found[0].kind + worst(np.max(sizes), found[0].unit)
+    lines = {last_line(trial) for trial in trials}
+    if len(lines) == 1:
+        said = lines.pop()
     problems = dict.fromkeys(trial.problem.name for trial in trials)
     return {
-        "label": label,
-        "status": status,
+        "label": first.label,
+        "status": str(first.status),
         "count": len(trials),
         "first": first.id,
         "message": message,
-        "reason": _clipped(reason, REASON_LENGTH) or "no reason was given",
+        "reason": _clipped(said, REASON_LENGTH) or "no reason was given",
         "long": "\n" in message,
         "problems": list(problems),
     }
-
-
-def _reason(trial: Trial) -> str:
-    """The last line of its message: a traceback says last what happened."""
-    lines = trial.message.strip().splitlines()
-    reason = lines[-1] if lines else ""
-    return with_numbered_joints(reason, trial.problem.joint_names)
-
-
-def with_numbered_joints(reason: str, names: Sequence[str]) -> str:
-    """Joints by number, from 1: reasons then differ in numbers only, of whichever robot."""
-    if not names:
-        return reason
-    numbers = dict(zip(names, range(1, len(names) + 1), strict=True))
-    longest_first = sorted(names, key=len, reverse=True)
-    any_name = "|".join(map(re.escape, longest_first))
-    return re.sub(f"({any_name}) at ", lambda found: f"joint {numbers[found[1]]} at ", reason)
-
-
-def spread(reasons: Sequence[str]) -> str:
-    """Reasons that differ in numbers only as one, each number from the smallest to the largest."""
-    words = NUMBER.split(reasons[0])
-    numbers = zip(*[NUMBER.findall(reason) for reason in reasons], strict=True)
-    said = words[0]
-    for column, word in zip(numbers, words[1:], strict=True):
-        ordered = sorted(column, key=_value)
-        low = ordered[0]
-        high = ordered[-1]
-        equal = _value(low) == _value(high)
-        said += low if equal else f"{low} to {high}"
-        said += word
-    return said
-
-
-def _value(number: str) -> float:
-    return float(number.replace("−", "-"))
 
 
 def _clipped(text: str, length: int) -> str:

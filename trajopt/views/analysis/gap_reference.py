@@ -1,0 +1,144 @@
+"""What gaps are measured against: the shortest motion known for a problem, and what is proved.
+
+    references(trials)      # by the problem's digest
+    improvements(trials)    # answers that are better than the best known
+
+Durations are in seconds, and NaN is what does not exist.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isnan, nan
+from typing import Literal
+
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.records import BETTER_RTOL
+from trajopt.benchmark.trial import Trial
+from trajopt.core.problem import Problem
+from trajopt.explain.references import PROOF, REFERENCES
+
+Kind = Literal["exact", "refined", "best known", "relaxed", "lower bound"]
+
+OPTIMA = ("exact", "refined", "best known")  # kinds of references that are motions
+
+BUG_RTOL = 1e-6  # a planner below the reference by more than this is a bug to hunt
+REFINED_RTOL = 1e-4  # refined collocation is above the optimum by at most this
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The duration that the gaps on a problem are measured against.
+
+    Attributes:
+        duration: s.
+        kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
+            `refined`, that of refined collocation, above the optimum by at most `REFINED_RTOL`;
+            `best known`, where the recorded motion is shorter than these; `relaxed`, where none
+            knows all limits, the largest of what they found without the limits that they ignore;
+            `lower bound`, where more than that is proved.
+        proved: No trajectory is faster, s; NaN where nothing was proved.
+        recorded: Where the recorded motion comes from, if it is the reference.
+        recorded_proof: Where the recorded lower bound comes from, if it is the highest.
+    """
+
+    duration: float
+    kind: Kind
+    proved: float
+    recorded: str = ""
+    recorded_proof: str = ""
+
+
+def references(trials: Iterable[Trial]) -> dict[str, Reference]:
+    """Return the reference of every problem, by its digest, where there is one."""
+    problems: dict[str, Problem] = {}
+    exact: dict[str, list[Trial]] = {}
+    for trial in trials:
+        digest = trial.problem.digest()
+        problems[digest] = trial.problem
+        own = exact.setdefault(digest, [])
+        if trial.planner in REFERENCES or trial.planner == PROOF:
+            own.append(trial)
+    found = {}
+    for digest, own in exact.items():
+        computed = _computed(own)
+        reference = _with_record(computed, problems[digest])
+        if not isnan(reference.duration):
+            found[digest] = reference
+    return found
+
+
+def improvements(trials: Iterable[Trial]) -> list[Trial]:
+    """Return the shortest certified trial on each problem, where it is better than the record."""
+    shortest: dict[str, Trial] = {}
+    for trial in trials:
+        digest = trial.problem.digest()
+        best = shortest.get(digest)
+        if best is None or _duration(trial) < _duration(best):
+            shortest[digest] = trial
+    better = []
+    for trial in shortest.values():
+        record = records.find(trial.problem)
+        if record and _duration(trial) < record.duration * (1 - BETTER_RTOL):
+            better.append(trial)
+    return better
+
+
+def _computed(exact: Sequence[Trial]) -> Reference:
+    """Return the reference from trials of the exact planners and of the proof on one problem."""
+    proved = nan
+    relaxed = nan
+    for trial in exact:
+        relaxed = _larger(relaxed, trial.relaxed_duration)
+        if trial.planner == PROOF:
+            proved = _larger(proved, trial.lower_bound)
+    certified = [trial for trial in exact if trial.certified_duration is not None]
+    if certified:
+        shortest = min(_duration(trial) for trial in certified)
+        only_refined = all(trial.planner == REFERENCES[-1] for trial in certified)
+        return Reference(shortest, "refined" if only_refined else "exact", proved)
+    if proved >= relaxed or isnan(relaxed):
+        return Reference(proved, "lower bound", proved)
+    return Reference(relaxed, "relaxed", proved)
+
+
+def _with_record(reference: Reference, problem: Problem) -> Reference:
+    """Replace what was computed by what is recorded of the problem, where that is better.
+
+    The recorded motion is verified here; the proof is, by `trajopt best-known verify`.
+    """
+    record = records.find(problem)
+    if record is None:
+        return reference
+    if record.proof and not record.lower_bound <= reference.proved:
+        reference = replace(
+            reference,
+            proved=record.lower_bound,
+            recorded_proof=str(record.bound),
+        )
+    computed = reference.duration if reference.kind in OPTIMA else inf
+    if record.duration >= computed * (1 - BETTER_RTOL):
+        return reference
+    duration = records.answer(problem).duration
+    if duration is None:
+        return reference
+    return replace(
+        reference,
+        duration=duration,
+        kind="best known",
+        recorded=str(record.motion),
+    )
+
+
+def _duration(trial: Trial) -> float:
+    """Return the certified duration, s; infinite without one."""
+    certified = trial.certified_duration
+    return inf if certified is None else certified
+
+
+def _larger(known: float, value: float | None) -> float:
+    """Return the larger of two numbers; the first may be NaN, the second None."""
+    if value is None or known >= value:
+        return known
+    return float(value)
