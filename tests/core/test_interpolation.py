@@ -54,7 +54,8 @@ def bang_bang(step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
 def test_sampling_does_not_lower_the_overshoot_of_quintics(step):
     """Mathematics, section 10: 1.2 to 1.75 times the limit, whatever the step."""
     t, q, v, a = bang_bang(step)
-    problem = Problem([[0.0], [1.0]], Limits([10.0], [1.0]))
+    limits = Limits([10.0], [1.0])
+    problem = Problem([[0.0], [1.0]], limits)
     certificate = verify(problem, Trajectory.from_samples(t, q, v, a))
     assert 1.2 < certificate.acceleration.value < 1.76
     assert abs(certificate.acceleration.time - 1) < step
@@ -63,9 +64,11 @@ def test_sampling_does_not_lower_the_overshoot_of_quintics(step):
 def test_sent_at_its_breaks_a_motion_is_reproduced():
     """A cubic Hermite piece is any quadratic piece's twin: here the optimum, at 1.000."""
     t = np.array([0.0, 1.0, 2.0])
-    problem = Problem([[0.0], [1.0]], Limits([10.0], [1.0]))
+    limits = Limits([10.0], [1.0])
+    problem = Problem([[0.0], [1.0]], limits)
     executed = Trajectory.from_samples(t, [[0.0], [0.5], [1.0]], [[0.0], [1.0], [0.0]])
-    assert executed.coefficients[:, :, 0].T.tolist() == [[0, 0.5, 0, 0], [0, -0.5, 1, 0.5]]
+    found = executed.coefficients[:, :, 0].T.tolist()
+    assert found == [[0, 0.5, 0, 0], [0, -0.5, 1, 0.5]]
     certificate = verify(problem, executed)
     assert certificate.acceleration.value == pytest.approx(1, abs=1e-14)
     optimum = 2.0  # 2 sqrt(h / A)
@@ -73,7 +76,8 @@ def test_sent_at_its_breaks_a_motion_is_reproduced():
 
 
 def test_positions_alone_are_run_with_jumps_of_velocity():
-    problem = Problem([[0.0], [1.0]], Limits([10.0], [10.0]))
+    limits = Limits([10.0], [10.0])
+    problem = Problem([[0.0], [1.0]], limits)
     executed = Trajectory.from_samples([0, 1, 2], [[0.0], [0.5], [1.0]])
     certificate = verify(problem, executed)
     assert certificate.certified_duration is None

@@ -32,13 +32,16 @@ def test_one_joint_needs_no_axis_of_its_own():
     spline = PPoly([[1.0, -1.0], [0.0, 1.0]], [0.0, 1.0, 2.0])
     trajectory = Trajectory.from_ppoly(spline)
     assert trajectory.joints == 1
-    assert trajectory([0, 1, 2])[:, 0].tolist() == [0, 1, 0]
-    assert Trajectory.from_spline(BSpline([0, 0, 1, 1], [2.0, 3.0], 1))(1).tolist() == [3]
+    found = trajectory([0, 1, 2])[:, 0].tolist()
+    assert found == [0, 1, 0]
+    found = Trajectory.from_spline(BSpline([0, 0, 1, 1], [2.0, 3.0], 1))(1).tolist()
+    assert found == [3]
 
 
 @pytest.mark.parametrize("degree", [1, 3, 5])
 def test_a_b_spline_with_clamped_and_with_repeated_knots(degree):
-    times = np.r_[1.0, 1.0 + np.cumsum(RNG.uniform(0.1, 1, 9))]
+    sums = np.cumsum(RNG.uniform(0.1, 1, 9))
+    times = np.r_[1.0, 1.0 + sums]
     spline = make_interp_spline(times, RNG.normal(size=(10, 3)), k=degree)
     check_same(Trajectory.from_spline(spline), spline, 1.0, range(degree + 1), atol=1e-7)
     knots = np.r_[[0.0] * (degree + 1), 0.5, 0.5, [2.0] * (degree + 1)]
@@ -49,9 +52,11 @@ def test_a_b_spline_with_clamped_and_with_repeated_knots(degree):
 
 
 def test_a_b_spline_whose_points_lie_along_another_axis():
-    spline = BSpline([0, 0, 0, 1, 1, 1], np.array([[0.0, 1.0, 3.0], [2.0, 2.0, 0.0]]), 2, axis=1)
+    values = np.array([[0.0, 1.0, 3.0], [2.0, 2.0, 0.0]])
+    spline = BSpline([0, 0, 0, 1, 1, 1], values, 2, axis=1)
     trajectory = Trajectory.from_spline(spline)
-    np.testing.assert_allclose(trajectory([0.0, 1.0]), [[0, 2], [3, 0]], atol=1e-15)
+    found = trajectory([0.0, 1.0])
+    np.testing.assert_allclose(found, [[0, 2], [3, 0]], atol=1e-15)
 
 
 def test_a_straight_line_timed_with_constant_acceleration_by_hand():
@@ -60,7 +65,8 @@ def test_a_straight_line_timed_with_constant_acceleration_by_hand():
     square = PPoly([[1.0], [0.0], [0.0]], [0.0, 2.0])
     trajectory = Trajectory.composed(line, square)
     assert trajectory.breaks.tolist() == [0, 2]
-    assert trajectory.coefficients[:, 0].tolist() == [[1, -2], [0, 0], [0, 0]]
+    found = trajectory.coefficients[:, 0].tolist()
+    assert found == [[1, -2], [0, 0], [0, 0]]
 
 
 def test_a_composition_is_broken_where_either_is_and_exact_in_between():
@@ -70,7 +76,8 @@ def test_a_composition_is_broken_where_either_is_and_exact_in_between():
     parameter = PPoly([[-2.0, -1.5], [4.0, 0.0], [0.0, 2.0]], [0.0, 1.0, 2.0])
     trajectory = Trajectory.composed(path, parameter)
     times = np.linspace(0, 2, 1001)
-    np.testing.assert_allclose(trajectory(times), path(parameter(times)), rtol=0, atol=1e-12)
+    expected = path(parameter(times))
+    np.testing.assert_allclose(trajectory(times), expected, rtol=0, atol=1e-12)
     # s(t) = 4 t − 2 t² = level  ⟺  t = 1 − sqrt(1 − level / 2);  2 − 1.5 (t − 1)² likewise
     up = [1 - np.sqrt(1 - level / 2) for level in (0.7, 1.1)]
     down = [1 + np.sqrt((2 - level) / 1.5) for level in (1.1, 0.7)]
@@ -86,7 +93,8 @@ def test_a_parameter_may_stand_on_a_break_and_start_and_end_there():
     standing = PPoly([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]], [0.0, 1.0, 3.0, 4.0])
     trajectory = Trajectory.composed(path, standing)
     assert trajectory.breaks.tolist() == [0, 1, 3, 4]
-    assert trajectory([0.5, 2, 3.5, 4])[:, 0].tolist() == [0.5, 1, 2.5, 4]
+    found = trajectory([0.5, 2, 3.5, 4])[:, 0].tolist()
+    assert found == [0.5, 1, 2.5, 4]
     assert trajectory(3.5, 1).tolist() == [3]
 
 

@@ -31,7 +31,8 @@ def inside(coefficients):
 @given(seeds, degrees)
 def test_values_and_derivatives_are_numpys(seed, degree):
     rng = np.random.default_rng(seed)
-    many, s = rng.normal(size=(degree + 1, 4)), rng.normal(size=4)
+    many = rng.normal(size=(degree + 1, 4))
+    s = rng.normal(size=4)
     for order in range(degree + 3):
         expected = [np.polyval(np.polyder(p, order), x) for p, x in zip(many.T, s, strict=True)]
         found = polynomials.evaluate(polynomials.derivative(many, order), s)
@@ -41,12 +42,14 @@ def test_values_and_derivatives_are_numpys(seed, degree):
 def test_the_derivative_beyond_the_degree_is_one_row_of_zeros():
     many = np.ones((3, 5, 2))
     for order in (3, 4, 9):
-        assert np.array_equal(polynomials.derivative(many, order), np.zeros((1, 5, 2)))
+        zeros = np.zeros((1, 5, 2))
+        assert np.array_equal(polynomials.derivative(many, order), zeros)
 
 
 def test_points_broadcast_against_polynomials():
     many = np.array([[1.0, 2.0], [0.0, 1.0]])  # s, and 2 s + 1
-    found = polynomials.evaluate(many, np.array([[0.0], [1.0], [3.0]]))
+    values = np.array([[0.0], [1.0], [3.0]])
+    found = polynomials.evaluate(many, values)
     assert np.array_equal(found, [[0, 1], [1, 3], [3, 7]])
 
 
@@ -54,7 +57,8 @@ def test_points_broadcast_against_polynomials():
 @given(seeds, degrees, st.floats(1e-7, 1e7))
 def test_a_stretched_polynomial_is_the_old_one_at_length_times_s(seed, degree, length):
     rng = np.random.default_rng(seed)
-    many, lengths = rng.normal(size=(degree + 1, 3, 2)), length * rng.uniform(0.1, 1, size=3)
+    many = rng.normal(size=(degree + 1, 3, 2))
+    lengths = length * rng.uniform(0.1, 1, size=3)
     s = rng.random()
     size = polynomials.evaluate(np.abs(many), lengths[:, None] * s).max()
     found = polynomials.evaluate(polynomials.stretched(many, lengths), np.array(s))
@@ -66,13 +70,14 @@ def test_a_stretched_polynomial_is_the_old_one_at_length_times_s(seed, degree, l
 @given(seeds, degrees)
 def test_a_shifted_polynomial_is_the_old_one_from_the_offset(seed, degree):
     rng = np.random.default_rng(seed)
-    many, offset, t = rng.normal(size=(degree + 1, 4)), rng.normal(size=4), rng.normal(size=4)
+    many = rng.normal(size=(degree + 1, 4))
+    offset = rng.normal(size=4)
+    t = rng.normal(size=4)
     kept = many.copy()
     found = polynomials.evaluate(polynomials.shifted(many, offset), t)
     size = polynomials.evaluate(np.abs(many), np.abs(offset) + np.abs(t)).max()
-    np.testing.assert_allclose(
-        found, polynomials.evaluate(many, offset + t), rtol=0, atol=1e-13 * size
-    )
+    expected = polynomials.evaluate(many, offset + t)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * size)
     assert np.array_equal(many, kept)
 
 
@@ -89,19 +94,24 @@ def test_a_shifted_polynomial_is_the_old_one_from_the_offset(seed, degree):
     ],
 )
 def test_bernstein_coefficients_by_hand(power, bernstein):
-    np.testing.assert_allclose(polynomials.bernstein(column(*power))[:, 0], bernstein, atol=1e-15)
+    found = polynomials.bernstein(column(*power))[:, 0]
+    np.testing.assert_allclose(found, bernstein, atol=1e-15)
 
 
 @reproducible
 @given(seeds, degrees)
 def test_bernstein_coefficients_bound_the_polynomial_and_are_its_ends(seed, degree):
-    many = np.random.default_rng(seed).normal(size=(degree + 1, 3, 2))
+    rng = np.random.default_rng(seed)
+    many = rng.normal(size=(degree + 1, 3, 2))
     controls = polynomials.bernstein(many)
-    values = polynomials.evaluate(many[:, None], np.linspace(0, 1, 201)[:, None, None])
+    times = np.linspace(0, 1, 201)
+    values = polynomials.evaluate(many[:, None], times[:, None, None])
     slack = 1e-13 * np.abs(many).sum(axis=0)
     assert (values <= controls.max(axis=0) + slack).all()
     assert (values >= controls.min(axis=0) - slack).all()
-    np.testing.assert_allclose(controls[[0, -1]], values[[0, -1]], rtol=1e-12, atol=1e-12)
+    expected = values[[0, -1]]
+    found = controls[[0, -1]]
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
 @reproducible
@@ -119,12 +129,14 @@ def test_simple_roots_inside_are_found_and_no_others(seed, degree):
 @reproducible
 @given(seeds, st.integers(1, 8))
 def test_roots_are_numpys_on_random_polynomials(seed, degree):
-    many = np.random.default_rng(seed).normal(size=(degree + 1, 20))
+    rng = np.random.default_rng(seed)
+    many = rng.normal(size=(degree + 1, 20))
     found = polynomials.unit_roots(many)
     assert found.shape == (degree, 20)
     for p, own in zip(many.T, found.T, strict=True):
         roots = np.roots(p)
-        unclear = (np.abs(roots.imag) > 0) & (np.abs(roots.imag) < 1e-4)
+        sizes = np.abs(roots.imag)
+        unclear = (sizes > 0) & (np.abs(roots.imag) < 1e-4)
         unclear |= np.minimum(np.abs(roots), np.abs(roots - 1)) < 1e-9
         if not unclear.any():
             real = np.sort(roots.real[(roots.imag == 0) & (roots.real > 0) & (roots.real < 1)])
@@ -182,15 +194,18 @@ def test_a_root_at_an_end_hides_none_inside_and_makes_none(end, sign):
 @reproducible
 @given(seeds, st.integers(0, 9))
 def test_the_extremes_lie_at_critical_points(seed, degree):
-    p = column(*np.random.default_rng(seed).normal(size=degree + 1))
+    rng = np.random.default_rng(seed)
+    p = column(*rng.normal(size=degree + 1))
     points = polynomials.critical_points(p)
     assert ((points >= 0) & (points <= 1)).all()
     values = polynomials.evaluate(p, points)
-    dense = polynomials.evaluate(p, np.linspace(0, 1, 20001)[:, None])
+    times = np.linspace(0, 1, 20001)
+    dense = polynomials.evaluate(p, times[:, None])
     assert values.max() >= dense.max() - 1e-13
     assert values.min() <= dense.min() + 1e-13
     # A grid of step h sees at least all but max|p''| h²/8.
-    gap = np.abs(polynomials.bernstein(polynomials.derivative(p, 2))).max() / 8 / 20000**2 + 1e-13
+    sizes = np.abs(polynomials.bernstein(polynomials.derivative(p, 2)))
+    gap = sizes.max() / 8 / 20000**2 + 1e-13
     assert values.max() <= dense.max() + gap
     assert values.min() >= dense.min() - gap
 
@@ -232,7 +247,9 @@ def test_quadratic_roots_satisfy_vieta(a, b, c):
 
 def cubic(roots, far):
     """`(1 − s/far) (s − r0) (s − r1)`, its coefficients rounded once."""
-    r0, r1, slope = Fraction(roots[0]), Fraction(roots[1]), -1 / Fraction(far)
+    r0 = Fraction(roots[0])
+    r1 = Fraction(roots[1])
+    slope = -1 / Fraction(far)
     b = 1 - slope * (r0 + r1)
     exact = (slope, b, slope * r0 * r1 - (r0 + r1), r0 * r1)
     return [np.array([float(x)]) for x in exact]
@@ -245,7 +262,8 @@ def test_cubic_roots_survive_a_third_one_far_away(roots, sign, exponent):
     far = sign * 1.7 * 10.0**exponent
     found = polynomials.cubic_roots(*cubic(roots, far))
     for root in roots:
-        assert np.nanmin(np.abs(found - root)) < 1e-11 / (roots[1] - roots[0])
+        expected = 1e-11 / (roots[1] - roots[0])
+        assert np.nanmin(np.abs(found - root)) < expected
 
 
 @pytest.mark.parametrize(
@@ -287,7 +305,8 @@ def test_cubic_roots_are_numpys(seed):
         for root in roots.real[np.abs(roots.imag) == 0]:
             close = np.abs(roots - root)
             if np.sort(close)[1] > 1e-3:
-                assert np.nanmin(np.abs(own - root)) < 1e-9 * (1 + abs(root))
+                expected = 1e-9 * (1 + abs(root))
+                assert np.nanmin(np.abs(own - root)) < expected
 
 
 def test_batches_keep_their_shape():
@@ -295,7 +314,10 @@ def test_batches_keep_their_shape():
     a, b, c, d = rng.normal(size=(4, 2, 5))
     assert polynomials.cubic_roots(a, b, c, d).shape == (3, 2, 5)
     assert polynomials.quadratic_roots(a, b, c).shape == (2, 2, 5)
-    assert polynomials.unit_roots(rng.normal(size=(6, 5))).shape == (5, 5)
-    assert polynomials.unit_roots(np.ones((1, 5))).shape == (0, 5)
+    drawn = rng.normal(size=(6, 5))
+    assert polynomials.unit_roots(drawn).shape == (5, 5)
+    ones = np.ones((1, 5))
+    assert polynomials.unit_roots(ones).shape == (0, 5)
     one = polynomials.cubic_roots(a[1, 3], b[1, 3], c[1, 3], d[1, 3])
-    np.testing.assert_array_equal(one, polynomials.cubic_roots(a, b, c, d)[:, 1, 3])
+    expected = polynomials.cubic_roots(a, b, c, d)[:, 1, 3]
+    np.testing.assert_array_equal(one, expected)

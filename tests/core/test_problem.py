@@ -20,7 +20,8 @@ from trajopt.core.units import mixed_units
 
 reproducible = settings(deadline=None, derandomize=True, max_examples=60)
 seeds = st.integers(0, 2**32 - 1)
-INF, NAN = np.inf, np.nan
+INF = np.inf
+NAN = np.nan
 DATA = Path(__file__).parents[2] / "data"
 
 PLAIN = {
@@ -120,10 +121,12 @@ REFUSED = [
 def test_a_bad_file_is_refused_in_words_that_mend_it(tmp_path, changes, key, joint, value, right):
     with pytest.raises(InvalidInput) as caught:
         read(tmp_path, text(**changes))
-    error, message = caught.value, str(caught.value)
+    error = caught.value
+    message = str(caught.value)
     assert error.key == key
     assert error.file == str(tmp_path / "given.toml")
-    assert error.joint == (None if joint is None else joint - 1)
+    expected = None if joint is None else joint - 1
+    assert error.joint == expected
     where = key if joint is None else f"{key}, joint {joint}"
     assert message.startswith(f"{error.file}: {where}")
     assert right in message
@@ -185,14 +188,21 @@ def test_degrees_become_radians(tmp_path):
         "jerk": "[inf, 360]",
         "position": "[[0, 180], 90]",
     }
-    problem, pi = read(tmp_path, text(angle_unit='"deg"', **changes)), np.pi
+    problem = read(tmp_path, text(angle_unit='"deg"', **changes))
+    pi = np.pi
     exact = {"rtol": 1e-15, "atol": 0}
-    np.testing.assert_allclose(problem.waypoints, [[0, pi / 2], [pi, -pi / 4]], **exact)
+    expected = [[0, pi / 2], [pi, -pi / 4]]
+    np.testing.assert_allclose(problem.waypoints, expected, **exact)
     limits = problem.limits
-    np.testing.assert_allclose(limits.velocity, [[-pi, pi], [-pi / 2, 2 * pi]], **exact)
-    np.testing.assert_allclose(limits.acceleration[:, 1], [pi / 10, pi / 20], **exact)
-    np.testing.assert_allclose(limits.jerk, [[-INF, INF], [-2 * pi, 2 * pi]], **exact)
-    np.testing.assert_allclose(limits.position, [[0, pi], [-pi / 2, pi / 2]], **exact)
+    expected = [[-pi, pi], [-pi / 2, 2 * pi]]
+    np.testing.assert_allclose(limits.velocity, expected, **exact)
+    expected = [pi / 10, pi / 20]
+    found = limits.acceleration[:, 1]
+    np.testing.assert_allclose(found, expected, **exact)
+    expected = [[-INF, INF], [-2 * pi, 2 * pi]]
+    np.testing.assert_allclose(limits.jerk, expected, **exact)
+    expected = [[0, pi], [-pi / 2, pi / 2]]
+    np.testing.assert_allclose(limits.position, expected, **exact)
 
 
 # --- units ---
@@ -225,10 +235,12 @@ def test_waypoints_and_limits_each_have_their_unit(tmp_path, unit, limit_unit):
     changes = {"angle_unit": None, "units": units(unit, limit_unit), "jerk": "[5, 6]"}
     problem = read(tmp_path, text(**changes, position="[90, [-60, 2]]"))
     size = {"deg": np.pi / 180, "rad": 1.0}
-    assert problem.waypoints.tolist() == (np.array([[0, 0], [1, -1]]) * size[unit]).tolist()
+    values = np.array([[0, 0], [1, -1]])
+    assert problem.waypoints.tolist() == (values * size[unit]).tolist()
     for name, high in {"velocity": [1, 2], "acceleration": [3, 4], "jerk": [5, 6]}.items():
         expected = np.array(high) * size[limit_unit]
-        assert getattr(problem.limits, name)[:, 1].tolist() == expected.tolist()
+        found = getattr(problem.limits, name)[:, 1].tolist()
+        assert found == expected.tolist()
     assert problem.limits.position[0, 1] == 90 * size[limit_unit]
 
 
@@ -236,7 +248,8 @@ def test_degrees_beside_a_urdfs_radians_are_the_same_problem(tmp_path):
     """The two ways to write it differ by the rounding of three digits."""
     mixed = text(**numbers(DEGREES, RADIANS), angle_unit=None, units=units("deg", "rad"))
     plain = text(**DEGREES, angle_unit='"deg"')
-    one, other = read(tmp_path, mixed), read(tmp_path, plain)
+    one = read(tmp_path, mixed)
+    other = read(tmp_path, plain)
     assert one.waypoints.tolist() == other.waypoints.tolist()
     np.testing.assert_allclose(one.limits.velocity, other.limits.velocity, rtol=2e-3)
     np.testing.assert_allclose(one.limits.acceleration, other.limits.acceleration, rtol=4e-3)
@@ -265,13 +278,15 @@ def test_numbers_of_one_unit_are_not(tmp_path, given):
 
 def test_who_says_both_units_is_not_warned(tmp_path):
     content = text(**numbers(DEGREES, RADIANS), angle_unit=None, units=units("deg", "deg"))
-    assert read(tmp_path, content).limits.velocity[0, 1] == 3.14 * np.pi / 180
+    expected = 3.14 * np.pi / 180
+    assert read(tmp_path, content).limits.velocity[0, 1] == expected
 
 
 def test_no_built_in_problem_looks_mixed():
     """Neither in radians, as they are here, nor in degrees, as an arm's file may have them."""
-    built_in = [problem for name in ("six-axis", "edges", "robots", "random")
-                for problem in suites.problems(name)]  # fmt: skip
+    built_in = []
+    for name in ("six-axis", "edges", "robots", "random"):
+        built_in.extend(suites.problems(name))
     assert len(built_in) >= 197
     for problem in built_in:
         limits = problem.limits
@@ -347,12 +362,15 @@ def test_limits_of_another_shape(velocity):
 
 
 def test_large_integers_are_numbers():
-    assert Problem([[0], [10**21]], ONE).waypoints[1, 0] == 1e21
-    assert Limits([10**300], [1]).velocity[0, 1] == 1e300
+    problem = Problem([[0], [10**21]], ONE)
+    assert problem.waypoints[1, 0] == 1e21
+    limits = Limits([10**300], [1])
+    assert limits.velocity[0, 1] == 1e300
 
 
 def test_a_waypoint_on_its_position_limit_is_inside():
-    problem = Problem([[0.1], [0.3]], Limits([1.0], [1.0], position=[[0.1, 0.3]]))
+    limits = Limits([1.0], [1.0], position=[[0.1, 0.3]])
+    problem = Problem([[0.1], [0.3]], limits)
     assert problem.has("position")
 
 
@@ -388,14 +406,18 @@ def test_only_some_joints(joints):
     some = problem.only(joints)
     assert some.waypoints.tolist() == [[0, 0], [0.1, 0.3]]
     assert some.limits.velocity.tolist() == [[-1, 1], [-3, 3]]
-    assert some.limits.acceleration[:, 1].tolist() == [4, 6]
-    assert some.limits.jerk[:, 1].tolist() == [7, 9]
-    assert some.limits.position[:, 0].tolist() == [-1, -3]
+    found = some.limits.acceleration[:, 1].tolist()
+    assert found == [4, 6]
+    found = some.limits.jerk[:, 1].tolist()
+    assert found == [7, 9]
+    found = some.limits.position[:, 0].tolist()
+    assert found == [-1, -3]
     assert (some.name, some.source) == ("a", "b")
 
 
 def test_only_joints_that_rest_are_no_problem():
-    problem = Problem([[0, 0], [1, 0]], Limits([1, 1], [1, 1]))
+    limits = Limits([1, 1], [1, 1])
+    problem = Problem([[0, 0], [1, 0]], limits)
     with pytest.raises(InvalidInput, match="never move"):
         problem.only([1])
 
@@ -413,7 +435,8 @@ def test_only_joints_that_rest_are_no_problem():
     ],
 )
 def test_repeated_waypoints_merge(waypoints, merged, index):
-    problem = Problem([[x, 7.0] for x in waypoints], Limits([1, 1], [1, 1]), "kept")
+    limits = Limits([1, 1], [1, 1])
+    problem = Problem([[x, 7.0] for x in waypoints], limits, "kept")
     short, where = problem.merged()
     assert short.waypoints[:, 0].tolist() == merged
     assert where.tolist() == index
@@ -423,13 +446,17 @@ def test_repeated_waypoints_merge(waypoints, merged, index):
 
 def random_problem(seed: int) -> Problem:
     rng = np.random.default_rng(seed)
-    joints, rows = rng.integers(1, 5), rng.integers(2, 6)
+    joints = rng.integers(1, 5)
+    rows = rng.integers(2, 6)
 
     def pairs():
-        return np.stack([-(10.0 ** rng.uniform(-9, 9, joints)), 10.0 ** rng.uniform(-9, 9, joints)])
+        drawn = rng.uniform(-9, 9, joints)
+        return np.stack([-(10.0 ** rng.uniform(-9, 9, joints)), 10.0**drawn])
 
-    jerk = np.where(rng.random((2, joints)) < 0.4, np.array([[-INF], [INF]]), pairs())
-    waypoints = rng.normal(size=(rows, joints)) * 10.0 ** rng.integers(-12, 6, joints)
+    values = np.array([[-INF], [INF]])
+    jerk = np.where(rng.random((2, joints)) < 0.4, values, pairs())
+    drawn = rng.integers(-12, 6, joints)
+    waypoints = rng.normal(size=(rows, joints)) * 10.0**drawn
     reach = np.abs(waypoints).max(axis=0) + 1
     position = np.where(rng.random((2, joints)) < 0.4, np.array([[-INF], [INF]]), [-reach, reach])
     limits = Limits(pairs().T, pairs().T, jerk.T, position.T)
@@ -465,23 +492,27 @@ def test_changing_any_number_changes_the_digest():
             changed[name][place] = np.nextafter(value, 0 if value else 1)
             waypoints = changed.pop("waypoints")
             seen.add(Problem(waypoints, Limits(**changed)).digest())
-    assert len(seen) == 1 + sum(a.size for a in arrays(problem).values())
+    expected = 1 + sum(a.size for a in arrays(problem).values())
+    assert len(seen) == expected
 
 
 def test_digests_depend_on_numbers_only():
     limits = Limits([1.0, 1.0], [2.0, 2.0])
     one = Problem([[0.0, 0.0], [1.0, 1.0]], limits, "one", "here")
-    assert one.digest() == Problem([[0, -0.0], [1, 1]], limits, "two", "there").digest()
+    expected = Problem([[0, -0.0], [1, 1]], limits, "two", "there").digest()
+    assert one.digest() == expected
     assert one.digest() == dataclasses.replace(one).digest()
     joints = Problem([[0.0], [0.0], [1.0], [1.0]], Limits([1.0], [2.0]))
     assert one.digest() != joints.digest()
-    assert one.digest() != Problem([[0, 0], [1, 1]], Limits([1, 2], [1, 2])).digest()
+    expected = Problem([[0, 0], [1, 1]], Limits([1, 2], [1, 2])).digest()
+    assert one.digest() != expected
     assert len(one.digest()) == 64
 
 
 def test_the_digest_is_the_same_on_every_machine_and_for_ever():
     """SHA-256 of the arrays' shapes and little-endian numbers, written out by hand."""
-    low, high = struct.pack("<d", -np.inf), struct.pack("<d", np.inf)
+    low = struct.pack("<d", -np.inf)
+    high = struct.pack("<d", np.inf)
     parts = [
         b"(2, 1)" + struct.pack("<2d", 0, 1),
         b"(1, 2)" + struct.pack("<2d", -1, 1),
@@ -489,8 +520,10 @@ def test_the_digest_is_the_same_on_every_machine_and_for_ever():
         b"(1, 2)" + low + high,
         b"(1, 2)" + low + high,
     ]
-    problem = Problem([[0.0], [1.0]], Limits([1.0], [2.0]))
-    assert problem.digest() == hashlib.sha256(b"".join(parts)).hexdigest()
+    limits = Limits([1.0], [2.0])
+    problem = Problem([[0.0], [1.0]], limits)
+    expected = hashlib.sha256(b"".join(parts)).hexdigest()
+    assert problem.digest() == expected
 
 
 @pytest.mark.parametrize("name", ["velocity", "acceleration", "jerk", "position"])
@@ -527,11 +560,15 @@ def test_six_axis_is_the_papers_tables_2_and_3():
         [0, 0, 30, 60],
         [0, 0, 0, 30],
     ]
-    velocity, acceleration = [150, 180, 210, 360, 360, 450], [93, 120, 160, 170, 260, 330]
-    np.testing.assert_allclose(np.rad2deg(problem.waypoints.T), table_2, rtol=1e-14, atol=0)
+    velocity = [150, 180, 210, 360, 360, 450]
+    acceleration = [93, 120, 160, 170, 260, 330]
+    found = np.rad2deg(problem.waypoints.T)
+    np.testing.assert_allclose(found, table_2, rtol=1e-14, atol=0)
     limits = problem.limits
-    np.testing.assert_allclose(np.rad2deg(limits.velocity[:, 1]), velocity, rtol=1e-14)
-    np.testing.assert_allclose(np.rad2deg(limits.acceleration[:, 1]), acceleration, rtol=1e-14)
+    found = np.rad2deg(limits.velocity[:, 1])
+    np.testing.assert_allclose(found, velocity, rtol=1e-14)
+    found = np.rad2deg(limits.acceleration[:, 1])
+    np.testing.assert_allclose(found, acceleration, rtol=1e-14)
     assert np.array_equal(limits.velocity[:, 0], -limits.velocity[:, 1])
     assert np.array_equal(limits.acceleration[:, 0], -limits.acceleration[:, 1])
     assert not problem.has("jerk")
@@ -544,7 +581,8 @@ def test_the_six_axis_robot_is_the_papers_table_1():
     assert (robot["angle_unit"], robot["convention"]) == ("deg", "modified-dh")
     millimetres = {"a": [0, 200, 715.6, 256, 0, 0], "d": [0, 0, -94.4, 845.5, 0, 83.8]}
     for key, values in millimetres.items():
-        assert robot[key] == pytest.approx([x / 1000 for x in values], rel=1e-12)
+        expected = [x / 1000 for x in values]
+        assert robot[key] == pytest.approx(expected, rel=1e-12)
     assert robot["alpha"] == [0, -90, 0, -90, 90, -90]
     assert robot["theta"] == [0] * 6
     ranges = [[-150, 180], [-60, 120], [-45, 45], [-90, 90], [-90, 90], [-180, 180]]

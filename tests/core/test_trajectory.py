@@ -20,11 +20,15 @@ seeds = st.integers(0, 2**32 - 1)
 def random_trajectory(seed: int) -> Trajectory:
     """1–5 pieces of lengths 1e-3 to 1e2, degree 0–7, 1–4 joints."""
     rng = np.random.default_rng(seed)
-    pieces, degree, joints = rng.integers(1, 6), rng.integers(0, 8), rng.integers(1, 5)
+    pieces = rng.integers(1, 6)
+    degree = rng.integers(0, 8)
+    joints = rng.integers(1, 5)
     lengths = 10.0 ** rng.uniform(-3, 2, pieces)
-    powers = np.arange(degree, -1, -1)[:, None]
+    steps = np.arange(degree, -1, -1)
+    powers = steps[:, None]
     sizes = lengths**-powers  # so that every term counts
-    coefficients = rng.normal(size=(degree + 1, pieces, joints)) * sizes[..., None]
+    drawn = rng.normal(size=(degree + 1, pieces, joints))
+    coefficients = drawn * sizes[..., None]
     breaks = np.r_[0.0, np.cumsum(lengths)]
     return Trajectory(breaks, coefficients, breaks[[0, -1]])
 
@@ -34,7 +38,8 @@ def random_trajectory(seed: int) -> Trajectory:
 def test_every_derivative_is_scipys(seed):
     trajectory = random_trajectory(seed)
     reference = PPoly(trajectory.coefficients, trajectory.breaks)
-    times = np.random.default_rng(seed).uniform(0, trajectory.duration, (3, 4))
+    rng = np.random.default_rng(seed)
+    times = rng.uniform(0, trajectory.duration, (3, 4))
     times = np.append(times.ravel(), trajectory.breaks)
     for order in range(len(trajectory.coefficients) + 2):
         expected = reference(times, nu=order)
@@ -55,7 +60,8 @@ def ramp() -> Trajectory:
 )
 def test_values_by_hand_with_times_outside_moved_to_the_ends(time, order, value):
     assert ramp()(time, order).tolist() == [value]
-    assert ramp()([[time]], order).tolist() == [[[value]]]
+    found = ramp()([[time]], order).tolist()
+    assert found == [[[value]]]
 
 
 def test_duration_and_joints():
@@ -73,9 +79,8 @@ def test_dilation_divides_the_nth_derivative_by_the_factors_nth_power(seed, fact
     for order in range(4):
         expected = trajectory(middle, order) / factor**order
         scale = np.abs(expected).max() + 1e-300
-        np.testing.assert_allclose(
-            slower(middle * factor, order), expected, rtol=0, atol=1e-10 * scale
-        )
+        found = slower(middle * factor, order)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * scale)
 
 
 @pytest.mark.parametrize("factor", [0, 0.0, -1, np.inf, np.nan])
@@ -87,7 +92,8 @@ def test_only_positive_dilations(factor):
 def part(seed: int, breaks, degree: int):
     """One joint: breaks and random coefficients `(degree + 1, pieces)`."""
     breaks = np.asarray(breaks, dtype=float)
-    return breaks, np.random.default_rng(seed).normal(size=(degree + 1, len(breaks) - 1))
+    rng = np.random.default_rng(seed)
+    return breaks, rng.normal(size=(degree + 1, len(breaks) - 1))
 
 
 def alone(joint) -> Trajectory:
@@ -96,7 +102,8 @@ def alone(joint) -> Trajectory:
 
 
 def test_joints_with_breaks_of_their_own_keep_their_values():
-    parts = [part(0, [0, 1, 4], 3), part(1, [0, 0.5, 2.5, 4], 5), part(2, [0, 4], 0)]
+    own = part(1, [0, 0.5, 2.5, 4], 5)
+    parts = [part(0, [0, 1, 4], 3), own, part(2, [0, 4], 0)]
     joined = Trajectory.joined(parts, [0, 2, 4])
     assert joined.breaks.tolist() == [0, 0.5, 1, 2, 2.5, 4]
     assert joined.coefficients.shape == (6, 5, 3)
@@ -109,7 +116,8 @@ def test_joints_with_breaks_of_their_own_keep_their_values():
 @pytest.mark.parametrize("epsilon", [1e-16, -1e-16, 3e-16, -6e-15, 1.2e-14])
 def test_breaks_that_rounding_split_are_one_break(epsilon):
     """The waypoint's own time wins; a sliver of a piece would make nonsense of its coefficients."""
-    parts = [part(0, [0, 1 + epsilon, 4 - epsilon], 3), part(1, [0, 1 - epsilon, 4], 3)]
+    own = part(0, [0, 1 + epsilon, 4 - epsilon], 3)
+    parts = [own, part(1, [0, 1 - epsilon, 4], 3)]
     joined = Trajectory.joined(parts, [0, 1, 4])
     assert joined.breaks.tolist() == [0, 1, 4]
     times = np.array([0.3, 0.9999, 1.0001, 3.9])
@@ -118,10 +126,14 @@ def test_breaks_that_rounding_split_are_one_break(epsilon):
 
 
 def test_breaks_farther_apart_than_rounding_stay_apart():
-    joined = Trajectory.joined([part(0, [0, 1 + 1e-9, 4], 2), part(1, [0, 1, 4], 2)], [0, 4])
-    assert joined.breaks.tolist() == [0, 1, 1 + 1e-9, 4]
+    own = part(0, [0, 1 + 1e-9, 4], 2)
+    joined = Trajectory.joined([own, part(1, [0, 1, 4], 2)], [0, 4])
+    expected = [0, 1, 1 + 1e-9, 4]
+    assert joined.breaks.tolist() == expected
     middle = 1 + 0.5e-9
-    np.testing.assert_allclose(joined(middle)[0], alone(part(0, [0, 1 + 1e-9, 4], 2))(middle)[0])
+    expected = alone(part(0, [0, 1 + 1e-9, 4], 2))(middle)[0]
+    found = joined(middle)[0]
+    np.testing.assert_allclose(found, expected)
 
 
 def test_a_sliver_that_moves_is_kept():
@@ -139,7 +151,8 @@ def test_a_sliver_that_moves_is_kept():
 
 
 def test_a_waypoint_passed_twice_in_no_time_joins():
-    joined = Trajectory.joined([part(0, [0, 1, 2], 2)], [0, 1, 1, 2])
+    own = part(0, [0, 1, 2], 2)
+    joined = Trajectory.joined([own], [0, 1, 1, 2])
     assert joined.breaks.tolist() == [0, 1, 2]
     assert joined.waypoint_times.tolist() == [0, 1, 1, 2]
 
@@ -151,13 +164,15 @@ def test_joining_random_joints_changes_no_value(seed):
     duration = 10.0 ** rng.uniform(-2, 2)
     parts = []
     for joint in range(rng.integers(1, 5)):
-        inner = np.sort(rng.choice(np.arange(1, 100), rng.integers(0, 6), replace=False))
+        steps = np.arange(1, 100)
+        inner = np.sort(rng.choice(steps, rng.integers(0, 6), replace=False))
         shares = np.r_[0, inner, 100] / 100 * duration
         degree = int(rng.integers(0, 6))
         breaks, coefficients = part(seed % 1000 + joint, shares, degree)
         parts.append((breaks, coefficients * duration ** -np.arange(degree, -1, -1.0)[:, None]))
     joined = Trajectory.joined(parts, [0, 0.123 * duration, duration])
-    times = (rng.integers(0, 100, 50) + 0.5) / 100 * duration
+    drawn = rng.integers(0, 100, 50)
+    times = (drawn + 0.5) / 100 * duration
     expected = np.hstack([alone(p)(times) for p in parts])
     np.testing.assert_allclose(joined(times), expected, rtol=0, atol=1e-10)
 
@@ -208,10 +223,13 @@ def test_nothing_can_be_changed(name):
 
 
 def test_a_trajectory_keeps_copies():
-    breaks, times = np.array([0.0, 1.0]), np.array([0.0, 1.0])
+    breaks = np.array([0.0, 1.0])
+    times = np.array([0.0, 1.0])
     coefficients = np.ones((2, 1, 1))
     trajectory = Trajectory(breaks, coefficients, times)
-    breaks[1], times[1], coefficients[:] = 7, 7, 7
+    breaks[1] = 7
+    times[1] = 7
+    coefficients[:] = 7
     assert trajectory.duration == 1.0
     assert trajectory.waypoint_times[1] == 1.0
     assert trajectory(0.0).tolist() == [1.0]
@@ -234,8 +252,10 @@ def test_refining_changes_no_value(seed):
 
 
 def test_refining_within_rounding_of_a_break_adds_none():
-    assert ramp().refined([1.0 + 2e-16, 3.0 - 4e-16, 0.0]) is not None
-    assert ramp().refined([1.0 + 2e-16, 3.0 - 4e-16, 0.0]).breaks.tolist() == [0, 1, 3]
+    found = ramp().refined([1.0 + 2e-16, 3.0 - 4e-16, 0.0])
+    assert found is not None
+    found = ramp().refined([1.0 + 2e-16, 3.0 - 4e-16, 0.0]).breaks.tolist()
+    assert found == [0, 1, 3]
 
 
 def test_pieces_on_the_unit_interval():

@@ -104,7 +104,8 @@ def test_position_limits_count_in_degrees_and_milliseconds_too(name: str) -> Non
     free = random_problem(1, waypoints=4).only([0, 1])
     low = free.waypoints.min(axis=0) - 0.02
     high = free.waypoints.max(axis=0) + 0.02
-    limits = free.limits.by_name() | {"position": np.stack([low, high], axis=1)}
+    stacked = np.stack([low, high], axis=1)
+    limits = free.limits.by_name() | {"position": stacked}
     problem = Problem(free.waypoints, Limits(**limits))
     planner = quick(name)
     if name == "pso":

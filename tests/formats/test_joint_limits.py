@@ -43,8 +43,10 @@ def test_limits_by_name_scaled(tmp_path):
     limits = read.scaled().limits(["a_joint", "b_joint"])
     assert np.allclose(limits.velocity[:, 1], [np.pi / 2, 1.0])
     assert np.allclose(limits.acceleration, [[-2.5, 2.5], [-1, 1]])
-    assert limits.jerk.tolist() == [[-50, 50], [-np.inf, np.inf]]  # no factor scales jerk
-    assert limits.position.tolist() == [[-1, 2], [-np.inf, np.inf]]
+    expected = [[-50, 50], [-np.inf, np.inf]]
+    assert limits.jerk.tolist() == expected  # no factor scales jerk
+    expected = [[-1, 2], [-np.inf, np.inf]]
+    assert limits.position.tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -78,7 +80,8 @@ def test_accelerations_that_nobody_says_can_be_said_once(tmp_path):
     with pytest.raises(InvalidInput, match=r"one for b; .*, or --acceleration with a number"):
         read.limits(["a", "b"])
     limits = read.with_acceleration(2.0).limits(["a", "b"])
-    assert limits.acceleration[:, 1].tolist() == [3, 2]
+    found = limits.acceleration[:, 1].tolist()
+    assert found == [3, 2]
 
 
 def test_flags_lift_what_another_source_says_and_silence_keeps_it(tmp_path):

@@ -94,15 +94,18 @@ def test_every_spelling_of_a_duration(time):
 @pytest.mark.parametrize("ending", [".json", ".yaml"])
 def test_there_and_back_to_the_last_bit_but_for_nanoseconds(tmp_path, ending):
     rng = np.random.default_rng(5)
-    times = np.r_[0.0, np.cumsum(rng.uniform(1e-3, 2.0, 20))]
-    values = rng.normal(size=(3, 21, 3)) * 10.0 ** rng.integers(-12, 3, (3, 21, 3))
+    sums = np.cumsum(rng.uniform(1e-3, 2.0, 20))
+    times = np.r_[0.0, sums]
+    drawn = rng.integers(-12, 3, (3, 21, 3))
+    values = rng.normal(size=(3, 21, 3)) * 10.0**drawn
     samples = Samples(("a", "b", "c"), times, *values)
     path = tmp_path / f"motion{ending}"
     joint_trajectory.write(path, samples)
     read = joint_trajectory.read(path)
     np.testing.assert_allclose(read.times, times, rtol=0, atol=0.51e-9)
     for name in ("positions", "velocities", "accelerations"):
-        assert getattr(read, name).tolist() == getattr(samples, name).tolist()
+        expected = getattr(samples, name).tolist()
+        assert getattr(read, name).tolist() == expected
 
 
 def with_point(**changes):

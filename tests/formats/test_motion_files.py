@@ -38,8 +38,10 @@ def test_one_motion_in_every_spelling(tmp_path, text):
     samples = samples_csv.read(file(tmp_path, text))
     order = [samples.joint_names.index(name) for name in ("a", "b")]
     assert samples.times.tolist() == [0, 1.5]
-    np.testing.assert_allclose(samples.positions[:, order], [[0, 0], [0.1, -1]], rtol=1e-15)
-    assert samples.velocities[:, order].tolist() == [[0, 0], [0, 0.5]]
+    found = samples.positions[:, order]
+    np.testing.assert_allclose(found, [[0, 0], [0.1, -1]], rtol=1e-15)
+    found = samples.velocities[:, order].tolist()
+    assert found == [[0, 0], [0, 0.5]]
     assert samples.accelerations is None
 
 
@@ -48,8 +50,10 @@ def test_degrees_are_degrees_column_by_column(tmp_path):
     text += "0,180,1,360,2,90,3\n1,0,0,0,0,0,0"
     samples = samples_csv.read(file(tmp_path, text))
     np.testing.assert_allclose(samples.positions[0], [np.pi, 1])
-    np.testing.assert_allclose(samples.velocities[0], [np.pi / 2, 3])
-    np.testing.assert_allclose(samples.accelerations[0], [2 * np.pi, 2])
+    expected = [np.pi / 2, 3]
+    np.testing.assert_allclose(samples.velocities[0], expected)
+    expected = [2 * np.pi, 2]
+    np.testing.assert_allclose(samples.accelerations[0], expected)
 
 
 HEADER = "time [s],a [rad],b [rad]\n"
@@ -91,7 +95,8 @@ def test_every_malformed_line_is_named(tmp_path, text, said):
 def test_polynomials_are_read_as_they_are(tmp_path):
     spline = CubicSpline([0.0, 1.0, 3.0], [[0.0, 1.0], [1.0, 0.0], [2.0, 2.0]])
     table = {"breaks": spline.x.tolist(), "coefficients": spline.c.tolist()}
-    path = file(tmp_path, json.dumps(table | {"joint_names": ["a", "b"]}), "m.json")
+    content = json.dumps(table | {"joint_names": ["a", "b"]})
+    path = file(tmp_path, content, "m.json")
     read = motion(path)
     assert read.interpolation == "polynomial"
     assert read.joint_names == ("a", "b")

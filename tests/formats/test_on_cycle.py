@@ -35,7 +35,8 @@ def executed(problem, found, samples):
 
 def test_a_triangle_whose_breaks_are_on_the_cycle_stays_as_it_is():
     # 0.5 rad at 2 rad/s²: half a second up to 1 rad/s, half a second down
-    problem = Problem([[0.0], [0.5]], Limits([5.0], [2.0]))
+    limits = Limits([5.0], [2.0])
+    problem = Problem([[0.0], [0.5]], limits)
     _, found = motion(problem, "ruckig-stop", 0.25)
     samples = found.at_breaks(["a"])
     # it is at its limit, and what is written stays 1e-5 below: a cycle more
@@ -61,7 +62,8 @@ def test_constant_acceleration_is_executed_as_planned_by_cubic_pieces(cycle):
     cycles = breaks.times / cycle
     assert np.allclose(cycles, np.rint(cycles), atol=1e-6)
     assert np.diff(breaks.times).min() > 0.999 * cycle
-    assert len(every.times) == round(found.duration / cycle) + 1
+    expected = round(found.duration / cycle) + 1
+    assert len(every.times) == expected
     assert planned.duration <= found.duration <= planned.duration + 8 * cycle
     for samples in (breaks, every):
         certificate = executed(problem, found, samples)
@@ -100,7 +102,8 @@ def test_smooth_motions_waypoints_twice_and_joints_at_rest():
 
 
 def test_waypoints_a_rounding_unit_apart_share_a_cycle():
-    problem = Problem([[0.0], [1.0], [np.nextafter(1, 2)], [2.0]], Limits([1.0], [2.0]))
+    limits = Limits([1.0], [2.0])
+    problem = Problem([[0.0], [1.0], [np.nextafter(1, 2)], [2.0]], limits)
     planned, found = motion(problem, "exact", 0.001)
     assert executed(problem, found, found.at_breaks(["a"])).feasible
     assert found.duration < planned.duration + 0.01
@@ -108,7 +111,8 @@ def test_waypoints_a_rounding_unit_apart_share_a_cycle():
 
 def test_limits_so_high_that_they_act_at_once_get_a_cycle_to_do_so():
     # |h| / V, since the acceleration takes a microsecond; but on the cycle, a cycle
-    problem = Problem([[0, 0], [1, -0.5], [0.4, 0.6]], Limits([1, 1], [1e6, 1e6]))
+    limits = Limits([1, 1], [1e6, 1e6])
+    problem = Problem([[0, 0], [1, -0.5], [0.4, 0.6]], limits)
     planned, found = motion(problem, "exact", 0.001)
     assert planned.duration == pytest.approx(2.1, abs=1e-5)
     assert executed(problem, found, found.at_breaks(["a", "b"])).feasible
@@ -125,7 +129,8 @@ def test_a_cycle_longer_than_the_motion_allows_is_refused():
 
 
 def test_samples_come_back_to_the_last_bit(tmp_path):
-    problem = Problem([[0, 0.2], [0.5, -0.4]], Limits([1, 1], [2, 3], jerk=[20, 30]))
+    limits = Limits([1, 1], [2, 3], jerk=[20, 30])
+    problem = Problem([[0, 0.2], [0.5, -0.4]], limits)
     _, found = motion(problem, "ruckig-stop", 0.01)
     samples = found.at_breaks(["a [left]", "b, right"])
     samples_csv.write(tmp_path / "m.csv", samples)

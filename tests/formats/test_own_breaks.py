@@ -33,7 +33,8 @@ def joined():
 def wild(seed, degree=5):
     """Polynomials that jump at every break."""
     rng = np.random.default_rng(seed)
-    breaks = np.append(0.0, np.cumsum(rng.exponential(size=6)))
+    sums = np.cumsum(rng.exponential(size=6))
+    breaks = np.append(0.0, sums)
     coefficients = rng.normal(size=(degree + 1, 6, 3))
     return Trajectory(breaks, coefficients, breaks[[0, 2, 6]])
 
@@ -46,7 +47,8 @@ def test_what_is_said_is_the_motion():
     back = own_breaks.trajectory(json.loads(json.dumps(BRIEF)))
     t = np.linspace(0, 2, 41)
     for order in range(4):
-        np.testing.assert_allclose(back(t, order), joined()(t, order), rtol=0, atol=1e-15)
+        expected = joined()(t, order)
+        np.testing.assert_allclose(back(t, order), expected, rtol=0, atol=1e-15)
     assert back.waypoint_times.tolist() == [0, 2]
 
 
@@ -72,7 +74,8 @@ def test_small_and_large_motions_alike(scale):
     back = own_breaks.trajectory(own_breaks.table(scaled))
     t = np.linspace(0, 2, 41)
     np.testing.assert_allclose(back(t), scaled(t), rtol=0, atol=1e-12 * scale)
-    assert sum(map(len, own_breaks.table(scaled)["joints"])) == 5
+    found = sum(map(len, own_breaks.table(scaled)["joints"]))
+    assert found == 5
 
 
 def test_a_file_with_such_a_trajectory_is_a_motion(tmp_path):

@@ -53,8 +53,10 @@ def test_rows_of_every_kind_of_file(tmp_path, name, text):
 
 
 def test_numpy(tmp_path):
-    np.save(tmp_path / "a.npy", np.array(ROWS, dtype=np.float32))
-    assert waypoints.problem(tmp_path / "a.npy", TWO).waypoints.tolist() == ROWS
+    values = np.array(ROWS, dtype=np.float32)
+    np.save(tmp_path / "a.npy", values)
+    found = waypoints.problem(tmp_path / "a.npy", TWO).waypoints.tolist()
+    assert found == ROWS
     np.save(tmp_path / "b.npy", np.array([None]), allow_pickle=True)
     with pytest.raises(InvalidInput, match="a readable"):
         waypoints.problem(tmp_path / "b.npy", TWO)
@@ -68,14 +70,16 @@ def test_names_choose_the_joints_and_their_order(tmp_path):
     problem = waypoints.problem(path, TWO)
     assert problem.joint_names == ("two", "one")
     assert np.allclose(problem.waypoints[1], [np.pi / 2, np.pi / 4])
-    assert problem.limits.acceleration[:, 1].tolist() == [5, 2]
+    found = problem.limits.acceleration[:, 1].tolist()
+    assert found == [5, 2]
     only = waypoints.problem(written(tmp_path, "b.csv", "two\n0\n1\n"), TWO)
     assert only.joints == 1
 
 
 def test_degrees_by_flag_and_a_prismatic_joint_in_metres(tmp_path):
     path = written(tmp_path, "a.csv", "one,two\n0,0\n90,45\n")
-    assert np.allclose(waypoints.problem(path, TWO, "deg").waypoints[1], np.deg2rad([90, 45]))
+    problem = waypoints.problem(path, TWO, "deg")
+    assert np.allclose(problem.waypoints[1], np.deg2rad([90, 45]))
     mixed = written(tmp_path, "b.csv", "one [m],two [deg]\n0,0\n1,90\n")
     assert np.allclose(waypoints.problem(mixed, TWO).waypoints[1], [1, np.pi / 2])
 
@@ -136,7 +140,8 @@ def test_what_is_wrong_is_named(tmp_path, name, text, words):
 
 def test_a_unit_said_twice_must_be_the_same(tmp_path):
     path = written(tmp_path, "a.csv", "one [deg],two [deg]\n0,0\n1,1\n")
-    assert waypoints.problem(path, TWO, "deg").waypoints[1, 0] == pytest.approx(np.pi / 180)
+    problem = waypoints.problem(path, TWO, "deg")
+    assert problem.waypoints[1, 0] == pytest.approx(np.pi / 180)
     with pytest.raises(InvalidInput, match="--unit is 'rad'"):
         waypoints.problem(path, TWO, "rad")
 
@@ -180,7 +185,8 @@ def test_a_urdf_has_names_positions_and_velocities(tmp_path, capsys):
     robot = urdf.read(written(tmp_path, "r.urdf", URDF))
     assert robot.joint_names == ("one", "turning", "sliding")
     assert robot.joints["one"] == {"velocity": (-3, 3), "position": (-0.5, 2)}
-    assert robot.joints["turning"] == {"velocity": (-4, 4), "position": (-np.inf, np.inf)}
+    expected = {"velocity": (-4, 4), "position": (-np.inf, np.inf)}
+    assert robot.joints["turning"] == expected
     assert robot.joints["sliding"] == {"position": (0, 0.2)}
     with pytest.raises(InvalidInput, match=r"a URDF has none.*max_acceleration"):
         robot.limits(["one"])
@@ -225,13 +231,15 @@ def test_only_the_joints_that_waypoints_name_must_be_sound(tmp_path):
     robot = urdf.read(written(tmp_path, "r.urdf", text))
     assert robot.joint_names == ("one", "turning", "sliding")
     own = RobotLimits({"one": {"acceleration": (-1, 1)}}, source="own")
-    assert robot.updated(own).limits(["one"]).velocity.tolist() == [[-3, 3]]
+    found = robot.updated(own).limits(["one"]).velocity.tolist()
+    assert found == [[-3, 3]]
 
 
 def test_a_urdf_s_falling_velocity_limit_belongs_to_its_range_not_to_soft_limits(tmp_path):
     path = written(tmp_path, "r.urdf", URDF.replace("</joint>", FRANKA + "</joint>", 1))
     robot = urdf.read(path)
-    assert robot.falling_velocity == {"one": FallingVelocity(0.3, 6.0, -1.0, 2.0)}
+    expected = {"one": FallingVelocity(0.3, 6.0, -1.0, 2.0)}
+    assert robot.falling_velocity == expected
     assert robot.joints["one"]["position"] == (-0.5, 2)
     described = robot.described(["turning", "one"])
     assert described["falling_velocity"] == [None, robot.falling_velocity["one"]]
@@ -291,4 +299,5 @@ def test_metres_beside_radians_are_not_taken_for_degrees(tmp_path):
     path = written(tmp_path, "a.csv", "rail,elbow\n0,0\n60,1\n")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert waypoints.problem(path, robot).waypoints[1, 0] == 60
+        problem = waypoints.problem(path, robot)
+        assert problem.waypoints[1, 0] == 60

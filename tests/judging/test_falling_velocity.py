@@ -28,7 +28,8 @@ def both_ways(limit, trajectory):
     """The excess, after the mirrored motion was found to have the mirrored one."""
     found = excess([limit], trajectory)
     other = excess(*([one] if n == 0 else one for n, one in enumerate(mirrored(limit, trajectory))))
-    assert other == Excess(**{**vars(found), "velocity": other.velocity})
+    expected = Excess(**{**vars(found), "velocity": other.velocity})
+    assert other == expected
     assert other.velocity == -found.velocity
     return found
 
@@ -37,30 +38,41 @@ def test_constant_velocity_is_too_fast_from_where_the_root_falls_below_it():
     limit = FallingVelocity(offset=0.2, deceleration=2.0, low=-100, high=2.5)
     # sqrt(4 (2.5 - q)) - 0.2 < 1 from q = 2.14 on; at 2.4 it is sqrt(0.4) - 0.2
     found = both_ways(limit, pieces([0, 2.4], [1, 0]))
-    assert found.value == pytest.approx(1.2 - np.sqrt(0.4), rel=1e-12)
-    assert found.allowed == pytest.approx(np.sqrt(0.4) - 0.2, rel=1e-12)
+    expected = 1.2 - np.sqrt(0.4)
+    assert found.value == pytest.approx(expected, rel=1e-12)
+    expected = np.sqrt(0.4) - 0.2
+    assert found.allowed == pytest.approx(expected, rel=1e-12)
     assert (found.time, found.velocity, found.joint) == (2.4, 1, 0)
     assert found.share == pytest.approx(0.26 / 2.4, rel=1e-9)
-    assert both_ways(limit, pieces([0, 2.13], [1, 0])) == Excess()
+    motion = pieces([0, 2.13], [1, 0])
+    assert both_ways(limit, motion) == Excess()
 
 
 def test_braking_is_worst_inside_the_piece():
     # v² = v0² - 2 b q, so w = W + v²/(2 b) with W = high - v0²/(2 b); de/dt = 0 where
     # b² 2 d w = d² v², which is v² = 2 b² W / (d - b)
-    v0, b, d, o, room = 2.0, 1.0, 1.5, 0.5, 0.1
+    v0 = 2.0
+    b = 1.0
+    d = 1.5
+    o = 0.5
+    room = 0.1
     high = v0**2 / (2 * b) + room
     v = np.sqrt(2 * b**2 * room / (d - b))
     w = room + v**2 / (2 * b)
     limit = FallingVelocity(o, d, -100, high)
     found = both_ways(limit, pieces([0, 2], [-b / 2, v0, 0]))
-    assert found.value == pytest.approx(v + o - np.sqrt(2 * d * w), rel=1e-12)
-    assert found.time == pytest.approx((v0 - v) / b, rel=1e-9)
+    expected = v + o - np.sqrt(2 * d * w)
+    assert found.value == pytest.approx(expected, rel=1e-12)
+    expected = (v0 - v) / b
+    assert found.time == pytest.approx(expected, rel=1e-9)
     # it begins and ends at the roots of (v + o)² = 2 d w, a quadratic in v
     ends = np.roots([1 - d / b, 2 * o, o**2 - 2 * d * room])
-    assert found.share == pytest.approx(abs(np.diff(ends)[0]) / b / 2, rel=1e-9)
+    expected = abs(np.diff(ends)[0]) / b / 2
+    assert found.share == pytest.approx(expected, rel=1e-9)
     # touched in one instant: the same motion with the offset that makes the worst excess 0
     touching = FallingVelocity(np.sqrt(2 * d * w) - v, d, -100, high)
-    assert both_ways(touching, pieces([0, 2], [-b / 2, v0, 0])) == Excess()
+    motion = pieces([0, 2], [-b / 2, v0, 0])
+    assert both_ways(touching, motion) == Excess()
     nearer = FallingVelocity(np.sqrt(2 * d * w) - v + 1e-3, d, -100, high)
     found = both_ways(nearer, pieces([0, 2], [-b / 2, v0, 0]))
     assert found.value == pytest.approx(1e-3, rel=1e-6)
@@ -70,7 +82,8 @@ def test_the_limit_s_own_arc_is_kept():
     # with offset 0 the limit's arc is a parabola: v = d (T - t), w = (d/2) (T - t)²
     d = 1.7
     arc = pieces([0, 2], [-d / 2, 2 * d, -2 * d])  # q = -(d/2) (2 - t)²
-    assert both_ways(FallingVelocity(0.0, d, -100, 0.0), arc) == Excess()
+    limit = FallingVelocity(0.0, d, -100, 0.0)
+    assert both_ways(limit, arc) == Excess()
     found = both_ways(FallingVelocity(1e-4, d, -100, 0.0), arc)
     assert found.value == pytest.approx(1e-4, rel=1e-6)
     assert found.share == pytest.approx(1, abs=1e-9)
@@ -86,7 +99,8 @@ def test_rest_near_the_end_and_leaving_it_break_nothing():
     assert both_ways(limit, leaving) == Excess()
     for motion in (entering, beyond):
         found = both_ways(limit, motion)
-        assert (found.value, found.allowed) == (pytest.approx(0.001), 0.0)
+        expected = (pytest.approx(0.001), 0.0)
+        assert (found.value, found.allowed) == expected
         assert found.share == pytest.approx(1)
 
 
@@ -94,8 +108,10 @@ def test_time_that_two_joints_break_together_counts_once():
     limit = FallingVelocity(0.2, 2.0, -100, 2.5)
     one = pieces([0, 2.4], [1, 0])
     twice = Trajectory(one.breaks, np.repeat(one.coefficients, 2, axis=2), one.waypoint_times)
-    assert excess([limit, limit], twice) == excess([limit], one)
-    assert excess([None, limit], twice) == Excess(**{**vars(excess([limit], one)), "joint": 1})
+    expected = excess([limit], one)
+    assert excess([limit, limit], twice) == expected
+    expected = Excess(**{**vars(excess([limit], one)), "joint": 1})
+    assert excess([None, limit], twice) == expected
     assert excess([None, None], twice) == Excess()
 
 
@@ -118,8 +134,10 @@ def test_any_degree_against_sampling(degree):
     for _ in range(4):
         rows = rng.normal(size=(3, degree + 1))
         motion = pieces([0, 0.7, 1.1, 2.0], *rows)
-        low, high = np.quantile(motion(np.linspace(0, 2, 999)), [0.05, 0.9])
-        limit = FallingVelocity(rng.uniform(0, 0.4), rng.uniform(0.2, 8), low, high)
+        times = np.linspace(0, 2, 999)
+        low, high = np.quantile(motion(times), [0.05, 0.9])
+        drawn = rng.uniform(0, 0.4)
+        limit = FallingVelocity(drawn, rng.uniform(0.2, 8), low, high)
         found = both_ways(limit, motion)
         value, share = sampled(limit, motion)
         broken += not found.kept

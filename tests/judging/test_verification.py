@@ -37,7 +37,9 @@ def quintic_motion(waypoints, segment_time, cuts=()) -> Trajectory:
 @cache
 def _quintic_motion(waypoints, segment_time, cuts) -> Trajectory:
     shares = np.array([0.0, *cuts, 1.0])
-    blend, columns, breaks = np.poly1d([6, -15, 10, 0, 0, 0]), [], [0.0]
+    blend = np.poly1d([6, -15, 10, 0, 0, 0])
+    columns = []
+    breaks = [0.0]
     for k, h in enumerate(np.diff(waypoints, axis=0)):
         for low, high in pairwise(shares):
             s = np.poly1d(
@@ -55,7 +57,8 @@ def _quintic_motion(waypoints, segment_time, cuts) -> Trajectory:
 def bumped(trajectory: Trajectory, piece: int, joint: int, bump) -> Trajectory:
     """The trajectory with a polynomial of `s` in `[0, 1]` added to one joint in one piece."""
     length = np.diff(trajectory.breaks)[piece]
-    added = np.array(bump) / length ** np.arange(len(bump) - 1.0, -1.0, -1.0)
+    steps = np.arange(len(bump) - 1.0, -1.0, -1.0)
+    added = np.array(bump) / length**steps
     rows = max(len(added), len(trajectory.coefficients))
     coefficients = np.zeros((rows, *trajectory.coefficients.shape[1:]))
     coefficients[rows - len(trajectory.coefficients) :] = trajectory.coefficients
@@ -86,7 +89,8 @@ def with_spike() -> tuple[Trajectory, int]:
     share = 0.371
     trajectory = quintic_motion(WAITING, LONG, (share, share + SHORT / LONG))
     piece = 4
-    assert np.diff(trajectory.breaks)[piece] == pytest.approx(SHORT, rel=1e-4)
+    differences = np.diff(trajectory.breaks)
+    assert differences[piece] == pytest.approx(SHORT, rel=1e-4)
     return trajectory, piece
 
 
@@ -107,10 +111,12 @@ SIDES = {
 @pytest.mark.parametrize("kind", POWER)
 def test_a_spike_of_a_tenth_of_a_microsecond_in_fifty_minutes(kind, joint, side, beyond):
     (low, high), sign = SIDES[side]
-    order, (trajectory, piece) = POWER[kind], with_spike()
+    order = POWER[kind]
+    trajectory, piece = with_spike()
     length = np.diff(trajectory.breaks)[piece]
     bump = sign * hump(4, 4)
-    reach = np.array(extremes(bump, order)) / length**order
+    values = np.array(extremes(bump, order))
+    reach = values / length**order
     limit, unit, other = (high, reach[1], reach[0]) if sign > 0 else (low, reach[0], reach[1])
     if low == -high:
         unit = np.copysign(np.abs(reach).max(), limit)
@@ -185,7 +191,8 @@ def test_a_spike_beyond_a_position_limit(joint, side, times, one_sided):
     elif times > 0:
         pushed = certified(problem, spiked)
         top = trajectory.breaks[piece] + SHORT / 2
-        assert side * spiked(top)[joint] > 1 + 0.9 * beyond
+        expected = 1 + 0.9 * beyond
+        assert side * spiked(top)[joint] > expected
         assert abs(pushed(top)[joint]) == pytest.approx(1, abs=1e-10)
         assert abs(pushed(top)[joint]) <= 1 + 1e-14
 
@@ -197,7 +204,8 @@ def test_without_position_limits_none_is_judged():
 def test_positions_between_infinite_limits_are_far_inside():
     problem = within([[-INF, INF], [0.3 - 1e-3, INF], [-INF, INF]], WAYPOINTS)
     worst = verify(problem, quintic_motion(WAYPOINTS, 4.0)).position
-    assert (worst.joint, worst.value) == (1, pytest.approx(-1e-3))
+    expected = (1, pytest.approx(-1e-3))
+    assert (worst.joint, worst.value) == expected
 
 
 # The smallest displacement of each joint in WAYPOINTS, rad; the second never moves.
@@ -218,7 +226,8 @@ def test_a_missed_waypoint(row, joint, times, size):
     problem = Problem(waypoints, limits)
     certificate = verify(problem, quintic_motion(moved, 4.0, (0.5,)))
     assert certificate.waypoint.value == pytest.approx(abs(miss), rel=1e-6)
-    assert (certificate.waypoint.joint, certificate.waypoint.time) == (joint, row * 4.0)
+    expected = (joint, row * 4.0)
+    assert (certificate.waypoint.joint, certificate.waypoint.time) == expected
     assert certificate.valid == (abs(times) < 1)
     if certificate.valid:
         mended = certified(problem, quintic_motion(moved, 4.0, (0.5,)))
@@ -232,13 +241,17 @@ def test_a_missed_waypoint(row, joint, times, size):
 
 def test_the_price_of_a_missed_waypoint():
     """A quintic that falls short by e is mended by 3σ² − 2σ³: 1.5 e/T faster."""
-    h, e, T = 1.0, 0.9e-8, 2.0
-    problem = Problem([[0.0], [h]], Limits([15 / 8 * h / T], [1e9]))
+    h = 1.0
+    e = 0.9e-8
+    T = 2.0
+    limits = Limits([15 / 8 * h / T], [1e9])
+    problem = Problem([[0.0], [h]], limits)
     short = quintic_motion(np.array([[0.0], [h - e]]), T)
     certificate = verify(problem, short)
     # In the middle, where the quintic is fastest, so is the blend.
     peak = 15 / 8 * (h - e) / T + 1.5 * e / T
-    assert certificate.velocity.value == pytest.approx(peak / (15 / 8 * h / T), rel=1e-14)
+    expected = peak / (15 / 8 * h / T)
+    assert certificate.velocity.value == pytest.approx(expected, rel=1e-14)
 
 
 @pytest.mark.parametrize("at", [0, 1])
@@ -252,13 +265,15 @@ def test_the_price_of_a_jump(at):
     curvature = mended(motion.breaks[at], 2) - motion(motion.breaks[at], 2)
     # The bump's own curvature is −4 δ/length; its mending dies out over the rest of the segment.
     room = (4.0, 3.0)[at]
-    assert curvature[0] == pytest.approx(4 * delta / room - 4 * delta / length, rel=1e-5)
+    expected = 4 * delta / room - 4 * delta / length
+    assert curvature[0] == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize("late", [1e-9, 1e-3])
 def test_a_waypoint_passed_at_another_time(late):
     """At a speed of 1 rad/s, the miss is the lateness."""
-    problem = Problem([[0.0], [1.0], [2.0]], Limits([9.0], [9.0]))
+    limits = Limits([9.0], [9.0])
+    problem = Problem([[0.0], [1.0], [2.0]], limits)
     line = Trajectory([0, 2], [[[1.0]], [[0.0]]], [0, 1 + late, 2])
     assert verify(problem, line).waypoint.value == pytest.approx(late, rel=1e-6)
     missed = [flaw for flaw in verify(problem, line).flaws if "misses" in flaw]
@@ -318,7 +333,8 @@ def test_not_resting_at_the_end(times):
 def test_an_acceleration_jump_counts_where_jerk_is_limited(place, joint, times, limited):
     """`ε s² (1 − s)³ / 2` starts at acceleration ε; mirrored, it ends there."""
     limits = jerk_limited(limited) if limited else ROOM
-    size, bump = times * 9e-6, hump(3, 2) if place == "end" else hump(2, 3)
+    size = times * 9e-6
+    bump = hump(3, 2) if place == "end" else hump(2, 3)
     piece, time = (11, 12) if place == "end" else (PLACES[place], PLACES[place])
     motion = bumped(quintic_motion(WAYPOINTS, 4.0, CUTS), piece, joint, size / 2 * bump)
     certificate = verify(Problem(WAYPOINTS, limits), motion)
@@ -349,7 +365,8 @@ def test_a_position_jump_between_waypoints(times, joint, size):
     waypoints = WAYPOINTS * size
     jump = times * 1e-6 * MOST[joint] * size
     motion = bumped(quintic_motion(waypoints, 4.0, CUTS), 6, joint, [jump])
-    certificate = verify(Problem(waypoints, Limits([900.0] * 3, [900.0] * 3)), motion)
+    limits = Limits([900.0] * 3, [900.0] * 3)
+    certificate = verify(Problem(waypoints, limits), motion)
     assert certificate.valid == (times < 1)
     worst = certificate.continuity
     assert (worst.joint, worst.order) == (joint, 0)
@@ -368,7 +385,8 @@ def test_every_flaw_is_told_at_once():
         motion = bumped(motion, piece, joint, bump)
     limits = Limits([9.0] * 3, [9.0] * 3, [9e4] * 3, [[-9, 9], [-9, 9], [-9, 9]])
     moved = WAYPOINTS + np.array([[0, 0, 0], [0, 1e-3, 0], [0, 0, 0], [0, 0, 0]])
-    flaws = " | ".join(verify(Problem(moved, limits), motion).flaws)
+    certificate = verify(Problem(moved, limits), motion)
+    flaws = " | ".join(certificate.flaws)
     for words in (
         "joint 2 at 6.5 s: leaves its position limits by 1.3 rad",
         "joint 2 at 4 s: misses the waypoint by 0.001 rad",
@@ -382,20 +400,27 @@ def test_every_flaw_is_told_at_once():
 @pytest.mark.parametrize("T", [0.25, 1.0, 4.0])
 def test_the_quintics_peaks_are_known(T):
     """15/8 h/T in the middle, 10/√3 h/T² beside it, 60 h/T³ at the ends."""
-    problem = Problem([[0.0, 0.0], [1.0, -2.0]], Limits([1.0, 1.5], [2.0, 3.0], [5.0, 6.0]))
+    limits = Limits([1.0, 1.5], [2.0, 3.0], [5.0, 6.0])
+    problem = Problem([[0.0, 0.0], [1.0, -2.0]], limits)
     certificate = verify(problem, quintic_motion(problem.waypoints, T))
-    assert certificate.velocity.value == pytest.approx(2 * 15 / 8 / T / 1.5, rel=1e-12)
+    expected = 2 * 15 / 8 / T / 1.5
+    assert certificate.velocity.value == pytest.approx(expected, rel=1e-12)
     assert certificate.velocity.time == pytest.approx(T / 2)
-    assert certificate.acceleration.value == pytest.approx(2 * 10 / 3**0.5 / T**2 / 3, rel=1e-12)
+    expected = 2 * 10 / 3**0.5 / T**2 / 3
+    assert certificate.acceleration.value == pytest.approx(expected, rel=1e-12)
     beside = [T * (0.5 - 12**-0.5), T * (0.5 + 12**-0.5)]
-    assert min(abs(certificate.acceleration.time - t) for t in beside) < 1e-6 * T
+    found = min(abs(certificate.acceleration.time - t) for t in beside)
+    assert found < 1e-6 * T
     # The first and the last instant: one of them is no less than the other.
-    assert certificate.jerk.value == pytest.approx(2 * 60 / T**3 / 6, rel=1e-12)
-    assert min(certificate.jerk.time, T - certificate.jerk.time) < 1e-6 * T
+    expected = 2 * 60 / T**3 / 6
+    assert certificate.jerk.value == pytest.approx(expected, rel=1e-12)
+    found = min(certificate.jerk.time, T - certificate.jerk.time)
+    assert found < 1e-6 * T
     worst = max(2.5 / T, (20 / 3**1.5) ** 0.5 / T, 20 ** (1 / 3) / T)
     assert certificate.dilation == pytest.approx(worst, rel=1e-12)
     assert certificate.feasible == (worst <= 1)
-    assert certificate.certified_duration == pytest.approx(max(1, worst) * T, rel=1e-12)
+    expected = max(1, worst) * T
+    assert certificate.certified_duration == pytest.approx(expected, rel=1e-12)
 
 
 def random_pieces(seed: int, degree: int, joints: int):
@@ -403,14 +428,16 @@ def random_pieces(seed: int, degree: int, joints: int):
     rng = np.random.default_rng(seed)
     pieces = int(rng.integers(1, 9))
     lengths = 10.0 ** rng.uniform(-4, 1, pieces)
-    powers = np.arange(degree, -1, -1)[:, None]
+    steps = np.arange(degree, -1, -1)
+    powers = steps[:, None]
     coefficients = rng.normal(size=(degree + 1, pieces, joints))
     coefficients *= (rng.random(coefficients.shape) > 0.2) * (lengths**-powers)[..., None]
     breaks = np.r_[0.0, np.cumsum(lengths)]
     trajectory = Trajectory(breaks, coefficients, breaks[[0, -1]])
 
     def pairs(low=0.3, high=3.0):
-        return np.stack([-rng.uniform(low, high, joints), rng.uniform(low, high, joints)], axis=1)
+        drawn = rng.uniform(low, high, joints)
+        return np.stack([-rng.uniform(low, high, joints), drawn], axis=1)
 
     limits = Limits(pairs(), pairs(), pairs(), pairs(20, 30))
     return Problem(np.vstack([np.zeros(joints), np.ones(joints)]), limits), trajectory
@@ -418,11 +445,14 @@ def random_pieces(seed: int, degree: int, joints: int):
 
 def worst_by_numpy(trajectory: Trajectory, order: int, measure) -> tuple[float, int]:
     """The worst of a measure of a derivative, and its joint, from `numpy.roots` piece by piece."""
-    lengths, worst = np.diff(trajectory.breaks), []
+    lengths = np.diff(trajectory.breaks)
+    worst = []
     for joint in range(trajectory.joints):
         for piece, length in enumerate(lengths):
-            p = np.polyder(np.poly1d(trajectory.coefficients[:, piece, joint]), order)
-            unit = np.poly1d(p.coeffs * length ** np.arange(p.order, -1.0, -1.0))
+            polynomial = np.poly1d(trajectory.coefficients[:, piece, joint])
+            p = np.polyder(polynomial, order)
+            steps = np.arange(p.order, -1.0, -1.0)
+            unit = np.poly1d(p.coeffs * length**steps)
             points = np.clip(np.r_[np.roots(unit.deriv().coeffs).real, 0, 1], 0, 1)
             worst += [(measure(value, joint), joint) for value in unit(points)]
     return max(worst)
@@ -434,7 +464,8 @@ def test_peaks_are_those_that_numpys_roots_give(seed, degree, joints):
     problem, trajectory = random_pieces(seed, degree, joints)
     certificate = verify(problem, trajectory)
     for order, name in enumerate(("velocity", "acceleration", "jerk"), start=1):
-        pairs, found = getattr(problem.limits, name), getattr(certificate, name)
+        pairs = getattr(problem.limits, name)
+        found = getattr(certificate, name)
         value, joint = worst_by_numpy(
             trajectory, order, lambda x, j, pairs=pairs: max(x / pairs[j, 0], x / pairs[j, 1])
         )
@@ -467,12 +498,16 @@ def test_the_worst_is_where_it_is_said_to_be(seed, degree, joints):
 @given(seeds, st.floats(1e-3, 1e3))
 def test_dilating_by_k_divides_the_dilation_by_k(seed, factor):
     problem, trajectory = random_pieces(seed, 5, 3)
-    before, after = verify(problem, trajectory), verify(problem, trajectory.dilated(factor))
+    before = verify(problem, trajectory)
+    after = verify(problem, trajectory.dilated(factor))
     assert after.duration == pytest.approx(before.duration * factor, rel=1e-12)
     assert after.dilation == pytest.approx(before.dilation / factor, rel=1e-9)
-    assert after.velocity.value == pytest.approx(before.velocity.value / factor, rel=1e-9)
-    assert after.acceleration.value == pytest.approx(before.acceleration.value / factor**2)
-    assert after.jerk.value == pytest.approx(before.jerk.value / factor**3)
+    expected = before.velocity.value / factor
+    assert after.velocity.value == pytest.approx(expected, rel=1e-9)
+    expected = before.acceleration.value / factor**2
+    assert after.acceleration.value == pytest.approx(expected)
+    expected = before.jerk.value / factor**3
+    assert after.jerk.value == pytest.approx(expected)
 
 
 @reproducible
@@ -497,7 +532,8 @@ def test_the_certified_trajectory_is_feasible(seed):
     waypoints = rng.uniform(-2, 2, (4, joints))
     limits = Limits(*(10.0 ** rng.uniform(-1, 1, joints) for _ in range(3)))
     problem = Problem(waypoints, limits)
-    trajectory = spline353.trajectory(problem, 10.0 ** rng.uniform(-1, 1, 3))
+    drawn = rng.uniform(-1, 1, 3)
+    trajectory = spline353.trajectory(problem, 10.0**drawn)
     first = verify(problem, trajectory)
     assert first.valid
     again = verify(problem, trajectory.dilated(max(1.0, first.dilation)))
@@ -515,16 +551,21 @@ def test_permuting_joints_changes_only_their_numbers(seed):
     problem, trajectory = random_pieces(seed, 4, 5)
     order = np.random.default_rng(seed).permutation(5)
     old = problem.limits
+    limits = Limits(
+        old.velocity[order], old.acceleration[order], old.jerk[order], old.position[order]
+    )
     permuted = Problem(
         problem.waypoints[:, order],
-        Limits(old.velocity[order], old.acceleration[order], old.jerk[order], old.position[order]),
+        limits,
     )
     moved = Trajectory(
         trajectory.breaks, trajectory.coefficients[..., order], trajectory.waypoint_times
     )
-    before, after = verify(problem, trajectory), verify(permuted, moved)
+    before = verify(problem, trajectory)
+    after = verify(permuted, moved)
     for kind in ("velocity", "acceleration", "jerk", "position", "waypoint"):
-        one, other = getattr(before, kind), getattr(after, kind)
+        one = getattr(before, kind)
+        other = getattr(after, kind)
         assert other.value == one.value
         assert order[other.joint] == one.joint
     assert after.dilation == before.dilation
@@ -533,13 +574,17 @@ def test_permuting_joints_changes_only_their_numbers(seed):
 @pytest.mark.parametrize("pieces", [1, 257, 1000])
 def test_the_worst_of_many_that_tie_is_still_the_worst(pieces):
     """All pieces have one bound, and only one of them is worse than all others."""
-    rng, degree = np.random.default_rng(0), 5
-    coefficients = np.repeat(rng.normal(size=(degree + 1, 1, 1)), pieces, axis=1)
+    rng = np.random.default_rng(0)
+    degree = 5
+    drawn = rng.normal(size=(degree + 1, 1, 1))
+    coefficients = np.repeat(drawn, pieces, axis=1)
     coefficients = np.repeat(coefficients, 2, axis=2)
     special = pieces * 2 // 3
     coefficients[:, special, 1] *= 1 + 1e-9
-    trajectory = Trajectory(np.arange(pieces + 1.0), coefficients, [0, pieces])
-    certificate = verify(Problem([[0, 0], [1, 1]], Limits([1.0] * 2, [1.0] * 2)), trajectory)
+    steps = np.arange(pieces + 1.0)
+    trajectory = Trajectory(steps, coefficients, [0, pieces])
+    limits = Limits([1.0] * 2, [1.0] * 2)
+    certificate = verify(Problem([[0, 0], [1, 1]], limits), trajectory)
     for order, worst in enumerate((certificate.velocity, certificate.acceleration), start=1):
         greatest = np.abs(extremes(coefficients[:, special, 1], order)).max()
         assert worst.value == pytest.approx(greatest, rel=1e-12)
@@ -548,7 +593,9 @@ def test_the_worst_of_many_that_tie_is_still_the_worst(pieces):
 
 
 def test_a_trajectory_that_stands_still_has_no_use_and_misses():
-    still = Trajectory([0, 1], np.zeros((1, 1, 3)) + WAYPOINTS[0], np.linspace(0, 1, 4))
+    zeros = np.zeros((1, 1, 3))
+    times = np.linspace(0, 1, 4)
+    still = Trajectory([0, 1], zeros + WAYPOINTS[0], times)
     certificate = verify(Problem(WAYPOINTS, ROOM), still)
     assert certificate.dilation == 0
     assert not certificate.valid
@@ -557,14 +604,18 @@ def test_a_trajectory_that_stands_still_has_no_use_and_misses():
 
 @pytest.mark.parametrize("joints", [1, 2, 4])
 def test_another_number_of_joints(joints):
-    wrong = Trajectory([0, 1], np.zeros((2, 1, joints)), np.linspace(0, 1, 4))
+    zeros = np.zeros((2, 1, joints))
+    times = np.linspace(0, 1, 4)
+    wrong = Trajectory([0, 1], zeros, times)
     with pytest.raises(InvalidTrajectory, match=f"{joints} joints; the problem has 3"):
         verify(Problem(WAYPOINTS, ROOM), wrong)
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_another_number_of_waypoints(count):
-    wrong = Trajectory([0, 1], np.zeros((2, 1, 3)), np.linspace(0, 1, count))
+    zeros = np.zeros((2, 1, 3))
+    times = np.linspace(0, 1, count)
+    wrong = Trajectory([0, 1], zeros, times)
     with pytest.raises(InvalidTrajectory, match=f"{count} waypoint times; the problem has 4"):
         verify(Problem(WAYPOINTS, ROOM), wrong)
 
@@ -597,7 +648,8 @@ def test_what_goes_into_json():
         *("position", "waypoint", "continuity"),
     ]
     assert table["velocity"]["joint"] == 3  # from 1: the third moves most, 0.7 rad at first
-    assert table["velocity"]["ratio"] == pytest.approx(0.7 * 15 / 8 / 4)
+    expected = 0.7 * 15 / 8 / 4
+    assert table["velocity"]["ratio"] == pytest.approx(expected)
     assert table["position"]["error"] == pytest.approx(0.9 - 5)
     assert "order" in table["continuity"]
     bare = verify(Problem(WAYPOINTS, ROOM), motion).as_dict()
