@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # as type checkers take it: `typing` loads while nobody hears Ctrl-C yet
+TYPE_CHECKING = False  # not from `typing`: importing it takes time in which Ctrl-C is not caught
 if TYPE_CHECKING:
     from typing import Any
 

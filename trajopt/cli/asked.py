@@ -1,4 +1,4 @@
-"""What a command is asked for: a problem by name, by file, or as waypoints and a robot; its limits.
+"""Read the problem of a command: by its name, by its file, or as waypoints with a robot.
 
 `trajopt plan six-axis`, `trajopt plan mine.toml`, `trajopt judge motion.csv waypoints.csv --robot
 ur5e`, `trajopt verify motion.csv --urdf robot.urdf --limits joint_limits.yaml`.
@@ -26,7 +26,7 @@ _SOURCES = "--robot NAME, --urdf FILE or --limits joint_limits.yaml"
 
 @dataclass(frozen=True)
 class Robot:
-    """Whose limits waypoints of a file have; none for a problem that has its own.
+    """The flags that give waypoints of a file their limits.
 
     Attributes:
         robot: A built-in arm's name.
@@ -74,7 +74,7 @@ def problem(
     *,
     scaled: bool = False,
 ) -> Problem:
-    """The problem that is meant.
+    """Return a problem by its built-in name, its file, or as waypoints with a robot.
 
     Args:
         name_or_path: A built-in name, a problem file, or a file of waypoints.

@@ -1,4 +1,4 @@
-"""The best planner for a problem's limits, and in words what its answer is worth."""
+"""Plan with the best planner for a problem's limits, and describe its answer in words."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from trajopt.explain.references import THROUGH_WAYPOINTS, best_planners
 from trajopt.planners.registry import named
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
 
-_SAVED_PERCENT = 0.05  # of the duration; less is none
-_PROVED_RTOL = 1e-4  # from which distance to the proved bound on an answer is called the optimum
+MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
+OPTIMUM_RTOL = 1e-4  # an answer within this of the proved bound is called the optimum
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Best:
 
     Attributes:
         trial: The planner's trial.
-        relaxed: The shortest motion known without the limits that its planner ignores, s.
-        proved: What no motion beats, proved in closed form or in the record, s.
-        stopping: How long it takes to stop at every waypoint, s.
-        record: What is recorded of the problem; None where nothing is.
+        relaxed: Shortest duration known without the limits that the planner ignores, s.
+        proved: Lower bound, proved in closed form or in the record, s.
+        stopping: Duration of the motion that stops at every waypoint, s.
+        record: The best known answer of the problem, or None.
     """
 
     trial: Trial
@@ -48,10 +48,10 @@ class Best:
 
 
 def best(problem: Problem, seed: int) -> Best:
-    """Ask the best planners in turn, until an answer is within all limits.
+    """Ask the best planners in turn, until an answer keeps all limits.
 
-    The first ones lift limits that they do not know. Where their answer keeps those all the same,
-    no faster motion is known; where not, the others' answers are compared with it.
+    The first planners ignore limits that they do not know. If their answer keeps these limits too,
+    no faster motion is known. If not, the answers of the others are compared with it.
     """
     relaxed: float | None = None
     trial = None
@@ -83,7 +83,7 @@ def best(problem: Problem, seed: int) -> Best:
 
 
 def sentences(found: Best) -> Iterator[str]:
-    """What the planner is, how good its answer, what it saves; and what limits are missing."""
+    """Describe the planner, the quality of its answer, its saving, and missing jerk limits."""
     problem = found.trial.problem
     duration = found.trial.certified_duration
     if duration is None:
@@ -97,32 +97,32 @@ def sentences(found: Best) -> Iterator[str]:
 
 
 def _planner(trial: Trial) -> str:
-    """What the planner is."""
+    """Describe the planner."""
     name = trial.planner
     if name == THROUGH_WAYPOINTS:
-        return f"{name} is what answers where no reference planner does."
+        return f"{name} answers where no reference planner does."
     kinds = [kind for kind in LIMIT_NAMES if trial.problem.has(kind)]
     limits = f"{', '.join(kinds[:-1])} and {kinds[-1]}"
     return f"{name} is the best planner under {limits} limits."
 
 
 def _saving(found: Best, duration: float) -> str:
-    """What the answer saves against stopping."""
+    """Compare the answer with stopping at every waypoint."""
     saved = 100 * (1 - duration / found.stopping)
-    if saved < _SAVED_PERCENT:
+    if saved < MIN_SAVING_PERCENT:
         return "Stopping at every waypoint takes as long."
     return f"Stopping at every waypoint takes {found.stopping:.4f} s: this saves {saved:.1f} %."
 
 
 def _quality(found: Best, duration: float) -> str:
-    """How far the answer is from the optimum, and whether that is proved."""
+    """Describe the answer's distance from the optimum, and the proof of it."""
     proved_within = duration / found.proved - 1
-    if proved_within < _PROVED_RTOL:
+    if proved_within < OPTIMUM_RTOL:
         return "Its answer is the optimum, proved within 0.01 %."
     known = "No faster motion is known"
     if found.relaxed is not None:
         above = duration / found.relaxed - 1
-        if above >= _PROVED_RTOL:
+        if above >= OPTIMUM_RTOL:
             best = f"{found.relaxed:.4f} s, the best known under fewer limits"
             known = f"It is {100 * above:.2f} % above {best}"
     record = found.record

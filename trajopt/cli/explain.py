@@ -1,4 +1,4 @@
-"""`trajopt explain`: what a planner's gap is made of, as a colleague would put it."""
+"""`trajopt explain`: split a planner's gap into its parts, in words."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from trajopt.planners.planner import Planner
 from trajopt.planners.registry import named
 from trajopt.views.figures import draw
 
-RUNS = 30  # of a stochastic planner, the median of which is explained
-_SAVED_RTOL = 1e-5  # of the duration: limits that save less are not worth a word
+RUNS = 30  # seeds of a stochastic planner; the median run is explained
+MIN_SAVING_RTOL = 1e-5  # relative to the duration; limits that save less are not mentioned
 
 
 def explain(
@@ -80,9 +80,9 @@ def explained_run(
     seed: int | None,
     name: str,
 ) -> Trial:
-    """The run of that seed; without one, the median of a stochastic planner's runs.
+    """Return the run with this seed; by default the median of a stochastic planner's runs.
 
-    Of two runs in the middle, the shorter. Those without an answer count as the longest.
+    Of two runs in the middle the shorter is returned. Runs without an answer count as the longest.
     """
     seeds = [seed or 0]
     if seed is None and planner.stochastic:
@@ -118,7 +118,7 @@ def sentences(
     problem: Problem,
     found: Explanation,
 ) -> Iterator[str]:
-    """The gap of a planner's or anyone's motion in five sentences."""
+    """Explain the gap of a motion in five sentences."""
     what = f"{subject} takes {found.certified_duration:.4f} s on {problem.name}"
     if found.exact is None or found.gap is None:
         yield f"{what}; no optimum to compare with: {found.notes['gap']}."
@@ -170,10 +170,10 @@ def _share_at_limits(problem: Problem, found: Explanation) -> str:
 
 
 def _active_limits(problem: Problem, found: Explanation) -> str:
-    """The limits that cost most time, each with its longest interval."""
+    """Name the three limits that cost most time, each with its longest interval."""
     if not found.active_limits:
         return "No limit holds it back: none is used to 99 %."
-    least = _SAVED_RTOL * found.certified_duration
+    least = MIN_SAVING_RTOL * found.certified_duration
     longest = _longest(found.active_limits)
     costly = [interval for interval in longest if _saving(interval) > least]
     if not costly:
@@ -184,7 +184,7 @@ def _active_limits(problem: Problem, found: Explanation) -> str:
 
 
 def _longest(intervals: Iterable[ActiveLimit]) -> list[ActiveLimit]:
-    """The longest interval of each joint's each limit."""
+    """Return the longest interval of each limit of each joint."""
     longest: dict[tuple[int, str], ActiveLimit] = {}
     for interval in sorted(intervals, key=lambda own: own.start - own.end):
         longest.setdefault((interval.joint, interval.limit), interval)
@@ -192,7 +192,7 @@ def _longest(intervals: Iterable[ActiveLimit]) -> list[ActiveLimit]:
 
 
 def _saving(interval: ActiveLimit) -> float:
-    """What 1 % more of the limit saves, s."""
+    """Return the time that a limit 1 % higher would save, s."""
     return interval.saving or 0.0
 
 

@@ -13,7 +13,7 @@ from trajopt.core import numerals
 from trajopt.core.interpolation import Interpolation
 
 MAX_SECONDS = 1e8  # three years: beyond, the system's clocks overflow
-_MAX_SEED = 2**63 - 1  # what the store holds
+_MAX_SEED = 2**63 - 1  # the largest integer that the store holds
 
 
 def _whole(type_: Any, tokens: Sequence[Token]) -> int:
@@ -58,7 +58,7 @@ def number(
 
 
 def beside(results: Path, name: str) -> Path:
-    """Where a file made of results goes: into their folder, or beside their file."""
+    """Return the path of a file made of results: in their folder, or beside their file."""
     folder = results.parent if results.is_file() else results
     return folder / name
 

@@ -1,1 +1,11 @@
-"""Trials in supervised processes, here or on a cluster."""
+"""Run planners in processes of their own, and judge them in others. In reading order:
+
+- `plan`: which tasks there are, and what a trial may use;
+- `runner`: runs tasks in this process, under judges, or on an executor's workers;
+- `server`: a small process from which judges are forked;
+- `judge`: a process that asks for answers, verifies them and stores trials;
+- `solver`: the process that a planner runs in;
+- `answer`: the message from a solver to its judge;
+- `processes`: adopts, watches and ends processes;
+- `dask`: connects to a Dask cluster.
+"""

@@ -1,7 +1,7 @@
-"""What crosses from the process that runs a planner to the one that judges it: plain data.
+"""Send a planner's answers from its own process to the judge as plain data.
 
-A text in JSON, in the terms of a trial's text. Reading it runs no code of whoever wrote it, as a
-pickle would; `unpacked` checks it like any file of a stranger.
+A message is a text in JSON, in which a solution is written as in a trial's text. A pickle would run
+the sender's code when it is read; this text does not. `unpacked` checks it like a stranger's file.
 """
 
 from __future__ import annotations
@@ -16,18 +16,12 @@ from trajopt.benchmark.trial import Answers, crash
 from trajopt.core.solution import Solution
 from trajopt.planners.planner import Relation
 
-LARGEST = 2**26  # bytes of one message: far more than any answer has
-
-
-class TooLarge(ValueError):
-    """An answer that no message holds."""
-
-    def __init__(self) -> None:
-        super().__init__(f"its answer is larger than {LARGEST >> 20} MiB")
+MAX_MESSAGE_BYTES = 2**26
+TOO_LARGE = f"its answer is larger than {MAX_MESSAGE_BYTES >> 20} MiB"
 
 
 def packed(answers: Answers) -> bytes:
-    """The answers as a message; one that cannot be said in plain data is a crash that says why."""
+    """Return the answers as a message; an answer that is not plain data becomes a crash."""
     table = {
         "solutions": [_packed(solution) for solution in answers.solutions],
         "relation": answers.relation.name,
@@ -35,17 +29,17 @@ def packed(answers: Answers) -> bytes:
         "wall_time": answers.wall_time,
     }
     message = json.dumps(table).encode()
-    if len(message) > LARGEST:
-        lost = crash(str(TooLarge()))
-        return packed(answers.instead(lost))
+    if len(message) > MAX_MESSAGE_BYTES:
+        return packed(answers.instead(crash(TOO_LARGE)))
     return message
 
 
 def unpacked(message: bytes, count: int) -> Answers:
-    """The answers of a message, `count` of them.
+    """Return the answers of a message.
 
     Raises:
-        ValueError: it is not what `packed` makes. (Or another `Exception`: it is a stranger's.)
+        Exception: The message is not made by `packed`, or has not `count` answers. A stranger may
+            have written it, so that any exception is possible.
     """
     table = json.loads(message)
     solutions = [solution_of(row) for row in table["solutions"]]
@@ -69,5 +63,5 @@ def _packed(solution: Solution) -> Mapping[str, Any]:
 def _seconds(value: Any) -> float:
     seconds = float(value)
     if not 0 <= seconds < inf:
-        raise ValueError(f"{seconds} s is no time that anything took")
+        raise ValueError(f"{seconds} s is not a duration")
     return seconds

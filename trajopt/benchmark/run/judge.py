@@ -45,14 +45,14 @@ _TAIL_BYTES = 4096  # kept of a planner's output
 _TAIL_LINES = 10
 _MEMORY_INTERVAL_S = 0.1  # between two measurements of the memory in use
 MIN_VERIFICATION_TIMEOUT_S = 60.0
-# How far a solver's clock may lag behind the judge's: seconds, plus a share of the time.
+# A solver's clock may lag behind the judge's by this: seconds, plus a share of the time.
 _CLOCK_ATOL_S = 0.5
 _CLOCK_RTOL = 0.2
 
 
 @dataclass(frozen=True)
 class Request:
-    """What a judge is asked for: trials of one planner on one problem with some seeds.
+    """A request to a judge: run one planner on one problem with these seeds.
 
     `planner` is pickled: reading it would run a stranger's code.
     """
@@ -291,8 +291,8 @@ class _Bench:
                     end = min(end, time.monotonic() + _MEMORY_INTERVAL_S)
                     ending = Ending(Status.CRASHED, "its process closed the way for its answer")
             length = _length(heard)
-            if length > answer.LARGEST:
-                return Ending(Status.CRASHED, str(answer.TooLarge()))
+            if length > answer.MAX_MESSAGE_BYTES:
+                return Ending(Status.CRASHED, answer.TOO_LARGE)
             if len(heard) >= solver.SIZE.size + max(length, 1):
                 current.signal(signal.SIGSTOP)  # until it is asked again
                 current.drain()

@@ -69,7 +69,7 @@ class Allowance:
         }
 
     def would_stop(self, trial: Trial) -> bool:
-        """Whether a trial hit a limit of time or memory that is as tight in this allowance.
+        """Tell if a trial hit a limit of time or memory that is as tight in this allowance.
 
         A trial that crashed for another reason may succeed when it runs again.
         """
@@ -138,7 +138,7 @@ def _check_labels(entrants: Sequence[Entrant]) -> None:
 
 
 def _varies(configuration: Configuration, problem: Problem) -> bool:
-    """Whether another seed may give another answer; a problem is refused with any seed."""
+    """Tell if another seed may give another answer; a refusal is the same for all seeds."""
     planner = configuration.planner
     try:
         return planner.stochastic and planner.unsupported(problem) is None

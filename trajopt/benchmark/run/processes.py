@@ -83,7 +83,7 @@ def end_children(but: Collection[int] = ()) -> None:
 
 
 def _has_children() -> bool:
-    """Whether this process has children, after waiting for those that have ended."""
+    """Collect the children that have ended; tell if there are others."""
     try:
         while os.waitpid(-1, os.WNOHANG) != (0, 0):
             pass

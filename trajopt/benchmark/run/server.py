@@ -61,7 +61,7 @@ class _Server:
 
     @property
     def is_usable(self) -> bool:
-        """Whether it runs and was started by this process, not by one that forked this process."""
+        """Tell if it runs and belongs to this process, not to one that forked this process."""
         return self.owner == os.getpid() and self.process.poll() is None
 
     def end(self) -> None:

@@ -154,7 +154,7 @@ def _answer_all() -> None:
 
 
 def _message(question: Question, planners: dict[bytes, Planner]) -> bytes:
-    """Return the planner's answers, or why there are none."""
+    """Return the planner's answers, or a crash for each, as a message."""
     pickled, problem, seeds = question
     try:
         began = time.perf_counter()

@@ -1,1 +1,9 @@
-"""Problems by name: files, robots, families, degenerate cases."""
+"""Problems by name, and suites of them. In reading order:
+
+- `catalogue`: finds a problem by its name, and lists the suites;
+- `literature`: published problems, with the times published for them;
+- `robots`: problems of real arms;
+- `edges`: degenerate problems, one kind each;
+- `families`: random families, reproducible on every machine;
+- `random`: one random problem per seed, made to break planners.
+"""

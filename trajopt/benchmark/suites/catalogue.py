@@ -25,10 +25,10 @@ from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem
 from trajopt.planners.kinematics import Robot
 
-THE_PAPERS = "six-axis"
+PAPER_PROBLEM = "six-axis"
 
-_PER_FAMILY = 18
-# What a suite's problems share: an arm, a random family, a paper.
+_PROBLEMS_PER_FAMILY = 18
+# Names of problems that share an arm or a random family.
 _SHARED = re.compile(r"(robots-.+)-w\d+(?:-jerk)?|(random-[a-z]+)-.+")
 
 
@@ -36,17 +36,17 @@ _SHARED = re.compile(r"(robots-.+)-w\d+(?:-jerk)?|(random-[a-z]+)-.+")
 def problem_files() -> dict[str, Path]:
     """Every built-in problem file by name, the paper's own first."""
     files = built_in.files("problems")
-    return {THE_PAPERS: files[THE_PAPERS], **files}
+    return {PAPER_PROBLEM: files[PAPER_PROBLEM], **files}
 
 
 def find(name_or_path: str) -> Path | None:
-    """The file of a problem, from its name or its path; None where a suite makes it in code.
+    """Return the file of a problem, given its name or path; None where code makes the problem.
 
     A path has a dot or a slash.
 
     Raises:
-        UnknownName: with the names there are.
-        InvalidInput: the file does not exist.
+        UnknownName: There is no such problem; names those that exist.
+        InvalidInput: The file does not exist.
     """
     named = problem_files() | literature.files()
     if name_or_path in named:
@@ -65,7 +65,7 @@ def find(name_or_path: str) -> Path | None:
 
 
 def load(name_or_path: str) -> Problem:
-    """A problem by name or path; errors name the file, key, joint and value."""
+    """Return a problem by name or path; errors name the file, key, joint and value."""
     file = find(name_or_path)
     if file is None:
         return _made(name_or_path)
@@ -73,10 +73,10 @@ def load(name_or_path: str) -> Problem:
 
 
 def group(problem: Problem) -> str:
-    """What a problem shares with others from which it is not independent.
+    """Name the group of problems that are not independent of this one.
 
-    Of a suite's problem its arm, random family or paper; of any other its limits, which are the
-    robot's.
+    Problems of a suite are grouped by arm, random family or paper, and all others by their limits,
+    which are the robot's.
     """
     name = problem.name
     shared = _SHARED.fullmatch(name)
@@ -93,7 +93,7 @@ def group(problem: Problem) -> str:
 
 
 def _made(name: str) -> Problem:
-    """The problem of a suite that is made in code; raises `UnknownName`."""
+    """Return the problem of a suite that is made in code; raise `UnknownName` otherwise."""
     for named in (robots.named, edges.named, families.named):
         problem = named(name)
         if problem is not None:
@@ -121,9 +121,9 @@ def robot(name_or_path: str) -> Robot:
 
 @dataclass(frozen=True)
 class Suite:
-    """Problems that belong together; `stream` makes them, lazily and always the same ones.
+    """Problems that belong together; `stream` yields the same ones at each call.
 
-    Where `stream` has no end, `size` is how many of them are meant by default.
+    Where `stream` has no end, `size` is the default number of problems.
     """
 
     name: str
@@ -133,20 +133,20 @@ class Suite:
     size: int | None = None
 
     def problems(self, size: int | None = None) -> list[Problem]:
-        """The first `size` problems, or fewer where there are no more."""
+        """Return the first `size` problems, or all if there are fewer."""
         if size is not None and size < 1:
             raise InvalidInput("size", "1 or more", value=size)
         return list(islice(self.stream(), size or self.size))
 
 
 def suites() -> dict[str, Suite]:
-    """Every suite by name; each random family is one too."""
+    """Return every suite by name; each random family is a suite too."""
     found = [
         Suite(
-            THE_PAPERS,
+            PAPER_PROBLEM,
             "the problem of Ma et al. 2024",
             version=1,
-            stream=_the_papers,
+            stream=partial(_files, PAPER_PROBLEM),
         ),
         Suite(
             "edges",
@@ -171,35 +171,35 @@ def suites() -> dict[str, Suite]:
             "its families by turns",
             version=families.VERSION,
             stream=families.stream,
-            size=len(families.FAMILIES) * _PER_FAMILY,
+            size=len(families.FAMILIES) * _PROBLEMS_PER_FAMILY,
         ),
     ]
     for name, family in families.FAMILIES.items():
-        of_one_family = Suite(
-            f"random-{name}",
-            family.description,
-            version=families.VERSION,
-            stream=partial(families.stream, name),
-            size=_PER_FAMILY,
-        )
-        found.append(of_one_family)
+        stream = partial(families.stream, name)
+        version = families.VERSION
+        size = _PROBLEMS_PER_FAMILY
+        found.append(Suite(f"random-{name}", family.description, version, stream, size))
     return {suite.name: suite for suite in found}
 
 
-def _the_papers() -> Iterator[Problem]:
-    yield load(THE_PAPERS)
+def _files(*names: str) -> Iterator[Problem]:
+    for name in names:
+        yield load(name)
 
 
 def _edges() -> Iterator[Problem]:
-    """The small built-in files, then those made in code."""
-    for name in problem_files():
-        if name != THE_PAPERS:
-            yield load(name)
+    """Yield the small built-in problems, then the degenerate ones."""
+    yield from _files(*list(problem_files())[1:])
     yield from edges.stream()
 
 
 def problems(name: str, size: int | None = None) -> list[Problem]:
-    """The problems of a suite, each with its own name; raises `UnknownName` or `InvalidInput`."""
+    """Return the problems of a suite, each with its own name.
+
+    Raises:
+        UnknownName: There is no such suite.
+        InvalidInput: The size is below 1.
+    """
     known = suites()
     if name not in known:
         raise UnknownName("suite", name, known)

@@ -239,7 +239,7 @@ def _limits(
     high_velocity, high_acceleration = family.limits(rng, n)
     velocity = _pairs(rng, high_velocity)
     acceleration = _pairs(rng, high_acceleration)
-    # Jerk limits are drawn even where there are none: `jerk` changes no other number.
+    # Drawn even if the problem has no jerk limits: `jerk` changes no other number.
     digits = _between(rng, 1.0, 10.0, n)
     stiffness = digits * rng.choice(_JERK_SHARES, n)
     if not jerk:

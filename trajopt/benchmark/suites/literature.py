@@ -19,15 +19,13 @@ from decimal import Decimal
 from itertools import starmap
 from math import pi
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from trajopt.core import built_in, numerals
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.files import check_keys, text_at, toml
 from trajopt.core.problem import Problem
-
-if TYPE_CHECKING:
-    from trajopt.explain.claims import Claim
+from trajopt.explain.claims import Claim
 
 # Raise it whenever a file changes, or one is added.
 LITERATURE_VERSION = 1
@@ -80,26 +78,26 @@ class Published:
 
 
 def files() -> dict[str, Path]:
-    """Every published problem that can be stated, by name."""
+    """Return the files of published problems that can be stated, by name."""
     return built_in.files("literature")
 
 
 def files_beyond() -> dict[str, Path]:
-    """Every published problem that cannot."""
+    """Return the files of published problems that cannot be stated, by name."""
     return built_in.files("literature/beyond")
 
 
 def stream() -> Iterator[Problem]:
-    """The problems, in alphabetical order."""
+    """Yield the published problems in alphabetical order."""
     for file in files().values():
         yield Problem.from_toml(file)
 
 
 def refuse_beyond(name: str) -> None:
-    """Say why a published problem of this name cannot be stated, if it is one.
+    """Refuse the name of a published problem that cannot be stated here.
 
     Raises:
-        InvalidInput: it is.
+        InvalidInput: It is such a name; gives the reason.
     """
     file = files_beyond().get(name)
     if file is None:
@@ -109,11 +107,11 @@ def refuse_beyond(name: str) -> None:
 
 
 def published(name_or_path: str | Path) -> Published:
-    """A published problem by name or path.
+    """Return a published problem by name or path.
 
     Raises:
-        UnknownName: with the names there are.
-        InvalidInput: names the file, the key and what would be right.
+        UnknownName: There is no such problem; names those that exist.
+        InvalidInput: The file cannot be used; names the file, the key and what would be right.
     """
     known = files() | files_beyond()
     path = known.get(str(name_or_path), Path(name_or_path))
@@ -152,17 +150,14 @@ def _published(path: Path) -> Published:
 
 
 def _printed(text: str) -> Decimal | float:
-    """A decimal, which remembers how many digits were printed; a float for infinity."""
+    """Return a decimal, which keeps the number of printed digits, or a float for infinity."""
     with suppress(ValueError):
         return numerals.exact(text)
     return float(text)
 
 
 def _claim(number: int, entry: Any) -> Claim:
-    """One `[[published.claims]]`: `time` and `unit`; `peak_jerk` goes with `jerk_unit`."""
-    # planners and the verifier: not where problems are only looked up
-    from trajopt.explain.claims import Claim
-
+    """Read one `[[published.claims]]`: `time` and `unit`; `peak_jerk` needs `jerk_unit`."""
     key = f"published.claims, claim {number}"
     table = _table(entry, key)
     check_keys(f"{key}, ", table, (*_CLAIM_TEXTS, "time", "unit", "peak_jerk", "jerk_unit"))
@@ -190,7 +185,7 @@ def _claim(number: int, entry: Any) -> Claim:
 
 
 def _peak_jerk(key: str, table: Mapping[str, Any]) -> tuple[float, ...] | None:
-    """The peak jerks that the source prints beside a time, rad/s³."""
+    """Return the peak jerks that the source prints beside a time, rad/s³."""
     if "peak_jerk" not in table:
         return None
     unit = table.get("jerk_unit")

@@ -1,4 +1,4 @@
-"""Real robot arms: the limits of each, with the origin of every kind, and problems under them."""
+"""Real robot arms, and problems drawn from their joint ranges."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from trajopt.core.arm_file import Origin as Origin
 from trajopt.core.arm_file import arm_files as arm_files
 from trajopt.core.problem import Problem
 
-# Raise it whenever an arm, or what is drawn for it, changes.
+# Raise it whenever an arm or its problems change.
 ROBOTS_VERSION = 1
 
 ROBOT_WAYPOINTS = (4, 8, 16)
-_REACH_SHARE = 0.95  # of a joint's range, around its middle
+RANGE_SHARE = 0.95  # the middle part of a joint's range, in which waypoints lie
 _NAME = re.compile(r"robots-(?P<arm>.+)-w(?P<waypoints>\d+)(?P<jerk>-jerk)?")
 
 arm = arm_file.read
@@ -30,17 +30,16 @@ def robot_problem(
     *,
     jerk: bool = False,
 ) -> Problem:
-    """An arm's problem: waypoints drawn evenly from its joint ranges, under its own limits.
+    """Draw an arm's problem: uniform waypoints in its joint ranges, under its own limits.
 
-    From the middle 95 % of each range, and from at most a turn; the same waypoints with its jerk
-    limits, if it has any, as without.
+    Waypoints lie in the middle 95 % of each range, and within one turn. They are the same with and
+    without jerk limits.
     """
     key = crc32(real.name.encode())
     rng = np.random.default_rng([ROBOTS_VERSION, key, waypoints])
-    # Some joints turn without end.
-    turn = 2 * np.pi
+    turn = 2 * np.pi  # some joints have no position limits
     low, high = np.clip(real.limits.position, -turn, turn).T
-    half = _REACH_SHARE * (high - low) / 2
+    half = RANGE_SHARE * (high - low) / 2
     reach = np.minimum(half, np.pi)
     middle = (low + high) / 2
     joints = len(reach)
@@ -62,7 +61,7 @@ def robot_problem(
 
 
 def stream() -> Iterator[Problem]:
-    """Every arm at every size, with and without its jerk limits."""
+    """Yield the problems of every arm at every size, with and without its jerk limits."""
     for name in arm_files():
         real = arm(name)
         for jerk in (False, True):
@@ -73,7 +72,7 @@ def stream() -> Iterator[Problem]:
 
 
 def named(name: str) -> Problem | None:
-    """The problem of this name, of any size, or None."""
+    """Return the problem of this name, of any size, or None."""
     match = _NAME.fullmatch(name)
     if match is None or match["arm"] not in arm_files():
         return None
