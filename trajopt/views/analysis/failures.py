@@ -40,7 +40,7 @@ class Reason:
 
 
 def failures(results: Results) -> pd.DataFrame:
-    """Count the failures of every planner by kind, the planner with its options as the index.
+    """Count the failures of every planner by kind; the index is the planner with its options.
 
     Failures are counted as in `overview`: not what a planner refused, nor what is relaxed. Each
     trial counts once, by its `reason`.
@@ -48,7 +48,7 @@ def failures(results: Results) -> pd.DataFrame:
     Columns:
         kind: in words that follow a number of trials.
         count: of trials, the most frequent first.
-        worst: the largest size of a flaw, NaN where there is none; in `unit`.
+        worst: the largest size of a flaw in `unit`, or NaN.
         unit: such as `rad`, or nothing.
     """
     trials = results.trials()
@@ -78,7 +78,7 @@ def in_words(reasons: pd.DataFrame) -> str:
 
 
 def worst(size: float, unit: str) -> str:
-    """Write the largest size of a kind of flaw; nothing where there is none."""
+    """Write the largest size of a kind of flaw, if it has a size."""
     if np.isnan(size):
         return ""
     return f", worst {size:.3g} {unit}"

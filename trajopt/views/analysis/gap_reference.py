@@ -1,4 +1,4 @@
-"""What gaps are measured against: the shortest motion known for a problem, and what is proved.
+"""The reference of gaps: the shortest motion known for a problem, and the proved lower bound.
 
     references(trials)      # by the problem's digest
     improvements(trials)    # answers that are better than the best known

@@ -3,7 +3,7 @@
     overview(Results("results"))                          # of all problems
     overview(Results("results"), by=suite_of)             # one line per suite and planner
 
-What a planner does not support does not count against it.
+Problems that a planner does not support do not count against it.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def _line(runs: pd.DataFrame) -> dict[str, Any]:
 
 
 def _proved(runs: pd.DataFrame) -> int:
-    """Of how many problems the reference is the optimum, but for `CLOSED_WITHIN`."""
+    """Count the problems whose reference is the optimum, to within `CLOSED_WITHIN`."""
     gaps = runs["reference"] / runs["proved"] - 1
     has_motion = runs["kind"].isin(OPTIMA)
     closed = runs[has_motion & (gaps < CLOSED_WITHIN)]

@@ -4,7 +4,8 @@
     paired_tests(pairs)                  # one row per planner and rival, over the problems
     between_seeds(runs_of_one_problem)   # one row per planner and rival, over their seeds
 
-What counts is the certified duration. No answer is +inf: worse than any, and equal to another.
+Planners are compared by certified duration. A missing answer is +inf: worse than every answer, and
+equal to another missing one.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def to_tie_digits(duration: float) -> float:
 
 
 def _tie_durations(runs: pd.DataFrame) -> pd.Series[float]:
-    """Certified durations to `TIE_DIGITS` digits, s; +inf for no answer."""
+    """Return certified durations to `TIE_DIGITS` digits, s; +inf for a missing answer."""
     durations = runs["certified_duration"].fillna(np.inf)
     return durations.map(to_tie_digits)
 
@@ -148,8 +149,8 @@ def paired_tests(pairs: pd.DataFrame) -> pd.DataFrame:
             has an answer, the ratio is the largest of all.
         holm: the same, adjusted for every pair of the table, each counted once (Holm 1979).
         both: problems on which the medians of both are finite; `both_better`, `both_tied`,
-            `both_worse`, `both_ratio`, `both_pvalue` and `both_holm` are those above on them (ratio
-            NaN and p = 1 if there is none).
+            `both_worse`, `both_ratio`, `both_pvalue` and `both_holm` are those above on them;
+            without such problems the ratio is NaN and p is 1.
     """
     rows = {key: _paired_row(group) for key, group in pairs.groupby(KEYS)}
     return _both_ways(rows, _PAIRED_COLUMNS)
@@ -187,7 +188,7 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _both_ways(rows: dict[Any, dict[str, float]], columns: list[str]) -> pd.DataFrame:
-    """The rows of each pair and their mirror, p-values adjusted for the family of pairs."""
+    """Return the rows of each pair and of its mirror, with p-values adjusted for all pairs."""
     table = pd.DataFrame.from_dict(rows, orient="index", columns=columns)
     if rows:
         table.index = pd.MultiIndex.from_tuples(rows, names=KEYS)
@@ -201,7 +202,7 @@ def _both_ways(rows: dict[Any, dict[str, float]], columns: list[str]) -> pd.Data
 
 
 def _mirrored(table: pd.DataFrame) -> pd.DataFrame:
-    """The same, as the other planner of each pair sees it."""
+    """Return the same table with `planner` and `against` swapped."""
     mirror = table.rename(columns=_MIRROR)
     mirror.index = mirror.index.swaplevel().set_names(KEYS)
     for ratio in ("ratio", "both_ratio"):
@@ -237,7 +238,7 @@ def _paired_row(group: pd.DataFrame) -> dict[str, float]:
 
 
 def _both_answer(own: Array, theirs: Array, groups: NDArray[Any]) -> dict[str, float]:
-    """The columns `both_…`, from logarithms of durations that are all finite."""
+    """Return the columns `both_…` from finite logarithms of durations."""
     if not own.size:
         nothing = dict.fromkeys(["both", "both_better", "both_tied", "both_worse"], 0)
         return nothing | {"both_ratio": np.nan, "both_pvalue": 1.0}
@@ -276,7 +277,7 @@ def _seed_row(own: Array, theirs: Array) -> dict[str, float]:
 
 
 def _median_ratio(own: Array, theirs: Array) -> float:
-    """The median ratio, from logarithms; the same both ways, but for its inverse."""
+    """Return the median ratio from logarithms; its inverse is exact for the swapped pair."""
     with np.errstate(invalid="ignore"):
         change = own - theirs
         equal = own == theirs

@@ -64,7 +64,7 @@ _REFERENCE_COLUMNS: dict[str, Any] = {
     "recorded": "str",
     "recorded_proof": "str",
 }
-_OF_A_LINE = ["problem", "digest", "label"]  # what all its trials share
+_OF_A_LINE = ["problem", "digest", "label"]  # shared by the trials of a line
 
 
 @dataclass(frozen=True, init=False, eq=False)
@@ -104,8 +104,7 @@ class Results:
         Columns:
             id: identity of the trial.
             problem, digest: name of the problem, and SHA-256 of its numbers.
-            group: what it shares with problems from which it is not independent: an arm, a paper,
-                a random family.
+            group: an arm, a paper or a random family; problems of one group are not independent.
             planner, label: the planner, and its name with the options that differ from its
                 defaults.
             seed: of the random stream.
@@ -114,10 +113,10 @@ class Results:
             claimed_duration: of the trajectory as returned, s.
             certified_duration: the same times `max(1, dilation)`, s; NaN beyond mending.
             lower_bound: no trajectory is faster, as the planner proved, s.
-            feasible: whether it keeps every limit as claimed.
+            feasible: true if it keeps every limit as claimed.
             dilation: the cheapest factor of time that keeps velocity, acceleration and jerk limits.
-            position_excess: how far the trajectory leaves its position limits, rad; 0 within
-                them, NaN without a trajectory or such limits.
+            position_excess: largest distance beyond a position limit, rad; 0 within the limits,
+                NaN without a trajectory or such limits.
             evaluations: of the objective.
             setup_time: wall time for building what later calls reuse, s.
             solve_time: wall time besides, s; a batch's divided by its runs.
@@ -130,14 +129,15 @@ class Results:
         return pd.DataFrame(rows, columns=list(TRIAL_COLUMNS)).astype(TRIAL_COLUMNS)
 
     def references(self) -> pd.DataFrame:
-        """One row per problem, by its digest: what gaps are measured against.
+        """One row per problem, by its digest: the reference of its gaps.
 
         Columns:
             reference: s.
             kind: `exact`, the shortest certified answer of the exact planners, or of the proof;
                 `refined`, that of refined collocation, above the optimum by at most
-                `REFINED_RTOL`; `relaxed`, where none knows all limits, the largest of what they
-                found without the limits that they ignore; `lower bound`, where more is proved;
+                `REFINED_RTOL`; `relaxed`, where no exact planner knows all limits, the longest of
+                their answers without the limits that they ignore; `lower bound`, where a longer
+                duration is proved;
                 `best known`, where the recorded motion (`trajopt best-known`) is shorter than all.
             proved: no trajectory is faster, s; NaN where nothing was proved.
             recorded: where the recorded motion comes from, if it is the reference, or empty.
@@ -174,11 +174,11 @@ class Results:
         """One row per problem and planner with its options, by median certified duration.
 
         Columns:
-            problem, digest, label: of whom and of what.
+            problem, digest, label: the problem, and the planner with its options.
             median, q1, q3, min, max: certified durations of the runs that have one, s.
             gap: median of theirs to the reference, a ratio minus 1.
             kind, reference, proved, recorded, recorded_proof: those of `references()`.
-            runs, solved: how many, and how many with the status `solved`.
+            runs, solved: the number of runs, and of those with the status `solved`.
             kept: share of all runs that keep every limit as claimed.
             dilation: median of the runs that break a limit and can be mended.
             position_excess: worst of all runs, rad.

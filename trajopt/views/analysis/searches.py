@@ -1,4 +1,4 @@
-"""Searches of the best 3-5-3: what their histories say of the evaluations that they need.
+"""Searches of the best 3-5-3: the evaluations that they need, from their histories.
 
     problems = [histories(trials) for trials in by_problem]
     running_times(over_best(problems))   # expected evaluations to each target
@@ -48,7 +48,7 @@ def histories(trials: Sequence[Trial]) -> Histories:
 def searches(problems: Sequence[Histories]) -> set[str]:
     """Planners that kept a history on any of the problems and beat the best 3-5-3 on none.
 
-    The evaluations of those that beat it are of something else.
+    A planner that beats the best 3-5-3 searches other motions.
     """
     searching = set()
     beating = set()

@@ -29,7 +29,7 @@ Values = Array | np.float64  # a number where the runs were the only axis
 EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact
 EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's p is exact
 MAX_BOOTSTRAP_VALUES = 10**6  # drawn at a time: they fit into memory
-END_MARGIN = 1e-12  # of a chance: its variance is 0 at both ends
+END_MARGIN = 1e-12  # distance of a chance from 0 and 1, where its variance is 0
 QUARTILES = (0.25, 0.5, 0.75)
 FIVE_NUMBERS = (0, *QUARTILES, 1)
 

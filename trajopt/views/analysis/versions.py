@@ -1,10 +1,10 @@
-"""Which trials are shown: of each planner those of one version, the one that was compared last.
+"""Select the trials that are shown: of each planner those of the version that was compared last.
 
     shown = newest(store.read("results"))
     shown.trials, shown.left_out
 
-A label is a planner's name with its options, and says nothing of its code. Trials of several
-versions of it are not trials of one planner.
+A label is a planner's name with its options, without its code. Trials of several versions of a
+planner's code are not trials of one planner.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Newest:
     left_out: Mapping[str, int]
 
     def __str__(self) -> str:
-        """What is left out, in a sentence; empty if nothing is."""
+        """Say in a sentence which trials are left out, if any are."""
         if not self.left_out:
             return ""
         count = sum(self.left_out.values())
@@ -50,15 +50,17 @@ class Newest:
 
 
 def version(trial: Trial) -> Version:
-    """What ran, whichever the problem and the seed."""
+    """Return the planner, options and code of a trial."""
     options = json.dumps(dict(trial.options), sort_keys=True, default=str)
     return trial.planner, options, trial.code
 
 
 def newest(trials: Iterable[Trial]) -> Newest:
-    """Of each label the version that ran last, or that a later comparison asked for again.
+    """Return for each label the trials of its last version.
 
-    Of trials with one identity, as from two copies of a folder, the last counts.
+    The last version ran last, or was asked for last by a comparison.
+
+    The last of several trials with one identity counts, as from two copies of a folder.
     """
     once: dict[str, Trial] = {}
     for trial in trials:
@@ -81,5 +83,5 @@ def newest(trials: Iterable[Trial]) -> Newest:
 
 
 def _time(trial: Trial) -> datetime:
-    """When it ran, or a later comparison kept it."""
+    """Return when a trial ran, or when a later comparison kept it."""
     return datetime.fromisoformat(trial.asked or trial.started)

@@ -1,1 +1,8 @@
-"""Trials and motions for other tools."""
+"""Trials and motions for other tools, in reading order.
+
+all_trials: the formats of all trials.
+tables: CSV and Parquet.
+latex: the summary as a table for a paper.
+ioh: convergence histories for IOHanalyzer.
+motion: one certified trajectory for a controller, or as a picture.
+"""

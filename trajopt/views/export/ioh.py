@@ -28,7 +28,7 @@ from trajopt.views.export.tables import options_text
 
 Array = NDArray[np.float64]
 
-VERSION = "0.3.5"  # of the format; IOHanalyzer reads JSON from 0.3.3 on
+VERSION = "0.3.5"  # the format's; IOHanalyzer reads JSON from 0.3.3 on
 HEADER = "evaluations raw_y"
 
 
@@ -73,7 +73,7 @@ class _Experiment(NamedTuple):
 
 
 def _experiments(items: Sequence[Trial]) -> Iterator[_Experiment]:
-    """Those with a history, by function and algorithm."""
+    """Yield the experiments with a history, by function and algorithm."""
     names = {trial.problem.digest(): trial.problem.name for trial in items}
     groups: dict[tuple[str, str], list[Trial]] = {}
     for trial in sorted(items, key=lambda trial: (trial.seed, trial.id)):
@@ -146,7 +146,7 @@ def _described(experiment: _Experiment) -> dict[str, Any]:
 
 
 def _run(trial: Trial, curve: Array) -> dict[str, Any]:
-    """One run's summary; JSON knows no infinity, so the largest number stands for no answer."""
+    """Return one run's summary; the largest number stands for a missing answer."""
     spent, best = curve.T
     last = float(best[-1])
     shortest = min(last, sys.float_info.max)
@@ -168,16 +168,18 @@ def _run(trial: Trial, curve: Array) -> dict[str, Any]:
 
 
 def _curve(trial: Trial) -> Array:
-    """Evaluations and the best certified by then (s): `(m, 2)`, at 1, each improvement, the end.
+    """Return evaluations and the best certified by then (s), `(m, 2)`.
+
+    Rows are at 1 evaluation, at each improvement, and at the end.
 
     Readers tell runs apart by their first evaluation, and take what was spent from the last.
     """
     history = trial.certified_history
-    # no answer at the first evaluation, but what the rows say of it
+    # the first evaluation has no answer unless a row gives one
     spent, best = np.insert(history, 0, [1.0, np.inf], axis=0).T
     spent = np.floor(np.maximum(1.0, spent))
     best = np.where(np.isfinite(best), best, np.inf)
-    # of the rows at one evaluation the last, of those with one best the first; and the end
+    # keep the last row of one evaluation, the first row of one best, and the end
     last = np.diff(spent, append=np.inf) > 0
     spent = spent[last]
     best = best[last]

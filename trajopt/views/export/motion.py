@@ -1,8 +1,8 @@
 """A certified trajectory as a file that others read: samples, a ROS message, a picture, or all.
 
-What a controller is to run is not sampled and hoped for: its breaks are moved to whole control
-cycles (`trajopt.formats.on_cycle`), it is written, read again, joined as the controller joins it,
-and verified; only then does the file take its place.
+Samples for a controller are verified as executed: the breaks of the motion are moved to whole
+control cycles (`trajopt.formats.on_cycle`), the file is written, read again, joined as the
+controller joins it, and verified. Only then does the file take its place.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _KINDS = ("velocity", "acceleration", "jerk")
 
 @dataclass(frozen=True)
 class Target:
-    """What to write.
+    """A file to be written.
 
     Attributes:
         path: Its ending says the format.
@@ -61,14 +61,14 @@ class Target:
 
     @property
     def executed(self) -> bool:
-        """Whether it is what a controller is to run."""
+        """True for samples that a controller is to run."""
         sampled = self.path.suffix in (".csv", *MESSAGES)
         return sampled or self.points is not None
 
 
 @dataclass(frozen=True)
 class Executed:
-    """What the controller makes of a written file.
+    """The motion that a controller makes of a written file.
 
     Attributes:
         points: How many.
@@ -95,10 +95,10 @@ class Executed:
 
 
 def write(target: Target, trial: Trial) -> Executed | None:
-    """Write a trial's certified trajectory, and say what a controller makes of the file.
+    """Write a trial's certified trajectory, and judge what a controller makes of the file.
 
     Returns:
-        The verdict on the motion as executed; None for what no controller runs.
+        The verdict on the motion as executed; None for a file that no controller runs.
 
     Raises:
         InvalidInput: The cycle is too long for the motion.

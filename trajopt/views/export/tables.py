@@ -19,7 +19,7 @@ _AS_TEXT = "'"  # before a cell: what follows is text
 
 
 def table(results: Results) -> pd.DataFrame:
-    """`results.gaps()` (s; NaN where there is none) and what each trial came from.
+    """Return `results.gaps()` (s) and the origin of each trial.
 
     Further columns:
         batch: runs solved together.

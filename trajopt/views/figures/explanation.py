@@ -17,7 +17,7 @@ from trajopt.views.figures.plots import Look, styled
 from trajopt.views.figures.style import BLACK, BLUE, GREY, VERMILION, text
 
 Array = NDArray[np.float64]
-Steps = Sequence[tuple[str, float]]  # what was added, and the duration it leads to, s
+Steps = Sequence[tuple[str, float]]  # the names of steps, and the duration after each, s
 
 _SAMPLES = 1500
 _BAR_WIDTH = 0.62
@@ -27,7 +27,7 @@ _SHORT_NAMES: dict[LimitName, str] = {
     "velocity": "vel.",
     "acceleration": "acc.",
     "jerk": "jerk",
-}  # of the limits of motion, as a row is called
+}  # in the labels of rows
 
 
 @styled

@@ -41,7 +41,7 @@ from trajopt.views.figures.style import (
 )
 
 Array = NDArray[np.float64]
-Look = dict[str, Any]  # what Matplotlib calls the parts of an artist's look
+Look = dict[str, Any]  # keywords of Matplotlib's artists
 
 _SHORT_DASHES = (0, (3, 2))
 _BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
@@ -51,7 +51,7 @@ PNG_DPI = 150
 _COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
-_SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # of a decade of durations: where ticks are
+_SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # ticks of a decade of durations
 
 styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings stay as they are
 
@@ -109,7 +109,7 @@ def durations(summary: Sequence[Line], title: str = "") -> Figure:
 
 
 def _reference(rows: Sequence[Line]) -> tuple[str, float] | None:
-    """What the gaps are measured against, in words, and its duration, s."""
+    """Return the name of the gaps' reference, and its duration, s."""
     first = rows[0]
     if first.kind is None:
         return None
@@ -163,7 +163,7 @@ def _columns(axes: Axes, rows: Sequence[Line], *, gaps: bool) -> None:
 
 
 def _statuses(axes: Axes, rows: Sequence[Line], first: int) -> None:
-    """In place of a duration, why there is none, and the lower bound; from the row `first` on."""
+    """Write the status and lower bound of rows without a duration, from the row `first` on."""
     style: Look = {
         "textcoords": "offset points",
         "va": "center",

@@ -1,7 +1,7 @@
-"""What figures and the report share: colours, line styles, quantities with units, and texts.
+"""Colours, line styles, quantities and texts that figures and the report share.
 
-Colours are Okabe and Ito's, which the colour blind tell apart; line styles and markers tell the
-same apart in grey. Nothing here needs Matplotlib.
+Colours are Okabe and Ito's, which colour-blind readers can distinguish; line styles and markers
+distinguish the same curves in grey. This module does not import Matplotlib.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     write(Results(store.read("results")), Path("results/report.html"))
 
-The page needs no server and no network. What only some readers open (the trials, each problem's
-curves and trajectories, and Plotly itself, a third of its size that way) is in it compressed.
+The page needs no server and no network. The trials, each problem's curves and trajectories, and
+Plotly itself are in it compressed, to a third of their size.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def write(
 
 
 def is_of(results: Results, path: Path) -> bool:
-    """Whether a file is the report of just these trials, by its first lines."""
+    """Return whether a file is the report of these trials, by its first lines."""
     try:
         with path.open(encoding="utf-8") as file:
             beginning = file.read(_BEGINNING)
@@ -109,7 +109,7 @@ def _breaks(label: str) -> Markup:
 
 
 def _blobs(page: content.Page, tables: dict[str, Any], trajectories: int) -> dict[str, str]:
-    """What the page unpacks: Plotly and its trials at once, each problem when it is opened."""
+    """Return the packed parts of the page: Plotly, the trials, and each problem."""
     data = content.trial_table(page) | tables
     blobs = {
         "data": packed_json(data),

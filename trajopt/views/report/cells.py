@@ -17,7 +17,7 @@ from trajopt.views.analysis.pairwise import mean_ranks
 from trajopt.views.analysis.results import competing, median_gap
 from trajopt.views.figures.style import dilated, percent
 
-COLUMNS = {  # of the table of problems and planners: what its heading says, and its unit
+COLUMNS = {  # headings, with units, of the table of problems and planners
     "solved": "solved",
     "kept": "kept limits",
     "median": "certified (s)",
@@ -33,7 +33,7 @@ REASON_LENGTH = 500
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A number as it is read, and at full precision, by which it is sorted; None: there is none."""
+    """A number as text, and at full precision for sorting; None without a number."""
 
     text: str
     value: float | None = None
@@ -92,7 +92,7 @@ def _dilation(ratio: float) -> Cell:
 
 
 def reference(row: Any) -> str:
-    """What gaps are measured against, of a row of `Results.references()`, and what is proved."""
+    """Say in a sentence what gaps are measured against, from a row of `Results.references()`."""
     shortest = row["reference"]
     proved = row["proved"]
     known = "the best known, not proved"

@@ -1,4 +1,6 @@
-"""Curves and tables of a suite: profiles, ECDFs, searches, pairs. No answer is worse than any."""
+"""Curves and tables of a suite: profiles, ECDFs, searches, pairs.
+
+A missing answer is worse than every answer."""
 
 from __future__ import annotations
 
@@ -49,7 +51,7 @@ def suites(page: Page) -> list[dict[str, Any]]:
 
 
 def between_seeds(page: Page) -> list[dict[str, Any]]:
-    """Of a page with few problems: on each, planners with several runs against each other."""
+    """Compare planners with several runs on each problem, if the page has few of them."""
     if len(page.problems) > 1 and _seed_pairs(page) > SEED_PAIRS:
         return []
     found = []
@@ -62,7 +64,7 @@ def between_seeds(page: Page) -> list[dict[str, Any]]:
 
 
 def _seed_pairs(page: Page) -> int:
-    """How many pairs of planners have several runs each, of all problems: each is resampled."""
+    """Count the pairs of planners with several runs each, over all problems."""
     runs = competing(page.gaps).groupby(["digest", "label"]).size()
     several = runs[runs > 1]
     planners = several.groupby("digest").size()
@@ -190,7 +192,7 @@ def _shares(
     grid: Array,
     labels: Sequence[str],
 ) -> list[Curve]:
-    """Per planner the share of values at most those of the grid, the mean over its groups."""
+    """Return per planner the share of values up to each of the grid, as a mean over groups."""
     curves = []
     for label, groups_of_it in values.items():
         shares = [statistics.ecdf(own, grid)[1] for own in groups_of_it]
@@ -201,7 +203,7 @@ def _shares(
 
 
 def _steps(planner: int, x: Array, y: Array) -> Curve:
-    """A staircase, without the points at which nothing happens."""
+    """Return a staircase without the points at which it does not step."""
     changes = np.diff(y, prepend=np.nan) != 0  # the first point too
     changes[-1] = True
     return {

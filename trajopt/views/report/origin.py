@@ -1,4 +1,4 @@
-"""How the trials were run: the command that makes them again, its limits, code and machine."""
+"""The origin of trials: the command that runs them again, its limits, code and machine."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LIMITS = {
     "timeout_limit": ("--timeout", "time limit of a trial (s)"),
     "memory_limit": ("--memory", "memory limit of a trial (GiB)"),
     "jobs": ("--jobs", "trials side by side"),
-}  # what provenance calls it, the option that sets it, and what the table of facts calls it
+}  # the key in provenance, the option that sets it, and the name in the table of facts
 _NAMES = {
     "cpu": "processor",
     "isolation": "kept apart from the run by",
@@ -135,7 +135,7 @@ def motions(items: Sequence[Trial]) -> list[str]:
 
 
 def again(trial: Trial, problem: str) -> tuple[str, str]:
-    """The command that runs a planner on a problem once more, or why there is none.
+    """Return the command that runs a planner on a problem again, or the reason why it cannot.
 
     Args:
         trial: one of those that it ran.

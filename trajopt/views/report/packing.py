@@ -12,18 +12,18 @@ from numpy.typing import ArrayLike
 
 
 def packed(text: str) -> str:
-    """Base64 of the gzipped text: no character of it can end a script element."""
+    """Return the text gzipped, in Base64: no character of it can end a script element."""
     return base64.b64encode(gzip.compress(text.encode(), compresslevel=9, mtime=0)).decode()
 
 
 def packed_json(value: Any) -> str:
-    """The same of a value as JSON; what is not finite is null."""
+    """Return the value as JSON, packed; numbers that are not finite are null."""
     text = json.dumps(finite(value), separators=(",", ":"), allow_nan=False, default=str)
     return packed(text)
 
 
 def finite(value: Any) -> Any:
-    """JSON has no infinity or NaN: what does not exist is None."""
+    """Replace infinity and NaN, which JSON does not have, by None."""
     if isinstance(value, dict):
         return {str(k): finite(v) for k, v in value.items()}
     if isinstance(value, np.ndarray | np.generic):

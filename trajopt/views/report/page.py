@@ -1,4 +1,4 @@
-"""What the report says: the numbers of each table, as text and at full precision."""
+"""The content of the report: the numbers of each table, as text and at full precision."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ TRIAL_COLUMNS = (
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """All that the template shows, in its order."""
+    """The content of the template, in its order."""
 
     results: Results
     summary: pd.DataFrame
@@ -58,7 +58,7 @@ class Page:
 
     @cached_property
     def labels(self) -> list[str]:
-        """Planners by median gap, then name: a planner's look, everywhere, is its place here."""
+        """Planners by median gap, then name; a planner's rank here decides its look in the page."""
         gaps = {}
         for label, runs in self.gaps.groupby("label"):
             gap = median_gap(competing(runs))
@@ -73,7 +73,7 @@ class Page:
 
     @cached_property
     def names(self) -> list[str]:
-        """What the command line calls each problem: its built-in name, or a file."""
+        """The names of problems on the command line: a built-in name, or a file."""
         keys = [(p.name, p.digest()) for p in self.problems]
         names = []
         for problem, file in zip(self.problems, distinct_names(keys), strict=True):
@@ -127,7 +127,7 @@ class Page:
 
     @cached_property
     def critical(self) -> str:
-        """How far apart mean ranks must be (Nemenyi), if there are ranks."""
+        """The critical difference of mean ranks (Nemenyi), if there are ranks."""
         ranked = [planner for planner in self.planners if planner["rank"].value]
         if not ranked:
             return ""
@@ -201,7 +201,7 @@ class Page:
 
     @cached_property
     def command(self) -> str:
-        """What runs the same comparison again."""
+        """The command that runs the same comparison again."""
         problems = dict(zip(self.names, self.problems, strict=True))
         return origin.compare_command(self.results.items, self.labels, problems)
 
@@ -212,7 +212,7 @@ class Page:
 
     @cached_property
     def facts(self) -> list[tuple[str, str]]:
-        """What was compared, where and when."""
+        """The facts of the comparison: problems, planners, trials, and their origin."""
         items = self.results.items
         started = sorted(trial.started[:19] for trial in items)
         first_and_last = dict.fromkeys([started[0], started[-1]])

@@ -1,6 +1,6 @@
 """Planners against each other, and what a search costs: frames in, texts of the tables out.
 
-A cell is its text, and what stands small behind it.
+A cell is its text, and a small text behind it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BETWEEN = "\u202f"  # thousands
 
 
 def first(trials: Sequence[Trial], labels: Sequence[str]) -> int:
-    """Whom to compare with at first, by its place: who answers on the most problems.
+    """Return the rank of the planner to compare with at first: it answers on the most problems.
 
     Of several the one with the most runs, then the first.
     """
@@ -127,7 +127,7 @@ def _whisker(row: Any) -> list[float]:
 
 
 def duration(value: float) -> str:
-    """A median, s; of runs half of which have no answer there is none."""
+    """Write a median, s, unless half of the runs have no answer."""
     return f"{value:.4f}" if np.isfinite(value) else "no answer"
 
 

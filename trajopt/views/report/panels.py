@@ -1,4 +1,4 @@
-"""What is in one problem's panel: limits, convergence, and the trajectories of median runs."""
+"""The content of one problem's panel: limits, convergence, and trajectories of median runs."""
 
 from __future__ import annotations
 
