@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import linecache
 import platform
 import re
-import subprocess
 import sys
 import time
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -90,7 +90,7 @@ def test_an_edited_module_anywhere_in_a_package_is_another_code(tmp_path, fresh)
 def test_of_an_installed_planner_the_version_and_its_own_file_count(tmp_path, fresh, monkeypatch):
     monkeypatch.setattr(provenance, "_is_installed", lambda file: file.is_relative_to(tmp_path))
     found = SimpleNamespace(name="strangers-planners", version="1.2")
-    monkeypatch.setattr(provenance, "_distribution", lambda module: found)
+    monkeypatch.setattr(provenance, "distribution", lambda name: found)
     module = tmp_path / "stranger.py"
     module.write_text(source(imports="import helper"))
     (tmp_path / "helper.py").write_text("")
@@ -140,7 +140,6 @@ def test_of_a_checkout_only_what_can_change_a_trial_counts():
 
 NOTEBOOK = """
 from dataclasses import dataclass
-from trajopt.benchmark.provenance import code_of
 from trajopt import Planner, Solution, Status
 
 WEIGHT = {weight}
@@ -153,25 +152,37 @@ class Mine(Planner):
     def solve(self, problem, *, seed=0):
         if seed in {{"a", "b", "c"}}:
             return None
-        return Solution(Status.FAILED, message=str(helper(WEIGHT)))
-
-print(code_of(Mine()).digest)
+        return Solution(Status.FAILED, message=str([helper(WEIGHT) for _ in range(2)]))
 """
 
 
-def notebook(weight="1", helper="x + 1"):
-    """As a notebook or an interpreter does: there is no file."""
-    code = NOTEBOOK.format(weight=weight, helper=helper)
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
-    )
-    return done.stdout
+@pytest.fixture
+def notebook(monkeypatch):
+    """Run a cell as a notebook does: there is no file, but `inspect` finds the source."""
+
+    def digest(weight="1", helper="x + 1", *, keep=True):
+        code = NOTEBOOK.format(weight=weight, helper=helper)
+        module = ModuleType("a_notebook")
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        name = f"<cell {len(linecache.cache)}>"
+        if keep:
+            lines = code.splitlines(keepends=True)
+            monkeypatch.setitem(linecache.cache, name, (len(code), None, lines, name))
+        exec(compile(code, name, "exec"), vars(module))
+        return code_of(module.Mine()).digest
+
+    return digest
 
 
-def test_a_planner_of_a_notebook_is_told_by_what_it_does():
+def test_a_planner_of_a_notebook_is_told_by_its_source_and_what_it_uses(notebook):
     first = notebook()
-    assert notebook() == first  # whatever the order of sets
+    assert notebook() == first
     assert len({first, notebook(weight="2"), notebook(helper="x + 2")}) == 3
+
+
+def test_code_without_a_source_is_refused(notebook):
+    with pytest.raises(InvalidInput, match=r"planner, Mine\.solve.*code in a file or"):
+        notebook(keep=False)
 
 
 def made(gain):
@@ -359,7 +370,7 @@ def test_a_planner_that_changes_the_problem_is_judged_on_ours():
     assert trial.certified_duration is None
 
 
-def test_an_installed_package_tells_its_commit_or_a_digest(monkeypatch):
+def test_an_installed_package_tells_its_commit_and_a_digest(monkeypatch):
     written = {}
     package = SimpleNamespace(read_text=written.get)
     monkeypatch.setattr(provenance, "distribution", lambda name: package)
@@ -371,15 +382,13 @@ def test_an_installed_package_tells_its_commit_or_a_digest(monkeypatch):
     assert provenance._installed_commit() == "7921be1537eac1e97bc40179a57f0349c2aee67d"
     written["direct_url.json"] = '{"url": "file:///home/a/b", "dir_info": {}}'
     assert provenance._installed_commit() == ""
-    assert provenance._installed_sources() == ""  # of a checkout
-    monkeypatch.setattr(provenance, "_is_installed", lambda file: True)
     record = "trajopt/a.py,sha256={},10\n../bin/trajopt,sha256=x,1\ntrajopt/a.pyc,,\n"
     digests = set()
     for own in ("one", "two"):
         written["RECORD"] = record.format(own)
-        digests.add(provenance._installed_sources())
+        digests.add(provenance._record())
     written["RECORD"] = record.format("one").replace("=x", "=y")
-    digests.add(provenance._installed_sources())
+    digests.add(provenance._record())
     assert len(digests) == 2
 
 

@@ -1,23 +1,25 @@
 """The code that ran: which distribution, which version, and a digest of its sources.
 
 A trial's identity contains that digest, so an edited planner never shows what it answered before.
-What is digested depends on where the code lies:
+The digest covers, depending on where the code lies:
 
 - installed from a wheel: the distribution's version, and the module's own file;
 - a package that is not (an editable install, a checkout): every source of the package;
 - a script: its file, and the modules beside it that it imports;
-- a notebook, or a text given to `exec`: the compiled functions of the class, and of whatever they
-  use of the notebook.
+- a notebook, or a class made inside a function: the source of its functions, and of whatever they
+  use of their own module and of the functions around them.
 
-This package belongs to every digest, since it judges: of a checkout the modules that can change a
-trial, not those that only show it.
+Code without a source, as `exec` makes it, is refused. This package belongs to every digest, since
+it judges: of a checkout the modules that can change a trial, not those that only show it.
 """
 
 from __future__ import annotations
 
 import ast
 import hashlib
+import inspect
 import json
+import linecache
 import os
 import platform
 import re
@@ -30,10 +32,8 @@ from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from importlib.metadata import (
-    Distribution,
     PackageNotFoundError,
     distribution,
-    packages_distributions,
     version,
 )
 from numbers import Integral, Real
@@ -57,6 +57,7 @@ _JUDGES = ("trajopt/benchmark/trial.py",)
 _SOURCES = (".py", ".so", ".pyd")
 _SHORT_ARRAY = 100  # values that an option shows before it shows their digest instead
 _CPU_MODEL = re.compile(r"^model name\s*:\s*(?P<name>\S.*)$", re.MULTILINE)
+_CONSTANTS = (str, int, float, tuple, list)
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 
 
@@ -84,7 +85,6 @@ def provenance() -> dict[str, str]:
     return versions | {
         "python": platform.python_version(),
         "commit": _commit(),
-        "sources": _installed_sources(),
         "judge_digest": _ours(),
         "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs",
         "cpu": _processor(),
@@ -170,38 +170,80 @@ def _is_standard(cls: type) -> bool:
     return package in sys.stdlib_module_names
 
 
-def _digest(cls: type | FunctionType) -> str:
-    """Of the sources that a class or a function comes from, and of what it was made with."""
-    module = sys.modules.get(cls.__module__)
-    file = None if module is None else _file(module)
-    if module is None or file is None:
-        compiled = list(_compiled(cls, set()))
-        return _sha(json.dumps(compiled))
-    sources = _sources(module.__name__)
-    made_by_a_function = "<locals>" in cls.__qualname__  # perhaps with values of its own
-    if made_by_a_function or _is_executed_text(cls):
-        compiled = list(_compiled(cls, set()))
-        return _sha(json.dumps([sources, *compiled]))
-    return sources
+def _digest(value: type | FunctionType) -> str:
+    """Digest the sources that a class or a function comes from."""
+    module = sys.modules.get(value.__module__)
+    for function in _functions(value).values():
+        _check_source(function)
+    sources = ""
+    if module is not None and _file(module) is not None:
+        sources = _sources(module.__name__)
+    if sources and "<locals>" not in value.__qualname__:
+        return sources
+    texts = list(_texts(value, set()))
+    return _sha(json.dumps([sources, *texts]))
 
 
-def _is_executed_text(value: type | FunctionType) -> bool:
-    """Whether `exec` made it of a text, which the file of its module need not hold."""
+def _functions(value: type | FunctionType) -> dict[str, FunctionType]:
+    """The functions of a class by their names, or the function itself, without decorators."""
     members = vars(value) if isinstance(value, type) else {value.__name__: value}
-    waiting: list[Any] = []
+    found = {}
     for name, member in members.items():
-        if not name.startswith("__"):  # as those that `dataclass` made, by `exec` too
-            waiting += _functions(member)
-    seen: set[int] = set()
-    while waiting:
-        function = waiting.pop()
-        if not isinstance(function, FunctionType) or id(function) in seen:
-            continue
-        seen.add(id(function))
-        if not Path(function.__code__.co_filename).is_file():
-            return True
-        waiting += _enclosed(function)
-    return False
+        if isinstance(member, property):
+            member = member.fget
+        function = inspect.unwrap(getattr(member, "__func__", member))  # of static, class methods
+        generated = name.startswith("__")  # as `dataclass` generates `__init__`
+        if isinstance(function, FunctionType) and not generated:
+            found[name] = function
+    return found
+
+
+def _check_source(function: FunctionType, checked: frozenset[FunctionType] = frozenset()) -> None:
+    """Raise `InvalidInput` unless the source of a function and those within it can be read."""
+    if not linecache.getlines(function.__code__.co_filename):
+        right = "code in a file or in a notebook; nobody can read the source of this one"
+        raise InvalidInput(f"planner, {function.__qualname__}", right)
+    checked |= {function}
+    for used in inspect.getclosurevars(function).nonlocals.values():
+        if isinstance(used, FunctionType) and used not in checked:
+            _check_source(used, checked)
+
+
+def _texts(value: Any, seen: set[int]) -> Iterator[Any]:
+    """Yield the sources of a class or a function, and of what it uses: see the top of this file."""
+    if id(value) in seen or isinstance(value, ModuleType):
+        return
+    seen.add(id(value))
+    if not isinstance(value, type | FunctionType):
+        yield plain(value, "a value that the planner uses")
+        return
+    if isinstance(value, type):
+        constants = vars(value).items()
+        yield sorted((name, repr(item)) for name, item in constants if isinstance(item, _CONSTANTS))
+    for name, function in sorted(_functions(value).items()):
+        _check_source(function)
+        yield [name, inspect.getsource(function)]
+        for used in _used(function):
+            yield from _texts(used, seen)
+
+
+def _used(function: FunctionType) -> Iterator[Any]:
+    """What a function uses of its own module, and of the functions around it."""
+    for name in _names(function.__code__):
+        value = function.__globals__.get(name)
+        own = getattr(value, "__module__", function.__module__) == function.__module__
+        if value is not None and own:
+            yield value
+    yield from inspect.getclosurevars(function).nonlocals.values()
+
+
+def _names(code: CodeType) -> list[str]:
+    """The global names in a function and in the functions within it."""
+    names = list(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            names += _names(constant)
+    return names
 
 
 @cache
@@ -214,8 +256,8 @@ def _sources(name: str) -> str:
     package = (module.__package__ or "").partition(".")[0]
     if package in _OURS:
         return _ours()
-    if _is_installed(file):
-        release = " ".join(_release(name)).strip()
+    release = " ".join(_release(name)).strip()
+    if release and _is_installed(file):
         return _sha(f"{release} {_sha(file.read_bytes())}")
     if not package:
         return _sha_of({path.name: path for path in _script(file)})
@@ -228,10 +270,10 @@ def _sources(name: str) -> str:
 
 @cache
 def _ours() -> str:
-    """This package: its version, and where it is a checkout the sources that a trial depends on."""
+    """Digest this package: all that is installed, or a checkout's sources that trials depend on."""
     root = Path(__file__).resolve().parents[2]
     if _is_installed(Path(__file__)):
-        return _version("trajopt")
+        return _record()
     sources: dict[str, Path] = {}
     for package in _OURS:
         sources |= _named(_files(root / package), root)
@@ -293,77 +335,6 @@ def _imported(path: Path) -> set[str]:
     return names
 
 
-def _compiled(value: Any, seen: set[int]) -> Iterator[Any]:
-    """What a class or a function does, where there is no file to say so: as compiled.
-
-    Follows what it uses of its own module, and the values that it was made with.
-    """
-    if id(value) in seen:
-        return
-    seen.add(id(value))
-    if isinstance(value, type):
-        for name, member in sorted(vars(value).items()):
-            for function in _functions(member):
-                yield name
-                yield from _compiled(function, seen)
-            if isinstance(member, str | int | float | tuple | list):
-                yield [name, repr(member)]
-    elif isinstance(value, FunctionType):
-        yield from _instructions(value.__code__)
-        yield repr((value.__defaults__, value.__kwdefaults__))
-        for used in _used(value):
-            yield from _compiled(used, seen)
-    elif isinstance(value, np.ndarray):
-        yield _plain_array(value)
-    elif not isinstance(value, ModuleType):
-        yield _ADDRESS.sub("", repr(value))
-
-
-def _functions(member: Any) -> list[FunctionType]:
-    if isinstance(member, property):
-        member = member.fget
-    member = getattr(member, "__func__", member)  # static and class methods
-    return [member] if isinstance(member, FunctionType) else []
-
-
-def _instructions(code: CodeType) -> Iterator[Any]:
-    yield [code.co_code.hex(), code.co_names, code.co_varnames]
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            yield from _instructions(constant)
-        elif isinstance(constant, frozenset):
-            yield sorted(map(repr, constant))
-        else:
-            yield repr(constant)
-
-
-def _used(function: FunctionType) -> Iterator[Any]:
-    """What a function uses of its module's own names, and of the function that made it."""
-    for name in _names(function.__code__):
-        value = function.__globals__.get(name)
-        own = getattr(value, "__module__", function.__module__) == function.__module__
-        if value is not None and own:
-            yield value
-    yield from _enclosed(function)
-
-
-def _enclosed(function: FunctionType) -> Iterator[Any]:
-    """What a function uses of the functions around it."""
-    for cell in function.__closure__ or ():
-        try:
-            yield cell.cell_contents
-        except ValueError:  # not set yet
-            continue
-
-
-def _names(code: CodeType) -> list[str]:
-    nested = [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    names = list(code.co_names)
-    for inner in nested:
-        names += _names(inner)
-    return names
-
-
 def _file(module: ModuleType) -> Path | None:
     """The module's source file, where there is one: not of a notebook, nor of standard input."""
     name = getattr(module, "__file__", None)
@@ -380,7 +351,7 @@ def _is_installed(file: Path) -> bool:
 
 
 class _Release(NamedTuple):
-    """An installed distribution and its version; empty for what belongs to none."""
+    """A registered or installed distribution and its version; empty for code of none."""
 
     name: str
     version: str
@@ -388,43 +359,17 @@ class _Release(NamedTuple):
 
 @cache
 def _release(module: str) -> _Release:
-    """The distribution that a module belongs to; its metadata, a README in it, is parsed once."""
+    """The distribution that registers a module's planners, or has the name of its package."""
     package = module.partition(".")[0]
-    if package in _OURS and module != "trajopt":
-        return _release("trajopt")
-    found = _distribution(module)
-    return _Release("", "") if found is None else _Release(found.name, found.version)
-
-
-def _distribution(module: str) -> Distribution | None:
-    """The installed distribution that a module belongs to."""
-    package = module.partition(".")[0]
-    if package in _OURS:
-        package = "trajopt"
+    found = None
     for entry in entries().values():
-        point = entry.point
-        if point.module.partition(".")[0] == package and point.dist is not None:
-            return point.dist
-    if _is_script(module):
-        return None
+        if entry.point.module.partition(".")[0] == package and entry.point.dist is not None:
+            found = entry.point.dist
     try:
-        return distribution(package)
-    except PackageNotFoundError:
-        names = _packages().get(package, [])
-    return distribution(names[0]) if names else None
-
-
-@cache
-def _packages() -> Mapping[str, list[str]]:
-    """The installed distributions of every package: their records of files are read, a second."""
-    return packages_distributions()
-
-
-def _is_script(module: str) -> bool:
-    found = sys.modules.get(module)
-    file = None if found is None else _file(found)
-    package = "" if found is None else found.__package__
-    return not package and (file is None or not _is_installed(file))
+        found = found or distribution("trajopt" if package in _OURS else package)
+    except (PackageNotFoundError, ValueError):  # a script
+        return _Release("", "")
+    return _Release(found.name, found.version)
 
 
 def _sha_of(files: Mapping[str, Path]) -> str:
@@ -451,8 +396,8 @@ def _version(package: str) -> str:
 def _commit() -> str:
     """The commit of the checkout this runs from, marked if changed, or of the installed package.
 
-    An installer writes down the commit of what it took from version control (PEP 610); of any other
-    installed package it is empty, and `_installed_sources` tells which code it is.
+    An installer writes down the commit of what it took from version control (PEP 610). For any
+    other installed package it is empty, and the digest tells which code it is.
     """
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
@@ -472,16 +417,14 @@ def _installed_commit() -> str:
     return str(commit)
 
 
-def _installed_sources() -> str:
-    """A digest of the installed modules, as their RECORD lists them; empty for a checkout."""
-    if not _is_installed(Path(__file__)):
-        return ""
+def _record() -> str:
+    """Digest the installed modules, as the installer's RECORD lists them."""
     hashes = []
     for line in _metadata("RECORD").splitlines():
         path, _, rest = line.partition(",")
         if path.startswith(_OURS) and path.endswith(_SOURCES):
             hashes.append(f"{path},{rest}")
-    return f"SHA-256 {_sha(json.dumps(sorted(hashes)))}"
+    return _sha(json.dumps(sorted(hashes)))
 
 
 def _metadata(file: str) -> str:
