@@ -191,7 +191,8 @@ def _functions(value: type | FunctionType) -> dict[str, FunctionType]:
     for name, member in members.items():
         if isinstance(member, property):
             member = member.fget
-        function = inspect.unwrap(getattr(member, "__func__", member))  # of static, class methods
+        inner: Any = getattr(member, "__func__", member)  # of static and class methods
+        function = inspect.unwrap(inner) if callable(inner) else inner
         generated = name.startswith("__")  # as `dataclass` generates `__init__`
         if isinstance(function, FunctionType) and not generated:
             found[name] = function
