@@ -7,7 +7,7 @@ import pytest
 
 from trajopt import Limits, Problem, Trajectory
 from trajopt.benchmark.best_known import proposal, records
-from trajopt.benchmark.best_known.record import CLOSED_FORM, Origin, Record
+from trajopt.benchmark.best_known.record import CLOSED_FORM, Origin, Record, evidence
 from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.explain.claims import Known
 
@@ -34,8 +34,7 @@ def written(folder, *, lower_bound=OPTIMUM, origin=BOUND):
         lower_bound,
         motion=MOTION,
         bound=origin,
-        trajectory=bang_bang(),
-        proof={},
+        evidence=evidence(bang_bang(), {}),
     )
     proposal.write(record, folder)
     return folder

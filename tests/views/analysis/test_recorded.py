@@ -53,7 +53,7 @@ def recorded(monkeypatch):
 
     def known(duration, bound):
         by = Origin("theirs", "1.0", "2026-11-22")
-        record = Record(PROBLEM, duration, bound, by, by, None, {"steps": np.zeros((1, 4))})
+        record = Record(PROBLEM, duration, bound, by, by, evidence="{}")
         own = {PROBLEM.digest(): record}
         monkeypatch.setattr(records, "find", lambda problem: own.get(problem.digest()))
         motion = SimpleNamespace(duration=duration)

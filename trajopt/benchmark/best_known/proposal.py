@@ -21,6 +21,7 @@ from trajopt.benchmark.best_known.record import (
     Array,
     Origin,
     Record,
+    evidence,
     origin,
     parsed,
     proof_of,
@@ -203,8 +204,7 @@ def _with_motion(
             lower_bound=end_to_end_bound(problem),
             motion=motion.origin,
             bound=replace(motion.origin, method=CLOSED_FORM, submitter=""),
-            trajectory=motion.trajectory,
-            proof={},
+            evidence=evidence(motion.trajectory, {}, rtol=0.0),
         )
     if motion.duration >= before.duration * (1 - BETTER_RTOL):
         return before
@@ -212,7 +212,7 @@ def _with_motion(
         before,
         duration=motion.duration,
         motion=motion.origin,
-        trajectory=motion.trajectory,
+        evidence=evidence(motion.trajectory, before.proof, rtol=0.0),
     )
 
 
@@ -220,24 +220,28 @@ def _with_proof(record: Record, candidate: Candidate) -> Record:
     """The record with a proof, where that proves more."""
     if not candidate.proof:
         return record
-    exact = replace(record, proof=candidate.proof, bound=candidate.origin)
-    try:
-        bound = proved(exact)
-    except TrajoptError:
-        return record  # of another question, or none
+    exact = _proving(record, candidate, candidate.proof)
+    if exact is None:  # about another question, or no proof
+        return record
     # less may be what the recorded one lost by rounding
     least = record.lower_bound * (1 + BETTER_RTOL) / (1 - _PROOF_RTOL)
-    if bound <= least:
+    if exact.lower_bound <= least:
         return record
     for digits in _PROOF_DIGITS:
-        brief = replace(exact, proof=_rounded(candidate.proof, digits))
-        try:
-            brief_bound = proved(brief)
-        except TrajoptError:
-            continue
-        if brief_bound >= bound * (1 - _PROOF_RTOL):
-            return replace(brief, lower_bound=brief_bound)
-    return replace(exact, lower_bound=bound)
+        brief = _proving(record, candidate, _rounded(candidate.proof, digits))
+        if brief and brief.lower_bound >= exact.lower_bound * (1 - _PROOF_RTOL):
+            return brief
+    return exact
+
+
+def _proving(record: Record, candidate: Candidate, proof: Mapping[str, Array]) -> Record | None:
+    """The record with another proof and what that proves; None where it proves nothing."""
+    stated = evidence(record.trajectory, proof, rtol=0.0)
+    other = replace(record, evidence=stated, bound=candidate.origin)
+    try:
+        return replace(other, lower_bound=proved(other))
+    except TrajoptError:
+        return None
 
 
 def _rounded(proof: Mapping[str, Array], digits: int) -> dict[str, Array]:
@@ -278,15 +282,16 @@ def write(record: Record, where: Path) -> Path:
     """
     file = records.file_of(record.problem, where) or where / record.file_name
     content = _content(record)
-    atomic.write(file, lambda place: place.write_text(content, encoding="utf-8"))
+    atomic.write(file, content.encode())
     return file
 
 
 def _content(record: Record) -> str:
     """The file's text, read back and verified."""
     for rtol in (*own_breaks.SAME_RTOLS, 0.0):
-        back = parsed(text(record, rtol))
+        brief = replace(record, evidence=evidence(record.trajectory, record.proof, rtol))
+        back = parsed(text(brief))
         duration = verify(back.problem, back.trajectory).certified_duration
         if duration is not None and duration <= record.duration * (1 + _KEPT_RTOL):
-            return text(replace(record, duration=duration), rtol)
+            return text(replace(brief, duration=duration))
     raise StoreError(f"{record.problem.name}: its motion is another one when it is read again")

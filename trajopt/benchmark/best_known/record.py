@@ -1,27 +1,29 @@
 """A record: the best known motion of a problem and a lower bound with its proof, in a JSON file.
 
-The file says all there is to check: the problem's numbers, the motion as
-`trajopt.formats.own_breaks` has it, and the proof, one row of numbers a line. Floats come back bit
-by bit.
+The file states all there is to check: the problem's numbers, the motion as
+`trajopt.formats.own_breaks` writes it, and the proof, one row of numbers a line. Floats come back
+bit for bit.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from datetime import date
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.benchmark.store.document import check_table, json_lines, problem_of, problem_table
 from trajopt.core import files
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.numerals import is_number
-from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import own_breaks
 
@@ -32,12 +34,13 @@ CLOSED_WITHIN = 1e-3
 """A best known duration this close to its proved lower bound leaves no question open."""
 
 CLOSED_FORM = "closed form"
-"""What proves a bound that needs no stored proof: `rest_to_rest.end_to_end_bound`."""
+"""The method of a bound without a stored proof: `rest_to_rest.end_to_end_bound`."""
 
-_KEYS = ("schema", "problem", "duration", "lower_bound", "motion", "bound", "trajectory", "proof")
-_PROBLEM_KEYS = ("name", "source", "joint_names", "digest", "waypoints", "limits")
+_HEAD = ("schema", "duration", "lower_bound", "motion", "bound", "problem")
+_EVIDENCE = ("trajectory", "proof")
+_EVIDENCE_START = '\n"trajectory": '  # a text that the package wrote has it once
 _PROOF_PREFIX = "proof_"  # of the arrays by which a planner's solution carries its proof
-_TEXT_MAX = 300
+_MAX_TEXT_LENGTH = 300  # characters of a line
 
 
 @dataclass(frozen=True)
@@ -66,13 +69,12 @@ class Record:
     """What is known of a problem.
 
     Attributes:
-        problem: Which counts as the same by its numbers alone.
+        problem: Two problems are the same where their numbers are.
         duration: Certified, of `trajectory`, s.
-        lower_bound: No motion is briefer, s.
+        lower_bound: No motion is faster, s.
         motion: Where the trajectory comes from.
         bound: Where the lower bound comes from.
-        trajectory: The best known motion as it was planned: certified, it may take longer.
-        proof: Of the lower bound, arrays by name; empty where its method is `CLOSED_FORM`.
+        evidence: JSON of `trajectory` and `proof`, which are read when they are needed.
     """
 
     problem: Problem
@@ -80,8 +82,29 @@ class Record:
     lower_bound: float
     motion: Origin
     bound: Origin
-    trajectory: Trajectory
-    proof: Mapping[str, Array]
+    evidence: str
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The best known motion as it was planned: certified, it may take longer."""
+        return own_breaks.trajectory(self._stated["trajectory"])
+
+    @cached_property
+    def proof(self) -> Mapping[str, Array]:
+        """Of the lower bound, arrays by name; empty where the method is `CLOSED_FORM`."""
+        table = self._stated["proof"]
+        if not isinstance(table, dict):
+            raise InvalidInput("proof", "an object of arrays, empty where there is no proof")
+        right = "a list of finite numbers, or of rows of them of one length"
+        found = {}
+        for name, rows in table.items():
+            key = f"proof.{_line('proof', name)}"
+            found[name] = own_breaks.array(key, rows, right)
+        return found
+
+    @cached_property
+    def _stated(self) -> Mapping[str, Any]:
+        return _json_of(self.evidence, _EVIDENCE)
 
     @property
     def proved_within(self) -> float:
@@ -106,12 +129,12 @@ class Record:
 
 
 def ending(problem: Problem) -> str:
-    """How the file name of a problem's record ends, whatever the problem is called."""
+    """Return how the file name of a problem's record ends, whatever the problem is called."""
     return f".{problem.digest()[:16]}.json"
 
 
 def proof_of(stats: Mapping[str, Any]) -> dict[str, Array]:
-    """The arrays of a proof among a solution's `stats`, by their names in a record."""
+    """Return the arrays of a proof among a solution's `stats`, by their names in a record."""
     found = {}
     for name, value in stats.items():
         if name.startswith(_PROOF_PREFIX) and isinstance(value, np.ndarray):
@@ -122,100 +145,62 @@ def proof_of(stats: Mapping[str, Any]) -> dict[str, Array]:
 # --- writing ---
 
 
-def text(record: Record, rtol: float = own_breaks.SAME_RTOLS[0]) -> str:
-    """The file's text; `rtol` says what the motion leaves out (`own_breaks.table`)."""
-    said = {
+def evidence(
+    trajectory: Trajectory,
+    proof: Mapping[str, Array],
+    rtol: float = own_breaks.SAME_RTOLS[0],
+) -> str:
+    """Return a record's evidence; `rtol` decides what the motion leaves out."""
+    stated = {
+        "trajectory": own_breaks.table(trajectory, rtol),
+        "proof": {name: array.tolist() for name, array in proof.items()},
+    }
+    return "".join(json_lines(stated))
+
+
+def text(record: Record) -> str:
+    """Return the file's text."""
+    head = {
         "schema": SCHEMA,
         "duration": record.duration,
         "lower_bound": record.lower_bound,
-        "motion": vars(record.motion),
-        "bound": vars(record.bound),
-        "problem": _problem_table(record.problem),
-        "trajectory": own_breaks.table(record.trajectory, rtol),
-        "proof": _lists(record.proof),
+        "motion": asdict(record.motion),
+        "bound": asdict(record.bound),
+        "problem": problem_table(record.problem),
     }
-    return "".join(_lines(said)) + "\n"
-
-
-def _problem_table(problem: Problem) -> dict[str, Any]:
-    limits = problem.limits.by_name()
-    for name in LIMIT_NAMES:
-        if not problem.has(name):
-            del limits[name]
-    return {
-        "name": problem.name,
-        "source": problem.source,
-        "joint_names": list(problem.joint_names),
-        "digest": problem.digest(),
-        "waypoints": problem.waypoints.tolist(),
-        "limits": _lists(limits),
-    }
-
-
-def _lists(arrays: Mapping[str, Array]) -> dict[str, Any]:
-    return {name: array.tolist() for name, array in arrays.items()}
-
-
-def _lines(value: Any) -> Iterator[str]:
-    """JSON with a line for every key, and for every row of numbers."""
-    if isinstance(value, dict) and value:
-        yield "{\n"
-        for number, (key, item) in enumerate(value.items()):
-            yield ",\n" if number else ""
-            yield f"{json.dumps(key)}: "
-            yield from _lines(item)
-        yield "\n}"
-    elif isinstance(value, list) and value and isinstance(value[0], list):
-        yield "[\n"
-        for number, item in enumerate(value):
-            yield ",\n" if number else ""
-            yield from _lines(item)
-        yield "\n]"
-    elif isinstance(value, list):
-        yield "[" + ",".join(map(_said, value)) + "]"
-    else:
-        yield _said(value)
-
-
-def _said(value: Any) -> str:
-    """A number as short as it comes back the same, or text; an infinite limit is null."""
-    if not isinstance(value, float):
-        return json.dumps(value, ensure_ascii=False)
-    if not np.isfinite(value):
-        return "null"
-    return repr(value).removesuffix(".0")
+    lines = "".join(json_lines(head)).removesuffix("\n}")
+    return f"{lines},{record.evidence.removeprefix('{')}\n"
 
 
 # --- reading ---
 
 
 def read(path: Path) -> Record:
-    """The record in a file, checked for its form; `verification` checks what it says.
+    """Read a record, checked for its form; `verification` checks what it states.
 
     Raises:
-        InvalidInput: It is none; names the file, the key and what would be right.
+        InvalidInput: The file holds none; names the file, the key and what would be right.
     """
+    content = files.text(path, "record", "JSON")
     try:
-        return _of(files.json(path, "record"))
+        return parsed(content)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
 
 
 def parsed(content: str) -> Record:
-    """The record in a file's text.
+    """Return the record in a file's text; its evidence is read when it is needed.
 
     Raises:
-        InvalidInput: It is none.
+        InvalidInput: The text holds none.
     """
-    try:
-        said = files.parsed_json(content)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInput("record", f"JSON, but {error}") from None
-    return _of(said)
-
-
-def _of(said: Any) -> Record:
-    table = _table("record", said, _KEYS)
+    head, mark, rest = content.partition(_EVIDENCE_START)
+    if not mark:  # not as this package writes it
+        stated = _json_of(content, (*_HEAD, *_EVIDENCE))
+        head = json.dumps({name: stated[name] for name in _HEAD}).removesuffix("}") + ","
+        rest = json.dumps({name: stated[name] for name in _EVIDENCE}).removeprefix("{")
+        mark = ""
+    table = _json_of(head.rstrip().removesuffix(",") + "}", _HEAD)
     if table["schema"] != SCHEMA:
         raise InvalidInput("schema", f"{SCHEMA}, which this version reads", value=table["schema"])
     return Record(
@@ -224,16 +209,19 @@ def _of(said: Any) -> Record:
         lower_bound=_positive("lower_bound", table["lower_bound"]),
         motion=_origin("motion", table["motion"]),
         bound=_origin("bound", table["bound"]),
-        trajectory=own_breaks.trajectory(table["trajectory"]),
-        proof=_proof(table["proof"]),
+        evidence=f"{{{mark}{rest.rstrip()}",
     )
 
 
-def _table(key: str, value: Any, names: Sequence[str]) -> Mapping[str, Any]:
-    """An object with exactly these names."""
-    if not isinstance(value, dict) or value.keys() != set(names):
-        raise InvalidInput(key, f"an object with {', '.join(names)}")
-    return value
+def _json_of(content: str, keys: tuple[str, ...]) -> Mapping[str, Any]:
+    """The object in a JSON text, with exactly these keys."""
+    try:
+        stated = files.parsed_json(content)
+    except (ValueError, RecursionError) as error:
+        raise InvalidInput("record", f"JSON, but {error}") from None
+    check_table("record", stated, keys)
+    table: Mapping[str, Any] = stated
+    return table
 
 
 def _positive(key: str, value: Any) -> float:
@@ -243,21 +231,17 @@ def _positive(key: str, value: Any) -> float:
 
 
 def _line(key: str, value: Any) -> str:
-    right = f"one printable line of at most {_TEXT_MAX} characters"
+    right = f"one printable line of at most {_MAX_TEXT_LENGTH} characters"
     if not isinstance(value, str):
         raise InvalidInput(key, right, value=value)
-    if len(value) > _TEXT_MAX or not value.isprintable():
+    if len(value) > _MAX_TEXT_LENGTH or not value.isprintable():
         raise InvalidInput(key, right, value=value)
     return value
 
 
-def _origin(key: str, value: Any) -> Origin:
-    names = [field.name for field in fields(Origin)]
-    prefix = f"{key}."
-    lines = {}
-    for name, item in _table(key, value, names).items():
-        lines[name] = _line(prefix + name, item)
-    return origin(**lines, prefix=prefix)
+def _origin(key: str, table: Any) -> Origin:
+    check_table(key, table, [field.name for field in fields(Origin)])
+    return origin(**table, prefix=f"{key}.")
 
 
 def origin(
@@ -268,7 +252,7 @@ def origin(
     *,
     prefix: str = "motion.",
 ) -> Origin:
-    """Where a motion comes from.
+    """Return where a motion comes from.
 
     Args:
         method, version, date, submitter: As in `Origin`.
@@ -277,17 +261,13 @@ def origin(
     Raises:
         InvalidInput: A record cannot hold it.
     """
-    lines = {
-        "method": method,
-        "version": version,
-        "submitter": submitter,
-    }
-    for name, value in lines.items():
+    found = Origin(method, version, date, submitter)
+    for name, value in asdict(found).items():
         _line(f"{prefix}{name}", value)
     if not method.strip():
         raise InvalidInput(f"{prefix}method", "a name")
     _check_date(f"{prefix}date", date)
-    return Origin(method, version, date, submitter)
+    return found
 
 
 def _check_date(key: str, value: str) -> None:
@@ -297,56 +277,8 @@ def _check_date(key: str, value: str) -> None:
         raise InvalidInput(key, "a date like 2026-11-22", value=value) from None
 
 
-def _problem(value: Any) -> Problem:
-    table = _table("problem", value, _PROBLEM_KEYS)
-    names = table["joint_names"]
-    if not isinstance(names, list):
-        raise InvalidInput("problem.joint_names", "a list of names")
-    problem = Problem(
-        waypoints=table["waypoints"],
-        limits=_limits(table["limits"]),
-        name=_line("problem.name", table["name"]),
-        source=_line("problem.source", table["source"]),
-        joint_names=[_line("problem.joint_names", name) for name in names],
-    )
-    if table["digest"] != problem.digest():
-        right = f"{problem.digest()}, that of its numbers"
-        raise InvalidInput("problem.digest", right, value=table["digest"])
+def _problem(table: Any) -> Problem:
+    problem = problem_of(table)
+    for name in (problem.name, problem.source, *problem.joint_names):
+        _line("problem.name, source or joint_names", name)
     return problem
-
-
-def _limits(value: Any) -> Limits:
-    required = {"velocity", "acceleration"}
-    if not isinstance(value, dict) or not required <= value.keys() <= set(LIMIT_NAMES):
-        right = "an object with velocity, acceleration, and jerk or position where there are any"
-        raise InvalidInput("problem.limits", right)
-    pairs = {}
-    for name, rows in value.items():
-        pairs[name] = _pairs(name, rows)
-    return Limits(**pairs)
-
-
-def _pairs(name: str, value: Any) -> list[Any]:
-    """Pairs of limits; null is no limit."""
-    if not isinstance(value, list):
-        raise InvalidInput(f"problem.limits.{name}", "a pair [low, high] per joint")
-    pairs = []
-    for item in value:
-        if not isinstance(item, list) or len(item) != 2:
-            raise InvalidInput(f"problem.limits.{name}", "pairs [low, high]", value=item)
-        low, high = item
-        low = -np.inf if low is None else low
-        high = np.inf if high is None else high
-        pairs.append([low, high])
-    return pairs
-
-
-def _proof(value: Any) -> dict[str, Array]:
-    if not isinstance(value, dict):
-        raise InvalidInput("proof", "an object of arrays, empty where there is no proof")
-    found = {}
-    for name, rows in value.items():
-        key = f"proof.{_line('proof', name)}"
-        right = "a list of finite numbers, or of rows of them of one length"
-        found[name] = own_breaks.array(key, rows, right)
-    return found

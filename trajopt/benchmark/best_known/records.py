@@ -16,33 +16,44 @@ BETTER_RTOL = 1e-6
 
 
 def folder() -> Path:
-    """That of this installation, or of the checkout."""
+    """Return the folder of this installation, or of the checkout."""
     return built_in.data_folder() / "best_known"
 
 
 def folder_to_write() -> Path:
-    """The checkout's, which a pull request changes; else a folder here."""
+    """Return the checkout's folder, which a pull request changes; else a folder here."""
     if built_in.is_installed():
         return Path("best_known")
     return folder()
 
 
 def files(where: Path | None = None) -> list[Path]:
-    """All records' files, by name."""
+    """Return all records' files, by name."""
     return sorted((where or folder()).glob("*.json"))
 
 
 def file_of(problem: Problem, where: Path | None = None) -> Path | None:
-    """The file of a problem's record; None where there is none."""
-    found = sorted((where or folder()).glob(f"*{ending(problem)}"))
-    return found[0] if found else None
+    """Return the file of a problem's record; None where there is none."""
+    place = where or folder()
+    changed = place.stat().st_mtime_ns if place.is_dir() else 0
+    return _files_by_ending(place, changed).get(ending(problem))
+
+
+@lru_cache(maxsize=8)
+def _files_by_ending(where: Path, changed: int) -> dict[str, Path]:
+    """Every record's file by the end of its name; `changed` is when the folder last was."""
+    found = {}
+    for file in reversed(files(where)):
+        _, *digest = file.name.rsplit(".", maxsplit=2)
+        found[f".{'.'.join(digest)}"] = file
+    return found
 
 
 def find(problem: Problem, where: Path | None = None) -> Record | None:
-    """The record of a problem; None where there is none.
+    """Return the record of a problem; None where there is none.
 
     Raises:
-        InvalidInput: Its file cannot be read, or holds another problem's record.
+        InvalidInput: Its file cannot be read.
     """
     file = file_of(problem, where)
     if file is None:
@@ -53,13 +64,13 @@ def find(problem: Problem, where: Path | None = None) -> Record | None:
     return record
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=512)
 def _read(file: Path, changed: int) -> Record:
     return read(file)
 
 
 def answer(problem: Problem) -> Answer:
-    """The recorded motion as a reference's answer, verified now; its reason is its origin."""
+    """Return the recorded motion as a reference's answer, verified now, with its origin."""
     record = find(problem)
     if record is None:
         return Answer(None, "nothing is recorded for these numbers")

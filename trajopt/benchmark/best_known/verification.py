@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from trajopt.benchmark.best_known.record import CLOSED_FORM, Record, ending, read
-from trajopt.benchmark.store.verification import StoresProofs
+from trajopt.benchmark.store.verification import StoresProofs, foreign
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
@@ -121,9 +121,7 @@ def _misplaced(record: Record, file: Path) -> Iterator[str]:
     problem = record.problem
     if not file.name.endswith(ending(problem)):
         yield f"file: its name should end in {ending(problem)}"
-    built_in = suite_problems().get(problem.name)
-    if built_in is not None and built_in.digest() != problem.digest():
-        yield f"problem: its numbers are not those of the built-in {problem.name}"
+    yield from foreign(problem)
 
 
 @cache

@@ -14,6 +14,7 @@ from math import inf, isnan, nan
 from typing import Literal
 
 from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.record import CLOSED_FORM
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
@@ -111,7 +112,8 @@ def _with_record(reference: Reference, problem: Problem) -> Reference:
     record = records.find(problem)
     if record is None:
         return reference
-    if record.proof and not record.lower_bound <= reference.proved:
+    has_proof = record.bound.method != CLOSED_FORM
+    if has_proof and not record.lower_bound <= reference.proved:
         reference = replace(
             reference,
             proved=record.lower_bound,
