@@ -1,4 +1,4 @@
-"""The script that checks a stored proof knows no toolkit, and believes nothing forged."""
+"""The script that checks a stored proof uses no toolkit, and believes no forgery."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def record(name):
 
 @pytest.fixture
 def checked(monkeypatch, capsys):
-    """A function that runs the script on a text: its exit status and what it says."""
+    """Return a function that runs the script on a text: its exit status and its output."""
 
     def run(text):
         monkeypatch.setattr(sys, "stdin", io.StringIO(text))
@@ -46,14 +46,19 @@ def checked(monkeypatch, capsys):
 
 def test_it_imports_the_standard_library_only():
     text = SCRIPT.read_text(encoding="utf-8")
-    imports = {line.split()[1] for line in text.splitlines() if line[:5] in ("from ", "impor")}
+    lines = [line.split() for line in text.splitlines()]
+    imports = {words[1] for words in lines if words and words[0] in ("from", "import")}
     assert imports <= sys.stdlib_module_names
     assert "trajopt" not in text
 
 
 def test_it_runs_where_nothing_of_ours_can_be_imported():
     with records.file_of(catalogue.load("six-axis")).open() as file:
-        ran = subprocess.run([sys.executable, "-I", SCRIPT], stdin=file, capture_output=True)
+        ran = subprocess.run(
+            [sys.executable, "-I", SCRIPT],
+            stdin=file,
+            capture_output=True,
+        )
     assert ran.returncode == 0
     assert b"no motion is briefer than 1.4834" in ran.stdout
 
@@ -62,8 +67,8 @@ def test_it_runs_where_nothing_of_ours_can_be_imported():
     "name",
     [
         "jerk-limit",
-        "position-limits",  # λ jumps at walls
-        "edges-jerk-one-side",  # and boxes are split
+        "position-limits",  # λ jumps at position limits
+        "edges-jerk-one-side",  # boxes are split
         "edges-jerk-and-position",
         "one-joint",  # in closed form, as the next one
         "edges-jerk-at-rest",
@@ -84,7 +89,7 @@ def test_no_forgery_is_confirmed(checked):
         assert code not in (0, False), (forgery.name, out)
 
 
-def test_a_waypoint_that_differs_by_rounding_is_none_of_its_own(checked):
+def test_a_waypoint_that_differs_by_rounding_only_is_left_out(checked):
     said = record("six-axis")
     rows = said["problem"]["waypoints"]
     rows.insert(2, [q * (1 + 2.0**-51) for q in rows[1]])
@@ -113,7 +118,15 @@ def no_multipliers(said):
     said["proof"]["multipliers"] = []
 
 
-@pytest.mark.parametrize("tamper", [shorter_way, faster_joints, other_costates, no_multipliers])
+@pytest.mark.parametrize(
+    "tamper",
+    [
+        shorter_way,
+        faster_joints,
+        other_costates,
+        no_multipliers,
+    ],
+)
 def test_a_tampered_proof_fails(checked, tamper):
     said = record("six-axis")
     tamper(said)
@@ -123,7 +136,7 @@ def test_a_tampered_proof_fails(checked, tamper):
 
 @pytest.mark.parametrize("name", ["jerk-limit", "position-limits"])
 def test_the_toolkit_never_proves_more_than_exact_fractions_do(checked, name):
-    """Two programs, of which one rounds: what it takes off is enough, whatever the numbers are."""
+    """The toolkit rounds: the bound on its rounding suffices for any numbers."""
     honest = record(name)
     rng = np.random.default_rng(0)
     for size in (1e-12, 1e-6, 1e-2, 1.0):

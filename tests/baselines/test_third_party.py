@@ -1,4 +1,4 @@
-"""Other people's planners against closed forms, and what is said where they are not installed."""
+"""Other people's planners against closed forms, and the message if one is not installed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NAMES = [name for name, entry in entries().items() if "third_party" in entry.poi
 
 
 def installed(spec: str) -> Planner:
-    """The planner, or a skipped test that says what to install."""
+    """Return the planner, or skip the test with the command that installs it."""
     missing = entries()[spec.partition(":")[0]].missing()
     if missing is not None:
         pytest.skip(missing)
@@ -62,11 +62,17 @@ def test_everybody_gets_twelve_tries_and_the_authors_own_is_first(name: str) -> 
     for tries in (0, 13):
         with pytest.raises(InvalidInput, match="from 1 to 12"):
             planner(f"{name}:tries={tries}")
-    problem = Problem([[0.0, 0.0], [0.6, 0.1], [1.0, 0.5]], Limits([1.0, 1.0], [2.0, 2.0]))
+    waypoints = [
+        [0.0, 0.0],
+        [0.6, 0.1],
+        [1.0, 0.5],
+    ]
+    problem = Problem(waypoints, Limits([1.0, 1.0], [2.0, 2.0]))
     first = installed(f"{name}:tries=1").solve(problem)
     assert first.stats["spline"] == "/".join(map(str, rival.settings[0]))
     better = installed(f"{name}:tries=2")
-    assert certified(f"{name}:tries=2", problem) <= certified(f"{name}:tries=1", problem)
+    by_two = certified(f"{name}:tries=2", problem)
+    assert by_two <= certified(f"{name}:tries=1", problem)
     results = [key for key in better.solve(problem).stats if "/" in key]
     assert len(results) == 2
 
@@ -83,12 +89,21 @@ def test_least_jerk_between_two_points_is_the_quintic() -> None:
 def test_minsnap_optimises_the_ratios_of_its_times() -> None:
     """Mirrored waypoints: from uneven times back to even ones."""
     installed("minsnap")
-    problem = Problem([[0.0, 0.0], [1.0, 0.9], [2.0, 0.0]], Limits([1.0, 1.0], [2.0, 2.0]))
+    waypoints = [
+        [0.0, 0.0],
+        [1.0, 0.9],
+        [2.0, 0.0],
+    ]
+    problem = Problem(waypoints, Limits([1.0, 1.0], [2.0, 2.0]))
 
     def at(durations: np.ndarray) -> Trajectory:
         return spline(problem, durations, 3, 5, backend("minsnap_trajectories"))
 
-    durations = optimised(problem, np.array([1.0, 2.0]), at)
+    durations = optimised(
+        problem,
+        np.array([1.0, 2.0]),
+        at,
+    )
     assert durations[0] == pytest.approx(durations[1], rel=1e-2)
 
 
@@ -114,12 +129,17 @@ def test_copps_own_path_passes_the_waypoints() -> None:
     solution = installed("copp:tries=1").solve(problem)
     assert solution.trajectory is not None
     at = solution.trajectory.waypoint_times
-    np.testing.assert_allclose(solution.trajectory(at), problem.waypoints, atol=1e-12)
+    np.testing.assert_allclose(
+        solution.trajectory(at),
+        problem.waypoints,
+        atol=1e-12,
+    )
 
 
 def test_copp_and_kto_keep_jerk_limits_by_themselves() -> None:
     problem = load("jerk-limit")
-    for rival, setting in ((Copp(), ("limit", "natural")), (DrakeKto(), (5, "limit"))):
+    settings = {Copp(): ("limit", "natural"), DrakeKto(): (5, "limit")}
+    for rival, setting in settings.items():
         pytest.importorskip(rival.requires[0])
         solution = rival.tried(problem, *setting)
         assert solution.trajectory is not None
@@ -141,11 +161,15 @@ def test_kto_is_a_bspline_through_the_waypoints() -> None:
 
 
 def test_totg_runs_its_own_motion_through_the_waypoints() -> None:
-    """As long as its own clock says, but for what happens between its points."""
+    """Its duration is that of TOTG's own clock, but for errors between the points."""
     problem = load("six-axis")
     solution = installed("totg:tries=1").solve(problem)
     motion = solution.trajectory
     assert motion is not None
-    np.testing.assert_allclose(motion(motion.waypoint_times), problem.waypoints, atol=1e-12)
+    np.testing.assert_allclose(
+        motion(motion.waypoint_times),
+        problem.waypoints,
+        atol=1e-12,
+    )
     assert motion.duration == pytest.approx(solution.stats["own duration"], rel=1e-2)
     assert verify(problem, motion).dilation < 1.1

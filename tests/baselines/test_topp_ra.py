@@ -16,9 +16,8 @@ from trajopt.judging.verification import verify
 from trajopt.planners import spline353
 
 FOLDER = Path(__file__).parents[2] / "data/problems"
-TIMED = [
-    f for f in sorted(FOLDER.glob("*.toml")) if f.stem not in ("jerk-limit", "position-limits")
-]
+UNSUPPORTED = ("jerk-limit", "position-limits")
+TIMED = [file for file in sorted(FOLDER.glob("*.toml")) if file.stem not in UNSUPPORTED]
 
 
 def certified(problem, solution):
@@ -28,16 +27,38 @@ def certified(problem, solution):
     return certificate.certified_duration
 
 
+def candidates(solution):
+    """The result of every spline: its certified duration, or the reason for its failure."""
+    return {rule: result for rule, result in solution.stats.items() if "/" in rule}
+
+
 def bang_bang(shares=(0.0, 1.0)):
     """Joints in proportion, ±2 and ±4 rad/s²: the exact optimum, 0.5 s² · 2 rad/s² each way."""
     half = np.sqrt(0.5)
-    breaks = np.array([0.0, half, 2 * half])
-    one = np.array([[1.0, -1.0], [0.0, 2 * half], [0.0, 0.5]])
-    problem = Problem(np.outer(shares, [1.0, -2.0]), Limits([100.0, 100.0], [2.0, 4.0]))
-    times = [
-        half * np.sqrt(2 * s) if s < 0.5 else 2 * half - half * np.sqrt(2 - 2 * s) for s in shares
-    ]
-    return problem, Trajectory(breaks, one[:, :, None] * [1.0, -2.0], times)
+    breaks = np.array(
+        [
+            0.0,
+            half,
+            2 * half,
+        ]
+    )
+    one = np.array(
+        [
+            [1.0, -1.0],
+            [0.0, 2 * half],
+            [0.0, 0.5],
+        ]
+    )
+    waypoints = np.outer(shares, [1.0, -2.0])
+    problem = Problem(waypoints, Limits([100.0, 100.0], [2.0, 4.0]))
+    times = []
+    for share in shares:
+        # the second half is the first one backwards
+        from_end = min(share, 1 - share)
+        time = half * np.sqrt(2 * from_end)
+        times.append(time if share < 0.5 else 2 * half - time)
+    both = one[:, :, None] * [1.0, -2.0]
+    return problem, Trajectory(breaks, both, times)
 
 
 @pytest.mark.parametrize("file", TIMED, ids=lambda f: f.stem)
@@ -46,10 +67,10 @@ def test_the_files_certify_within_a_hundredth_of_the_claim(file):
     solution = ToppRa(gridpoints=400).solve(problem)
     duration = certified(problem, solution)
     assert duration <= solution.trajectory.duration * 1.01
-    candidates = {rule: value for rule, value in solution.stats.items() if "/" in rule}
-    assert len(candidates) == 12
-    assert duration == min(v for v in candidates.values() if isinstance(v, float))
-    assert candidates[solution.stats["spline"]] == duration
+    results = candidates(solution)
+    assert len(results) == 12
+    assert duration == min(result for result in results.values() if isinstance(result, float))
+    assert results[solution.stats["spline"]] == duration
 
 
 @pytest.mark.parametrize("seed", range(25))
@@ -65,7 +86,12 @@ def test_the_answer_is_the_path_at_the_parameter(ends, monkeypatch):
     path = spline(problem, "chord", ends)
     seen = []
     timed = topp_ra.timed
-    monkeypatch.setattr(topp_ra, "timed", lambda *given: seen.append(given) or timed(*given))
+
+    def recorded(*given):
+        seen.append(given)
+        return timed(*given)
+
+    monkeypatch.setattr(topp_ra, "timed", recorded)
     answer = along(problem, path, gridpoints=50).trajectory
     grid, speeds, waypoints = seen[0]
     # The package's own evaluation of q(s(t)), of scipy's spline at the same knots.
@@ -75,8 +101,17 @@ def test_the_answer_is_the_path_at_the_parameter(ends, monkeypatch):
     t = np.linspace(0, answer.duration, 20001)
     for order in (0, 1):
         expected = reference(t, order)
-        np.testing.assert_allclose(answer(t, order), expected, atol=1e-9 * np.abs(expected).max())
-    np.testing.assert_allclose(answer(answer.waypoint_times), problem.waypoints, atol=1e-10)
+        atol = 1e-9 * np.abs(expected).max()
+        np.testing.assert_allclose(
+            answer(t, order),
+            expected,
+            atol=atol,
+        )
+    np.testing.assert_allclose(
+        answer(answer.waypoint_times),
+        problem.waypoints,
+        atol=1e-10,
+    )
 
 
 def test_a_line_takes_the_trapezoid():
@@ -87,7 +122,7 @@ def test_a_line_takes_the_trapezoid():
 
 
 def test_asymmetric_limits_take_the_lopsided_trapezoid():
-    # Forwards at most 2 rad/s, up at 1 rad/s² and down at 4: ramps of 2 s and 0.5 s over 2.5 rad.
+    # Forwards at most 2 rad/s, up at 1 rad/s², down at 4: ramps of 2 s and 0.5 s over 2.5 rad.
     problem = Problem([[0.0], [4.5]], Limits([[-9.0, 2.0]], [[-4.0, 1.0]]))
     assert certified(problem, ToppRa().solve(problem)) == pytest.approx(3.5, rel=1e-4)
     back = Problem([[0.0], [-4.5]], Limits([[-2.0, 9.0]], [[-1.0, 4.0]]))
@@ -104,38 +139,68 @@ def test_the_optimum_keeps_its_own_timing():
 def test_limits_relaxed_by_a_millionth_give_half_a_millionth():
     problem, exact = bang_bang()
     limits = problem.limits
-    relaxed = Problem(problem.waypoints, Limits(limits.velocity, limits.acceleration * (1 + 1e-6)))
+    acceleration = limits.acceleration * (1 + 1e-6)
+    relaxed = Problem(problem.waypoints, Limits(limits.velocity, acceleration))
     solution = along(relaxed, exact, start_speed=1.0, end_speed=1.0)
-    # Held to speed 1 at its ends the path can gain at most √(1 + 1e-6) − 1 everywhere between.
-    assert -6e-7 <= solution.trajectory.duration / exact.duration - 1 <= 1e-7
+    # With speed 1 at its ends the path can gain at most √(1 + 1e-6) − 1 everywhere between.
+    gain = solution.trajectory.duration / exact.duration - 1
+    assert -6e-7 <= gain <= 1e-7
 
 
 def test_at_path_speed_zero_the_loss_is_of_first_order():
     problem, exact = bang_bang()
-    losses = [
-        certified(problem, along(problem, exact, gridpoints=n, start_speed=0.0, end_speed=0.0))
-        / exact.duration - 1
-        for n in (100, 200, 400)
-    ]  # fmt: skip
+    losses = []
+    for gridpoints in (100, 200, 400):
+        solution = along(
+            problem,
+            exact,
+            gridpoints=gridpoints,
+            start_speed=0.0,
+            end_speed=0.0,
+        )
+        losses.append(certified(problem, solution) / exact.duration - 1)
     assert 0 < losses[2] < losses[1] < losses[0] < 0.1
     assert losses[0] / losses[2] == pytest.approx(4, rel=0.2)
 
 
 def test_waypoints_between_are_passed_in_the_retimed_trajectory():
-    problem, exact = bang_bang((0.0, 0.1, 0.5, 0.8, 1.0))
+    problem, exact = bang_bang(
+        (
+            0.0,
+            0.1,
+            0.5,
+            0.8,
+            1.0,
+        )
+    )
     slow = exact.dilated(3.0)
     solution = along(problem, slow)
     assert certified(problem, solution) == pytest.approx(exact.duration, rel=1e-6)
-    np.testing.assert_allclose(solution.trajectory.waypoint_times, exact.waypoint_times, rtol=1e-5)
+    times = solution.trajectory.waypoint_times
+    np.testing.assert_allclose(times, exact.waypoint_times, rtol=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(15))
 def test_no_slower_than_a_path_s_own_timing(seed):
     rng = np.random.default_rng(seed)
     joints = int(rng.integers(1, 7))
-    velocity, acceleration = 10 ** rng.uniform(-1, 1, (2, joints))
-    problem = Problem(rng.normal(size=(4, joints)), Limits(velocity, acceleration))
-    own = spline353.trajectory(problem, rng.uniform(0.3, 2, 3))
+    limits = Limits(
+        *10
+        ** rng.uniform(
+            -1,
+            1,
+            (2, joints),
+        )
+    )
+    problem = Problem(rng.normal(size=(4, joints)), limits)
+    own = spline353.trajectory(
+        problem,
+        rng.uniform(
+            0.3,
+            2,
+            3,
+        ),
+    )
     own = own.dilated(verify(problem, own).dilation)
     solution = along(problem, own, gridpoints=400)
     assert certified(problem, solution) <= own.duration * 1.001
@@ -146,39 +211,64 @@ def test_no_slower_than_a_path_s_own_timing(seed):
 def test_the_unit_of_time_and_of_angle_do_not_matter(size):
     base = random_problem(5)
     limits = base.limits
-    scaled = Problem(
-        base.waypoints * size, Limits(limits.velocity * size**2, limits.acceleration * size**3)
-    )
-    expected = certified(base, ToppRa(gridpoints=200).solve(base)) / size
-    assert certified(scaled, ToppRa(gridpoints=200).solve(scaled)) == pytest.approx(
-        expected, rel=1e-6
-    )
+    planner = ToppRa(gridpoints=200)
+    velocity = limits.velocity * size**2
+    acceleration = limits.acceleration * size**3
+    scaled = Problem(base.waypoints * size, Limits(velocity, acceleration))
+    expected = certified(base, planner.solve(base)) / size
+    found = certified(scaled, planner.solve(scaled))
+    assert found == pytest.approx(expected, rel=1e-6)
 
 
 def test_resting_joints_and_repeated_waypoints():
     for name in ("resting-joint", "repeated"):
         problem = Problem.from_toml(FOLDER / f"{name}.toml")
-        certified(problem, ToppRa(knots="chord", ends="natural").solve(problem))
+        solution = ToppRa(knots="chord", ends="natural").solve(problem)
+        certified(problem, solution)
 
 
 def test_position_limits_choose_among_the_paths():
-    free = Problem([[0.0, 0.0], [1.0, 1.0], [1.2, 3.0], [1.0, 4.0]], Limits([2.0, 2.0], [5.0, 5.0]))
-    # By the path alone: how far each spline's first joint goes, on a dense grid.
-    reach = {}
-    for rule in (r for r in ToppRa(gridpoints=100).solve(free).stats if "/" in r):
+    waypoints = [
+        [0.0, 0.0],
+        [1.0, 1.0],
+        [1.2, 3.0],
+        [1.0, 4.0],
+    ]
+    free = Problem(waypoints, Limits([2.0, 2.0], [5.0, 5.0]))
+    planner = ToppRa(gridpoints=100)
+    # the highest position of each spline's first joint, on a dense grid
+    highest = {}
+    for rule in candidates(planner.solve(free)):
         path = spline(free, *rule.split("/"))
-        reach[rule] = path(np.linspace(0, path.duration, 10001))[:, 0].max()
-    middle = float(np.median(list(reach.values())))
+        positions = path(
+            np.linspace(
+                0,
+                path.duration,
+                10001,
+            )
+        )
+        highest[rule] = positions[:, 0].max()
+    middle = float(np.median(list(highest.values())))
     bounds = [[-1.0, middle], [-1.0, 5.0]]
-    tight = Problem(free.waypoints, Limits([2.0, 2.0], [5.0, 5.0], None, bounds))
-    solution = ToppRa(gridpoints=100).solve(tight)
+    tight = Problem(
+        waypoints,
+        Limits(
+            [2.0, 2.0],
+            [5.0, 5.0],
+            None,
+            bounds,
+        ),
+    )
+    solution = planner.solve(tight)
     certified(tight, solution)
-    kept = {r for r, v in solution.stats.items() if "/" in r and isinstance(v, float)}
-    assert kept == {rule for rule, most in reach.items() if most <= middle}
+    results = candidates(solution)
+    kept = {rule for rule, value in results.items() if isinstance(value, float)}
+    assert kept == {rule for rule, most in highest.items() if most <= middle}
 
 
 def test_jerk_is_not_supported():
-    assert "jerk" in ToppRa().unsupported(Problem.from_toml(FOLDER / "jerk-limit.toml"))
+    problem = Problem.from_toml(FOLDER / "jerk-limit.toml")
+    assert "jerk" in ToppRa().unsupported(problem)
 
 
 def test_an_impossible_start_is_a_failure_with_a_reason():

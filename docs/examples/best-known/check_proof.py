@@ -14,11 +14,11 @@ from math import floor, inf, isqrt
 RAISE, LOWER, BRANCH, LEAF = range(4)
 LIMITS = ("velocity", "acceleration", "jerk", "position")
 DIGITS = 2**128
-SAME = Fraction(1, 2**48)  # of a joint's largest coordinate
+SAME = Fraction(1, 2**48)  # rounding, relative to a joint's largest coordinate
 NONE, HALF, THIRD = Fraction(0), Fraction(1, 2), Fraction(1, 3)
 
 
-def down(x):
+def down(x):  # rounded to 128 binary places
     return Fraction(floor(x * DIGITS), DIGITS)
 
 
@@ -26,7 +26,7 @@ def up(x):
     return -down(-x)
 
 
-def most(c, low, high):  # of c z for z from low to high
+def most(c, low, high):  # largest c z for z from low to high
     return max(c * low, c * high)
 
 
@@ -50,7 +50,7 @@ def unique(pairs):
     return dict(pairs)
 
 
-def digest(tables):  # of the problem's numbers, as the file states it
+def digest(tables):  # SHA-256 of the problem's numbers, as the file has it
     found = hashlib.sha256()
     for table in tables:
         found.update(repr((len(table), len(table[0]))).encode())
@@ -58,11 +58,11 @@ def digest(tables):  # of the problem's numbers, as the file states it
     return found.hexdigest()
 
 
-def sided(pairs):  # what has no limit is infinite
+def sided(pairs):  # a missing limit is infinite
     return [[-inf if x is None else x, inf if y is None else y] for x, y in pairs]
 
 
-def separate(points):  # those that differ by more than rounding from the last one that did
+def separate(points):  # leave out points that equal the last one but for rounding
     rounding = [SAME * max(map(abs, column)) for column in zip(*points, strict=True)]
     kept = points[:1]
     for point in points[1:]:
@@ -92,10 +92,10 @@ K, N = len(way), len(moving)
 V = [[abs(v) for v in pairs[0][j]] for j in moving]  # down and up
 A = [[abs(a) for a in pairs[1][j]] for j in moving]
 J = [[None if x is None else abs(x) for x in pairs[2][j]] for j in moving]
-walls = [pairs[3][j] for j in moving]
+positions = [pairs[3][j] for j in moving]
 
 
-# --- a bound in closed form: how far one joint gets from rest to rest in so much time ---
+# --- a bound in closed form: the longest way of one joint from rest to rest in a given time ---
 
 
 def farthest(time, j, sign):
@@ -130,7 +130,7 @@ way = [[h / sizes[j] for j, h in enumerate(row)] for row in way]
 A = [[a * unit**2 / sizes[j] for a in A[j]] for j in range(N)]
 J = [[x and x * unit**3 / sizes[j] for x in J[j]] for j in range(N)]
 for j in range(N):
-    reached = up(U / (1 / A[j][0] + 1 / A[j][1]))  # between rest and rest within U
+    reached = up(U / (1 / A[j][0] + 1 / A[j][1]))  # the motion starts and ends at rest
     V[j] = [min(v * unit / sizes[j], reached) for v in V[j]]
 jerky = [j for j in range(N) if J[j] != [None, None]]
 inner = [(k, j) for k in range(K - 1) for j in jerky]  # waypoints and joints with an acceleration
@@ -150,7 +150,7 @@ def root_box():
     return low, high
 
 
-def sides(x, low, high):  # of any variable: those that are not in the box follow from it
+def sides(x, low, high):  # bounds of any variable, from those of the box
     if x < S or v <= x < before:
         return low[x], high[x]
     if x < Q:
@@ -163,7 +163,7 @@ def sides(x, low, high):  # of any variable: those that are not in the box follo
     return min(corners), max(corners)
 
 
-# --- rows: coefficients by variable, and the most that their sum can be ---
+# --- rows: coefficients by variable, and the upper bound of their sum ---
 
 
 def value(f, s):
@@ -172,7 +172,8 @@ def value(f, s):
 
 def weighed(f, width, weights):  # at least ∫ (up f⁺ + down f⁻) of f₀ + f₁ s + f₂ s²
     f0, f1, f2 = f
-    roots, vertex = [], -f1 / (2 * f2) if f2 else 0
+    roots = []
+    vertex = -f1 / (2 * f2) if f2 else 0
     if f2 and f1**2 > 4 * f2 * f0:
         half = root(f1**2 / 4 - f2 * f0) / f2
         roots = [vertex - half, vertex + half]
@@ -185,7 +186,7 @@ def weighed(f, width, weights):  # at least ∫ (up f⁺ + down f⁻) of f₀ + 
         gained = gained[1] - gained[0]
         sign = 1 if gained >= 0 else -1
         places = [begin, end, *([vertex] if begin < vertex < end else [])]
-        depth = max(0, *(-sign * value(f, s) for s in places))  # of the other sign
+        depth = max(0, *(-sign * value(f, s) for s in places))  # largest value of the other sign
         total += most(gained, -weights[0], weights[1]) + sum(weights) * depth * (end - begin)
     return total
 
@@ -198,7 +199,7 @@ def jumps(functions, widths, weights):
     )
 
 
-def cut(k, j, cells):  # any p, q and λ, section 5b of the mathematics
+def cut(k, j, cells):  # the row of p, q and λ: section 5b of the mathematics
     starts, *_, slopes = zip(*cells, strict=True)
     widths = [end - start for start, end in pairwise([*starts, Fraction(1)])]
     if starts[0] != 0 or min(widths) <= 0:
@@ -206,7 +207,7 @@ def cut(k, j, cells):  # any p, q and λ, section 5b of the mathematics
     p, q = [list(cell[1:4]) for cell in cells], [[*cell[4:6], NONE] for cell in cells]
     if J[j] == [None, None] and any(any(f) for f in p):
         refuse("p without a jerk limit")
-    for f, width in zip(p, widths, strict=True):  # where jerk is free, p has not that sign
+    for f, width in zip(p, widths, strict=True):  # p without the sign of a free jerk
         vertex = min(max(-f[1] / (2 * f[2]), 0), width) if f[2] else 0
         values = [value(f, s) for s in (0, vertex, width)]
         if None in J[j] and J[j] != [None, None]:
@@ -214,14 +215,14 @@ def cut(k, j, cells):  # any p, q and λ, section 5b of the mathematics
     jerk = [x or 0 for x in J[j]]
     bends = [[f[1] + g[0], 2 * f[2] + g[1], NONE] for f, g in zip(p, q, strict=True)]
     turns = [[g[1] + slope, NONE, NONE] for g, slope in zip(q, slopes, strict=True)]
-    room = 0
+    distance = 0
     for change in (later - earlier for earlier, later in pairwise(slopes)):
         if change:
-            wall = walls[j][change > 0]
-            if wall is None:
-                refuse("λ jumps where there is no wall")
-            room += change * (wall - points[k][moving[j]]) / sizes[j]
-    row = {k: -jumps(p, widths, A[j]), S + k: slopes[-1] * way[k][j] - room, Q + k: 0}
+            limit = positions[j][change > 0]
+            if limit is None:
+                refuse("λ jumps without a position limit")
+            distance += change * (limit - points[k][moving[j]]) / sizes[j]
+    row = {k: -jumps(p, widths, A[j]), S + k: slopes[-1] * way[k][j] - distance, Q + k: 0}
     bound = jumps(q, widths, V[j])
     for f, bend, turn, width in zip(p, bends, turns, widths, strict=True):
         row[Q + k] -= weighed(f, width, jerk)
@@ -330,7 +331,7 @@ for kind, x, at, count in proof["steps"]:
     used = last
     x = whole(x, before)
     if S <= x < v or kind not in (RAISE, LOWER, BRANCH, LEAF):
-        refuse("a step that is none")
+        refuse("a step of an unknown kind or variable")
     if is_empty(low, high):
         boxes += [] if kind == LEAF else [(low, high)] * (1 + (kind == BRANCH))
     elif kind == LEAF:

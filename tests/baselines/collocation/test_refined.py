@@ -37,56 +37,122 @@ def duration(problem: Problem) -> float:
 
 def boxed(problem: Problem, position: object) -> Problem:
     limits = problem.limits
-    box = Limits(limits.velocity, limits.acceleration, limits.jerk, position)
+    box = Limits(
+        limits.velocity,
+        limits.acceleration,
+        limits.jerk,
+        position,
+    )
     return replace(problem, limits=box)
 
 
 def overshoot(room: float, jerk: float | None = None) -> Problem:
     """Joint 1 would pass its second waypoint fast while joint 2, which waits, takes its time."""
-    limits = Limits([10.0, 10.0], [2.0, 2.0], jerk and [jerk] * 2, [[0, 1 + room], [0, 1]])
-    return Problem([[0, 0], [1, 0], [1, 1]], limits)
+    limits = Limits(
+        [10.0, 10.0],
+        [2.0, 2.0],
+        jerk and [jerk] * 2,
+        [[0, 1 + room], [0, 1]],
+    )
+    return Problem(
+        [
+            [0, 0],
+            [1, 0],
+            [1, 1],
+        ],
+        limits,
+    )
 
 
 def test_a_reversal_at_the_limit_is_two_stops() -> None:
-    problem = Problem([[0.0], [1.0], [0.0]], Limits([1.2], [2.0], position=[[0.0, 1.0]]))
-    assert duration(problem) == pytest.approx(2 * (1.2 / 2 + 1 / 1.2), rel=1e-6)
+    limits = Limits(
+        [1.2],
+        [2.0],
+        position=[[0.0, 1.0]],
+    )
+    problem = Problem(
+        [
+            [0.0],
+            [1.0],
+            [0.0],
+        ],
+        limits,
+    )
+    stop = 1.2 / 2 + 1 / 1.2
+    assert duration(problem) == pytest.approx(2 * stop, rel=1e-6)
 
 
-@pytest.mark.parametrize("room", [0.0, 0.001, 0.1, 0.2])
+@pytest.mark.parametrize(
+    "room",
+    [
+        0.0,
+        0.001,
+        0.1,
+        0.2,
+    ],
+)
 def test_the_room_behind_a_waypoint_limits_its_velocity(room: float) -> None:
     """Braking from `u` takes `u²/(2A)`; joint 2 cannot move before, between its limits."""
     u = np.sqrt(2 * 2.0 * room)
     peak = np.sqrt(2.0 + u**2 / 2)  # speeding up to it and braking to u covers 1 rad
-    assert duration(overshoot(room)) == pytest.approx(
-        (2 * peak - u) / 2 + 2 * np.sqrt(0.5), rel=ERROR
-    )
+    optimum = (2 * peak - u) / 2 + 2 * np.sqrt(0.5)
+    assert duration(overshoot(room)) == pytest.approx(optimum, rel=ERROR)
 
 
 def test_the_mirrored_problem_takes_as_long() -> None:
     problem = overshoot(0.1)
     limits = problem.limits
-    mirrored = Limits(limits.velocity, limits.acceleration, position=-limits.position[:, ::-1])
-    other = duration(replace(problem, waypoints=-problem.waypoints, limits=mirrored))
+    mirrored = Limits(
+        limits.velocity,
+        limits.acceleration,
+        position=-limits.position[:, ::-1],
+    )
+    other = duration(
+        replace(
+            problem,
+            waypoints=-problem.waypoints,
+            limits=mirrored,
+        )
+    )
     assert other == pytest.approx(duration(problem), rel=ERROR)
 
 
 def test_with_jerk_each_segment_is_ruckigs_with_a_free_acceleration() -> None:
     """At its limit a joint is at rest, but its acceleration may already point inwards."""
     problem = overshoot(0.0, jerk=20.0)
-    limits = problem.without("position").limits
-    one = Limits(*(getattr(limits, n)[:1] for n in ("velocity", "acceleration", "jerk")))
+    one = problem.without("position").limits.only([0])
+    zero = np.zeros(1)
 
     def arriving(a: float) -> float:
-        return section(one, (np.zeros(1),) * 3, (np.ones(1), np.zeros(1), np.array([-a])))[0]
+        end = (
+            np.ones(1),
+            zero,
+            np.array([-a]),
+        )
+        together, _ = section(
+            one,
+            (zero, zero, zero),
+            end,
+        )
+        return together
 
-    least = minimize_scalar(arriving, bounds=(0.0, 2.0), method="bounded").fun
-    least = min(least, arriving(0.0), arriving(2.0))
+    inner = minimize_scalar(arriving, bounds=(0.0, 2.0), method="bounded").fun
+    least = min(
+        inner,
+        arriving(0.0),
+        arriving(2.0),
+    )
     # Joint 2 leaves as joint 1 arrives, backwards in time.
     assert duration(problem) == pytest.approx(2 * least, rel=ERROR)
 
 
 def test_two_waypoints_with_jerk_are_ruckigs() -> None:
-    limits = Limits([1.0, 0.7], [2.0, 1.5], [12.0, 5.0], [[0.0, 0.9], [-0.4, 0.0]])
+    limits = Limits(
+        [1.0, 0.7],
+        [2.0, 1.5],
+        [12.0, 5.0],
+        [[0.0, 0.9], [-0.4, 0.0]],
+    )
     problem = Problem([[0, 0], [0.9, -0.4]], limits)
     zero = np.zeros(2)
     ends = [(q, zero, zero) for q in problem.waypoints]
@@ -123,18 +189,51 @@ def test_between_the_relaxed_optimum_and_ruckig() -> None:
 
 def test_stopping_where_there_is_no_room_at_all() -> None:
     """A reversal of every joint at both of its limits."""
-    limits = Limits([1.0, 2.0], [2.0, 1.0], position=[[0, 1], [0, 1]])
-    problem = Problem([[0, 0], [1, 1], [0, 0], [1, 1]], limits)
+    limits = Limits(
+        [1.0, 2.0],
+        [2.0, 1.0],
+        position=[[0, 1], [0, 1]],
+    )
+    problem = Problem(
+        [
+            [0, 0],
+            [1, 1],
+            [0, 0],
+            [1, 1],
+        ],
+        limits,
+    )
     assert duration(problem) == pytest.approx(stop_times(problem).sum(), rel=1e-6)
 
 
 def test_jerk_limits_on_some_joints() -> None:
-    limits = Limits([1.0, 1.0], [2.0, 2.0], [np.inf, 10.0], [[-0.01, 1.01], [0, np.inf]])
-    assert duration(Problem([[0, 0], [0.5, 0.6], [1, 0.2]], limits)) > 0
+    limits = Limits(
+        [1.0, 1.0],
+        [2.0, 2.0],
+        [np.inf, 10.0],
+        [[-0.01, 1.01], [0, np.inf]],
+    )
+    assert (
+        duration(
+            Problem(
+                [
+                    [0, 0],
+                    [0.5, 0.6],
+                    [1, 0.2],
+                ],
+                limits,
+            )
+        )
+        > 0
+    )
 
 
 def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
-    limits = Limits([1.0], [2.0], [[-np.inf, 10.0]])
+    limits = Limits(
+        [1.0],
+        [2.0],
+        [[-np.inf, 10.0]],
+    )
     assert "one side" in str(CollocationRefined().unsupported(Problem([[0.0], [1.0]], limits)))
 
 
@@ -152,7 +251,13 @@ def test_keeps_the_public_contract() -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "value"), [("error", 0.0), ("error", np.nan), ("starts", 0), ("refinements", 0)]
+    ("option", "value"),
+    [
+        ("error", 0.0),
+        ("error", np.nan),
+        ("starts", 0),
+        ("refinements", 0),
+    ],
 )
 def test_bad_options_are_refused(option: str, value: float) -> None:
     with pytest.raises(InvalidInput, match=f"{option} is"):
@@ -161,8 +266,20 @@ def test_bad_options_are_refused(option: str, value: float) -> None:
 
 def test_intervals_that_change_nothing_stay_where_they_start() -> None:
     """The second joint has time to spare: any lengths will do, and IPOPT would wander for long."""
-    limits = Limits([1.0, 1.0], [2.0, 2.0], [20.0, 20.0], [[0.0, 2.0], [0.0, 2.0]])
-    problem = Problem([[0.0, 0.0], [1.0, 0.1], [1.9, 0.2]], limits)
+    limits = Limits(
+        [1.0, 1.0],
+        [2.0, 2.0],
+        [20.0, 20.0],
+        [[0.0, 2.0], [0.0, 2.0]],
+    )
+    problem = Problem(
+        [
+            [0.0, 0.0],
+            [1.0, 0.1],
+            [1.9, 0.2],
+        ],
+        limits,
+    )
     grid = Grid(problem, 8)
     start = grid.stopping()
     optimum = transcription(grid, free=True)(grid, start)
