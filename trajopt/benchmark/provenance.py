@@ -9,8 +9,9 @@ The digest covers, depending on where the code lies:
 - a notebook, or a class made inside a function: the source of its functions, and of whatever they
   use of their own module and of the functions around them.
 
-Code without a source, as `exec` makes it, is refused. This package belongs to every digest, since
-it judges: of a checkout the modules that can change a trial, not those that only show it.
+Code without a source, as `exec` and standard input make it, has a new digest in every process:
+its trials are never kept for the next run. This package belongs to every digest, since it judges:
+of a checkout the modules that can change a trial, not those that only show it.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple
+from uuid import uuid4
 
 import numpy as np
 
@@ -173,12 +175,11 @@ def _is_standard(cls: type) -> bool:
 def _digest(value: type | FunctionType) -> str:
     """Digest the sources that a class or a function comes from."""
     module = sys.modules.get(value.__module__)
-    for function in _functions(value).values():
-        _check_source(function)
     sources = ""
     if module is not None and _file(module) is not None:
         sources = _sources(module.__name__)
-    if sources and "<locals>" not in value.__qualname__:
+    in_file = all(map(_has_source, _functions(value).values()))
+    if sources and in_file and "<locals>" not in value.__qualname__:
         return sources
     texts = list(_texts(value, set()))
     return _sha(json.dumps([sources, *texts]))
@@ -199,15 +200,32 @@ def _functions(value: type | FunctionType) -> dict[str, FunctionType]:
     return found
 
 
-def _check_source(function: FunctionType, checked: frozenset[FunctionType] = frozenset()) -> None:
-    """Raise `InvalidInput` unless the source of a function and those within it can be read."""
-    if not linecache.getlines(function.__code__.co_filename):
-        right = "code in a file or in a notebook; nobody can read the source of this one"
-        raise InvalidInput(f"planner, {function.__qualname__}", right)
-    checked |= {function}
-    for used in inspect.getclosurevars(function).nonlocals.values():
-        if isinstance(used, FunctionType) and used not in checked:
-            _check_source(used, checked)
+def _has_source(function: FunctionType) -> bool:
+    """Whether there is a file or a notebook's cell with a function and those that it encloses."""
+    waiting = [function]
+    seen = set()
+    while waiting:
+        one = waiting.pop()
+        if not linecache.getlines(one.__code__.co_filename):
+            return False
+        seen.add(one)
+        for used in inspect.getclosurevars(one).nonlocals.values():
+            if isinstance(used, FunctionType) and used not in seen:
+                waiting.append(used)
+    return True
+
+
+def _source(function: FunctionType) -> str:
+    try:
+        return inspect.getsource(function)
+    except OSError:
+        return _unknown(function)
+
+
+@cache
+def _unknown(function: FunctionType) -> str:
+    """A new identity for each function without a source, in each process."""
+    return uuid4().hex
 
 
 def _texts(value: Any, seen: set[int]) -> Iterator[Any]:
@@ -222,8 +240,7 @@ def _texts(value: Any, seen: set[int]) -> Iterator[Any]:
         constants = vars(value).items()
         yield sorted((name, repr(item)) for name, item in constants if isinstance(item, _CONSTANTS))
     for name, function in sorted(_functions(value).items()):
-        _check_source(function)
-        yield [name, inspect.getsource(function)]
+        yield [name, _source(function)]
         for used in _used(function):
             yield from _texts(used, seen)
 
