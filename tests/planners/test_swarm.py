@@ -13,8 +13,6 @@ from scipy.special import gamma
 from trajopt import InvalidInput
 from trajopt.planners.swarm import ISSA, PSO, SSA, Box, Compared, Streams, minimise
 from trajopt.planners.swarm.issa import chaotic_map, control, falling_weight, levy_scale
-from trajopt.planners.swarm.optimiser import Draw
-from trajopt.planners.swarm.ssa import Flock
 
 PRINTED = ISSA(eq41="printed", eq43="printed", eq49="printed", eq50="printed")
 OTHER = ISSA(
@@ -161,69 +159,90 @@ def test_every_candidate_is_in_its_runs_own_box(optimiser):
     assert (x <= high[:, None]).all()
 
 
-@pytest.mark.parametrize("count", [0, 1, 50, 101])
-def test_rounds_have_the_numbers_of_single_draws(count):
-    draws = [Draw("random", 7), Draw("standard_normal", 4), Draw("random", 1)]
-    one_by_one = Streams(range(3))
-    rounds = list(Streams(range(3)).rounds(count, draws))
-    assert len(rounds) == count
-    for even, normal, last in rounds:
-        np.testing.assert_array_equal(even, one_by_one.uniform(7))
-        np.testing.assert_array_equal(normal, one_by_one.normal(4))
-        np.testing.assert_array_equal(last, one_by_one.uniform(1))
-
-
 def test_reflection_mirrors_as_often_as_it_takes():
     x = np.array([-0.25, 0.4, 1.25, 2.5, -7.25, np.inf])[None, :, None]
     mirrored = Box.of([0.0], [1.0], 1).reflect(x)[0, :, 0]
     np.testing.assert_allclose(mirrored, [0.25, 0.4, 0.75, 0.5, 0.75, np.nan])
 
 
-def test_equations_39_to_41_sparrow_by_sparrow():
-    rng, ssa, runs, t_max = np.random.default_rng(5), SSA(), 4, 50
-    box = Box.of(LOW, HIGH, runs)
-    flock = Flock(box, Streams(range(runs)), t_max)
-    flock.t = 3
-    flock.settle(rng.uniform(0, 4, (runs, 30, 3)), rng.uniform(1, 2, (runs, 30)))
-    draw = Streams(range(runs))
-    chance = next(ssa._chances(flock.streams, 3, 1))
-    _, (discovered,) = ssa._discover(flock, chance)
-    r2, alpha, q = draw.uniform(1, 1), 1 - draw.uniform(6, 1), draw.normal(6, 1)
-    for run, i in np.ndindex(runs, 6):
-        x = flock.x[run, i]
-        calm = x * np.exp(-(i + 1) / (alpha[run, i, 0] * t_max))
-        expected = calm if r2[run, 0, 0] < 0.8 else x + q[run, i, 0] * np.ones(3)
-        np.testing.assert_allclose(discovered[run, i], expected, rtol=1e-12)
-    slots, (followed,) = ssa._follow(flock, chance)
-    q, u = draw.normal(24, 1), draw.uniform(24, 3)
-    for run, row in np.ndindex(runs, 24):
-        x, i, best = flock.x[run, 6 + row], 7 + row, flock.x[run, 0]
-        a = np.where(u[run, row] < 0.5, -1.0, 1.0)[None]  # A is one row; A⁺ its pseudo-inverse
-        near = best + (np.abs(x - best)[None] @ np.linalg.pinv(a) @ np.ones((1, 3)))[0]
-        far = q[run, row, 0] * np.exp((flock.x[run, -1] - x) / i**2)
-        np.testing.assert_allclose(
-            followed[run, row], far if i > 15 else near, rtol=1e-9, atol=1e-12
-        )
-    slots, (watched,) = ssa._watch(flock, chance)
-    draw.uniform(30)
-    beta, k = draw.normal(3, 3), 2 * draw.uniform(3, 1) - 1
-    for run, row in np.ndindex(runs, 3):
-        s = slots[run, row]
-        x, f, best, worst = flock.x[run, s], flock.f[run, s], flock.x[run, 0], flock.x[run, -1]
-        away = x + k[run, row, 0] * np.abs(x - worst) / (f - flock.f[run, -1] + 1e-50)
-        home = best + beta[run, row] * np.abs(x - best)
-        np.testing.assert_allclose(watched[run, row], away if s == 0 else home, rtol=1e-9)
+class FirstIteration:
+    """Candidates of SSA's first iteration, phase by phase, and the random numbers behind them.
+
+    The flock is ranked as it stands, and no candidate is taken.
+    """
+
+    def __init__(self, ssa: SSA, runs: int, t_max: int = 50) -> None:
+        box = Box.of([-1e9] * 3, [1e9] * 3, runs)
+        self.drawn = Streams(range(runs))
+        self.drawn.uniform(30, 3)
+        search = ssa.search(box, Streams(range(runs)), t_max)
+        self.x = next(search)
+        self.x[:] = np.random.default_rng(5).uniform(0, 4, self.x.shape)
+        self.f = np.tile(1 + np.arange(30) / 100, (runs, 1))
+        worse = np.full_like(self.f, 9.0)
+        self.discovered = search.send(self.f).x
+        self.followed = search.send(worse[:, :6]).x
+        self.watched = search.send(worse[:, 6:]).x
+
+
+def test_equation_39_sparrow_by_sparrow():
+    first = FirstIteration(SSA(), runs=4)
+    r2 = first.drawn.uniform(1, 1)[:, 0, 0]
+    alpha = 1 - first.drawn.uniform(6)
+    q = first.drawn.normal(6)
+    for run, i in np.ndindex(4, 6):
+        x = first.x[run, i]
+        calm = x * np.exp(-(i + 1) / (alpha[run, i] * 50))
+        alarmed = x + q[run, i] * np.ones(3)
+        expected = calm if r2[run] < 0.8 else alarmed
+        np.testing.assert_allclose(first.discovered[run, i], expected, rtol=1e-12)
+
+
+def test_equation_40_sparrow_by_sparrow():
+    first = FirstIteration(SSA(), runs=4)
+    first.drawn.uniform(7)
+    first.drawn.normal(6)
+    q = first.drawn.normal(24)
+    coin = first.drawn.uniform(24, 3)
+    for run, row in np.ndindex(4, 24):
+        x = first.x[run, 6 + row]
+        best = first.x[run, 0]
+        worst = first.x[run, -1]
+        i = 7 + row
+        A = np.where(coin[run, row] < 0.5, -1.0, 1.0)[None]
+        step = np.abs(x - best)[None] @ np.linalg.pinv(A) @ np.ones((1, 3))
+        expected = best + step[0]
+        if i > 15:
+            expected = q[run, row] * np.exp((worst - x) / i**2)
+        np.testing.assert_allclose(first.followed[run, row], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_equation_41_sparrow_by_sparrow():
+    first = FirstIteration(SSA(watch="first"), runs=4)
+    first.drawn.uniform(7)
+    first.drawn.normal(30)
+    first.drawn.uniform(24, 3)
+    beta = first.drawn.normal(3, 3)
+    k = 2 * first.drawn.uniform(3) - 1
+    for run, row in np.ndindex(4, 3):
+        x = first.x[run, row]
+        best = first.x[run, 0]
+        worst = first.x[run, -1]
+        expected = best + beta[run, row] * np.abs(x - best)
+        if row == 0:
+            fall = first.f[run, 0] - first.f[run, -1] + 1e-50
+            expected = x + k[run, 0] * np.abs(x - worst) / fall
+        np.testing.assert_allclose(first.watched[run, row], expected, rtol=1e-9)
 
 
 def test_vigilantes_are_all_different_and_any_sparrow_can_be_one():
-    flock = Flock(Box.of(LOW, HIGH, 50), Streams(range(50)), 9)
-    flock.settle(
-        np.random.default_rng(1).uniform(0, 4, (50, 30, 3)), np.tile(np.arange(30.0), (50, 1))
-    )
-    ssa = SSA(vigilantes=0.5)
-    slots, _ = ssa._watch(flock, next(ssa._chances(flock.streams, 3, 1)))
-    assert all(len(set(row)) == 15 for row in slots)
-    assert len(np.unique(slots)) == 30
+    first = FirstIteration(SSA(vigilantes=0.5), runs=50)
+    first.drawn.uniform(7)
+    first.drawn.normal(30)
+    first.drawn.uniform(24, 3)
+    drawn = first.drawn.uniform(30).argsort(axis=1)[:, :15]
+    assert first.watched.shape == (50, 15, 3)
+    assert len(np.unique(drawn)) == 30
 
 
 @pytest.mark.parametrize("reading", ["intended", "printed"])

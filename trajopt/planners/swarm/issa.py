@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from trajopt.planners.swarm.optimiser import Array, require, require_size
-from trajopt.planners.swarm.ssa import SSA, Chance, Flock, Move
+from trajopt.planners.swarm.ssa import SSA, Flock, Move
 
 Reading = Literal["intended", "printed"]
 
@@ -90,8 +90,8 @@ class ISSA(SSA):
         progress = flock.t / flock.t_max
         return falling_weight(progress, self.weight_max, self.weight_min)
 
-    def _watch(self, flock: Flock, chance: Chance) -> Move:
-        slots, places = super()._watch(flock, chance)
+    def _watch(self, flock: Flock) -> Move:
+        slots, places = super()._watch(flock)
         if not self.opposition:
             return slots, places
         opposite = self._opposite(flock)

@@ -8,7 +8,7 @@ gives the same bits alone, among others, and in another process.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args, get_origin, get_type_hints
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
-
-# Rounds: their numbers stay in the processor's cache.
-_DRAWN_TOGETHER = 50
 
 
 class Contest(NamedTuple):
@@ -127,13 +124,6 @@ class Box:
         return self.clip(mirrored)
 
 
-class Draw(NamedTuple):
-    """So many numbers of one kind: a generator's method."""
-
-    method: Literal["random", "standard_normal"]
-    number: int
-
-
 class Streams:
     """One random stream per run; every draw has the runs as its first axis."""
 
@@ -158,22 +148,6 @@ class Streams:
         for generator, own in zip(self._generators, draws, strict=True):
             generator.random(out=own)
         return draws
-
-    def rounds(self, count: int, draws: Sequence[Draw]) -> Iterator[list[Array]]:
-        """So many times the same draws one after another, `(runs, number)` each.
-
-        The very numbers of single draws, but one run's of many rounds at once, which is faster.
-        """
-        for first in range(0, count, _DRAWN_TOGETHER):
-            together = min(_DRAWN_TOGETHER, count - first)
-            tables = [np.empty((together, len(self), draw.number)) for draw in draws]
-            for run, generator in enumerate(self._generators):
-                methods = [getattr(generator, draw.method) for draw in draws]
-                for row in range(together):
-                    for method, table in zip(methods, tables, strict=True):
-                        method(out=table[row, run])
-            for row in range(together):
-                yield [table[row] for table in tables]
 
     def normal(self, *shape: int) -> Array:
         """Standard normal, `(runs, *shape)`."""

@@ -9,7 +9,6 @@ import numpy as np
 from trajopt.planners.swarm.optimiser import (
     Box,
     Contest,
-    Draw,
     Optimiser,
     Search,
     Streams,
@@ -60,13 +59,13 @@ class PSO(Optimiser):
         own_f = f
         v = np.zeros_like(x)
         v_max = self.clamp * box.size
-        both = Draw("random", 2 * self.population * box.dim)
-        for (drawn,) in streams.rounds(iterations, [both]):
+        for _ in range(iterations):
             # p_g
             best = own_f.argmin(axis=1)
             swarm_x = own_x[rows, best, None]
             # v = χ v + χφ₁ u₁ (p_i − x) + χφ₂ u₂ (p_g − x), within ±v_max
-            u1, u2 = drawn.reshape(-1, 2, *shape).swapaxes(0, 1)
+            u1 = streams.uniform(*shape)
+            u2 = streams.uniform(*shape)
             to_own = self.cognitive * u1 * (own_x - x)
             to_swarm = self.social * u2 * (swarm_x - x)
             v = self.inertia * v + to_own

@@ -8,9 +8,8 @@ ones), `β` one per dimension, as in the authors' program.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from trajopt.planners.swarm.optimiser import (
     Array,
     Box,
     Contest,
-    Draw,
     Optimiser,
     Search,
     Streams,
@@ -31,25 +29,6 @@ Slots = NDArray[np.intp] | slice  # which sparrows of the flock: (m,), or (runs,
 Move = tuple[Slots, list[Array]]  # some sparrows, and the places that they consider
 
 _EPSILON = 1e-50  # ε of eq. 41, as in the authors' program
-
-
-class Chance(NamedTuple):
-    """What chance decides in one iteration, in each run.
-
-    - `r2` `(runs, 1, 1)`: R2;
-    - `alpha`, `Q` of discoverers, `Q_far` of followers, `K` of vigilantes: `(runs, m, 1)`;
-    - `coin`, below a half where followers' `A` is −1, and vigilantes' `beta`: `(runs, m, dim)`;
-    - `lots` `(runs, population)`: the lowest make vigilantes; None if those are the first sparrows.
-    """
-
-    r2: Array
-    alpha: Array
-    Q: Array
-    Q_far: Array
-    coin: Array
-    lots: Array | None
-    beta: Array
-    K: Array
 
 
 class Flock:
@@ -160,62 +139,35 @@ class SSA(Optimiser):
         x = self._start(flock)
         f = yield x
         flock.settle(x, f)
-        chances = self._chances(streams, box.dim, iterations)
-        for flock.t, chance in enumerate(chances, start=1):
+        for flock.t in range(1, iterations + 1):
             if self.sorting == "iteration":
                 flock.sort()
             for phase in (self._discover, self._follow, self._watch):
                 if self.sorting == "phase":
                     flock.sort()
-                slots, places = phase(flock, chance)
+                slots, places = phase(flock)
                 yield from self._moved(flock, slots, places)
 
     def _start(self, flock: Flock) -> Array:
         unit = flock.streams.uniform(self.population, flock.box.dim)
         return flock.box.spread(unit)
 
-    def _chances(self, streams: Streams, dim: int, iterations: int) -> Iterator[Chance]:
-        """Phase after phase of every iteration; what follows on its own kind is drawn with it."""
-        m = self._count(self.discoverers)
-        watching = self._count(self.vigilantes)
-        followers = self.population - m
-        coins = followers * dim
-        lotteries = self.population if self.watch == "random" else 0
-        draws = [
-            Draw("random", 1 + m),
-            Draw("standard_normal", self.population),
-            Draw("random", coins + lotteries),
-            Draw("standard_normal", watching * dim),
-            Draw("random", watching),
-        ]
-        for even, normal, later, beta, unit in streams.rounds(iterations, draws):
-            lots = None
-            if lotteries > 0:
-                lots = later[:, coins:]
-            yield Chance(
-                r2=even[:, :1, None],
-                alpha=1.0 - even[:, 1:, None],
-                Q=normal[:, :m, None],
-                Q_far=normal[:, m:, None],
-                coin=later[:, :coins].reshape(-1, followers, dim),
-                lots=lots,
-                beta=beta.reshape(-1, watching, dim),
-                K=2 * unit[..., None] - 1,
-            )
-
-    def _discover(self, flock: Flock, chance: Chance) -> Move:
+    def _discover(self, flock: Flock) -> Move:
         """Eq. 39."""
         m = self._count(self.discoverers)
         slots = slice(0, m)
         i = np.arange(m)[:, None] + 1
         x = flock.x[:, slots]
-        safe = chance.r2 < self.safety
+        drawn = flock.streams.uniform(1 + m, 1)
+        safe = drawn[:, :1] < self.safety
+        alpha = 1.0 - drawn[:, 1:]
+        Q = flock.streams.normal(m, 1)
         # X exp(−i/(α t_max)) where R2 < ST, else X + Q L
-        decay = -i / (chance.alpha * flock.t_max)
+        decay = -i / (alpha * flock.t_max)
         shrunk = x * np.exp(decay)
         calm = self._calm(flock, shrunk, x)
         weight = self._weight(flock)
-        alarmed = x + chance.Q * weight
+        alarmed = x + Q * weight
         places = np.where(safe, calm, alarmed)
         return slots, [places]
 
@@ -227,7 +179,7 @@ class SSA(Optimiser):
         """The factor of a discoverer's random step."""
         return 1.0
 
-    def _follow(self, flock: Flock, chance: Chance) -> Move:
+    def _follow(self, flock: Flock) -> Move:
         """Eq. 40."""
         first = self._count(self.discoverers)
         slots = slice(first, self.population)
@@ -237,7 +189,9 @@ class SSA(Optimiser):
         discoverers_f = flock.f[:, :first]
         leader = discoverers_f.argmin(axis=1)
         x_p, _ = flock.place(leader[:, None])
-        A = np.where(chance.coin < 0.5, -1.0, 1.0)
+        Q = flock.streams.normal(self.population - first, 1)
+        coin = flock.streams.uniform(self.population - first, flock.box.dim)
+        A = np.where(coin < 0.5, -1.0, 1.0)
         # The better half: X_p + |X − X_p| A⁺ L
         step = np.abs(x - x_p) * A
         if self.step == "matrix":
@@ -248,20 +202,23 @@ class SSA(Optimiser):
         # The others: Q exp((X_w − X)/i²); in a box hundreds wide the walls stop what overflows
         with np.errstate(over="ignore"):
             exponent = (x_w - x) / i**2
-            away = chance.Q_far * np.exp(exponent)
+            away = Q * np.exp(exponent)
         hungry = i > self.population / 2
         places = np.where(hungry, away, gathered)
         return slots, [places]
 
-    def _watch(self, flock: Flock, chance: Chance) -> Move:
+    def _watch(self, flock: Flock) -> Move:
         """Eq. 41."""
-        slots = self._vigilantes(chance)
+        slots = self._vigilantes(flock)
+        count = self._count(self.vigilantes)
+        beta = flock.streams.normal(count, flock.box.dim)
+        K = 2 * flock.streams.uniform(count, 1) - 1
         x, f = flock.place(slots)
         x_b = flock.best_x
         x_w, f_w = flock.worst()
         # Behind the best, f > f_g: X_b + β |X − X_b|
         from_best = np.abs(x - x_b)
-        home = x_b + chance.beta * from_best
+        home = x_b + beta * from_best
         # The best itself: X + K |X − X_w| / ((f − f_w) + ε)
         fall = f - f_w
         if self.eq41 == "printed":
@@ -270,16 +227,17 @@ class SSA(Optimiser):
         denominator = fall + _EPSILON
         from_worst = np.abs(x - x_w)
         step = from_worst / denominator[..., None]
-        flee = x + chance.K * step
+        flee = x + K * step
         behind = f > flock.best_f
         places = np.where(behind[..., None], home, flee)
         return slots, [places]
 
-    def _vigilantes(self, chance: Chance) -> NDArray[np.intp]:
+    def _vigilantes(self, flock: Flock) -> NDArray[np.intp]:
+        """Indices of the vigilantes: the lowest of one random number per sparrow, or the first."""
         count = self._count(self.vigilantes)
-        if chance.lots is None:
+        if self.watch == "first":
             return np.arange(count)
-        drawn = chance.lots.argsort(axis=1)
+        drawn = flock.streams.uniform(self.population).argsort(axis=1)
         return drawn[:, :count]
 
     def _moved(self, flock: Flock, slots: Slots, places: list[Array]) -> Search:
