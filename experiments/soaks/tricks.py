@@ -1,0 +1,650 @@
+"""Can the judge be cheated? Motions that claim less than an optimum known in closed form.
+
+    python -m experiments.soaks.tricks       # some seconds
+
+A trick is a problem whose minimum time is known in closed form, and a motion that is faster by what
+a tolerance, an overflow or rounding might let pass. `data/tricks.toml` lists the families. Every
+trick is judged as it is; as the certified motion, judged again; with waypoint times found from the
+motion; and from a CSV file, as `trajopt judge` reads it.
+
+*Claimed* and *certified* are percent above the optimum. Exit code 1 if a trick is certified below
+the optimum.
+
+Throughout, `h` is a displacement (rad), `V`, `A` and `J` are the limits of velocity, acceleration
+and jerk (rad/s, rad/s², rad/s³), `v0` and `a0` are a velocity and an acceleration at the start.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cyclopts
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from experiments.soaks import runner
+from trajopt.benchmark import judgement
+from trajopt.core import polynomials
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
+from trajopt.core.trajectory import Trajectory
+from trajopt.formats import samples_csv
+from trajopt.formats.samples import Samples
+from trajopt.judging.passing import waypoint_times
+from trajopt.judging.verification import certified, verify
+
+Array = NDArray[np.float64]
+Phase = tuple[float, float | None, float]  # duration, acceleration (None: it continues), jerk
+
+FAMILIES = tomllib.loads((runner.DATA / "tricks.toml").read_text(encoding="utf-8"))
+CERTIFIED_BELOW = 1e-9  # of the optimum: what rounding may gain
+
+
+@dataclass(frozen=True)
+class Trick:
+    """A motion that claims less than the optimum.
+
+    Attributes:
+        family: How it cheats.
+        name: Different for every trick.
+        optimum: s, or a proved lower bound of it that the motion claims to beat.
+    """
+
+    family: str
+    name: str
+    problem: Problem
+    trajectory: Trajectory
+    optimum: float
+
+    @property
+    def limits(self) -> str:
+        """The limits of the problem beside velocity and acceleration."""
+        return _limits(self.problem)
+
+
+Case = tuple[Problem, Trajectory, float]
+
+
+def tricks() -> list[Trick]:
+    """Every trick of every family."""
+    found: dict[str, list[Trick]] = {}
+    for key, family in FAMILIES.items():
+        if "change" in family:
+            given = [trick for other in family["of"] for trick in found[other]]
+            found[key] = list(_changed(family, given))
+        else:
+            found[key] = list(_built(family))
+    return [trick for own in found.values() for trick in own]
+
+
+def _built(family: dict[str, Any]) -> Iterator[Trick]:
+    build = globals()[family["build"]]
+    for also in family.get("also", [None]):
+        limits = {} if also is None else {"also": also}
+        for case in family["cases"]:
+            problem, trajectory, optimum = build(**case, **limits)
+            what = ", ".join(f"{name} = {value:g}" for name, value in case.items())
+            name = f"{family['name']} ({_limits(problem)}): {what}"
+            yield Trick(family["name"], name, problem, trajectory, optimum)
+
+
+def _changed(family: dict[str, Any], tricks: Sequence[Trick]) -> Iterator[Trick]:
+    change = globals()[family["change"]]
+    for trick in tricks:
+        problem, trajectory = change(trick.problem, trick.trajectory)
+        name = f"{family['change']}, {trick.name}"
+        yield replace(
+            trick,
+            family=family["name"],
+            name=name,
+            problem=problem,
+            trajectory=trajectory,
+        )
+
+
+def _limits(problem: Problem) -> str:
+    return ", ".join(name for name in LIMIT_NAMES if problem.has(name))
+
+
+# --- optima and honest motions ---
+
+
+def least_time(h: float, V: float, A: float) -> float:
+    """From rest to rest over `h`, s: two parabolas, and a cruise between them where `h > V²/A`."""
+    if h * A <= V**2:
+        # T = 2 √(h / A)
+        return float(2 * (h / A) ** 0.5)
+    # T = h / V + V / A
+    return h / V + V / A
+
+
+def least_time_of_jerk(h: float, J: float) -> float:
+    """From rest to rest over `h` with jerk `J` alone, s: four phases of `cbrt(h / 2J)`."""
+    return 4 * math.cbrt(h / (2 * J))
+
+
+def least_time_of_swing(h: float, J: float) -> float:
+    """From a turn to the next one, `h` apart, with jerk `J` alone, s: `cbrt(12 h / J)`."""
+    return math.cbrt(12 * h / J)
+
+
+def driven(phases: Sequence[Phase], x: float = 0.0, v: float = 0.0, a: float = 0.0) -> Trajectory:
+    """One joint from its phases, position and velocity continuous."""
+    breaks = [0.0]
+    columns = []
+    for duration, acceleration, jerk in phases:
+        if acceleration is not None:
+            a = acceleration
+        if duration <= 0:
+            continue
+        columns.append([jerk / 6, a / 2, v, x])
+        breaks.append(breaks[-1] + duration)
+        x += ((jerk / 6 * duration + a / 2) * duration + v) * duration
+        v += (jerk / 2 * duration + a) * duration
+        a += jerk * duration
+    return one_joint(breaks, columns)
+
+
+def one_joint(breaks: ArrayLike, columns: Sequence[Sequence[float]]) -> Trajectory:
+    """One joint's pieces, a column of coefficients each; its waypoints are its two ends."""
+    coefficients = np.array(columns).T[..., None]
+    times = np.asarray(breaks, dtype=float)
+    return Trajectory(times, coefficients, times[[0, -1]])
+
+
+def together(joints: Sequence[Trajectory], times: ArrayLike) -> Trajectory:
+    """Several joints, each on breaks of its own."""
+    parts = [(joint.breaks, joint.coefficients[..., 0]) for joint in joints]
+    return Trajectory.joined(parts, times)
+
+
+def rest_to_rest(h: float, V: float, A: float, v0: float = 0.0) -> Trajectory:
+    """A move over `h` that begins and ends with a velocity of `v0`."""
+    # h = (p² − v0²) / A without a cruise
+    peak = min(V, (h * A + v0**2) ** 0.5)
+    rise = (peak - v0) / A
+    # h = p cruise + (p² − v0²) / A
+    cruise = (h - (peak**2 - v0**2) / A) / peak
+    if peak < V:
+        cruise = 0.0
+    phases = [(rise, A, 0.0), (cruise, 0.0, 0.0), (rise, -A, 0.0)]
+    return driven(phases, v=v0)
+
+
+def smooth_cruise(h: float, J: float, x: float = 0.0) -> Trajectory:
+    """From rest to rest over `h` with velocity and acceleration of 1 and jerk of `J`."""
+    ramp = 1 / J
+    steady = 1 - ramp
+    cruise = h - 1 - ramp
+    phases = [
+        (ramp, None, J),
+        (steady, 1.0, 0.0),
+        (ramp, None, -J),
+        (cruise, 0.0, 0.0),
+        (ramp, None, -J),
+        (steady, -1.0, 0.0),
+        (ramp, None, J),
+    ]
+    return driven(phases, x)
+
+
+def move(h: float, V: float, A: float) -> Problem:
+    """One joint from 0 to `h`."""
+    return Problem([[0.0], [h]], Limits([V], [A]))
+
+
+# --- builders of families ---
+
+
+def head_start(V: float, A: float, h: float, share: float) -> Case:
+    """The velocity jumps by a share of its limit at both ends."""
+    reachable = (h * A) ** 0.5
+    v0 = min(share * V, 0.9 * reachable)
+    return move(h, V, A), rest_to_rest(h, V, A, v0), least_time(h, V, A)
+
+
+def accelerated_start(A: float, a0: float) -> Case:
+    """Accelerations from `a0` up, down and up to `−a0`, with a jerk of 1 over 1 rad."""
+    # d up, 2 s down and d up, with s = d + a0, cover 2 s³ − 2 a0² s + 2 a0³/3 = 1: Newton's method.
+    s = 0.5 ** (1 / 3)
+    for _ in range(50):
+        s -= (s**3 - a0**2 * s + a0**3 / 3 - 0.5) / (3 * s**2 - a0**2)
+    d = s - a0
+    phases: list[Phase] = [(d, a0, 1.0), (2 * s, None, -1.0), (d, None, 1.0)]
+    problem = Problem([[0.0], [1.0]], Limits([1e3], [A], jerk=[1.0]))
+    return problem, driven(phases), least_time_of_jerk(1.0, 1.0)
+
+
+def short_way(coordinate: float, h: float, short: float) -> Case:
+    """A joint that starts late and ends early, beside one that rests."""
+    problem = Problem([[coordinate, 0.0], [coordinate, h]], Limits([1.0, 1.0], [1.0, 1.0]))
+    moved = float(problem.displacements[0, 1])
+    optimum = least_time(moved, 1.0, 1.0)
+    covered = h - short
+    own = driven([(1e-3 * optimum, 0.0, 0.0)])
+    if covered > 0:
+        own = rest_to_rest(covered, 1.0, 1.0)
+    rest = driven([(own.duration, 0.0, 0.0)], coordinate)
+    late = _shifted(own, short / 2)
+    return problem, together([rest, late], own.waypoint_times), optimum
+
+
+def _shifted(motion: Trajectory, x: float) -> Trajectory:
+    coefficients = np.array(motion.coefficients)
+    coefficients[-1] += x
+    return replace(motion, coefficients=coefficients)
+
+
+def short_at_coordinate(coordinate: float, h: float) -> Case:
+    """A move at a coordinate whose last place is not small beside it."""
+    problem = Problem([[coordinate], [coordinate + h]], Limits([1.0], [1.0]))
+    moved = float(problem.displacements[0, 0])
+    covered = moved - 0.9 * float(np.spacing(coordinate))
+    own = rest_to_rest(covered, 1.0, 1.0)
+    return problem, _shifted(own, coordinate), least_time(moved, 1.0, 1.0)
+
+
+def position_steps(pieces: int) -> Case:
+    """A shorter move, and a jump of 0.9e-8 rad at every break."""
+    step = 0.9e-8
+    own = rest_to_rest(1.0 - step * (pieces - 1), 100.0, 1.0)
+    breaks = np.linspace(0.0, own.duration, pieces + 1)
+    columns = []
+    for i, t in enumerate(breaks[:-1]):
+        columns.append([own(t, 2)[0] / 2, own(t, 1)[0], own(t)[0] + i * step])
+    return move(1.0, 100.0, 1.0), one_joint(breaks, columns), least_time(1.0, 100.0, 1.0)
+
+
+def velocity_steps(pieces: int) -> Case:
+    """Keeps the acceleration limit, and gains 0.9e-6 rad/s at every break."""
+    own = rest_to_rest(1.0, 100.0, 1.0 + 1.8e-6 * pieces)
+    breaks = np.linspace(0.0, own.duration, pieces + 1)
+    columns = []
+    for t in breaks[:-1]:
+        half = 0.5 if t + 1e-12 < own.duration / 2 else -0.5
+        columns.append([half, own(t, 1)[0], own(t)[0]])
+    return move(1.0, 100.0, 1.0), one_joint(breaks, columns), least_time(1.0, 100.0, 1.0)
+
+
+def overflow(length: float, first: float, second: float) -> Case:
+    """Half the optimum, and a first piece whose highest coefficients overflow."""
+    fast = rest_to_rest(1.0, 200.0, 4.0)
+    breaks = np.concatenate([[0.0, length], fast.breaks[1:]])
+    coefficients = np.zeros((10, 3, 1))
+    coefficients[-4:, 1:] = fast.coefficients
+    coefficients[0, 0, 0] = first
+    coefficients[1, 0, 0] = second
+    cheat = Trajectory(breaks, coefficients, breaks[[0, -1]])
+    return move(1.0, 100.0, 1.0), cheat, least_time(1.0, 100.0, 1.0)
+
+
+def short_piece(length: float) -> Case:
+    """The way is made within `length` seconds, or as fast as a number can say."""
+    with np.errstate(over="ignore"):
+        slope = float(min(np.float64(1.0) / length, 1.7e308))
+    cheat = one_joint([0.0, length, 1.0], [[slope, 0.0], [0.0, 1.0]])
+    return move(1.0, 1.0, 1.0), cheat, least_time(1.0, 1.0, 1.0)
+
+
+def turn_left_out(gap: float) -> Case:
+    """0 → 1 → 1 + h → 1 → 2: the three in the middle are passed within `2 gap` seconds."""
+    h = 1e-9
+    problem = Problem([[0.0], [1.0], [1.0 + h], [1.0], [2.0]], Limits([1.0], [1.0]))
+    own = rest_to_rest(2.0, 1.0, 1.0)
+    middle = own.duration / 2
+    times = np.array([0.0, middle - gap, middle, middle + gap, own.duration])
+    # It stops at 1 + h, turns back and goes on from at most 1.
+    optimum = least_time(1 + h, 1.0, 1.0) + least_time(1.0, 1.0, 1.0)
+    return problem, replace(own, waypoint_times=times), optimum
+
+
+def cancelling_terms(size: float) -> Case:
+    """Half the optimum, plus `size · s³ (s − 1)³ (s − 1/2)`, which vanishes at both ends."""
+    fast = rest_to_rest(1.0, 2.0, 4.0)
+    bump = size * np.poly([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.5])
+    powers = np.arange(7, -1, -1.0)
+    coefficients = np.zeros((8, len(fast.lengths), 1))
+    coefficients[-4:] = fast.coefficients
+    coefficients[..., 0] += bump[:, None] * fast.lengths ** -powers[:, None]
+    return move(1.0, 1.0, 1.0), replace(fast, coefficients=coefficients), least_time(1.0, 1.0, 1.0)
+
+
+def smooth_step(rests: int) -> Case:
+    """Half the optimum in one polynomial: as many derivatives vanish at both ends."""
+    slope = np.poly([0.0] * rests + [1.0] * rests)
+    rise = np.polyint(slope)
+    rise /= rise.sum()
+    unit = Trajectory(np.array([0.0, 1.0]), rise[:, None, None], np.array([0.0, 1.0]))
+    return move(1.0, 1.0, 1.0), unit, least_time(1.0, 1.0, 1.0)
+
+
+def too_fast(by: float, also: str) -> Case:
+    """The optimum, run faster by less than the tolerance of limits."""
+    jerk = [1e3] if "jerk" in also else None
+    position = [[0.0, 5.0]] if "position" in also else None
+    problem = Problem([[0.0], [5.0]], Limits([1.0], [1.0], jerk=jerk, position=position))
+    optimal = smooth_cruise(5.0, 1e3) if jerk else rest_to_rest(5.0, 1.0, 1.0)
+    return problem, optimal.dilated(1 - by), optimal.duration
+
+
+def passages(
+    turns: int,
+    d: float,
+    slope: float,
+    also: str,
+    elapsed: float = 0.0,
+    coordinate: float = 0.0,
+) -> Case:
+    """Two joints at the same speed, past pairs of waypoints `d` and `slope · d` apart.
+
+    Between the two of a pair the second joint's mean velocity is at most `slope`, so its velocity
+    at the pair is at most `slope + A L / 2` after `L` seconds. That costs it `(1 − slope)²` seconds
+    at least, which no `L` makes less.
+    """
+    jerk = [1e3, 1e3] if "jerk" in also else None
+    position = [1e7, 1e7] if "position" in also else None
+    limits = Limits([1.0, 1.0], [1.0, 1.0], jerk=jerk, position=position)
+    end = turns + 1.0
+    waypoints = [[0.0, coordinate]]
+    passed = []
+    for turn in range(1, turns + 1):
+        there = coordinate + turn
+        waypoints += [[turn, there], [turn + d, there + slope * d]]
+        passed += [turn + 0.5, turn + 0.5 + elapsed]
+    waypoints.append([end, coordinate + end])
+    joints = [rest_to_rest(end, 1.0, 1.0), _shifted(rest_to_rest(end, 1.0, 1.0), coordinate)]
+    if jerk:
+        joints = [smooth_cruise(end, 1e3), smooth_cruise(end, 1e3, coordinate)]
+    duration = joints[0].duration
+    late = (duration - end - 1) / 2
+    times = [0.0, *(time + late for time in passed), duration]
+    lost = (1 - max(slope, 0.0)) ** 2
+    return Problem(waypoints, limits), together(joints, times), end + 1 + turns * lost
+
+
+def passages_at_coordinate(turns: int, d: float, also: str) -> Case:
+    """The second joint moves by one unit in the last place of its coordinate."""
+    coordinate = 1e5
+    slope = float(np.spacing(coordinate)) / d
+    return passages(turns, d, slope, also, elapsed=d, coordinate=coordinate)
+
+
+def tiny_swings(swings: int, each: float) -> Case:
+    """Straight lines of the first joint, whose velocity jumps by three rounding units.
+
+    Before the swings the second joint takes the time; the third one, which rests but for next to
+    nothing, keeps the waypoints apart.
+    """
+    J = 1.0
+    A = 1e8
+    big = 0.002
+    quintic = 0.5  # s
+    begin = 1 + 1 / A
+    fastest = 1.875 * big / quintic
+    h = 1.5 * np.finfo(float).eps * fastest * each
+    turns = np.arange(swings + 1)
+    times = np.concatenate([[0.0], begin + each * turns])
+    waypoints = np.zeros((swings + 2, 3))
+    waypoints[0, 0] = -big
+    waypoints[1:, 0] = h * (turns % 2)
+    waypoints[1:, 1] = 1.0
+    waypoints[1:, 2] = 1e-20 * turns
+    rise = _quintic(quintic, big)
+    rise[-1] = -big
+    slopes = np.diff(waypoints, axis=0) / np.diff(times)[:, None]
+    lines = np.stack([slopes, waypoints[:-1]])
+    swinging = np.zeros((6, swings + 2))
+    swinging[4:, 1:] = lines[..., 0]
+    swinging[:, 0] = rise
+    swinging[:, 1] = 0.0
+    first = Trajectory(np.insert(times, 1, quintic), swinging[..., None], times[[0, -1]])
+    # a break where the quintic is at its fastest
+    first = first.refined([quintic / 2])
+    ramp = 1 / A
+    second = driven(
+        [
+            (ramp, A, 0.0),
+            (1 - ramp, 0.0, 0.0),
+            (ramp, -A, 0.0),
+            (times[-1] - begin, 0.0, 0.0),
+        ]
+    )
+    third = Trajectory(times, lines[..., 2:], times[[0, -1]])
+    limits = Limits([1.0] * 3, [1.0, A, A], jerk=[J, np.inf, np.inf])
+    optimum = 1 + (swings - 2) * least_time_of_swing(h, J)
+    return Problem(waypoints, limits), together([first, second, third], times), optimum
+
+
+def swings_within_tolerance(swings: int, h: float, each: float, also: str) -> Case:
+    """Straight lines there and back, where each swing takes from rest to rest.
+
+    Before the swings a second joint takes 2 s, less at most half of the first swing.
+    """
+    jerk = [10.0, np.inf] if "jerk" in also else None
+    position = [[0.0, 1.0], [0.0, 1.0]] if "position" in also else None
+    limits = Limits([9.0, 9.0], [1.0, 1.0], jerk=jerk, position=position)
+    turns = np.arange(swings + 1)
+    times = np.concatenate([[0.0], 2 + each * turns])
+    waypoints = np.zeros((swings + 2, 2))
+    waypoints[1:, 0] = 0.5 - h * (turns % 2)
+    waypoints[1:, 1] = 1.0
+    columns = np.zeros((6, swings + 1))
+    columns[:, 0] = _quintic(2.0, 0.5)
+    columns[5, 1:] = waypoints[1:-1, 0]
+    columns[4, 1:] = np.diff(waypoints[1:, 0]) / np.diff(times[1:])
+    first = Trajectory(times, columns[..., None], times[[0, -1]])
+    second = driven([(1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (times[-1] - 2, 0.0, 0.0)])
+    swing = least_time_of_swing(h, 10.0) if jerk else least_time(h, 9.0, 1.0)
+    optimum = 2 + (swings - 1) * swing
+    return Problem(waypoints, limits), together([first, second], times), optimum
+
+
+def _quintic(duration: float, h: float) -> Array:
+    """From rest to rest over `h`, `(6,)`: 10 s³ − 15 s⁴ + 6 s⁵."""
+    powers = np.arange(5, -1, -1.0)
+    return h * np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]) / duration**powers
+
+
+def run_up(
+    excess: float,
+    also: str,
+    gap: float = 0.0,
+    offset: float = 0.0,
+    side: float = 1.0,
+    waits: int = 0,
+) -> Case:
+    """A joint takes a run-up from beyond its position limit, while the other one turns on its own.
+
+    The first joint goes to 1, where its limit is, and has to stop there; it goes there and back as
+    often as the second one `waits`. The second joint's waypoints are `gap` away from its limit,
+    until it moves by 1.
+
+    At the last waypoint before that the second joint's velocity is at most `sqrt(2 A gap)`, since
+    it cannot turn beyond its limit, and its acceleration is at most `A`. With both at their most
+    it gets farthest in any time: a motion `b` with less has `b − a` at most 0 first and at least
+    0 from some instant on, where `a` is the motion's acceleration, and the early ones count more.
+    """
+    J = 10.0 if "jerk" in also else np.inf
+    moves = 2.0 * (1 + waits)
+    turns = [turn % 2 for turn in range(1, waits + 2)]
+    back = 1 - 2 * turns[-1]
+    waypoints = [[0.0, offset]]
+    waypoints += [[turn, offset] for turn in turns]
+    waypoints.append([turns[-1] + 0.1 * back, offset + side])
+    near = offset - side * gap
+    gap = abs(offset - near)  # rounded
+    low, high = sorted([near, offset + side * 9])
+    limits = Limits(
+        [9.0, 9.0],
+        [1.0, 1.0],
+        jerk=[np.inf, J],
+        position=[[0.0, 1.0], [low, high]],
+    )
+    # the cheat's velocity at that waypoint, and the motion up to it
+    v0 = (2 * (gap + excess)) ** 0.5
+    last = _time_from(v0, J)
+    bounce = 2 - v0
+    rest = moves - 2
+    # down to −v0²/2 with a velocity of 0 and an acceleration of 1
+    bend = bounce**2 / 2 * np.array([1.0, -2.0, 1.0, 0.0, 0.0, 0.0])
+    down = _quintic(bounce, -(v0**2) / 2) + bend / bounce ** np.arange(5, -1, -1.0)
+    up = np.array([0.5, 0.0, -(v0**2) / 2])
+    ramp = 1 / J
+    high_speed = (last + v0 - 2.5 * ramp) / 2
+    leaving = driven(
+        [
+            (high_speed - v0, 1.0, 0.0),
+            (2 * ramp, None, -J if ramp else 0.0),
+            (high_speed - ramp / 2, -1.0, 0.0),
+            (ramp, None, J if ramp else 0.0),
+        ],
+        v=v0,
+    )
+    breaks = np.concatenate([[0.0, moves - v0], moves + leaving.breaks])
+    if waits:
+        breaks = np.insert(breaks, 1, rest)
+    columns = np.zeros((6, len(breaks) - 1))
+    columns[:, int(waits > 0)] = down
+    columns[3:, int(waits > 0) + 1] = up
+    columns[2:, int(waits > 0) + 2 :] = leaving.coefficients[..., 0]
+    columns *= side
+    columns[-1] += offset
+    second = Trajectory(breaks, columns[..., None], breaks[[0, -1]])
+    swings: list[Phase] = []
+    for here, there in pairwise([0, *turns]):
+        sign = float(there - here)
+        swings += [(1.0, sign, 0.0), (1.0, -sign, 0.0)]
+    home = 0.1**0.5
+    swings += [(home, back, 0.0), (home, -back, 0.0), (last - 2 * home, 0.0, 0.0)]
+    times = [2.0 * turn for turn in range(waits + 2)]
+    cheat = together([driven(swings), second], [*times, moves + last])
+    return Problem(waypoints, limits), cheat, moves + _time_from((2 * gap) ** 0.5, J)
+
+
+def _time_from(v0: float, J: float) -> float:
+    """From velocity `v0` and acceleration 1 to rest over 1 rad, acceleration at most 1, s.
+
+    With `r = 1/J`: acceleration 1 up to a velocity `p`, down to −1 in `2r`, −1, and up to 0 in `r`;
+    `p² + 2 r p + 17 r²/24 = 1 + v0²/2`.
+    """
+    r = 1 / J
+    p = -r + (1 + v0**2 / 2 + 7 / 24 * r**2) ** 0.5
+    return float(2 * p - v0 + 2.5 * r)
+
+
+# --- changes of other tricks ---
+
+
+def backwards(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
+    """The same backwards in time, under limits that are symmetric."""
+    shifted = polynomials.shifted(motion.coefficients, motion.lengths[:, None])
+    mirrored = polynomials.stretched(shifted, -1.0)
+    end = motion.breaks[-1]
+    times = end - motion.waypoint_times[::-1]
+    breaks = end - motion.breaks[::-1]
+    waypoints = problem.waypoints[::-1]
+    return replace(problem, waypoints=waypoints), Trajectory(breaks, mirrored[:, ::-1], times)
+
+
+def early(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
+    """Waypoint times that leave the motion by rounding, at both ends."""
+    times = motion.waypoint_times.copy()
+    times[0] -= 9e-13 * motion.duration
+    times[-1] += 9e-13 * motion.duration
+    return problem, replace(motion, waypoint_times=times)
+
+
+def noisy(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
+    """Noise of 3e-13, relative to the largest coefficient of each power."""
+    rng = np.random.default_rng(0)
+    given = motion.coefficients
+    largest = np.abs(given).max(axis=(1, 2), keepdims=True)
+    noise = rng.uniform(-3e-13, 3e-13, given.shape)
+    return problem, replace(motion, coefficients=given + largest * noise)
+
+
+# --- doors: how a trick comes to the judge ---
+
+
+def as_given(trick: Trick) -> float | None:
+    return verify(trick.problem, trick.trajectory).certified_duration
+
+
+def judged_twice(trick: Trick) -> float | None:
+    """The certified motion, judged again."""
+    motion = certified(trick.problem, trick.trajectory)
+    if motion is None:
+        return None
+    return verify(trick.problem, motion).certified_duration
+
+
+def with_found_times(trick: Trick) -> float | None:
+    """When it passes the waypoints is found from the motion."""
+    times = waypoint_times(trick.trajectory, trick.problem.waypoints)
+    found = replace(trick.trajectory, waypoint_times=times)
+    return verify(trick.problem, found).certified_duration
+
+
+def from_csv(trick: Trick) -> float | None:
+    """Samples with velocities at every break, and accelerations where jerk is limited."""
+    motion = trick.trajectory.refined(trick.trajectory.waypoint_times)
+    at = motion.breaks
+    accelerations = motion(at, 2) if trick.problem.has("jerk") else None
+    names = tuple(trick.problem.joint_labels)
+    samples = Samples(names, at, motion(at), motion(at, 1), accelerations)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "motion.csv"
+        samples_csv.write(path, samples)
+        return judgement.judge(trick.problem, path).certified_duration
+
+
+DOORS: tuple[Callable[[Trick], float | None], ...] = (
+    as_given,
+    judged_twice,
+    with_found_times,
+    from_csv,
+)
+
+
+def judged(trick: Trick) -> dict[str, object]:
+    """What a trick claims, the least that any door certifies, and why others refuse."""
+    least = np.inf
+    refused = []
+    for door in DOORS:
+        duration = None
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                duration = door(trick)
+        except TrajoptError as error:
+            refused.append(str(error))
+        if duration is not None:
+            least = min(least, duration)
+    refused += verify(trick.problem, trick.trajectory).flaws
+    return {
+        "family": trick.family,
+        "limits": trick.limits,
+        "trick": trick.name,
+        "optimum s": trick.optimum,
+        "claimed %": 100 * (trick.trajectory.duration / trick.optimum - 1),
+        "certified %": 100 * (least / trick.optimum - 1),
+        "refused": "; ".join(refused),
+    }
+
+
+def main(output: Path = Path("results/tricks")) -> None:
+    """Judge every trick, write the table and print it."""
+    rows = pd.DataFrame([judged(trick) for trick in tricks()])
+    believed = rows["certified %"] < -100 * CERTIFIED_BELOW
+    runner.conclude(rows, believed, output / "tricks")
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
