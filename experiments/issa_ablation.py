@@ -22,8 +22,6 @@ from typing import Any
 import cyclopts
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from baselines.evolution import CMAES
 from experiments.common import races
@@ -33,7 +31,6 @@ from trajopt.planners.swarm import ISSA, PSO, SSA, Optimiser, minimise
 from trajopt.planners.swarm.optimiser import Array
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
-from trajopt.views.figures import plots, style
 
 Subset = tuple[str, ...]  # of the ingredients
 Cell = tuple[str, str, float, str]  # function, where the origin is, place of the minimum, optimiser
@@ -68,7 +65,6 @@ FRAMES = {
     "in its middle": -5.0,
     "far away": 100.0,
 }
-LOWEST_SHOWN = 1e-20  # an error
 PLACES = (0.0, 0.1, 0.37, 0.5, 0.9, 1.0)
 
 
@@ -210,69 +206,6 @@ def biased(
     return pd.DataFrame([row])
 
 
-@plots.styled
-def origin_figure(table: pd.DataFrame, evaluations: int) -> Figure:
-    """Median error against the minimum's place, a row per function, a column per box."""
-    figure = Figure(figsize=(7.2, 4.6), layout="constrained")
-    grid = figure.subplots(
-        len(FUNCTIONS),
-        len(FRAMES),
-        sharex=True,
-        sharey=True,
-    )
-    for line, function in enumerate(FUNCTIONS):
-        for column, frame in enumerate(FRAMES):
-            of_function = table["function"] == function
-            cell = of_function & (table["origin"] == frame)
-            _errors(grid[line, column], table[cell])
-    for axes, (frame, low) in zip(grid[0], FRAMES.items(), strict=True):
-        box = f"[{low:g}, {low + WIDTH:g}]".replace("-", "−")
-        axes.set_title(f"origin {frame}\nbox {box}³")
-    for axes, function in zip(grid[:, 0], FUNCTIONS, strict=True):
-        axes.set_ylabel(f"{function}: error (box widths²)")
-    grid[-1, 1].set_xlabel("place of the minimum in the box (0: low end, 1: high end)")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    title = f"median and quartiles after {evaluations} evaluations"
-    figure.legend(
-        handles,
-        labels,
-        loc="outside lower center",
-        ncols=4,
-        title=title,
-    )
-    return figure
-
-
-def _errors(axes: Axes, table: pd.DataFrame) -> None:
-    looks = zip(OPTIMISERS, style.CURVES, style.DASHES, style.MARKERS, strict=False)
-    for name, colour, dash, marker in looks:
-        rows = table[table["optimiser"] == name]
-        if rows.empty:
-            continue
-        low = np.maximum(rows["first quartile"], LOWEST_SHOWN)
-        middle = np.maximum(rows["median error"], LOWEST_SHOWN)
-        high = np.maximum(rows["third quartile"], LOWEST_SHOWN)
-        place = rows["place"]
-        axes.fill_between(
-            place,
-            low,
-            high,
-            color=colour,
-            alpha=0.15,
-            lw=0,
-        )
-        axes.plot(
-            place,
-            middle,
-            marker=marker,
-            ls=dash,
-            color=colour,
-            mfc="white",
-            label=name,
-        )
-    axes.set(yscale="log", xlim=(-0.05, 1.05))
-
-
 def main(
     *,
     problems: int = 20,
@@ -295,16 +228,15 @@ def main(
     )
     spent = min(evaluations // 2, 2000)
     bias = origin(seeds, spent, output)
-    report(outcome, bias, spent, output)
+    report(outcome, bias, output)
 
 
 def report(
     outcome: races.Outcome,
     bias: pd.DataFrame,
-    spent: int,
     output: Path,
 ) -> None:
-    """Write the tables and figures, and print those of the race; `spent` is what `bias` cost."""
+    """Write the tables, and print those of the race."""
     stem = output / outcome.stem
     tables = {
         "summary": races.summary(outcome),
@@ -316,8 +248,6 @@ def report(
         save_table(table, stem / name)
     save_table(outcome.proof, stem / "optima")
     save_table(bias, stem / "origin")
-    plots.save(races.gap_rows(outcome, "issa"), stem / "gaps")
-    plots.save(origin_figure(bias, spent), stem / "origin")
     for table in tables.values():
         print(table.to_string(float_format="{:.4g}".format))
 

@@ -202,27 +202,15 @@ def main(
     tables["claims"] = claims(estimates(tables) | totals(found, problem))
     for name, table in tables.items():
         save_table(table, output / name)
-    draw(found, robot, problem, output)
+    draw(found, problem, output)
     columns = ["claim", "paper", "ours", "verdict"]
     print(tables["claims"][columns].to_string(index=False, float_format="{:.5g}".format))
 
 
-def draw(found: Found, robot: Robot, problem: Problem, output: Path) -> None:
-    """The paper's figures 5 to 7."""
+def draw(found: Found, problem: Problem, output: Path) -> None:
+    """The paper's figure 6."""
     alone = {name: found[name, "per-joint"] for name in ALGORITHMS}
-    shown = {}
-    for name in ALGORITHMS:
-        shown[name] = middle(synchronised(found, problem, name, "shared"))
-    path = paper_figures.cartesian_path(robot, problem, shown["issa"])
-    plots.save(path, output / "figure5")
     plots.save(paper_figures.joint_convergence(alone, problem), output / "figure6")
-    plots.save(paper_figures.joint_curves(problem, shown), output / "figure7")
-
-
-def middle(trajectories: list[Trajectory]) -> Trajectory:
-    """The one of median duration."""
-    ordered = sorted(trajectories, key=lambda t: t.duration)
-    return ordered[len(ordered) // 2]
 
 
 if __name__ == "__main__":

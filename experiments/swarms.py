@@ -5,23 +5,21 @@
 
 Each optimiser searches the 3-5-3 times with the paper's kind of fitness (a penalty) and with every
 candidate scaled to the limits, at equal evaluation budgets; `spline353-nlp` solves the same
-problems. Written to `--output`: `summary`, `compared`, `nlp`, `speed` and two figures.
+problems. Written to `--output`: `summary`, `compared`, `nlp`, `speed`.
 """
 
 from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import cyclopts
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from baselines.evolution import CMAES, DE
 from baselines.spline353_nlp import Spline353NLP
@@ -32,7 +30,6 @@ from trajopt.cli import console
 from trajopt.planners.swarm import ISSA, PSO, SSA, Optimiser
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
-from trajopt.views.figures import plots, style
 
 OPTIMISERS: dict[str, Optimiser] = {
     "pso": PSO(),
@@ -44,7 +41,6 @@ OPTIMISERS: dict[str, Optimiser] = {
 FITNESS: tuple[Literal["penalty"], Literal["scaled"]] = ("penalty", "scaled")
 NLP = "spline353-nlp"
 BATCH = 25  # runs at once
-DIMENSION = 3  # segment times
 
 
 def entrants(evaluations: int) -> dict[str, SwarmPlanner]:
@@ -164,67 +160,6 @@ def nlp_row(outcome: races.Outcome, solved: pd.DataFrame) -> pd.Series[float]:
     return pd.Series(row)
 
 
-@plots.styled
-def profiles(outcome: races.Outcome, cost: np.ndarray) -> Figure:
-    """Data profiles at the three targets, and the performance profile of processor time."""
-    figure = Figure(figsize=(6.8, 4.8), layout="constrained")
-    grid = figure.subplots(2, 2, sharey=True).ravel()
-    for axes, target, hits in zip(grid[:3], races.TARGETS, outcome.hits, strict=True):
-        by_run = hits.swapaxes(1, 2)
-        runs = by_run.reshape(-1, len(outcome.names))
-        spent, shares = statistics.data_profile(runs, DIMENSION)
-        _curves(axes, spent, shares, outcome.names)
-        axes.set(
-            title=f"to {target} of the proved optimum",
-            xlabel="evaluations / 4",
-            xlim=(4, outcome.evaluations / 4),
-        )
-    solvers = [*outcome.names, NLP]
-    ratio, shares = statistics.performance_profile(cost)
-    _curves(grid[3], ratio, shares, solvers)
-    grid[3].set(
-        title="to 0.1 %, in processor time",
-        xlabel="time over the quickest's (ratio)",
-    )
-    for axes in grid[::2]:
-        axes.set_ylabel("share of runs")
-    grid[2].set_ylabel("share of runs (right: of problems)")
-    handles, labels = grid[3].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
-    figure.suptitle(outcome.title, fontsize=9)
-    return figure
-
-
-def _curves(
-    axes: Axes,
-    x: np.ndarray,
-    shares: np.ndarray,
-    names: Sequence[str],
-) -> None:
-    """Colour and marker say which optimiser, dashes which fitness."""
-    solid, dashed, *_ = style.DASHES
-    kinds = [*OPTIMISERS, NLP]
-    for name, share in zip(names, shares.T, strict=True):
-        kind, _, fitness = name.partition(" ")
-        which = kinds.index(kind)
-        first_mark = 0.05 + 0.02 * which
-        dash: Any = solid
-        if fitness == "penalty":
-            dash = dashed
-        axes.step(
-            x,
-            share,
-            where="post",
-            color=style.CURVES[which],
-            label=name,
-            ls=dash,
-            marker=style.MARKERS[which],
-            markevery=(first_mark, 0.2),
-            mfc="white",
-        )
-    axes.set(xscale="log", ylim=(-0.03, 1.03))
-
-
 def pairs() -> list[tuple[str, str]]:
     """Scaled with penalty; at the same fitness, everyone with PSO, and ISSA with SSA."""
     found = [(f"{name} scaled", f"{name} penalty") for name in OPTIMISERS]
@@ -284,7 +219,7 @@ def report(
     solved: pd.DataFrame,
     output: Path,
 ) -> None:
-    """Write the tables and figures, and print the first two."""
+    """Write the tables, and print the first two."""
     stem = output / outcome.stem
     tables = {
         "summary": summary(outcome, costs, solved),
@@ -295,9 +230,6 @@ def report(
     save_table(solved, stem / "nlp")
     save_table(costs, stem / "speed")
     save_table(outcome.proof, stem / "optima")
-    figure = profiles(outcome, seconds(outcome, costs, solved))
-    plots.save(figure, stem / "profiles")
-    plots.save(races.gap_rows(outcome, "pso penalty"), stem / "gaps")
     for table in tables.values():
         print(table.to_string(float_format="{:.4g}".format))
 

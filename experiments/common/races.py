@@ -11,12 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from baselines.lower_bound.bound import certify
@@ -27,7 +24,6 @@ from trajopt.cli import console
 from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
-from trajopt.views.figures import plots, style
 
 Array = NDArray[np.float64]
 
@@ -266,102 +262,3 @@ def _compared(
 def mean(values: Array) -> Array:
     """Over the last axis, as `statistics.bootstrap` wants it."""
     return np.asarray(values.mean(axis=-1))
-
-
-@plots.styled
-def gap_rows(outcome: Outcome, reference: str) -> Figure:
-    """Per entrant, the smallest on top: each problem's median gap, their median, the chance."""
-    medians = np.asarray(statistics.median(outcome.medians))
-    order = np.argsort(medians)[::-1]
-    names = [outcome.names[i] for i in order]
-    height = 1.3 + 0.19 * len(order)
-    figure = Figure(figsize=(7.2, height), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=[3, 2])
-    for row, i in enumerate(order):
-        percent = 100 * outcome.medians[i]
-        _gap_row(left, row, percent, label=row == 0)
-    left.set_yticks(range(len(names)), names)
-    left.set(
-        xscale="log",
-        xlabel="gap to the proved 3-5-3 optimum (%)",
-        title=outcome.title,
-    )
-    table = against(outcome, reference).droplevel("reference")
-    _effects(right, table.reindex(names))
-    right.set(
-        xlim=(-0.03, 1.03),
-        xlabel=f"chance of a shorter run than {reference}'s",
-    )
-    figure.legend(loc="outside lower center", ncols=4)
-    return figure
-
-
-def _effects(axes: Axes, table: pd.DataFrame) -> None:
-    """The chance of each row with its interval, hollow where the difference is not significant."""
-    y = np.arange(len(table))
-    effect = table["shorter"].to_numpy(dtype=float)
-    clear = (table["p (Holm)"] < 0.05).to_numpy()
-    look: Any = {"ms": 3.5, "mec": style.BLUE}
-    axes.hlines(
-        y,
-        table["shorter low"],
-        table["shorter high"],
-        color=style.BLUE,
-        lw=1.2,
-    )
-    axes.plot(effect, y, "o", mfc=style.BLUE, **look)
-    axes.plot(
-        effect[~clear],
-        y[~clear],
-        "o",
-        mfc="white",
-        label="Holm's p ≥ 0.05",
-        **look,
-    )
-    axes.axvline(0.5, color=style.BLACK, lw=0.8, ls=(0, (3, 2)))
-
-
-def _gap_row(
-    axes: Axes,
-    y: int,
-    gaps: Array,
-    label: bool,
-) -> None:
-    """A dot per problem, the six-axis one marked, and the median with its bootstrap interval."""
-    six_axis, *others = gaps
-    middle = statistics.bootstrap(statistics.median, gaps)
-    below = max(0.0, float(middle.value - middle.low))
-    above = max(0.0, float(middle.high - middle.value))
-    names: list[str | None] = [None, None, None]
-    if label:
-        names = ["a problem's median", "six-axis", "median of all, 95 %"]
-    axes.plot(
-        others,
-        np.full(len(others), y),
-        "o",
-        ms=2.5,
-        mew=0,
-        color=style.GREY,
-        alpha=0.6,
-        label=names[0],
-    )
-    axes.plot(
-        six_axis,
-        y,
-        "^",
-        ms=4,
-        mfc="white",
-        mec=style.BLACK,
-        mew=0.8,
-        label=names[1],
-    )
-    axes.errorbar(
-        middle.value,
-        y,
-        xerr=[[below], [above]],
-        fmt="D",
-        ms=3.5,
-        lw=1.2,
-        color=style.VERMILION,
-        label=names[2],
-    )

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from experiments.paper.searches import ALGORITHMS, MM, NAMES, Array, Runs, running_times
-from trajopt import Problem, Trajectory
-from trajopt.planners.kinematics import Robot
+from experiments.paper.searches import ALGORITHMS, NAMES, Runs, running_times
+from trajopt import Problem
 from trajopt.views.figures import plots, sampling, style
 
 MARKS = {
@@ -23,64 +20,6 @@ MARKS = {
     "segment-wise maximum": "D",
     "shared": "o",
 }
-
-
-@plots.styled
-def cartesian_path(
-    robot: Robot,
-    problem: Problem,
-    trajectory: Trajectory,
-) -> Figure:
-    """The tool's path, and the robot as links at the four points: in space, and from the side."""
-    figure = Figure(figsize=(7.2, 3.3))
-    space: Any = figure.add_axes((0.0, 0.1, 0.47, 0.92), projection="3d")
-    side = figure.add_axes((0.62, 0.24, 0.36, 0.72))
-    instants = np.linspace(0, trajectory.duration, 400)
-    poses = robot.forward(trajectory(instants))
-    frames = robot.frames(problem.waypoints)
-    path = MM * poses[:, :3, 3]
-    links = MM * frames[..., :3, 3]
-    x_z = [0, 2]
-    _links_and_path(space, links, path)
-    _links_and_path(side, links[..., x_z], path[:, x_z])
-    space.set(
-        xlabel="x (mm)",
-        ylabel="y (mm)",
-        zlabel="z (mm)",
-        xticks=[0, 1000, 2000],
-        yticks=[-500, 0, 500],
-        zticks=[-500, 0, 500],
-        ylim=(-700, 700),
-        zlim=(-600, 700),
-    )
-    space.zaxis.labelpad = -1
-    space.set_box_aspect((2, 1.4, 1.4), zoom=0.92)
-    space.view_init(elev=22, azim=-62)
-    side.set(xlabel="x (mm)", ylabel="z (mm)", aspect="equal")
-    handles, labels = side.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=5)
-    return figure
-
-
-def _links_and_path(
-    axes: Any,
-    links: Array,
-    path: Array,
-) -> None:
-    """Links `(points, joints + 1, axes)` and path `(m, axes)`, mm, on two or three axes."""
-    looks = zip(links, style.CURVES, style.DASHES, style.MARKERS, strict=False)
-    for point, (chain, colour, dash, marker) in enumerate(looks, start=1):
-        axes.plot(
-            *chain.T,
-            color=colour,
-            ls=dash,
-            lw=1.6,
-            marker=marker,
-            mfc="white",
-            ms=3.5,
-            label=f"links at point {point}",
-        )
-    axes.plot(*path.T, color=style.BLACK, lw=1.8, label="tool path")
 
 
 @plots.styled
@@ -144,52 +83,6 @@ def _convergence(
     best = min(ends)
     axes.set(xscale="log", xlim=(20, None), ylim=(0.95 * best, 2.0 * best))
     axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-@plots.styled
-def joint_curves(problem: Problem, trajectories: Mapping[str, Trajectory]) -> Figure:
-    """Position, velocity and acceleration of every joint (rows), one column per algorithm."""
-    figure = Figure(figsize=(7.2, 5.4), layout="constrained")
-    grid = figure.subplots(
-        3,
-        len(trajectories),
-        sharex=True,
-        sharey="row",
-        squeeze=False,
-    )
-    for column, (algorithm, trajectory) in zip(grid.T, trajectories.items(), strict=True):
-        column[0].set_title(f"{NAMES[algorithm]}, {trajectory.duration:.4f} s")
-        column[-1].set_xlabel("time (s)")
-        for order, axes in enumerate(column):
-            _joints(axes, trajectory, order)
-    labels = ("position (°)", "velocity (°/s)", "acceleration (°/s²)")
-    for axes, label in zip(grid[:, 0], labels, strict=True):
-        axes.set_ylabel(label)
-    handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=6)
-    return figure
-
-
-def _joints(
-    axes: Axes,
-    trajectory: Trajectory,
-    order: int,
-) -> None:
-    """One derivative of every joint, degrees, and when the waypoints are passed."""
-    t, values = sampling.curve(trajectory, order)
-    looks = zip(range(trajectory.joints), style.CURVES, cycle(style.DASHES), strict=False)
-    for joint, colour, dash in looks:
-        degrees = np.degrees(values[:, joint])
-        axes.plot(
-            t,
-            degrees,
-            color=colour,
-            ls=dash,
-            lw=1.1,
-            label=f"joint {joint + 1}",
-        )
-    for time in trajectory.waypoint_times:
-        axes.axvline(time, color="0.6", lw=0.4, zorder=0.5)
 
 
 @plots.styled
