@@ -4,12 +4,11 @@
     python -m experiments.speed --quick    # seconds, and no numbers to believe
 
 Each row is one way to do a task; `times the first` is its cost over that of the task's first row.
-The tasks: an evaluation of the real 3-5-3 fitness within a search (`[bench]` installs the peers;
-mealpy is left out, since it needs NumPy below 2; only ours say what a candidate is compared with,
-so that its limits need no peaks); the minimum time, with the error reached; a
-verdict on a trajectory, exact, or sampled densely enough for the verifier's tolerance; and what
-wrapping TOPP-RA and Ruckig costs. CPU seconds are the least of several repeats. The table goes to
-`speed.csv` and `.md` in `--output`.
+The tasks: an evaluation of the 3-5-3 fitness within a search (only ours say what a candidate is
+compared with, so that its limits need no peaks; `[bench]` installs pygmo); the minimum time, with
+the error reached; and a verdict on a trajectory, exact, or sampled densely enough for the
+verifier's tolerance. CPU seconds are the least of several repeats. The table goes to `speed.csv`
+and `.md` in `--output`.
 """
 
 from __future__ import annotations
@@ -19,20 +18,16 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
-from unittest.mock import patch
+from typing import NamedTuple
 
 import cyclopts
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly
+from scipy.interpolate import PPoly
 from scipy.optimize import differential_evolution
 
-from baselines.ruckig_ import Sections
-from experiments.common.minimisers import NiaPy
 from experiments.common.output import save_table
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.problem import Problem
@@ -133,17 +128,12 @@ def searches(problem: Problem, iterations: int, repeats: int) -> Iterator[Row]:
     ways.append(_counted("SciPy's DE, vectorised", _scipy(fitness, iterations)))
     for runs in (1, SEEDS_TOGETHER):
         ways.append(_alone(fitness, POPULATION * runs))
-    missing = []
-    for package, peer in (("pymoo", _pymoo), ("pygmo", _pygmo), ("niapy", _niapy)):
-        try:
-            importlib.import_module(package)
-        except ImportError:
-            note = f"not installed: pip install 'trajopt[bench]' ({package})"
-            missing.append(Row(task, package, np.nan, "µs", note))
-        else:
-            ways.append(_counted(f"{package}'s PSO", peer(fitness, iterations)))
+    try:
+        ways.append(_counted("pygmo's PSO", _pygmo(fitness, iterations)))
+    except ModuleNotFoundError:
+        note = "not installed: pip install 'trajopt[bench]'"
+        yield Row(task, "pygmo's PSO", np.nan, "µs", note)
     yield from side_by_side(task, ways, "µs", repeats)
-    yield from missing
 
 
 def _alone(fitness: Fitness, candidates: int) -> Way:
@@ -196,30 +186,6 @@ def _scipy(fitness: Fitness, iterations: int) -> Callable[[], int]:
     return search
 
 
-def _pymoo(fitness: Fitness, iterations: int) -> Callable[[], int]:
-    swarm = importlib.import_module("pymoo.algorithms.soo.nonconvex.pso")
-    core = importlib.import_module("pymoo.core.problem")
-    optimize = importlib.import_module("pymoo.optimize")
-
-    class SegmentTimes(core.Problem):  # type: ignore[misc, name-defined]
-        def __init__(self) -> None:
-            super().__init__(n_var=3, n_obj=1, xl=fitness.low, xu=fitness.high)
-
-        def _evaluate(self, x: Array, out: dict[str, Any], *_: Any, **__: Any) -> None:
-            out["F"] = fitness(x)
-
-    def search() -> int:
-        found = optimize.minimize(
-            SegmentTimes(),
-            swarm.PSO(pop_size=POPULATION, adaptive=False),
-            ("n_gen", iterations),
-            seed=0,
-        )
-        return int(found.algorithm.evaluator.n_eval)
-
-    return search
-
-
 @dataclass
 class _PygmoProblem:
     evaluate: Fitness
@@ -244,23 +210,6 @@ def _pygmo(fitness: Fitness, iterations: int) -> Callable[[], int]:
         population = pygmo.population(problem, size=POPULATION, b=pygmo.bfe(), seed=0)
         evolved = pygmo.algorithm(swarm).evolve(population)
         return int(evolved.problem.get_fevals())
-
-    return search
-
-
-def _niapy(fitness: Fitness, iterations: int) -> Callable[[], int]:
-    """It asks for one candidate at a time, so a tenth of the evaluations are enough to measure."""
-    size = fitness.high - fitness.low
-    evaluations = POPULATION * max(1, iterations // 10)
-    swarm = NiaPy("ParticleSwarmOptimization")
-
-    def of_unit_cube(x: Array) -> float:
-        times = fitness.low + x * size
-        return float(fitness(times[None])[0])
-
-    def search() -> int:
-        swarm(of_unit_cube, dimension=3, evaluations=evaluations, seed=0)
-        return evaluations
 
     return search
 
@@ -322,159 +271,6 @@ def verdicts(problem: Problem, repeats: int) -> Iterator[Row]:
     yield from side_by_side(task, ways, "ms", repeats)
 
 
-def topp_ra(problem: Problem, repeats: int) -> Iterator[Row]:
-    """One cubic spline cut into 1000 intervals, with and without this package around it.
-
-    The answer is the same where the limits hold on whole intervals (the package's "interpolation"
-    scheme) and the trajectory is a piecewise polynomial. By itself the package puts a cubic spline
-    through the gridpoints, which keeps the limits there only.
-    """
-    import toppra
-    import toppra.algorithm
-    import toppra.constraint
-
-    planner = load("toppra:knots=chord,ends=clamped")
-    chords = np.linalg.norm(problem.displacements, axis=1)
-    knots = np.r_[0.0, np.cumsum(chords)]
-    on_intervals = toppra.constraint.DiscretizationType.Interpolation
-
-    def timing() -> tuple[Any, Array]:
-        path = toppra.SplineInterpolator(knots, problem.waypoints, bc_type="clamped")
-        limits = [
-            toppra.constraint.JointVelocityConstraint(problem.limits.velocity),
-            toppra.constraint.JointAccelerationConstraint(
-                problem.limits.acceleration,
-                discretization_scheme=on_intervals,
-            ),
-        ]
-        grid = np.linspace(0.0, path.duration, 1001)
-        return toppra.algorithm.TOPPRA(limits, path, gridpoints=grid), grid
-
-    def direct() -> object:
-        algorithm, _ = timing()
-        return algorithm.compute_trajectory(0, 0)
-
-    def polynomial() -> object:
-        algorithm, grid = timing()
-        algorithm.compute_parameterization(0, 0)
-        spline = CubicSpline(knots, problem.waypoints, bc_type="clamped")
-        return retimed(spline, grid, algorithm.problem_data.sd_vec)
-
-    solve = partial(planner.solve, problem)
-    inside = share_inside(toppra.algorithm.TOPPRA, "compute_parameterization", solve)
-    inside += share_inside(toppra.algorithm.TOPPRA, "compute_controllable_sets", solve)
-    ours = f"limits in the middle too, units of its own; {100 * inside:.0f} % of it in toppra"
-    ways = [
-        Way("toppra, as polynomials", polynomial, "limits at both ends of every interval"),
-        Way("our planner", solve, ours),
-        Way("toppra, its own spline", direct, "limits at both ends, a spline through gridpoints"),
-    ]
-    yield from side_by_side("TOPP-RA on a spline", ways, "ms", repeats)
-
-
-def share_inside(kind: type, method: str, work: Callable[[], object]) -> float:
-    """The share of `work`'s CPU time that it spends in a method of a class."""
-    spent = 0.0
-    original = getattr(kind, method)
-
-    def timed(*arguments: Any, **options: Any) -> Any:
-        nonlocal spent
-        began = time.process_time()
-        found = original(*arguments, **options)
-        spent += time.process_time() - began
-        return found
-
-    work()
-    with patch.object(kind, method, timed):
-        began = time.process_time()
-        work()
-        whole = time.process_time() - began
-    return spent / whole
-
-
-def retimed(path: CubicSpline, grid: Array, speeds: Array) -> PPoly:
-    """A cubic path at `s(t)`, quadratic on each interval of the grid: of degree six."""
-    durations = 2 * np.diff(grid) / (speeds[1:] + speeds[:-1])
-    v = speeds[:-1, None]
-    a = (np.diff(speeds) / durations)[:, None]
-    # q = c0 + c1 u + c2 u² + c3 u³ with u = v t + a t²/2
-    begins = grid[:-1]
-    c0 = path(begins)
-    c1 = path(begins, 1)
-    c2 = path(begins, 2) / 2
-    c3 = path(begins, 3) / 6
-    powers = [
-        c3 * a**3 / 8,
-        c3 * 3 / 4 * v * a**2,
-        c2 * a**2 / 4 + c3 * 3 / 2 * v**2 * a,
-        c2 * v * a + c3 * v**3,
-        c1 * a / 2 + c2 * v**2,
-        c1 * v,
-        c0,
-    ]
-    breaks = np.r_[0.0, np.cumsum(durations)]
-    return PPoly(np.array(powers), breaks)
-
-
-def ruckig_stop(problem: Problem, repeats: int) -> Iterator[Row]:
-    """Ruckig from waypoint to waypoint, with and without this package around it.
-
-    The library returns a joint's phases; an answer here is one trajectory of all joints, checked.
-    What that takes is the same few milliseconds however little Ruckig itself does.
-    """
-    import ruckig
-
-    planner = load("ruckig-stop")
-    limits = problem.limits
-
-    def sections() -> Iterator[Any]:
-        generator = ruckig.Ruckig(problem.joints)
-        for here, there in pairwise(problem.waypoints.tolist()):
-            given = ruckig.InputParameter(problem.joints)
-            given.current_position = here
-            given.target_position = there
-            given.max_velocity = limits.velocity[:, 1].tolist()
-            given.max_acceleration = limits.acceleration[:, 1].tolist()
-            trajectory = ruckig.Trajectory(problem.joints)
-            generator.calculate(given, trajectory)
-            yield trajectory
-
-    def durations() -> float:
-        spent = [trajectory.duration for trajectory in sections()]
-        return float(np.sum(spent))
-
-    def polynomials() -> list[PPoly]:
-        profiles = [trajectory.profiles[0] for trajectory in sections()]
-        return [cubics(own) for own in zip(*profiles, strict=True)]
-
-    solve = partial(planner.solve, problem)
-    ways = [
-        Way("ruckig, as polynomials", polynomials, "a joint at a time"),
-        Way("our planner", solve, "all joints on common breaks, input and answer checked"),
-        Way("of it, limits and units", partial(Sections, problem), "checked, for every section"),
-        Way("ruckig, durations only", durations),
-    ]
-    yield from side_by_side("Ruckig, stopping at waypoints", ways, "ms", repeats)
-
-
-def cubics(profiles: Sequence[Any]) -> PPoly:
-    """One joint's motion from Ruckig's profiles of it, one after another."""
-    durations = []
-    pieces = []
-    for profile in profiles:
-        phases = zip(profile.t, profile.j, profile.a, profile.v, profile.p, strict=False)
-        for t, j, a, v, p in phases:
-            if t > 0:
-                durations.append(t)
-                # q = p + v t + a t²/2 + j t³/6
-                pieces.append([j / 6, a / 2, v, p])
-    if not pieces:
-        durations = [1.0]
-        pieces = [[0.0, 0.0, 0.0, profiles[0].pf]]
-    breaks = np.r_[0.0, np.cumsum(durations)]
-    return PPoly(np.array(pieces).T, breaks)
-
-
 def main(
     problem: str = "six-axis",
     *,
@@ -493,8 +289,6 @@ def main(
     rows = [
         *searches(loaded, iterations, repeats),
         *verdicts(loaded, 10 * repeats),
-        *topp_ra(loaded, 10 * repeats),
-        *ruckig_stop(loaded, 10 * repeats),
     ]
     if intervals:
         rows += optima(loaded, intervals, repeats)

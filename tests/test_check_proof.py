@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.common.forgeries import changed, forgeries
+from experiments.soaks.forgeries import changed, forgeries
 from trajopt import Limits, Problem
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import parsed

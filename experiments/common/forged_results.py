@@ -23,8 +23,8 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from experiments.common import said
-from experiments.common.said import ESCAPES
+from experiments.soaks import said
+from experiments.soaks.said import ESCAPES
 from trajopt.benchmark.store.folder import DamagedFile, Store
 from trajopt.benchmark.store.results_file import sealed as sealed_file
 from trajopt.benchmark.store.trial_text import sealed

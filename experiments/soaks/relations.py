@@ -1,7 +1,7 @@
 """Do the relations of docs/mathematics.md, section 8, hold on thousands of random problems?
 
-    python -m experiments.relations                   # 2000 problems, half an hour on a core
-    python -m experiments.relations --problems 20     # a quick look
+    python -m experiments.soaks.relations                   # 2000 problems, half an hour on a core
+    python -m experiments.soaks.relations --problems 20     # a quick look
 
 A problem's rows go to `relations.csv` in `--output` as soon as they are known; running again does
 only what is missing. The table counts violations by kind, each beyond its own tolerance. What could

@@ -7,7 +7,7 @@ import pytest
 import ruckig
 
 from baselines.ruckig_ import RuckigStop, RuckigVia, Sections, section
-from experiments.relations import drawn
+from experiments.soaks.relations import drawn
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.solution import Status

@@ -13,63 +13,38 @@ from experiments import (
     certificates,
     commands,
     explained,
-    forgeries,
-    ordering,
-    proved_sizes,
-    repair_residuals,
     rivals,
     sweep,
-    throughput,
-    tricks,
 )
+from experiments.__main__ import questions
 from experiments.common.output import save_table
+from experiments.soaks import forgeries, repair_residuals, tricks
 from trajopt import Limits, Problem
-from trajopt.benchmark.store.verification import verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.planners.registry import entries, named
 
 
-def test_ordering_finds_no_violation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ordering.main(problems=1, jobs=1, output=tmp_path)
-    table = pd.read_csv(tmp_path / "ordering.csv").set_index("relation")
-    assert (table["above 1e-06"] == 0).all()
-    assert {"exact <= toppra", "ruckig-search <= ruckig-stop"} <= set(table.index)
-    assert "Ruckig by segments = exact" in capsys.readouterr().out
+def test_every_experiment_asks_a_question_in_a_line() -> None:
+    asked = questions()
+    assert {"experiments.certificates", "experiments.soaks.tricks"} <= set(asked)
+    assert all(line.endswith((".", "?")) for line in asked.values())
 
 
-def test_proofs_by_size_are_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    small = {"waypoints": 3, "joints": 2, "seeds": 1, "output": tmp_path}
-    proved_sizes.main(**small)
-    rows = pd.read_csv(tmp_path / "proved_sizes.csv")
-    assert list(rows["status"]) == ["proved", "proved"]
-    assert (rows["gap"] <= 1.001e-4).all()
-    monkeypatch.setattr(proved_sizes, "measured", None)  # again would fail
-    proved_sizes.main(**small)
-    assert capsys.readouterr().out.count("proved") == 2
+def test_certificates_count_what_is_closed() -> None:
+    chosen = [("one", load("one-joint")), ("other", load("reversal"))]
+    unknown = Problem([[0.0], [1.2345]], Limits([1.0], [2.0]))
+    chosen.append(("other", unknown))
+    rows = pd.DataFrame([certificates.recorded(*pair) for pair in chosen])
+    table = certificates.counted(rows)
+    assert list(table.index) == ["one", "other", "all"]
+    assert table["closed"].tolist() == [1, 1, 2]
+    assert table["without a record"].tolist() == [0, 1, 1]
+    assert (table["largest gap, %"] < 0.1).all()
 
 
-def test_certificates_count_what_is_closed_and_keep_the_proofs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    jerky = Problem([[0.0], [1.5]], Limits([1.0], [2.0], [8.0]), name="jerky")
-    chosen = [("one", load("one-joint")), ("other", jerky), ("other", load("reversal"))]
-    monkeypatch.setattr(certificates, "drawn_problems", lambda *_: chosen)
-    certificates.main(output=tmp_path)
-    rows = pd.read_csv(tmp_path / "certificates.csv").set_index("problem")
-    assert list(rows["limits"]) == ["va", "vaj", "va"]
-    assert (rows["gap"] < 1e-3).all()
-    # jerk costs V (A/J): 2.25 s instead of 2 s
-    assert rows.loc["jerky", "lifted_gap"] == pytest.approx(0.125, rel=1e-6)
-    by_suite = pd.read_csv(tmp_path / "by-suite.csv").set_index("suite")
-    assert list(by_suite["closed"]) == [1, 2, 3]
-    assert list(by_suite["closed if lifted"]) == [1, 1, 2]
-    assert (tmp_path / "certificates.png").exists()
-    assert verification(tmp_path).holds
-    monkeypatch.setattr(certificates, "measured", None)  # again would fail
-    certificates.main(output=tmp_path)
-    assert capsys.readouterr().out.count("other") == 2
+def test_random_problems_are_proved(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    certificates.sizes(waypoints=3, joints=2, seeds=1, output=tmp_path)
+    assert "proved to 0.01 %: 2 of 2" in capsys.readouterr().out
 
 
 def test_explained_draws_both_decompositions(
@@ -94,22 +69,6 @@ def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path: Path) -> None:
     assert pd.read_csv(tmp_path / "new" / "table.csv")["a"].tolist()[0] == 1.25
 
 
-def test_the_tricks_table_shows_a_flaw_or_what_is_certified(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    tricks.main(output=tmp_path)
-    table = pd.read_csv(tmp_path / "tricks.csv").set_index("trick")
-    assert (table["claimed %"] < 0).all()
-    assert (table["certified %"].isna() == table["flaw"].notna()).all()
-    # Four times the acceleration takes half the optimum, 2 √(h / A) = 2 s.
-    overflow = table.loc["overflow of 1e+308, 1e+308 in a piece of 1e-40 s"]
-    assert overflow["claimed %"] == pytest.approx(-50)
-    assert overflow["optimum s"] == pytest.approx(2)
-    assert "finite" in overflow["flaw"]
-    assert (tmp_path / "tricks.md").read_text().startswith("| trick")
-    assert f"certified below the optimum: 0 of {len(table)}" in capsys.readouterr().out
-
-
 def test_the_repair_leaves_rounding_only(capsys: pytest.CaptureFixture[str]) -> None:
     repair_residuals.main(motions=20)
     *_, last = capsys.readouterr().out.splitlines()
@@ -121,8 +80,8 @@ def test_the_forgeries_experiment_says_what_is_believed(
 ) -> None:
     monkeypatch.setattr(forgeries, "PROBLEMS", ("six-axis",))
     forgeries.main(output=tmp_path)
-    assert "forgeries: 0 believed" in capsys.readouterr().out
     table = pd.read_csv(tmp_path / "forgeries.csv")
+    assert f"0 of {len(table)} attacks of 9 families" in capsys.readouterr().out
     assert (table["proved %"].isna() == table["refused"].notna()).all()
     monkeypatch.setattr(forgeries, "proved", lambda _: 2.0)
     with pytest.raises(SystemExit, match="1"):
@@ -143,19 +102,6 @@ def test_the_tricks_experiment_fails_where_a_trick_succeeds(
 class Certified:
     certified_duration: float
     flaws: tuple[str, ...] = ()
-
-
-def test_throughput_times_the_same_trials_at_one_and_two_jobs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    every = throughput.four_waypoints()
-    assert {len(problem.waypoints) for problem in every} == {4}
-    monkeypatch.setattr(throughput, "four_waypoints", lambda: every[:2])
-    throughput.main(trials=3, iterations=2, output=tmp_path)
-    table = pd.read_csv(tmp_path / "throughput.csv")
-    assert table["jobs"].tolist() == [1, 2]
-    assert table["trials"].nunique() == 1
-    assert (table["wall (s)"] > 0).all()
 
 
 def test_commands_are_compared_by_their_medians(tmp_path: Path) -> None:

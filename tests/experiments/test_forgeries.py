@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from baselines.lower_bound.bound import certify
 from baselines.lower_bound.dual_check import LEAF, Proof, proved_bound
 from baselines.lower_bound.planner import Certify
-from experiments.common.forgeries import PROBLEMS, changed, forgeries, record, text
+from experiments.soaks.forgeries import PROBLEMS, changed, forgeries, record, text
 from trajopt import InvalidInput, Limits, Problem, Solution, Status
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import parsed

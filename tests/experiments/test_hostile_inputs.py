@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import hostile_inputs
 from experiments.common import forged_results as forged
-from experiments.common import hostile_texts as texts
-from experiments.common import said
+from experiments.soaks import hostile_inputs, said
+from experiments.soaks import hostile_texts as texts
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="a process's memory, by Linux")
 

@@ -1,6 +1,6 @@
 """The relations of mathematics.md, section 8, on random problems.
 
-The same relations run on hundreds of problems in `experiments/ordering.py`.
+The same relations run on hundreds of problems in `experiments/soaks/relations.py`.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import relations
+from experiments.soaks import relations
 from trajopt import Limits, Problem
 
 

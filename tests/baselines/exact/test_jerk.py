@@ -12,7 +12,7 @@ from baselines.collocation.uniform import Collocation
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
-from experiments import relations
+from experiments.soaks import relations
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem

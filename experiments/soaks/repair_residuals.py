@@ -1,6 +1,6 @@
 """What does the exact repair leave to mend, in fractions instead of floating-point numbers?
 
-    python -m experiments.repair_residuals                  # 500 motions, some ten CPU seconds
+    python -m experiments.soaks.repair_residuals                  # 500 motions, ten CPU s
 
 Random motions, bent and cut at random, are repaired. What the repair still misses and how it still
 jumps is computed without rounding; mending that would use some share of the limits. The theorem of

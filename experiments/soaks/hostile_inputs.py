@@ -1,7 +1,7 @@
 """What do files do that a stranger crafted, or that an accident changed?
 
-    python -m experiments.hostile_inputs            # 2000 mutated and 600 crafted, 15 min
-    python -m experiments.hostile_inputs --quick    # 200 and 60
+    python -m experiments.soaks.hostile_inputs            # 2000 mutated and 600 crafted, 15 min
+    python -m experiments.soaks.hostile_inputs --quick    # 200 and 60
 
 Mutated: files that are shipped, of every format that is read, with bits, spans, lines, numbers or
 keys changed. Crafted: what no reader may take. Every fifth is a results file
@@ -28,8 +28,9 @@ import numpy as np
 import pandas as pd
 from pebble import ProcessExpired, ProcessPool
 
-from experiments.common import forged_results, hostile_texts, said
+from experiments.common import forged_results
 from experiments.common.output import save_table
+from experiments.soaks import hostile_texts, said
 
 WALL_S = 120.0  # for 10 s of CPU on a machine with other work
 STORED_EVERY = 5  # files

@@ -1,9 +1,9 @@
 """What do planners that mean harm, or have an accident, make of a comparison?
 
-    python -m experiments.nasty_planners       # 85 planners, about a minute
+    python -m experiments.soaks.nasty_planners       # 85 planners, about a minute
 
 Each runs between planners that do no harm, in a folder of its own; what it does,
-`common/nasty_planners.toml` says. *Status* and *certified* are what the table says of it, the
+`data/nasty_planners.toml` says. *Status* and *certified* are what the table says of it, the
 latter in percent above an optimum known in closed form; *others* whether every other row is what it
 is without it; *left* how many processes that it started still run; *printed* how many bytes reached
 the terminal; *executed* whether something that it sent ran in another process. The
@@ -30,8 +30,8 @@ from typing import Any
 import cyclopts
 import pandas as pd
 
-from experiments.common.nasty import OPTIMUM, PROBLEM, Nasty, planners
 from experiments.common.output import save_table
+from experiments.soaks.nasty import OPTIMUM, PROBLEM, Nasty, planners
 from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console

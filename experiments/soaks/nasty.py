@@ -34,7 +34,7 @@ from trajopt.planners.planner import Planner
 PROBLEM = Problem([[0.0], [1.0]], Limits([1.0], [1.0]), "one joint, 1 rad")
 OPTIMUM = 2.0  # s: 1 rad at 1 rad/s and 1 rad/s², all of it accelerating or braking
 
-_FILE = Path(__file__).with_name("nasty_planners.toml")
+_FILE = Path(__file__).with_name("data") / "nasty_planners.toml"
 _SLEEP = "import time; time.sleep(600)"
 
 

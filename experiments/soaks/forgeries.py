@@ -1,22 +1,36 @@
-"""Ways to forge a proof: records whose stored proof claims three times the best known duration.
+"""Can a proof be forged? Records whose stored proof claims three times the best known duration.
+
+    python -m experiments.soaks.forgeries             # 585 forgeries, a few seconds
+    python -m experiments.soaks.forgeries --script    # a minute: check_proof.py is asked too
 
 Each is an honest record whose proof was changed, or replaced, by what some rounding, some unit or
-some careless reading might let pass. Its text is what a stranger could submit.
+some careless reading might let pass. Its text is what a stranger could submit. *Proved* is what the
+check makes of it, in percent above the best known duration: more than 0 is a false bound. What is
+refused proves nothing; *refused* says why. Exit code 1 if a forgery is believed.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import cyclopts
 import numpy as np
+import pandas as pd
 
+from experiments.soaks import runner
 from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.record import parsed
+from trajopt.benchmark.best_known.verification import proved
 from trajopt.benchmark.suites import catalogue
+from trajopt.core.exceptions import TrajoptError
 
 Said = dict[str, Any]
 Named = tuple[str, Said]
@@ -103,11 +117,13 @@ class Forgery:
     """A record's text with a forged proof.
 
     Attributes:
+        family: How it is forged.
         name: What was forged, and of which problem.
         text: Of the file.
         duration: Of the best known motion, s: a bound above it is false.
     """
 
+    family: str
     name: str
     text: str
     duration: float
@@ -119,7 +135,12 @@ def forgeries(problem: str) -> list[Forgery]:
     found = []
     for family in FAMILIES:
         for name, said in family(honest):
-            forged = Forgery(f"{problem}: {name}", text(said), honest["duration"])
+            forged = Forgery(
+                family=str(family.__doc__).rstrip("."),
+                name=f"{problem}: {name}",
+                text=text(said),
+                duration=honest["duration"],
+            )
             found.append(forged)
     return found
 
@@ -398,3 +419,54 @@ FAMILIES: tuple[Callable[[Said], Iterator[Named]], ...] = (
     twice,
     other_problems,
 )
+
+
+# --- the check ---
+
+SCRIPT = Path(__file__).parents[2] / "docs" / "examples" / "best-known" / "check_proof.py"
+BELIEVED_ABOVE = 1e-9  # of the best known duration, which is certified to so much
+
+
+def judged(forgery: Forgery) -> dict[str, object]:
+    """What a forgery proves, percent above the best known duration, or why it is refused."""
+    bound = None
+    refused = ""
+    try:
+        bound = proved(parsed(forgery.text))
+    except TrajoptError as error:
+        refused = str(error)
+    above = None if bound is None else 100 * (bound / forgery.duration - 1)
+    return {
+        "family": forgery.family,
+        "forgery": forgery.name,
+        "proved %": above,
+        "refused": refused,
+    }
+
+
+def confirmed(forgery: Forgery) -> bool:
+    """Whether the independent script believes it."""
+    command = [sys.executable, "-I", str(SCRIPT)]
+    ran = subprocess.run(command, input=forgery.text, text=True, capture_output=True, check=False)
+    return ran.returncode == 0
+
+
+def main(*, script: bool = False, output: Path = Path("results/forgeries")) -> None:
+    """Check every forgery, write the table and print it.
+
+    Args:
+        script: Ask docs/examples/best-known/check_proof.py too.
+        output: Folder of the table.
+    """
+    attempts = [forgery for problem in PROBLEMS for forgery in forgeries(problem)]
+    rows = pd.DataFrame([judged(forgery) for forgery in attempts])
+    refused = rows["refused"] != ""
+    print(refused.groupby(rows["family"], sort=False).sum().to_string())
+    false = rows["proved %"] > 100 * BELIEVED_ABOVE
+    if script:
+        false |= pd.Series([confirmed(forgery) for forgery in attempts])
+    runner.conclude(rows, false, output / "forgeries")
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
