@@ -15,6 +15,7 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
@@ -41,71 +42,10 @@ PROBLEMS = ("six-axis", "jerk-limit", "position-limits")
 CLAIMED = 3.0
 """Of the best known duration: what each forgery asks to be believed."""
 
+ATTACKS = tomllib.loads((runner.DATA / "forgeries.toml").read_text(encoding="utf-8"))
 _LEAF = [3, 0, 0, 0]
-_SUBNORMAL = 5e-324
-# Of time and of lengths.
-_EXPONENTS = """30 -1022
-0 -1022
-0 1000
-560 0
-560 560
--560 -560
-600 1000
-400 800
--300 0
-1023 1023
--1074 -1074
-127 127
--128 -128
-100 -128
--100 127"""
 # What no number of a proof may be, as JSON has it.
 _NO_NUMBERS = f"NaN Infinity -Infinity 1e999 1{400 * '0'} true null 1e308 5e-324 -1"
-# Steps of a kind, a variable, a value and a number of multipliers, which have no row.
-_STEPS = """
-a time raised | 0 0 9 0 | 3 0 0 0
-a time lowered | 1 0 1e-9 0 | 3 0 0 0
-a time lowered below 0 | 1 0 -1 0 | 3 0 0 0
-an inverse raised | 0 3 1e9 0 | 3 0 0 0
-a square lowered | 1 6 1e-9 0 | 3 0 0 0
-a velocity lowered | 1 9 -1e9 0 | 3 0 0 0
-a branch without its upper leaf | 2 0 1e9 0 | 3 0 0 0
-a branch above the box | 2 0 1e9 0 | 3 0 0 0 | 3 0 0 0
-a branch below the box | 2 0 -1 0 | 3 0 0 0 | 3 0 0 0
-a branch of an inverse | 2 3 1e-9 0 | 3 0 0 0 | 3 0 0 0
-a branch of what does not exist | 2 1000 1 0 | 3 0 0 0 | 3 0 0 0
-a leaf too many | 3 0 0 0 | 3 0 0 0
-only a step to a leaf | 0 0 9 0
-more multipliers than there are | 3 0 0 1e6
-fewer than no multipliers | 3 0 0 -1
-half a multiplier | 3 0 0 0.5
-a kind of 0.5 | 0.5 0 9 0 | 3 0 0 0
-a kind of 7 | 7 0 9 0 | 3 0 0 0
-a kind of -1 | -1 0 9 0 | 3 0 0 0
-a variable of 0.5 | 0 0.5 9 0 | 3 0 0 0
-a variable of -1 | 0 -1 9 0 | 3 0 0 0
-"""
-# A table, a column and the numbers in its first row.
-_FIRST_ROWS = """
-multipliers | 0 | 3.5 -1 1e18 9223372036854775808 1e30 -0.5
-cuts | 0 | -1 0.5 99
-cuts | 1 | -1 0.5 99
-cuts | 2 | 0 0.5 -1
-cells | 0 | -0.5 0.5 1 1e-9
-cells | 1 | 1 -1e9
-"""
-# What is wrong, the table and its rows.
-_TABLES = """
-a joint that has none | ramps | [[0, 9, 1]]
-a side of 2 | ramps | [[0, 0, 2]]
-a side of -1 | ramps | [[0, 0, -1]]
-half a side | ramps | [[0, 0, 0.5]]
-at -1 | square_tangents | [[0, -1]]
-of a segment that does not exist | square_tangents | [[9, 1]]
-at -1 | tangents | [[0, -1]]
-at 0 | tangents | [[0, 0]]
-none | steps | []
-"""
 # Text that stands in the file as it is: JSON cannot say it otherwise.
 _RAW = "raw:"
 # A key that stands in the file once more.
@@ -226,8 +166,22 @@ def with_first(honest: Said, table: str, column: int, value: Any) -> Said:
     return said
 
 
-def thirds(slope: float, p: float = 0.0, q: float = 0.0) -> list[list[float]]:
-    """Three cells with one `λ`, `p` and `q`."""
+def listed(family: str, honest: Said) -> Iterator[Named]:
+    """The forgeries of one row that the file lists."""
+    time_unit = honest["proof"]["units"][0]
+    for own, name, said, multiplier, exponent in _lines(ATTACKS["one_rows"]):
+        if own == family:
+            length_unit = 2.0 ** int(exponent)
+            cells = _cells(said)
+            yield name, one_row(honest, cells, float(multiplier), time_unit, length_unit)
+
+
+def _cells(said: str) -> list[list[float]]:
+    """Cells, as JSON or as "thirds λ p q"."""
+    if not said.startswith("thirds"):
+        rows: list[list[float]] = json.loads(said)
+        return rows
+    slope, p, q = map(float, said.split()[1:])
     return [[start, p, 0, 0, q, 0, slope] for start in (0, 0.34, 0.67)]
 
 
@@ -236,20 +190,7 @@ def thirds(slope: float, p: float = 0.0, q: float = 0.0) -> list[list[float]]:
 
 def too_small(honest: Said) -> Iterator[Named]:
     """Numbers whose products are 0 in binary arithmetic, and are not."""
-    t = honest["proof"]["units"][0]
-    tiny = 2.0**-400
-    yield "a subnormal λ", one_row(honest, thirds(_SUBNORMAL), 1e300, t, tiny)
-    yield "a small λ", one_row(honest, thirds(1e-320), 1e300, t, tiny)
-    yield "a λ as small as a proof's may be", one_row(honest, thirds(2.0**-128), 1e38, t, 2.0**-128)
-    line = [[start, 0, 0, 0, -_SUBNORMAL * start, -_SUBNORMAL, 1e-320] for start in (0, 0.5)]
-    yield "a subnormal q", one_row(honest, line, 1e300, t, tiny)
-    bent = [[start, _SUBNORMAL, 0, 0, 0, 0, 1e-320] for start in (0, 0.5)]
-    yield "a subnormal p", one_row(honest, bent, 1e300, t, tiny)
-    yield "p and q at once", one_row(honest, thirds(1e-322, 1e-322, 1e-322), 1e300, t, tiny)
-    jump = [[0, 0, 0, 0, 0, 0, 0], [0.5, 0, 0, 0, 0, 0, _SUBNORMAL]]
-    yield "λ that jumps by subnormal numbers", one_row(honest, jump, 1e300, t, tiny)
-    narrow = [[0, 0, 0, 0, 0, 0, 1], [1e-320, 0, 0, 0, 0, 0, 1]]
-    yield "cells of no width to speak of", one_row(honest, narrow, 1e300, t, tiny)
+    yield from listed("too_small", honest)
     small = [[row, 1e-310] for row, _ in honest["proof"]["multipliers"]]
     yield "subnormal multipliers", changed(honest, multipliers=small)
     places = [[k, 1e-200] for k, _ in honest["proof"]["tangents"]]
@@ -258,10 +199,7 @@ def too_small(honest: Said) -> Iterator[Named]:
 
 def too_large(honest: Said) -> Iterator[Named]:
     """Numbers whose products are infinite, or whose differences are none."""
-    t = honest["proof"]["units"][0]
-    yield "λ = 1e300", one_row(honest, thirds(1e300), 1e300, t, 1.0)
-    huge = [[0, 1e300, -1e300, 1e300, 1e300, -1e300, 1e300]]
-    yield "costates of 1e300 that cancel", one_row(honest, huge, 1.0, t, 1.0)
+    yield from listed("too_large", honest)
     large = [[row, 1.7e308] for row, _ in honest["proof"]["multipliers"]]
     yield "multipliers of 1.7e308", changed(honest, multipliers=large)
     places = [[k, 1e200] for k, _ in honest["proof"]["tangents"]]
@@ -279,7 +217,7 @@ def too_large(honest: Said) -> Iterator[Named]:
 def other_units(honest: Said) -> Iterator[Named]:
     """Units in which limits are infinite, squares are 0, or numbers another's."""
     own = honest["proof"]["units"]
-    for line in _EXPONENTS.splitlines():
+    for line in ATTACKS["units"].splitlines():
         time, length = map(int, line.split())
         units = [2.0**length for _ in own]
         units[0] = 2.0**time
@@ -305,10 +243,7 @@ def cancelling(honest: Said) -> Iterator[Named]:
     for cell in steps[::2]:
         cell[4] = 1e17
     yield "20,000 jumps of 1e17", one_row(honest, steps, 1.0, t, 1.0)
-    bump = [[0, 1e17, -4e17, 4e17, 4e17, -8e17, 8e17]]
-    yield "a p and a q of 1e17 that cancel", one_row(honest, bump, 1e-17, t, 1.0)
-    line = [[0, 0, 0, 0, 0.5e17, -1e17, 1e17]]
-    yield "a q of 1e17 against λ", one_row(honest, line, 1e-17, t, 1.0)
+    yield from listed("cancelling", honest)
     rows = honest["proof"]["multipliers"]
     both = [[row, y * size] for row, y in rows for size in (1e17, -1e17)]
     yield "multipliers of both signs", _one_step(honest, both)
@@ -325,18 +260,18 @@ def _one_step(honest: Said, multipliers: Sequence[Sequence[float]]) -> Said:
 
 def boxes(honest: Said) -> Iterator[Named]:
     """Steps to boxes in which the motion is not, and trees that leave some out."""
-    for name, *steps in _lines(_STEPS):
+    for name, *steps in _lines(ATTACKS["steps"]):
         numbers = [[float(number) for number in step.split()] for step in steps]
         yield name, one_leaf(honest, steps=numbers)
 
 
 def rows(honest: Said) -> Iterator[Named]:
     """Rows of other segments, joints, numbers; costates that do not divide a segment."""
-    for table, column, values in _lines(_FIRST_ROWS):
+    for table, column, values in _lines(ATTACKS["first_rows"]):
         for value in values.split():
             name = f"{table} that begin with {value} in column {column}"
             yield name, with_first(honest, table, int(column), float(value))
-    for line in _lines(_TABLES):
+    for line in _lines(ATTACKS["tables"]):
         name, table, rows_ = line
         yield f"{table}: {name}", changed(honest, **{table: json.loads(rows_)})
     pairs = honest["proof"]["multipliers"]
@@ -350,9 +285,7 @@ def rows(honest: Said) -> Iterator[Named]:
     yield "cells of another row", changed(honest, cells=cells[1:] + cells[:1])
     mirrored = [[start, *(-x for x in own)] for start, *own in cells]
     yield "cells with the other sign", changed(honest, cells=mirrored)
-    jump = [[0, 0, 0, 0, 0, 0, 0], [0.5, 0, 0, 0, 0, 0, 1]]
-    t = honest["proof"]["units"][0]
-    yield "λ that jumps where there is no wall", one_row(honest, jump, 1e6, t, 1.0)
+    yield from listed("rows", honest)
 
 
 def _lines(table: str) -> Iterator[list[str]]:

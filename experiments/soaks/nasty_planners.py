@@ -3,7 +3,7 @@
     python -m experiments.soaks.nasty_planners       # 85 planners, about a minute
 
 Each runs between planners that do no harm, in a folder of its own; what it does,
-`data/nasty_planners.toml` says. *Status* and *certified* are what the table says of it, the
+`nasty_planners.toml` says. *Status* and *certified* are what the table says of it, the
 latter in percent above an optimum known in closed form; *others* whether every other row is what it
 is without it; *left* how many processes that it started still run; *printed* how many bytes reached
 the terminal; *executed* whether something that it sent ran in another process. The

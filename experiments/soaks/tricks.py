@@ -3,7 +3,7 @@
     python -m experiments.soaks.tricks       # some seconds
 
 A trick is a problem whose minimum time is known in closed form, and a motion that is faster by what
-a tolerance, an overflow or rounding might let pass. `data/tricks.toml` lists the families. Every
+a tolerance, an overflow or rounding might let pass. `tricks.toml` lists the families. Every
 trick is judged as it is; as the certified motion, judged again; with waypoint times found from the
 motion; and from a CSV file, as `trajopt judge` reads it.
 
@@ -87,13 +87,15 @@ def tricks() -> list[Trick]:
 
 def _built(family: dict[str, Any]) -> Iterator[Trick]:
     build = globals()[family["build"]]
+    title = family["name"]
     for also in family.get("also", [None]):
         limits = {} if also is None else {"also": also}
         for case in family["cases"]:
             problem, trajectory, optimum = build(**case, **limits)
-            what = ", ".join(f"{name} = {value:g}" for name, value in case.items())
-            name = f"{family['name']} ({_limits(problem)}): {what}"
-            yield Trick(family["name"], name, problem, trajectory, optimum)
+            said = [f"{name} = {value:g}" for name, value in case.items()]
+            where = f"{title} ({_limits(problem)})"
+            name = f"{where}: {', '.join(said)}"
+            yield Trick(title, name, problem, trajectory, optimum)
 
 
 def _changed(family: dict[str, Any], tricks: Sequence[Trick]) -> Iterator[Trick]:
@@ -153,9 +155,9 @@ def driven(phases: Sequence[Phase], x: float = 0.0, v: float = 0.0, a: float = 0
     return one_joint(breaks, columns)
 
 
-def one_joint(breaks: ArrayLike, columns: Sequence[Sequence[float]]) -> Trajectory:
+def one_joint(breaks: ArrayLike, columns: ArrayLike) -> Trajectory:
     """One joint's pieces, a column of coefficients each; its waypoints are its two ends."""
-    coefficients = np.array(columns).T[..., None]
+    coefficients = np.array(columns, dtype=float).T[..., None]
     times = np.asarray(breaks, dtype=float)
     return Trajectory(times, coefficients, times[[0, -1]])
 
@@ -171,15 +173,20 @@ def rest_to_rest(h: float, V: float, A: float, v0: float = 0.0) -> Trajectory:
     # h = (p² − v0²) / A without a cruise
     peak = min(V, (h * A + v0**2) ** 0.5)
     rise = (peak - v0) / A
-    # h = p cruise + (p² − v0²) / A
-    cruise = (h - (peak**2 - v0**2) / A) / peak
-    if peak < V:
-        cruise = 0.0
-    phases = [(rise, A, 0.0), (cruise, 0.0, 0.0), (rise, -A, 0.0)]
+    cruise = 0.0
+    if peak == V:
+        # h = V cruise + (V² − v0²) / A
+        rest = h - (V**2 - v0**2) / A
+        cruise = max(0.0, rest / V)
+    phases = [
+        (rise, A, 0.0),
+        (cruise, 0.0, 0.0),
+        (rise, -A, 0.0),
+    ]
     return driven(phases, v=v0)
 
 
-def smooth_cruise(h: float, J: float, x: float = 0.0) -> Trajectory:
+def smooth_cruise(h: float, J: float) -> Trajectory:
     """From rest to rest over `h` with velocity and acceleration of 1 and jerk of `J`."""
     ramp = 1 / J
     steady = 1 - ramp
@@ -193,12 +200,21 @@ def smooth_cruise(h: float, J: float, x: float = 0.0) -> Trajectory:
         (steady, -1.0, 0.0),
         (ramp, None, J),
     ]
-    return driven(phases, x)
+    return driven(phases)
 
 
-def move(h: float, V: float, A: float) -> Problem:
-    """One joint from 0 to `h`."""
-    return Problem([[0.0], [h]], Limits([V], [A]))
+def instead_of_move(
+    cheat: Trajectory,
+    h: float = 1.0,
+    V: float = 1.0,
+    A: float = 1.0,
+    start: float = 0.0,
+) -> Case:
+    """A motion that shall pass for that of one joint over `h`."""
+    limits = Limits([V], [A])
+    problem = Problem([[start], [start + h]], limits)
+    moved = float(problem.displacements[0, 0])
+    return problem, cheat, least_time(moved, V, A)
 
 
 # --- builders of families ---
@@ -208,7 +224,7 @@ def head_start(V: float, A: float, h: float, share: float) -> Case:
     """The velocity jumps by a share of its limit at both ends."""
     reachable = (h * A) ** 0.5
     v0 = min(share * V, 0.9 * reachable)
-    return move(h, V, A), rest_to_rest(h, V, A, v0), least_time(h, V, A)
+    return instead_of_move(rest_to_rest(h, V, A, v0), h, V, A)
 
 
 def accelerated_start(A: float, a0: float) -> Case:
@@ -216,16 +232,24 @@ def accelerated_start(A: float, a0: float) -> Case:
     # d up, 2 s down and d up, with s = d + a0, cover 2 s³ − 2 a0² s + 2 a0³/3 = 1: Newton's method.
     s = 0.5 ** (1 / 3)
     for _ in range(50):
-        s -= (s**3 - a0**2 * s + a0**3 / 3 - 0.5) / (3 * s**2 - a0**2)
+        missing = s**3 - a0**2 * s + a0**3 / 3 - 0.5
+        s -= missing / (3 * s**2 - a0**2)
     d = s - a0
-    phases: list[Phase] = [(d, a0, 1.0), (2 * s, None, -1.0), (d, None, 1.0)]
-    problem = Problem([[0.0], [1.0]], Limits([1e3], [A], jerk=[1.0]))
-    return problem, driven(phases), least_time_of_jerk(1.0, 1.0)
+    cheat = driven(
+        [
+            (d, a0, 1.0),
+            (2 * s, None, -1.0),
+            (d, None, 1.0),
+        ]
+    )
+    limits = Limits([1e3], [A], jerk=[1.0])
+    return Problem([[0.0], [1.0]], limits), cheat, least_time_of_jerk(1.0, 1.0)
 
 
 def short_way(coordinate: float, h: float, short: float) -> Case:
     """A joint that starts late and ends early, beside one that rests."""
-    problem = Problem([[coordinate, 0.0], [coordinate, h]], Limits([1.0, 1.0], [1.0, 1.0]))
+    limits = Limits([1.0, 1.0], [1.0, 1.0])
+    problem = Problem([[coordinate, 0.0], [coordinate, h]], limits)
     moved = float(problem.displacements[0, 1])
     optimum = least_time(moved, 1.0, 1.0)
     covered = h - short
@@ -245,11 +269,10 @@ def _shifted(motion: Trajectory, x: float) -> Trajectory:
 
 def short_at_coordinate(coordinate: float, h: float) -> Case:
     """A move at a coordinate whose last place is not small beside it."""
-    problem = Problem([[coordinate], [coordinate + h]], Limits([1.0], [1.0]))
-    moved = float(problem.displacements[0, 0])
+    moved = coordinate + h - coordinate
     covered = moved - 0.9 * float(np.spacing(coordinate))
     own = rest_to_rest(covered, 1.0, 1.0)
-    return problem, _shifted(own, coordinate), least_time(moved, 1.0, 1.0)
+    return instead_of_move(_shifted(own, coordinate), h, start=coordinate)
 
 
 def position_steps(pieces: int) -> Case:
@@ -259,8 +282,11 @@ def position_steps(pieces: int) -> Case:
     breaks = np.linspace(0.0, own.duration, pieces + 1)
     columns = []
     for i, t in enumerate(breaks[:-1]):
-        columns.append([own(t, 2)[0] / 2, own(t, 1)[0], own(t)[0] + i * step])
-    return move(1.0, 100.0, 1.0), one_joint(breaks, columns), least_time(1.0, 100.0, 1.0)
+        (x,) = own(t)
+        (v,) = own(t, 1)
+        (a,) = own(t, 2)
+        columns.append([a / 2, v, x + i * step])
+    return instead_of_move(one_joint(breaks, columns), V=100.0)
 
 
 def velocity_steps(pieces: int) -> Case:
@@ -269,9 +295,11 @@ def velocity_steps(pieces: int) -> Case:
     breaks = np.linspace(0.0, own.duration, pieces + 1)
     columns = []
     for t in breaks[:-1]:
-        half = 0.5 if t + 1e-12 < own.duration / 2 else -0.5
-        columns.append([half, own(t, 1)[0], own(t)[0]])
-    return move(1.0, 100.0, 1.0), one_joint(breaks, columns), least_time(1.0, 100.0, 1.0)
+        (x,) = own(t)
+        (v,) = own(t, 1)
+        speeds_up = t + 1e-12 < own.duration / 2
+        columns.append([0.5 if speeds_up else -0.5, v, x])
+    return instead_of_move(one_joint(breaks, columns), V=100.0)
 
 
 def overflow(length: float, first: float, second: float) -> Case:
@@ -283,24 +311,27 @@ def overflow(length: float, first: float, second: float) -> Case:
     coefficients[0, 0, 0] = first
     coefficients[1, 0, 0] = second
     cheat = Trajectory(breaks, coefficients, breaks[[0, -1]])
-    return move(1.0, 100.0, 1.0), cheat, least_time(1.0, 100.0, 1.0)
+    return instead_of_move(cheat, V=100.0)
 
 
 def short_piece(length: float) -> Case:
     """The way is made within `length` seconds, or as fast as a number can say."""
     with np.errstate(over="ignore"):
         slope = float(min(np.float64(1.0) / length, 1.7e308))
-    cheat = one_joint([0.0, length, 1.0], [[slope, 0.0], [0.0, 1.0]])
-    return move(1.0, 1.0, 1.0), cheat, least_time(1.0, 1.0, 1.0)
+    breaks = [0.0, length, 1.0]
+    cheat = one_joint(breaks, [[slope, 0.0], [0.0, 1.0]])
+    return instead_of_move(cheat)
 
 
 def turn_left_out(gap: float) -> Case:
     """0 → 1 → 1 + h → 1 → 2: the three in the middle are passed within `2 gap` seconds."""
     h = 1e-9
-    problem = Problem([[0.0], [1.0], [1.0 + h], [1.0], [2.0]], Limits([1.0], [1.0]))
+    waypoints = [[0.0], [1.0], [1.0 + h], [1.0], [2.0]]
+    problem = Problem(waypoints, Limits([1.0], [1.0]))
     own = rest_to_rest(2.0, 1.0, 1.0)
     middle = own.duration / 2
-    times = np.array([0.0, middle - gap, middle, middle + gap, own.duration])
+    near = [middle - gap, middle, middle + gap]
+    times = np.array([0.0, *near, own.duration])
     # It stops at 1 + h, turns back and goes on from at most 1.
     optimum = least_time(1 + h, 1.0, 1.0) + least_time(1.0, 1.0, 1.0)
     return problem, replace(own, waypoint_times=times), optimum
@@ -310,11 +341,11 @@ def cancelling_terms(size: float) -> Case:
     """Half the optimum, plus `size · s³ (s − 1)³ (s − 1/2)`, which vanishes at both ends."""
     fast = rest_to_rest(1.0, 2.0, 4.0)
     bump = size * np.poly([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.5])
-    powers = np.arange(7, -1, -1.0)
     coefficients = np.zeros((8, len(fast.lengths), 1))
     coefficients[-4:] = fast.coefficients
-    coefficients[..., 0] += bump[:, None] * fast.lengths ** -powers[:, None]
-    return move(1.0, 1.0, 1.0), replace(fast, coefficients=coefficients), least_time(1.0, 1.0, 1.0)
+    bumps = np.tile(bump[:, None], len(fast.lengths))
+    coefficients[..., 0] += polynomials.stretched(bumps, 1 / fast.lengths)
+    return instead_of_move(replace(fast, coefficients=coefficients))
 
 
 def smooth_step(rests: int) -> Case:
@@ -322,8 +353,8 @@ def smooth_step(rests: int) -> Case:
     slope = np.poly([0.0] * rests + [1.0] * rests)
     rise = np.polyint(slope)
     rise /= rise.sum()
-    unit = Trajectory(np.array([0.0, 1.0]), rise[:, None, None], np.array([0.0, 1.0]))
-    return move(1.0, 1.0, 1.0), unit, least_time(1.0, 1.0, 1.0)
+    unit = one_joint([0.0, 1.0], [rise])
+    return instead_of_move(unit)
 
 
 def too_fast(by: float, also: str) -> Case:
@@ -357,17 +388,19 @@ def passages(
     passed = []
     for turn in range(1, turns + 1):
         there = coordinate + turn
-        waypoints += [[turn, there], [turn + d, there + slope * d]]
-        passed += [turn + 0.5, turn + 0.5 + elapsed]
+        waypoints.append([turn, there])
+        waypoints.append([turn + d, there + slope * d])
+        time = turn + 0.5
+        passed += [time, time + elapsed]
     waypoints.append([end, coordinate + end])
-    joints = [rest_to_rest(end, 1.0, 1.0), _shifted(rest_to_rest(end, 1.0, 1.0), coordinate)]
-    if jerk:
-        joints = [smooth_cruise(end, 1e3), smooth_cruise(end, 1e3, coordinate)]
-    duration = joints[0].duration
+    own = smooth_cruise(end, 1e3) if jerk else rest_to_rest(end, 1.0, 1.0)
+    joints = [own, _shifted(own, coordinate)]
+    duration = own.duration
     late = (duration - end - 1) / 2
     times = [0.0, *(time + late for time in passed), duration]
     lost = (1 - max(slope, 0.0)) ** 2
-    return Problem(waypoints, limits), together(joints, times), end + 1 + turns * lost
+    optimum = end + 1 + turns * lost
+    return Problem(waypoints, limits), together(joints, times), optimum
 
 
 def passages_at_coordinate(turns: int, d: float, also: str) -> Case:
@@ -399,13 +432,16 @@ def tiny_swings(swings: int, each: float) -> Case:
     waypoints[1:, 2] = 1e-20 * turns
     rise = _quintic(quintic, big)
     rise[-1] = -big
-    slopes = np.diff(waypoints, axis=0) / np.diff(times)[:, None]
+    lengths = np.diff(times)
+    slopes = np.diff(waypoints, axis=0) / lengths[:, None]
     lines = np.stack([slopes, waypoints[:-1]])
     swinging = np.zeros((6, swings + 2))
     swinging[4:, 1:] = lines[..., 0]
     swinging[:, 0] = rise
     swinging[:, 1] = 0.0
-    first = Trajectory(np.insert(times, 1, quintic), swinging[..., None], times[[0, -1]])
+    ends = times[[0, -1]]
+    breaks = np.insert(times, 1, quintic)
+    first = Trajectory(breaks, swinging[..., None], ends)
     # a break where the quintic is at its fastest
     first = first.refined([quintic / 2])
     ramp = 1 / A
@@ -417,10 +453,12 @@ def tiny_swings(swings: int, each: float) -> Case:
             (times[-1] - begin, 0.0, 0.0),
         ]
     )
-    third = Trajectory(times, lines[..., 2:], times[[0, -1]])
-    limits = Limits([1.0] * 3, [1.0, A, A], jerk=[J, np.inf, np.inf])
+    third = Trajectory(times, lines[..., 2:], ends)
+    unlimited = [np.inf, np.inf]
+    limits = Limits([1.0] * 3, [1.0, A, A], jerk=[J, *unlimited])
     optimum = 1 + (swings - 2) * least_time_of_swing(h, J)
-    return Problem(waypoints, limits), together([first, second, third], times), optimum
+    cheat = together([first, second, third], times)
+    return Problem(waypoints, limits), cheat, optimum
 
 
 def swings_within_tolerance(swings: int, h: float, each: float, also: str) -> Case:
@@ -434,14 +472,22 @@ def swings_within_tolerance(swings: int, h: float, each: float, also: str) -> Ca
     turns = np.arange(swings + 1)
     times = np.concatenate([[0.0], 2 + each * turns])
     waypoints = np.zeros((swings + 2, 2))
-    waypoints[1:, 0] = 0.5 - h * (turns % 2)
+    swung = h * (turns % 2)
+    waypoints[1:, 0] = 0.5 - swung
     waypoints[1:, 1] = 1.0
     columns = np.zeros((6, swings + 1))
     columns[:, 0] = _quintic(2.0, 0.5)
     columns[5, 1:] = waypoints[1:-1, 0]
-    columns[4, 1:] = np.diff(waypoints[1:, 0]) / np.diff(times[1:])
-    first = Trajectory(times, columns[..., None], times[[0, -1]])
-    second = driven([(1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (times[-1] - 2, 0.0, 0.0)])
+    columns[4, 1:] = -np.diff(swung) / np.diff(times[1:])
+    first = one_joint(times, columns.T)
+    rest = times[-1] - 2
+    second = driven(
+        [
+            (1.0, 1.0, 0.0),
+            (1.0, -1.0, 0.0),
+            (rest, 0.0, 0.0),
+        ]
+    )
     swing = least_time_of_swing(h, 10.0) if jerk else least_time(h, 9.0, 1.0)
     optimum = 2 + (swings - 1) * swing
     return Problem(waypoints, limits), together([first, second], times), optimum
@@ -449,8 +495,13 @@ def swings_within_tolerance(swings: int, h: float, each: float, also: str) -> Ca
 
 def _quintic(duration: float, h: float) -> Array:
     """From rest to rest over `h`, `(6,)`: 10 s³ − 15 s⁴ + 6 s⁵."""
+    return h * _per_duration([6.0, -15.0, 10.0, 0.0, 0.0, 0.0], duration)
+
+
+def _per_duration(shape: Sequence[float], duration: float) -> Array:
+    """A polynomial of degree 5 of a share of the duration, in powers of time."""
     powers = np.arange(5, -1, -1.0)
-    return h * np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]) / duration**powers
+    return np.array(shape) / duration**powers
 
 
 def run_up(
@@ -494,9 +545,10 @@ def run_up(
     bounce = 2 - v0
     rest = moves - 2
     # down to −v0²/2 with a velocity of 0 and an acceleration of 1
-    bend = bounce**2 / 2 * np.array([1.0, -2.0, 1.0, 0.0, 0.0, 0.0])
-    down = _quintic(bounce, -(v0**2) / 2) + bend / bounce ** np.arange(5, -1, -1.0)
-    up = np.array([0.5, 0.0, -(v0**2) / 2])
+    depth = v0**2 / 2
+    bend = bounce**2 / 2 * _per_duration([1.0, -2.0, 1.0, 0.0, 0.0, 0.0], bounce)
+    down = bend - _quintic(bounce, depth)
+    up = np.array([0.5, 0.0, -depth])
     ramp = 1 / J
     high_speed = (last + v0 - 2.5 * ramp) / 2
     leaving = driven(
@@ -512,21 +564,28 @@ def run_up(
     if waits:
         breaks = np.insert(breaks, 1, rest)
     columns = np.zeros((6, len(breaks) - 1))
-    columns[:, int(waits > 0)] = down
-    columns[3:, int(waits > 0) + 1] = up
-    columns[2:, int(waits > 0) + 2 :] = leaving.coefficients[..., 0]
+    waited = int(waits > 0)
+    columns[:, waited] = down
+    columns[3:, waited + 1] = up
+    columns[2:, waited + 2 :] = leaving.coefficients[..., 0]
     columns *= side
     columns[-1] += offset
-    second = Trajectory(breaks, columns[..., None], breaks[[0, -1]])
+    second = one_joint(breaks, columns.T)
     swings: list[Phase] = []
     for here, there in pairwise([0, *turns]):
         sign = float(there - here)
-        swings += [(1.0, sign, 0.0), (1.0, -sign, 0.0)]
+        swings.append((1.0, sign, 0.0))
+        swings.append((1.0, -sign, 0.0))
     home = 0.1**0.5
-    swings += [(home, back, 0.0), (home, -back, 0.0), (last - 2 * home, 0.0, 0.0)]
+    swings.append((home, back, 0.0))
+    swings.append((home, -back, 0.0))
+    swings.append((last - 2 * home, 0.0, 0.0))
     times = [2.0 * turn for turn in range(waits + 2)]
-    cheat = together([driven(swings), second], [*times, moves + last])
-    return Problem(waypoints, limits), cheat, moves + _time_from((2 * gap) ** 0.5, J)
+    times.append(moves + last)
+    cheat = together([driven(swings), second], times)
+    allowed = (2 * gap) ** 0.5
+    optimum = moves + _time_from(allowed, J)
+    return Problem(waypoints, limits), cheat, optimum
 
 
 def _time_from(v0: float, J: float) -> float:
@@ -536,7 +595,8 @@ def _time_from(v0: float, J: float) -> float:
     `p² + 2 r p + 17 r²/24 = 1 + v0²/2`.
     """
     r = 1 / J
-    p = -r + (1 + v0**2 / 2 + 7 / 24 * r**2) ** 0.5
+    square = 1 + v0**2 / 2 + 7 / 24 * r**2
+    p = square**0.5 - r
     return float(2 * p - v0 + 2.5 * r)
 
 
@@ -551,7 +611,8 @@ def backwards(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory
     times = end - motion.waypoint_times[::-1]
     breaks = end - motion.breaks[::-1]
     waypoints = problem.waypoints[::-1]
-    return replace(problem, waypoints=waypoints), Trajectory(breaks, mirrored[:, ::-1], times)
+    motion = Trajectory(breaks, mirrored[:, ::-1], times)
+    return replace(problem, waypoints=waypoints), motion
 
 
 def early(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
