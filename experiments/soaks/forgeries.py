@@ -152,13 +152,6 @@ def _box_rows(honest: Said, segments: int, joints: int) -> int:
     return 1 + 2 * segments + 8 * (segments - 1) * jerky
 
 
-def edited(honest: Said, table: str, change: Callable[[Any], Any]) -> Said:
-    """One table of the honest proof changed."""
-    rows = deepcopy(honest["proof"][table])
-    new = change(rows)
-    return changed(honest, **{table: new})
-
-
 def with_first(honest: Said, table: str, column: int, value: Any) -> Said:
     """The first row of a table with another number."""
     said = changed(honest)
@@ -208,10 +201,12 @@ def too_large(honest: Said) -> Iterator[Named]:
     yield "no cut-off", changed(honest, cutoff=[])
     for number in _NO_NUMBERS.split():
         raw = _RAW + number
-        yield f"{number:.12} as a multiplier", with_first(honest, "multipliers", 1, raw)
-        yield f"{number:.12} in a cell", with_first(honest, "cells", 6, raw)
-        yield f"{number:.12} as the cut-off", changed(honest, cutoff=[raw])
-        yield f"a step to {number:.12}", one_leaf(honest, steps=[[0, 0, raw, 0], _LEAF])
+        short = number[:12]
+        step = [0, 0, raw, 0]
+        yield f"{short} as a multiplier", with_first(honest, "multipliers", 1, raw)
+        yield f"{short} in a cell", with_first(honest, "cells", 6, raw)
+        yield f"{short} as the cut-off", changed(honest, cutoff=[raw])
+        yield f"a step to {short}", one_leaf(honest, steps=[step, _LEAF])
 
 
 def other_units(honest: Said) -> Iterator[Named]:
@@ -278,12 +273,14 @@ def rows(honest: Said) -> Iterator[Named]:
     for factor in (1e6, -1e6):
         large = [[row, factor * y] for row, y in pairs]
         yield f"multipliers {factor:g} times as large", changed(honest, multipliers=large)
-    moved = [[pairs[i - 1][0], 1e3 * y] for i, (_, y) in enumerate(pairs)]
+    numbers, values = np.transpose(pairs)
+    moved = np.transpose([np.roll(numbers, 1), 1e3 * values]).tolist()
     yield "multipliers of other rows", changed(honest, multipliers=moved)
     cells = honest["proof"]["cells"]
     yield "cells upside down", changed(honest, cells=cells[::-1])
     yield "cells of another row", changed(honest, cells=cells[1:] + cells[:1])
-    mirrored = [[start, *(-x for x in own)] for start, *own in cells]
+    signs = [1, *[-1] * 6]
+    mirrored = (np.array(cells) * signs).tolist()
     yield "cells with the other sign", changed(honest, cells=mirrored)
     yield from listed("rows", honest)
 
@@ -297,12 +294,15 @@ def _lines(table: str) -> Iterator[list[str]]:
 def truncated(honest: Said) -> Iterator[Named]:
     """Tables that end too early, or are none."""
     for table in ("cells", "cuts", "tangents", "multipliers", "steps", "units"):
-        yield f"{table} cut in half", edited(honest, table, lambda rows: rows[: len(rows) // 2])
-        yield f"{table} with a row too many", edited(honest, table, lambda rows: [*rows, rows[-1]])
+        rows = honest["proof"][table]
+        half = len(rows) // 2
+        yield f"{table} cut in half", changed(honest, **{table: rows[:half]})
+        yield f"{table} with a row too many", changed(honest, **{table: [*rows, rows[-1]]})
         without = changed(honest)
         del without["proof"][table]
         yield f"no {table}", without
-    yield "rows of other lengths", edited(honest, "cells", lambda rows: [rows[0][:3], *rows[1:]])
+    first, *others = honest["proof"]["cells"]
+    yield "rows of other lengths", changed(honest, cells=[first[:3], *others])
     flat = [number for row in honest["proof"]["cells"] for number in row]
     yield "cells in one row", changed(honest, cells=flat)
     yield "no proof", changed(honest) | {"proof": {}}
@@ -318,7 +318,9 @@ def twice(honest: Said) -> Iterator[Named]:
         said[_AGAIN + name] = said[name]
         yield f"{name} twice", said
     for name in ("multipliers", "units", "cells"):
-        said = one_leaf(honest, units=[2.0**30, *[2.0**-1022] * 8][: len(honest["proof"]["units"])])
+        units = [2.0**-1022 for _ in honest["proof"]["units"]]
+        units[0] = 2.0**30
+        said = one_leaf(honest, units=units)
         said["proof"][_AGAIN + name] = said["proof"][name]
         yield f"{name} twice", said
     said = changed(honest)
@@ -337,7 +339,8 @@ def other_problems(honest: Said) -> Iterator[Named]:
         pairs[:] = [[low and low / 9, high and high / 9] for low, high in pairs]
     yield "limits of a slower robot under the same digest", slow
     long = changed(honest)
-    long["problem"]["waypoints"] = [[9 * q for q in row] for row in long["problem"]["waypoints"]]
+    waypoints = np.array(long["problem"]["waypoints"])
+    long["problem"]["waypoints"] = (9 * waypoints).tolist()
     yield "a longer way under the same digest", long
 
 
