@@ -83,7 +83,11 @@ def main(output: Path = OUTPUT) -> None:
     print(table.to_string(float_format="{:.2g}".format))
 
 
-def measured(waypoints: int, joints: int, seed: int) -> dict[str, object]:
+def measured(
+    waypoints: int,
+    joints: int,
+    seed: int,
+) -> dict[str, object]:
     """One random problem's bounds: gap (relative) and seconds."""
     problem = random_problem(seed, joints=joints, waypoints=waypoints)
     bound = certify(problem, within=SIZES_GAP, time_limit=60.0)

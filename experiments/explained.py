@@ -29,7 +29,11 @@ from trajopt.views.figures import plots
 PLANNERS = ("issa", "ssa", "pso", "toppra", "ruckig-search")
 
 
-def explained(problem: Problem, name: str, seed: int | None) -> Explanation:
+def explained(
+    problem: Problem,
+    name: str,
+    seed: int | None,
+) -> Explanation:
     """One planner's explanation, of the median run of a stochastic one unless a seed is given.
 
     Raises:

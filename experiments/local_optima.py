@@ -40,7 +40,11 @@ def drawn(seed: int, planner: str) -> Problem:
     return random_problem(seed, jerk=planner == "exact-jerk")
 
 
-def durations(problem: Problem, planner: str, starts: int) -> Array:
+def durations(
+    problem: Problem,
+    planner: str,
+    starts: int,
+) -> Array:
     """The duration that each of so many starts leads to, s; infinite where it failed."""
     every_start = named(f"{planner}:starts={starts},agreeing={starts}")[1]
     solution = every_start.solve(problem)

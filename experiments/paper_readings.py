@@ -63,7 +63,11 @@ def combined(times: Array) -> dict[str, Array]:
     return values
 
 
-def judged(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
+def judged(
+    problem: Problem,
+    read: Problem,
+    times: Array,
+) -> dict[str, object]:
     """What synchronised segment times `(seeds, 3)` give under the problem's own limits."""
     certificates = [verify(problem, spline353.trajectory(read, own)) for own in times]
     together = all(c.valid for c in certificates)
@@ -76,7 +80,11 @@ def judged(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
     }
 
 
-def apart(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
+def apart(
+    problem: Problem,
+    read: Problem,
+    times: Array,
+) -> dict[str, object]:
     """What joints on their own clocks `(seeds, joints, 3)` do; the tool's misses of one run.
 
     That run is the one whose slowest joint takes the median time.
@@ -99,7 +107,12 @@ def apart(problem: Problem, read: Problem, times: Array) -> dict[str, object]:
     }
 
 
-def rows(reading: Reading, algorithm: str, timing: str, times: Array) -> Iterator[dict[str, Any]]:
+def rows(
+    reading: Reading,
+    algorithm: str,
+    timing: str,
+    times: Array,
+) -> Iterator[dict[str, Any]]:
     """All the running times that one search can be said to have found."""
     problem = suite.load("six-axis")
     read = reading.problem(problem)

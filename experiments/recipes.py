@@ -118,7 +118,13 @@ class SplineTimes:
         return certificate.dilation * certificate.duration
 
 
-def of_niapy(name: str, fitness: Fitness, dimension: int, evaluations: int, seed: int) -> float:
+def of_niapy(
+    name: str,
+    fitness: Fitness,
+    dimension: int,
+    evaluations: int,
+    seed: int,
+) -> float:
     """The best that one run of an algorithm of NiaPy finds."""
     problems = backend("niapy.problems")
 
@@ -133,7 +139,13 @@ def of_niapy(name: str, fitness: Fitness, dimension: int, evaluations: int, seed
     return float(best)
 
 
-def of_ours(name: str, fitness: Fitness, dimension: int, evaluations: int, seed: int) -> float:
+def of_ours(
+    name: str,
+    fitness: Fitness,
+    dimension: int,
+    evaluations: int,
+    seed: int,
+) -> float:
     """The best that one run of our own swarm finds."""
 
     def of_runs(x: Array) -> Array:
@@ -151,7 +163,12 @@ def of_ours(name: str, fitness: Fitness, dimension: int, evaluations: int, seed:
     return float(found.fitness[0])
 
 
-def runs(times: SplineTimes, name: str, seeds: int, evaluations: int) -> pd.DataFrame:
+def runs(
+    times: SplineTimes,
+    name: str,
+    seeds: int,
+    evaluations: int,
+) -> pd.DataFrame:
     """One duration per seed, s; of the local search one."""
     dimension = times.problem.segments
     if name == LOCAL:
@@ -170,7 +187,12 @@ def runs(times: SplineTimes, name: str, seeds: int, evaluations: int) -> pd.Data
     return pd.DataFrame({"duration": durations})
 
 
-def measured(task: tuple[str, str], seeds: int, evaluations: int, folder: Path) -> dict[str, Any]:
+def measured(
+    task: tuple[str, str],
+    seeds: int,
+    evaluations: int,
+    folder: Path,
+) -> dict[str, Any]:
     """Medians of all swarms above the best of the family found, and that above the optimum, %.
 
     Runs that the folder has already are not made again.

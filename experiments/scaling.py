@@ -39,7 +39,12 @@ MARGIN = 0.02  # of position limits beyond the outermost waypoints, rad
 KEY = ["planner", "waypoints"]
 
 
-def walk(waypoints: int, *, jerk: bool, position: bool) -> Problem:
+def walk(
+    waypoints: int,
+    *,
+    jerk: bool,
+    position: bool,
+) -> Problem:
     """Uniform steps of up to 1 rad; limits 1 rad/s, 2 rad/s²; 20 rad/s³ and positions, if any."""
     rng = np.random.default_rng(0)
     steps = rng.uniform(-1, 1, (waypoints, JOINTS))

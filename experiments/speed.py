@@ -66,7 +66,12 @@ class Way(NamedTuple):
     times: int = 1
 
 
-def side_by_side(task: str, ways: Sequence[Way], unit: str, repeats: int) -> Iterator[Row]:
+def side_by_side(
+    task: str,
+    ways: Sequence[Way],
+    unit: str,
+    repeats: int,
+) -> Iterator[Row]:
     """The least CPU time of each way, all taking turns: a machine is not always equally fast."""
     for way in ways:
         way.call()
@@ -116,7 +121,11 @@ def load_swarm(name: str) -> SwarmPlanner:
     return planner
 
 
-def searches(problem: Problem, iterations: int, repeats: int) -> Iterator[Row]:
+def searches(
+    problem: Problem,
+    iterations: int,
+    repeats: int,
+) -> Iterator[Row]:
     """CPU time per evaluation, the fitness included."""
     task = "evaluation of the 3-5-3 fitness"
     fitness = Fitness.of(problem)
@@ -153,7 +162,12 @@ def _in_words(runs: int) -> str:
     return "one run" if runs == 1 else f"{runs} runs together"
 
 
-def _ours(fitness: Fitness, name: str, seeds: int, iterations: int) -> Callable[[], int]:
+def _ours(
+    fitness: Fitness,
+    name: str,
+    seeds: int,
+    iterations: int,
+) -> Callable[[], int]:
     def search() -> int:
         found = minimise(
             load_swarm(name).optimiser,
@@ -217,7 +231,11 @@ def _pygmo(fitness: Fitness, iterations: int) -> Callable[[], int]:
 # --- the optimum, the verifier, the wrappers ---
 
 
-def optima(problem: Problem, intervals: tuple[int, ...], repeats: int) -> Iterator[Row]:
+def optima(
+    problem: Problem,
+    intervals: tuple[int, ...],
+    repeats: int,
+) -> Iterator[Row]:
     """A planner's CPU time, and how far above the exact minimum time its answer is."""
     task = "minimum time"
     specs = ["exact", *(f"collocation:intervals={count}" for count in intervals)]

@@ -60,7 +60,11 @@ def cpu(work: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def speed(problem: Problem, evaluations: int, repeats: int) -> pd.DataFrame:
+def speed(
+    problem: Problem,
+    evaluations: int,
+    repeats: int,
+) -> pd.DataFrame:
     """Processor time per evaluation (µs) of a run alone and of 25 together, the least of repeats.
 
     All in one process, in turns, so that their ratios outlast the machine and its load.

@@ -60,7 +60,11 @@ def opened(profile: Path) -> Iterator[Any]:
         driver.quit()
 
 
-def run(browser: Any, text: str, *arguments: Any) -> Any:
+def run(
+    browser: Any,
+    text: str,
+    *arguments: Any,
+) -> Any:
     """What JavaScript returns that may wait: `text` is the body of an asynchronous function."""
     body = f"const done = arguments[arguments.length - 1]; (async (...args) => {{ {text} }})"
     return browser.execute_async_script(f"{body}(...arguments).then(done)", *arguments)

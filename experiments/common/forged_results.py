@@ -186,7 +186,11 @@ def _replaced(file: h5py.File, **what: Any) -> None:
     file.create_dataset("texts", **what)
 
 
-def another_type(file: h5py.File, secret: Path, rng: Rng) -> None:
+def another_type(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     ragged = np.empty(4, dtype=h5py.vlen_dtype(int))
     ragged[:] = [np.arange(2)] * 4
     values = [
@@ -204,7 +208,11 @@ def another_type(file: h5py.File, secret: Path, rng: Rng) -> None:
     _replaced(file, data=_drawn(values, rng))
 
 
-def another_shape(file: h5py.File, secret: Path, rng: Rng) -> None:
+def another_shape(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     values = file["texts"][()]
     changed = [
         h5py.Empty("u1"),
@@ -219,22 +227,38 @@ def another_shape(file: h5py.File, secret: Path, rng: Rng) -> None:
     _replaced(file, data=data, **(_CHUNKED if chunked else {}))
 
 
-def missing(file: h5py.File, secret: Path, rng: Rng) -> None:
+def missing(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     del file["texts"]
 
 
-def group_instead(file: h5py.File, secret: Path, rng: Rng) -> None:
+def group_instead(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     del file["texts"]
     file.create_group("texts")
 
 
-def huge_fill(file: h5py.File, secret: Path, rng: Rng) -> None:
+def huge_fill(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     """A terabyte of which the file holds nothing."""
     sizes = [1 << int(rng.integers(10, 28)), *_CHUNKED["chunks"]]
     _replaced(file, shape=(1 << 40,), dtype="u1", chunks=(_drawn(sizes, rng),), compression=1)
 
 
-def bomb(file: h5py.File, secret: Path, rng: Rng) -> None:
+def bomb(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     """Half a gigabyte of one byte, deflated to half a megabyte, in honest chunks."""
     (chunk,) = _CHUNKED["chunks"]
     size = 2000 * chunk
@@ -245,7 +269,11 @@ def bomb(file: h5py.File, secret: Path, rng: Rng) -> None:
         file["texts"].id.write_direct_chunk((start,), stored)
 
 
-def inflating_chunk(file: h5py.File, secret: Path, rng: Rng) -> None:
+def inflating_chunk(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     """A chunk stored as what inflates to 400 MB."""
     _replaced(file, shape=(4,), dtype="u1", **_CHUNKED)
     file["texts"].id.write_direct_chunk((0,), _deflated_zeros(400))
@@ -260,24 +288,40 @@ def _deflated_zeros(megabytes: int) -> bytes:
     return b"".join(blocks)
 
 
-def external_storage(file: h5py.File, secret: Path, rng: Rng) -> None:
+def external_storage(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     size = len(SECRET)
     elsewhere = (str(secret), 0, size)
     _replaced(file, shape=(size,), dtype="u1", external=[elsewhere])
 
 
-def external_link(file: h5py.File, secret: Path, rng: Rng) -> None:
+def external_link(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     other = secret.with_suffix(".h5")
     del file["texts"]
     file["texts"] = h5py.ExternalLink(str(other), "/secret")
 
 
-def soft_link(file: h5py.File, secret: Path, rng: Rng) -> None:
+def soft_link(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     del file["texts"]
     file["texts"] = h5py.SoftLink("/trials/id")
 
 
-def virtual(file: h5py.File, secret: Path, rng: Rng) -> None:
+def virtual(
+    file: h5py.File,
+    secret: Path,
+    rng: Rng,
+) -> None:
     other = secret.with_suffix(".h5")
     layout = h5py.VirtualLayout(shape=(len(SECRET),), dtype="u1")
     layout[:] = h5py.VirtualSource(other, "secret", shape=(len(SECRET),))
@@ -334,7 +378,11 @@ def crafted(
     return _crafted_file(folder, work, lambda file, _: _replaced(file, data=data, **_CHUNKED))
 
 
-def _crafted_file(folder: Path, work: Path, craft: Callable[[h5py.File, Path], None]) -> Path:
+def _crafted_file(
+    folder: Path,
+    work: Path,
+    craft: Callable[[h5py.File, Path], None],
+) -> Path:
     secret = work / "secret.txt"
     secret.write_text(SECRET)
     with h5py.File(secret.with_suffix(".h5"), "w") as other:
@@ -350,7 +398,11 @@ def _crafted_file(folder: Path, work: Path, craft: Callable[[h5py.File, Path], N
 # --- what a disk does to a file ---
 
 
-def corrupted(folder: Path, work: Path, rng: Rng) -> Path:
+def corrupted(
+    folder: Path,
+    work: Path,
+    rng: Rng,
+) -> Path:
     """A `results.h5` with bits flipped, a block overwritten, moved or cut off."""
     data = bytearray((folder / "results.h5").read_bytes())
     places = rng.integers(len(data), size=2)

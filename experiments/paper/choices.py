@@ -286,7 +286,11 @@ def _with_first_pso(base: Reading) -> Reading:
     )
 
 
-def _with_pso(name: str, problem: Change = unchanged, fitness: Fitness | None = None) -> Reading:
+def _with_pso(
+    name: str,
+    problem: Change = unchanged,
+    fitness: Fitness | None = None,
+) -> Reading:
     return Reading(name, fitness=fitness, problem=problem, algorithms=PSO_ALONE)
 
 

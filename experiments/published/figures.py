@@ -58,7 +58,11 @@ def _label(judgement: JudgedClaim) -> str:
     return textwrap.fill(method, _LABEL_LENGTH)
 
 
-def _claims(axes: Axes, problem: Judged, labels: list[str]) -> None:
+def _claims(
+    axes: Axes,
+    problem: Judged,
+    labels: list[str],
+) -> None:
     known = problem.known
     durations = [judgement.claim.duration for judgement in problem.judgements]
     families = known.best_of_family.values()
@@ -174,7 +178,11 @@ def _nearest(problem: Judged) -> float:
     return min(ratios)[1]
 
 
-def _row_of_all(axes: Axes, row: int, problem: Judged) -> None:
+def _row_of_all(
+    axes: Axes,
+    row: int,
+    problem: Judged,
+) -> None:
     known = problem.known
     assert known.best is not None
     axes.plot(

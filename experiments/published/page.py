@@ -58,7 +58,11 @@ The same file can be given to every planner here: `trajopt compare NAME`.
 """
 
 
-def page(problems: list[Judged], beyond: list[Published], folder: str) -> str:
+def page(
+    problems: list[Judged],
+    beyond: list[Published],
+    folder: str,
+) -> str:
     """The whole page.
 
     Args:

@@ -146,13 +146,22 @@ def one_row(
     )
 
 
-def _box_rows(honest: Said, segments: int, joints: int) -> int:
+def _box_rows(
+    honest: Said,
+    segments: int,
+    joints: int,
+) -> int:
     """The cut-off's, the secants', and McCormick's of joints with jerk limits."""
     jerky = joints if "jerk" in honest["problem"]["limits"] else 0
     return 1 + 2 * segments + 8 * (segments - 1) * jerky
 
 
-def with_first(honest: Said, table: str, column: int, value: Any) -> Said:
+def with_first(
+    honest: Said,
+    table: str,
+    column: int,
+    value: Any,
+) -> Said:
     """The first row of a table with another number."""
     said = changed(honest)
     said["proof"][table][0][column] = value

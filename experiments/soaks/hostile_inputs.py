@@ -58,7 +58,11 @@ def one(seed: int, mutated: bool) -> dict[str, Any]:
         return row | text(Path(work), rng, mutated)
 
 
-def text(work: Path, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
+def text(
+    work: Path,
+    rng: np.random.Generator,
+    mutated: bool,
+) -> dict[str, Any]:
     """One text file."""
     names = sorted(hostile_texts.formats())
     name = names[int(rng.integers(len(names)))]
@@ -84,7 +88,12 @@ def text(work: Path, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
     }
 
 
-def stored(work: Path, number: int, rng: np.random.Generator, mutated: bool) -> dict[str, Any]:
+def stored(
+    work: Path,
+    number: int,
+    rng: np.random.Generator,
+    mutated: bool,
+) -> dict[str, Any]:
     """One results file."""
     folder, numbers = _template()
     crafts = forged_results.CRAFTS
@@ -100,7 +109,11 @@ def stored(work: Path, number: int, rng: np.random.Generator, mutated: bool) -> 
     return {"format": "results, HDF5", "outcome": "read or refused", "faults": "; ".join(faults)}
 
 
-def table(mutations: int, crafts: int, first: int) -> pd.DataFrame:
+def table(
+    mutations: int,
+    crafts: int,
+    first: int,
+) -> pd.DataFrame:
     """A row for each file from seed `first` on; a child that was killed or hung is a fault."""
     asked = [(first + number, True) for number in range(mutations)]
     asked += [(first + number, False) for number in range(crafts)]

@@ -126,7 +126,11 @@ def relations(problem: Problem, seed: int) -> Checks:
         yield from free(problem, able, seed)
 
 
-def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
+def ordered(
+    problem: Problem,
+    optimum: str,
+    able: list[str],
+) -> Checks:
     """Nobody is faster than the optimum, nor than a planner that may do more."""
     pairs = [(optimum, name) for name in able if not name.startswith("exact")]
     pairs += [("spline353-nlp", name) for name in able if name in ("unoptimised", "pso")]
@@ -137,7 +141,11 @@ def ordered(problem: Problem, optimum: str, able: list[str]) -> Checks:
         yield f"{low} <= {high}", above(shorter, longer), THEOREM
 
 
-def unchanged(problem: Problem, symmetry: Symmetry, names: list[str]) -> Checks:
+def unchanged(
+    problem: Problem,
+    symmetry: Symmetry,
+    names: list[str],
+) -> Checks:
     """A symmetric problem's minimum time, but for the factor, is the problem's own."""
     kind, factor, other = symmetry
     for name in names:
@@ -188,7 +196,11 @@ def _sides_changed(limits: Array, joints: Mask) -> Array:
     return np.where(joints[:, None], changed, limits)
 
 
-def free(problem: Problem, able: list[str], seed: int) -> Checks:
+def free(
+    problem: Problem,
+    able: list[str],
+    seed: int,
+) -> Checks:
     """The exact optimum in other ways; paths timed anew, up to the grid; a certificate."""
     trajectory, exact = answer("exact", problem)
     if trajectory is not None:

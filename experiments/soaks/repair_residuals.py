@@ -30,7 +30,11 @@ SHARES = (0.5, 0.9, 0.99, 1.0)
 _ORDERS = {"velocity": 1, "acceleration": 2, "jerk": 3}
 
 
-def use_left(problem: Problem, mended: Trajectory, dilation: float) -> float:
+def use_left(
+    problem: Problem,
+    mended: Trajectory,
+    dilation: float,
+) -> float:
     """The share of a limit that mending what is left would use, of the dilated motion."""
     layout = repair._layout(problem, mended)
     assert layout is not None
@@ -80,7 +84,11 @@ def _value(coefficients: Exact, at: Exact) -> Exact:
     return np.asarray(value)
 
 
-def _jumps(coefficients: Exact, lengths: Exact, order: int) -> Array:
+def _jumps(
+    coefficients: Exact,
+    lengths: Exact,
+    order: int,
+) -> Array:
     """Jumps of a derivative at every break, before and after a rest, `(breaks, joints)`."""
     for _ in range(order):
         degree = len(coefficients) - 1

@@ -12,7 +12,11 @@ from experiments.common.output import save_table
 DATA = Path(__file__).with_name("data")
 
 
-def conclude(rows: pd.DataFrame, succeeded: pd.Series[bool], stem: Path) -> None:
+def conclude(
+    rows: pd.DataFrame,
+    succeeded: pd.Series[bool],
+    stem: Path,
+) -> None:
     """Write the rows, print a line per family and the attacks that succeeded.
 
     Args:

@@ -119,7 +119,11 @@ def _limits(problem: Problem) -> str:
 # --- optima and honest motions ---
 
 
-def least_time(h: float, V: float, A: float) -> float:
+def least_time(
+    h: float,
+    V: float,
+    A: float,
+) -> float:
     """From rest to rest over `h`, s: two parabolas, and a cruise between them where `h > V²/A`."""
     if h * A <= V**2:
         # T = 2 √(h / A)
@@ -138,7 +142,12 @@ def least_time_of_swing(h: float, J: float) -> float:
     return math.cbrt(12 * h / J)
 
 
-def driven(phases: Sequence[Phase], x: float = 0.0, v: float = 0.0, a: float = 0.0) -> Trajectory:
+def driven(
+    phases: Sequence[Phase],
+    x: float = 0.0,
+    v: float = 0.0,
+    a: float = 0.0,
+) -> Trajectory:
     """One joint from its phases, position and velocity continuous."""
     breaks = [0.0]
     columns = []
@@ -168,7 +177,12 @@ def together(joints: Sequence[Trajectory], times: ArrayLike) -> Trajectory:
     return Trajectory.joined(parts, times)
 
 
-def rest_to_rest(h: float, V: float, A: float, v0: float = 0.0) -> Trajectory:
+def rest_to_rest(
+    h: float,
+    V: float,
+    A: float,
+    v0: float = 0.0,
+) -> Trajectory:
     """A move over `h` that begins and ends with a velocity of `v0`."""
     # h = (p² − v0²) / A without a cruise
     peak = min(V, (h * A + v0**2) ** 0.5)
@@ -220,7 +234,12 @@ def instead_of_move(
 # --- builders of families ---
 
 
-def head_start(V: float, A: float, h: float, share: float) -> Case:
+def head_start(
+    V: float,
+    A: float,
+    h: float,
+    share: float,
+) -> Case:
     """The velocity jumps by a share of its limit at both ends."""
     reachable = (h * A) ** 0.5
     v0 = min(share * V, 0.9 * reachable)
@@ -246,7 +265,11 @@ def accelerated_start(A: float, a0: float) -> Case:
     return Problem([[0.0], [1.0]], limits), cheat, least_time_of_jerk(1.0, 1.0)
 
 
-def short_way(coordinate: float, h: float, short: float) -> Case:
+def short_way(
+    coordinate: float,
+    h: float,
+    short: float,
+) -> Case:
     """A joint that starts late and ends early, beside one that rests."""
     limits = Limits([1.0, 1.0], [1.0, 1.0])
     problem = Problem([[coordinate, 0.0], [coordinate, h]], limits)
@@ -302,7 +325,11 @@ def velocity_steps(pieces: int) -> Case:
     return instead_of_move(one_joint(breaks, columns), V=100.0)
 
 
-def overflow(length: float, first: float, second: float) -> Case:
+def overflow(
+    length: float,
+    first: float,
+    second: float,
+) -> Case:
     """Half the optimum, and a first piece whose highest coefficients overflow."""
     fast = rest_to_rest(1.0, 200.0, 4.0)
     breaks = np.concatenate([[0.0, length], fast.breaks[1:]])
@@ -403,7 +430,11 @@ def passages(
     return Problem(waypoints, limits), together(joints, times), optimum
 
 
-def passages_at_coordinate(turns: int, d: float, also: str) -> Case:
+def passages_at_coordinate(
+    turns: int,
+    d: float,
+    also: str,
+) -> Case:
     """The second joint moves by one unit in the last place of its coordinate."""
     coordinate = 1e5
     slope = float(np.spacing(coordinate)) / d
@@ -461,7 +492,12 @@ def tiny_swings(swings: int, each: float) -> Case:
     return Problem(waypoints, limits), cheat, optimum
 
 
-def swings_within_tolerance(swings: int, h: float, each: float, also: str) -> Case:
+def swings_within_tolerance(
+    swings: int,
+    h: float,
+    each: float,
+    also: str,
+) -> Case:
     """Straight lines there and back, where each swing takes from rest to rest.
 
     Before the swings a second joint takes 2 s, less at most half of the first swing.
