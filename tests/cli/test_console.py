@@ -1,4 +1,4 @@
-"""Where text meets the terminal: encodings, closed streams, names that look like commands."""
+"""Printing: encodings, closed streams, names that look like commands, progress."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Parent(Planner):
 
 
 def lives(pid: int) -> bool:
-    """Whether it runs; a zombie, whose parent has not looked yet, does not."""
+    """Tell if a process runs; a zombie does not."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
@@ -80,7 +80,7 @@ def lives(pid: int) -> bool:
 
 
 def outlived(file: Path) -> list[int]:
-    """Those still there after a while."""
+    """Return the processes that still run after ten seconds."""
     pids = [int(line) for line in file.read_text().split()]
     end = time.monotonic() + 10.0
     while any(map(lives, pids)) and time.monotonic() < end:
