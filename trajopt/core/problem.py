@@ -224,7 +224,7 @@ class Problem:
         """Which joints move at all, `(joints,)`."""
         return np.asarray(self.displacements.any(axis=0))
 
-    @property
+    @cached_property
     def largest_displacements(self) -> Array:
         """Largest `|h_k|` of each joint, rad, `(joints,)`; a joint at rest gets the largest."""
         distances = np.abs(self.displacements)
@@ -232,7 +232,7 @@ class Problem:
         largest = np.where(self.moving, own, distances.max())
         return np.asarray(largest)
 
-    @property
+    @cached_property
     def rounding(self) -> Array:
         """Some units in the last place of each joint's largest coordinate, rad, `(joints,)`."""
         return _rounding(self.waypoints)

@@ -250,7 +250,8 @@ def _slopes(layout: _Layout, missed: Array) -> Array:
     rate = missed / lengths
     weighted = rate[:-1] * after + rate[1:] * before
     parabola = weighted / (before + after)
-    return np.pad(parabola, ((1, 1), (0, 0)))
+    rest = np.zeros_like(missed[:1])
+    return np.concatenate([rest, parabola, rest])
 
 
 def _bent(
@@ -369,8 +370,9 @@ def _jumps(layout: _Layout, order: int) -> Array:
     unit = layout.trajectory.pieces(order)
     starts = unit[-1]
     stops = unit.sum(axis=0)
-    after = np.pad(starts, ((0, 1), (0, 0)))
-    before = np.pad(stops, ((1, 0), (0, 0)))
+    rest = np.zeros_like(starts[:1])
+    after = np.concatenate([starts, rest])
+    before = np.concatenate([rest, stops])
     return np.asarray(after - before)
 
 
@@ -422,7 +424,7 @@ def _within_position_limits(
     layout: _Layout,
     coefficients: Array,
 ) -> Array:
-    """The motion, pushed within its position limits; positions are since each segment's waypoint.
+    """Push the motion within its position limits.
 
     At a waypoint on a limit the joint turns: its velocity is zero, and it does not accelerate
     outwards. Then each joint's motion is mixed with as little as needed of one that is inside and
@@ -430,16 +432,17 @@ def _within_position_limits(
     """
     side = _sides(problem, layout)
     share = np.zeros(problem.joints)
-    turn = _turned_at_limits(layout, coefficients, side)
-    coefficients = polynomials.plus(coefficients, turn)
-    resting = _resting(problem, layout, side)
-    towards_rest = polynomials.plus(resting, -coefficients)
+    if side.any():
+        turn = _turned_at_limits(layout, coefficients, side)
+        coefficients = polynomials.plus(coefficients, turn)
     mixed = coefficients
     excess = _allowed_excess(problem, layout, side)
     for _ in range(MAX_MIXTURES):
-        needed = _needed_share(problem, layout, mixed, resting, excess)
+        needed = _needed_share(problem, layout, mixed, side, excess)
         if not needed.any():
             return mixed
+        resting = _resting(problem, layout, side)
+        towards_rest = polynomials.plus(resting, -coefficients)
         left = 1 - share
         more = np.maximum(2 * share, share + left * needed)
         share = np.where(needed > 0, more, share)
@@ -479,7 +482,8 @@ def _turned_at_limits(layout: _Layout, coefficients: Array, side: Array) -> Arra
     velocity = polynomials.derivative(coefficients)
     acceleration = polynomials.derivative(velocity)
     leaving = velocity[-1, layout.first]
-    velocities = np.pad(leaving, ((0, 1), (0, 0)))
+    at_end = np.zeros_like(leaving[:1])
+    velocities = np.concatenate([leaving, at_end])
     slopes = np.where(side == 0, 0.0, -velocities)
     unit = polynomials.stretched(acceleration, layout.trajectory.lengths)
     stops = unit.sum(axis=0)
@@ -523,7 +527,7 @@ def _needed_share(
     problem: Problem,
     layout: _Layout,
     mixed: Array,
-    resting: Array,
+    side: Array,
     allowed_excess: Array,
 ) -> Array:
     """The share of the resting motion that each joint needs to be inside, `(joints,)`."""
@@ -549,6 +553,7 @@ def _needed_share(
     candidates = unit[:, pieces, joints]
     points = polynomials.critical_points(candidates)
     values = polynomials.evaluate(candidates[:, None], points)
+    resting = _resting(problem, layout, side)
     unit_rest = polynomials.stretched(resting, lengths)
     rest = unit_rest[:, pieces, joints]
     at_rest = polynomials.evaluate(rest[:, None], points)
