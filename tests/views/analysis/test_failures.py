@@ -31,7 +31,9 @@ def piecewise(*values: float) -> list[Trial]:
     """From rest through values (rad) at whole seconds, as if the velocity could jump."""
     breaks = np.arange(len(values))
     trajectory = Trajectory(
-        breaks, [np.diff(values)[:, None], np.array(values)[:-1, None]], breaks[[0, -1]]
+        breaks,
+        [np.diff(values)[:, None], np.array(values)[:-1, None]],
+        breaks[[0, -1]],
     )
     return judge(Answering(trajectory), PROBLEM, [0], "straight")
 
@@ -57,8 +59,10 @@ def test_every_flaw_that_the_verifier_names_has_a_kind() -> None:
     late = judge(Answering(Trajectory([0, 1], [[[0.9]], [[0.0]]], [0, 1])), PROBLEM, [0], "late")
     skip = Trajectory([0, 1, 2], [[[0.0], [0.0]], [[0.0], [1.0]]], [0, 2])
     jumps = judge(Answering(skip), PROBLEM, [0], "skips")
-    words = {t.label.split(":")[0]: in_words(failures(Results([t])))
-             for t in [*late, *jumps, *piecewise(0.0, 1.0)]}  # fmt: skip
+    words = {
+        t.label.split(":")[0]: in_words(failures(Results([t])))
+        for t in [*late, *jumps, *piecewise(0.0, 1.0)]
+    }
     assert words == {
         "late": "1 miss a waypoint, worst 0.1 rad",
         "skips": "1 jump in position, worst 1 rad",
@@ -72,8 +76,9 @@ def test_messages_that_differ_in_numbers_are_one_kind() -> None:
         message(Status.TIMEOUT, "stopped after 1 s"),
         message(Status.CRASHED, "Traceback\n  File x, line 3\nValueError: bad x1: -2.5e-3\n"),
         message(Status.CRASHED, "Traceback\n  File x, line 9\nValueError: bad x1: 7\n"),
-        message(Status.CRASHED, "ValueError: bad x2: 7"), message(Status.FAILED, ""),
-    ]  # fmt: skip
+        message(Status.CRASHED, "ValueError: bad x2: 7"),
+        message(Status.FAILED, ""),
+    ]
     table = failures(Results(as_runs(items)))
     assert dict(zip(table["kind"], table["count"], strict=True)) == {
         "timeout: stopped after … s": 2,
@@ -86,9 +91,11 @@ def test_messages_that_differ_in_numbers_are_one_kind() -> None:
 
 def test_failures_are_those_of_the_overview() -> None:
     items = [
-        *run("mine", 2.0, -1, -1), *run("mine", -1, problem=OTHER), *run("bound", -1, bound=1.0),
+        *run("mine", 2.0, -1, -1),
+        *run("mine", -1, problem=OTHER),
+        *run("bound", -1, bound=1.0),
         message(Status.UNSUPPORTED, "not for me"),
-    ]  # fmt: skip
+    ]
     results = Results(items)
     table = failures(results)
     assert table.index.tolist() == ["mine"]

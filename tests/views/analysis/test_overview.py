@@ -25,10 +25,13 @@ def refused(problem: Problem) -> Trial:
 @pytest.fixture
 def items() -> Sequence[Trial]:
     return [
-        *run("exact", 2.0), *run("exact", 4.0, problem=OTHER),
-        *run("mine", 3.0, 2.2, 2.4), *run("mine", 6.0, -1, -1, problem=OTHER),
-        *as_runs([*run("picky", 2.5), refused(OTHER)], "picky"), *run("bound", -1, bound=1.5),
-    ]  # fmt: skip
+        *run("exact", 2.0),
+        *run("exact", 4.0, problem=OTHER),
+        *run("mine", 3.0, 2.2, 2.4),
+        *run("mine", 6.0, -1, -1, problem=OTHER),
+        *as_runs([*run("picky", 2.5), refused(OTHER)], "picky"),
+        *run("bound", -1, bound=1.5),
+    ]
 
 
 def test_trials_are_counted_by_what_became_of_them(items: Sequence[Trial]) -> None:
@@ -42,10 +45,13 @@ def test_trials_are_counted_by_what_became_of_them(items: Sequence[Trial]) -> No
 
 def test_proved_counts_problems_whose_motion_meets_its_bound() -> None:
     items = [
-        *run("exact", 2.0), *run("certify", -1, bound=1.999), *run("mine", 3.0, 3.5),
-        *run("exact", 4.0, problem=OTHER), *run("certify", -1, bound=3.9, problem=OTHER),
+        *run("exact", 2.0),
+        *run("certify", -1, bound=1.999),
+        *run("mine", 3.0, 3.5),
+        *run("exact", 4.0, problem=OTHER),
+        *run("certify", -1, bound=3.9, problem=OTHER),
         *run("mine", 4.5, problem=OTHER),
-    ]  # fmt: skip
+    ]
     table = overview(Results(items))
     assert table.loc["mine", ["problems", "proved"]].tolist() == [2, 1]
     bound_alone = Results([*run("certify", -1, bound=1.999), *run("mine", 3.0)])

@@ -21,8 +21,12 @@ from trajopt.views.analysis.pairwise import (
 
 def runs(**planners):
     """Per planner, per problem, the certified durations of its runs (NaN: none; []: not run)."""
-    rows = [(str(i), label, d) for label, problems in planners.items()
-            for i, own in enumerate(problems) for d in own]  # fmt: skip
+    rows = [
+        (str(i), label, d)
+        for label, problems in planners.items()
+        for i, own in enumerate(problems)
+        for d in own
+    ]
     table = pd.DataFrame(rows, columns=["digest", "label", "certified_duration"])
     return table.assign(group=table["digest"])
 
@@ -67,15 +71,19 @@ def test_the_other_way_round_is_the_mirror():
 @pytest.mark.parametrize("seed", range(4))
 def test_against_scipy_statsmodels_and_counting(seed):
     runs = random_runs(seed, problems=9)  # all signs: 512 of them
-    table, own = paired_tests(pairs_by_problem(runs)), runs.fillna(inf)
+    table = paired_tests(pairs_by_problem(runs))
+    own = runs.fillna(inf)
     middle = own.groupby(["digest", "label"])["certified_duration"].median().unstack()
     pvalues = []
     for a, b in (("a", "b"), ("a", "c"), ("b", "c")):
         row = table.loc[(a, b)]
-        x, y = middle[a].to_numpy(), middle[b].to_numpy()
+        x = middle[a].to_numpy()
+        y = middle[b].to_numpy()
         assert [row["better"], row["tied"], row["worse"]] == [
-            (x < y).sum(), (x == y).sum(), (x > y).sum()
-        ]  # fmt: skip
+            (x < y).sum(),
+            (x == y).sum(),
+            (x > y).sum(),
+        ]
         apart = x != y
         # No answer is a ratio beyond all others: e⁹⁹ stands for it.
         logs = np.clip(np.log(x[apart]) - np.log(y[apart]), -99, 99)
@@ -83,10 +91,16 @@ def test_against_scipy_statsmodels_and_counting(seed):
         assert row["pvalue"] == pytest.approx(expected, abs=1e-9)
         pvalues.append(row["pvalue"])
         shares = [
-            np.mean([(p < q) + (p == q) / 2 for p, q in product(*(g.query("label == @k")[
-                "certified_duration"] for k in (a, b)))])
+            np.mean(
+                [
+                    (p < q) + (p == q) / 2
+                    for p, q in product(
+                        *(g.query("label == @k")["certified_duration"] for k in (a, b))
+                    )
+                ]
+            )
             for _, g in own.groupby("digest")
-        ]  # fmt: skip
+        ]
         assert row["chance"] == pytest.approx(np.mean(shares))
         assert row["low"] <= row["chance"] <= row["high"]
         normal = 1.96 * np.std(shares) / np.sqrt(len(shares))
@@ -150,7 +164,8 @@ def test_medians_know_no_answer_from_not_run():
 
 def test_slower_on_21_of_22_common_problems_is_shown_where_both_answer():
     """It answers on 8 problems more: over all of them, the missing answers outrank the rest."""
-    fast, slow = [[1.0 + k / 100] for k in range(22)], [[1.1 + k / 50] for k in range(22)]
+    fast = [[1.0 + k / 100] for k in range(22)]
+    slow = [[1.1 + k / 50] for k in range(22)]
     slow[0] = [0.9]
     table = compared(fast=fast + [[nan]] * 8, slow=slow + [[1.0]] * 8)
     row = table.loc[("slow", "fast")]
@@ -217,7 +232,8 @@ def test_between_seeds_by_hand():
 def test_between_thirty_seeds_a_difference_is_told():
     """One problem: over problems, p = 1 whatever the seeds say."""
     rng = np.random.default_rng(0)
-    a, b = rng.normal(4.4, 0.05, 30), rng.normal(4.5, 0.05, 30)
+    a = rng.normal(4.4, 0.05, 30)
+    b = rng.normal(4.5, 0.05, 30)
     c = rng.normal(4.5, 0.05, 30)
     frame = runs(a=[a], b=[b], c=[c])
     assert paired_tests(pairs_by_problem(frame))["pvalue"].tolist() == [1] * 6
@@ -232,9 +248,13 @@ def test_between_thirty_seeds_a_difference_is_told():
         share = np.mean([p < q for p, q in product(x, y)])
         assert once.loc[key, "chance"] == pytest.approx(share)
         found = stats.bootstrap(
-            (x, y), lambda u, v: np.mean(u[:, None] < v), vectorized=False, n_resamples=999,
-            method="percentile", rng=1,
-        ).confidence_interval  # fmt: skip
+            (x, y),
+            lambda u, v: np.mean(u[:, None] < v),
+            vectorized=False,
+            n_resamples=999,
+            method="percentile",
+            rng=1,
+        ).confidence_interval
         assert_allclose(once.loc[key, ["low", "high"]].astype(float), found, atol=0.05)
 
 
@@ -259,6 +279,8 @@ def test_mean_ranks_by_hand():
     table = runs(a=[[1], [2], [nan]], b=[[2], [2.0000001], [3]], c=[[3], [5], [2]], d=[[1], [1]])
     # 1 2 3, then 1½ 1½ 3, then 3 2 1; d was not run on all
     assert mean_ranks(table).to_dict() == {
-        "a": pytest.approx(5.5 / 3), "b": pytest.approx(5.5 / 3), "c": pytest.approx(7 / 3)
-    }  # fmt: skip
+        "a": pytest.approx(5.5 / 3),
+        "b": pytest.approx(5.5 / 3),
+        "c": pytest.approx(7 / 3),
+    }
     assert mean_ranks(runs(a=[[1]], b=[[2]])).empty

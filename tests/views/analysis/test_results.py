@@ -143,7 +143,9 @@ def test_the_summary_is_what_numpy_says():
     q1, median, q3 = np.percentile(durations, [25, 50, 75])
     found = row[["min", "q1", "median", "q3", "max"]].astype(float)
     np.testing.assert_allclose(
-        found, [durations.min(), q1, median, q3, durations.max()], rtol=1e-12
+        found,
+        [durations.min(), q1, median, q3, durations.max()],
+        rtol=1e-12,
     )
     assert row["gap"] == pytest.approx(np.median(durations / 2 - 1))
     assert row["evaluations"] == np.median(10 * np.arange(30))
@@ -166,7 +168,8 @@ def test_rows_are_sorted_by_certified_duration_with_failures_last():
 
 
 @pytest.mark.parametrize(
-    ("excess", "alarm"), [(-2e-6, True), (-1.1e-6, True), (-0.9e-6, False), (0, False)]
+    ("excess", "alarm"),
+    [(-2e-6, True), (-1.1e-6, True), (-0.9e-6, False), (0, False)],
 )
 def test_beating_the_reference_beyond_a_millionth_is_suspicious(excess, alarm):
     results = Results([*run("exact", 2.0), *run("mine", 2.0 * (1 + excess))])
@@ -185,7 +188,8 @@ def test_a_path_is_read_as_the_trials_it_holds(tmp_path, name, as_path):
     for trial in items:
         store.write(trial)
     store.consolidate()
-    found, made = Results(as_path(tmp_path / name)), Results(items)
+    found = Results(as_path(tmp_path / name))
+    made = Results(items)
     for table in ("trials", "gaps", "summary"):
         expected = getattr(made, table)()
         keys = ["id"] if "id" in expected else ["problem", "label"]
@@ -205,7 +209,8 @@ def searching(name, histories, *, problem=PROBLEM, spent=None):
     items = run(name, *(h[-1][1] if h else -1.0 for h in histories), problem=problem)
     return [
         replace(
-            t, solution=replace(t.solution, history=np.array(h) if h else None, evaluations=spent)
+            t,
+            solution=replace(t.solution, history=np.array(h) if h else None, evaluations=spent),
         )
         for t, h in zip(items, histories, strict=True)
     ]
@@ -217,9 +222,13 @@ def best_353(duration, problem=PROBLEM):
 
 def test_expected_running_times_count_what_every_run_spent():
     good = [[10, np.nan], [20, 2.1], [100, 2.01]]
-    items = [*best_353(2.0), *searching("mine", [good, [[10, 2.5], [50, 2.3]]]),
-             *searching("mine", [[[40, 3.0]]], problem=OTHER, spent=70), *best_353(2.9, OTHER),
-             *searching("mine", [[[1, 9.0]]], problem=THIRD)]  # fmt: skip
+    items = [
+        *best_353(2.0),
+        *searching("mine", [good, [[10, 2.5], [50, 2.3]]]),
+        *searching("mine", [[[40, 3.0]]], problem=OTHER, spent=70),
+        *best_353(2.9, OTHER),
+        *searching("mine", [[[1, 9.0]]], problem=THIRD),
+    ]
     table = Results(items).running_times([0.1, 0.01, 0.001]).loc["mine"]
     # Within 10 %: at 20, never in 50, at 40. Within 1 %: at 100, never in 50, never in 70.
     assert table["ert"].tolist() == [(20 + 50 + 40) / 2, 100 + 50 + 70, np.inf]
@@ -241,8 +250,12 @@ def test_what_beats_the_best_353_or_keeps_no_history_is_no_search_of_it():
 
 
 def test_paired_knows_who_is_better_on_each_problem():
-    items = [*run("a", 2.0, 3.0), *run("b", 2.5), *run("a", 3.0, problem=OTHER),
-             *run("b", -1.0, problem=OTHER)]  # fmt: skip
+    items = [
+        *run("a", 2.0, 3.0),
+        *run("b", 2.5),
+        *run("a", 3.0, problem=OTHER),
+        *run("b", -1.0, problem=OTHER),
+    ]
     row = Results(items).paired().loc[("a", "b")]
     assert row[["problems", "better", "tied", "worse"]].tolist() == [2, 1, 1, 0]
     assert row["chance"] == (0.5 + 1) / 2
@@ -313,10 +326,15 @@ def test_frames_are_built_once_and_handed_out_as_copies(monkeypatch):
 @pytest.mark.parametrize("name", ["trials", "references", "gaps", "summary"])
 def test_the_docstring_lists_the_columns(name):
     frame = getattr(Results([*run("exact", 2.0), *run("mine", 3.0)]), name)()
-    words = set(re.findall(r"\w+", "".join(
-        getattr(Results, part).__doc__
-        for part in {"gaps": ("trials", "references", "gaps")}.get(name, (name,))
-    )))  # fmt: skip
+    words = set(
+        re.findall(
+            r"\w+",
+            "".join(
+                getattr(Results, part).__doc__
+                for part in {"gaps": ("trials", "references", "gaps")}.get(name, (name,))
+            ),
+        )
+    )
     assert set(frame.columns) <= words
 
 

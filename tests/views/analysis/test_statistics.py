@@ -200,7 +200,8 @@ def test_expected_running_time_by_hand():
 def test_expected_running_time_is_what_restarts_cost():
     # Hansen et al. 2021, section 5: run until success, restarting; the mean is the ERT
     rng = np.random.default_rng(1)
-    hits, budget = np.array([40, 70, 90, nan, nan, nan, nan]), 100
+    hits = np.array([40, 70, 90, nan, nan, nan, nan])
+    budget = 100
     costs = []
     for _ in range(20_000):
         cost = 0.0
@@ -240,7 +241,8 @@ def test_data_profile_by_hand():
     assert_array_equal(alphas, [2, 10, 20])
     assert_array_equal(shares, [[0, 0.5], [0.5, 0.5], [0.5, 1]])
     assert_array_equal(
-        data_profile(evaluations, 2, [4, 10, inf])[1], [[0, 0.5], [0.5, 0.5], [0.5, 1]]
+        data_profile(evaluations, 2, [4, 10, inf])[1],
+        [[0, 0.5], [0.5, 0.5], [0.5, 1]],
     )
 
 
@@ -255,10 +257,18 @@ DEPRESSION = (  # Hollander & Wolfe 1973, p. 29
 def test_wilcoxon_on_the_depression_scores():
     before, after = DEPRESSION
     assert wilcoxon(before, after) == Paired(
-        5.0, pytest.approx(0.0390625), wins=2, ties=0, losses=7
+        5.0,
+        pytest.approx(0.0390625),
+        wins=2,
+        ties=0,
+        losses=7,
     )
     assert wilcoxon(after, before) == Paired(
-        5.0, pytest.approx(0.0390625), wins=7, ties=0, losses=2
+        5.0,
+        pytest.approx(0.0390625),
+        wins=7,
+        ties=0,
+        losses=2,
     )
 
 
@@ -308,7 +318,8 @@ def test_wilcoxon_of_many_pairs_is_scipys_normal_one():
 
 
 def test_wilcoxon_stays_exact_when_most_of_many_pairs_are_equal():
-    a, b = np.ones(50), np.ones(50)
+    a = np.ones(50)
+    b = np.ones(50)
     a[:3] = 2, 3, 4
     assert wilcoxon(a, b) == Paired(0.0, 0.25, wins=0, ties=47, losses=3)
 
@@ -363,24 +374,49 @@ def test_holm_by_hand_and_its_edges():
 
 AUC = np.array(  # Demšar 2006, table 6: C4.5, C4.5+m, C4.5+cf, C4.5+m+cf on 14 data sets
     [
-        [0.763, 0.768, 0.771, 0.798], [0.599, 0.591, 0.590, 0.569], [0.954, 0.971, 0.968, 0.967],
-        [0.628, 0.661, 0.654, 0.657], [0.882, 0.888, 0.886, 0.898], [0.936, 0.931, 0.916, 0.931],
-        [0.661, 0.668, 0.609, 0.685], [0.583, 0.583, 0.563, 0.625], [0.775, 0.838, 0.866, 0.875],
-        [1.000, 1.000, 1.000, 1.000], [0.940, 0.962, 0.965, 0.962], [0.619, 0.666, 0.614, 0.669],
-        [0.972, 0.981, 0.9751, 0.975], [0.957, 0.978, 0.946, 0.970],
+        [0.763, 0.768, 0.771, 0.798],
+        [0.599, 0.591, 0.590, 0.569],
+        [0.954, 0.971, 0.968, 0.967],
+        [0.628, 0.661, 0.654, 0.657],
+        [0.882, 0.888, 0.886, 0.898],
+        [0.936, 0.931, 0.916, 0.931],
+        [0.661, 0.668, 0.609, 0.685],
+        [0.583, 0.583, 0.563, 0.625],
+        [0.775, 0.838, 0.866, 0.875],
+        [1.000, 1.000, 1.000, 1.000],
+        [0.940, 0.962, 0.965, 0.962],
+        [0.619, 0.666, 0.614, 0.669],
+        [0.972, 0.981, 0.9751, 0.975],
+        [0.957, 0.978, 0.946, 0.970],
     ]  # voting prints 0.975 twice, but ranks them 2 and 3
-)  # fmt: skip
+)
 
 BASES = np.array(  # Hollander & Wolfe 1973, p. 140: three ways of rounding first base, 22 players
     [
-        [5.40, 5.50, 5.55], [5.85, 5.70, 5.75], [5.20, 5.60, 5.50], [5.55, 5.50, 5.40],
-        [5.90, 5.85, 5.70], [5.45, 5.55, 5.60], [5.40, 5.40, 5.35], [5.45, 5.50, 5.35],
-        [5.25, 5.15, 5.00], [5.85, 5.80, 5.70], [5.25, 5.20, 5.10], [5.65, 5.55, 5.45],
-        [5.60, 5.35, 5.45], [5.05, 5.00, 4.95], [5.50, 5.50, 5.40], [5.45, 5.55, 5.50],
-        [5.55, 5.55, 5.35], [5.45, 5.50, 5.55], [5.50, 5.45, 5.25], [5.65, 5.60, 5.40],
-        [5.70, 5.65, 5.55], [6.30, 6.30, 6.25],
+        [5.40, 5.50, 5.55],
+        [5.85, 5.70, 5.75],
+        [5.20, 5.60, 5.50],
+        [5.55, 5.50, 5.40],
+        [5.90, 5.85, 5.70],
+        [5.45, 5.55, 5.60],
+        [5.40, 5.40, 5.35],
+        [5.45, 5.50, 5.35],
+        [5.25, 5.15, 5.00],
+        [5.85, 5.80, 5.70],
+        [5.25, 5.20, 5.10],
+        [5.65, 5.55, 5.45],
+        [5.60, 5.35, 5.45],
+        [5.05, 5.00, 4.95],
+        [5.50, 5.50, 5.40],
+        [5.45, 5.55, 5.50],
+        [5.55, 5.55, 5.35],
+        [5.45, 5.50, 5.55],
+        [5.50, 5.45, 5.25],
+        [5.65, 5.60, 5.40],
+        [5.70, 5.65, 5.55],
+        [6.30, 6.30, 6.25],
     ]
-)  # fmt: skip
+)
 
 
 def test_ranks_and_nemenyi_on_demsars_classifiers():
@@ -436,7 +472,8 @@ def test_the_chance_of_a_shorter_run_counts_pairs(a, b):
 
 def test_the_chance_of_a_shorter_run_agrees_with_statsmodels_and_mann_whitney():
     rng = np.random.default_rng(2)
-    a, b = rng.integers(0, 9, 30), rng.integers(2, 12, 40)
+    a = rng.integers(0, 9, 30)
+    b = rng.integers(2, 12, 40)
     assert shorter_chance(a, b) == pytest.approx(rank_compare_2indep(b, a).prob1)
     assert shorter_chance(a, b) == pytest.approx(stats.mannwhitneyu(b, a).statistic / 1200)
     assert shorter_chance([1, 2, 3], [2, 3, 4]) == pytest.approx(7 / 9)
@@ -444,7 +481,8 @@ def test_the_chance_of_a_shorter_run_agrees_with_statsmodels_and_mann_whitney():
 
 def test_the_chance_of_a_shorter_run_works_row_by_row():
     rng = np.random.default_rng(4)
-    a, b = rng.integers(0, 5, (6, 2, 7)), rng.integers(0, 5, (6, 2, 3))
+    a = rng.integers(0, 5, (6, 2, 7))
+    b = rng.integers(0, 5, (6, 2, 3))
     expected = [[shorter_chance(a[i, j], b[i, j]) for j in range(2)] for i in range(6)]
     assert_array_equal(shorter_chance(a, b), expected)
 
@@ -531,7 +569,8 @@ def test_bootstrap_of_a_mean_agrees_with_enumeration():
 
 def test_bootstrap_of_two_samples_agrees_with_a_loop():
     rng = np.random.default_rng(6)
-    a, b = rng.normal(0, 1, 25), rng.normal(0.5, 1, 35)
+    a = rng.normal(0, 1, 25)
+    b = rng.normal(0.5, 1, 35)
     beats = (a[:, None] < b) + (a[:, None] == b) / 2
     draws = [
         beats[rng.integers(25, size=25)][:, rng.integers(35, size=35)].mean() for _ in range(4000)
@@ -546,7 +585,10 @@ def test_bootstrap_interval_covers_about_as_often_as_it_says():
     covered = 0
     for _ in range(200):
         interval = bootstrap(
-            shorter_chance, rng.normal(0, 1, 50), rng.normal(0, 1, 50), resamples=300
+            shorter_chance,
+            rng.normal(0, 1, 50),
+            rng.normal(0, 1, 50),
+            resamples=300,
         )
         covered += interval.low <= 0.5 <= interval.high
     assert 180 <= covered <= 199  # 95 % of 200 is 190, 3 standard deviations are 9
@@ -562,7 +604,8 @@ def test_bootstrap_of_the_running_time_reaches_infinity_where_resamples_have_no_
 
 
 def test_bootstrap_in_pairs_keeps_each_run_with_its_budget():
-    hits, budgets = np.array([1, 1, nan, nan] * 5), np.array([1, 1, 9, 9] * 5)
+    hits = np.array([1, 1, nan, nan] * 5)
+    budgets = np.array([1, 1, 9, 9] * 5)
     together = bootstrap(expected_running_time, hits, budgets, paired=True)
     assert together.value == 10
     successes = stats.binom.ppf([0.975, 0.025], 20, 0.5)
@@ -609,7 +652,8 @@ def test_mann_whitney_by_hand():
 @pytest.mark.parametrize(("n", "m"), [(1, 1), (2, 5), (8, 8), (12, 30), (30, 30)])
 def test_mann_whitney_without_ties_is_scipys_exact(n, m):
     rng = np.random.default_rng(n + m)
-    a, b = rng.normal(0, 1, n), rng.normal(0.4, 1, m)
+    a = rng.normal(0, 1, n)
+    b = rng.normal(0.4, 1, m)
     expected = stats.mannwhitneyu(a, b, method="exact")
     found = mann_whitney(a, b)
     assert found.pvalue == pytest.approx(expected.pvalue, rel=1e-9)
@@ -619,7 +663,8 @@ def test_mann_whitney_without_ties_is_scipys_exact(n, m):
 @pytest.mark.parametrize("seed", range(5))
 def test_mann_whitney_with_ties_and_failures_deals_the_ranks_in_every_way(seed):
     rng = np.random.default_rng(seed)
-    a, b = rng.choice([1, 2, 3, inf], 5), rng.choice([1, 2, 3, 4, inf], 6)
+    a = rng.choice([1, 2, 3, inf], 5)
+    b = rng.choice([1, 2, 3, 4, inf], 6)
     all_ways = stats.PermutationMethod(n_resamples=9999)  # of 462: so it takes each once
     expected = stats.mannwhitneyu(a, b, method=all_ways).pvalue
     assert mann_whitney(a, b).pvalue == pytest.approx(expected, rel=1e-9)
@@ -627,7 +672,8 @@ def test_mann_whitney_with_ties_and_failures_deals_the_ranks_in_every_way(seed):
 
 def test_mann_whitney_of_many_runs_is_scipys_normal_one():
     rng = np.random.default_rng(4)
-    a, b = np.round(rng.normal(0, 1, 50), 1), np.round(rng.normal(0.3, 1, 60), 1)
+    a = np.round(rng.normal(0, 1, 50), 1)
+    b = np.round(rng.normal(0.3, 1, 60), 1)
     a[:3] = nan
     expected = stats.mannwhitneyu(np.where(np.isnan(a), 99, a), b, method="asymptotic").pvalue
     assert mann_whitney(a, b).pvalue == pytest.approx(expected, rel=1e-12)
@@ -636,6 +682,7 @@ def test_mann_whitney_of_many_runs_is_scipys_normal_one():
 @given(samples, samples)
 @reproducible
 def test_mann_whitney_and_the_chance_of_a_shorter_run_are_one_statistic(a, b):
-    found, mirror = mann_whitney(a, b), mann_whitney(b, a)
+    found = mann_whitney(a, b)
+    mirror = mann_whitney(b, a)
     assert found.statistic / (len(a) * len(b)) == pytest.approx(shorter_chance(a, b))
     assert found.pvalue == pytest.approx(mirror.pvalue)

@@ -68,13 +68,17 @@ def test_json_is_the_exact_certified_polynomial_and_the_verdict(tmp_path, trial)
         raise AssertionError(word)
 
     found = json.loads(
-        written(tmp_path / "t.json", trial).read_text("utf-8"), parse_constant=refuse
+        written(tmp_path / "t.json", trial).read_text("utf-8"),
+        parse_constant=refuse,
     )
     k, claimed = trial.certificate.dilation, trial.solution.trajectory
     np.testing.assert_allclose(found["breaks"], claimed.breaks * k, rtol=1e-12)
     powers = np.arange(len(claimed.coefficients))[::-1, None, None]
     np.testing.assert_allclose(
-        found["coefficients"], claimed.coefficients / k**powers, rtol=1e-9, atol=1e-12
+        found["coefficients"],
+        claimed.coefficients / k**powers,
+        rtol=1e-9,
+        atol=1e-12,
     )
     assert found["certified_duration"] == found["waypoint_times"][-1] == found["breaks"][-1]
     assert found["options"] == {"segment_time": 0.2}

@@ -53,7 +53,8 @@ class Searching(Planner):
             return Solution(Status.FAILED, **more)
         if self.segment_time == 0:
             raise RuntimeError("boom")
-        h, c = problem.displacements, np.zeros((6, problem.segments, problem.joints))
+        h = problem.displacements
+        c = np.zeros((6, problem.segments, problem.joints))
         for row, factor in ((0, 6), (1, -15), (2, 10)):
             c[row] = factor * h / self.segment_time ** (5 - row)
         c[5] = problem.waypoints[:-1]
@@ -90,10 +91,14 @@ def mixed():
         "＝3",
     ]
     return [
-        *exact, *run(seeds=(0, 1, 7)), *run(segment_time=0.1), *run("NA", problem=OTHER),
-        *run(segment_time=-1), *run(segment_time=0, evaluations=None),
+        *exact,
+        *run(seeds=(0, 1, 7)),
+        *run(segment_time=0.1),
+        *run("NA", problem=OTHER),
+        *run(segment_time=-1),
+        *run(segment_time=0, evaluations=None),
         *(t for w in words for t in run("None", message=w, segment_time=0.3)),
-    ]  # fmt: skip
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -105,9 +110,12 @@ def read_csv(path, like):
     texts = [n for n, kind in like.dtypes.items() if isinstance(kind, pd.StringDtype)]
     rest = {n: [""] for n in like if n not in texts} | {"kind": [""]}
     frame = pd.read_csv(
-        path, keep_default_na=False, na_values=rest,
-        dtype=like.dtypes.drop("started").to_dict(), parse_dates=["started"],
-    )  # fmt: skip
+        path,
+        keep_default_na=False,
+        na_values=rest,
+        dtype=like.dtypes.drop("started").to_dict(),
+        parse_dates=["started"],
+    )
     for name in texts:  # an apostrophe says that what follows is text
         frame[name] = frame[name].str.removeprefix("'")
     return frame.assign(started=frame["started"].dt.as_unit("us"))
@@ -121,8 +129,16 @@ def test_csv_comes_back_as_the_frame_it_was(tmp_path, results):
 
 
 NASTY = [
-    "=HYPERLINK(1)", "+1", "-2+3", "@SUM(A1)", "\tx", "\r=1", "\n=1", "＝1", "'quoted",
-]  # fmt: skip
+    "=HYPERLINK(1)",
+    "+1",
+    "-2+3",
+    "@SUM(A1)",
+    "\tx",
+    "\r=1",
+    "\n=1",
+    "＝1",
+    "'quoted",
+]
 
 
 @pytest.mark.parametrize("name", NASTY)
@@ -158,8 +174,14 @@ def test_parquet_comes_back_as_the_frame_it_was_types_included(tmp_path, results
     all_trials.write(results, "parquet", tmp_path / "t.parquet")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "t.parquet"), table, check_exact=True)
     kinds = {f.name: str(f.type) for f in pq.read_schema(tmp_path / "t.parquet")}
-    expected = {"seed": "int64", "feasible": "bool", "gap": "double", "evaluations": "double",
-                "started": "timestamp[us, tz=UTC]", "batch": "int64"}  # fmt: skip
+    expected = {
+        "seed": "int64",
+        "feasible": "bool",
+        "gap": "double",
+        "evaluations": "double",
+        "started": "timestamp[us, tz=UTC]",
+        "batch": "int64",
+    }
     assert {n: kinds[n] for n in expected} == expected
     assert {kinds[n] for n in ("options", "message", "kind")} <= {"string", "large_string"}
 
@@ -168,10 +190,15 @@ def test_one_row_per_trial_with_its_gap_options_and_provenance(results):
     table = tables.table(results)
     assert table["id"].tolist() == [t.id for t in results.items]
     reference = results.items[0].certified_duration
-    expected = [t.certified_duration / reference - 1 if t.certified_duration else NAN
-                for t in results.items if t.problem is PROBLEM]  # fmt: skip
+    expected = [
+        t.certified_duration / reference - 1 if t.certified_duration else NAN
+        for t in results.items
+        if t.problem is PROBLEM
+    ]
     np.testing.assert_allclose(
-        table.loc[table["digest"] == PROBLEM.digest(), "gap"], expected, rtol=1e-12
+        table.loc[table["digest"] == PROBLEM.digest(), "gap"],
+        expected,
+        rtol=1e-12,
     )
     options = json.loads(table["options"][1])
     assert options["segment_time"] == 2.0
@@ -264,9 +291,16 @@ def test_names_are_text_and_never_part_of_a_path(tmp_path, name):
 
 # What IOHexperimenter 0.3.22 writes: ioh.logger.Analyzer on BBOB's sphere.
 LOGGED = {
-    "version", "suite", "function_id", "function_name", "maximization", "algorithm",
-    "experiment_attributes", "attributes", "scenarios",
-}  # fmt: skip
+    "version",
+    "suite",
+    "function_id",
+    "function_name",
+    "maximization",
+    "algorithm",
+    "experiment_attributes",
+    "attributes",
+    "scenarios",
+}
 
 
 def test_files_are_those_that_iohexperimenter_writes_but_for_names(tmp_path):

@@ -16,9 +16,22 @@ from trajopt.views.figures import explanation as gap_plots
 
 STEPS = [("optimum", 1.5), ("route", 1.8), ("timing", 4.5)]
 KEYS = [
-    "problem", "planner", "seed", "certified_duration", "exact", "recorded", "gap", "timing_gap",
-    "route_gap", "optimiser_gap", "shape_gap", "smoothness_gap", "notes", "binding", "figures",
-]  # fmt: skip
+    "problem",
+    "planner",
+    "seed",
+    "certified_duration",
+    "exact",
+    "recorded",
+    "gap",
+    "timing_gap",
+    "route_gap",
+    "optimiser_gap",
+    "shape_gap",
+    "smoothness_gap",
+    "notes",
+    "binding",
+    "figures",
+]
 
 
 def test_a_waterfall_climbs_from_the_optimum_to_the_planner() -> None:
@@ -90,8 +103,13 @@ def test_nothing_certified_is_nothing_to_explain(capsys: pytest.CaptureFixture[s
     assert (code, "exactly 4 waypoints" in out) == (1, True)
 
 
-@pytest.mark.parametrize("bad", [("six-axis", "--planner", "issa", "--seed", "-1"),
-                                 ("nowhere", "--planner", "issa")])  # fmt: skip
+@pytest.mark.parametrize(
+    "bad",
+    [
+        ("six-axis", "--planner", "issa", "--seed", "-1"),
+        ("nowhere", "--planner", "issa"),
+    ],
+)
 def test_bad_input_exits_2(bad: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = run(capsys, *bad)
     assert (code, err.count("\n")) == (2, 1)

@@ -85,10 +85,13 @@ def run(name: str, *durations: float | None, on: Problem | None = None) -> list[
 def made() -> list[Trial]:
     two = problem("two", 0.5)
     return [
-        *run("exact", 2.0), *run("mine", 2.5, 3.0, None), *run(NASTY, None),
-        *run("exact", 4.0, on=two), *run("mine", 4.0, 4.4, 5.0, on=two),
+        *run("exact", 2.0),
+        *run("mine", 2.5, 3.0, None),
+        *run(NASTY, None),
+        *run("exact", 4.0, on=two),
+        *run("mine", 4.0, 4.4, 5.0, on=two),
         *run("fast", 1.9),
-    ]  # fmt: skip
+    ]
 
 
 def blob(html: str, name: str) -> Any:
@@ -145,20 +148,26 @@ def test_a_page_says_whose_trials_it_shows(html: str, tmp_path: Path) -> None:
 
 
 def test_every_number_of_the_table_is_the_results_own(html: str) -> None:
-    rows, summary = Page(html).values, Results(made()).summary()
+    rows = Page(html).values
+    summary = Results(made()).summary()
     table = blob(html, "data")
     assert len(rows) == len(summary) == len(table["rows"]) == 6
     for cells, row in zip(rows, table["rows"], strict=True):
         name, label = table["problems"][row["problem"]]["name"], table["planners"][row["planner"]]
         own = summary[(summary["problem"] == name) & (summary["label"] == label["label"])].iloc[0]
-        for title, column in (("certified (s)", "median"), ("gap (%)", "gap"),
-                              ("kept limits", "kept"), ("time (s)", "solve_time")):  # fmt: skip
+        for title, column in (
+            ("certified (s)", "median"),
+            ("gap (%)", "gap"),
+            ("kept limits", "kept"),
+            ("time (s)", "solve_time"),
+        ):
             shown = float(cells[title]) if cells[title] else np.nan
             np.testing.assert_equal(shown, own[column])
 
 
 def test_every_trial_is_there_at_full_precision(html: str) -> None:
-    table, items = blob(html, "data"), made()
+    table = blob(html, "data")
+    items = made()
     trials = table["trials"]
     assert trials["id"] == [t.id for t in items]
     assert trials["certified_duration"] == [t.certified_duration for t in items]
@@ -171,7 +180,8 @@ def test_every_trial_is_there_at_full_precision(html: str) -> None:
 
 
 def test_links_lead_to_rows_trials_problems_and_planners_that_exist(html: str) -> None:
-    page, table = Page(html), blob(html, "data")
+    page = Page(html)
+    table = blob(html, "data")
     for link in page.links:
         kind, _, rest = link.removeprefix("#").partition("-")
         if kind == "row":
@@ -216,8 +226,9 @@ def test_what_is_written_by_others_cannot_leave_its_place(html: str) -> None:
 def test_failures_have_their_status_and_whole_reason(html: str) -> None:
     found = content.page(Results(made())).failures
     assert {(f["label"], f["status"], f["count"]) for f in found} == {
-        ("mine", "failed", 1), (NASTY, "failed", 1),
-    }  # fmt: skip
+        ("mine", "failed", 1),
+        (NASTY, "failed", 1),
+    }
     assert "Traceback:\n  line 7\nValueError: &lt;gave&gt; up</pre>" in html
 
 
@@ -258,8 +269,12 @@ def test_trials_below_the_reference_are_in_the_red_box(html: str) -> None:
 
 def test_what_gaps_are_measured_against_and_how_much_is_proved() -> None:
     (exact,) = run("exact", 2.0)
-    bound = replace(exact, planner="certify", label="certify",
-                    solution=replace(exact.solution, lower_bound=1.6))  # fmt: skip
+    bound = replace(
+        exact,
+        planner="certify",
+        label="certify",
+        solution=replace(exact.solution, lower_bound=1.6),
+    )
     assert content.page(Results([exact, bound])).references == [
         "Gaps are to the exact optimum, 2.000000 s: proved within 25.000 % (nothing is faster than "
         "1.600000 s)."
@@ -278,8 +293,16 @@ def test_profiles_and_ecdfs_count_no_answer_as_the_worst(html: str) -> None:
     # The medians of "mine" are 3 of (2.5, 3, no answer) and 4.4; of "exact", 2 and 4.
     assert profile["exact"]["y"][0] == 1.0
     assert profile["exact"]["y"][-1] == profile["mine"]["y"][-1] == 1.0
-    steps = [x for x, y, z in zip(profile["mine"]["x"], [0, *profile["mine"]["y"]],
-                                  profile["mine"]["y"], strict=False) if z > y]  # fmt: skip
+    steps = [
+        x
+        for x, y, z in zip(
+            profile["mine"]["x"],
+            [0, *profile["mine"]["y"]],
+            profile["mine"]["y"],
+            strict=False,
+        )
+        if z > y
+    ]
     np.testing.assert_allclose(steps, [1.1, 1.5], rtol=0.005)
     ecdf = {names[c["planner"]]: c for c in suite["ecdf"]}
     assert ecdf["mine"]["y"][-1] == pytest.approx(5 / 6, abs=1e-4)  # 1 of 6 runs has no answer
@@ -288,16 +311,24 @@ def test_profiles_and_ecdfs_count_no_answer_as_the_worst(html: str) -> None:
 
 def test_gaps_are_shares_of_problems_and_not_of_runs() -> None:
     two = problem("two", 0.5)
-    items = [*run("exact", 2.0), *run("exact", 2.0, on=two), *run("mine", 3.0, 3.0, 3.0, 3.0, 3.0),
-             *run("mine", None, on=two)]  # fmt: skip
+    items = [
+        *run("exact", 2.0),
+        *run("exact", 2.0, on=two),
+        *run("mine", 3.0, 3.0, 3.0, 3.0, 3.0),
+        *run("mine", None, on=two),
+    ]
     page = content.page(Results(items))
     (own,) = [c for c in curves.suites(page)[0]["ecdf"] if page.labels[c["planner"]] == "mine"]
     assert own["y"][-1] == 0.5  # five runs solve the one problem, the only one misses the other
 
 
 def test_a_planner_with_half_of_its_answers_missing_has_no_median_gap() -> None:
-    items = [*run("exact", 2.0), *run("exact", 2.0, on=problem("two", 0.5)), *run("mine", 3.0),
-             *run("mine", None, on=problem("two", 0.5))]  # fmt: skip
+    items = [
+        *run("exact", 2.0),
+        *run("exact", 2.0, on=problem("two", 0.5)),
+        *run("mine", 3.0),
+        *run("mine", None, on=problem("two", 0.5)),
+    ]
     mine = next(p for p in content.page(Results(items)).planners if p["label"] == "mine")
     assert (mine["gap"].text, mine["worst"].text) == ("no answer", "+50.0 %")
     assert mine["solved"]["text"] == "50 %"
@@ -320,9 +351,14 @@ def test_convergence_is_as_certified_and_endless_without_an_answer() -> None:
 
 def test_searches_are_compared_with_the_best_353_and_every_lost_run_counts() -> None:
     other = problem("two", 0.5)
-    items = [*run("spline353-nlp", 2.0), *run("spline353-nlp", 3.0, on=other),
-             *run("mine", 2.01, 2.4), *run("mine", None, None, on=other), *run("quick", 1.0),
-             *run("quick", 4.0, on=other)]  # fmt: skip
+    items = [
+        *run("spline353-nlp", 2.0),
+        *run("spline353-nlp", 3.0, on=other),
+        *run("mine", 2.01, 2.4),
+        *run("mine", None, None, on=other),
+        *run("quick", 1.0),
+        *run("quick", 4.0, on=other),
+    ]
     page = content.page(Results(items))
     suite = curves.suites(page)[0]
     assert suite["searched"] == 2
@@ -335,8 +371,12 @@ def test_searches_are_compared_with_the_best_353_and_every_lost_run_counts() -> 
 def test_what_a_search_costs_is_in_the_page_as_counted_by_hand() -> None:
     # Each run has 2t after 10 evaluations and t after 100, the best 3-5-3 is 2 and 3 s.
     other = problem("two", 0.5)
-    items = [*run("spline353-nlp", 2.0), *run("spline353-nlp", 3.0, on=other),
-             *run("mine", 2.01, 2.1, None), *run("mine", 3.0, 4.0, on=other)]  # fmt: skip
+    items = [
+        *run("spline353-nlp", 2.0),
+        *run("spline353-nlp", 3.0, on=other),
+        *run("mine", 2.01, 2.1, None),
+        *run("mine", 3.0, 4.0, on=other),
+    ]
     page = content.page(Results(items))
     cells = curves.suites(page)[0]["ert"][str(page.labels.index("mine"))]
     # The run without an answer left no count: charged 100, as the longest.
@@ -351,11 +391,18 @@ def test_planners_are_compared_on_every_suite_both_ways() -> None:
     items += [*run("mine", 3.0, on=problem("edge")), *run("other", None, on=problem("edge"))]
     page = content.page(Results(items))
     whole, part = curves.suites(page)
-    mine, other = page.labels.index("mine"), page.labels.index("other")
+    mine = page.labels.index("mine")
+    other = page.labels.index("other")
     # 2.1 and 2.1 are tied; 2.0 and 2.2 against 2.1 even; on the edge only one has an answer.
     assert [text for text, _ in whole["paired"][other][str(mine)]["cells"]] == [
-        "4", "1", "3", "0", "1.00000", "0.62", "1",
-    ]  # fmt: skip
+        "4",
+        "1",
+        "3",
+        "0",
+        "1.00000",
+        "0.62",
+        "1",
+    ]
     assert [text for text, _ in whole["paired"][mine][str(other)]["cells"][:4]] == list("4031")
     assert [text for text, _ in part["paired"][other][str(mine)]["cells"][:4]] == list("3030")
     assert part["name"] == "random"
@@ -431,7 +478,9 @@ def test_trajectories_left_out_are_named(tmp_path: Path) -> None:
     path = report.write(Results(made()), tmp_path / "r.html", trajectories=1)
     page = path.read_text(encoding="utf-8")
     assert re.search(
-        r"trajectories of\s+1 of 2 problems are left out.*?</summary>\s+two</", page, re.S
+        r"trajectories of\s+1 of 2 problems are left out.*?</summary>\s+two</",
+        page,
+        re.S,
     )
     assert blob(page, "problem-0")["motions"]
     assert not blob(page, "problem-1")["motions"]
@@ -492,7 +541,8 @@ def test_the_head_names_the_commit_or_says_that_there_are_several() -> None:
         (trial,) = run("mine", 2.0)
         return replace(trial, provenance=trial.provenance | {"commit": commit})
 
-    one, other = by("0123456789abcdef-dirty"), by("fedcba9876543210")
+    one = by("0123456789abcdef-dirty")
+    other = by("fedcba9876543210")
     assert ", commit 0123456789-dirty;" in content.page(Results(as_runs([one, one]))).brief
     assert ", 2 commits (see below);" in content.page(Results(as_runs([one, other]))).brief
     assert "commit" not in content.page(Results([by("")])).brief

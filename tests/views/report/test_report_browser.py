@@ -77,12 +77,16 @@ def script(browser: Any, page: Path) -> Script:
     browser.set_script_timeout(20)
     if browser.current_url.partition("#")[0] != page.as_uri():
         browser.get(page.as_uri())
-    chromium.run(browser, chromium.READY + """
+    chromium.run(
+        browser,
+        chromium.READY
+        + """
         for (const id of ["search", "by-planner", "by-status"]) {
             const box = document.getElementById(id);
             box.value = ""; box.dispatchEvent(new Event("input"));
         }
-        document.getElementById("trials").close();""")  # fmt: skip
+        document.getElementById("trials").close();""",
+    )
     return lambda text, *arguments: chromium.run(browser, text, *arguments)
 
 
@@ -100,16 +104,22 @@ OPEN = """const panel = [...document.querySelectorAll('details.problem')]
 
 def header(script: Script, title: str) -> int:
     """Click a column's heading and return the column."""
-    column: int = script("""const buttons = [...document.querySelectorAll('#result-table button')];
+    column: int = script(
+        """const buttons = [...document.querySelectorAll('#result-table button')];
         const button = buttons.find((b) => b.textContent === args[0]);
-        button.click(); return Number(button.dataset.column)""", title)  # fmt: skip
+        button.click(); return Number(button.dataset.column)""",
+        title,
+    )
     return column
 
 
 def test_it_opens_offline_without_a_complaint(browser: Any, script: Script, page: Path) -> None:
     assert browser.get_log("browser") == []
-    requests = [e["message"] for e in browser.get_log("performance")
-                if '"Network.requestWillBeSent"' in e["message"]]  # fmt: skip
+    requests = [
+        e["message"]
+        for e in browser.get_log("performance")
+        if '"Network.requestWillBeSent"' in e["message"]
+    ]
     assert not [r for r in requests if '"url":"http' in r]
     assert script("return document.getElementById('broken').hidden")
     assert script("return document.querySelectorAll('.chart .main-svg').length") > 4
@@ -176,7 +186,7 @@ def shown(results: Results) -> pd.DataFrame:
 
 def test_the_numbers_that_are_read_are_those_of_the_files(script: Script, results: Results) -> None:
     rows = script("""return [...document.querySelectorAll('#result-table tbody tr')]
-        .map((row) => [...row.cells].map((cell) => cell.innerText.trim()))""")  # fmt: skip
+        .map((row) => [...row.cells].map((cell) => cell.innerText.trim()))""")
     summary = shown(results)
     assert len(rows) == len(summary)
     for name, label, solved, kept, median, _, gap, *_ in rows:
@@ -194,13 +204,16 @@ def test_the_numbers_that_are_read_are_those_of_the_files(script: Script, result
 def test_a_number_leads_to_its_trials_and_they_are_those_of_the_files(
     script: Script, results: Results
 ) -> None:
-    script("""const row = [...document.querySelectorAll('#result-table tbody tr')].find((r) =>
+    script(
+        """const row = [...document.querySelectorAll('#result-table tbody tr')].find((r) =>
         r.cells[0].textContent === 'one-joint' && r.cells[1].textContent.includes('pso'));
-        row.querySelector('a[href$="-median"]').click();""" + PAUSE)  # fmt: skip
+        row.querySelector('a[href$="-median"]').click();"""
+        + PAUSE
+    )
     assert script("return document.getElementById('trials').open")
     ids = script("return [...document.querySelectorAll('#trial-table tbody tr')].map((r) => r.id)")
     values = script("""return [...document.querySelectorAll('#trial-table tbody tr')]
-        .map((r) => Number(r.cells[3].dataset.value))""")  # fmt: skip
+        .map((r) => Number(r.cells[3].dataset.value))""")
     trials = {f"trial-{t.id}": t for t in results.items}
     assert [trials[i].seed for i in ids] == [0, 1, 2]
     assert values == [trials[i].certified_duration for i in ids]
@@ -236,8 +249,11 @@ def test_suspicious_trials_are_in_the_red_box(script: Script) -> None:
 
 def test_a_problem_is_drawn_when_it_is_opened(script: Script, results: Results) -> None:
     durations, _, moved, use = script(OPEN, "stiff", 4)
-    own = {t.certified_duration for t in results.items
-           if t.problem.name == "stiff" and t.certified_duration}  # fmt: skip
+    own = {
+        t.certified_duration
+        for t in results.items
+        if t.problem.name == "stiff" and t.certified_duration
+    }
     assert {x for trace in durations for x in trace["x"]} == own
     assert {trace["yaxis"] for trace in moved} == {"y", "y2", "y3", "y4"}  # with jerk
     assert np.max(use[0]["z"]) <= 1
@@ -248,8 +264,11 @@ def test_a_suite_of_its_own_can_be_chosen(script: Script) -> None:
     assert names == ["all problems (4)", "limits: velocity, acceleration (3)"]
     note = "return document.getElementById('suite-note').textContent"
     before = script(note)
-    script("""const box = document.getElementById('suite'); box.value = 1;
-        box.dispatchEvent(new Event('change'));""" + PAUSE)  # fmt: skip
+    script(
+        """const box = document.getElementById('suite'); box.value = 1;
+        box.dispatchEvent(new Event('change'));"""
+        + PAUSE
+    )
     assert script(note) != before
 
 
@@ -259,7 +278,8 @@ RIVALS = ("mine", "other", "slow")
 @pytest.fixture(scope="module")
 def rivals() -> Results:
     """Eight problems of two suites; "other" has no answer to two of them, "slow" runs once."""
-    rng, items = np.random.default_rng(3), []
+    rng = np.random.default_rng(3)
+    items = []
     for n in range(8):
         name, best = f"{'random' if n < 5 else 'robots'}-{n}", 2.0 + n
         on = Problem([[0.0], [1.0 + n]], Limits([50.0 + n], [500.0]), name)
@@ -283,21 +303,28 @@ def open_rivals(browser: Any, rival_page: Path) -> Script:
     browser.set_script_timeout(20)
     if browser.current_url.partition("#")[0] != rival_page.as_uri():
         browser.get(rival_page.as_uri())
-    chromium.run(browser, chromium.READY + """
+    chromium.run(
+        browser,
+        chromium.READY
+        + """
         for (const box of document.querySelectorAll("select")) {
             const first = [...box.options].findIndex((o) => o.defaultSelected);
             if (box.selectedIndex === Math.max(first, 0)) continue;
             box.selectedIndex = Math.max(first, 0); box.dispatchEvent(new Event("change"));
-        }""")  # fmt: skip
+        }""",
+    )
     return lambda text, *arguments: chromium.run(browser, text, *arguments)
 
 
 LINES = """return [...document.querySelectorAll(`#${args[0]} tbody tr`)]
     .filter((r) => r.checkVisibility() && !r.dataset.of)
     .map((r) => [...r.cells].map((c) => c.innerText.trim()))"""
-CHOOSE = """const box = document.getElementById(args[0]);
+CHOOSE = (
+    """const box = document.getElementById(args[0]);
     box.value = [...box.options].find((o) => o.text.startsWith(args[1])).value;
-    box.dispatchEvent(new Event('change'));""" + PAUSE  # fmt: skip
+    box.dispatchEvent(new Event('change'));"""
+    + PAUSE
+)
 
 
 def durations(results: Results, suite: str = "") -> dict[tuple[str, str], np.ndarray]:
@@ -318,7 +345,8 @@ def _logs(own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 def expected_pairs(results: Results, suite: str, against: str) -> dict[str, list[float]]:
     """Better, tied, worse, median ratio, A12 and Holm's p by SciPy, statsmodels and counting."""
     own = durations(results, suite)
-    names, labels = sorted({k[0] for k in own}), sorted({k[1] for k in own})
+    names = sorted({k[0] for k in own})
+    labels = sorted({k[1] for k in own})
     middle = {b: np.array([np.median(own[n, b]) for n in names]) for b in labels}
     pairs = list(itertools.combinations(labels, 2))
     pvalues = []
@@ -327,14 +355,23 @@ def expected_pairs(results: Results, suite: str, against: str) -> dict[str, list
         pvalues.append(stats.wilcoxon(apart, method=stats.PermutationMethod()).pvalue)
     holm = dict(zip(pairs, multipletests(pvalues, method="holm")[1], strict=True))
     return {
-        a: [(middle[a] < middle[against]).sum(), (middle[a] == middle[against]).sum(),
+        a: [
+            (middle[a] < middle[against]).sum(),
+            (middle[a] == middle[against]).sum(),
             (middle[a] > middle[against]).sum(),
             np.exp(np.median(_logs(middle[a], middle[against]))),
-            np.mean([np.mean(own[n, a][:, None] < own[n, against]) +
-                     np.mean(own[n, a][:, None] == own[n, against]) / 2 for n in names]),
-            holm[tuple(sorted((a, against)))]]
-        for a in labels if a != against
-    }  # fmt: skip
+            np.mean(
+                [
+                    np.mean(own[n, a][:, None] < own[n, against])
+                    + np.mean(own[n, a][:, None] == own[n, against]) / 2
+                    for n in names
+                ]
+            ),
+            holm[tuple(sorted((a, against)))],
+        ]
+        for a in labels
+        if a != against
+    }
 
 
 @pytest.mark.parametrize("suite", ["", "random"])
@@ -428,7 +465,7 @@ def test_a_hidden_planner_is_not_compared(open_rivals: Script) -> None:
     before = open_rivals(LINES, "paired-table"), open_rivals(LINES, "ert-table")
     click = "document.querySelector(`.toggle[data-planner='${args[0]}']`).click()"
     k = open_rivals("""return [...document.querySelectorAll('#paired-table tbody tr')]
-        .find((r) => r.cells[0].innerText.trim() === 'slow').dataset.planner""")  # fmt: skip
+        .find((r) => r.cells[0].innerText.trim() === 'slow').dataset.planner""")
     open_rivals(click, k)
     for table in ("paired-table", "ert-table"):
         assert "slow" not in {line[0] for line in open_rivals(LINES, table)}
@@ -441,17 +478,23 @@ def test_the_page_without_scripts_has_what_they_show_first(
 ) -> None:
     html = rival_page.read_text("utf-8")
     for name in ("paired-table", "ert-table"):
-        written = open_rivals("""
+        written = open_rivals(
+            """
             const page = new DOMParser().parseFromString(args[1], 'text/html');
             return [...page.querySelectorAll(`#${args[0]} tbody tr:not(.out):not(.both)`)]
                 .map((r) => [...r.cells].map((c) => c.textContent.trim()))""",
-            name, html)  # fmt: skip
+            name,
+            html,
+        )
         assert written == open_rivals(LINES, name) != []
 
 
 def test_the_two_choices_of_a_suite_are_one(open_rivals: Script) -> None:
-    open_rivals("""const box = document.querySelectorAll('.suite')[1];
-        box.value = 1; box.dispatchEvent(new Event('change'));""" + PAUSE)  # fmt: skip
+    open_rivals(
+        """const box = document.querySelectorAll('.suite')[1];
+        box.value = 1; box.dispatchEvent(new Event('change'));"""
+        + PAUSE
+    )
     assert open_rivals("return document.getElementById('suite').value") == "1"
     assert open_rivals("return document.getElementById('suite-note').textContent")[0] == "5"
 
@@ -550,13 +593,20 @@ def test_a_phone_shows_the_dialog_where_a_crash_trace_is_listed(
     page, crashed = crash
     chromium.resize(browser, width, 800, scale=2)
     browser.get(page.as_uri())
-    chromium.run(browser, chromium.READY + """
+    chromium.run(
+        browser,
+        chromium.READY
+        + """
         const traces = document.querySelectorAll('.why details');
-        for (const trace of traces) trace.open = true;""")  # fmt: skip
+        for (const trace of traces) trace.open = true;""",
+    )
     assert chromium.run(browser, "return document.documentElement.scrollWidth") <= width
-    left, right = chromium.run(browser, f"""location.hash = 'trial-{crashed}';{PAUSE}
+    left, right = chromium.run(
+        browser,
+        f"""location.hash = 'trial-{crashed}';{PAUSE}
         const box = document.getElementById('trials').getBoundingClientRect();
-        return [box.left, box.right]""")  # fmt: skip
+        return [box.left, box.right]""",
+    )
     assert 0 <= left < right <= width
     assert chromium.run(browser, "return visualViewport.scale") == 1
 
