@@ -209,20 +209,15 @@ def _use(problem: Problem, trajectory: Trajectory, t: Array) -> tuple[list[str],
     Returns:
         Names, and uses `(names, m)`: 1 is at the limit.
     """
-    uses: dict[tuple[int, LimitName], Array] = {}
-    for kind in _SHORT_NAMES:
-        low, high = getattr(problem.limits, kind).T
-        values = trajectory(t, LIMIT_ORDERS[kind])
-        use = np.maximum(values / high, values / low)
-        limited = problem.moving & np.isfinite(high - low)
-        for joint in range(problem.joints):
-            if limited[joint]:
-                uses[joint, kind] = use[:, joint]
     names = []
     rows = []
-    for joint in range(problem.joints):
+    for joint in np.flatnonzero(problem.moving):
+        name = text(problem.joint_labels[joint])
         for kind, short in _SHORT_NAMES.items():
-            if (joint, kind) in uses:
-                names.append(f"{text(problem.joint_labels[joint])} {short}")
-                rows.append(uses[joint, kind])
+            low, high = getattr(problem.limits, kind)[joint]
+            if np.isfinite(high - low):
+                values = trajectory(t, LIMIT_ORDERS[kind])[:, joint]
+                use = np.maximum(values / high, values / low)
+                names.append(f"{name} {short}")
+                rows.append(use)
     return names, np.array(rows)

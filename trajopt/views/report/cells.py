@@ -72,10 +72,13 @@ def _quartiles(row: Any) -> Cell:
     return Cell(f"{row.q1:.4f}–{row.q3:.4f}", float(spread))
 
 
-def _gap(gap: float) -> Cell:
+def _gap(gap: float, unit: str = "") -> Cell:
     if np.isnan(gap):
         return NONE
-    return Cell(percent(gap).removesuffix(" %"), gap)
+    if np.isinf(gap):
+        return Cell("no answer")
+    number = percent(gap).removesuffix(" %")
+    return Cell(number + unit, float(gap))
 
 
 def _cell(value: float, form: str) -> Cell:
@@ -160,7 +163,7 @@ def _clipped(text: str, length: int) -> str:
     return f"…{text[-length:]}"
 
 
-def over_all(runs: pd.DataFrame, rank: float | None) -> dict[str, Any]:
+def over_all(runs: pd.DataFrame, rank: float) -> dict[str, Any]:
     """One planner's line, over the problems that it supports."""
     tried = competing(runs)
     solved = tried["status"] == str(Status.SOLVED)
@@ -171,31 +174,11 @@ def over_all(runs: pd.DataFrame, rank: float | None) -> dict[str, Any]:
         "solved": _share(solved),
         "kept": _share(tried["feasible"]),
         "dilation": _dilation(broke_limits["dilation"].median()),
-        "gap": _median_gap(median_gap(tried)),
-        "worst": _worst_gap(tried["gap"].max()),
-        "rank": _rank(rank),
+        "gap": _gap(median_gap(tried), " %"),
+        "worst": _gap(tried["gap"].max(), " %"),
+        "rank": _cell(rank, "{:.2f}"),
         "time": _cell(tried["solve_time"].median(), "{:.3f}"),
     }
-
-
-def _rank(rank: float | None) -> Cell:
-    if rank is None:
-        return NONE
-    return Cell(f"{rank:.2f}", rank)
-
-
-def _median_gap(gap: float) -> Cell:
-    if np.isnan(gap):
-        return NONE
-    if np.isinf(gap):
-        return Cell("no answer")
-    return Cell(percent(gap), gap)
-
-
-def _worst_gap(gap: float) -> Cell:
-    if np.isnan(gap):
-        return NONE
-    return Cell(percent(gap), float(gap))
 
 
 def _share(outcomes: pd.Series[bool]) -> dict[str, Any]:

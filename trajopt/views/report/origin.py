@@ -183,16 +183,11 @@ def _counted(values: Counter[str]) -> str:
 
 
 def ranges(seeds: Sequence[int]) -> str:
-    """`0–5, 9`."""
+    """Write sorted seeds as `0–5, 9`."""
     parts: list[list[int]] = []
     for seed in seeds:
-        if parts and parts[-1][-1] == seed - 1:
-            parts[-1].append(seed)
-        else:
+        if not parts or parts[-1][-1] < seed - 1:
             parts.append([seed])
-    said = []
-    for part in parts:
-        first = part[0]
-        last = part[-1]
-        said.append(str(first) if first == last else f"{first}–{last}")
+        parts[-1][1:] = [seed]
+    said = ["–".join(map(str, dict.fromkeys(ends))) for ends in parts]
     return ", ".join(said)

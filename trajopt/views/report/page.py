@@ -86,18 +86,18 @@ class Page:
 
     @cached_property
     def rows(self) -> list[dict[str, Any]]:
-        rows = [self._row(row) for row in self.summary.itertuples()]
-        return sorted(rows, key=lambda row: int(row["problem"]))  # stable: the best stay first
-
-    def _row(self, row: Any) -> dict[str, Any]:
-        return {
-            "problem": self.digests[row.digest],
-            "planner": self.labels.index(row.label),
-            "name": row.problem,
-            "label": row.label,
-            "status": row.status,
-            "cells": lines.cells(row),
-        }
+        rows = []
+        for row in self.summary.itertuples():
+            line = {
+                "problem": self.digests[row.digest],
+                "planner": self.labels.index(row.label),
+                "name": row.problem,
+                "label": row.label,
+                "status": row.status,
+                "cells": lines.cells(row),
+            }
+            rows.append(line)
+        return sorted(rows, key=lambda line: line["problem"])  # stable: the best stay first
 
     @cached_property
     def trials_by_problem(self) -> list[list[Trial]]:
@@ -145,22 +145,9 @@ class Page:
         return [problem.name for i, problem in enumerate(self.problems) if i not in drawn]
 
     @cached_property
-    def suspicious(self) -> list[dict[str, Any]]:
-        found = []
-        for row in self.results.suspicious().itertuples():
-            gap = f"{100 * row.gap:+.3g} %"
-            found.append(
-                {
-                    "id": row.id,
-                    "label": row.label,
-                    "seed": row.seed,
-                    "problem": row.problem,
-                    "certified": f"{row.certified_duration:.9g}",
-                    "reference": f"{row.reference:.9g}",
-                    "gap": gap.replace("-", "−"),
-                }
-            )
-        return found
+    def suspicious(self) -> list[dict[Any, Any]]:
+        rows: list[dict[Any, Any]] = self.results.suspicious().to_dict("records")
+        return rows
 
     @cached_property
     def failures(self) -> list[dict[str, Any]]:
@@ -175,7 +162,7 @@ class Page:
         for place, label in enumerate(self.labels):
             row = {"label": label, "options": self._options(label)}
             row |= look(place)
-            row |= lines.over_all(runs[label], ranks.get(label))
+            row |= lines.over_all(runs[label], ranks.get(label, np.nan))
             rows.append(row)
         return rows
 

@@ -66,64 +66,33 @@ def _by_rival(
 
 
 def _over_problems(row: Any) -> dict[str, Any]:
-    """`both`: the same where both answer, if they do so on some problems and not on all."""
-    cells = [
-        (str(row.problems), ""),
-        (str(row.better), ""),
-        (str(row.tied), ""),
-        (str(row.worse), ""),
-        (ratio(row.ratio), ""),
-        _chance(row),
-        (probability(row.holm), ""),
-    ]
-    both = None
+    """Return a line; `both` is the same on the problems that both answer, if these are a part."""
+    line = _line(row, [row.problems, row.better, row.tied, row.worse])
+    line["both"] = None
     if 0 < row.both < row.problems:
-        both = _where_both_answer(row)
-    return {
-        "real": bool(row.holm < SURE),
-        "whisker": _whisker(row),
-        "cells": cells,
-        "both": both,
-    }
-
-
-def _where_both_answer(row: Any) -> dict[str, Any]:
-    cells = [
-        (str(row.both), ""),
-        (str(row.both_better), ""),
-        (str(row.both_tied), ""),
-        (str(row.both_worse), ""),
-        (ratio(row.both_ratio), ""),
-        ("", ""),
-        (probability(row.both_holm), ""),
-    ]
-    return {"real": bool(row.both_holm < SURE), "cells": cells}
+        counts = [row.both, row.both_better, row.both_tied, row.both_worse]
+        rest = [ratio(row.both_ratio), "", probability(row.both_holm)]
+        line["both"] = {
+            "real": bool(row.both_holm < SURE),
+            "cells": [(str(text), "") for text in counts + rest],
+        }
+    return line
 
 
 def _over_seeds(row: Any) -> dict[str, Any]:
-    cells = [
-        (str(row.runs), ""),
-        (str(row.rival_runs), ""),
-        (duration(row.median), ""),
-        (duration(row.rival_median), ""),
-        (ratio(row.ratio), ""),
-        _chance(row),
-        (probability(row.holm), ""),
-    ]
+    medians = [duration(row.median), duration(row.rival_median)]
+    return _line(row, [row.runs, row.rival_runs, *medians])
+
+
+def _line(row: Any, first: Sequence[object]) -> dict[str, Any]:
+    """Return a line: its first cells, the ratio, the chance of a shorter run, and p."""
+    texts = [*map(str, first), ratio(row.ratio)]
+    chance = (f"{row.chance:.2f}", f"[{row.low:.2f}–{row.high:.2f}]")
     return {
         "real": bool(row.holm < SURE),
-        "whisker": _whisker(row),
-        "cells": cells,
+        "whisker": [round(end, 4) for end in (row.chance, row.low, row.high)],
+        "cells": [*((text, "") for text in texts), chance, (probability(row.holm), "")],
     }
-
-
-def _chance(row: Any) -> Cell:
-    return f"{row.chance:.2f}", f"[{row.low:.2f}–{row.high:.2f}]"
-
-
-def _whisker(row: Any) -> list[float]:
-    """The chance of a shorter run and the ends of its interval, for the drawing of it."""
-    return [round(row.chance, 4), round(row.low, 4), round(row.high, 4)]
 
 
 def duration(value: float) -> str:
