@@ -159,7 +159,7 @@ def test_medians_know_no_answer_from_not_run():
     assert np.isnan(table.loc["1", "b"])
 
 
-# Where both answer
+# Problems that both answer
 
 
 def test_slower_on_21_of_22_common_problems_is_shown_where_both_answer():

@@ -1,4 +1,4 @@
-"""What is recorded of a problem as the reference of a comparison."""
+"""A record of a problem is the reference of a comparison where it is shorter."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def test_without_a_certified_exact_answer_a_relaxed_one_is_the_reference_or_what
     proved = Results([*items, *run("certify", -1.0, bound=2.0)])
     assert proved.references().iloc[0].tolist()[:3] == [2.0, "lower bound", 2.0]
     unproved = Results([*run("exact", -1.0, bound=2.0), *run("mine", 3.0)])
-    assert unproved.references().empty  # what `exact` calls a bound is not proved
+    assert unproved.references().empty  # a bound of `exact` is not proved
 
 
 def test_a_proof_bounds_the_reference_and_may_improve_it():

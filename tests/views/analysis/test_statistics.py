@@ -163,7 +163,7 @@ def test_a_history_that_rises_keeps_its_best():
 
 def test_quartiles_over_runs_by_hand():
     quartiles = quartiles_over_runs(HISTORIES, [45, 60, 1e9])
-    # of the best at 45: 9, 10 and two without; at 60: 8, 7; at the end: 8, 6
+    # the best at 45 evaluations: 9, 10 and two without; at 60: 8, 7; at the end: 8, 6
     assert_array_equal(quartiles, [[9.75, 7.75, 7.5], [inf] * 3, [inf] * 3])
     assert_array_equal(quartiles_over_runs(HISTORIES[:2], 45), [[9.25], [9.5], [9.75]])
 

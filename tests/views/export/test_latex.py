@@ -24,7 +24,7 @@ COMMAND = re.compile(r"\\[a-z]+\{\}|\\.|\{\}")
 
 
 def as_printed(source: str) -> str:
-    """What LaTeX prints of a text: its commands for characters, and escaped characters."""
+    """Return the text that LaTeX prints: replace its commands and escaped characters."""
     return COMMAND.sub(lambda found: PRINTED.get(found[0], found[0][1:]), source)
 
 

@@ -270,7 +270,7 @@ def written(path, trials):
 
 
 def curve(path, **options):
-    """Of the first of two runs: a file with a single evaluation is not written."""
+    """A file with a single evaluation is not written."""
     runs = as_runs([*run(**options), *run()])
     ((_, scenario, blocks),) = written(path, runs).values()
     assert len(scenario["runs"]) == len(blocks) == 2
@@ -289,7 +289,7 @@ def test_names_are_text_and_never_part_of_a_path(tmp_path, name):
     ]
 
 
-# What IOHexperimenter 0.3.22 writes: ioh.logger.Analyzer on BBOB's sphere.
+# Files of IOHexperimenter 0.3.22: ioh.logger.Analyzer on BBOB's sphere.
 LOGGED = {
     "version",
     "suite",

@@ -35,7 +35,7 @@ def test_jerk_has_a_column_where_it_is_limited():
 def test_a_panel_has_limits_and_both_curves_on_one_time_axis():
     problem, trajectory = motion_of(2)
     figure = motions.motion(problem, trajectory, trajectory.dilated(2.0))
-    velocity = figure.axes[4]  # of the second joint: 3 panels a row
+    velocity = figure.axes[4]  # second joint; 3 panels a row
     assert velocity.get_xlim() == (0, 4)
     low, high, reference, own = velocity.lines[:4]
     assert list(low.get_ydata()) == [-1.5, -1.5]
