@@ -83,7 +83,7 @@ class Proof(Planner):
 
 @dataclass(frozen=True)
 class Filling:
-    """Where trials and records are kept, and what a trial may take."""
+    """Folders of trials and records, and the limits of a trial."""
 
     store: Store
     registry: Path
@@ -111,7 +111,7 @@ class Filling:
         console.line(f"{stage}: {len(tasks)} trials, {improved} records written")
 
     def unanswered(self, problems: Sequence[Problem]) -> Iterator[Problem]:
-        """Those whose best motion is not that of `exact`, and may not be the optimum."""
+        """Problems whose best motion is not from `exact` and is not proved optimal."""
         for problem in problems:
             record = records.find(problem, self.registry)
             if record is None or (record.motion.method != OPTIMUM and not record.closed):

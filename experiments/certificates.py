@@ -1,4 +1,4 @@
-"""What is proved: by the recorded answers, and on random problems of growing size?
+"""Are the recorded answers proved, and up to which size can random problems be?
 
     python -m experiments.certificates           # the records of all suites, a minute
     python -m experiments.certificates sizes     # waypoints 3-8 x joints 1-7, three seeds each
@@ -43,7 +43,7 @@ def suite_problems() -> Iterator[tuple[str, Problem]]:
 
 
 def recorded(suite: str, problem: Problem) -> dict[str, object]:
-    """How far the checked bound of a record is below its motion, relative."""
+    """Return the relative gap between a record's checked bound and its motion."""
     record = records.find(problem)
     row: dict[str, object] = {
         "suite": suite,

@@ -1,4 +1,4 @@
-"""How long do the main job, its second run, and a listing take, beside another version's?
+"""Do the main job, its second run and a listing take less time than in another version?
 
     python -m experiments.commands trajopt                    # the one that is installed
     python -m experiments.commands trajopt old/bin/trajopt    # and another environment's, in turn

@@ -1,4 +1,4 @@
-"""What are the gaps made of? The decompositions of mathematics.md, section 6, side by side.
+"""Explain the gaps: the decompositions of mathematics.md, section 6, side by side.
 
     python -m experiments.explained                       # six-axis, five planners, half a minute
     python -m experiments.explained my-problem.toml --planner issa --planner toppra

@@ -1,4 +1,4 @@
-"""What does a family of trajectories cost, whatever optimises it?
+"""Compare the best members of families of trajectories with the optimum.
 
     python -m experiments.families                # 50 random problems, fifteen CPU minutes
     python -m experiments.families --random 4     # a quick look
@@ -62,7 +62,7 @@ def problems(random: int) -> Iterator[tuple[str, Problem]]:
 
 
 def certified(problem: Problem, solution: Solution | Answer) -> float:
-    """What the verifier vouches for, s; NaN where that is nothing."""
+    """Certified duration, s; NaN without one."""
     if solution.trajectory is None:
         return np.nan
     duration = verify(problem, solution.trajectory).certified_duration

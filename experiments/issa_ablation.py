@@ -32,7 +32,7 @@ from trajopt.planners.swarm.optimiser import Array
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
 
-Subset = tuple[str, ...]  # of the ingredients
+Subset = tuple[str, ...]  # names of ingredients
 Cell = tuple[str, str, float, str]  # function, where the origin is, place of the minimum, optimiser
 
 INGREDIENTS = ("chaos", "levy", "weight", "opposition")
@@ -58,8 +58,8 @@ FUNCTIONS = {
     "sphere": np.ones(3),
     "ellipsoid": np.array([1.0, 10.0, 100.0]),
 }
-WIDTH = 10.0  # of a box
-# Where the origin is, and there a box begins.
+WIDTH = 10.0  # width of a box
+# Position of the origin in the box, and the box's low end.
 FRAMES = {
     "at its low end": 0.0,
     "in its middle": -5.0,

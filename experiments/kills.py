@@ -155,7 +155,7 @@ def faults(
     stored: set[str],
     expected: Answers,
 ) -> dict[str, Any]:
-    """What a killed run left behind, and what came of resuming it; zeros where nothing is wrong.
+    """Count the faults that a killed run left, and those of resuming it.
 
     `promised` are the trials that it told to be kept, `stored` those that `results.h5` had before.
     """

@@ -86,7 +86,7 @@ def rows(
 
 
 def excess_of(problem: Problem, solution: Solution) -> float:
-    """How far the certified duration is above the reference, relative; infinite without one."""
+    """Relative excess of the certified duration over the reference; infinite without one."""
     if solution.trajectory is None:
         return np.inf
     certified = verify(problem, solution.trajectory).certified_duration

@@ -68,7 +68,7 @@ def judged(
     read: Problem,
     times: Array,
 ) -> dict[str, object]:
-    """What synchronised segment times `(seeds, 3)` give under the problem's own limits."""
+    """Claims of synchronised segment times `(seeds, 3)` under the problem's own limits."""
     certificates = [verify(problem, spline353.trajectory(read, own)) for own in times]
     together = all(c.valid for c in certificates)
     within = [c.dilation <= 1 + c.tolerance.limit for c in certificates]
@@ -85,7 +85,7 @@ def apart(
     read: Problem,
     times: Array,
 ) -> dict[str, object]:
-    """What joints on their own clocks `(seeds, joints, 3)` do; the tool's misses of one run.
+    """Claims of joints timed alone `(seeds, joints, 3)`, and the tool's misses of one run.
 
     That run is the one whose slowest joint takes the median time.
     """
@@ -156,7 +156,7 @@ def nearest(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def chance(table: pd.DataFrame) -> float:
-    """How much of 3–4 s lies within 1 % of some claim: hits that mean nothing."""
+    """Share of 3–4 s within 1 % of some claim, where a hit proves nothing."""
     targets = np.linspace(3, 4, 2001)
     claims = table["claimed s"].to_numpy()
     relative = claims / targets[:, None] - 1
@@ -205,7 +205,7 @@ def order(cells: dict[str, pd.Series[Any]]) -> str:
 
 
 def claims(table: pd.DataFrame, ranked: pd.DataFrame) -> pd.DataFrame:
-    """What all readings together say."""
+    """Print the conclusions of all readings."""
     best = ranked.iloc[0]
     worst = best["worst difference %"]
     published = running_times()["issa"]

@@ -1,4 +1,4 @@
-"""What becomes of the paper's tables, figures and claims at its own settings?
+"""Are the paper's tables, figures and claims reproduced at its own settings?
 
     python -m experiments.paper_study                 # 50 seeds, 1000 iterations, two minutes
     python -m experiments.paper_study --quick         # a few seconds; says nothing
@@ -104,7 +104,7 @@ def table5(
     joint: int,
     algorithm: str,
 ) -> dict[str, Array]:
-    """How long the searches of a joint alone took."""
+    """Iterations and evaluations of the searches of a joint alone."""
     spent = settled(found[algorithm, "per-joint"].curves(joint - 1))
     return {"iterations": iterations(spent, algorithm), "evaluations": spent}
 

@@ -1,4 +1,4 @@
-"""What does the choice of the swarm decide, and what the family of curves?
+"""Does the choice of the swarm matter, or the family of curves?
 
     python -m experiments.recipes                # five tasks, some minutes
     python -m experiments.recipes --only zhao    # the tasks whose names hold that
@@ -59,7 +59,7 @@ TASKS = (
     ("yu2025-task4-jerk", "quintic B-spline"),
     ("zhao2022-iwoa-pso", "quintic B-spline"),
 )
-# of the longest stop-to-stop time of any segment
+# Segment times relative to the longest stop-to-stop time.
 LONGEST = 4.0
 SHORTEST = 0.02
 

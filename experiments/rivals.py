@@ -1,4 +1,4 @@
-"""How far from optimal are other people's planners, as documented and with the same effort for all?
+"""Measure other people's planners against the optimum: as documented, and with equal effort.
 
     python -m experiments.rivals            # 44 problems, half an hour of CPU
     python -m experiments.rivals six-axis   # one of them

@@ -30,7 +30,7 @@ READY = """while (!document.documentElement.dataset.ready)
 
 
 def missing() -> str:
-    """What must be installed before a page can be opened; nothing where all is there."""
+    """List what must be installed before a page can be opened."""
     absent = [package for package, program in PROGRAMS.items() if shutil.which(program) is None]
     if not absent:
         return ""
@@ -65,7 +65,7 @@ def run(
     text: str,
     *arguments: Any,
 ) -> Any:
-    """What JavaScript returns that may wait: `text` is the body of an asynchronous function."""
+    """Run asynchronous JavaScript and return its value: `text` is the body of a function."""
     body = f"const done = arguments[arguments.length - 1]; (async (...args) => {{ {text} }})"
     return browser.execute_async_script(f"{body}(...arguments).then(done)", *arguments)
 

@@ -433,7 +433,7 @@ def faults(
     expected: pd.DataFrame | None,
     report: bool,
 ) -> list[str]:
-    """What `verify`, `export` and `report` do wrong with a file; `expected`: its true table."""
+    """List the faults of `verify`, `export` and `report` on a file; `expected`: its true table."""
     table = path.with_name("trials.csv")
     table.unlink(missing_ok=True)
     commands = [
@@ -471,7 +471,7 @@ def _numbers(table: Path) -> pd.DataFrame:
 
 
 def true_numbers(folder: Path) -> pd.DataFrame:
-    """What `export` says of the whole `results.h5`."""
+    """Return the table that `export` writes for the whole `results.h5`."""
     with tempfile.TemporaryDirectory() as work:
         table = Path(work) / "trials.csv"
         said.by(_export(folder / "results.h5", table))

@@ -107,7 +107,7 @@ killed.sweep(folder, jobs=int(sys.argv[2]))
 
 @dataclass(frozen=True)
 class Word:
-    """What a process told: when (s, monotonic clock), its phase, and the trial it just kept."""
+    """A message of a process: its time (s, monotonic clock), phase, and the trial just kept."""
 
     process: int
     time: float
@@ -182,7 +182,7 @@ class Child:
         return max(last.values(), key=PHASES.index)
 
     def lengths(self, phase: str) -> list[float]:
-        """How long it was in this phase each time (s)."""
+        """Return the duration of each stay in this phase, s."""
         if phase == "start-up":
             birth = self.words[0]
             first = self.entries("solving")[0]
@@ -190,6 +190,6 @@ class Child:
         return [self._next(entry).time - entry.time for entry in self.entries(phase)]
 
     def _next(self, word: Word) -> Word:
-        """What the same process told next."""
+        """Return the next message of the same process."""
         own = [other for other in self.words if other.process == word.process]
         return next(other for other in own if other.time > word.time)

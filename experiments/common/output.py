@@ -1,4 +1,4 @@
-"""What every experiment writes: its table as CSV and Markdown, its figures as PNG and SVG."""
+"""Write the table of an experiment as CSV and Markdown."""
 
 from __future__ import annotations
 

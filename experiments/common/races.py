@@ -38,7 +38,7 @@ def problems(random: int) -> list[Problem]:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came out: `gaps` `(problems, entrants, seeds)`, +inf without an answer within limits.
+    """Result of a race: `gaps` `(problems, entrants, seeds)`, +inf without a valid answer.
 
     They are certified durations over the proved lower bound, less 1, and where they are below the
     `proof`'s own width, that width: differences within it mean nothing. `hits`

@@ -1,1 +1,1 @@
-"""What the experiments on Ma et al. 2024 share."""
+"""Code that the experiments on Ma et al. 2024 share."""

@@ -1,4 +1,4 @@
-"""What the paper's text leaves open, one choice at a time: the readings of `paper_readings`."""
+"""Readings of the paper's text, which leaves choices open: one choice at a time."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def ends_excess(
     times: Array,
     limits: Limits,
 ) -> Array:
-    """The same, with limits looked at where segments meet only."""
+    """Fitness whose limits are checked at the waypoints only."""
     v, a = _at_ends(displacements, times)
     return _beyond(v, a, limits)
 
@@ -127,7 +127,7 @@ def printed_excess(
     times: Array,
     limits: Limits,
 ) -> Array:
-    """The same with the quintic's eq. 28 as printed: `3 a₃ τ³` and `9 a₃ τ²`, at 21 samples."""
+    """Fitness with the quintic's eq. 28 as printed: `3 a₃ τ³` and `9 a₃ τ²`, at 21 samples."""
     quintic = spline353.coefficients(displacements, times)[1]
     p5, p4, p3, p2, p1, _ = np.moveaxis(quintic, -1, 0)
     # The cubics' peaks are at the segments' ends.
@@ -204,7 +204,7 @@ def printed_order(problem: Problem) -> Problem:
 
 @dataclass(frozen=True)
 class Reading:
-    """What differs from the default, as options, fitness or problem.
+    """Describe how a reading differs from the default: options, fitness or problem.
 
     `beside`: the reading whose runs stand for the algorithms that this one leaves out.
     """

@@ -86,7 +86,7 @@ def exactly(value: float) -> statistics.Estimate:
 
 
 def verdict(row: dict[str, Any], ours: Estimates) -> str:
-    """Whether our interval, widened by the slack, holds the paper's number, and not zero as well.
+    """Return whether our interval, widened by the slack, holds the paper's number but not zero.
 
     Undecided: the text contradicts itself or leaves it open, or what misses with shared times is
     met by the segment-wise maximum of joints searched alone, and the text does not say which.

@@ -123,7 +123,7 @@ def tool_miss(
     problem: Problem,
     times: Array,
 ) -> tuple[Array, Array]:
-    """How far the tool is from each Cartesian point, mm `(4,)`, joints timed alone `(joints, 3)`.
+    """Distance of the tool from each Cartesian point, mm `(4,)`; joints timed alone.
 
     First when the slowest joint passes that point, then the least of the whole motion (at 2001
     instants).

@@ -1,1 +1,1 @@
-"""What `experiments.literature` is made of: its figures and its page."""
+"""Figures and page of `experiments.literature`."""

@@ -34,7 +34,7 @@ class Judged:
 
     @property
     def command(self) -> str:
-        """What reproduces every verdict on it."""
+        """Return the command that reproduces every verdict."""
         return f"trajopt claims {self.name}"
 
 
@@ -49,7 +49,7 @@ def judged(name: str, time_limit: float) -> Judged:
 
 
 def optimised(published: Published, judgement: JudgedClaim) -> bool:
-    """Whether the source searched for anything to get this time."""
+    """Return whether the source optimised anything to get this time."""
     objective = judgement.claim.objective or published.objective
     return objective != "none"
 

@@ -118,7 +118,7 @@ def _summary(problems: list[Judged], folder: str) -> str:
 
 
 def numbers(problems: list[Judged]) -> int:
-    """How many numbers were published: one that several problems of a source share counts once."""
+    """Count the published numbers; one that several problems of a source share counts once."""
     most: Counter[tuple[str, float]] = Counter()
     for problem in problems:
         own = [(problem.published.doi, claim.duration) for claim in problem.published.claims]
@@ -144,7 +144,7 @@ def _whose(verdict: Verdict, problems: list[Judged]) -> str:
 
 
 def _beside_stopping(problems: list[Judged]) -> str:
-    """How many lost to the plan of any user, where that plan is not the best there is."""
+    """Count the published times that are longer than stopping at every waypoint."""
     searched = []
     slower = []
     optimal = []
@@ -209,7 +209,7 @@ def _facts(published: Published) -> list[str]:
 
 
 def _known(known: Known) -> list[str]:
-    """What is known of a problem, in one line."""
+    """Describe the best known motion and bound of a problem in one line."""
     bound = f"no motion is faster than {known.lower_bound:.6g} s ({known.bound_by})"
     stopping = f"stopping at every waypoint takes {known.stopping:.6g} s"
     if known.best is None:

@@ -44,7 +44,7 @@ CLAIMED = 3.0
 
 ATTACKS = tomllib.loads((runner.DATA / "forgeries.toml").read_text(encoding="utf-8"))
 _LEAF = [3, 0, 0, 0]
-# What no number of a proof may be, as JSON has it.
+# Values that a proof's numbers must not have, in JSON.
 _NO_NUMBERS = f"NaN Infinity -Infinity 1e999 1{400 * '0'} true null 1e308 5e-324 -1"
 # Text that stands in the file as it is: JSON cannot say it otherwise.
 _RAW = "raw:"
@@ -86,7 +86,7 @@ def forgeries(problem: str) -> list[Forgery]:
 
 
 def record(problem: str) -> Said:
-    """What the recorded file of a built-in problem says."""
+    """Read the record of a built-in problem."""
     file = records.file_of(catalogue.load(problem))
     assert file is not None
     said: Said = json.loads(file.read_text(encoding="utf-8"))
@@ -200,7 +200,7 @@ def too_small(honest: Said) -> Iterator[Named]:
 
 
 def too_large(honest: Said) -> Iterator[Named]:
-    """Numbers whose products are infinite, or whose differences are none."""
+    """Numbers whose products are infinite, or whose differences vanish."""
     yield from listed("too_large", honest)
     large = [[row, 1.7e308] for row, _ in honest["proof"]["multipliers"]]
     yield "multipliers of 1.7e308", changed(honest, multipliers=large)
@@ -301,7 +301,7 @@ def _lines(table: str) -> Iterator[list[str]]:
 
 
 def truncated(honest: Said) -> Iterator[Named]:
-    """Tables that end too early, or are none."""
+    """Tables that end too early, or are missing."""
     for table in ("cells", "cuts", "tangents", "multipliers", "steps", "units"):
         rows = honest["proof"][table]
         half = len(rows) // 2
@@ -369,11 +369,11 @@ FAMILIES: tuple[Callable[[Said], Iterator[Named]], ...] = (
 # --- the check ---
 
 SCRIPT = Path(__file__).parents[2] / "docs" / "examples" / "best-known" / "check_proof.py"
-BELIEVED_ABOVE = 1e-9  # of the best known duration, which is certified to so much
+BELIEVED_ABOVE = 1e-9  # relative to the best known duration
 
 
 def judged(forgery: Forgery) -> dict[str, object]:
-    """What a forgery proves, percent above the best known duration, or why it is refused."""
+    """Check a forgery: percent above the best known duration, or the reason of refusal."""
     bound = None
     refused = ""
     try:
@@ -390,7 +390,7 @@ def judged(forgery: Forgery) -> dict[str, object]:
 
 
 def confirmed(forgery: Forgery) -> bool:
-    """Whether the independent script believes it."""
+    """Return whether the independent script believes it."""
     command = [sys.executable, "-I", str(SCRIPT)]
     ran = subprocess.run(command, input=forgery.text, text=True, capture_output=True, check=False)
     return ran.returncode == 0

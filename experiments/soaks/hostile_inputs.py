@@ -1,4 +1,4 @@
-"""What do files do that a stranger crafted, or that an accident changed?
+"""Can a crafted or damaged file crash a command, or pass as a good one?
 
     python -m experiments.soaks.hostile_inputs            # 2000 mutated and 600 crafted, 15 min
     python -m experiments.soaks.hostile_inputs --quick    # 200 and 60

@@ -37,14 +37,14 @@ _MOTIONS = EXAMPLES / "motions"
 _LIMITS = _MOTIONS / "joint_limits.yaml"
 _PLAN = ("plan", "--planner", "ruckig-stop", "--json")
 _WAYPOINTS = "shoulder [deg],elbow [deg]\n0,0\n40,-25\n90,30\n"
-_RECORD_BYTES = 20_000  # of the records that are mutated
+_RECORD_BYTES = 20_000  # largest record that is mutated
 
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,4})?", re.ASCII)
 _OCTAL = re.compile(r"[+-]?0\d+", re.ASCII)
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(\.\d+)?([eE][+-]?\d+)?")
 _NUMERIC_KEYS = re.compile(r"max_.*|min_.*|sec|nanosec|positions|velocities|accelerations")
 LONG = 60_000  # digits
-MAX_BYTES = 40_000_000  # of a crafted file
+MAX_BYTES = 40_000_000  # largest crafted file
 ODD_NUMBERS = (
     "",
     "1_0",

@@ -68,7 +68,7 @@ class Nasty(Planner):
         return answer
 
     def _names(self, problem: Problem, seed: int) -> dict[str, Any]:
-        """What its code finds."""
+        """Names that its code can use."""
         notes = Path(self.notes)
         claim = honest(problem).dilated(0.5)
 
@@ -114,7 +114,7 @@ _VERIFY = verification.verify
 
 
 _MODULES = (gc, json, mmap, os, pickle, re, shutil, signal, subprocess, sys, threading, time, types)
-_OTHERS = (suppress, warnings, trial)  # what their code uses besides
+_OTHERS = (suppress, warnings, trial)  # other modules that their code uses
 
 
 def planners(folder: Path) -> dict[str, Nasty]:

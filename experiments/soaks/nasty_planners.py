@@ -1,4 +1,4 @@
-"""What do planners that mean harm, or have an accident, make of a comparison?
+"""Can a planner that means harm, or has an accident, spoil a comparison?
 
     python -m experiments.soaks.nasty_planners       # 85 planners, about a minute
 
@@ -38,7 +38,7 @@ from trajopt.cli import console
 from trajopt.comparison import compare
 from trajopt.core.exceptions import StoreError
 
-CERTIFIED_BELOW = 1e-9  # of the optimum: what rounding may gain
+CERTIFIED_BELOW = 1e-9  # relative to the optimum; rounding
 OTHERS = ("ruckig-stop", "ruckig-search")  # before it; `exact`, the reference, is after it
 
 TIMEOUT = 2.0  # s
@@ -49,7 +49,7 @@ _PATIENCE = 5.0  # s, for what is ended to be gone
 def rows(
     group: Mapping[str, Nasty], folder: Path, expected: Mapping[tuple[str, int], Any]
 ) -> Iterator[dict[str, Any]]:
-    """What came of a comparison, in this folder, that these planners are in: a row of each."""
+    """Compare these planners in this folder; yield a row per planner."""
     folder.mkdir()
     with printed(folder / "terminal") as terminal, working_in(folder):
         trials, warned = outcome([*OTHERS, *group.items()])
@@ -78,7 +78,7 @@ def outcome(entrants: Sequence[Any]) -> tuple[list[Trial], str]:
         run = partial(compare, timeout=TIMEOUT, memory=MEMORY, jobs=1, seeds=2)
         try:
             trials = list(run([PROBLEM], entrants, "kept").items)
-        except StoreError as error:  # what is stored is still there
+        except StoreError as error:  # the stored trials are still there
             warnings.warn(str(error), stacklevel=1)
             trials = Store(Path("kept")).read()
     said = [str(one.message).partition(": ")[2] for one in caught]
@@ -93,7 +93,7 @@ def answers(trials: Sequence[Trial]) -> dict[tuple[str, int], Any]:
 
 
 def above(trials: Sequence[Trial]) -> float | None:
-    """How far the shortest certified duration is above the optimum, percent."""
+    """Percent of the shortest certified duration above the optimum."""
     durations = [one.certified_duration for one in trials]
     known = [duration for duration in durations if duration is not None]
     return 100 * (min(known) / OPTIMUM - 1) if known else None
@@ -111,7 +111,7 @@ def left(file: Path) -> list[int]:
 
 
 def _lives(process: str) -> bool:
-    """Whether it runs; a zombie, whose parent has not looked yet, does not."""
+    """Return whether a process runs; a zombie does not."""
     with suppress(OSError):
         facts = Path(f"/proc/{process}/stat").read_text()
         return facts.rpartition(")")[2].split()[0] != "Z"
@@ -120,7 +120,7 @@ def _lives(process: str) -> bool:
 
 @contextmanager
 def printed(file: Path) -> Iterator[Path]:
-    """What any process prints meanwhile goes to a file instead of the terminal."""
+    """Redirect the output of all processes to a file."""
     sys.stdout.flush()
     kept = [os.dup(1), os.dup(2)]
     with file.open("wb") as stream:

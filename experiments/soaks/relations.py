@@ -38,7 +38,7 @@ Check = tuple[str, float, float]  # kind, relative excess, tolerance
 Checks = Iterator[Check]
 State = tuple[Array, Array, Array]  # position, velocity, acceleration
 Symmetry = tuple[str, float, Problem]  # kind, what undoes the duration's change, problem
-Found = tuple[Trajectory | None, float]  # with its certified duration, NaN where there is none
+Found = tuple[Trajectory | None, float]  # trajectory and certified duration, s (NaN without one)
 
 SPECS = (
     "exact:starts=4",
@@ -53,10 +53,10 @@ SPECS = (
 )
 PLANNERS = dict(named(spec) for spec in SPECS)
 INVARIANT = ("ruckig-stop", "spline353-nlp")  # under the symmetries, as the optimum is
-RELAXED = 1e-6  # of the limits or of the waypoint velocities: keeps rounding off a longer branch
-THEOREM = 1e-6  # what solvers' tolerances are worth
-SECTIONS = 1e-5  # what dividing the states by 1 + 1e-6 is worth
-GRID = 5e-2  # what 300 gridpoints are worth where a joint reaches its velocity within one step
+RELAXED = 1e-6  # relative; keeps rounding off a longer branch
+THEOREM = 1e-6  # relative; tolerance of solvers
+SECTIONS = 1e-5  # relative; effect of dividing the states by 1 + 1e-6
+GRID = 5e-2  # relative; effect of 300 gridpoints
 STIFF = 1e5  # jerk over acceleration, 1/s
 COLUMNS = ["problem", "kind", "excess", "tolerance"]
 DONE = "seconds"  # a problem's last kind
@@ -103,7 +103,7 @@ def duration(name: str, problem: Problem) -> float:
 
 
 def above(own: float, other: float) -> float:
-    """How far a duration lies above another, relative."""
+    """Relative excess of a duration over another."""
     return own / other - 1
 
 
@@ -255,7 +255,7 @@ def jerky(problem: Problem, seed: int) -> Checks:
 
 
 def by_segments(problem: Problem, trajectory: Trajectory) -> float:
-    """How far Ruckig is from a trajectory's segment times, over its whole duration.
+    """Largest difference from Ruckig's segment times, relative to the whole duration.
 
     From states divided by `1 + 1e-6`; from nearer ones where that leaves what a tiny segment can
     reach.

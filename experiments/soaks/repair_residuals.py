@@ -1,4 +1,4 @@
-"""What does the exact repair leave to mend, in fractions instead of floating-point numbers?
+"""Does the exact repair leave anything to mend? Computed in exact fractions.
 
     python -m experiments.soaks.repair_residuals                  # 500 motions, ten CPU s
 

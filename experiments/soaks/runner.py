@@ -1,4 +1,4 @@
-"""What every soak reports: a row per attack, a line per family, exit code 1 where one succeeded."""
+"""Report of every soak: a row per attack, a line per family, exit code 1 if one succeeded."""
 
 from __future__ import annotations
 

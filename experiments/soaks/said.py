@@ -1,4 +1,4 @@
-"""What a command says of an input, in how much time and memory, and what is wrong with that."""
+"""Run a command on an input; measure time and memory; list broken promises."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from trajopt.cli import app
 from trajopt.core.exceptions import TrajoptError
 
 LONGEST_S = 10.0  # of CPU
-MEMORY_MB = 500.0  # of the whole process
+MEMORY_MB = 500.0  # whole process
 WARNING = "trajopt: warning: "
 MOST_WARNINGS = 2  # beside the one line of an error: of a damaged file, and of what else it has
 LONGEST_LINE = 1500  # characters
@@ -23,7 +23,7 @@ ESCAPES = ("\x1b[31m", "\x1b]0;title\x07", "\x9b2J", "\r", "\u202e")
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command did: exit code, texts, the traceback of what should be a line, CPU s, MB."""
+    """Outcome of a command: exit code, texts, traceback, CPU seconds, MB."""
 
     code: int
     out: str
@@ -33,7 +33,7 @@ class Answer:
     megabytes: float
 
     def faults(self) -> list[str]:
-        """What breaks the promise: one line of error, no traceback, bounded time and memory."""
+        """List broken promises: one line of error, no traceback, bounded time and memory."""
         found = []
         lines = self.err.strip().splitlines()
         warned = [line for line in lines if line.startswith(WARNING)]

@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 Phase = tuple[float, float | None, float]  # duration, acceleration (None: it continues), jerk
 
 FAMILIES = tomllib.loads((runner.DATA / "tricks.toml").read_text(encoding="utf-8"))
-CERTIFIED_BELOW = 1e-9  # of the optimum: what rounding may gain
+CERTIFIED_BELOW = 1e-9  # relative to the optimum; rounding
 
 
 @dataclass(frozen=True)
@@ -640,7 +640,7 @@ def _time_from(v0: float, J: float) -> float:
 
 
 def backwards(problem: Problem, motion: Trajectory) -> tuple[Problem, Trajectory]:
-    """The same backwards in time, under limits that are symmetric."""
+    """Reverse a motion in time, under symmetric limits."""
     shifted = polynomials.shifted(motion.coefficients, motion.lengths[:, None])
     mirrored = polynomials.stretched(shifted, -1.0)
     end = motion.breaks[-1]
@@ -712,7 +712,7 @@ DOORS: tuple[Callable[[Trick], float | None], ...] = (
 
 
 def judged(trick: Trick) -> dict[str, object]:
-    """What a trick claims, the least that any door certifies, and why others refuse."""
+    """Judge a trick: its claim, the least certified duration of all doors, and refusals."""
     least = np.inf
     refused = []
     for door in DOORS:

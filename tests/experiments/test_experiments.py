@@ -72,7 +72,7 @@ def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path: Path) -> None:
 def test_the_repair_leaves_rounding_only(capsys: pytest.CaptureFixture[str]) -> None:
     repair_residuals.main(motions=20)
     *_, last = capsys.readouterr().out.splitlines()
-    assert float(last.split()[-4]) < 1e-10  # of a limit
+    assert float(last.split()[-4]) < 1e-10  # relative to a limit
 
 
 def test_the_forgeries_experiment_says_what_is_believed(

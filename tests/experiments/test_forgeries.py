@@ -26,13 +26,13 @@ from trajopt.cli.best_known import verify
 from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
-ABOVE = 1e-9  # of the best known duration, which is certified to so much
+ABOVE = 1e-9  # relative to the best known duration
 HONEST = {problem: record(problem) for problem in PROBLEMS}
 FORGERIES = {forgery.name: forgery for problem in PROBLEMS for forgery in forgeries(problem)}
 
 
 def believed(content: str) -> float:
-    """What a record's text proves, s; −∞ where it is refused."""
+    """Bound that a record's text proves, s; −∞ where it is refused."""
     try:
         return proved(parsed(content))
     except TrajoptError:

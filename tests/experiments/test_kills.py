@@ -1,4 +1,4 @@
-"""Nothing is lost when a run is killed, and the experiment that says so would have noticed."""
+"""A killed run loses nothing, and the experiment would notice a loss."""
 
 from __future__ import annotations
 

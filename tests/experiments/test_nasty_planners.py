@@ -11,7 +11,7 @@ from experiments.soaks import nasty_planners
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="judges and subreapers")
 
-# what the table says of each
+# status in the table
 CHOSEN = {
     "patches the verifier of trials": "solved",
     "loosens the limits of every problem in memory": "solved",

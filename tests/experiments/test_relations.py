@@ -36,7 +36,7 @@ def solved(planner: Planner, problem: Problem) -> Solution:
 
 @cache
 def certified(planner: Planner, problem: Problem) -> float:
-    """Certified duration, NaN where there is none."""
+    """Certified duration, s; NaN without one."""
     trajectory = solved(planner, problem).trajectory
     duration = verify(problem, trajectory).certified_duration if trajectory else None
     return np.nan if duration is None else duration
@@ -46,7 +46,7 @@ drawn = cache(random_problem)
 
 
 def problem_of(seed: int, waypoints: int | None = None, jerk: bool = False) -> Problem:
-    """The same object each time."""
+    """Return one object per seed."""
     return drawn(seed, waypoints=waypoints, jerk=jerk)
 
 
@@ -138,7 +138,7 @@ def test_the_best_spline_is_never_above_a_swarm(planner: Planner, fitness: str, 
 @pytest.mark.parametrize("planner", SYMMETRIC, ids=lambda p: type(p).__name__)
 @pytest.mark.parametrize("seed", SEEDS[::3])
 class TestSymmetries:
-    """What the optimum must obey, and a deterministic planner should."""
+    """Relations that the optimum and deterministic planners obey."""
 
     # Collocation is a local optimum from one start; the others are the best of several.
     def compare(self, planner: Planner, a: Problem, b: Problem, factor: float = 1.0) -> None:

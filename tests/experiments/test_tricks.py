@@ -21,7 +21,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import Tolerance, certified, verify
 
-BELOW = 1e-9  # of the optimum
+BELOW = 1e-9  # relative to the optimum
 WIDE = Tolerance(position=1e9, position_limit=1e9, jump=1e9)
 TRICKS = {trick.name: trick for trick in tricks()}
 
