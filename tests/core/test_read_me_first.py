@@ -1,4 +1,4 @@
-"""What core is for: a problem, a trajectory, and both as files and arrays."""
+"""Examples of core: a problem, a trajectory, and errors that help."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What formats is for: robots, waypoints and motions of other programs, in and out."""
+"""Examples of formats: robots, waypoints and motions from files of other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What judging is for: the exact verdict on a motion, whoever planned it."""
+"""Examples of judging: the exact verdict on a motion of any planner."""
 
 from __future__ import annotations
 

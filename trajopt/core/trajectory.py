@@ -25,6 +25,8 @@ EPS = float(np.finfo(float).eps)
 # Relative to the duration. Closer breaks are one break: sums of durations in different orders
 # differ by rounding. Dropping a longer piece, which moves, would make a jump.
 BREAK_RTOL = 16 * EPS
+# Relative to the duration: rounding of the first and last waypoint times.
+END_RTOL = 1e-12
 # Relative to the duration. A nearer crossing of a path's break is at the break of s(t) itself.
 CROSSING_RTOL = 1e-12
 # Relative to the domain: rounding by which s(t) may leave it.
@@ -252,7 +254,7 @@ class Trajectory:
         Raises:
             InvalidTrajectory: It is of several axes, complex, not finite, or runs backwards.
         """
-        return cls._of_pieces(piecewise.of_ppoly(ppoly), waypoint_times)
+        return cls._of_pieces(piecewise.of_scipy(ppoly), waypoint_times)
 
     @classmethod
     def from_spline(cls, spline: BSpline, *, waypoint_times: ArrayLike | None = None) -> Trajectory:
@@ -268,7 +270,7 @@ class Trajectory:
         Raises:
             InvalidTrajectory: It is of several axes, complex or not finite.
         """
-        return cls._of_pieces(piecewise.of_spline(spline), waypoint_times)
+        return cls._of_pieces(piecewise.of_scipy(spline), waypoint_times)
 
     @classmethod
     def composed(
@@ -360,12 +362,8 @@ def _broken_at(s: Trajectory, levels: Array) -> Trajectory:
     return s.refined(crossings[distance > CROSSING_RTOL * s.duration])
 
 
-def _check(
-    breaks: Array,
-    coefficients: Array,
-    waypoint_times: Array,
-) -> None:
-    if breaks.ndim != 1 or len(breaks) < 2 or not _increasing_from_zero(breaks):
+def _check(breaks: Array, coefficients: Array, waypoint_times: Array) -> None:
+    if breaks.ndim != 1 or len(breaks) < 2 or breaks[0] != 0 or not _rises(breaks):
         raise InvalidTrajectory("breaks must be strictly increasing times from 0")
     pieces = len(breaks) - 1
     shape = coefficients.shape
@@ -373,26 +371,17 @@ def _check(
     if not fits or 0 in shape:
         expected = f"(degree + 1, {pieces}, joints)"
         raise InvalidTrajectory(f"coefficients are {shape}, expected {expected}")
-    if not _fit(waypoint_times, breaks):
+    if waypoint_times.ndim != 1 or waypoint_times.size < 2:
+        raise InvalidTrajectory("waypoint_times must be two or more times")
+    misses = waypoint_times[[0, -1]] - breaks[[0, -1]]
+    near = np.abs(misses).max() <= END_RTOL * breaks[-1]
+    if not near or (np.diff(waypoint_times) < 0).any():
         raise InvalidTrajectory("waypoint_times must not decrease, from 0 to the last break")
 
 
-def _increasing_from_zero(times: Array) -> bool:
+def _rises(times: Array) -> bool:
     steps = np.diff(times)
-    rises = (steps > 0).all()
-    return bool(times[0] == 0 and rises)
-
-
-def _fit(waypoint_times: Array, breaks: Array) -> bool:
-    """Return whether waypoint times run from the first break to the last, up to rounding."""
-    if waypoint_times.ndim != 1 or waypoint_times.size < 2:
-        return False
-    if (np.diff(waypoint_times) < 0).any():
-        return False
-    slack = 1e-12 * breaks[-1]
-    early = abs(waypoint_times[0])
-    late = abs(waypoint_times[-1] - breaks[-1])
-    return bool(early <= slack and late <= slack)
+    return bool((steps > 0).all())
 
 
 def nearest(sorted_times: Array, wanted: Array) -> NDArray[np.intp]:

@@ -133,16 +133,15 @@ def _scaling(table: Mapping[str, Any], key: str) -> float:
 def _bounds(key: str, entry: Mapping[str, Any]) -> JointBounds:
     """One joint's limits, by kind."""
     files.check_keys(f"{key}.", entry, _KEYS)
-    bounds: dict[LimitName, Bounds] = {}
-    for kind in _RATES:
-        high = _rate(key, entry, kind)
-        if high is not None:
-            bounds[kind] = (-high, high)
+    sizes = {kind: _rate(key, entry, kind) for kind in _RATES}
     braking = _rate(key, entry, "deceleration")
     if braking is not None and np.isfinite(braking):
-        _, high = bounds.get("acceleration", _UNLIMITED)
-        least = min(high, braking)
-        bounds["acceleration"] = (-least, least)
+        own = sizes["acceleration"]
+        sizes["acceleration"] = braking if own is None else min(own, braking)
+    bounds: dict[LimitName, Bounds] = {}
+    for kind, size in sizes.items():
+        if size is not None:
+            bounds[kind] = (-size, size)
     position = _position(key, entry)
     if position is not None:
         bounds["position"] = position
@@ -179,18 +178,18 @@ def _position(key: str, entry: Mapping[str, Any]) -> Bounds | None:
     limited = _has(key, entry, "position")
     if limited is False:
         return _UNLIMITED
-    ends = {}
-    for name in ("min_position", "max_position"):
-        if name in entry:
-            value = yaml_file.number(entry[name])
-            if value is None:
-                raise InvalidInput(f"{key}.{name}", "a finite number", value=entry[name])
-            ends[name] = value
-    if not ends:
+    if not {"min_position", "max_position"} & entry.keys():
         return None
-    low = ends.get("min_position", -np.inf)
-    high = ends.get("max_position", np.inf)
+    low = _end(key, entry, "min_position", -np.inf)
+    high = _end(key, entry, "max_position", np.inf)
     if not low < high:
         right = "min_position below max_position"
         raise InvalidInput(f"{key}.min_position", right, value=low)
     return low, high
+
+
+def _end(key: str, entry: Mapping[str, Any], name: str, default: float) -> float:
+    value = yaml_file.number(entry.get(name, 0))
+    if value is None:
+        raise InvalidInput(f"{key}.{name}", "a finite number", value=entry[name])
+    return value if name in entry else default

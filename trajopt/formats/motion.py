@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from trajopt.core import files, piecewise
+from trajopt.core import files
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import Problem, check_joint_names
@@ -155,10 +155,8 @@ def motion(
         return given
     if isinstance(given, Trajectory):
         return Motion("trajectory", given, "polynomial")
-    pieces = piecewise.of_scipy(given)
-    breaks = pieces.breaks - pieces.breaks[0]
-    trajectory = Trajectory(breaks, pieces.coefficients, breaks[[0, -1]])
-    return Motion(type(given).__name__, trajectory, "polynomial")
+    spline = Trajectory.from_ppoly(given)
+    return Motion(type(given).__name__, spline, "polynomial")
 
 
 def _of_samples(name: str, samples: Samples, interpolation: Interpolation) -> Motion:
