@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from trajopt.core.problem import Problem
 
-# Briefer than that is not worth a word, s.
+# A shorter time is not announced, s.
 ANNOUNCED_SECONDS = 30.0
 
 

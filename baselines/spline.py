@@ -1,9 +1,9 @@
-"""The best spline of a family through the waypoints, by CasADi/IPOPT: what a family costs.
+"""The best spline of a family through the waypoints, by CasADi/IPOPT.
 
 Variables are the times of the pieces and their Bernstein coefficients; where the pieces join, and
 rest at both ends, are linear constraints on these (`baselines.spline_family`). Limits hold at every
 instant: they are imposed at a few instants of each piece and joint, the true worst ones of the
-answer replace the idlest among them, and the solver runs again until no limit is broken in between.
+answer replace the least active ones, and the solver runs again until no limit is broken in between.
 The answer is dilated by its exact factor, which by then is 1 to rounding. No dilation mends a
 position: only answers that keep those limits count.
 
@@ -43,7 +43,7 @@ _OPTIONS = {
     "max_iter": 300,
     "bound_relax_factor": 0.0,  # else every limit is passed by 1e-8, and no round is the last
 }
-# Where IPOPT stops close enough to an optimum: what it misses by, the exact dilation mends.
+# IPOPT stops close enough to an optimum: the exact dilation mends the rest.
 _ENDED = (
     "Solve_Succeeded",
     "Solved_To_Acceptable_Level",
@@ -53,29 +53,29 @@ _ENDED = (
 _STAY = 7
 _MOVE = 9
 _INSTANTS = _STAY + _MOVE
-# Rounds of the exchange that may bring nothing, one after another.
-_PATIENCE = 3
-# From round to round, of what an instant was worth.
-_REMEMBERED = 0.8
+# Rounds of the exchange without a gain, one after another, after which it stops.
+_MAX_ROUNDS_WITHOUT_GAIN = 3
+# Fraction of an instant's utilisation that is remembered from round to round.
+_MEMORY = 0.8
 # Excess dilation at which the exchange has converged.
 _DILATION_TOLERANCE = 1e-10
-# The same of positions, over the joint's span: a hundredth of what the verifier repairs.
+# Excess over a position limit at which it has converged, relative to the joint's span.
 _POSITION_TOLERANCE = 1e-10
-# The smallest gain that another local optimum is worth.
+# Smallest relative gain for which another local optimum is looked for.
 _GAIN_RTOL = 1e-8
-# Logarithms: how much briefer or longer than at its start a piece may become in one round.
-_MOST_BRIEFER = 12
-_MOST_LONGER = 5
+# Logarithms: the largest change of a piece's time in one round.
+_MAX_LOG_DECREASE = 12
+_MAX_LOG_INCREASE = 5
 # Ratios of times among which the starts are looked for, and the spread of their logarithms: most
 # optima lie near the stop times, some far away.
 _CANDIDATES = 1000
 _LOG_SPREADS = (0.6, 2.0)
-# Nearest other candidates that a start has to be briefer than.
+# Nearest other candidates that an initial guess has to be shorter than.
 _NEIGHBOURS = 8
 # Instants of each piece at which a candidate is dilated.
 _CANDIDATE_INSTANTS = 17
 # Candidates whose splines are computed at once: memory, numbers in their matrices.
-_MOST_NUMBERS = 4_000_000
+_MAX_NUMBERS = 4_000_000
 # Measured on up to 36 segments times moving joints, in proportion to them.
 _SECONDS_PER_CELL = 0.3
 
@@ -143,8 +143,8 @@ class Spline(Planner):
         announce("spline", problem, _SECONDS_PER_CELL * cells(problem))
         motion = _Motion(problem, self._family(problem))
         began = time.perf_counter()
-        walled = motion.room is not None
-        solver = _solver(motion.family, motion.joints, motion.orders, walled)
+        position_limited = motion.room is not None
+        solver = _solver(motion.family, motion.joints, motion.orders, position_limited)
         setup_time = time.perf_counter() - began
 
         optima: list[_Optimum] = []
@@ -162,7 +162,7 @@ class Spline(Planner):
         if not best.duration < np.inf:
             return Solution(
                 Status.FAILED,
-                message=motion.failure(statuses),
+                message=no_start_succeeded(statuses),
                 setup_time=setup_time,
                 stats=stats,
             )
@@ -177,7 +177,7 @@ class Spline(Planner):
 
 @dataclass(frozen=True, eq=False)
 class _Optimum:
-    """Where the exchange ended from one start: feasible, or of infinite duration.
+    """The result of the exchange from one initial guess: feasible, or of infinite duration.
 
     `controls` are all pieces' Bernstein coefficients, `(controls, joints)`, in the joints' spans.
     """
@@ -193,11 +193,11 @@ class _Optimum:
 
 @dataclass(frozen=True, eq=False)
 class _Instants:
-    """Where a limit is imposed on each piece, on the unit interval.
+    """The instants at which a limit is imposed on each piece, on the unit interval.
 
     Attributes:
         at: `(instants, pieces, joints)`; the first ones, evenly spread over all, stay.
-        worth: of each: the utilisation there, or what is left of that of earlier rounds.
+        worth: the utilisation at each, or the remembered part of that of earlier rounds.
     """
 
     at: Array
@@ -214,7 +214,7 @@ class _Instants:
 
     @classmethod
     def even(cls, pieces: int, joints: int, continuous: bool) -> _Instants:
-        """What is `continuous` is not limited where a piece starts, only where one ends."""
+        """Evenly spread; a `continuous` rate is limited at the end of a piece, not at its start."""
         stay = np.linspace(0.0, 1.0, _STAY)
         if continuous:
             stay = np.linspace(0.0, 1.0, 1 + _STAY)[1:]
@@ -224,7 +224,7 @@ class _Instants:
         return cls(at, np.zeros_like(at))
 
     def refined(self, used: Array, worst: Array, broken: NDArray[np.bool_]) -> _Instants:
-        """The worst instants, and those halfway to their neighbours, for the least worthy.
+        """Replace the least active instants by the worst ones and points beside these.
 
         So where a limit is reached the distance between instants shrinks to a quarter, and what is
         broken in between to a sixteenth. An instant that mattered is kept for some rounds: where
@@ -238,9 +238,9 @@ class _Instants:
         below = np.where(self.at <= worst, self.at, 0.0).max(axis=0)
         above = np.where(self.at >= worst, self.at, 1.0).min(axis=0)
         added = np.stack([worst, (below + worst) / 2, (above + worst) / 2])
-        worth = np.maximum(used, _REMEMBERED * self.worth)
+        worth = np.maximum(used, _MEMORY * self.worth)
         least = _STAY + np.argsort(worth[_STAY:], axis=0)[: len(added)]
-        # where no limit is broken all stay
+        # all stay if no limit is broken
         new = np.where(broken, added, np.take_along_axis(self.at, least, axis=0))
         at = self.at.copy()
         np.put_along_axis(at, least, new, axis=0)
@@ -279,32 +279,6 @@ class _Motion:
         if problem.has("position"):
             starts = moving[list(family.segments), :, None]
             self.room = (limits.position - starts) / self.span[:, None]
-
-    def failure(self, statuses: list[str]) -> str:
-        """Why no start succeeded, and whether limits at waypoints leave a spline at all.
-
-        On a position limit at an inner waypoint a joint stands still. That is one equation, for
-        which the joint has the family's freedoms, and all joints together the ratios of the times.
-        """
-        ended = no_start_succeeded(statuses)
-        if self.room is None:
-            return ended
-        inner = self.problem.waypoints[1:-1, self.moving, None]
-        limits = self.problem.limits.position[self.moving]
-        on_limit = np.equal(inner, limits).any(axis=2)
-        stops = on_limit.sum(axis=0)
-        equations = int(np.maximum(stops - self.family.freedoms, 0).sum())
-        if not equations:
-            return ended
-        ratios = self.family.pieces - 1
-        chance = "may have no solution"
-        if equations > ratios:
-            chance = "have no solution but by coincidence"
-        return (
-            f"{ended}; joints have to stand still where an inner waypoint is on a position limit: "
-            f"equations that only the ratios of the times can meet, {equations} for {ratios}, "
-            f"{chance}; a higher degree has room for them"
-        )
 
     def stop_times(self) -> Array:
         """Time of each piece, if all stop at every waypoint, `(pieces,)`, s."""
@@ -412,7 +386,7 @@ def _starts(motion: _Motion, count: int) -> list[tuple[Array, Array]]:
     """Times and controls to start from: local minima among splines of many ratios of times."""
     pieces = motion.family.pieces
     size = (sum(motion.family.lengths) + 3 * pieces) ** 2
-    candidates = min(_CANDIDATES, _MOST_NUMBERS // size)
+    candidates = min(_CANDIDATES, _MAX_NUMBERS // size)
     rng = np.random.default_rng(pieces)
     spreads = np.resize(_LOG_SPREADS, max(candidates, count))
     logs = spreads[:, None] * rng.standard_normal((len(spreads), pieces))
@@ -483,7 +457,7 @@ def _exchange(
         converged = kept and dilation - 1 < _DILATION_TOLERANCE
         if converged or times.sum() > shortest * (1 - _GAIN_RTOL):
             break
-        if rounds_without_gain == _PATIENCE:
+        if rounds_without_gain == _MAX_ROUNDS_WITHOUT_GAIN:
             break
     if run.success and not best.duration < np.inf:
         status = f"leaves a position limit after {most_rounds} rounds"
@@ -492,7 +466,7 @@ def _exchange(
 
 @dataclass(frozen=True, eq=False)
 class _Round:
-    """Where IPOPT ended with its limits at given instants."""
+    """The result of one run of IPOPT with limits at given instants."""
 
     times: Array
     controls: Array
@@ -523,8 +497,8 @@ def _solve_at(
         start=flat(y, controls / of_controls),
         parameters=flat(reach, *sizes, *per_piece),
         bounds=(
-            flat(y - _MOST_BRIEFER, low / of_controls),
-            flat(y + _MOST_LONGER, high / of_controls),
+            flat(y - _MAX_LOG_DECREASE, low / of_controls),
+            flat(y + _MAX_LOG_INCREASE, high / of_controls),
         ),
         constraint_bounds=_constraint_bounds(motion),
     )
@@ -557,11 +531,11 @@ def _constraint_bounds(motion: _Motion) -> tuple[Array, Array]:
 
 
 @cache
-def _solver(family: Family, joints: int, orders: int, walled: bool) -> Program:
+def _solver(family: Family, joints: int, orders: int, position_limited: bool) -> Program:
     """IPOPT for a family, with so many joints, limited up to this derivative; built once for all.
 
     Constraints: differences where pieces join; then every derivative over the size of its limits,
-    at the instants of every piece; then the positions, where joints are `walled` by limits.
+    at the instants of every piece; then the positions, where these are limited.
     """
     ca = backend("casadi")
     y = ca.SX.sym("y", family.pieces)
@@ -588,7 +562,7 @@ def _solver(family: Family, joints: int, orders: int, walled: bool) -> Program:
             rate = spline_family.derivative(own, order)
             limit = ca.repmat(size.T, _INSTANTS, 1) * duration**order
             used.append(_bernstein(rate, s) / limit)
-    if walled:
+    if position_limited:
         for own in controls:
             s = ca.SX.sym("s", _INSTANTS, joints)
             instants.append(s)

@@ -36,13 +36,13 @@ _LOWEST_DEGREE = 3
 _HIGHEST_DEGREE = 9
 # Derivatives that are continuous where pieces join.
 SMOOTH_ORDERS = (1, 2)
-# Of each other: how much a piece's bending may count where times differ.
+# Largest ratio of the weights of two pieces' bending.
 _MOST_WEIGHT = 1e4
 
 
 @dataclass(frozen=True)
 class Family:
-    """What splines of one shape have in common, whatever their times.
+    """Splines of one shape, at any times.
 
     Attributes:
         degrees: of each piece.
@@ -65,27 +65,20 @@ class Family:
 
     @cached_property
     def parts(self) -> NDArray[np.intp]:
-        """How many pieces each segment has, `(segments,)`."""
+        """Number of pieces of each segment, `(segments,)`."""
         return np.bincount(self.segments)
 
     @cached_property
     def lengths(self) -> list[int]:
-        """How many controls each piece has."""
+        """Number of controls of each piece."""
         return [degree + 1 for degree in self.degrees]
 
     @property
     def joins_count(self) -> int:
-        """How many differences `joins` returns."""
+        """Number of differences that `joins` returns."""
         knots = self.pieces - 1
         free_positions = int((self.parts - 1).sum())
         return knots * len(SMOOTH_ORDERS) + free_positions
-
-    @property
-    def freedoms(self) -> int:
-        """Numbers per joint that times, waypoints, rest and joins leave free."""
-        is_fixed, _ = self.fixed(np.zeros((len(self.parts), 1)))
-        free = int((~is_fixed).sum())
-        return free - self.joins_count
 
     def fixed(self, displacements: Array) -> tuple[NDArray[np.bool_], Array]:
         """Which controls the waypoints and rest at both ends fix.
@@ -117,7 +110,7 @@ class Family:
         return which, values
 
     def joins(self, controls: Sequence[Controls], times: Controls) -> list[Any]:
-        """What must vanish where pieces join, for any numbers or symbols with arithmetic.
+        """Return the differences that vanish where pieces join, for any numbers or symbols.
 
         Args:
             controls: of each piece.
@@ -316,7 +309,7 @@ def _fitted(named: list[int], segments: int) -> list[int]:
 
 
 def peaks(unit: Array, times: Array, order: int, bounds: Array) -> tuple[Array, Array]:
-    """Where and by how much each piece comes closest to its limit, or breaks it.
+    """Return the instant of the largest use of a limit on each piece, and that use.
 
     Args:
         unit: pieces on the unit interval, `(degree + 1, pieces, joints)`.
@@ -334,7 +327,7 @@ def peaks(unit: Array, times: Array, order: int, bounds: Array) -> tuple[Array, 
 
 
 def farthest(unit: Array, room: Array) -> tuple[Array, Array]:
-    """Where and by how much each piece comes closest to a position limit, or leaves it.
+    """Return the instant nearest to a position limit on each piece, and the excess there.
 
     Args:
         unit: As for `peaks`, in spans.
@@ -350,7 +343,7 @@ def farthest(unit: Array, room: Array) -> tuple[Array, Array]:
 
 
 def excess(unit: Array, points: Array, room: Array) -> Array:
-    """How far a position is beyond the nearer limit at points, `(points, pieces, joints)`."""
+    """Return the excess over the nearer position limit at points, `(points, pieces, joints)`."""
     values = polynomials.evaluate(unit, points)
     above = values - room[..., 1]
     below = room[..., 0] - values
@@ -358,7 +351,7 @@ def excess(unit: Array, points: Array, room: Array) -> Array:
 
 
 def _critical(unit: Array) -> Array:
-    """Where an extremum of each piece and joint can lie, `(points, pieces, joints)`."""
+    """Return the possible extrema of each piece and joint, `(points, pieces, joints)`."""
     one_by_one = unit.reshape(len(unit), -1)
     critical = polynomials.critical_points(one_by_one)
     return critical.reshape(-1, *unit.shape[1:])

@@ -1,4 +1,4 @@
-"""What a gap is made of: products, closed forms, and what does not apply."""
+"""Decompositions of a gap: products, closed forms, and parts that do not apply."""
 
 from __future__ import annotations
 

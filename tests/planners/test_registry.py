@@ -80,7 +80,7 @@ class Straight(Planner):
 
 @dataclass(frozen=True)
 class Picky(Planner):
-    """Solves nothing with three waypoints, and says so."""
+    """Refuses problems with three waypoints."""
 
     def unsupported(self, problem: Problem) -> str | None:
         return "three waypoints" if len(problem.waypoints) == 3 else None

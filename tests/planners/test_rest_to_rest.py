@@ -63,7 +63,7 @@ def test_the_trapezoid_covers_the_distance_at_its_limits(h, v1, v2, a1, a2):
     """Integrated anew: the fastest profile of that duration covers exactly that distance."""
     time = one(h, Limits([[-v1, v2]], [[-a1, a2]]))
     top, up, down = (v2, a2, a1) if h > 0 else (v1, a1, a2)
-    peak = min(top, time * up * down / (up + down))  # where the two ramps would meet
+    peak = min(top, time * up * down / (up + down))  # the two ramps would meet here
     ramps = peak / up + peak / down
     assert time >= ramps * (1 - 1e-12)
     assert peak * (time - ramps / 2) == pytest.approx(abs(h), rel=1e-9)

@@ -168,7 +168,7 @@ def test_reflection_mirrors_as_often_as_it_takes():
 class FirstIteration:
     """Candidates of SSA's first iteration, phase by phase, and the random numbers behind them.
 
-    The flock is ranked as it stands, and no candidate is taken.
+    The flock is already ranked, and every candidate is refused.
     """
 
     def __init__(self, ssa: SSA, runs: int, t_max: int = 50) -> None:

@@ -109,7 +109,7 @@ def probed(problem, points, **changes):
 
 @pytest.fixture(scope="module")
 def elsewhere():
-    """What another process finds with seed 7: the digest of each swarm in each mode."""
+    """Results of another process with seed 7: the digest of each swarm in each mode."""
     code = (
         "from tests.planners.test_swarm_planner import *\n"
         "for mode in MODES:\n"

@@ -85,7 +85,7 @@ def test_the_little_planner_takes_the_closed_forms_time():
 
 def test_ones_own_problems_can_be_given():
     bad = Problem([[0.0, 0.0], [1.0, 2.0]], Limits([1.0, 1.0], [1.0, 1.0]))
-    check_planner(OneJointStops(), [bad])  # unsupported: nothing to check but that it says so
+    check_planner(OneJointStops(), [bad])  # unsupported, with a reason
     check_planner(Quintic(), iter([bad]))
     with pytest.raises(ContractError, match="without a trajectory"):
         check_planner(Empty(), [bad])

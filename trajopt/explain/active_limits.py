@@ -17,20 +17,27 @@ from trajopt.planners.planner import Planner
 
 Array = NDArray[np.float64]
 
-ACTIVE_SHARE = 0.99  # of a limit: from there on it counts as reached
-RELAXED_SHARE = 0.01  # by which a limit is widened to see what that saves
-_JOINED_SHARE = 0.01  # of the duration: stretches closer than this are one
-_SAVING_RTOL = 1e-6  # of the duration: how precisely two answers of one planner compare
+# Fraction of a limit from which on it is active.
+ACTIVE_SHARE = 0.99
+# Fraction by which a limit is widened to measure the saving.
+RELAXED_SHARE = 0.01
+# Intervals closer than this are joined, relative to the duration.
+_JOINED_RTOL = 0.01
+# Precision of a saving, relative to the duration.
+_SAVING_RTOL = 1e-6
 
 
 @dataclass(frozen=True)
 class ActiveLimit:
-    """A stretch of time in which a joint is within 1 % of a limit (of position: of its range).
+    """An interval of time in which a joint is within 1 % of a limit (of position: of its range).
 
-    `joint` counts from 0; `start` and `end` in seconds, interruptions shorter than 1 % of the
-    duration passed over. `saving` is the limit's sensitivity: what relaxing that limit of that
-    joint by 1 % (a position limit: by 1 % of the range) saves in all, s, so it is the same in every
-    stretch of one limit; None where there is no answer to the relaxed problem.
+    Attributes:
+        joint: From 0.
+        limit: The kind of limit.
+        start, end: s. Interruptions shorter than 1 % of the duration are left out.
+        saving: The time saved, s, when that limit of that joint is 1 % wider (a position limit: by
+            1 % of the range). It is the same in every interval of one limit. None where the relaxed
+            problem has no answer.
     """
 
     joint: int
@@ -41,7 +48,7 @@ class ActiveLimit:
 
 
 class Stretch(NamedTuple):
-    """A joint (from 0), a limit, and from when to when it is active, s."""
+    """A joint (from 0), a limit, and the interval in which it is active, s."""
 
     joint: int
     limit: LimitName
@@ -54,10 +61,10 @@ def active_limits(
     trajectory: Trajectory,
     solver: Planner | None,
 ) -> tuple[ActiveLimit, ...]:
-    """All stretches at a limit, those of the limits with the largest savings first.
+    """Return all intervals at a limit, those of the limits with the largest savings first.
 
-    `solver` solves the problem again with each limit relaxed; without one, the trajectory keeps its
-    path and its timing but for one factor, and is dilated to the relaxed limits.
+    `solver` solves the problem again with each limit relaxed. Without one the trajectory is dilated
+    to the relaxed limits.
     """
     found = list(stretches(problem, trajectory))
     if not found:
@@ -81,7 +88,7 @@ def _largest_saving_first(row: ActiveLimit) -> tuple[float, int, float]:
 
 
 def scattered(rows: tuple[ActiveLimit, ...], duration: float) -> bool:
-    """Whether some saving is none that an optimum can have: it is the solver's own scatter.
+    """Return whether no optimum can have these savings: a solver's scatter is among them.
 
     Wider limits cannot cost time; and as velocity limits times `c`, acceleration limits times `c²`
     and jerk limits times `c³` divide an optimum by `c`, one of them alone cannot save more.
@@ -110,7 +117,7 @@ def _duration(
     trajectory: Trajectory,
     solver: Planner | None,
 ) -> float | None:
-    """What the solver takes, or the trajectory dilated (or sped up) to the limits, s."""
+    """Return the solver's duration, or that of the trajectory dilated to the limits, s."""
     if solver is None:
         return verify(problem, trajectory).dilation * trajectory.duration
     answer = solver.solve(problem).trajectory
@@ -126,22 +133,18 @@ def stretches(
     problem: Problem,
     trajectory: Trajectory,
     active: float = ACTIVE_SHARE,
-    joined: float = _JOINED_SHARE,
+    joined: float = _JOINED_RTOL,
 ) -> Iterator[Stretch]:
-    """Every stretch with at least `active` of a limit in use, by limit and joint.
+    """Yield every interval with at least `active` of a limit in use, by limit and joint.
 
-    Interruptions shorter than `joined` times the duration are passed over.
+    Interruptions shorter than `joined` times the duration are left out.
     """
     for limit in LIMIT_ORDERS:
-        crossings = _crossings(problem, trajectory, limit, active)
+        joints, starts, ends = _intervals(problem, trajectory, limit, active)
+        slack = joined * trajectory.duration
         for joint in range(problem.joints):
-            own = crossings.joint == joint
-            intervals = joined_intervals(
-                crossings.start[own],
-                crossings.end[own],
-                slack=joined * trajectory.duration,
-            )
-            for start, end in intervals:
+            own = joints == joint
+            for start, end in joined_intervals(starts[own], ends[own], slack):
                 yield Stretch(joint, limit, start, end)
 
 
@@ -151,13 +154,11 @@ def relaxed(
     limit: LimitName,
     by: float = RELAXED_SHARE,
 ) -> Problem:
-    """The problem with one limit of one joint wider by a share; a position limit by its range."""
+    """Return the problem with one limit of one joint wider by a fraction (of a position range)."""
     limits = {name: pairs.copy() for name, pairs in problem.limits.by_name().items()}
     pair = limits[limit][joint]
     low, high = pair
-    size = pair.copy()
-    if limit == "position":
-        size = np.array([low - high, high - low])
+    size = np.array([low - high, high - low]) if limit == "position" else pair.copy()
     pair += by * size
     return Problem(problem.waypoints, Limits(**limits), problem.name)
 
@@ -167,7 +168,7 @@ def share_at_limits(
     trajectory: Trajectory,
     active: float = ACTIVE_SHARE,
 ) -> float:
-    """The share of its time in which at least one joint is at a limit of motion."""
+    """Return the fraction of time in which a joint is at a velocity, acceleration or jerk limit."""
     found = stretches(problem, trajectory, active, joined=0.0)
     motion = [stretch for stretch in found if stretch.limit != "position"]
     start = np.array([stretch.start for stretch in motion])
@@ -177,31 +178,35 @@ def share_at_limits(
     return sum(lengths) / trajectory.duration
 
 
-class _Crossings(NamedTuple):
-    """Per interval at a limit: the joint, start and end, s."""
-
-    joint: NDArray[np.intp]
-    start: Array
-    end: Array
-
-
-def _crossings(
+def _intervals(
     problem: Problem,
     trajectory: Trajectory,
     limit: LimitName,
     active: float,
-) -> _Crossings:
-    """Where a limit is in use, piece by piece."""
-    unit = trajectory.pieces(LIMIT_ORDERS[limit])
-    sides = [_excess(unit, side, active) for side in _sides(problem, limit)]
-    # Polynomials (degree + 1, side, piece, joint), positive where the limit is in use.
-    excess = np.stack(sides, axis=1)
-    # Between neighbouring roots the sign is the middle's.
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """Joint, start and end (s) of every part of a piece with more than `active` of a limit in use.
+
+    The use of one side is `(p − zero)/(full − zero)`: 0 at `zero` and 1 at `full`.
+    """
+    low, high = problem.limits.by_name()[limit].T
+    full = np.stack([low, high])
+    zero = np.zeros_like(full)
+    if limit == "position":
+        zero = full[::-1]
+    span = full - zero
+    limited = np.isfinite(span)[:, None]
+    # Polynomials (degree + 1, side, piece, joint), positive where the limit is active.
+    unit = trajectory.pieces(LIMIT_ORDERS[limit])[:, None]
+    excess = np.repeat(unit, 2, axis=1)
+    excess[-1] -= np.where(limited, zero[:, None], 0.0)
+    excess /= np.where(limited, span[:, None], 1.0)
+    excess[-1] -= active
+    excess = np.where(limited, excess, -1.0)
+    # Between neighbouring roots the sign is that of the middle.
     flat = excess.reshape(len(excess), -1)
-    roots = polynomials.unit_roots(flat)
-    roots = roots.reshape(-1, *excess.shape[1:])
-    zero = np.zeros_like(excess[:1])
-    knots = np.concatenate([zero, np.nan_to_num(roots, nan=1.0), zero + 1.0])
+    roots = polynomials.unit_roots(flat).reshape(-1, *excess.shape[1:])
+    zeros = np.zeros_like(excess[:1])
+    knots = np.concatenate([zeros, np.nan_to_num(roots, nan=1.0), zeros + 1.0])
     knots = np.sort(knots, axis=0)
     left = knots[:-1]
     right = knots[1:]
@@ -211,43 +216,7 @@ def _crossings(
     _, _, piece, joint = index
     at = trajectory.breaks[piece]
     length = trajectory.lengths[piece]
-    return _Crossings(
-        joint,
-        start=at + left[index] * length,
-        end=at + right[index] * length,
-    )
-
-
-class _Side(NamedTuple):
-    """One side of a limit, `(joints,)`: where its use is counted from, and where it is 1."""
-
-    zero: Array
-    full: Array
-
-
-def _sides(problem: Problem, limit: LimitName) -> tuple[_Side, _Side]:
-    low, high = problem.limits.by_name()[limit].T
-    if limit == "position":
-        return _Side(zero=high, full=low), _Side(zero=low, full=high)
-    nothing = np.zeros_like(low)
-    return _Side(nothing, low), _Side(nothing, high)
-
-
-def _excess(unit: Array, side: _Side, active: float) -> Array:
-    """Polynomials that are positive where more than `active` of a side is in use."""
-    zero, full = side
-    endless = ~np.isfinite(full - zero)
-    origin = np.where(endless, 0.0, zero)
-    scale = np.where(endless, 1.0, full - zero)
-    # (p − zero) / (full − zero) − active
-    shifted = np.array(unit)
-    shifted[-1] -= origin
-    excess = shifted / scale
-    excess[-1] -= active
-    # What has no limit is never there.
-    excess[:, :, endless] = 0.0
-    excess[-1][:, endless] = -active
-    return excess
+    return joint, at + left[index] * length, at + right[index] * length
 
 
 def joined_intervals(
@@ -255,7 +224,7 @@ def joined_intervals(
     end: Array,
     slack: float = 0.0,
 ) -> Iterator[tuple[float, float]]:
-    """Intervals in order, those that overlap or are at most `slack` apart as one."""
+    """Yield intervals in order; those that overlap or are at most `slack` apart are joined."""
     if len(start) == 0:
         return
     order = np.argsort(start)

@@ -33,12 +33,12 @@ Array = NDArray[np.float64]
 
 # A best known duration this close to its lower bound is the optimum, proved.
 PROVED_RTOL = 1e-3
-# So close, nobody else need be asked: more than planners and closed forms round.
+# An answer this close to the bound is at it: more than planners and closed forms round.
 _MET_RTOL = 1e-6
 
 
 class Verdict(StrEnum):
-    """What can be said of a claim, its last printed digit rounded in its favour."""
+    """Verdicts on a claim; its last printed digit is rounded in its favour."""
 
     IMPOSSIBLE = "impossible"
     UNPROVED = "unproved"
@@ -90,10 +90,10 @@ class Claim:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known of a problem; every duration is the verifier's, s.
+    """Best known motion and lower bound of a problem; every duration is the verifier's, s.
 
     Attributes:
-        problem: what was asked about.
+        problem: waypoints and limits.
         best: the shortest certified duration, None if no planner has one.
         best_by: that planner's name, or why there is none.
         lower_bound: no trajectory is faster; proved.
@@ -114,20 +114,20 @@ class Known:
 
     @property
     def width(self) -> float | None:
-        """How far the best known lies above the lower bound, relative."""
+        """Relative distance of the best known duration from the lower bound."""
         if self.best is None:
             return None
         return self.best / self.lower_bound - 1
 
     @property
     def proved(self) -> bool:
-        """Whether the best known is the optimum, within `PROVED_RTOL`."""
+        """Return whether the best known is the optimum, within `PROVED_RTOL`."""
         return self.width is not None and self.width <= PROVED_RTOL
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedClaim:
-    """A claim and what is to be said of it; ratios minus 1, None where there is nothing beside it.
+    """A claim and its verdict; ratios minus 1, None without a duration to compare with.
 
     Attributes:
         claim: the published duration.
@@ -152,7 +152,7 @@ def survey(
     *,
     time_limit: float = 20.0,
 ) -> Known:
-    """Ask every reference about a problem: what claims about it are judged by.
+    """Ask every reference about a problem: its claims are judged by their answers.
 
     Args:
         problem: waypoints and limits.
@@ -199,7 +199,7 @@ def judge(claim: Claim, known: Known) -> JudgedClaim:
 
 
 def verdict(claim: Claim, known: Known) -> Verdict:
-    """Where a claim stands: its longest duration that rounds to what is printed counts."""
+    """Return the verdict on the longest duration that rounds to the printed claim."""
     longest = claim.duration + claim.rounding
     if longest < known.lower_bound:
         return Verdict.IMPOSSIBLE
@@ -235,9 +235,9 @@ def under_peak_jerk(problem: Problem, peak_jerk: Iterable[float]) -> Problem:
 
 
 def _best(problem: Problem, bound: float) -> tuple[str, Answer]:
-    """The shortest certified answer and whose it is; or the reasons why there is none.
+    """Return the planner and its shortest certified answer, or why no planner has one.
 
-    Nobody is asked once an answer meets the lower bound.
+    No planner is asked once an answer meets the lower bound.
     """
     shortest = Answer(None)
     by = ""
@@ -255,12 +255,12 @@ def _best(problem: Problem, bound: float) -> tuple[str, Answer]:
 
 
 def _met(answer: Answer, bound: float) -> bool:
-    """Whether an answer is at the lower bound."""
+    """Return whether an answer is at the lower bound."""
     return answer.duration is not None and answer.duration <= bound * (1 + _MET_RTOL)
 
 
 def _proved(problem: Problem, closed_form: float, time_limit: float) -> tuple[str, float]:
-    """The higher of what the solver proves and what closed forms do, and which it was."""
+    """Return the higher of the solver's bound and the closed form, and its name."""
     try:
         proof = load(f"{PROOF}:time_limit={time_limit}").solve(problem)
     except TrajoptError:

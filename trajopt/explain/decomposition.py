@@ -1,4 +1,4 @@
-"""What a gap is made of, and which limits are active (docs/mathematics.md, section 6).
+"""The decomposition of a gap, and the active limits (docs/mathematics.md, section 6).
 
     trajectory = certified(problem, load("issa").solve(problem).trajectory)
     explanation = explain(problem, load("issa"), trajectory)
@@ -38,9 +38,12 @@ from trajopt.planners.registry import load
 
 Array = NDArray[np.float64]
 
-_SAME_RTOL = 1e-9  # of the largest waypoint coordinate, or of 1 rad where that exceeds it
-_RECORDED_RTOL = 1e-6  # by which a record must be shorter than what is computed now
-_SAMPLES = 50  # per segment: two piecewise quintics that agree there agree everywhere
+# Two positions are equal to this, relative to the largest coordinate, or to 1 rad if that is more.
+_SAME_RTOL = 1e-9
+# A record counts where it is shorter than the computed optimum by more than this.
+_RECORDED_RTOL = 1e-6
+# Instants per segment: two piecewise quintics that agree there agree everywhere.
+_SAMPLES = 50
 
 _GAPS = ("gap", "timing_gap", "route_gap", "optimiser_gap", "shape_gap", "smoothness_gap")
 # The parts of each decomposition, from the optimum up.
@@ -138,7 +141,8 @@ def explain(
         raise TrajoptError(f"no certified duration, so nothing to explain: {flaws}")
     optimum = _optimum(problem)
     origin = ""
-    if recorded is not None and _is_shorter(recorded, optimum):
+    computed = np.inf if optimum.duration is None else optimum.duration
+    if recorded is not None and (recorded.duration or np.inf) < computed * (1 - _RECORDED_RTOL):
         optimum = recorded
         origin = recorded.reason
     gaps, notes = _gaps(problem, own, optimum)
@@ -214,13 +218,6 @@ def _optimum(problem: Problem) -> Answer:
     return Answer(None, reason)
 
 
-def _is_shorter(recorded: Answer, computed: Answer) -> bool:
-    """Whether a record is shorter, by more than what planners round."""
-    if recorded.duration is None or computed.duration is None:
-        return recorded.duration is not None
-    return recorded.duration < computed.duration * (1 - _RECORDED_RTOL)
-
-
 def _shorter(own: Trajectory, answer: Answer) -> Answer:
     """The shorter of two answers to one question; a missing one stays missing."""
     if answer.duration is not None and own.duration <= answer.duration:
@@ -249,7 +246,7 @@ def _best_spline(problem: Problem, own: Trajectory) -> Answer:
 
 
 def _is_spline353(problem: Problem, own: Trajectory) -> bool:
-    """Whether it is the 3-5-3 spline with its own waypoint times."""
+    """Return whether a trajectory is the 3-5-3 spline with its own waypoint times."""
     merged, index = problem.merged()
     _, passed = np.unique(index, return_index=True)
     times = np.diff(own.waypoint_times[passed])

@@ -1,4 +1,4 @@
-"""Which planner is the reference for what: the only place in the library that knows their names.
+"""The reference planners by name, and the question that each one answers.
 
 They are asked for by name, as any planner is, and may be missing.
 """
@@ -100,7 +100,7 @@ def asked(name: str, problem: Problem) -> Answer:
 
 
 def judged(problem: Problem, solution: Solution) -> Answer:
-    """What the verifier vouches for in a planner's answer."""
+    """Return the certified trajectory of a planner's answer, or the flaws."""
     if solution.trajectory is None:
         return Answer(None, solution.message or str(solution.status))
     flaws = "; ".join(verify(problem, solution.trajectory).flaws)

@@ -1,1 +1,11 @@
-"""The planners' contract and registry, and the 3-5-3 polynomial with its swarms."""
+"""Planners: the contract, how planners are found, and the 3-5-3 spline. Read in this order:
+
+- `planner`: the contract that every planner keeps;
+- `registry`: planners by name, and their options as text;
+- `testing`: the contract as a check of your own planner;
+- `rest_to_rest`: stopping at every waypoint, in closed form;
+- `spline353`: the 3-5-3 spline in closed form;
+- `swarm`: particle and sparrow searches, free of robots;
+- `swarm_planner`: the 3-5-3 spline timed by a swarm;
+- `kinematics`: a robot's forward and inverse kinematics, and a Cartesian path as a problem.
+"""

@@ -140,9 +140,10 @@ class Robot:
     def inverse(self, pose: Any, previous: ArrayLike | None = None) -> Inverse:
         """All eight branches of each pose `(…, 4, 4)`.
 
-        Of the angles that differ by 2π, each joint takes the one in its range nearest to `previous`
-        `(…, 6)` rad (by default zero, or the end of the range nearest to it), or if there is none
-        the one nearest to its range. What a singularity leaves free stays as in `previous`.
+        Among the angles that differ by 2π each joint takes the one in its range nearest to
+        `previous` `(…, 6)` rad (by default zero, or the end of the range nearest to it). Without
+        one in range it takes the one nearest to its range. A free angle of a singularity stays as
+        in `previous`.
 
         Raises:
             InvalidInput: the arm is not of this family, or a pose is not a pose: its rotation must
@@ -523,7 +524,7 @@ def _representative(
 
 
 def _checked(poses: Any) -> Array:
-    """Poses `(…, 4, 4)` as a new array, or the error that names the first that is none."""
+    """Copy poses `(…, 4, 4)`, or raise the error that names the first wrong one."""
     expected = "a finite 4 x 4 matrix: a rotation and a position over a row 0, 0, 0, 1"
     given = poses.as_matrix() if hasattr(poses, "as_matrix") else poses
     array = _array("pose", given, (4, 4), expected)
@@ -621,7 +622,7 @@ def _columns(given: Mapping[str, Any]) -> dict[str, Array]:
 
 
 def _has_truth_value(value: Any) -> bool:
-    """Whether a list, or a list in it, holds `True` or `False`, which NumPy takes for numbers."""
+    """Return whether a nested list holds `True` or `False`, which NumPy takes for numbers."""
     if isinstance(value, list):
         return any(map(_has_truth_value, value))
     return isinstance(value, bool)

@@ -66,7 +66,7 @@ class Planner(ABC):
     Its docstring's first line describes it in `trajopt list`.
 
     Attributes:
-        stochastic: Whether the seed matters. If not, a comparison runs it once.
+        stochastic: True if the seed matters. If not, a comparison runs it once.
         on_request: Whether it is left out where all planners run, unless asked for by name.
         requires: Modules that `solve` imports, from packages that may be missing: looked for before
             the planner is listed, and imported before its time is taken.
@@ -102,7 +102,7 @@ class Planner(ABC):
 
     @property
     def batched(self) -> bool:
-        """Whether it advances several seeds together."""
+        """True if it advances several seeds together."""
         return type(self).solve_batch is not Planner.solve_batch
 
     def relation(self, problem: Problem) -> Relation:
@@ -150,7 +150,7 @@ def _field_defaults(kind: Any) -> dict[str, Any]:
 
 
 def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The same table with the fields of its dataclasses in their place."""
+    """Replace every dataclass in a table by its fields."""
     flat: dict[str, Any] = {}
     for name, value in table.items():
         if is_dataclass(value):

@@ -14,11 +14,12 @@ from trajopt.core.problem import Limits, Problem
 
 Array = NDArray[np.float64]
 
-_ROUNDING_RTOL = 1e-12  # what the closed forms can round, with room
+# More than the closed forms can round.
+_ROUNDING_RTOL = 1e-12
 
 
 def stop_times(problem: Problem) -> Array:
-    """Time of each segment if every joint stops at every waypoint, `(segments,)`, s.
+    """Return the time of each segment if every joint stops at every waypoint, `(segments,)`, s.
 
     The minimum for velocity and acceleration limits, symmetric or not (trapezoidal profile), and
     for symmetric limits with jerk (seven phases). Asymmetric limits with jerk count as symmetric
@@ -30,7 +31,7 @@ def stop_times(problem: Problem) -> Array:
 
 
 def end_to_end_bound(problem: Problem) -> float:
-    """A duration that no trajectory undercuts, in closed form, s (docs/mathematics.md, section 11).
+    """Return a lower bound on the duration in closed form, s (docs/mathematics.md, section 11).
 
     The longer of two relaxations: every joint alone, straight from the first to the last waypoint
     (the optimum itself where there are two waypoints and jerk limits are symmetric); and every
@@ -93,7 +94,7 @@ def seven_phase(
     square = slope**2 + 4 * h / A
     root = np.sqrt(square)
     with_plateau = A / 2 * (root - slope)
-    # where full acceleration is not reached, h/2 = v √(v/J), so v = ∛(J h²/4).
+    # without full acceleration, h/2 = v √(v/J), so v = ∛(J h²/4).
     finite_jerk = np.where(np.isfinite(jerk), jerk, 0)
     quarter = np.cbrt(finite_jerk / 4)
     root = np.cbrt(h)

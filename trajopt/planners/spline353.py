@@ -30,7 +30,7 @@ Roots = Callable[[Array], Array]
 ThreeSegments = Sequence[Any] | Array  # one value or array for each
 
 WAYPOINTS = 4
-# What rounding can add to a position, relative to the joint's largest displacement.
+# Rounding of a position, relative to the joint's largest displacement.
 _POSITION_RTOL = 1e-12
 # Beyond it the ratio of the outer segment times to the middle one is rounding.
 _MAX_DOUBLINGS = 50
@@ -169,7 +169,7 @@ class Quintic(NamedTuple):
     def velocity(self) -> tuple[Array, ...]:
         """Its five coefficients, rad/s; the first and last are also the peaks of the cubics."""
         h, T, v0, a0, v1, a1 = self
-        # What acceleration adds to velocity in a quarter of T.
+        # The velocity gained by the end accelerations in a quarter of T.
         gain = a0 * T / 4
         loss = a1 * T / 4
         second = v0 + gain
@@ -305,7 +305,7 @@ def position_excess(displacements: Array, times: Array, room: Array) -> Array:
 
 
 def _beyond(positions: Array, room: Array) -> Array:
-    """How far the farthest of several positions is beyond its limits `(…, 2)`; negative within."""
+    """Largest excess of several positions over their limits `(…, 2)`; negative within."""
     above = positions.max(axis=0) - room[..., 1]
     below = room[..., 0] - positions.min(axis=0)
     return np.asarray(np.maximum(above, below))
@@ -468,14 +468,14 @@ def _de_casteljau(controls: Array, s: Array) -> Array:
 
 
 def _linear_roots(controls: Array) -> Array:
-    """Roots of Bernstein lines `(2, N)`: `(1, N)`, NaN or infinite where there are none."""
+    """Roots of Bernstein lines `(2, N)`: `(1, N)`, NaN or infinite without a root."""
     b0, b1 = controls
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(b0 / (b0 - b1))[None]
 
 
 def _quadratic_roots(controls: Array) -> Array:
-    """Roots of Bernstein parabolas `(3, N)`: `(2, N)`, NaN where there are none."""
+    """Roots of Bernstein parabolas `(3, N)`: `(2, N)`, NaN without a root."""
     b0, b1, b2 = controls
     # (b0 − 2 b1 + b2) s² + 2 (b1 − b0) s + b0 = 0
     second = b0 - 2 * b1 + b2

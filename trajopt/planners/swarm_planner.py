@@ -163,7 +163,7 @@ class Group:
 
     @classmethod
     def of(cls, problem: Problem, joints: NDArray[np.intp], planner: SwarmPlanner) -> Group:
-        """Of joints that move, their box as a planner's options say."""
+        """Build the group of joints that move, with the box of a planner's options."""
         own = problem.only(joints)
         displacements = own.displacements.T
         longest = stop_times(own.without("position")).max()
@@ -242,13 +242,13 @@ class Group:
         return spline353.dilation(self.displacements, times[:, None], self.limits)
 
     def _outside(self, times: Array, room: Array) -> Array:
-        """How far each joint leaves its position limits, `(N, joints)`."""
+        """Excess of each joint over its position limits, `(N, joints)`."""
         return spline353.position_excess(self.displacements, times[:, None], room)
 
 
 @dataclass(frozen=True, eq=False)
 class SegmentTimes:
-    """What the swarm minimises: the duration of groups of the moving `joints`.
+    """The objective of a swarm: the duration of groups of the moving `joints`.
 
     search = SegmentTimes.of(problem, SwarmPlanner())
     low, high = search.box(seeds=1)
@@ -261,7 +261,7 @@ class SegmentTimes:
 
     @classmethod
     def of(cls, problem: Problem, planner: SwarmPlanner) -> SegmentTimes:
-        """Of a problem without consecutive identical waypoints, as a planner's options say."""
+        """Build the objective of a merged problem from a planner's options."""
         joints = np.flatnonzero(problem.moving)
         together = [joints]
         if planner.timing == "per-joint":
@@ -311,9 +311,9 @@ class SegmentTimes:
         return candidates
 
     def fitness(self, x: Array, incumbent: Array | None = None) -> Array:
-        """Of candidates `(seeds · groups, m, 3)`, to be minimised: `(seeds · groups, m)`.
+        """Return the fitness of candidates `(seeds · groups, m, 3)`: `(seeds · groups, m)`.
 
-        Exact where it is below the `incumbent` `(seeds · groups, m)`, or where there is none.
+        Exact where it is below the `incumbent` `(seeds · groups, m)`, or without one.
         """
         value = np.empty(x.shape[:2])
         for row, group in enumerate(self.groups):
@@ -366,7 +366,7 @@ class SegmentTimes:
         times: Array,
         histories: list[Array],
     ) -> dict[str, Array]:
-        """What each joint would do alone; NaN for joints that never move."""
+        """Return the times and durations of each joint alone; NaN for joints that never move."""
         own_times = np.full((joints, 3), np.nan)
         durations = np.full(joints, np.nan)
         curves = []

@@ -181,7 +181,7 @@ def _check_never_beats(planner: Planner, problem: Problem, optimum: float) -> No
 
 
 def _equal(one: Solution, other: Solution) -> bool:
-    """Whether both trajectories have the same bits."""
+    """Return whether both trajectories have the same bits."""
     a = one.trajectory
     b = other.trajectory
     if a is None or b is None:

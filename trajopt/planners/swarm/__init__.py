@@ -1,4 +1,7 @@
-"""Swarms: box-constrained minimisers that know nothing of robots, batched over independent runs."""
+"""Swarms: box-constrained minimisers, free of robots, batched over independent runs.
+
+Read `optimiser` (the loop that all share) first, then `pso`, `ssa`, `issa`.
+"""
 
 from trajopt.planners.swarm.issa import ISSA
 from trajopt.planners.swarm.optimiser import Box, Compared, Optimiser, Result, Streams, minimise

@@ -172,7 +172,7 @@ class SSA(Optimiser):
         return slots, [places]
 
     def _calm(self, flock: Flock, shrunk: Array, x: Array) -> Array:
-        """Where discoverers at `x` go while `R2 < ST`."""
+        """Return the new positions of discoverers at `x` while `R2 < ST`."""
         return shrunk
 
     def _weight(self, flock: Flock) -> float:
