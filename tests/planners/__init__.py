@@ -1,1 +1,1 @@
-"""Tests of trajopt.core; a package, because other folders have a test_read_me_first.py too."""
+"""Tests of trajopt.planners; a package, because other folders have a test_read_me_first.py too."""
