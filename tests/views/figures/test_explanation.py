@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
 from matplotlib.patches import Rectangle
-from test_plots import motion_of, overlaps, texts
+from pictures import motion_of, overlaps, texts
 
 from trajopt.cli import app as cli
 from trajopt.views.figures import explanation as gap_plots
