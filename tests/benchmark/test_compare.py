@@ -34,10 +34,22 @@ FAST = [("exact", load("exact:starts=1"))]
 
 
 def quintic(problem, t):
-    h, n = problem.displacements, problem.segments
-    c = np.zeros((6, n, problem.joints))
-    c[0], c[1], c[2], c[5] = 6 * h / t**5, -15 * h / t**4, 10 * h / t**3, problem.waypoints[:-1]
-    return Trajectory(t * np.arange(n + 1), c, t * np.arange(n + 1))
+    """From rest to rest in each segment, within `t` seconds."""
+    h = problem.displacements
+    c = np.zeros((6, *h.shape))
+    c[0] = 6 * h / t**5
+    c[1] = -15 * h / t**4
+    c[2] = 10 * h / t**3
+    c[5] = problem.waypoints[:-1]
+    times = t * np.arange(len(h) + 1)
+    return Trajectory(times, c, times)
+
+
+def solution(problem, *, waypoints=None, **more):
+    """The quintic through these waypoints within 2 s a segment."""
+    if waypoints is not None:
+        problem = Problem(waypoints, problem.limits)
+    return Solution(Status.SOLVED, quintic(problem, 2.0), **more)
 
 
 @dataclass(frozen=True)
@@ -77,19 +89,17 @@ class Mine(Planner):
             case "string":
                 return Solution(Status.SOLVED, "a trajectory")
             case "status":
-                return Solution("splendid", quintic(problem, 2.0))
+                return replace(solution(problem), status="splendid")
             case "history":
-                return Solution(Status.SOLVED, quintic(problem, 2.0), history=np.zeros(3))
+                return solution(problem, history=np.zeros(3))
             case "stats":
-                return Solution(Status.SOLVED, quintic(problem, 2.0), stats={"x": object()})
+                return solution(problem, stats={"x": object()})
             case "nothing":
                 return Solution(Status.SOLVED)
             case "joints":
                 return Solution(Status.SOLVED, Trajectory([0, 1], np.ones((1, 1, 2)), [0, 1]))
             case "astray":
-                return Solution(
-                    Status.SOLVED, quintic(Problem([[0], [1], [2], [9]], problem.limits), 9)
-                )
+                return solution(problem, waypoints=[[0], [1], [2], [9]])
             case "missing":
                 raise MissingBackend("nosuchsolver")
         return Solution(Status.SOLVED, quintic(problem, self.segment_time + seed / 8))
@@ -129,21 +139,29 @@ EXPECTED = {
 
 
 def check(results, expected):
-    found = {t.planner: t for t in results.items}
+    found = {trial.planner: trial for trial in results.items}
     assert found.keys() == {*expected, "exact"}
     for name, (status, words) in expected.items():
-        assert found[name].status is status, (name, found[name].message)
-        assert words in found[name].message, name
-        assert (found[name].certified_duration is not None) == (name == "solve")
+        trial = found[name]
+        assert trial.status is status, (name, trial.message)
+        assert words in trial.message, name
+        is_certified = trial.certified_duration is not None
+        assert is_certified == (name == "solve")
     assert found["exact"].certified_duration == pytest.approx(2.0, abs=1e-6)
+
+
+def by_id(trials):
+    return {trial.id: trial for trial in trials}
 
 
 def test_every_misdeed_is_recorded_and_the_others_go_on(tmp_path):
     results = compare([(name, Mine(name)) for name in EXPECTED], tmp_path)
     check(results, EXPECTED)
-    assert {t.id: t.status for t in store.read(tmp_path / "results.h5")} == {
-        t.id: t.status for t in results.items
-    }
+    ran = by_id(results.items)
+    stored = by_id(store.read(tmp_path / "results.h5"))
+    assert stored.keys() == ran.keys()
+    for key, trial in stored.items():
+        assert trial.status is ran[key].status
 
 
 def test_dying_hanging_and_devouring_in_worker_processes_cost_one_trial_each(tmp_path):
@@ -168,14 +186,16 @@ def test_a_planner_of_mine_is_judged_like_ours_here_and_in_other_processes(tmp_p
     there = compare(planners, tmp_path / "b", seeds=2, jobs=2)
     # 15/8 · 0.6 rad / 0.1 s against 1 rad/s; 10/√3 · 0.6 / 0.1² against 2 rad/s²
     k = max(15 / 8 * 6, np.sqrt(10 / np.sqrt(3) * 60 / 2))
-    (mine,) = [t for t in here.items if t.planner == "local"]
+    (mine,) = [trial for trial in here.items if trial.planner == "local"]
     assert mine.certified_duration == pytest.approx(0.3 * k, rel=1e-9)
-    assert {t.id for t in here.items} == {t.id for t in there.items}
-    other = {t.id: t for t in there.items}
+    others = by_id(there.items)
+    assert by_id(here.items).keys() == others.keys()
     for trial in here.items:
-        for name in ("breaks", "coefficients", "waypoint_times"):
-            a, b = (getattr(t.solution.trajectory, name) for t in (trial, other[trial.id]))
-            np.testing.assert_array_equal(a, b, err_msg=trial.label)
+        one = trial.solution.trajectory
+        other = others[trial.id].solution.trajectory
+        np.testing.assert_array_equal(one.breaks, other.breaks)
+        np.testing.assert_array_equal(one.coefficients, other.coefficients)
+        np.testing.assert_array_equal(one.waypoint_times, other.waypoint_times)
 
 
 def test_the_second_time_nothing_runs_and_fresh_runs_everything(tmp_path):
@@ -247,9 +267,9 @@ def test_a_refusal_is_recorded_once_however_many_seeds(tmp_path):
 
     planners = [("no", Mine("refuse", stochastic=True)), ("?", Broken(stochastic=True))]
     items = compare(planners, tmp_path, seeds=3).items
-    found = [(t.planner, t.seed, t.status) for t in items if t.planner != "exact"]
-    crashes = [("?", seed, Status.CRASHED) for seed in range(3)]
-    assert sorted(found) == [*crashes, ("no", 0, Status.UNSUPPORTED)]
+    found = [f"{trial.planner} {trial.seed} {trial.status}" for trial in items]
+    expected = ["? 0 crashed", "? 1 crashed", "? 2 crashed", "exact 0 solved", "no 0 unsupported"]
+    assert sorted(found) == expected
 
 
 def test_crashes_and_missing_backends_are_tried_again_and_a_planner_that_gave_up_is_not(tmp_path):
@@ -335,19 +355,18 @@ def test_a_damaged_trial_runs_again(tmp_path):
 def test_stochastic_planners_run_every_seed_and_the_others_once(tmp_path):
     planners = [("a", Mine(stochastic=True)), ("b", Mine(segment_time=3.0))]
     results = compare(planners, tmp_path, seeds=3)
-    assert sorted((t.planner, t.seed) for t in results.items) == [
-        ("a", 0), ("a", 1), ("a", 2), ("b", 0), ("exact", 0),
-    ]  # fmt: skip
+    runs = [f"{trial.planner}{trial.seed}" for trial in results.items]
+    assert sorted(runs) == ["a0", "a1", "a2", "b0", "exact0"]
 
 
 def test_solve_batch_gets_the_seeds_together_where_it_exists(tmp_path):
-    results = compare(
-        [("t", Together(log=str(tmp_path / "log"), stochastic=True))], tmp_path, seeds=4
-    )
+    planner = Together(log=str(tmp_path / "log"), stochastic=True)
+    results = compare([("t", planner)], tmp_path, seeds=4)
     assert lines(tmp_path / "log")[0] == "batch [0, 1, 2, 3]"
-    mine = {t.seed: t for t in results.items if t.planner == "t"}
-    assert {s: t.claimed_duration for s, t in mine.items()} == {0: 6, 1: 6.375, 2: 6.75, 3: 7.125}
-    assert {t.batch for t in mine.values()} == {4}
+    mine = {trial.seed: trial for trial in results.items if trial.planner == "t"}
+    durations = [mine[seed].claimed_duration for seed in range(4)]
+    assert durations == [6, 6.375, 6.75, 7.125]
+    assert {trial.batch for trial in mine.values()} == {4}
 
 
 def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
