@@ -37,7 +37,7 @@ def run(capsys, monkeypatch, tmp_path):
 
     def ran(*arguments):
         with pytest.raises(SystemExit) as ended:
-            cli.main(list(arguments))
+            cli.main(" ".join(arguments).split())
         captured = capsys.readouterr()
         return ended.value.code, captured.out, captured.err
 
@@ -45,7 +45,7 @@ def run(capsys, monkeypatch, tmp_path):
 
 
 def test_a_feasible_motion_is_told_with_its_figure(run, tmp_path):
-    code, out, _ = run("judge", "slow.csv", "p.toml")
+    code, out, _ = run("judge slow.csv p.toml")
     assert code == 0
     assert "slow.csv on p: feasible" in out
     assert "Executed with 2 cubic pieces between its samples." in out
@@ -56,7 +56,7 @@ def test_a_feasible_motion_is_told_with_its_figure(run, tmp_path):
 
 
 def test_an_infeasible_motion_ends_with_1_and_says_what_mends_it(run):
-    code, out, _ = run("judge", "fast.csv", "p.toml")
+    code, out, _ = run("judge fast.csv p.toml")
     assert code == 1
     assert "not feasible" in out
     assert "Slowed down 2.000000 times it keeps every limit." in out
@@ -64,7 +64,7 @@ def test_an_infeasible_motion_ends_with_1_and_says_what_mends_it(run):
 
 
 def test_json_is_one_object(run):
-    code, out, err = run("judge", "fast.csv", "p.toml", "--json")
+    code, out, err = run("judge fast.csv p.toml --json")
     table = json.loads(out)
     assert (code, err) == (1, "")
     assert table["motion"] == "fast.csv"
@@ -76,7 +76,7 @@ def test_json_is_one_object(run):
 
 
 def test_straight_lines_are_told_what_would_help(run):
-    code, out, _ = run("judge", "slow.csv", "p.toml", "--interpolation", "linear")
+    code, out, _ = run("judge slow.csv p.toml --interpolation linear")
     assert code == 1
     words = " ".join(out.split())
     assert "No slow-down mends it" in words
@@ -86,10 +86,10 @@ def test_straight_lines_are_told_what_would_help(run):
 
 @pytest.mark.parametrize("limits", ["limits.yaml", "p.toml"])
 def test_limits_alone_by_name_or_in_order(run, limits):
-    code, out, _ = run("verify", "fast.csv", "--limits", limits)
+    code, out, _ = run("verify fast.csv --limits", limits)
     assert code == 1
     assert "Slowed down 2.000000 times, to 2.000000 s, it keeps them." in out
-    code, out, _ = run("verify", "slow.csv", "--limits", limits, "--json")
+    code, out, _ = run("verify slow.csv --limits", limits, "--json")
     table = json.loads(out)
     assert code == 0
     assert table["duration"] == 2
@@ -104,9 +104,9 @@ def test_limits_that_lost_their_degrees_are_warned_of(run, tmp_path, lost):
     (tmp_path / "lost.yaml").write_text(before + line + after.replace("!degrees ", "", 1))
     with warnings.catch_warnings():
         warnings.simplefilter("always")
-        _, _, said = run("verify", "slow.csv", "--limits", "tagged.yaml")
+        _, _, said = run("verify slow.csv --limits tagged.yaml")
         assert said == ""
-        _, _, err = run("verify", "slow.csv", "--limits", "lost.yaml")
+        _, _, err = run("verify slow.csv --limits lost.yaml")
     assert re.match(rf"trajopt: warning: slow\.csv, {lost}: .* radians beside degrees", err)
 
 
@@ -119,7 +119,7 @@ def test_an_arms_limits_are_its_joints(run, tmp_path):
     ]
     message = {"joint_trajectory": {"joint_names": names, "points": points}}
     (tmp_path / "m.json").write_text(json.dumps(message))
-    code, out, err = run("verify", "m.json", "--limits", "ur5e")
+    code, out, err = run("verify m.json --limits ur5e")
     assert code == 0, err
     assert "as fast" in out
 
@@ -159,10 +159,10 @@ def fr3_urdf(tmp_path):
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["judge", "m.json", "w.csv", "--robot", "franka-fr3"],
-        ["verify", "m.json", "--robot", "franka-fr3"],
-        ["verify", "m.json", "--limits", "franka-fr3"],
-        ["verify", "m.json", "--urdf", "r.urdf", "--limits", "l.yaml"],
+        "judge m.json w.csv --robot franka-fr3",
+        "verify m.json --robot franka-fr3",
+        "verify m.json --limits franka-fr3",
+        "verify m.json --urdf r.urdf --limits l.yaml",
     ],
 )
 def test_the_arms_own_velocity_limit_is_checked(run, tmp_path, arguments):
@@ -173,7 +173,7 @@ def test_the_arms_own_velocity_limit_is_checked(run, tmp_path, arguments):
     b, d, left = 1.52, 2.585, 1.7918 - 1.78
     v = np.sqrt(2 * b**2 * left / (d - b))
     value = v + 0.2 - np.sqrt(2 * d * (left + v**2 / (2 * b)))
-    code, out, err = run(*arguments, "--json")
+    code, out, err = run(arguments, "--json")
     table = json.loads(out)
     found = table["falling_velocity"]
     assert (code, err) == (1, "")
@@ -182,7 +182,7 @@ def test_the_arms_own_velocity_limit_is_checked(run, tmp_path, arguments):
     assert (found["joint"], found["kept"]) == (2, False)
     assert found["value"] == pytest.approx(value, rel=1e-9)
     assert found["time"] == pytest.approx(1 - v / b, rel=1e-9)
-    code, out, _ = run(*arguments)
+    code, out, _ = run(arguments)
     words = " ".join(out.split())
     assert code == 1
     assert "breaks the arm's own velocity limits" in words
@@ -192,7 +192,7 @@ def test_the_arms_own_velocity_limit_is_checked(run, tmp_path, arguments):
 def test_a_motion_far_from_the_ends_keeps_the_arms_own_limit(run, tmp_path):
     fr3_motion(tmp_path, 1.2)
     fr3_urdf(tmp_path)
-    code, out, _ = run("verify", "m.json", "--urdf", "r.urdf", "--limits", "l.yaml")
+    code, out, _ = run("verify m.json --urdf r.urdf --limits l.yaml")
     assert code == 0
     assert "It keeps the arm's own velocity limits" in " ".join(out.split())
 
@@ -204,12 +204,12 @@ def test_metres_and_angles_of_a_motion_are_not_confused(run, tmp_path):
     units = 'units = {waypoints = ["m", "deg"], limits = "rad"}\njoint_names = ["rail", "elbow"]'
     text = text.replace('units = {waypoints = "rad", limits = "rad"}', units)
     (tmp_path / "cell.toml").write_text(text)
-    code, out, err = run("judge", "m.csv", "cell.toml")
+    code, out, err = run("judge m.csv cell.toml")
     assert (code, err) == (1, "")
     assert re.search(r"waypoint +[-+.e0-9]+ m +rail", out)
     swapped = header.replace("[m", "[x").replace("[deg", "[m").replace("[x", "[deg")
     (tmp_path / "m.csv").write_text(swapped + "0,0,0,0,0\n2,0.2,90,0,0\n")
-    code, _, err = run("judge", "m.csv", "cell.toml")
+    code, _, err = run("judge m.csv cell.toml")
     assert code == 2
     assert "unit, joint 1 is 'rad': expected a unit of m: rail slides" in err
 
@@ -217,20 +217,20 @@ def test_metres_and_angles_of_a_motion_are_not_confused(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["judge", "none.csv", "p.toml"], "none.csv: samples is 'No such file or directory'"),
-        (["judge", "slow.csv", "none.toml"], "none.toml"),
-        (["judge", "slow.csv", "six-axis"], "joints is 2: expected 6"),
-        (["judge", "slow.csv", "p.toml", "--via-tolerance", "1"], "via_tolerance is 1.0"),
-        (["judge", "slow.csv", "p.toml", "--via-tolerance", "-1"], "via-tolerance"),
-        (["judge", "slow.csv", "p.toml", "--interpolation", "quintic"], "no accelerations"),
-        (["verify", "slow.csv"], "--limits: expected joint_limits.yaml, a robot or a problem"),
-        (["verify", "slow.csv", "--limits", "ur5e"], "joint is 'a'"),
-        (["verify", "slow.csv", "--limits", "nothing"], "nothing"),
-        (["verify", "results", "--limits", "p.toml"], "PATH is 'results': expected a motion's"),
+        ("judge none.csv p.toml", "none.csv: samples is 'No such file or directory'"),
+        ("judge slow.csv none.toml", "none.toml"),
+        ("judge slow.csv six-axis", "joints is 2: expected 6"),
+        ("judge slow.csv p.toml --via-tolerance 1", "via_tolerance is 1.0"),
+        ("judge slow.csv p.toml --via-tolerance -1", "via-tolerance"),
+        ("judge slow.csv p.toml --interpolation quintic", "no accelerations"),
+        ("verify slow.csv", "--limits: expected joint_limits.yaml, a robot or a problem"),
+        ("verify slow.csv --limits ur5e", "joint is 'a'"),
+        ("verify slow.csv --limits nothing", "nothing"),
+        ("verify results --limits p.toml", "PATH is 'results': expected a motion's"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(run, arguments, said):
-    code, out, err = run(*arguments)
+    code, out, err = run(arguments)
     assert (code, out) == (2, "")
     assert said in err
     assert len(err.splitlines()) == 1

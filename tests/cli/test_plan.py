@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,12 @@ from trajopt.core.problem import Limits, Problem
 from trajopt.views.export import motion
 
 
+def typed(arguments):
+    """Texts are split at blanks; paths and numbers are one word each."""
+    for argument in arguments:
+        yield from argument.split() if isinstance(argument, str) else [str(argument)]
+
+
 @pytest.fixture
 def trajopt(capsys, monkeypatch, tmp_path):
     """Runs a command in an empty folder: its exit code, standard output and standard error."""
@@ -23,7 +30,7 @@ def trajopt(capsys, monkeypatch, tmp_path):
 
     def run(*arguments):
         with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
+            main(list(typed(arguments)))
         captured = capsys.readouterr()
         return ended.value.code, captured.out, captured.err
 
@@ -45,7 +52,7 @@ URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
 
 def test_waypoints_of_a_built_in_robot(trajopt, tmp_path):
     (tmp_path / "w.csv").write_text("elbow_joint,wrist_1_joint\n0,0\n90,-45\n", encoding="utf-8")
-    code, out, err = trajopt("plan", "w.csv", "--robot", "ur5e", "--unit", "deg", "--json")
+    code, out, err = trajopt("plan w.csv --robot ur5e --unit deg --json")
     found = json.loads(out)
     assert (code, err) == (0, "")
     # 90 degrees at 180 deg/s and 5 rad/s²: a triangle, 2 sqrt(h / A)
@@ -53,7 +60,7 @@ def test_waypoints_of_a_built_in_robot(trajopt, tmp_path):
     assert found["stopping_duration"] == pytest.approx(found["certified_duration"], rel=1e-6)
     assert found["proved_bound"] == pytest.approx(found["certified_duration"], rel=1e-6)
     assert found["problem_file"] == "w.csv"
-    shown = trajopt("plan", "w.csv", "--robot", "ur5e", "--unit", "deg")[1]
+    shown = trajopt("plan w.csv --robot ur5e --unit deg")[1]
     assert "elbow_joint" in shown
     assert "the optimum, proved" in shown
     assert "jerk limits too" in shown
@@ -63,12 +70,12 @@ def test_a_urdf_with_joint_limits_beside_it(trajopt, tmp_path):
     (tmp_path / "w.csv").write_text("0,0\n-1.0,0.5\n", encoding="utf-8")
     (tmp_path / "r.urdf").write_text(URDF, encoding="utf-8")
     (tmp_path / "l.yaml").write_text(LIMITS, encoding="utf-8")
-    code, _, err = trajopt("plan", "w.csv", "--urdf", "r.urdf")
+    code, _, err = trajopt("plan w.csv --urdf r.urdf")
     assert code == 2
     assert "r.urdf: acceleration limit is missing (a URDF has none)" in err
     assert "wrist_1_joint, elbow_joint; add --limits" in err
-    arguments = ("plan", "w.csv", "--urdf", "r.urdf", "--limits", "l.yaml", "--planner")
-    code, out, _ = trajopt(*arguments, "ruckig-stop", "--json")
+    arguments = "plan w.csv --urdf r.urdf --limits l.yaml --planner"
+    code, out, _ = trajopt(arguments, "ruckig-stop --json")
     # 1 rad, J = 30, A = 2: v/A + A/J each way, no cruise at 2 rad/s
     slope = 2.0 / 30
     peak = 2.0 / 2 * (np.sqrt(slope**2 + 4 / 2.0) - slope)
@@ -81,21 +88,21 @@ def test_scaling_factors_are_planned_with_and_judged_without(trajopt, tmp_path):
     one = "joint_limits: {one: {max_velocity: 9, max_acceleration: 2}}"
     factors = "default_velocity_scaling_factor: 0.5\ndefault_acceleration_scaling_factor: 0.25\n"
     (tmp_path / "l.yaml").write_text(factors + one, encoding="utf-8")
-    robot = ("--limits", "l.yaml")
-    code, out, err = trajopt("plan", "w.csv", *robot, "--planner", "exact", "--out", "m.csv")
+    robot = "--limits l.yaml"
+    code, out, err = trajopt("plan w.csv", robot, "--planner exact --out m.csv")
     # 0.5 rad at a quarter of 2 rad/s²: 2 sqrt(h / A)
     assert f"certified   {2 * np.sqrt(0.5 / 0.5):.6f} s" in out
     assert "l.yaml: planned with 50 % of the velocity and 25 % of the acceleration limits" in err
     assert "write 1.0 there" in err
-    for arguments in (["judge", "m.csv", "w.csv"], ["verify", "m.csv"]):
-        code, out, err = trajopt(*arguments, *robot, "--json")
+    for arguments in ("judge m.csv w.csv", "verify m.csv"):
+        code, out, err = trajopt(arguments, robot, "--json")
         assert (code, err) == (0, "")
         assert json.loads(out)["dilation"] == pytest.approx(0.5, rel=1e-3)  # whole cycles
     (tmp_path / "v.yaml").write_text("joint_limits: {one: {max_velocity: 9}}", encoding="utf-8")
-    verify = ("verify", "m.csv", "--limits", "v.yaml")
-    assert "or --acceleration with a number" in trajopt(*verify)[2]
-    assert trajopt(*verify, "--acceleration", "0.6")[0] == 0
-    assert trajopt(*verify, "--acceleration", "0.4")[0] == 1
+    verify = "verify m.csv --limits v.yaml"
+    assert "or --acceleration with a number" in trajopt(verify)[2]
+    assert trajopt(verify, "--acceleration 0.6")[0] == 0
+    assert trajopt(verify, "--acceleration 0.4")[0] == 1
 
 
 RAIL = """<robot><joint name="rail" type="prismatic"><limit lower="0" upper="1" velocity="1"/>
@@ -108,22 +115,22 @@ def test_a_rail_moves_by_metres_whatever_the_unit_of_angles(trajopt, tmp_path):
     (tmp_path / "w.csv").write_text("0,0\n0.2,10\n", encoding="utf-8")
     (tmp_path / "r.urdf").write_text(RAIL, encoding="utf-8")
     (tmp_path / "l.yaml").write_text(OF_RAIL, encoding="utf-8")
-    robot = ("--urdf", "r.urdf", "--limits", "l.yaml")
-    plan = ("plan", "w.csv", *robot, "--unit", "deg", "--planner", "exact", "--out")
-    code, out, err = trajopt(*plan, "motion.csv")
+    robot = "--urdf r.urdf --limits l.yaml"
+    plan = f"plan w.csv {robot} --unit deg --planner exact --out"
+    code, out, err = trajopt(plan, "motion.csv")
     assert (code, err) == (0, "")
     assert f"certified   {2 * np.sqrt(0.2 / 0.8):.6f} s" in out
     assert re.search(r"waypoint +[-+.e0-9]+ (m +rail|rad +elbow)", out)
     header, *rows = (tmp_path / "motion.csv").read_text().splitlines()
     assert header == "time [s],rail [m],elbow [rad],rail [m/s],elbow [rad/s]"
     assert float(rows[-1].split(",")[1]) == pytest.approx(0.2, abs=1e-12)
-    assert trajopt("verify", "motion.csv", *robot)[0] == 0
+    assert trajopt("verify motion.csv", robot)[0] == 0
     swapped = header.replace("rail [m", "rail [rad").replace("elbow [rad", "elbow [m")
     (tmp_path / "swapped.csv").write_text("\n".join([swapped, *rows]))
-    code, _, err = trajopt("verify", "swapped.csv", *robot)
+    code, _, err = trajopt("verify swapped.csv", robot)
     assert code == 2
     assert "swapped.csv: unit, joint 1 is 'rad': expected a unit of m: rail slides" in err
-    trajopt(*plan, "trial.h5")
+    trajopt(plan, "trial.h5")
     (trial,) = store.read(tmp_path / "trial.h5")
     assert trial.problem.joint_units == ("m", "rad")
 
@@ -131,19 +138,19 @@ def test_a_rail_moves_by_metres_whatever_the_unit_of_angles(trajopt, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["w.csv"], "its robot's limits beside it: --robot NAME, --urdf FILE or --limits"),
-        (["w.csv", "--robot", "ur5"], "did you mean 'ur5e'"),
-        (["w.csv", "--robot", "ur5e", "--urdf", "x"], "--robot or --urdf, not both"),
-        (["w.csv", "--robot", "ur5e", "--unit", "grad"], "--unit"),
-        (["w.csv", "--robot", "ur5e", "--limits", "no.yaml"], "no.yaml: joint limits"),
-        (["w.csv", "--robot", "puma-560"], "6 columns (joint_1"),
-        (["no.csv", "--robot", "ur5e"], "no.csv: problem: expected a file of waypoints that"),
-        (["six-axis", "--robot", "ur5e"], "--robot is 'ur5e': expected no such flag with six-axis"),
+        ("w.csv", "its robot's limits beside it: --robot NAME, --urdf FILE or --limits"),
+        ("w.csv --robot ur5", "did you mean 'ur5e'"),
+        ("w.csv --robot ur5e --urdf x", "--robot or --urdf, not both"),
+        ("w.csv --robot ur5e --unit grad", "--unit"),
+        ("w.csv --robot ur5e --limits no.yaml", "no.yaml: joint limits"),
+        ("w.csv --robot puma-560", "6 columns (joint_1"),
+        ("no.csv --robot ur5e", "no.csv: problem: expected a file of waypoints that"),
+        ("six-axis --robot ur5e", "--robot is 'ur5e': expected no such flag with six-axis"),
     ],
 )
 def test_what_does_not_go_together_is_one_line(trajopt, tmp_path, arguments, words):
     (tmp_path / "w.csv").write_text("0,0\n1,1\n", encoding="utf-8")
-    code, out, err = trajopt("plan", *arguments)
+    code, out, err = trajopt("plan", arguments)
     assert (code, out) == (2, "")
     assert words in err
     assert err.count("\n") == 1
@@ -182,40 +189,40 @@ def test_position_limits_that_the_relaxation_leaves_go_to_the_next_planner():
 def test_a_new_problem_file_plans_as_it_is(trajopt, tmp_path):
     code, out, _ = trajopt("new")
     assert (code, out) == (0, "problem.toml: edit it, then run: trajopt plan problem.toml\n")
-    assert trajopt("plan", "problem.toml", "--planner", "ruckig-stop")[0] == 0
+    assert trajopt("plan problem.toml --planner ruckig-stop")[0] == 0
     (tmp_path / "problem.toml").write_text("mine", encoding="utf-8")
     code, _, err = trajopt("new")
     assert code == 2
     assert "--force" in err
     assert (tmp_path / "problem.toml").read_text(encoding="utf-8") == "mine"
-    assert trajopt("new", "--force")[0] == 0
-    assert trajopt("new", "cell 7")[0] == 0
+    assert trajopt("new --force")[0] == 0
+    assert trajopt("new", Path("cell 7"))[0] == 0
     text = (tmp_path / "cell 7.toml").read_text(encoding="utf-8")
     head, limits = text.split("# [limits]\n")
     limits = "\n".join(line.removeprefix("# ") for line in limits.splitlines())
     own = f'{head}units.limits = "rad"\n[limits]\n{limits}'
     (tmp_path / "own.toml").write_text(own, encoding="utf-8")
     assert len(Problem.from_toml(tmp_path / "own.toml").limits.jerk) == 6
-    assert trajopt("list", "--json")[1].count('"shoulder_pan_joint"') == 2
+    assert trajopt("list --json")[1].count('"shoulder_pan_joint"') == 2
 
 
 # --- out ---
 
-OUT = ("plan", "reversal", "--planner", "exact", "--out")
+OUT = "plan reversal --planner exact --out"
 
 
 @pytest.mark.parametrize(
     ("name", "flags", "points"),
     [
-        ("m.yaml", [], None),
-        ("m.yml", ["--points", "cycles", "--rate", 125], "every"),
-        ("m.csv", ["--cycle", 0.008], "every"),
-        ("m.csv", ["--points", "breaks"], None),
-        ("m.json", ["--points", "breaks"], None),
+        ("m.yaml", "", None),
+        ("m.yml", "--points cycles --rate 125", "every"),
+        ("m.csv", "--cycle 0.008", "every"),
+        ("m.csv", "--points breaks", None),
+        ("m.json", "--points breaks", None),
     ],
 )
 def test_what_is_written_is_verified_as_executed(trajopt, tmp_path, name, flags, points):
-    code, out, err = trajopt(*OUT, name, *flags, "--json")
+    code, out, err = trajopt(OUT, name, flags, "--json")
     said = json.loads(out)["out"]
     assert (code, err, said["file"], said["interpolation"]) == (0, "", name, "cubic")
     assert said["certificate"]["feasible"]
@@ -236,26 +243,26 @@ def test_pictures_and_everything_else(trajopt, tmp_path):
         "m.pdf": b"%PDF",
         "m.json": b"{",
     }.items():
-        assert trajopt(*OUT, name)[0] == 0
+        assert trajopt(OUT, name)[0] == 0
         assert (tmp_path / name).read_bytes().startswith(start)
-    shown = trajopt(*OUT, "m.yaml")[1]
+    shown = trajopt(OUT, "m.yaml")[1]
     assert "executed with cubic pieces it keeps every limit" in " ".join(shown.split())
-    assert trajopt(*OUT, "m.yaml")[0] == 2  # it is there
+    assert trajopt(OUT, "m.yaml")[0] == 2  # it is there
 
 
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["m.csv", "--cycle", 0.001, "--rate", 1000], "--cycle or --rate, not both"),
-        (["m.png", "--points", "breaks"], "--points is 'breaks': expected left out for a .png"),
-        (["m.csv", "--points", "some"], "--points"),
-        (["m.csv", "--cycle", 0], "--cycle"),
-        (["m.csv", "--cycle", 10], "--cycle is 10.0: expected a shorter one"),
-        (["m.doc"], "a file ending in .csv, .json, .yaml"),
+        ("m.csv --cycle 0.001 --rate 1000", "--cycle or --rate, not both"),
+        ("m.png --points breaks", "--points is 'breaks': expected left out for a .png"),
+        ("m.csv --points some", "--points"),
+        ("m.csv --cycle 0", "--cycle"),
+        ("m.csv --cycle 10", "--cycle is 10.0: expected a shorter one"),
+        ("m.doc", "a file ending in .csv, .json, .yaml"),
     ],
 )
 def test_what_cannot_be_written_is_one_line(trajopt, tmp_path, flags, words):
-    code, _, err = trajopt(*OUT, *flags)
+    code, _, err = trajopt(OUT, flags)
     assert code == 2
     assert words in err
     assert err.count("\n") == 1
@@ -272,7 +279,7 @@ def test_what_breaks_a_limit_as_executed_is_not_kept(trajopt, tmp_path, monkeypa
         motion.joint_trajectory.write(file, less)
 
     monkeypatch.setitem(motion._FORMATS, ".yaml", (coarse, motion.joint_trajectory.read))
-    code, _, err = trajopt(*OUT, "m.yaml")
+    code, _, err = trajopt(OUT, "m.yaml")
     assert code == 2
     assert "m.yaml: not written: executed, " in err
     assert "misses the waypoint" in err
