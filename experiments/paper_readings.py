@@ -24,7 +24,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from experiments.common.output import save_table
-from experiments.paper import figures as paper_figures
 from experiments.paper.choices import READINGS, Reading
 from experiments.paper.searches import (
     ALGORITHMS,
@@ -39,7 +38,6 @@ from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
 from trajopt.planners import spline353
-from trajopt.views.figures import plots
 
 TIMINGS = ("per-joint", "shared")
 NEAR = 0.01  # relative
@@ -205,7 +203,7 @@ def order(cells: dict[str, pd.Series[Any]]) -> str:
 
 
 def claims(table: pd.DataFrame, ranked: pd.DataFrame) -> pd.DataFrame:
-    """Print the conclusions of all readings."""
+    """Return the conclusions of all readings."""
     best = ranked.iloc[0]
     worst = best["worst difference %"]
     published = running_times()["issa"]
@@ -270,8 +268,6 @@ def main(
     }
     for name, own in tables.items():
         save_table(own, output / name)
-    figure = paper_figures.readings(table, [reading.name for reading in READINGS])
-    plots.save(figure, output / "readings")
     print(tables["nearest"].to_string(index=False, float_format="{:.4f}".format))
     print(ranked.head(12).to_string(index=False, float_format="{:.2f}".format))
     print(tables["claims"].drop(columns="command").to_string(index=False))

@@ -1,25 +1,16 @@
-"""Figures of the paper's two experiments."""
+"""The paper's figure 6: convergence of each joint searched alone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-import numpy as np
-import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from experiments.paper.searches import ALGORITHMS, NAMES, Runs, running_times
+from experiments.paper.searches import NAMES, Runs
 from trajopt import Problem
 from trajopt.views.figures import plots, sampling, style
-
-MARKS = {
-    "mean": "v",
-    "longest": "s",
-    "segment-wise maximum": "D",
-    "shared": "o",
-}
 
 
 @plots.styled
@@ -83,78 +74,3 @@ def _convergence(
     best = min(ends)
     axes.set(xscale="log", xlim=(20, None), ylim=(0.95 * best, 2.0 * best))
     axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-@plots.styled
-def readings(table: pd.DataFrame, names: Sequence[str]) -> Figure:
-    """Every reading's running times against the three published ones."""
-    height = 1.3 + 0.27 * len(names)
-    figure = Figure(figsize=(7.2, height), layout="constrained")
-    axes = figure.subplots()
-    published = running_times()
-    for shift, algorithm, colour, dash in zip(
-        (-0.22, 0.0, 0.22),
-        ALGORITHMS,
-        style.CURVES[:3],
-        style.DASHES[:3],
-        strict=True,
-    ):
-        label = f"published {NAMES[algorithm]}"
-        axes.axvline(published[algorithm], color=colour, ls=dash, label=label)
-        own = table[table["algorithm"] == NAMES[algorithm]]
-        heights = own["reading"].map(names.index) + shift
-        _claims(axes, own, heights, colour)
-    for combination, marker in MARKS.items():
-        axes.plot(
-            [],
-            [],
-            marker,
-            ms=4,
-            mfc="white",
-            mec=style.BLACK,
-            label=combination,
-        )
-    axes.plot(
-        [],
-        [],
-        "o",
-        ms=4,
-        color=style.BLACK,
-        label="keeps Table 3's limits, passes points",
-    )
-    axes.set_title("in each row, from the top: PSO, SSA, ISSA", loc="left", color="0.3")
-    lowest = len(names) - 0.4
-    axes.set(
-        xlabel="running time claimed (s)",
-        xlim=(0, 8.2),
-        ylim=(lowest, -0.6),
-    )
-    axes.set_yticks(range(len(names)), names)
-    axes.tick_params(axis="y", length=0)
-    axes.set_axisbelow(True)
-    between = np.arange(len(names) - 1) + 0.5
-    axes.hlines(between, *axes.get_xlim(), color="0.9", lw=0.5)
-    figure.legend(loc="outside lower center", ncols=3)
-    return figure
-
-
-def _claims(
-    axes: Axes,
-    own: pd.DataFrame,
-    heights: pd.Series[float],
-    colour: str,
-) -> None:
-    """A mark per claim: its shape the combination, filled where it is honest."""
-    honest = own["passes together"] & (own["keeps limits"] > 0.5)
-    for combination, marker in MARKS.items():
-        of_kind = own["combination"] == combination
-        for face, some in (("white", of_kind & ~honest), (colour, of_kind & honest)):
-            axes.plot(
-                own.loc[some, "claimed s"],
-                heights[some],
-                marker,
-                ms=4,
-                mfc=face,
-                mew=0.9,
-                mec=colour,
-            )

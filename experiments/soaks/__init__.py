@@ -1,5 +1,14 @@
 """Attacks on the toolkit, by the thousand: each module asks whether one promise can be broken.
 
-Reading order: `tricks` (motions that claim too little), `runner` (what every attack reports). The
-attacks that are texts stand in `data`.
+Reading order:
+
+- `runner`: the report of every soak.
+- `tricks`: motions that claim too little; `repair_residuals`: errors that the repair leaves.
+- `forgeries`: proofs that claim too much.
+- `relations`: inequalities and symmetries between planners, on random problems.
+- `hostile_inputs`: files that a stranger crafted or an accident changed, made by `hostile_texts`
+  and `forged_results`; `said` runs a command on them.
+- `nasty_planners`: planners that mean harm, which `nasty` defines.
+
+Attacks that are texts or tables stand in the folder `data`.
 """

@@ -5,7 +5,7 @@
 
 Mutated: files that are shipped, of every format that is read, with bits, spans, lines, numbers or
 keys changed. Crafted: what no reader may take. Every fifth is a results file
-(`experiments.common.forged_results`), the others are text (`hostile_texts`). Each is read in a
+(`experiments.soaks.forged_results`), the others are text (`hostile_texts`). Each is read in a
 child process by the command that a user would type. The promise: no traceback, one line of
 error of at most 1500 characters, no escape sequence, 10 s of CPU and 500 MB at most, and no
 nonsense taken (crafted files are all refused; in mutated ones that were taken, other parsers find
@@ -28,9 +28,8 @@ import numpy as np
 import pandas as pd
 from pebble import ProcessExpired, ProcessPool
 
-from experiments.common import forged_results
 from experiments.common.output import save_table
-from experiments.soaks import hostile_texts, said
+from experiments.soaks import forged_results, hostile_texts, said
 
 WALL_S = 120.0  # for 10 s of CPU on a machine with other work
 STORED_EVERY = 5  # files

@@ -12,16 +12,17 @@ import io
 import json
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 import yaml
 
+from experiments.soaks import runner
 from trajopt.benchmark.best_known import record, records, verification
 from trajopt.benchmark.suites import literature
 from trajopt.core import built_in
@@ -30,6 +31,7 @@ from trajopt.formats.motion import motion
 from trajopt.planners.kinematics import Robot
 
 Rng = np.random.Generator
+T = TypeVar("T")
 Command = list[str] | Callable[[], object]
 
 EXAMPLES = built_in.data_folder().parent / "docs" / "examples"
@@ -45,47 +47,9 @@ _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(\.\d+)?([eE][+-]?\d+)?")
 _NUMERIC_KEYS = re.compile(r"max_.*|min_.*|sec|nanosec|positions|velocities|accelerations")
 LONG = 60_000  # digits
 MAX_BYTES = 40_000_000  # largest crafted file
-ODD_NUMBERS = (
-    "",
-    "1_0",
-    "١",
-    "½",
-    "1:30",
-    "010",
-    "0x1F",
-    "nan",
-    "inf",
-    "1e999",
-    "1e-99999999999999999999",
-    "1e308",
-    "5e-324",
-    "18446744073709551616",
-    "--1",
-    "-1",
-    "1,5",
-    "1.5.2",
-    "1 2",
-    "true",
-    "null",
-    '"1"',
-    "[1]",
-    "{}",
-    "9" * LONG,
-    "0x" + "f" * LONG,
-)
-JUNK = (
-    b"\0",
-    b"\xff\xfe",
-    b"\x1b[31m",
-    b"\n",
-    b"\r",
-    b"[" * LONG,
-    b"{",
-    b"&a *a",
-    b"- ",
-    b'"',
-    b"<",
-)
+TEXTS = tomllib.loads((runner.DATA / "hostile_texts.toml").read_text(encoding="utf-8"))
+ODD_NUMBERS: list[str] = [*TEXTS["odd_numbers"], "9" * LONG, "0x" + "f" * LONG]
+JUNK: list[str] = [*TEXTS["junk"], "[" * LONG]
 
 
 @dataclass(frozen=True)
@@ -247,9 +211,9 @@ def _described(path: Path) -> Command:
 
 def mutated(kind: Format, rng: Rng) -> bytes:
     """A shipped file with one change, or with two."""
-    content = kind.shipped[int(rng.integers(len(kind.shipped)))]
+    content = _drawn(kind.shipped, rng)
     for _ in range(1 + int(rng.random() < 0.2)):
-        change = _CHANGES[int(rng.integers(len(_CHANGES)))]
+        change = _drawn(_CHANGES, rng)
         content = change(content, rng) or b" "
     return content
 
@@ -286,7 +250,8 @@ def _line(content: bytes, rng: Rng) -> bytes:
 
 def _junk(content: bytes, rng: Rng) -> bytes:
     place = int(rng.integers(len(content) + 1))
-    return content[:place] + JUNK[int(rng.integers(len(JUNK)))] + content[place:]
+    junk = _drawn(JUNK, rng)
+    return content[:place] + _bytes(junk) + content[place:]
 
 
 def _number(content: bytes, rng: Rng) -> bytes:
@@ -294,9 +259,9 @@ def _number(content: bytes, rng: Rng) -> bytes:
     found = list(_NUMBER.finditer(text))
     if not found:
         return content
-    match = found[int(rng.integers(len(found)))]
-    odd = ODD_NUMBERS[int(rng.integers(len(ODD_NUMBERS)))]
-    changed = text[: match.start()] + odd + text[match.end() :]
+    match = _drawn(found, rng)
+    odd: str = _drawn(ODD_NUMBERS, rng)
+    changed: str = text[: match.start()] + odd + text[match.end() :]
     return changed.encode("utf-8", "surrogateescape")
 
 
@@ -305,7 +270,7 @@ def _key(content: bytes, rng: Rng) -> bytes:
     words = list(re.finditer(rb"[a-z_]{4,}", content))
     if not words:
         return content
-    match = words[int(rng.integers(len(words)))]
+    match = _drawn(words, rng)
     place = match.start() + int(rng.integers(1, len(match[0]) - 1))
     changed = bytearray(content)
     changed[place : place + 2] = changed[place : place + 2][::-1]
@@ -317,139 +282,34 @@ _CHANGES = (_bit, _cut, _span, _line, _junk, _number, _number, _key, _key)
 
 # --- what a stranger crafts ---
 
-ANYWHERE = (
-    b"",
-    b"\0",
-    b"1",
-    b"1,",
-    b"1\n",
-    b" ",
-    b"[",
-    b"[],",
-    b"a.",
-    b"a . ",
-    b"- ",
-    b"? ",
-    b'{"a":',
-    b'{"a":0},',
-    b"<a>",
-    b"k = ",
-    b"\xff\xfea\0:\0 \0",
-    b"\x1b]0;title\x07",
-)
-"""What is repeated, up to 20 million times, in a file of any format."""
-
-PLACED: dict[str, tuple[tuple[bytes, bytes, bytes], ...]] = {
-    ".toml": (
-        (b"waypoints = ", b"[", b""),
-        (b"waypoints = ", b"{a=", b""),
-        (b"waypoints = [[0x", b"f", b"]]"),
-        (b"waypoints = [[1", b"0", b"]]"),
-        (b"a", b" . a", b" = 1"),
-        (b"", b"[[a]]\n", b""),
-    ),
-    ".yaml": (
-        (b"joint_limits: {a: {max_velocity: 1", b"0", b"x}}"),
-        (b"joint_limits: {k", b"k", b": {}}"),
-        (b"joint_limits: ", b"[", b""),
-        (b"points: [", b"{positions: [0]},", b"]"),
-    ),
-    ".json": (
-        (b'{"breaks": [0, 1', b"0", b'], "coefficients": [[[1]]]}'),
-        (b'{"breaks": [0, 1], "coefficients": [[[1]]', b",[[1]]", b"]}"),
-        (b"[", b'{"a":0},', b"0]"),
-        (b'{"trajectory": {"waypoint_times": [0, 1], "joints": [[[0, 1]', b",[0.5, 1]", b"]]}}"),
-        (b'{"points": [0', b',{"positions": [0]}', b"]}"),
-    ),
-    ".csv": (
-        (b"time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,1", b"1", b"x,1\n"),
-        (b'time [s],shoulder [deg],elbow [deg]\n0,0,0\n1,"', b"1\n", b""),
-        (b"shoulder [deg],elbow [deg]\n0", b" 0", b"\n"),
-        (b"shoulder", b" [deg", b"\n0\n1\n"),
-    ),
-    ".npy": ((b"\x93NUMPY\x01\x00\xff\xff", b"(", b"\n"),),
-    ".urdf": (
-        (b"<robot>", b"<a>", b""),
-        (b"<robot>", b"<joint/>", b"</robot>"),
-        (b'<robot name="', b"r", b'"/>'),
-    ),
-}
-"""Beginning, what is repeated, end."""
-
-_BOMB = b"""a0: &a0 {k: 1}
-a1: &a1 [*a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0, *a0]
-a2: &a2 [*a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1, *a1]
-a3: &a3 [*a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2, *a2]
-a4: &a4 [*a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3, *a3]
-a5: &a5 [*a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4, *a4]
-a6: &a6 [*a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5, *a5]
-joint_limits: *a6
-points: *a6
-"""
-_LAUGHS = b"""<!DOCTYPE r [<!ENTITY a "ha">
-<!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">
-<!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;&b;">
-<!ENTITY d "&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;&c;">
-<!ENTITY e "&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;&d;">
-<!ENTITY f "&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;&e;">
-]><robot name="&f;"/>"""
-
-WHOLE: dict[str, tuple[bytes, ...]] = {
-    ".toml": (b"name = 3\nwaypoints = [[0], [1]]",),
-    ".yaml": (
-        _BOMB,
-        b"a: &a {b: 1}\njoint_limits: {<<: *a}\n",
-        b"joint_limits: {[1, 2]: 3}",
-        b"joint_limits: {shoulder: {max_velocity: 1:30}}",
-        b"joint_limits: {shoulder: {max_velocity: 1, max_velocity: 2}}",
-        b"joint_limits: !!python/object/apply:os.getcwd []",
-    ),
-    ".json": (
-        b'{"joint_names": ["a"], "points": [{"positions": [0], "time_from_start": {"nanosec": 0}}, '
-        b'{"positions": [1], "time_from_start": {"nanosec": 5000000000}}]}',
-        b'{"breaks": [0, 1], "coefficients": [[[1]]], "joint_names": 3}',
-        b'{"breaks": [0, 1], "coefficients": [[[1, 2]], [[0, 0]]], "unit": "deg"}',
-        b'{"waypoints": [[0, 0], [1, 1]], "waypoints": [[0, 0], [2, 2]]}',
-    ),
-    ".csv": (
-        b"time [s],shoulder [deg],elbow [deg]\n0,0,0\n1e-9999999999999999999999,1,1\n",
-        b"time [s],shoulder [mm],shoulder [deg/s]\n0,0,0\n1,1,1\n",
-        b"time [s],shoulder [deg],shoulder [deg]\n0,0,0\n1,1,1\n",
-    ),
-    ".npy": (
-        b"PK\3\4",
-        b"\x93NUMPY\1\0\x44\0{'descr': '<f8', 'fortran_order': False, 'shape': (10**12, 2)}   \n",
-        b"\x93NUMPY\1\0\x44\0{'descr': '<f8', 'fortran_order': False, 'shape': (999999999999,2)}\n",
-        b"\x93NUMPY\1\0\x44\0{'descr': '|O', 'fortran_order': False, 'shape': (2, 2), }        \n",
-        b"\x93NUMPY\1\0\x44\0{'descr': '<f8', 'fortran_order': False, 'shape': (2L, 2L), }     \n",
-    ),
-    ".urdf": (
-        _LAUGHS,
-        b"<sdf><model/></sdf>",
-        b'<robot><joint name="elbow_joint" type="revolute"><limit velocity="1_0"/></joint></robot>',
-    ),
-}
-
 
 def crafted(ending: str, rng: Rng) -> bytes:
     """A file that no reader may take."""
     size = int(10 ** rng.uniform(3, 7.3))
     match int(rng.integers(4)):
         case 0:
-            return _repeated(ANYWHERE[int(rng.integers(len(ANYWHERE)))], size)
+            return _repeated(_drawn(TEXTS["anywhere"], rng), size)
         case 1:
             return rng.bytes(size)
         case 2:
-            own = PLACED[ending]
-            begin, repeated, end = own[int(rng.integers(len(own)))]
-            return begin + _repeated(repeated, size) + end
+            begin, repeated, end = _drawn(TEXTS["placed"][ending], rng)
+            middle = _repeated(repeated, size)
+            return _bytes(begin) + middle + _bytes(end)
         case _:
-            whole = WHOLE[ending]
-            return whole[int(rng.integers(len(whole)))]
+            whole: str = _drawn(TEXTS["whole"][ending], rng)
+            return _bytes(whole)
 
 
-def _repeated(text: bytes, times: int) -> bytes:
-    return text * min(times, MAX_BYTES // max(1, len(text)))
+def _drawn(values: Sequence[T], rng: Rng) -> T:
+    return values[int(rng.integers(len(values)))]
+
+
+def _bytes(text: str) -> bytes:
+    return text.encode("latin-1")
+
+
+def _repeated(text: str, times: int) -> bytes:
+    return _bytes(text) * min(times, MAX_BYTES // max(1, len(text)))
 
 
 # --- what a reader may not take ---

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.common import forged_results as forged
+from experiments.soaks import forged_results as forged
 from experiments.soaks import hostile_inputs, said
 from experiments.soaks import hostile_texts as texts
 
