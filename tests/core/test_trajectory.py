@@ -115,7 +115,7 @@ def test_joints_with_breaks_of_their_own_keep_their_values():
 
 @pytest.mark.parametrize("epsilon", [1e-16, -1e-16, 3e-16, -6e-15, 1.2e-14])
 def test_breaks_that_rounding_split_are_one_break(epsilon):
-    """The waypoint's own time wins; a sliver of a piece would make nonsense of its coefficients."""
+    """The waypoint's own time counts; no piece as short as a rounding error remains."""
     own = part(0, [0, 1 + epsilon, 4 - epsilon], 3)
     parts = [own, part(1, [0, 1 - epsilon, 4], 3)]
     joined = Trajectory.joined(parts, [0, 1, 4])
@@ -136,7 +136,7 @@ def test_breaks_farther_apart_than_rounding_stay_apart():
     np.testing.assert_allclose(found, expected)
 
 
-def test_a_sliver_that_moves_is_kept():
+def test_a_short_piece_that_moves_is_kept():
     """Braking at 1e6 rad/s² for 1e-13 s: dropped, it would be a jump of velocity."""
     brake = 1e-13
     own = np.array([0.0, 1.0, 1.0 + brake, 2.0])

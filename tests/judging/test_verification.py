@@ -217,7 +217,7 @@ MOST = {0: 0.5, 1: 0.7, 2: 0.7}
 @pytest.mark.parametrize("row", range(4))
 @pytest.mark.parametrize("joint", range(3))
 def test_a_missed_waypoint(row, joint, times, size):
-    """The tolerance is relative to the joint's largest displacement; within it, it is mended."""
+    """The tolerance is relative to the largest displacement; a smaller miss is repaired."""
     waypoints = WAYPOINTS * size
     miss = times * 1e-6 * MOST[joint] * size
     moved = waypoints.copy()
@@ -230,8 +230,8 @@ def test_a_missed_waypoint(row, joint, times, size):
     assert (certificate.waypoint.joint, certificate.waypoint.time) == expected
     assert certificate.valid == (abs(times) < 1)
     if certificate.valid:
-        mended = certified(problem, quintic_motion(moved, 4.0, (0.5,)))
-        misses = mended(mended.waypoint_times) - waypoints
+        repaired = certified(problem, quintic_motion(moved, 4.0, (0.5,)))
+        misses = repaired(repaired.waypoint_times) - waypoints
         assert np.abs(misses).max() <= 1e-15 * size
     else:
         assert f"joint {joint + 1} at {row * 4} s: misses the waypoint" in certificate.flaws[0]
@@ -240,7 +240,7 @@ def test_a_missed_waypoint(row, joint, times, size):
 
 
 def test_the_price_of_a_missed_waypoint():
-    """A quintic that falls short by e is mended by 3σ² − 2σ³: 1.5 e/T faster."""
+    """A quintic that falls short by e is repaired by 3σ² − 2σ³: 1.5 e/T faster."""
     h = 1.0
     e = 0.9e-8
     T = 2.0
@@ -256,14 +256,14 @@ def test_the_price_of_a_missed_waypoint():
 
 @pytest.mark.parametrize("at", [0, 1])
 def test_the_price_of_a_jump(at):
-    """A velocity jump δ is mended over ρ, its longer side, by δ ρ (x³ − x²): 4 δ/ρ at its break."""
+    """A velocity jump δ is repaired over ρ by δ ρ (x³ − x²): 4 δ/ρ at its break."""
     delta = 1e-9
     motion = quintic_motion(WAYPOINTS, 4.0, (0.25,))
     length = np.diff(motion.breaks)[at]
     jumping = bumped(motion, at, 0, delta * hump(1, 2) * length)
-    mended = certified(Problem(WAYPOINTS, ROOM), jumping)
-    curvature = mended(motion.breaks[at], 2) - motion(motion.breaks[at], 2)
-    # The bump's own curvature is −4 δ/length; its mending dies out over the rest of the segment.
+    repaired = certified(Problem(WAYPOINTS, ROOM), jumping)
+    curvature = repaired(motion.breaks[at], 2) - motion(motion.breaks[at], 2)
+    # The bump's own curvature is −4 δ/length; its repair dies out over the rest of the segment.
     room = (4.0, 3.0)[at]
     expected = 4 * delta / room - 4 * delta / length
     assert curvature[0] == pytest.approx(expected, rel=1e-5)

@@ -144,7 +144,7 @@ class Problem:
     """Pass every waypoint in order, from rest to rest, as fast as the limits allow.
 
     `waypoints` is `(waypoints, joints)` in radians: one row per waypoint. All joints pass a
-    waypoint at the same instant. Consecutive identical waypoints are one waypoint, passed once;
+    waypoint at the same time. Consecutive identical waypoints are one waypoint, passed once;
     waypoints that differ by no more than rounding are identical.
 
     `joint_names` has one name per joint, or is empty. `joint_units` has "rad", or "m" for a
@@ -461,7 +461,7 @@ def _is_bound(value: Any) -> bool:
 
 
 def frozen(values: ArrayLike) -> Array:
-    """Return a copy that nobody can change."""
+    """Return a read-only copy."""
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array

@@ -39,7 +39,7 @@ class Solution:
     - `history` `(m, 2)`: evaluations spent, and the shortest duration claimed by then (NaN before
       the first), s; what the last row claims is `trajectory` (see `history_flaw`);
     - `setup_time`: the part of the wall time spent building what later calls reuse, s;
-    - `stats`: anything else worth keeping; values are numbers, strings or arrays.
+    - `stats`: other results; values are numbers, strings or arrays.
     """
 
     status: Status

@@ -59,12 +59,12 @@ def repaired(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
             if layout is None:
                 return None
             rebased = _rebased(layout)
-            mended = _mended(problem, layout, rebased)
-            finite = np.isfinite(mended)
+            corrected = _corrected(problem, layout, rebased)
+            finite = np.isfinite(corrected)
             if not finite.all():
                 return None
-            motion = _placed(layout, mended)
-            if mended is rebased:
+            motion = _placed(layout, corrected)
+            if corrected is rebased:
                 break
     return motion
 
@@ -77,7 +77,7 @@ def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
     return Trajectory(layout.breaks, placed, waypoint_times=times)
 
 
-def _mended(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
+def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
     """The coefficients that miss no waypoint, do not jump and keep the position limits.
 
     Positions are relative to the segment's first waypoint. The same array is returned where no

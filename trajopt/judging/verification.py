@@ -28,7 +28,7 @@ PIECES_PER_CHUNK = 256  # roots are found for so many pieces at once, the larges
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
 
 RATIO_KINDS = tuple(name for name, order in LIMIT_ORDERS.items() if order > 0)
-"""The worst values that are ratios to a limit; slowing down mends them."""
+"""The worst values that are ratios to a limit; dilation reduces them."""
 WORST_KINDS = (*RATIO_KINDS, "position", "waypoint", "continuity")
 """Every worst value of a certificate; those that are no ratio are errors in SI units."""
 
@@ -113,7 +113,7 @@ class Certificate:
 
     @property
     def certified_duration(self) -> float | None:
-        """`max(1, dilation) · duration` in seconds, or `None` if nothing can mend it."""
+        """`max(1, dilation) · duration` in seconds, or `None` if there is a flaw."""
         if not self.valid:
             return None
         return max(1.0, self.dilation) * self.duration
@@ -206,8 +206,8 @@ def _judged(
     if blur > 1:
         flaws.append(_say(problem, blurred, "terms cancel, which rounds the position by"))
 
-    mended = None if flaws else repaired(problem, trajectory)
-    judged = mended or trajectory
+    repair = None if flaws else repaired(problem, trajectory)
+    judged = repair or trajectory
     limits = problem.limits
     velocity = _peak(judged, 1, limits.velocity, _ratio)
     acceleration = _peak(judged, 2, limits.acceleration, _ratio)
@@ -220,7 +220,7 @@ def _judged(
     dilation = _dilation(velocity, acceleration, jerk)
     if position and position.value > allowed.position_limit[position.joint]:
         flaws.insert(0, _say(problem, position, "leaves its position limits by"))
-    if mended is None and not flaws:
+    if repair is None and not flaws:
         flaws.append("it passes different waypoints at one instant, or its numbers overflow")
     if not np.isfinite(dilation * judged.duration):
         flaws.append("its peaks are not finite numbers")
