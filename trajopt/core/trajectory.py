@@ -140,8 +140,8 @@ class Trajectory:
         within = np.asarray(times, dtype=float)
         wanted = np.clip(within, 0.0, self.duration)
         slack = BREAK_RTOL * self.duration
-        own = self.breaks[nearest(self.breaks, wanted)]
-        distance = np.abs(wanted - own)
+        neighbours = self.breaks[nearest(self.breaks, wanted)]
+        distance = np.abs(wanted - neighbours)
         missing = distance > slack
         if not missing.any():
             return self
@@ -149,8 +149,8 @@ class Trajectory:
         breaks = np.union1d(self.breaks, added)
         piece = self._piece_at(breaks[:-1])
         offset = breaks[:-1] - self.breaks[piece]
-        own = self.coefficients[:, piece]
-        coefficients = polynomials.shifted(own, offset[:, None])
+        given = self.coefficients[:, piece]
+        coefficients = polynomials.shifted(given, offset[:, None])
         return Trajectory(breaks, coefficients, self.waypoint_times)
 
     @classmethod
