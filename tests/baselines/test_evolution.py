@@ -49,7 +49,14 @@ def test_finds_the_centre_of_a_sphere(optimiser):
 
 @pytest.mark.parametrize("optimiser", BOTH)
 def test_finds_the_end_of_rosenbrocks_valley(optimiser):
-    result = minimise(optimiser, rosenbrock, [-0.5, -3, 0.9], [3.5, 2, 8], [0], iterations=200)
+    result = minimise(
+        optimiser,
+        rosenbrock,
+        [-0.5, -3, 0.9],
+        [3.5, 2, 8],
+        [0],
+        iterations=200,
+    )
     np.testing.assert_allclose(result.position, 1, atol=1e-4)
 
 
@@ -58,7 +65,11 @@ def test_finds_a_minimum_in_the_corner_of_the_box(optimiser):
     result = minimise(
         optimiser, lambda x: (x * [1, 2, -3]).sum(-1), LOW, HIGH, range(2), iterations=100
     )
-    np.testing.assert_allclose(result.position, np.tile([0, 0, 4], (2, 1)), atol=1e-5)
+    np.testing.assert_allclose(
+        result.position,
+        np.tile([0, 0, 4], (2, 1)),
+        atol=1e-5,
+    )
 
 
 @pytest.mark.parametrize("optimiser", BOTH)
@@ -74,13 +85,26 @@ def test_a_cliff_beside_the_minimum_does_not_matter(optimiser):
 
 
 def test_de_needs_no_second_dimension():
-    result = minimise(DE(), lambda x: (x[..., 0] - 1) ** 2, [-3], [3], range(3), iterations=60)
+    result = minimise(
+        DE(),
+        lambda x: (x[..., 0] - 1) ** 2,
+        [-3],
+        [3],
+        range(3),
+        iterations=60,
+    )
     np.testing.assert_allclose(result.position, 1, atol=1e-5)
 
 
 def test_cmaes_needs_a_second_dimension():
     with pytest.raises(InvalidInput, match=r"^dimensions is 1: expected at least 2"):
-        minimise(CMAES(), lambda x: x[..., 0], [0], [1], [0])
+        minimise(
+            CMAES(),
+            lambda x: x[..., 0],
+            [0],
+            [1],
+            [0],
+        )
 
 
 class Forgetful(Random):
@@ -95,7 +119,9 @@ class Forgetful(Random):
 def test_de_is_scipys_own(strategy):
     """SciPy's uninterrupted run from the same stream, candidate by candidate."""
     run = DE(20, strategy=strategy, recombination=0.6).run(Forgetful(PCG64(5)), 3)
-    ours, theirs, random = [next(run)], Recorded(lambda x: sphere(4 * x.T)), Forgetful(PCG64(5))
+    ours = [next(run)]
+    theirs = Recorded(lambda x: sphere(4 * x.T))
+    random = Forgetful(PCG64(5))
     while len(ours) < 25:
         ours.append(run.send(sphere(4 * ours[-1])))
     differential_evolution(
@@ -123,11 +149,17 @@ def test_cmaes_is_the_librarys_own():
 
 
 @pytest.mark.parametrize(
-    ("growth", "sizes"), [(1, [5] * 13), (2, [5, 10, 20, 40]), (3, [5, 15, 45])]
+    ("growth", "sizes"),
+    [
+        (1, [5] * 13),
+        (2, [5, 10, 20, 40]),
+        (3, [5, 15, 45]),
+    ],
 )
 def test_every_restart_of_cmaes_grows(monkeypatch, growth, sizes):
     """Descents of one generation each, and candidates for 13 of the first."""
-    seen, original = [], cma.CMAEvolutionStrategy
+    seen = []
+    original = cma.CMAEvolutionStrategy
 
     def brief(x, sigma, options):
         seen.append(options["popsize"])
@@ -151,7 +183,8 @@ def test_no_budget_lies_idle_after_convergence(optimiser):
 
 @pytest.mark.parametrize("optimiser", [*BOTH, *SMALL])
 def test_a_run_gives_the_same_bits_alone_and_among_others_in_any_order(optimiser):
-    together, mixed = short(optimiser, range(4)), short(optimiser, [3, 99, 1])
+    together = short(optimiser, range(4))
+    mixed = short(optimiser, [3, 99, 1])
     assert len(np.unique(together.fitness)) == 4
     for seed, column in ((3, 0), (1, 2)):
         alone = short(optimiser, [seed])
@@ -204,8 +237,20 @@ def test_a_budget_of_evaluations_is_spent_exactly(optimiser, budget):
     "optimiser", [*BOTH, *SMALL, *(DE(6, strategy=name) for name in STRATEGIES)]
 )
 def test_every_candidate_is_in_its_runs_own_box(optimiser):
-    low = np.array([[0, 0, 0], [-3, 1e-3, 5], [1, 1, 1.0]])
-    high = low + np.array([[4, 4, 4], [1, 1e-2, 1e3], [1e-6, 1, 1e6]])
+    low = np.array(
+        [
+            [0, 0, 0],
+            [-3, 1e-3, 5],
+            [1, 1, 1.0],
+        ]
+    )
+    high = low + np.array(
+        [
+            [4, 4, 4],
+            [1, 1e-2, 1e3],
+            [1e-6, 1, 1e6],
+        ]
+    )
     objective = Recorded(lambda x: ((x - low[:, None]) / (high - low)[:, None]).sum(-1))
     minimise(optimiser, objective, low, high, range(3), iterations=40)
     x = np.concatenate(objective.x, axis=1)
@@ -216,11 +261,22 @@ def test_every_candidate_is_in_its_runs_own_box(optimiser):
 
 @pytest.mark.parametrize("optimiser", [*BOTH, *SMALL])
 @pytest.mark.parametrize(
-    "values", [[np.nan], [np.inf], [-np.inf], [0.0], [np.nan, np.inf, -np.inf, 1e300, 1.0]]
+    "values",
+    [
+        [np.nan],
+        [np.inf],
+        [-np.inf],
+        [0.0],
+        [np.nan, np.inf, -np.inf, 1e300, 1.0],
+    ],
 )
 def test_any_fitness_is_survived(optimiser, values):
     random = np.random.default_rng(0)
-    search = optimiser.search(Box.of(LOW, HIGH, 1), Streams([0]), 12)
+    search = optimiser.search(
+        Box.of(LOW, HIGH, 1),
+        Streams([0]),
+        12,
+    )
     x = next(search)
     for _ in range(12):
         assert x.shape == (1, optimiser.population, 3)
@@ -230,11 +286,22 @@ def test_any_fitness_is_survived(optimiser, values):
 
 @pytest.mark.parametrize("optimiser", BOTH)
 def test_missing_values_among_others_do_not_mislead(optimiser):
-    search, best = optimiser.search(Box.of(LOW, HIGH, 1), Streams([0]), 150), np.inf
+    search = optimiser.search(
+        Box.of(LOW, HIGH, 1),
+        Streams([0]),
+        150,
+    )
+    best = np.inf
     x = next(search)
     for _ in range(150):
         best = min(best, sphere(x).min())
-        x = search.send(np.where(x[..., 0] < CENTRE[0], np.nan, sphere(x)))
+        x = search.send(
+            np.where(
+                x[..., 0] < CENTRE[0],
+                np.nan,
+                sphere(x),
+            )
+        )
     assert best < 1e-6
 
 

@@ -52,7 +52,8 @@ def global_search(problem: Problem) -> float:
             candidates = np.vstack([best, around])
             durations = duration(candidates)
             order = np.argsort(durations)[:16]
-            best, elite = candidates[order[0]], candidates[order]
+            best = candidates[order[0]]
+            elite = candidates[order]
             shortest, longest = durations[order[[0, -1]]]
             if longest <= shortest * (1 + 1e-12):
                 break

@@ -25,7 +25,13 @@ from trajopt.planners.rest_to_rest import stop_times
 def bang(h: float = 1.0, a: float = 4.0) -> Trajectory:
     """Accelerate at `a` to the middle, brake at `a`: the fastest motion without velocity limit."""
     t = np.sqrt(h / a)
-    pieces = np.array([[a / 2, -a / 2], [0.0, a * t], [0.0, h / 2]])[:, :, None]
+    pieces = np.array(
+        [
+            [a / 2, -a / 2],
+            [0.0, a * t],
+            [0.0, h / 2],
+        ]
+    )[:, :, None]
     return Trajectory([0.0, t, 2 * t], pieces, [0.0, 2 * t])
 
 

@@ -86,7 +86,8 @@ def test_a_line_is_the_best_route_and_the_spline_only_times_it_badly() -> None:
 @pytest.mark.parametrize("power", [2, 3, 5])
 def test_a_line_left_and_reached_at_infinite_path_speed_is_timed_well(power: int) -> None:
     # q = t^m, then the same backwards in time: a line from 0 to 2, of any smoothness at its ends.
-    first, second = np.zeros(power + 1), np.zeros(power + 1)
+    first = np.zeros(power + 1)
+    second = np.zeros(power + 1)
     first[0] = 1.0
     second[:] = [-math.comb(power, k) * (-1.0) ** (power - k) for k in range(power + 1)]
     second[-1] += 2.0
@@ -117,7 +118,11 @@ def test_a_dilated_or_segmentwise_spline_is_still_of_the_family() -> None:
 
 def test_what_cannot_be_certified_cannot_be_explained() -> None:
     problem = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
-    jump = Trajectory([0.0, 1.0], np.array([[1.0], [0.0]])[:, None], [0.0, 1.0])
+    jump = Trajectory(
+        [0.0, 1.0],
+        np.array([[1.0], [0.0]])[:, None],
+        [0.0, 1.0],
+    )
     with pytest.raises(TrajoptError, match="velocity jumps"):
         explain(problem, Exact(), jump)
 
@@ -152,7 +157,11 @@ def test_asking_by_name_goes_through_the_registry() -> None:
 
 def test_a_record_is_the_optimum_only_where_it_is_shorter() -> None:
     problem = Problem([[0.0], [1.0]], Limits([5.0], [1.0]))
-    bang = Trajectory([0.0, 1.0, 2.0], np.array([[0.5, -0.5], [0, 1], [0, 0.5]])[..., None], [0, 2])
+    bang = Trajectory(
+        [0.0, 1.0, 2.0],
+        np.array([[0.5, -0.5], [0, 1], [0, 0.5]])[..., None],
+        [0, 2],
+    )
     slow = bang.dilated(1.5)
     known = explain(problem, None, slow, Answer(bang, "theirs, 2026-11-22"))
     assert (known.exact, known.recorded) == (approx(2.0), "")

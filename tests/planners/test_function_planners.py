@@ -142,8 +142,16 @@ def test_a_planner_that_says_it_knows_a_limit_must_keep_it():
     def careless(problem, *, seed=0):
         return load("exact").solve(problem.without("jerk", "position"))
 
-    limits = Limits([1.0, 1.0], [2.0, 2.0], position=[[0.0, 1.0], [-1.0, 1.0]])
-    narrow = Problem([[0, 0], [1, -0.5], [0.4, 0.6]], limits, name="narrow")
+    limits = Limits(
+        [1.0, 1.0],
+        [2.0, 2.0],
+        position=[[0.0, 1.0], [-1.0, 1.0]],
+    )
+    narrow = Problem(
+        [[0, 0], [1, -0.5], [0.4, 0.6]],
+        limits,
+        name="narrow",
+    )
     check_planner(careless, [narrow])
     careless.knows = ("velocity", "acceleration", "position")
     with pytest.raises(ContractError, match="invalid on 'narrow'"):

@@ -122,13 +122,27 @@ def test_forward_and_jacobian_agree_with_pinocchio(arm):
 def test_the_zero_pose_of_table_1():
     pose = SIX.forward(np.zeros(6))
     assert pose[:3, 3] == pytest.approx([0.2 + 0.7156 + 0.256, -0.0944, -0.8455 - 0.0838])
-    np.testing.assert_allclose(pose[:3, :3], np.diag([1, -1, -1]), atol=1e-15)
+    np.testing.assert_allclose(
+        pose[:3, :3],
+        np.diag([1, -1, -1]),
+        atol=1e-15,
+    )
 
 
 def test_a_robot_of_another_size_goes_forwards_only():
-    two = Robot([0, 1.0], [0, 0], [0, 0], [0, 0], [[-1, 1], [-1, 1]])
+    two = Robot(
+        [0, 1.0],
+        [0, 0],
+        [0, 0],
+        [0, 0],
+        [[-1, 1], [-1, 1]],
+    )
     assert two.frames([QUARTER, 0.0]).shape == (3, 4, 4)
-    np.testing.assert_allclose(two.forward([QUARTER, 0.0])[:3, 3], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(
+        two.forward([QUARTER, 0.0])[:3, 3],
+        [0, 1, 0],
+        atol=1e-15,
+    )
     assert two.jacobian(np.zeros((4, 3, 2))).shape == (4, 3, 6, 2)
     with pytest.raises(InvalidInput, match="a is 2: expected six joints"):
         two.inverse(np.eye(4))
@@ -149,7 +163,14 @@ def test_round_trip_of_random_poses(arm):
 
 def test_the_branches_have_the_signs_they_are_named_by():
     q = SIX.inverse(SIX.forward(angles(1000))).joints
-    assert (np.where(np.sin(q[..., 4]) >= 0, 1, -1) == BRANCHES[:, 2]).all()
+    assert (
+        np.where(
+            np.sin(q[..., 4]) >= 0,
+            1,
+            -1,
+        )
+        == BRANCHES[:, 2]
+    ).all()
 
 
 def test_any_batch_shape():
@@ -195,19 +216,31 @@ def test_near_a_singularity_every_branch_still_reaches(arm, away):
 def test_a_stretched_or_folded_elbow_has_one_solution_twice(edge):
     q = [0.3, -0.4, edge + STRAIGHT_ELBOW, 0.7, 0.9, -0.8]
     inverse = SIX.inverse(SIX.forward(q))
-    np.testing.assert_allclose(inverse.joints[:2], inverse.joints[2:4], atol=1e-12)
+    np.testing.assert_allclose(
+        inverse.joints[:2],
+        inverse.joints[2:4],
+        atol=1e-12,
+    )
     assert difference(inverse.joints[:4], q).min() < 1e-9
 
 
 def test_a_wrist_centre_as_near_to_axis_1_as_it_gets():
     pose = at(AXIS_OFFSET, 0.0, 0.8)
     inverse = SIX.inverse(pose)
-    np.testing.assert_allclose(inverse.joints[:4], inverse.joints[4:], atol=1e-9)
+    np.testing.assert_allclose(
+        inverse.joints[:4],
+        inverse.joints[4:],
+        atol=1e-9,
+    )
     assert miss(SIX, inverse.joints, pose).max() < 1e-9
 
 
 def test_a_wrist_centre_on_axis_1_keeps_the_previous_angle():
-    arm = replace(SIX, d=SIX.d * [1, 1, 0, 1, 1, 1], joint_range=FREE)
+    arm = replace(
+        SIX,
+        d=SIX.d * [1, 1, 0, 1, 1, 1],
+        joint_range=FREE,
+    )
     pose = at(0.0, 0.0, 0.8)
     inverse = arm.inverse(pose, [0.6, 0, 0, 0, 0, 0])
     np.testing.assert_allclose(inverse.joints[:4, 0], 0.6)

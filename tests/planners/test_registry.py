@@ -128,7 +128,14 @@ def test_what_a_planner_need_not_say_has_a_default():
     assert (planner.stochastic, planner.on_request, planner.requires) == (False, False, ())
     assert planner.description == "First line."
     assert not planner.batched
-    timed = planner.along(problem, Trajectory([0, 1], np.ones((1, 1, 1)), [0, 1]))
+    timed = planner.along(
+        problem,
+        Trajectory(
+            [0, 1],
+            np.ones((1, 1, 1)),
+            [0, 1],
+        ),
+    )
     assert timed.status is Status.UNSUPPORTED
 
 
@@ -405,7 +412,17 @@ def test_listing_imports_no_backend():
 
 
 def test_a_waypoint_given_twice_is_passed_once():
-    problem = Problem([[0.0], [1.0], [1.0], [1.0], [3.0], [3.0]], Limits([9.0], [9.0]))
+    problem = Problem(
+        [
+            [0.0],
+            [1.0],
+            [1.0],
+            [1.0],
+            [3.0],
+            [3.0],
+        ],
+        Limits([9.0], [9.0]),
+    )
     solution = Straight().solve(problem, seed=5)
     assert solution.trajectory.waypoint_times.tolist() == [0, 1, 1, 1, 2, 2]
     assert len(solution.trajectory.breaks) == 3

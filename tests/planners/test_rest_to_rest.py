@@ -19,7 +19,13 @@ positive = st.floats(1e-3, 1e3)
 
 def one(h: float, limits: Limits) -> float:
     """Stop-to-stop time of one segment of one joint."""
-    return float(stop_times(Problem([[0.0], [h]], limits))[0])
+    problem = Problem([[0.0], [h]], limits)
+    return float(stop_times(problem)[0])
+
+
+def seven(h: float, v: float, a: float, j: float) -> float:
+    """Stop-to-stop time of one joint with symmetric limits and a jerk limit."""
+    return one(h, Limits([v], [a], [j]))
 
 
 @pytest.mark.parametrize(
@@ -58,7 +64,13 @@ def test_asymmetric_trapezoids_by_hand(h, velocity, acceleration, time):
 
 
 @reproducible
-@given(st.floats(-1e3, 1e3).filter(bool), positive, positive, positive, positive)
+@given(
+    st.floats(-1e3, 1e3).filter(bool),
+    positive,
+    positive,
+    positive,
+    positive,
+)
 def test_the_trapezoid_covers_the_distance_at_its_limits(h, v1, v2, a1, a2):
     """Integrated anew: the fastest profile of that duration covers exactly that distance."""
     time = one(h, Limits([[-v1, v2]], [[-a1, a2]]))
@@ -73,14 +85,20 @@ def by_phases(h: float, v: float, a: float, j: float) -> float:
     """The seven-phase minimum anew: bisect the peak velocity, each ramp from its own formula."""
 
     def ramp(peak):
-        return 2 * sqrt(peak / j) if peak <= a * a / j else peak / a + a / j
+        if peak <= a * a / j:
+            return 2 * sqrt(peak / j)
+        return peak / a + a / j
 
     if v * ramp(v) <= h:  # two ramps of mean velocity v/2
         return h / v + ramp(v)
-    low, high = 0.0, v
+    low = 0.0
+    high = v
     for _ in range(200):
         peak = 0.5 * (low + high)
-        low, high = (peak, high) if peak * ramp(peak) < h else (low, peak)
+        if peak * ramp(peak) < h:
+            low = peak
+        else:
+            high = peak
     return 2 * ramp(high)
 
 
@@ -88,18 +106,22 @@ def by_phases(h: float, v: float, a: float, j: float) -> float:
 @given(st.floats(1e-6, 1e6), positive, positive, positive)
 def test_seven_phases_by_bisection(h, v, a, j):
     expected = by_phases(h, v, a, j)
-    assert one(h, Limits([v], [a], [j])) == pytest.approx(expected, rel=1e-9)
-    assert one(-h, Limits([v], [a], [j])) == pytest.approx(expected, rel=1e-9)
+    assert seven(h, v, a, j) == pytest.approx(expected, rel=1e-9)
+    assert seven(-h, v, a, j) == pytest.approx(expected, rel=1e-9)
 
 
 @reproducible
 @given(st.floats(1e-2, 1e2), *[st.floats(0.05, 20)] * 3)
 def test_seven_phases_are_ruckigs(h, v, a, j):
-    given_, found = ruckig.InputParameter(1), ruckig.Trajectory(1)
-    given_.current_position, given_.target_position = [0.0], [h]
-    given_.max_velocity, given_.max_acceleration, given_.max_jerk = [v], [a], [j]
+    given_ = ruckig.InputParameter(1)
+    found = ruckig.Trajectory(1)
+    given_.current_position = [0.0]
+    given_.target_position = [h]
+    given_.max_velocity = [v]
+    given_.max_acceleration = [a]
+    given_.max_jerk = [j]
     assert ruckig.Ruckig(1).calculate(given_, found) == ruckig.Result.Working
-    assert one(h, Limits([v], [a], [j])) == pytest.approx(found.duration, rel=1e-9)
+    assert seven(h, v, a, j) == pytest.approx(found.duration, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -117,31 +139,53 @@ def test_seven_phases_are_ruckigs(h, v, a, j):
     ],
 )
 def test_seven_phases_by_hand(h, v, a, j, time):
-    assert one(h, Limits([v], [a], [j])) == pytest.approx(time, rel=1e-12)
+    assert seven(h, v, a, j) == pytest.approx(time, rel=1e-12)
 
 
 @reproducible
 @given(st.floats(1e-3, 1e3), positive, positive)
 def test_ever_stiffer_jerk_tends_to_the_trapezoid_from_above(h, v, a):
-    trapezoid, before = one(h, Limits([v], [a])), inf
+    trapezoid = one(h, Limits([v], [a]))
+    before = inf
     for exponent in range(0, 15, 2):
-        time = one(h, Limits([v], [a], [10.0**exponent]))
+        time = seven(h, v, a, 10.0**exponent)
         assert trapezoid * (1 - 1e-12) <= time <= before * (1 + 1e-12)
         before = time
-    assert one(h, Limits([v], [a], [1e60])) == pytest.approx(trapezoid, rel=1e-9)
+    assert seven(h, v, a, 1e60) == pytest.approx(trapezoid, rel=1e-9)
 
 
 @reproducible
-@given(st.floats(1e-3, 1e3), positive, positive, positive, st.floats(1e-3, 1e3))
+@given(
+    st.floats(1e-3, 1e3),
+    positive,
+    positive,
+    positive,
+    st.floats(1e-3, 1e3),
+)
 def test_limits_and_times_scale(h, v, a, j, c):
-    slow, fast = Limits([v], [a], [j]), Limits([v * c], [a * c**2], [j * c**3])
-    assert one(h, fast) == pytest.approx(one(h, slow) / c, rel=1e-9)
-    longer = Limits([v * c], [a * c], [j * c])
-    assert one(h * c, longer) == pytest.approx(one(h, slow), rel=1e-9)
+    slow = seven(h, v, a, j)
+    fast = seven(
+        h,
+        v * c,
+        a * c**2,
+        j * c**3,
+    )
+    assert fast == pytest.approx(slow / c, rel=1e-9)
+    longer = seven(
+        h * c,
+        v * c,
+        a * c,
+        j * c,
+    )
+    assert longer == pytest.approx(slow, rel=1e-9)
 
 
 def test_asymmetric_limits_with_jerk_count_at_their_tighter_side():
-    limits = Limits([[-3, 2]], [[-1, 4]], [[-5, 9]])
+    limits = Limits(
+        [[-3, 2]],
+        [[-1, 4]],
+        [[-5, 9]],
+    )
     assert one(7, limits) == pytest.approx(by_phases(7, 2, 1, 5), rel=1e-9)
     assert one(-7, limits) == pytest.approx(by_phases(7, 2, 1, 5), rel=1e-9)
     one_sided = Limits([1.0], [1.0], [[-inf, 1]])
@@ -149,8 +193,21 @@ def test_asymmetric_limits_with_jerk_count_at_their_tighter_side():
 
 
 def test_every_segment_takes_its_slowest_joint_with_or_without_jerk():
-    limits = Limits([1, 1, 1], [2, 1, 1], [inf, 1, inf])
-    problem = Problem([[0, 0, 0], [1.5, 0, 0], [1.5, 2, 0], [3, 4, 8], [3, 4, 8]], limits)
+    limits = Limits(
+        [1, 1, 1],
+        [2, 1, 1],
+        [inf, 1, inf],
+    )
+    problem = Problem(
+        [
+            [0, 0, 0],
+            [1.5, 0, 0],
+            [1.5, 2, 0],
+            [3, 4, 8],
+            [3, 4, 8],
+        ],
+        limits,
+    )
     # 1.5/1 + 1/2; 4 by jerk; max(2, 4, 8 + 1); and nothing at all.
     np.testing.assert_allclose(stop_times(problem), [2, 4, 9, 0], rtol=1e-12)
 
@@ -161,28 +218,44 @@ def test_no_distance_takes_no_time():
         assert stop_times(problem)[0] == 0
     zero = np.zeros(1)
     assert seven_phase(zero, *np.ones((3, 1))).tolist() == [0]
-    assert trapezoidal(zero, np.array([[-1.0, 1]]), np.array([[-1.0, 1]])).tolist() == [0]
+    assert trapezoidal(
+        zero,
+        np.array([[-1.0, 1]]),
+        np.array([[-1.0, 1]]),
+    ).tolist() == [0]
 
 
 def test_batches_of_segments_give_each_its_own():
     h = np.array([[2.0, -1], [0, 5], [1e-3, 300]])
-    times = seven_phase(np.abs(h), np.array([1.0, 2]), np.array([3.0, 4]), np.array([5.0, 6]))
-    limits = [(1, 3, 5), (2, 4, 6)]
-    expected = [
-        [by_phases(abs(x), *own) if x else 0 for x, own in zip(row, limits, strict=True)]
-        for row in h
-    ]
+    times = seven_phase(
+        np.abs(h),
+        np.array([1.0, 2]),
+        np.array([3.0, 4]),
+        np.array([5.0, 6]),
+    )
+    expected = np.zeros_like(h)
+    for segment, joint in np.argwhere(h != 0):
+        own = [(1, 3, 5), (2, 4, 6)][joint]
+        expected[segment, joint] = by_phases(abs(h[segment, joint]), *own)
     np.testing.assert_allclose(times, expected, rtol=1e-9)
 
 
 def test_the_cubic_root_law_of_small_steps():
     """Far from the other limits, eight times the distance takes twice the time."""
-    times = [one(h, Limits([1e6], [1e6], [2.0])) for h in (1e-3, 8e-3, 64e-3)]
-    np.testing.assert_allclose(times, 4 * cbrt(1e-3 / 4) * np.array([1, 2, 4]), rtol=1e-12)
+    times = [seven(h, 1e6, 1e6, 2.0) for h in (1e-3, 8e-3, 64e-3)]
+    np.testing.assert_allclose(
+        times,
+        4 * cbrt(1e-3 / 4) * np.array([1, 2, 4]),
+        rtol=1e-12,
+    )
 
 
 def test_the_end_to_end_bound_of_two_waypoints_is_the_stopping_time() -> None:
-    limits = Limits([2.0, 3.0], [1.0, [-2.0, 4.0]], jerk=[5.0, np.inf])
+    limits = Limits(
+        [2.0, 3.0],
+        [1.0, [-2.0, 4.0]],
+        jerk=[5.0, np.inf],
+    )
     problem = Problem([[0.0, 1.0], [4.0, -2.0]], limits)
     assert end_to_end_bound(problem) == pytest.approx(stop_times(problem).sum(), rel=1e-9)
 

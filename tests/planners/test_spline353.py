@@ -103,7 +103,11 @@ def test_uses_in_a_batch_are_those_of_each_alone(exact_above):
     rng = np.random.default_rng(1)
     d = rng.normal(size=(3, 3))
     t = rng.uniform(0.1, 3, (7, 4, 1, 3))
-    limits = Limits([1, [-2, 3], 1], [3, [-1, 4], 2], [[-9, 3], INF, 5])
+    limits = Limits(
+        [1, [-2, 3], 1],
+        [3, [-1, 4], 2],
+        [[-9, 3], INF, 5],
+    )
     batch = np.stack(spline353.limit_use(d, t, limits, exact_above))
     assert batch.shape == (3, 7, 4, 3)
     for i in np.ndindex(7, 4):
@@ -155,12 +159,24 @@ def test_the_verifier_finds_the_same_peaks_by_another_way(spread, seed):
 
 @pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1e3, 1e6])
 @pytest.mark.parametrize("segment", [0, 1, 2])
-@pytest.mark.parametrize("d", [(1, 0.5, 0.3), (1, -0.5, 0.3), (0, 1, 0), (1, 0, -1)])
+@pytest.mark.parametrize(
+    "d",
+    [
+        (1, 0.5, 0.3),
+        (1, -0.5, 0.3),
+        (0, 1, 0),
+        (1, 0, -1),
+    ],
+)
 def test_one_segment_much_shorter_or_longer_than_the_others(ratio, segment, d):
     """Peaks of a degenerate spline, against dense samples of both ends and the middle."""
     t = np.ones(3)
     t[segment] = ratio
-    v, a, j = spline353.limit_use([d], t, Limits([1.0], [1.0], [1.0]))
+    v, a, j = spline353.limit_use(
+        [d],
+        t,
+        Limits([1.0], [1.0], [1.0]),
+    )
     near_start = np.geomspace(1e-12, 1, 2000)
     s = np.concatenate([np.linspace(0, 1, 4001), near_start, 1 - near_start])
     quintic = spline353.Quintic.of(np.array(d, dtype=float), t)
@@ -174,7 +190,11 @@ def test_one_segment_much_shorter_or_longer_than_the_others(ratio, segment, d):
     assert np.isfinite(j).all()
 
 
-NEARLY_ONE = [1.0, *(1 + 10.0**-e for e in range(2, 16)), *(1 - 10.0**-e for e in range(2, 16))]
+NEARLY_ONE = [
+    1.0,
+    *(1 + 10.0**-e for e in range(2, 16)),
+    *(1 - 10.0**-e for e in range(2, 16)),
+]
 
 
 @pytest.mark.parametrize("factor", NEARLY_ONE)
@@ -184,7 +204,11 @@ def test_peaks_where_the_accelerations_leading_coefficient_all_but_vanishes(fact
     One root of the cubic runs away there; the others still hold the peak velocity.
     """
     h = 4 * factor
-    found, _, _ = spline353.limit_use([[1.0, h, 1.0]], np.ones(3), Limits([1.0], [1.0]))
+    found, _, _ = spline353.limit_use(
+        [[1.0, h, 1.0]],
+        np.ones(3),
+        Limits([1.0], [1.0]),
+    )
     assert found[0] == pytest.approx((30 * h - 48) / 16, rel=1e-13)
 
 
@@ -243,7 +267,11 @@ def test_a_mirrored_motion_swaps_its_limits(seed):
     "limits",
     [
         Limits([6.0], [3.0], [6.0]),
-        Limits([[-0.1, 6]], [[-12, 3]], [[-60, 6]]),
+        Limits(
+            [[-0.1, 6]],
+            [[-12, 3]],
+            [[-60, 6]],
+        ),
         Limits([6.0], [3.0], [[-INF, 6]]),
         Limits([6.0], [3.0]),
     ],
@@ -266,7 +294,12 @@ def test_peaks_by_hand(limits):
 @pytest.mark.parametrize("factor", [1e-3, 1, 1e3])
 @pytest.mark.parametrize(
     ("high", "expected"),
-    [(1.0, 1 / 8), (1.125 + 1e-9, 0.0), (0.5, 5 / 8), (INF, 0.0)],
+    [
+        (1.0, 1 / 8),
+        (1.125 + 1e-9, 0.0),
+        (0.5, 5 / 8),
+        (INF, 0.0),
+    ],
 )
 def test_the_peak_position_by_hand(factor, high, expected):
     """With t = 1 and d = (1, 0, −1): 3 s + 3 s² − 12 s³ + 6 s⁴, whose peak is 9/8 at s = 1/2."""
@@ -300,7 +333,11 @@ def test_position_excess_is_that_of_the_samples(seed):
 
 def touching(waypoints) -> Problem:
     """The first joint must stay within [0, 1]; the second is free."""
-    limits = Limits([2.0, 2.0], [5.0, 5.0], position=[[0, 1], [-INF, INF]])
+    limits = Limits(
+        [2.0, 2.0],
+        [5.0, 5.0],
+        position=[[0, 1], [-INF, INF]],
+    )
     return Problem([[x, row] for row, x in enumerate(waypoints)], limits)
 
 
@@ -338,7 +375,13 @@ def test_some_times_keep_the_position_limits(waypoints):
 def test_a_limit_passed_at_speed_is_infeasible(waypoints):
     problem = touching(waypoints)
     assert "joint 1 is at its limit at waypoint" in spline353.infeasible(problem)
-    ratios = np.exp(np.random.default_rng(0).uniform(-8, 8, (4000, 1, 3)))
+    ratios = np.exp(
+        np.random.default_rng(0).uniform(
+            -8,
+            8,
+            (4000, 1, 3),
+        )
+    )
     room = spline353.position_room(problem)
     excess = spline353.position_excess(problem.displacements.T, ratios, room)
     assert (excess[:, 0] > 0).all()
@@ -355,7 +398,11 @@ def test_the_waypoint_passed_at_its_limit_is_named_as_the_problem_counts():
 
 def test_a_resting_joint_uses_nothing():
     times = np.array([[1e-3, 1, 50.0]])
-    for use in spline353.limit_use(np.zeros((2, 3)), times, Limits([1, 2], [1, 2], [3, 4])):
+    for use in spline353.limit_use(
+        np.zeros((2, 3)),
+        times,
+        Limits([1, 2], [1, 2], [3, 4]),
+    ):
         assert use.tolist() == [0, 0]
 
 

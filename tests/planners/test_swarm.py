@@ -22,6 +22,11 @@ ALL = [PSO(), SSA(), ISSA(), PRINTED, OTHER]
 PLAIN = ISSA(chaos=False, levy=False, weight=False, opposition=False)
 
 
+def search(optimiser, runs, **budget):
+    """Independent runs on the sphere."""
+    return minimise(optimiser, sphere, LOW, HIGH, range(runs), **budget)
+
+
 @pytest.mark.parametrize("scale", [1.0, 1e3])
 @pytest.mark.parametrize("centre", [[0.3, 1.7, 3.2, 2.0], [0.05, 0.05, 3.95, 0.05]])
 def test_pso_finds_the_centre_of_every_ellipsoid(scale, centre):
@@ -39,13 +44,13 @@ def test_pso_finds_the_centre_of_every_ellipsoid(scale, centre):
 
 @pytest.mark.parametrize("optimiser", [SSA(), ISSA(), PRINTED, OTHER])
 def test_sparrows_come_close_to_the_centre_of_a_sphere(optimiser):
-    result = minimise(optimiser, sphere, LOW, HIGH, range(20), iterations=300)
+    result = search(optimiser, 20, iterations=300)
     assert np.median(result.fitness) < 1e-3
 
 
 @pytest.mark.parametrize("optimiser", ALL)
 def test_a_run_gives_the_same_bits_alone_and_among_others(optimiser):
-    together = minimise(optimiser, sphere, LOW, HIGH, range(12), iterations=120)
+    together = search(optimiser, 12, iterations=120)
     for seed in (0, 7, 11):
         alone = minimise(optimiser, sphere, LOW, HIGH, [seed], iterations=120)
         assert (alone.position[0] == together.position[seed]).all()
@@ -53,36 +58,48 @@ def test_a_run_gives_the_same_bits_alone_and_among_others(optimiser):
 
 
 def test_a_run_gives_the_same_bits_in_another_process():
-    here = [digest(minimise(o, sphere, LOW, HIGH, range(5), iterations=120)) for o in ALL]
+    here = [digest(search(o, 5, iterations=120)) for o in ALL]
     there = said_elsewhere(
         "from tests.planners.test_swarm import *",
         "for o in ALL:",
-        "    print(digest(minimise(o, sphere, LOW, HIGH, range(5), iterations=120)))",
+        "    print(digest(search(o, 5, iterations=120)))",
     )
     assert there.split() == here
 
 
 def test_different_seeds_give_different_runs():
-    result = minimise(SSA(), sphere, LOW, HIGH, [*range(9), SeedSequence(99)], iterations=3)
+    result = minimise(
+        SSA(),
+        sphere,
+        LOW,
+        HIGH,
+        [*range(9), SeedSequence(99)],
+        iterations=3,
+    )
     assert len(np.unique(result.fitness)) == 10
 
 
 def test_issa_with_everything_off_is_ssa():
-    assert digest(minimise(PLAIN, sphere, LOW, HIGH, range(4), iterations=150)) == digest(
-        minimise(SSA(), sphere, LOW, HIGH, range(4), iterations=150)
-    )
+    assert digest(search(PLAIN, 4, iterations=150)) == digest(search(SSA(), 4, iterations=150))
 
 
 @pytest.mark.parametrize("change", ["chaos", "levy", "weight", "opposition"])
 def test_each_change_of_issa_matters(change):
     changed = ISSA(**{name: name == change for name in ("chaos", "levy", "weight", "opposition")})
-    runs = [minimise(o, sphere, LOW, HIGH, range(4), iterations=20) for o in (PLAIN, changed)]
+    runs = [search(o, 4, iterations=20) for o in (PLAIN, changed)]
     assert (runs[0].fitness != runs[1].fitness).any()
 
 
 @pytest.mark.parametrize(
     ("optimiser", "each"),
-    [(PSO(), 30), (SSA(), 33), (ISSA(), 36), (PLAIN, 33), (SSA(vigilantes=0.2), 36), (PSO(9), 9)],
+    [
+        (PSO(), 30),
+        (SSA(), 33),
+        (ISSA(), 36),
+        (PLAIN, 33),
+        (SSA(vigilantes=0.2), 36),
+        (PSO(9), 9),
+    ],
 )
 @pytest.mark.parametrize("iterations", [0, 1, 7])
 def test_evaluations_are_what_was_asked_of_the_objective(optimiser, each, iterations):
@@ -105,10 +122,10 @@ def test_a_budget_of_evaluations_is_spent_exactly(optimiser, budget):
 @pytest.mark.parametrize("optimiser", [PSO(), SSA(), ISSA()])
 def test_both_kinds_of_budget_are_one(optimiser):
     evaluations = 30 + 20 * optimiser.evaluations_per_iteration
-    by_evaluations = minimise(optimiser, sphere, LOW, HIGH, range(3), evaluations=evaluations)
-    by_iterations = minimise(optimiser, sphere, LOW, HIGH, range(3), iterations=20)
+    by_evaluations = search(optimiser, 3, evaluations=evaluations)
+    by_iterations = search(optimiser, 3, iterations=20)
     assert digest(by_evaluations) == digest(by_iterations)
-    one_more = minimise(optimiser, sphere, LOW, HIGH, range(3), evaluations=evaluations + 1)
+    one_more = search(optimiser, 3, evaluations=evaluations + 1)
     assert (by_evaluations.iterations, one_more.iterations) == (20, 21)
 
 
@@ -124,16 +141,15 @@ def test_what_is_not_below_its_incumbent_is_never_looked_at(optimiser, instead):
         return np.where(exact < incumbent, exact, incumbent + instead)
 
     compared = minimise(optimiser, Compared(blurred), LOW, HIGH, range(4), iterations=100)
-    assert digest(compared) == digest(
-        minimise(optimiser, sphere, LOW, HIGH, range(4), iterations=100)
-    )
+    assert digest(compared) == digest(search(optimiser, 4, iterations=100))
 
 
 @pytest.mark.parametrize("optimiser", ALL)
 def test_history_and_best_are_those_of_the_recorded_candidates(optimiser):
     objective = Recorded()
     result = minimise(optimiser, objective, LOW, HIGH, range(5), iterations=60)
-    x, f = np.concatenate(objective.x, axis=1), np.concatenate(objective.f, axis=1)
+    x = np.concatenate(objective.x, axis=1)
+    f = np.concatenate(objective.f, axis=1)
     for run, history in enumerate(result.histories):
         spent, best = history.T
         np.testing.assert_array_equal(best, np.minimum.accumulate(f[run])[spent.astype(int) - 1])
@@ -149,8 +165,20 @@ def test_history_and_best_are_those_of_the_recorded_candidates(optimiser):
     "optimiser", [*ALL, PSO(rebound=-1.0), SSA(eq41="printed", boundary="reflect")]
 )
 def test_every_candidate_is_in_its_runs_own_box(optimiser):
-    low = np.array([[0, 0, 0], [-3, 1e-3, 5], [1, 1, 1.0]])
-    high = low + np.array([[4, 4, 4], [1, 1e-2, 1e3], [1e-6, 1, 1e6]])
+    low = np.array(
+        [
+            [0, 0, 0],
+            [-3, 1e-3, 5],
+            [1, 1, 1.0],
+        ]
+    )
+    high = low + np.array(
+        [
+            [4, 4, 4],
+            [1, 1e-2, 1e3],
+            [1e-6, 1, 1e6],
+        ]
+    )
     objective = Recorded()
     minimise(optimiser, objective, low, high, range(3), iterations=150)
     x = np.concatenate(objective.x, axis=1)
@@ -209,7 +237,11 @@ def test_equation_40_sparrow_by_sparrow():
         best = first.x[run, 0]
         worst = first.x[run, -1]
         i = 7 + row
-        A = np.where(coin[run, row] < 0.5, -1.0, 1.0)[None]
+        A = np.where(
+            coin[run, row] < 0.5,
+            -1.0,
+            1.0,
+        )[None]
         step = np.abs(x - best)[None] @ np.linalg.pinv(A) @ np.ones((1, 3))
         expected = best + step[0]
         if i > 15:
@@ -257,10 +289,19 @@ def test_chaotic_map_stays_in_the_unit_square(reading, a):
 
 def test_chaotic_map_at_points_where_it_is_known():
     quarter = 4 * 0.9 * 0.25 * 0.75 + 0.1 * np.sin(pi / 2)
-    x, y = chaotic_map(np.array([0.25, 0.5]), np.array([0.5, 0.0]), 0.9)
+    x, y = chaotic_map(
+        np.array([0.25, 0.5]),
+        np.array([0.5, 0.0]),
+        0.9,
+    )
     np.testing.assert_allclose(x, [np.sin(pi * quarter), np.sin(0.9 * pi)])
     np.testing.assert_allclose(y[1], np.sin(pi * 0.1 * np.sin(pi * np.sin(0.9 * pi))))
-    x, y = chaotic_map(np.array([0.5]), np.array([0.5]), 0.9, "printed")
+    x, y = chaotic_map(
+        np.array([0.5]),
+        np.array([0.5]),
+        0.9,
+        "printed",
+    )
     np.testing.assert_allclose(x, np.sin(pi * 0.9 + 0.1))
     np.testing.assert_allclose(y, np.sin(pi * 0.9 + 0.1 * np.sin(pi * x**2)))
 

@@ -59,13 +59,24 @@ def sampled_peaks(problem, times, samples=101):
 
     zero = np.zeros(problem.joints)
     q0, q1, q2, q3 = problem.waypoints
-    system = [(row(0, 0, 0), q0), (row(0, 0, 1), zero), (row(0, 0, 2), zero), (row(0, t1, 0), q1)]
-    system += [(row(1, 0, 0), q1), (row(1, t2, 0), q2), (row(2, 0, 0), q2), (row(2, t3, 0), q3)]
+    system = [
+        (row(0, 0, 0), q0),
+        (row(0, 0, 1), zero),
+        (row(0, 0, 2), zero),
+        (row(0, t1, 0), q1),
+    ]
+    system += [
+        (row(1, 0, 0), q1),
+        (row(1, t2, 0), q2),
+        (row(2, 0, 0), q2),
+        (row(2, t3, 0), q3),
+    ]
     system += [(row(2, t3, order), zero) for order in (1, 2)]
     system += [(row(0, t1, order) - row(1, 0, order), zero) for order in (1, 2)]
     system += [(row(1, t2, order) - row(2, 0, order), zero) for order in (1, 2)]
     unknowns = np.linalg.solve(*(np.array(side) for side in zip(*system, strict=True)))
-    grid, peaks = np.linspace(0, 1, samples), []
+    grid = np.linspace(0, 1, samples)
+    peaks = []
     for order, limits in ((1, problem.limits.velocity), (2, problem.limits.acceleration)):
         rows = [row(k, grid * times[k], order) for k in range(3)]
         values = np.concatenate(rows) @ unknowns
@@ -224,9 +235,27 @@ def test_position_limits_are_kept(optimiser, worst, fitness):
 
 def test_what_leaves_a_position_limit_ranks_behind_what_keeps_all():
     """Equal times go 1/8 beyond a limit at 2 (by hand: tests/test_spline353.py)."""
-    limits = Limits([4.0, 1e3], [12.0, 1e4], position=[[-1.0, 2.0], [-np.inf, np.inf]])
-    problem = Problem([[0.0, 0.0], [1.0, 1.0], [1.0, 2.0], [0.0, 3.0]], limits)
-    points = np.array([[1.0, 1.0, 1.0], [1.1, 1.1, 1.1], [1.0, 0.5, 1.0]])
+    limits = Limits(
+        [4.0, 1e3],
+        [12.0, 1e4],
+        position=[[-1.0, 2.0], [-np.inf, np.inf]],
+    )
+    problem = Problem(
+        [
+            [0.0, 0.0],
+            [1.0, 1.0],
+            [1.0, 2.0],
+            [0.0, 3.0],
+        ],
+        limits,
+    )
+    points = np.array(
+        [
+            [1.0, 1.0, 1.0],
+            [1.1, 1.1, 1.1],
+            [1.0, 0.5, 1.0],
+        ]
+    )
     free, _ = probed(problem.without("position"), points)
     np.testing.assert_allclose(free[:2], [3.0, 3.3])
     for fitness in ("penalty", "scaled"):
@@ -260,7 +289,8 @@ def test_a_limit_passed_at_speed_is_infeasible(timing):
 def test_each_joint_alone_is_at_least_as_fast_as_together(fitness):
     planner = SwarmPlanner(PSO(), iterations=200, timing="per-joint", fitness=fitness)
     solution = planner.solve(SIX_AXIS, seed=3)
-    times, durations = solution.stats["joint_times"], solution.stats["joint_durations"]
+    times = solution.stats["joint_times"]
+    durations = solution.stats["joint_durations"]
     assert np.isnan(times[0]).all()
     assert np.isnan(durations[0])
     np.testing.assert_allclose(durations[1:], times[1:].sum(axis=1))

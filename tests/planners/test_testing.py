@@ -56,8 +56,11 @@ class OneJointStops(Planner):
         return None if problem.joints == 1 else "one joint only"
 
     def solve(self, problem, *, seed=0):
-        (v,), (a,) = problem.limits.velocity[:, 1], problem.limits.acceleration[:, 1]
-        breaks, pieces, q = [0.0], [], problem.waypoints[0, 0]
+        (v,) = problem.limits.velocity[:, 1]
+        (a,) = problem.limits.acceleration[:, 1]
+        breaks = [0.0]
+        pieces = []
+        q = problem.waypoints[0, 0]
         for h in problem.displacements[:, 0]:
             ramp = min(v / a, np.sqrt(abs(h) / a))
             for length, acceleration, speed in [
@@ -66,12 +69,25 @@ class OneJointStops(Planner):
                 (ramp, -a, a * ramp),
             ]:
                 if length > 1e-12:
-                    pieces.append([np.sign(h) * acceleration / 2, np.sign(h) * speed, q])
+                    pieces.append(
+                        [
+                            np.sign(h) * acceleration / 2,
+                            np.sign(h) * speed,
+                            q,
+                        ]
+                    )
                     q += np.sign(h) * (acceleration / 2 * length + speed) * length
                     breaks.append(breaks[-1] + length)
         stops = stop_times(problem.without("jerk"))  # which it does not know
         times = np.r_[0, np.cumsum(stops)]
-        return Solution(Status.SOLVED, Trajectory(breaks, np.array(pieces).T[..., None], times))
+        return Solution(
+            Status.SOLVED,
+            Trajectory(
+                breaks,
+                np.array(pieces).T[..., None],
+                times,
+            ),
+        )
 
 
 def test_the_little_planner_takes_the_closed_forms_time():
@@ -193,7 +209,8 @@ class Silent(Quintic):
         return Solution(Status.FAILED)
 
 
-MOODS, TIRES = count(), count()
+MOODS = count()
+TIRES = count()
 
 
 @dataclass(frozen=True)
@@ -241,7 +258,12 @@ class TooFewTimes(Quintic):
     def solve(self, problem, *, seed=0):
         t = super().solve(problem).trajectory
         return Solution(
-            Status.SOLVED, Trajectory(t.breaks, t.coefficients, t.waypoint_times[[0, 0, -1]])
+            Status.SOLVED,
+            Trajectory(
+                t.breaks,
+                t.coefficients,
+                t.waypoint_times[[0, 0, -1]],
+            ),
         )
 
 
@@ -250,7 +272,12 @@ class FirstJointOnly(Quintic):
     def solve(self, problem, *, seed=0):
         t = super().solve(problem).trajectory
         return Solution(
-            Status.SOLVED, Trajectory(t.breaks, t.coefficients[..., :1], t.waypoint_times)
+            Status.SOLVED,
+            Trajectory(
+                t.breaks,
+                t.coefficients[..., :1],
+                t.waypoint_times,
+            ),
         )
 
 
