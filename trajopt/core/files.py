@@ -66,11 +66,11 @@ def content(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
     return found
 
 
-def check_bounds(found: str, marks: str = _MARKS, *, long_words: bool = False) -> None:
+def check_bounds(found: str, marks: str = _MARKS) -> None:
     """Raise `ValueError` for a text of too many values, or with too long a word."""
     if sum(map(found.count, marks)) > MAX_VALUES:
         raise ValueError(f"it has more than {MAX_VALUES} values")
-    word = None if long_words else _LONG_WORD.search(found)
+    word = _LONG_WORD.search(found)
     if word:
         line = found.count("\n", 0, word.start()) + 1
         raise ValueError(f"line {line} has a word of more than {MAX_WORD} characters")
@@ -93,18 +93,14 @@ def json(path: Path, what: str) -> Any:
         raise unreadable(path, what, "JSON", error) from None
 
 
-def parsed_json(said: str, *, long_words: bool = False) -> Any:
+def parsed_json(said: str) -> Any:
     """Parse a JSON text.
-
-    Args:
-        said: The text.
-        long_words: Whether words may have more than `MAX_WORD` characters.
 
     Raises:
         ValueError, RecursionError: It is not JSON, has a key twice, NaN or infinity, or exceeds a
             bound.
     """
-    check_bounds(said, long_words=long_words)
+    check_bounds(said)
     found = standard_json.loads(said, object_pairs_hook=_once, parse_constant=_no_number)
     _check_depth(found)
     return found

@@ -243,7 +243,7 @@ def changed(*path, to):
         (changed("problem", "limits", "velocity", 0, to=5), "problem.limits.velocity"),
         (changed("certificate", "flaws", to="none"), "flaws"),
         (changed("certificate", "velocity", "joint", to=3), "velocity: joint 3"),
-        (changed("certificate", "dilation", to="1"), "dilation"),
+        (changed("certificate", "dilation", to="1"), "expected numbers"),
         (changed("solution", "trajectory", to=None), "there is no trajectory"),
         (changed("solution", "trajectory", "breaks", -1, to=0.9), "increasing|waypoint_times"),
         (changed("solution", "evaluations", to=-1), "Solution.evaluations"),

@@ -1,8 +1,8 @@
 """What files and messages hold, in JSON's terms: values, solutions, problems.
 
 Trials, best known answers and the messages of planners' processes share these functions. Numbers
-come back bit for bit. NaN and infinity are spelled out as `{"$float": "nan"}`; in limits, null
-stands for no limit.
+come back bit for bit. NaN and infinity are spelled out as `{"$float": "nan"}`; null stands for NaN
+in arrays of numbers, and for no limit in limits.
 """
 
 from __future__ import annotations
@@ -71,11 +71,13 @@ def pack(value: Any) -> Any:
 
 
 def _packed_array(array: NDArray[Any]) -> Any:
-    items = array.tolist()
-    if array.dtype.kind != "f" or not np.isfinite(array).all():
-        items = pack(items)
     if array.ndim == 0:
-        return items
+        return pack(array.item())
+    items = array.tolist()
+    if array.dtype.kind == "f" and np.isnan(array).any():
+        items = np.where(np.isnan(array), None, array).tolist()  # type: ignore[call-overload]
+    if array.dtype.kind != "f" or np.isinf(array).any():
+        items = pack(items)
     return {"$array": items, "dtype": array.dtype.str, "shape": list(array.shape)}
 
 
@@ -83,10 +85,8 @@ def unpack(value: Any) -> Any:
     """Return what `pack` wrote; tuples come back as lists.
 
     Raises:
-        Malformed: The value holds a text that could steer a terminal, or an impossible array.
+        Malformed: The value holds an impossible array.
     """
-    if isinstance(value, str):
-        return _checked_text(value)
     if isinstance(value, list):
         return [unpack(item) for item in value]
     if not isinstance(value, dict):
@@ -95,7 +95,7 @@ def unpack(value: Any) -> Any:
         return float(value["$float"])
     if "$array" in value:
         return _unpacked_array(value)
-    return {_checked_text(key): unpack(item) for key, item in value.items()}
+    return {key: unpack(item) for key, item in value.items()}
 
 
 def _unpacked_array(value: Mapping[str, Any]) -> NDArray[Any]:
@@ -110,12 +110,6 @@ def _unpacked_array(value: Mapping[str, Any]) -> NDArray[Any]:
     except TypeError:  # a number in it is spelled out
         array = np.array(unpack(items), dtype=dtype)
     return array.reshape(value["shape"])
-
-
-def _checked_text(text: str) -> str:
-    if harmless(text) != text:
-        raise Malformed(f"a text with control characters: {text!r:.80}")
-    return text
 
 
 # --- solutions ---
@@ -197,12 +191,9 @@ def problem_of(table: Any) -> Problem:
         InvalidInput: The table holds no problem, or another digest than that of its numbers.
     """
     check_table("problem", table, _PROBLEM, optional=["joint_units"])
-    texts = unpack([table["name"], table["source"]])
     names = _names("joint_names", table["joint_names"])
     units = _names("joint_units", table.get("joint_units", []))
-    if not all(isinstance(text, str) for text in texts):
-        raise InvalidInput("problem", "a name and a source that are texts")
-    name, source = texts
+    name, source = _names("name and source", [table["name"], table["source"]])
     limits = _limits(table["limits"])
     problem = Problem(table["waypoints"], limits, name, source, names, units)
     if table["digest"] != problem.digest():
@@ -218,7 +209,6 @@ def _names(key: str, value: Any) -> list[str]:
     for name in value:
         if not isinstance(name, str):
             raise InvalidInput(f"problem.{key}", right, value=name)
-        _checked_text(name)
     return value
 
 
@@ -257,6 +247,8 @@ def check_table(
     """Raise `InvalidInput` unless a value is a table of these keys."""
     if not isinstance(value, dict):
         raise InvalidInput(key, f"an object with {', '.join(required)}")
+    if value.keys() == set(required):
+        return
     check_keys(f"{key}: ", value, {*required, *optional}, required)
 
 

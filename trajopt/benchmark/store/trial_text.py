@@ -19,10 +19,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, fields
-from functools import lru_cache
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from typing import Any, NamedTuple
 
 from trajopt.benchmark.store.document import (
     Malformed,
@@ -38,6 +37,7 @@ from trajopt.benchmark.store.fields import OWN_FIELDS, SEED_MAX
 from trajopt.benchmark.trial import Trial
 from trajopt.core import files
 from trajopt.core.exceptions import StoreError
+from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.judging.verification import WORST_KINDS, Certificate, Tolerance, Worst
@@ -54,7 +54,7 @@ _HEAD = re.compile(
     rb'"sha256": "(?P<sha256>[0-9a-f]{64})",\n'
     rb'(?P<body>"id": "(?P<id>[0-9a-f]{20})",\n)'
 )
-_WORST_FIELDS = {"value", "joint", "time", "order"}
+_ESCAPE = re.compile(r"(?<!\\)(?:\\\\)*\\[ubfr]")  # of a character that no text of ours has
 
 
 class WrongSchema(StoreError):
@@ -131,12 +131,10 @@ def read(text: bytes) -> Trial:
         ValueError, TypeError, RecursionError: The text is damaged, edited, or no trial's.
         WrongSchema: Another version wrote it.
     """
-    trial_id = check(text)
-    if len(text) > MAX_BYTES:
-        raise Malformed(f"it has more than {MAX_BYTES / 1e6:g} MB")
-    table = files.parsed_json(text.decode(), long_words=True)
+    table = row(text)
     check_table("trial", table, _KEYS)
-    own = {name: unpack(table[name]) for name in _NAMES}
+    own = {name: table[name] for name in _NAMES}
+    own["options"] = unpack(own["options"])
     for field in OWN_FIELDS:
         field.check(own[field.name])
     _check_provenance(own["provenance"])
@@ -144,28 +142,63 @@ def read(text: bytes) -> Trial:
         raise Malformed("batch: expected 1 or more")
     own["relation"] = Relation[own["relation"]]
     own["status"] = Status(own["status"])
-    problem = _problem(json.dumps(table["problem"]))
+    problem = _problem(table["problem"])
     solution = solution_of(table["solution"])
     certificate = _certificate(table["certificate"], problem)
     if certificate is not None and solution.trajectory is None:
         raise Malformed("certificate: there is no trajectory")
     trial = Trial(problem=problem, solution=solution, certificate=certificate, **own)
-    if trial.id != trial_id:
-        raise Malformed(f"id: {trial_id}, but its content makes it {trial.id}")
+    if trial.id != table["id"]:
+        raise Malformed(f"id: {table['id']}, but its content makes it {trial.id}")
     return trial
 
 
 def row(text: bytes) -> dict[str, Any]:
-    """Return what a whole text states, by name, unchecked."""
+    """Return what a whole text states, by name, unchecked.
+
+    A text nested deeper than the interpreter's stack is a `RecursionError`, here or in `unpack`.
+    """
     check(text)
-    table: dict[str, Any] = files.parsed_json(text.decode(), long_words=True)
+    if len(text) > MAX_BYTES:
+        raise Malformed(f"it has more than {MAX_BYTES / 1e6:g} MB")
+    said = text.decode()
+    if said.count(",") > files.MAX_VALUES:
+        raise Malformed(f"it has more than {files.MAX_VALUES} values")
+    _check_characters(said)
+    table: dict[str, Any] = json.loads(said, parse_constant=_refuse)
     return table
 
 
-@lru_cache(maxsize=1024)
-def _problem(text: str) -> Problem:
+def _check_characters(said: str) -> None:
+    """Refuse control characters, written as they are or as JSON's escapes."""
+    lines = said.replace("\n", "")
+    escaped = "\\" in said and _ESCAPE.search(said)
+    if escaped or harmless(lines, lines=False) != lines:
+        raise Malformed("a text with control characters")
+
+
+def _refuse(constant: str) -> None:
+    raise Malformed(f"{constant} is no number of JSON")
+
+
+def _problem(table: Any) -> Problem:
     """One object for the trials of one problem, however many there are."""
-    return problem_of(json.loads(text))
+    digest = table["digest"]
+    known = _PROBLEMS.get(digest)
+    if known is None or known.table != table:
+        known = _Known(table, problem_of(table))
+        _PROBLEMS[digest] = known
+    return known.problem
+
+
+class _Known(NamedTuple):
+    """A problem, and the table that states it."""
+
+    table: Any
+    problem: Problem
+
+
+_PROBLEMS: dict[str, _Known] = {}  # by their digests
 
 
 def _check_provenance(provenance: Mapping[str, Any]) -> None:
@@ -187,46 +220,32 @@ def _certificate_table(certificate: Certificate) -> Any:
 
 
 def _certificate(table: Any, problem: Problem) -> Certificate | None:
-    """The stated certificate."""
+    """The stated certificate; a `TypeError` where it has other keys than a certificate."""
     if table is None:
         return None
-    names = [field.name for field in fields(Certificate)]
-    check_table("certificate", table, names)
-    values = unpack(table)
-    flaws = values["flaws"]
+    flaws = table["flaws"]
     if not isinstance(flaws, list) or not all(isinstance(flaw, str) for flaw in flaws):
         raise Malformed("certificate: flaws: expected texts")
+    values = {**table, "flaws": tuple(flaws)}
     for name in WORST_KINDS:
         if values[name] is not None:
             values[name] = _worst(name, values[name], problem)
-    values["flaws"] = tuple(flaws)
-    values["tolerance"] = Tolerance(**_numbers("tolerance", values["tolerance"]))
-    _numbers("certificate", {name: values[name] for name in ("duration", "dilation")})
-    return Certificate(**values)
+    values["tolerance"] = Tolerance(**values["tolerance"])
+    certificate = Certificate(**values)
+    numbers = (certificate.duration, certificate.dilation)
+    _check_numbers("certificate", (*numbers, *vars(certificate.tolerance).values()))
+    return certificate
 
 
 def _worst(name: str, table: Any, problem: Problem) -> Worst:
-    check_table(f"certificate: {name}", table, _WORST_FIELDS)
-    numbers = _numbers(name, table)
-    joint = numbers["joint"] - 1
-    order = numbers["order"]
-    if joint not in range(problem.joints):
-        raise Malformed(f"certificate: {name}: joint {joint + 1:g}")
-    if order not in range(3):
-        raise Malformed(f"certificate: {name}: order {order:g}")
-    return Worst(
-        value=numbers["value"],
-        joint=int(joint),
-        time=numbers["time"],
-        order=int(order),
-    )
+    _check_numbers(name, table.values())
+    joint = table["joint"] - 1
+    if joint not in range(problem.joints) or table["order"] not in range(3):
+        raise Malformed(f"certificate: {name}: joint {joint + 1:g}, order {table['order']:g}")
+    return Worst(**{**table, "joint": joint})
 
 
-def _numbers(name: str, table: Any) -> dict[str, float]:
-    """Values that must all be numbers."""
-    if not isinstance(table, dict):
-        raise Malformed(f"certificate: {name}: expected an object")
-    for key, value in table.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise Malformed(f"certificate: {name}: {key}: expected a number, found {value!r:.80}")
-    return {key: float(value) for key, value in table.items()}
+def _check_numbers(name: str, values: Iterable[Any]) -> None:
+    for value in values:
+        if type(value) not in (int, float):
+            raise Malformed(f"certificate: {name}: expected numbers, found {value!r:.80}")
