@@ -1,18 +1,18 @@
-"""Anyone's motion, judged: through a problem's waypoints, or as executed within limits alone.
+"""Judge anyone's motion: by a problem with waypoints, or by limits alone.
 
     judgement = trajopt.judge("six-axis", "theirs.csv")
     print(judgement.certificate.feasible, judgement.certified_duration, judgement.gap)
 
-The one verifier judges; nothing here forgives. Where the user says that a miss counts as passing
-(`via_tolerance`), another problem is judged: its waypoints are where the motion passes, and the
-optimum that the gap is measured against goes through the same points.
+The verifier alone judges. If the user lets a miss count as passing (`via_tolerance`), another
+problem is judged: its waypoints are where the motion passes. The optimum that the gap is measured
+against passes the same points.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,43 +45,68 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
-    """What there is to say of a motion.
+class Execution:
+    """Verdict on a motion and limits alone.
 
     Attributes:
-        problem: The problem that is judged. Where the tolerance was needed its waypoints are where
-            the motion passes, and its name says so.
         motion: What is executed.
-        via_tolerance: Rad, of each joint.
-        trajectory: The motion with the times at which it passes each waypoint.
+        problem: The limits, with the motion's own start, end and turning points as waypoints.
         certificate: The verifier's.
+    """
+
+    motion: Motion
+    problem: Problem
+    certificate: Certificate
+
+    @cached_property
+    def excess(self) -> Excess | None:
+        """Excess over the arm's own falling velocity limits; None if the arm has none."""
+        limits = self.problem.falling_velocity
+        return excess(limits, self.motion.trajectory) if limits else None
+
+    @property
+    def kept(self) -> bool:
+        """Tell if the motion keeps every limit without a slow-down, the arm's own limits too."""
+        return self.certificate.feasible and (self.excess is None or self.excess.kept)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
+        return {
+            "motion": self.motion.name,
+            "interpolation": self.motion.interpolation,
+            "duration": self.certificate.duration,
+            "feasible": self.certificate.feasible,
+            "dilation": self.certificate.dilation,
+            "certified_duration": self.certificate.certified_duration,
+            "falling_velocity": self.excess and self.excess.as_dict(),
+            "certificate": self.certificate.as_dict(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement(Execution):
+    """Verdict on a motion and a problem.
+
+    If the tolerance was needed, the waypoints of `problem` are where the motion passes, and its
+    name says so.
+
+    Attributes:
+        trajectory: The motion with the times at which it passes each waypoint.
+        via_tolerance: Rad, of each joint.
         tolerance_needed: Whether the motion passes the waypoints only with the tolerance.
     """
 
-    problem: Problem
-    motion: Motion
-    via_tolerance: float
     trajectory: Trajectory
-    certificate: Certificate
+    via_tolerance: float
     tolerance_needed: bool = False
 
     @property
     def status(self) -> Status:
         return Status.SOLVED if self.certificate.valid else Status.INVALID
 
-    @cached_property
-    def excess(self) -> Excess | None:
-        """Over the arm's own falling velocity limits; None where the arm has none."""
-        return _excess(self.problem, self.trajectory)
-
-    @property
-    def kept(self) -> bool:
-        """Whether the motion keeps every limit as it stands, the arm's own ones too."""
-        return self.certificate.feasible and (self.excess is None or self.excess.kept)
-
     @property
     def claimed_duration(self) -> float:
-        """Of the motion as it is, s."""
+        """Return the duration of the motion, s."""
         return self.trajectory.duration
 
     @property
@@ -91,7 +116,7 @@ class Judgement:
 
     @cached_property
     def explanation(self) -> Explanation | None:
-        """What its gap is made of; None without a certified duration. Asks the references once."""
+        """Split the gap into its parts with the references; None without a certified duration."""
         if not self.certificate.valid:
             return None
         recorded = records.answer(self.problem)
@@ -103,7 +128,7 @@ class Judgement:
         return None if self.explanation is None else self.explanation.gap
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: SI units, joints count from 1, None for what does not exist."""
+        """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
         return {
             "motion": self.motion.name,
             "problem": self.problem.name,
@@ -152,21 +177,14 @@ def judge(
     given.check_units(asked)
     _check_tolerance(asked, via_tolerance)
     trajectory = passing(asked, given.trajectory)
-    strict = Judgement(asked, given, via_tolerance, trajectory, verify(asked, trajectory))
+    strict = Judgement(given, asked, verify(asked, trajectory), trajectory, via_tolerance)
     if strict.certificate.valid or via_tolerance == 0:
         return strict
     moved = _as_passed(asked, trajectory, via_tolerance)
     certificate = verify(moved, trajectory)
-    if not certificate.valid:  # the tolerance mends nothing
+    if not certificate.valid:  # the tolerance does not help
         return strict
-    return Judgement(
-        moved,
-        given,
-        via_tolerance,
-        trajectory,
-        certificate,
-        tolerance_needed=True,
-    )
+    return replace(strict, problem=moved, certificate=certificate, tolerance_needed=True)
 
 
 def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
@@ -184,12 +202,6 @@ def _check_joints(motion: Motion, joints: int) -> None:
             value=own,
             file=motion.name,
         )
-
-
-def _excess(problem: Problem, trajectory: Trajectory) -> Excess | None:
-    if not problem.falling_velocity:
-        return None
-    return excess(problem.falling_velocity, trajectory)
 
 
 def _check_tolerance(problem: Problem, via_tolerance: float) -> None:
@@ -226,44 +238,6 @@ def _as_passed(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Execution:
-    """What there is to say of a motion within limits alone.
-
-    Attributes:
-        motion: What is executed.
-        problem: Its own start, end and turning points as waypoints, and the limits.
-        certificate: The verifier's.
-    """
-
-    motion: Motion
-    problem: Problem
-    certificate: Certificate
-
-    @cached_property
-    def excess(self) -> Excess | None:
-        """Over the arm's own falling velocity limits; None where the arm has none."""
-        return _excess(self.problem, self.motion.trajectory)
-
-    @property
-    def kept(self) -> bool:
-        """Whether the motion keeps every limit as it stands, the arm's own ones too."""
-        return self.certificate.feasible and (self.excess is None or self.excess.kept)
-
-    def as_dict(self) -> dict[str, Any]:
-        """For JSON: SI units, joints count from 1, None for what does not exist."""
-        return {
-            "motion": self.motion.name,
-            "interpolation": self.motion.interpolation,
-            "duration": self.certificate.duration,
-            "feasible": self.certificate.feasible,
-            "dilation": self.certificate.dilation,
-            "certified_duration": self.certificate.certified_duration,
-            "falling_velocity": self.excess and self.excess.as_dict(),
-            "certificate": self.certificate.as_dict(),
-        }
-
-
 def as_executed(
     motion: Motion,
     limits: Limits,
@@ -271,10 +245,10 @@ def as_executed(
     joint_units: Sequence[str] = (),
     falling_velocity: Sequence[FallingVelocity | None] = (),
 ) -> Execution:
-    """Whether what a controller runs keeps the limits; no waypoints are asked for.
+    """Judge a motion, as a controller runs it, by limits alone.
 
-    The robot is to rest before and after. Warns with `UnitWarning` where a joint's motion and its
-    limits look as if one of them was in degrees.
+    The robot must rest before and after. `UnitWarning` warns of a joint whose motion or limits seem
+    to be in degrees.
 
     Args:
         motion: What is executed.
