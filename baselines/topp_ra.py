@@ -503,7 +503,12 @@ def timed(
     durations = 2 * grid.step / sums
     breaks = np.r_[0.0, np.cumsum(durations)]
     linear = 2 * before / sums
-    composed = _composed(grid.local, linear[:, None])
+    square = 1 - linear
+    inner = np.stack([square, linear, np.zeros_like(linear)])[..., None]
+    composed = grid.local[:1]
+    for row in grid.local[1:]:
+        composed = polynomials.product(composed, inner)
+        composed[-1] += row
 
     # to a waypoint inside a step: 2 (s − s_i)/(v_i + v(s)), v² being linear in s
     inner = grid.at[1:-1]
@@ -515,16 +520,3 @@ def timed(
     times = breaks[i] + 2 * inside / speed_sums
     coefficients = polynomials.stretched(composed, 1 / durations)
     return Trajectory(breaks, coefficients, times)
-
-
-def _composed(local: Array, linear: Array) -> Array:
-    """Return `p(c w + (1 − c) w²)` by Horner's rule, all on [0, 1]: twice the degree."""
-    result = local[:1]
-    for row in local[1:]:
-        zero = np.zeros_like(result[:1])
-        square = (1 - linear) * result
-        times_square = np.concatenate([square, zero, zero])
-        times_linear = np.concatenate([zero, linear * result, zero])
-        result = times_square + times_linear
-        result[-1] += row
-    return result
