@@ -335,18 +335,10 @@ def cut(path: Trajectory) -> Grid:
     indivisible = lengths < _INDIVISIBLE_RTOL * path.duration
     parts = np.where(indivisible, 1, even)
 
-    # the piece of every step, and the step's number in its piece
-    piece = np.repeat(np.arange(len(parts)), parts)
-    number = np.arange(len(piece)) - (np.cumsum(parts) - parts)[piece]
-    even_steps = lengths / parts
-    step = even_steps[piece]
-    offset = number * step
-    pieces = path.coefficients[:, piece]
-    moved = polynomials.shifted(pieces, offset[:, None])
-    starts = path.breaks[piece] + offset
-    at = np.r_[starts, path.breaks[-1]]
-    local = polynomials.stretched(moved, step)
-    return Grid(at, step, local)
+    pieces = zip(path.breaks[:-1], lengths, parts, strict=True)
+    steps = [start + length * np.arange(count) / count for start, length, count in pieces]
+    fine = path.refined(np.concatenate(steps))
+    return Grid(fine.breaks, fine.lengths, fine.pieces(0))
 
 
 def _allowed_speeds(speed: float | None, scale: float, still: bool) -> tuple[float, float]:
