@@ -250,8 +250,6 @@ class _Search:
     def _bound_total(self, node: _Node, rounds: int) -> None:
         """Bound the total time in a box from below, adding rows until none is violated."""
         self.pool.enter(node.box)
-        if node.leaf is not None:
-            self.pool.hold(node.leaf.rows)
         violation = max(self.least_violation, _FIRST_VIOLATION)
         before = -np.inf
         for _ in range(rounds):

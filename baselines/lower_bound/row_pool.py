@@ -71,7 +71,6 @@ class RowPool:
         sources: What each of them was made from.
         present: The pool's rows in the program, in the program's order.
         used_at: When each of the pool's rows last had a multiplier, counted in programs.
-        held: The pool's rows that stay in the program.
         units: Units of the variables, `(variables,)`.
         row_units: What each row of the program was divided by.
     """
@@ -83,7 +82,6 @@ class RowPool:
         self.sources: list[Source] = []
         self.present: list[int] = []
         self.used_at: list[int] = []
-        self.held: set[int] = set()
         self.box = box
         self.box_rows = relaxation.box_rows(box)
         self.box_count = len(self.box_rows.bounds)
@@ -197,22 +195,9 @@ class RowPool:
 
     # --- rows ---
 
-    def hold(self, rows: Indices) -> None:
-        """Keep these rows of the pool in the program, and no others.
-
-        Args:
-            rows: Counted through box and pool.
-        """
-        of_pool = rows[rows >= self.box_count] - self.box_count
-        self.held = set(of_pool.tolist())
-        for number in sorted(self.held.difference(self.present)):
-            if self._append(self.found[number]):
-                self.present.append(number)
-                self.used_at[number] = self.programs
-
     def _drop_idle(self) -> None:
         oldest = self.programs - _MAX_IDLE_PROGRAMS
-        kept = [self.used_at[number] >= oldest or number in self.held for number in self.present]
+        kept = [self.used_at[number] >= oldest for number in self.present]
         places = self.box_count + np.flatnonzero(np.logical_not(kept))
         self.program.drop_rows(places)
         self.row_units = np.delete(self.row_units, places)
