@@ -104,7 +104,8 @@ def test_the_numbers_of_sentences_are_those_of_the_tables():
     assert f"for each of {suites} problems" in text
     assert f"{closed} are closed" in text
     scaling = stored(STORED / "scaling.csv")[1]
-    heading, jerk = scaling[0], next(row for row in scaling if row[0] == "`exact-jerk`")
+    heading = scaling[0]
+    jerk = next(row for row in scaling if row[0] == "`exact-jerk`")
     of_300 = jerk[heading.index("300")]
     assert float(jerk[heading.index("50")]) == pytest.approx(0.5, abs=0.05)
     assert f"half a second for 50 waypoints × 7 joints and {of_300} s for 300" in text

@@ -64,8 +64,10 @@ def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path: Path) -> None:
     save_table(table, tmp_path / "new" / "table")
     lines = (tmp_path / "new" / "table.md").read_text().splitlines()
     assert [line.replace(" ", "") for line in (lines[0], *lines[2:])] == [
-        "|n|a|b|", "|1|1.25|x|", "|2|||"
-    ]  # fmt: skip
+        "|n|a|b|",
+        "|1|1.25|x|",
+        "|2|||",
+    ]
     assert pd.read_csv(tmp_path / "new" / "table.csv")["a"].tolist()[0] == 1.25
 
 

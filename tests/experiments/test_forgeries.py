@@ -132,8 +132,10 @@ def test_a_forged_file_does_not_hold_and_the_others_are_checked(tmp_path, capsys
     (tmp_path / honest.name).write_bytes(honest.read_bytes())
     assert verify(registry=tmp_path) == 1
     said = " ".join(capsys.readouterr().out.split())
-    assert said.endswith("4 records checked: motions verified exactly, bounds proved again without "
-                         "a solver; 3 do not hold.")  # fmt: skip
+    assert said.endswith(
+        "4 records checked: motions verified exactly, bounds proved again without "
+        "a solver; 3 do not hold."
+    )
 
 
 def test_a_file_that_breaks_the_check_does_not_hold(tmp_path, monkeypatch):

@@ -52,7 +52,8 @@ def cut(path: Path) -> None:
 def exchanged(path: Path) -> None:
     """A trial of the same identity with another answer."""
     store = Store(path.parent.parent)
-    one, other = read(path)[0], store.read()
+    one = read(path)[0]
+    other = store.read()
     answer = next(t for t in other if t.problem == one.problem and t.planner != one.planner)
     object.__setattr__(one, "solution", answer.solution)
     store.write(one)
@@ -72,9 +73,13 @@ CASES: list[tuple[str, Callable[[Path], object], dict[str, int]]] = [
 @pytest.mark.parametrize(("what", "harm", "expected"), CASES)
 @pytest.mark.filterwarnings("ignore::trajopt.benchmark.store.folder.DamagedFile")
 def test_harm_is_noticed(
-    tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch,
-    what: str, harm: Callable[[Path], object], expected: dict[str, int],
-) -> None:  # fmt: skip
+    tmp_path: Path,
+    whole: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    what: str,
+    harm: Callable[[Path], object],
+    expected: dict[str, int],
+) -> None:
     sweep = kills.sweep
     monkeypatch.setattr(kills, "sweep", lambda folder: sweep(folder, seeds=1))
     folder = shutil.copytree(whole, tmp_path / "killed")

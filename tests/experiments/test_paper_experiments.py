@@ -46,7 +46,8 @@ def test_published_numbers_agree_with_each_other(problem: Problem) -> None:
 
 
 def test_joints_with_common_times_pass_every_point_together(problem: Problem) -> None:
-    robot, times = suite.robot("six-axis"), np.tile([1.5, 0.9, 1.9], (6, 1))
+    robot = suite.robot("six-axis")
+    times = np.tile([1.5, 0.9, 1.9], (6, 1))
     at, nearest = paper.tool_miss(robot, problem, times)
     assert at == pytest.approx(np.zeros(4), abs=1e-6)
     assert (nearest < 2.0).all()  # mm between instants
@@ -73,14 +74,21 @@ def test_ways_of_combining_joints() -> None:
     times = np.full((1, 3, 3), np.nan)
     times[0, 1], times[0, 2] = [1, 2, 3], [3, 1, 1]
     found = {name: float(value[0]) for name, value in paper_readings.combined(times).items()}
-    assert found == {"joint 2 alone": 6, "joint 3 alone": 5, "mean": 5.5, "sum": 11,
-                     "longest": 6, "segment-wise maximum": 8}  # fmt: skip
+    assert found == {
+        "joint 2 alone": 6,
+        "joint 3 alone": 5,
+        "mean": 5.5,
+        "sum": 11,
+        "longest": 6,
+        "segment-wise maximum": 8,
+    }
 
 
 def test_excess_against_sampled_derivatives() -> None:
     rng = np.random.default_rng(0)
     d, t = rng.normal(size=(200, 1, 3)), rng.uniform(0.3, 2, (200, 1, 3))
-    limits, expected = Limits([1.5], [4.0]), np.zeros(200)
+    limits = Limits([1.5], [4.0])
+    expected = np.zeros(200)
     exact = paper_choices.exact_excess(d, t, limits)[:, 0]
     x = np.linspace(0, 1, 400)[:, None, None] * t[:, 0].T
     for order, top in ((1, 1.5), (2, 4.0)):
@@ -92,7 +100,9 @@ def test_excess_against_sampled_derivatives() -> None:
 
 
 def test_printed_eq_28_differs_by_the_cubic_term_alone() -> None:
-    d, t, wide = np.array([[0.3, 0.4, 0.2]]), np.array([[1.0, 0.5, 1.0]]), Limits([1e-9], [1e9])
+    d = np.array([[0.3, 0.4, 0.2]])
+    t = np.array([[1.0, 0.5, 1.0]])
+    wide = Limits([1e-9], [1e9])
     p5, p4, p3, p2, p1, _ = spline353.coefficients(d, t)[1, 0]
     s = np.linspace(0, 0.5, 21)
     printed = 5 * p5 * s**4 + 4 * p4 * s**3 + 3 * p3 * s**3 + 2 * p2 * s + p1
@@ -120,10 +130,13 @@ def test_one_joint_searched_in_a_box_of_seconds() -> None:
 def test_a_soft_penalty_gives_up_limits_for_time(problem: Problem) -> None:
     moving = replace(problem, waypoints=problem.waypoints)
     best = [
-        np.median(paper_choices.searched(Fitness(exact_excess, w), PSO(), moving, 3, 60, True)
-                  .times[:, 1].sum(axis=1))
+        np.median(
+            paper_choices.searched(Fitness(exact_excess, w), PSO(), moving, 3, 60, True)
+            .times[:, 1]
+            .sum(axis=1)
+        )
         for w in (0.1, 0.5, 10.0)
-    ]  # fmt: skip
+    ]
     assert all(a < b for a, b in pairwise(best))
 
 
@@ -134,8 +147,12 @@ def test_settling_is_within_one_percent_of_a_runs_own_end() -> None:
 
 
 def test_verdicts() -> None:
-    ours = {"a": Estimate(1, 0.9, 1.1), "time-x": Estimate(4, 4, 4), "b": Estimate(1, -1, 9),
-            "segment-wise-x": Estimate(3, 3, 3)}  # fmt: skip
+    ours = {
+        "a": Estimate(1, 0.9, 1.1),
+        "time-x": Estimate(4, 4, 4),
+        "b": Estimate(1, -1, 9),
+        "segment-wise-x": Estimate(3, 3, 3),
+    }
 
     def of(key: str, number: float) -> str:
         return paper_claims.verdict({"key": key, "paper": number, "slack": 0.05}, ours)
@@ -170,8 +187,10 @@ def test_study_in_small_and_not_twice(tmp_path: Path, monkeypatch: pytest.Monkey
     paper_study.main(quick=True, output=tmp_path)
     claims = pd.read_csv(tmp_path / "claims.csv")
     assert set(claims["verdict"]) <= {
-        "reproduced", "not reproduced", "cannot be decided from the text"
-    }  # fmt: skip
+        "reproduced",
+        "not reproduced",
+        "cannot be decided from the text",
+    }
     assert claims["command"].notna().all()
     times = pd.read_csv(tmp_path / "running-times.csv").set_index(["algorithm", "timing"])
     assert (times.loc[(["pso", "ssa", "issa"], "shared"), "claimed s"] > 4.31038).all()  # proved

@@ -24,7 +24,10 @@ from trajopt.planners.rest_to_rest import stop_times
 from trajopt.planners.swarm_planner import issa, pso, ssa
 
 SEEDS = range(100, 112)
-EXACT, COLLOCATION, VIA, STOP = Exact(4), Collocation(), RuckigVia(600), RuckigStop()
+EXACT = Exact(4)
+COLLOCATION = Collocation()
+VIA = RuckigVia(600)
+STOP = RuckigStop()
 TOPPRA = ToppRa(gridpoints=150)
 SYMMETRIC = [EXACT, COLLOCATION, STOP, Spline353NLP()]  # whose answers must obey every symmetry
 
@@ -142,7 +145,8 @@ class TestSymmetries:
 
     # Collocation is a local optimum from one start; the others are the best of several.
     def compare(self, planner: Planner, a: Problem, b: Problem, factor: float = 1.0) -> None:
-        first, second = certified(planner, a), certified(planner, b)
+        first = certified(planner, a)
+        second = certified(planner, b)
         assert first == pytest.approx(factor * second, rel=1e-6)
 
     def problem(self, planner: Planner, seed: int) -> Problem:
@@ -151,8 +155,10 @@ class TestSymmetries:
         return problem_of(seed)
 
     def test_scaling_velocity_and_acceleration(self, planner: Planner, seed: int) -> None:
-        problem, c = self.problem(planner, seed), 3.7
-        velocity, acceleration = problem.limits.velocity * c, problem.limits.acceleration * c**2
+        problem = self.problem(planner, seed)
+        c = 3.7
+        velocity = problem.limits.velocity * c
+        acceleration = problem.limits.acceleration * c**2
         faster = rewritten(problem, problem.waypoints, velocity=velocity, acceleration=acceleration)
         self.compare(planner, problem, faster, c)
 

@@ -47,7 +47,8 @@ def crowd() -> np.ndarray:
 
 
 def test_a_table_is_made_once_and_no_part_of_it_stays(tmp_path: Path) -> None:
-    table, folder = pd.DataFrame({"gap": [0.1 + 0.2, np.inf]}), tmp_path / "new"
+    table = pd.DataFrame({"gap": [0.1 + 0.2, np.inf]})
+    folder = tmp_path / "new"
     made = []
 
     def make(option: int) -> pd.DataFrame:
@@ -130,7 +131,8 @@ def test_summary_by_hand() -> None:
 
 def test_an_ingredient_is_worth_what_it_multiplies_the_gap_by() -> None:
     worth = dict(zip(issa_ablation.INGREDIENTS, (0.5, 1.0, 3.0, 0.9), strict=True))
-    names, gaps = [], []
+    names = []
+    gaps = []
     for switches in itertools.product((False, True), repeat=4):
         kept = tuple(n for n, on in zip(worth, switches, strict=True) if on)
         names.append(issa_ablation.subset(kept))
@@ -177,9 +179,12 @@ def test_the_fitness_is_all_that_the_swarms_pairs_differ_in() -> None:
 
 @pytest.mark.parametrize(("experiment", "table"), [(issa_ablation, "origin"), (swarms, "nlp")])
 def test_quick_forms_resume(
-    experiment: Any, table: str, tmp_path: Path,
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
+    experiment: Any,
+    table: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(races, "proved", full_speed)
     # Small where size shows nothing: intervals, boxes and batches are as many as it takes.
     monkeypatch.setattr(statistics, "bootstrap", partial(statistics.bootstrap, resamples=99))
