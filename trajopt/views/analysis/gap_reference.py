@@ -19,6 +19,7 @@ from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.views.analysis.versions import by_problem
 
 Kind = Literal["exact", "refined", "best known", "relaxed", "lower bound"]
 
@@ -53,18 +54,10 @@ class Reference:
 
 def references(trials: Iterable[Trial]) -> dict[str, Reference]:
     """Return the reference of every problem, by its digest, where there is one."""
-    problems: dict[str, Problem] = {}
-    exact: dict[str, list[Trial]] = {}
-    for trial in trials:
-        digest = trial.problem.digest()
-        problems[digest] = trial.problem
-        own = exact.setdefault(digest, [])
-        if trial.planner in REFERENCES or trial.planner == PROOF:
-            own.append(trial)
     found = {}
-    for digest, own in exact.items():
+    for digest, own in by_problem(trials).items():
         computed = _computed(own)
-        reference = _with_record(computed, problems[digest])
+        reference = _with_record(computed, own[0].problem)
         if not isnan(reference.duration):
             found[digest] = reference
     return found
@@ -72,22 +65,18 @@ def references(trials: Iterable[Trial]) -> dict[str, Reference]:
 
 def improvements(trials: Iterable[Trial]) -> list[Trial]:
     """Return the shortest certified trial on each problem, where it is better than the record."""
-    shortest: dict[str, Trial] = {}
-    for trial in trials:
-        digest = trial.problem.digest()
-        best = shortest.get(digest)
-        if best is None or _duration(trial) < _duration(best):
-            shortest[digest] = trial
     better = []
-    for trial in shortest.values():
-        record = records.find(trial.problem)
-        if record and _duration(trial) < record.duration * (1 - BETTER_RTOL):
-            better.append(trial)
+    for own in by_problem(trials).values():
+        shortest = min(own, key=_duration)
+        record = records.find(shortest.problem)
+        if record and _duration(shortest) < record.duration * (1 - BETTER_RTOL):
+            better.append(shortest)
     return better
 
 
-def _computed(exact: Sequence[Trial]) -> Reference:
-    """Return the reference from trials of the exact planners and of the proof on one problem."""
+def _computed(trials: Sequence[Trial]) -> Reference:
+    """Return the reference from one problem's trials of the exact planners and of the proof."""
+    exact = [trial for trial in trials if trial.planner in (*REFERENCES, PROOF)]
     proved = nan
     relaxed = nan
     for trial in exact:

@@ -29,7 +29,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.core.solution import Status
 from trajopt.views.analysis import pairwise, searches, statistics
 from trajopt.views.analysis.gap_reference import BUG_RTOL, OPTIMA, REFINED_RTOL, references
-from trajopt.views.analysis.versions import Kept, Newest, newest
+from trajopt.views.analysis.versions import Kept, Newest, by_problem, newest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -291,11 +291,8 @@ class Results:
 
     def histories(self) -> dict[str, searches.Histories]:
         """Per problem, by its digest, the best 3-5-3 and every run's history."""
-        groups: dict[str, list[Trial]] = {}
-        for trial in self.items:
-            own = groups.setdefault(trial.problem.digest(), [])
-            own.append(trial)
-        return {digest: searches.histories(trials) for digest, trials in groups.items()}
+        problems = by_problem(self.items)
+        return {digest: searches.histories(trials) for digest, trials in problems.items()}
 
     def running_times(self, targets: ArrayLike = searches.TARGETS) -> pd.DataFrame:
         """Expected evaluations until a search is within `target` of the best 3-5-3, and how often.

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -47,6 +47,24 @@ class Newest:
         count = sum(self.left_out.values())
         labels = [f"{label} {own}" for label, own in sorted(self.left_out.items())]
         return f"Left out: {count} trials of planners' earlier versions ({', '.join(labels)})."
+
+
+def by_problem(trials: Iterable[Trial]) -> dict[str, list[Trial]]:
+    """Return each problem's trials, by its digest."""
+    return _grouped(trials, lambda trial: trial.problem.digest())
+
+
+def by_label(trials: Iterable[Trial]) -> dict[str, list[Trial]]:
+    """Return each planner's trials, by its name with its options."""
+    return _grouped(trials, lambda trial: trial.label)
+
+
+def _grouped(trials: Iterable[Trial], key: Callable[[Trial], str]) -> dict[str, list[Trial]]:
+    groups: dict[str, list[Trial]] = {}
+    for trial in trials:
+        own = groups.setdefault(key(trial), [])
+        own.append(trial)
+    return groups
 
 
 def version(trial: Trial) -> Version:

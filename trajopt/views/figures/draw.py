@@ -29,6 +29,7 @@ from trajopt.explain.references import PROOF, REFERENCES
 from trajopt.views.analysis.gap_reference import references
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.searches import histories, searches
+from trajopt.views.analysis.versions import by_label, by_problem
 from trajopt.views.figures import sampling
 from trajopt.views.figures.style import headline
 
@@ -126,14 +127,9 @@ def judged(found: Judgement, folder: Path) -> Path:
 
 def _problems(trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], str]]:
     """Yield the trials of every problem, and the name of its folder."""
-    problems: dict[tuple[str, str], list[Trial]] = {}
-    for trial in trials:
-        problem = trial.problem
-        key = (problem.name, problem.digest())
-        own = problems.setdefault(key, [])
-        own.append(trial)
-    names = distinct_names(list(problems))
-    yield from zip(problems.values(), names, strict=True)
+    problems = by_problem(trials)
+    keys = [(own[0].problem.name, digest) for digest, own in problems.items()]
+    yield from zip(problems.values(), distinct_names(keys), strict=True)
 
 
 def _draw_problem(trials: Sequence[Trial], folder: Path) -> list[Path]:
@@ -292,15 +288,6 @@ def median_run(runs: Sequence[Trial]) -> Trial | None:
         if middle.certified_trajectory is not None:  # computed for the run that is shown only
             return middle
     return None
-
-
-def by_label(trials: Sequence[Trial]) -> dict[str, list[Trial]]:
-    """Return each planner's trials, by its name with its options."""
-    groups: dict[str, list[Trial]] = {}
-    for trial in trials:
-        own = groups.setdefault(trial.label, [])
-        own.append(trial)
-    return groups
 
 
 def distinct_names(keys: Sequence[tuple[str, str]]) -> list[str]:

@@ -17,6 +17,7 @@ from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, Problem
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.results import Results, competing, median_gap
+from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
 from trajopt.views.figures.style import BLACK, CURVES
 from trajopt.views.report import cells as lines
@@ -101,10 +102,7 @@ class Page:
 
     @cached_property
     def trials_by_problem(self) -> list[list[Trial]]:
-        groups: dict[str, list[Trial]] = {}
-        for trial in self.results.items:
-            own = groups.setdefault(trial.problem.digest(), [])
-            own.append(trial)
+        groups = by_problem(self.results.items)
         return [groups[digest] for digest in self.digests]
 
     @cached_property

@@ -13,7 +13,8 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import Stretch, share_at_limits, stretches
 from trajopt.views.analysis.searches import histories, searches
-from trajopt.views.figures.draw import by_label, median_run
+from trajopt.views.analysis.versions import by_label
+from trajopt.views.figures.draw import median_run
 from trajopt.views.figures.sampling import both_sides
 from trajopt.views.figures.style import QUANTITIES
 from trajopt.views.report import curves
