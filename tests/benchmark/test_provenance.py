@@ -200,7 +200,7 @@ def test_what_a_class_was_made_with_belongs_to_its_code():
 
 @dataclass(frozen=True)
 class Other(Stopping):
-    """The same options under the same name."""
+    """Another class with the same options and name."""
 
 
 def test_two_classes_of_one_name_and_the_same_options_are_two_planners():
@@ -294,7 +294,7 @@ class Thawed(Planner):
 
 @dataclass(frozen=True)
 class Behind(Holding):
-    """A field, and an attribute that is none."""
+    """A field, and an attribute that is not a field."""
 
     def __post_init__(self):
         object.__setattr__(self, "table", [1, 2])

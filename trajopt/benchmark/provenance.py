@@ -201,7 +201,7 @@ def _functions(value: type | FunctionType) -> dict[str, FunctionType]:
 
 
 def _has_source(function: FunctionType) -> bool:
-    """Whether there is a file or a notebook's cell with a function and those that it encloses."""
+    """Return whether files or notebook cells hold a function and those that it encloses."""
     waiting = [function]
     seen = set()
     while waiting:
@@ -246,7 +246,7 @@ def _texts(value: Any, seen: set[int]) -> Iterator[Any]:
 
 
 def _used(function: FunctionType) -> Iterator[Any]:
-    """What a function uses of its own module, and of the functions around it."""
+    """Yield the values that a function uses from its own module and the functions around it."""
     for name in _names(function.__code__):
         value = function.__globals__.get(name)
         own = getattr(value, "__module__", function.__module__) == function.__module__
@@ -305,7 +305,7 @@ def _named(files: list[Path], root: Path) -> dict[str, Path]:
 
 
 def _decides(name: str) -> bool:
-    """Whether a module of ours can change a trial."""
+    """Return whether a module of this package can change a trial."""
     return name in _JUDGES or not name.startswith(_SHOWS_ONLY)
 
 
@@ -362,7 +362,7 @@ def _file(module: ModuleType) -> Path | None:
 
 
 def _is_installed(file: Path) -> bool:
-    """Whether it lies where installed packages do, and not in somebody's own tree."""
+    """Return whether a file lies in a folder of installed packages."""
     paths = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
     paths += [*site.getsitepackages(), site.getusersitepackages()]
     return any(file.is_relative_to(Path(path).resolve()) for path in paths)

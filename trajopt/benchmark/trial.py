@@ -33,13 +33,13 @@ from trajopt.planners.registry import label
 
 Array = NDArray[np.float64]
 
-DEGREE_MAX = 100  # of a trajectory: finding roots takes memory by the degree's square
+DEGREE_MAX = 100  # polynomial degree; finding roots takes memory by its square
 OUT_OF_MEMORY = "out of memory"  # the message of a trial that had too little
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What one planner answered, and what the verifier found.
+    """One planner's answer on one problem with one seed, and the verdict on it.
 
     `planner` is its name, `label` the name with the options that differ from the registered ones.
     `status` and `message` are the verdict: the planner's own status, unless the verifier found
@@ -78,7 +78,7 @@ class Trial:
 
     @property
     def runs_again(self) -> bool:
-        """Whether it ended without an answer for reasons that may be gone the next time."""
+        """Return whether the next run repeats it: it crashed, was stopped, or lacked a package."""
         return self.status in (Status.CRASHED, Status.MISSING, Status.TIMEOUT)
 
     @property
@@ -103,7 +103,7 @@ class Trial:
 
     @property
     def feasible(self) -> bool | None:
-        """Whether the trajectory keeps every limit as claimed."""
+        """True if the trajectory keeps every limit as claimed; None without one."""
         return self.certificate.feasible if self.certificate else None
 
     @property
@@ -118,7 +118,7 @@ class Trial:
 
     @property
     def is_answered(self) -> bool:
-        """Whether it came to anything: a motion, one of a relaxation, or a lower bound."""
+        """True if there is a motion, one of a relaxation, or a lower bound."""
         found = (self.certified_duration, self.relaxed_duration, self.lower_bound)
         return any(value is not None for value in found)
 
@@ -132,7 +132,7 @@ class Trial:
 
     @property
     def certified_history(self) -> Array:
-        """What the search had certified after so many evaluations: `(m, 2)`, evaluations and s.
+        """The search's certified duration over its evaluations: `(m, 2)`, evaluations and s.
 
         A planner's history holds claims; the dilation that its answer needed is applied to all of
         them, so that it ends at the certified duration and at all evaluations that were spent. NaN
@@ -176,7 +176,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Entrant:
-    """What a trial keeps of a planner: under which name, with which options, and which code.
+    """A planner as a trial states it: its name, its options, its code.
 
     Computed once where a run is planned: a worker elsewhere may have other files.
     """
@@ -200,7 +200,7 @@ class Configuration:
 
     @classmethod
     def of(cls, planner: object, name: str = "") -> Configuration:
-        """Of a planner, or a function that plans; its name is its class's by default.
+        """Configure a planner, or a function that plans; by default under its class's name.
 
         Raises:
             InvalidInput: for what is no planner, or may have options that nobody sees.
@@ -218,7 +218,7 @@ class Configuration:
 
 @dataclass(frozen=True)
 class Answers:
-    """What a planner answered to one call, a solution per seed, and what that took.
+    """The answers of a planner to one call, a solution per seed, and the time they took.
 
     `relation` is how they relate to the optimum. `loading_time` went into importing what the
     planner requires, `wall_time` into the call, both in seconds.
@@ -230,7 +230,7 @@ class Answers:
     wall_time: float = 0.0
 
     def instead(self, solution: Solution) -> Answers:
-        """The same with another solution in place of each."""
+        """Return the answers with one solution in place of each."""
         return replace(self, solutions=[solution] * len(self.solutions))
 
 
@@ -254,7 +254,7 @@ def run(
     seeds: Sequence[int],
     limits: Mapping[str, str] = MappingProxyType({}),
 ) -> list[Trial]:
-    """The same of a configuration; `limits` to its time and memory join the provenance.
+    """Run a configuration and verify its answers; `limits` of time and memory join the provenance.
 
     The planner is given a copy of the problem: whatever it does to that, it is judged on ours.
     """
@@ -377,7 +377,7 @@ def _load(modules: Sequence[str]) -> float:
 def _relation(planner: Planner, problem: Problem) -> Relation:
     try:
         return planner.relation(problem)
-    except Exception:  # the planner's fault; its trial says so
+    except Exception:  # the trial reports the planner's error
         return Relation.RESTRICTION
 
 
@@ -399,7 +399,7 @@ def _solutions(planner: Planner, problem: Problem, seeds: Sequence[int]) -> list
 
 
 def crash(message: str) -> Solution:
-    """Instead of an answer, why there is none."""
+    """Return a crash that gives the reason in place of an answer."""
     return Solution(Status.CRASHED, message=message)
 
 
@@ -424,8 +424,8 @@ def well_formed(answer: Any) -> Solution:
     return answer
 
 
-_MOST_EVALUATIONS = 2**63 - 1  # what an integer of 64 bits counts
-_KINDS: dict[str, Any] = {  # of the fields of a `Solution`
+_MOST_EVALUATIONS = 2**63 - 1  # the largest signed integer of 64 bits
+_KINDS: dict[str, Any] = {  # types of a `Solution`'s fields
     "status": Status,
     "trajectory": Trajectory | None,
     "message": str,

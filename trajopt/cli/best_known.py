@@ -15,6 +15,7 @@ from trajopt.benchmark.best_known import proposal, records, verification
 from trajopt.benchmark.best_known.proposal import Candidate, Outcome
 from trajopt.benchmark.best_known.record import CLOSED_WITHIN, Record, origin
 from trajopt.benchmark.best_known.verification import CheckedRecord
+from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console
 from trajopt.cli.parameters import InterpolationName, Json
@@ -93,7 +94,7 @@ def verify(*problems: ProblemNames, registry: Registry = None, json: Json = Fals
 @app.command
 def propose(
     source: Annotated[
-        Path, Parameter(help="Motion file, results folder, results.h5 or a trial's .h5.")
+        Path, Parameter(help="Motion file, results folder, results.h5 or a trial's file.")
     ],
     problem: Annotated[
         str | None, Parameter(help="That a motion file is about: name or file.")
@@ -116,7 +117,7 @@ def propose(
     target = registry or records.folder_to_write()
     if not source.exists():
         raise InvalidInput("SOURCE", "a file or folder that exists", value=str(source))
-    if source.suffix in ENDINGS and not source.is_dir():
+    if source.suffix in ENDINGS and not source.is_dir() and not is_trial(source):
         candidates = [_of_motion(source, problem, method, submitter, interpolation)]
     else:
         _refuse_options_of_motions(problem, method, interpolation)
@@ -204,7 +205,7 @@ def _in_lines(name: str) -> str:
 
 
 def _print_suites(known: Mapping[str, Record | None]) -> None:
-    """How much is closed, suite by suite; a problem counts in each of its suites."""
+    """Print how many problems are closed in each suite; a problem counts in all its suites."""
     numbers = ("problems", "closed", "open", "none", "median within %", "largest within %")
     table = console.table("suite", *numbers, numbers=numbers)
     for name in catalogue.suites():
@@ -254,7 +255,7 @@ def _of_motion(
     submitter: str,
     interpolation: InterpolationName,
 ) -> Candidate:
-    """A motion's candidate.
+    """Return the candidate that a motion's file holds.
 
     Raises:
         InvalidInput: It cannot be read, is none of a suite's problem, or does not solve it.
@@ -280,7 +281,7 @@ def _refuse_options_of_motions(
     method: str | None,
     interpolation: str,
 ) -> None:
-    """What says something of a motion file says nothing of trials."""
+    """Refuse the options of motion files for stored trials."""
     given = {"PROBLEM": problem, "--method": method}
     if interpolation != "auto":
         given["--interpolation"] = interpolation

@@ -99,7 +99,7 @@ def trajectory(said: Any) -> Trajectory:
 
 
 def array(key: str, rows: Any, right: str) -> Array:
-    """Nested lists of finite numbers; NumPy alone takes texts and truth values for numbers too.
+    """Return nested lists of finite numbers as an array; texts and truth values are refused.
 
     Raises:
         InvalidInput: They are none, or of several lengths; `right` says what is expected.
@@ -129,7 +129,7 @@ def check_work(rows: int, pieces: int, joints: int) -> None:
 
 
 def is_said(said: Any) -> bool:
-    """Whether JSON is meant as such a trajectory."""
+    """Return whether a JSON value has the keys of such a trajectory."""
     return isinstance(said, Mapping) and said.keys() >= _KEYS
 
 

@@ -1,4 +1,4 @@
-"""What the store is for: a trial is a sealed text; a folder holds texts and `results.h5`."""
+"""Read me first: a trial is a sealed text; a folder holds texts and `results.h5`."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""What `verify` computes again, and what it says where that differs."""
+"""`verify` computes everything again and names each difference."""
 
 from dataclasses import dataclass, replace
 
@@ -215,7 +215,7 @@ def test_a_bound_that_is_no_number_does_not_hold(tmp_path, monkeypatch, bound):
 
 
 def test_an_edited_text_is_refused(tmp_path):
-    """A weaker bound is true, but it is not what was proved: the seal says so."""
+    """A weaker bound is true too, but the text was edited: the seal is wrong."""
     path = Store(tmp_path).write(solved())
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace('"lower_bound": 0.25', '"lower_bound": 0.24'), encoding="utf-8")

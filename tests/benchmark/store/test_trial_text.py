@@ -1,4 +1,4 @@
-"""What is kept of a trial comes back bit for bit, from its own text and from `results.h5` alike."""
+"""A trial comes back bit for bit, from its own text and from `results.h5`."""
 
 import json
 from dataclasses import replace

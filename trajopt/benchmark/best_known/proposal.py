@@ -42,12 +42,11 @@ from trajopt.planners.rest_to_rest import end_to_end_bound
 # Digits of a proof's numbers, fewest first: whatever they are, it proves something.
 _PROOF_DIGITS = (5, 6, 7, 9, 12)
 _START_DIGITS = 12
-# What a proof may lose by them, relative.
+# Bound that a proof may lose by rounding its numbers, relative.
 _PROOF_RTOL = 1e-5
-# Of a proof: what it counts in, and what it asks about.
+# Arrays of a proof that stay exact: its units and its question.
 _EXACT = ("units", "cutoff")
-# What a certified duration may lose where the file leaves out what goes on, relative: little of
-# what counts as better.
+# Duration that a motion may lose by writing it briefly, relative: little beside `BETTER_RTOL`.
 _KEPT_RTOL = 0.1 * BETTER_RTOL
 
 
@@ -70,7 +69,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What the candidates for one problem are worth.
+    """The candidates for one problem, compared with its record.
 
     Attributes:
         problem: Theirs.
@@ -86,21 +85,21 @@ class Outcome:
 
     @property
     def shorter(self) -> bool:
-        """Whether the motion is better than the recorded one."""
+        """True if the motion is better than the recorded one."""
         if self.after is None:
             return False
         return self.before is None or self.after.duration < self.before.duration
 
     @property
     def tighter(self) -> bool:
-        """Whether the bound is better than the recorded one."""
+        """True if the bound is better than the recorded one."""
         if self.after is None:
             return False
         return self.before is None or self.after.lower_bound > self.before.lower_bound
 
 
 def of_trials(path: Path, submitter: str = "") -> Iterator[Candidate]:
-    """Every answer and every proof to a suite's problem among stored trials.
+    """Yield the answers and proofs for suite problems among stored trials.
 
     Args:
         path: A results folder, a `results.h5`, or a trial's file.
@@ -123,7 +122,7 @@ def _origin(trial: Trial, submitter: str) -> Origin:
 
 
 def suite_problem(problem: Problem) -> Problem | None:
-    """The suites' problem of these numbers; None if there is none."""
+    """Return the suites' problem of these numbers, or None."""
     return _suite_problems_by_digest().get(problem.digest())
 
 
@@ -138,7 +137,7 @@ def today() -> str:
 
 
 def outcomes(candidates: Iterable[Candidate], where: Path) -> Iterator[Outcome]:
-    """What the candidates are worth beside a folder of records, problem by problem.
+    """Compare the candidates with a folder of records, problem by problem.
 
     Raises:
         TrajoptError: A motion is briefer than what is proved: one of them is wrong.
@@ -176,7 +175,7 @@ class _Motion(NamedTuple):
 
 
 def _shortest(candidates: Sequence[Candidate]) -> _Motion | None:
-    """That of the candidates' motions which takes the least time when it is certified."""
+    """Return the candidates' motion of the shortest certified duration."""
     best = None
     for candidate in candidates:
         trajectory = candidate.trajectory
@@ -255,7 +254,7 @@ def _rounded(proof: Mapping[str, Array], digits: int) -> dict[str, Array]:
         found[name] = np.where(whole, array, brief)
     cells = proof.get("cells")
     if cells is not None and cells.ndim == 2:
-        # where narrow cells start: they are to have a width still
+        # starts of narrow cells: rounding must leave them a width
         found["cells"][:, 0] = _brief(cells[:, 0], _START_DIGITS)
     return found
 

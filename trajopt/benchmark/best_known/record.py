@@ -39,13 +39,13 @@ CLOSED_FORM = "closed form"
 _HEAD = ("schema", "duration", "lower_bound", "motion", "bound", "problem")
 _EVIDENCE = ("trajectory", "proof")
 _EVIDENCE_START = '\n"trajectory": '  # a text that the package wrote has it once
-_PROOF_PREFIX = "proof_"  # of the arrays by which a planner's solution carries its proof
+_PROOF_PREFIX = "proof_"  # names of a proof's arrays among a solution's stats
 _MAX_TEXT_LENGTH = 300  # characters of a line
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a motion or a bound comes from.
+    """The source of a motion or a bound.
 
     Attributes:
         method: The planner with its options, or whatever its submitter calls it.
@@ -66,7 +66,7 @@ class Origin:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What is known of a problem.
+    """The best known motion and bound of a problem.
 
     Attributes:
         problem: Two problems are the same where their numbers are.
@@ -91,7 +91,7 @@ class Record:
 
     @cached_property
     def proof(self) -> Mapping[str, Array]:
-        """Of the lower bound, arrays by name; empty where the method is `CLOSED_FORM`."""
+        """The proof of the lower bound, arrays by name; empty for `CLOSED_FORM`."""
         table = self._stated["proof"]
         if not isinstance(table, dict):
             raise InvalidInput("proof", "an object of arrays, empty where there is no proof")
@@ -113,7 +113,7 @@ class Record:
 
     @property
     def closed(self) -> bool:
-        """Whether the best known motion is the optimum, but for `CLOSED_WITHIN`."""
+        """True if the duration is proved to be optimal within `CLOSED_WITHIN`."""
         return self.proved_within < CLOSED_WITHIN
 
     @property

@@ -1,4 +1,4 @@
-"""Where the records lie, and the one of a problem: found by its numbers, whatever it is called."""
+"""Find the records' files, and a problem's record by the problem's numbers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def files(where: Path | None = None) -> list[Path]:
 
 
 def file_of(problem: Problem, where: Path | None = None) -> Path | None:
-    """Return the file of a problem's record; None where there is none."""
+    """Return the file of a problem's record, or None."""
     place = where or folder()
     changed = place.stat().st_mtime_ns if place.is_dir() else 0
     return _files_by_ending(place, changed).get(ending(problem))
@@ -50,7 +50,7 @@ def _files_by_ending(where: Path, changed: int) -> dict[str, Path]:
 
 
 def find(problem: Problem, where: Path | None = None) -> Record | None:
-    """Return the record of a problem; None where there is none.
+    """Return the record of a problem, or None.
 
     Raises:
         InvalidInput: Its file cannot be read.

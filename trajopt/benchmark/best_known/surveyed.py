@@ -1,4 +1,4 @@
-"""What is known of a problem: what the references find now, or what is recorded and better.
+"""Combine the references' results with a problem's record, whichever is better.
 
 known = with_record(survey(problem))
 """
@@ -18,7 +18,7 @@ from trajopt.judging.verification import certified
 
 
 def with_record(known: Known, where: Path | None = None) -> Known:
-    """What was found now, with both ends of the record where they are better by more than 1e-6.
+    """Return the results with the record's motion and bound where they are better by over 1e-6.
 
     The recorded motion is verified now, and the recorded bound is what its proof proves now.
 

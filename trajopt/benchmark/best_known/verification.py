@@ -1,4 +1,4 @@
-"""Whether a record holds: its motion by the verifier, its bound by its proof, without a solver."""
+"""Check a record: its motion by the verifier, its bound by its proof, without a solver."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from trajopt.planners.registry import load
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
 DURATION_RTOL = 1e-9  # a duration computed again is the recorded one within this
-BOUND_RTOL = 1e-12  # what a proof proves again is what it proved, but for the order of sums
+BOUND_RTOL = 1e-12  # between two checks of a proof: the order of sums may differ
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def checked(file: Path) -> CheckedRecord:
         return _checked(file)
     except TrajoptError as error:
         reason = str(error)
-    except Exception as error:  # of a stranger's file: the others are to be checked all the same
+    except Exception as error:  # the other files are checked all the same
         reason = f"record: it cannot be checked, {type(error).__name__}: {error}"
     return CheckedRecord(file.name, "", None, None, (reason,))
 
@@ -71,7 +71,7 @@ def _checked(file: Path) -> CheckedRecord:
 
 
 def proved(record: Record) -> float:
-    """What a record's proof proves, s; in closed form where it has none.
+    """Return the bound that a record's proof proves, s; in closed form without a proof.
 
     Raises:
         TrajoptError: The proof is none, or what checks it is not installed.
@@ -102,7 +102,7 @@ def _duration(record: Record) -> tuple[float | None, list[str]]:
 
 
 def _bound(record: Record) -> tuple[float | None, list[str]]:
-    """What is proved, and whether the record claims more."""
+    """Return the proved bound, and the difference if the record claims more."""
     try:
         bound = proved(record)
     except TrajoptError as error:
@@ -117,7 +117,7 @@ def _difference(name: str, recorded: float, word: str, computed: float) -> str:
 
 
 def _misplaced(record: Record, file: Path) -> Iterator[str]:
-    """Whether the file, or a name that is built in, is another problem's."""
+    """Report a file name or a built-in problem's name that belongs to another problem."""
     problem = record.problem
     if not file.name.endswith(ending(problem)):
         yield f"file: its name should end in {ending(problem)}"

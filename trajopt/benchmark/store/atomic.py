@@ -18,7 +18,7 @@ _ORPHAN_AGE = 60.0  # s untouched, after which it is litter if its process is go
 _LITTER_AGE = 86400.0  # s untouched, after which it is litter anyway
 
 
-Content = bytes | Callable[[Path], Any]  # what to write, or what fills the file of a path
+Content = bytes | Callable[[Path], Any]  # bytes, or a function that fills a file
 
 
 def write(path: Path, content: Content) -> None:
@@ -30,7 +30,7 @@ def write(path: Path, content: Content) -> None:
 
 
 def write_all(contents: Mapping[Path, Content]) -> None:
-    """The same of several files, of which each is there whole or not at all.
+    """Write several files; each exists whole or not at all.
 
     One after the other would wait for the disk twice a file: what is to be synced together goes
     there together. Where the system refuses one, those before it are kept.
@@ -82,7 +82,7 @@ def _keep(temporaries: Mapping[Path, Path]) -> None:
 
 @contextmanager
 def _refusal(path: Path) -> Iterator[None]:
-    """What the system refuses is an error that names the file."""
+    """Turn the system's refusals into a `StoreError` that names the file."""
     try:
         yield
     except StoreError:
@@ -117,7 +117,7 @@ def _is_litter(file: Path) -> bool:
 
 
 def _orphaned(name: str) -> bool:
-    """Whether the process that wrote it ran on this machine and is gone."""
+    """Return whether the writing process ran on this machine and has ended."""
     owner = re.fullmatch(r".*~(.*)~(\d+)~.*", name)
     if not owner or owner[1] != platform.node() or os.name != "posix":
         return False

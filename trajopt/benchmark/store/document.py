@@ -1,4 +1,4 @@
-"""What files and messages hold, in JSON's terms: values, solutions, problems.
+"""Values, solutions and problems in JSON's terms, for files and messages.
 
 Trials, best known answers and the messages of planners' processes share these functions. Numbers
 come back bit for bit. NaN and infinity are spelled out as `{"$float": "nan"}`; null stands for NaN

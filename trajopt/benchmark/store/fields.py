@@ -24,7 +24,7 @@ _YEARS = range(1970, 2262)  # the years that pandas' nanoseconds hold
 
 @dataclass(frozen=True)
 class Field:
-    """One value of every trial.
+    """A named value of each trial.
 
     Attributes:
         name: In JSON, in columns and in tables.

@@ -25,12 +25,12 @@ from trajopt.core.exceptions import StoreError
 from trajopt.core.harmless import harmless
 
 T = TypeVar("T")
-Stamp = tuple[int, int]  # of a file: its inode, and when that last changed, ns
+Stamp = tuple[int, int]  # a file's inode and its time of last change, ns
 
 _FINISHED = ".json"
 _UNANSWERED = ".missing.json"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.json")
-_REASON_CHARACTERS = 300  # of what HDF5 or JSON say
+_REASON_CHARACTERS = 300  # shown of an error of HDF5 or JSON
 
 
 class Damaged(StoreError):
@@ -90,7 +90,7 @@ class Store:
         return {file.stem for file in files if _is_whole(file)}
 
     def has(self, trial_id: str) -> bool:
-        """Whether this trial is finished and its file whole."""
+        """Return whether this trial is finished and its file whole."""
         return _is_whole(self.path(trial_id))
 
     def write(self, trial: Trial) -> Path:
@@ -156,7 +156,7 @@ class Store:
         return self.results
 
     def _content(self, known: Seen) -> bytes:
-        """What `results.h5` is to hold now."""
+        """Return the bytes of `results.h5` for the trials in the folder."""
         found = [known.read(path) for path in _trial_files(self.folder)]
         pairs = [pair for pair in found if pair is not None]
         trials = [trial for trial, _ in pairs]
@@ -214,7 +214,7 @@ class Store:
         return stored if len(stored) == len(ids) and not damaged else None
 
     def _is_current(self) -> bool:
-        """Whether `results.h5` is younger than every trial file."""
+        """Return whether `results.h5` is younger than every trial file."""
         trials = self.folder / "trials"
         try:
             built = self.results.stat().st_mtime_ns
@@ -351,7 +351,7 @@ def _trial(place: Path, text: bytes, damaged: OnDamage) -> Iterator[Trial]:
 
 
 def is_trial(path: Path) -> bool:
-    """Whether a file starts as a trial's text does, whatever it is called."""
+    """Return whether a file starts like a trial's text, under any name."""
     try:
         with path.open("rb") as stream:
             return stream.read(len(trial_text.START)) == trial_text.START
@@ -394,7 +394,7 @@ def _id(path: Path) -> str:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether the file holds the text that was written."""
+    """Return whether the file holds a whole text of the trial in its name."""
     try:
         return trial_text.check(_load(path)) == _id(path)
     except WrongSchema:
@@ -433,7 +433,7 @@ def _load(path: Path) -> bytes:
 
 
 def _holds(path: Path, text: bytes) -> bool:
-    """Whether a file holds the same answer and verdict; when and how fast does not matter."""
+    """Return whether a file holds the same answer and verdict, at any time and speed."""
     try:
         return _verdict(_load(path)) == _verdict(text)
     except Exception:

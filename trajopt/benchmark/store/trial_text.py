@@ -54,7 +54,7 @@ _HEAD = re.compile(
     rb'"sha256": "(?P<sha256>[0-9a-f]{64})",\n'
     rb'(?P<body>"id": "(?P<id>[0-9a-f]{20})",\n)'
 )
-_ESCAPE = re.compile(r"(?<!\\)(?:\\\\)*\\[ubfr]")  # of a character that no text of ours has
+_ESCAPE = re.compile(r"(?<!\\)(?:\\\\)*\\[ubfr]")  # escapes of control characters
 
 
 class WrongSchema(StoreError):
@@ -108,7 +108,7 @@ def write(trial: Trial) -> bytes:
         table["certificate"] = _certificate_table(trial.certificate)
     table["solution"] = packed_solution(trial.solution)
     text = sealed(table)
-    read(text)  # what cannot be read back is not written
+    read(text)  # refuses a text that cannot be read back
     return text
 
 

@@ -1,4 +1,4 @@
-"""Whether what a file states of its trials holds: everything that can be computed again, is.
+"""Compute again what a file states of its trials, and report what does not hold.
 
 The verdict of each trial is computed from its stored trajectory, its lower bound by the planner
 that proved it, and a problem with a built-in name is compared with the built-in one. What the
@@ -41,17 +41,17 @@ class StoresProofs(Protocol):
     """A planner whose solutions carry a proof of their bound, which needs no solver."""
 
     def relation(self, problem: Problem) -> Relation:
-        """What the planner's answers, and so its bounds, are about."""
+        """Return how the planner's answers and bounds relate to the optimum."""
         ...
 
     def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
-        """What the proof among `stats` proves, s; `None` where there is none."""
+        """Return the bound that the proof among `stats` proves, s; None without a proof."""
         ...
 
 
 @dataclass(frozen=True)
 class CheckedTrial:
-    """A stored trial computed again (durations in s), beside what was recorded of it.
+    """Recorded and computed values of a stored trial; durations in s.
 
     Attributes:
         flaws: The verifier's, or why there is no trajectory.
@@ -92,7 +92,7 @@ class Verification:
 
     @property
     def answered(self) -> bool:
-        """Whether there is anything that could hold: a certified duration or a lower bound."""
+        """True if some trial has a certified duration or a lower bound."""
         return any(t.certified_duration or t.lower_bound for t in self.trials)
 
     @property
@@ -100,7 +100,7 @@ class Verification:
         return self.answered and all(t.holds for t in self.trials)
 
     def summary(self) -> list[str]:
-        """What came of it, a sentence a line."""
+        """Summarise the result, a sentence a line."""
         wrong = sum(not t.holds for t in self.trials)
         count = len(self.trials)
         lines = [f"{count} trials verified anew; {wrong} do not hold what was recorded."]
@@ -171,7 +171,7 @@ def _checked(
 
 
 def _changed(trial: Trial, status: str, certificate: Certificate | None) -> list[str]:
-    """What was recorded otherwise than it is computed now."""
+    """Name the recorded values that differ from the computed ones."""
     stated = trial.certificate
     found = []
     if trial.status != status:
@@ -242,7 +242,7 @@ def _suite_problems() -> tuple[Problem, ...]:
 
 
 def _rechecked(trial: Trial) -> tuple[str, list[str]]:
-    """What came of the trial's lower bound, and what does not hold of it."""
+    """Return the result for the trial's lower bound, and its differences."""
     bound = trial.lower_bound
     if bound is None:
         # a bound on some trajectories only, as of the 3-5-3 splines
