@@ -1,4 +1,4 @@
-"""The 3-5-3 segment times by two established optimisers: is any swarm needed at all?
+"""The 3-5-3 segment times by two established optimisers, to compare the swarms with.
 
 CMA-ES (Hansen's own library, `cma`) and differential evolution (SciPy) behind the swarms' own
 interface: the same box, fitness and budget, every evaluation counted. Both search the unit cube,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Run = Generator[Array, Array, None]
 
-# Stands for an infinite or missing fitness: its square is still finite.
+# Replaces an infinite or missing fitness: its square is still finite.
 _INFINITE_FITNESS = 1e100
 
 
@@ -47,7 +47,7 @@ class Evolution(Optimiser):
 
     @abstractmethod
     def run(self, random: Random, dim: int) -> Run:
-        """Yield candidates `(population, dim)` and be sent their fitness `(population,)`, ever."""
+        """Yield candidates `(population, dim)` and be sent their fitness `(population,)`, without end."""
 
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
         dim = box.low.shape[-1]
@@ -91,7 +91,7 @@ class CMAES(Evolution):
             population *= self.growth
 
     def _descent(self, random: Random, dim: int, population: int) -> Run:
-        """Until it has converged; a large population is asked in several batches."""
+        """One descent until it has converged; a large population is asked in several batches."""
         options = {"popsize": population, "randn": lambda *shape: random.standard_normal(shape)}
         strategy = backend("cma").CMAEvolutionStrategy(
             random.random(dim), self.sigma0, options | _QUIET
@@ -192,14 +192,14 @@ class DE(Evolution):
 
 
 def _finite(fitness: Array) -> Array:
-    """Fitness with NaN as bad as infinity, and both as bad as a large number."""
+    """Replace NaN and infinite fitness by a large number."""
     known = np.where(np.isnan(fitness), np.inf, fitness)
     return np.clip(known, -_INFINITE_FITNESS, _INFINITE_FITNESS)
 
 
 @dataclass(frozen=True)
 class EvolutionPlanner(SwarmPlanner):
-    """A `SwarmPlanner` that runs on request: a reference for the swarms, none of the paper's."""
+    """A `SwarmPlanner` that runs on request: a reference for the swarms."""
 
     on_request = True
 

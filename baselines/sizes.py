@@ -1,4 +1,4 @@
-"""A planner that will take long says so before it begins.
+"""Announce a planner that will take long, before it begins.
 
 As a warning of the logger `trajopt.sizes`, so that a script sees it and can turn it off.
 """

@@ -127,7 +127,7 @@ class MovingSpline:
         return [polynomials.from_bernstein(np.array(own)) for own in controls[: self.orders]]
 
     def instants(self, times: Array) -> list[Array]:
-        """Where each rate, and last the position, can have a peak: `(instants, joints)` each."""
+        """Possible peaks of each rate, and last of the position: `(instants, joints)` each."""
         curves = [*self.rates(times), self.position(times)]
         return [polynomials.critical_points(curve) for curve in curves]
 

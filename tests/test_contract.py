@@ -15,7 +15,7 @@ from trajopt.planners.planner import Planner
 from trajopt.planners.registry import configured, entries, options
 from trajopt.planners.testing import check_planner
 
-# The same planners with less work, where that exists: the contract does not depend on effort.
+# Options that mean less work: the contract does not depend on effort.
 _QUICK = {
     "iterations": 4,
     "gridpoints": 50,

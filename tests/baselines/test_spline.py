@@ -14,7 +14,7 @@ from trajopt.benchmark.suites.catalogue import load
 
 
 def best(planner: Spline, problem: Problem) -> Trajectory:
-    """Its answer, which keeps every limit as it stands."""
+    """The planner's answer; it keeps every limit without dilation."""
     solution = planner.solve(problem)
     assert solution.status is Status.SOLVED
     assert solution.trajectory is not None

@@ -33,7 +33,6 @@ from trajopt.planners.registry import (
     entries,
     label,
     load,
-    named,
     options,
     parse,
 )
@@ -493,8 +492,3 @@ def test_the_fixed_times_are_two_seconds_each():
     solution = Unoptimised().solve(problem)
     assert solution.trajectory.waypoint_times.tolist() == [0, 2, 2, 4, 6]
     assert Unoptimised().unsupported(Problem([[0.0], [1.0]], Limits([9.0], [9.0])))
-
-
-def test_a_former_name_still_names_its_planner():
-    assert named("ruckig:evaluations=7") == ("ruckig-search", load("ruckig-search:evaluations=7"))
-    assert label("ruckig-search", load("ruckig")) == "ruckig-search"

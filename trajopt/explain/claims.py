@@ -95,7 +95,7 @@ class Known:
     Attributes:
         problem: waypoints and limits.
         best: the shortest certified duration, None if no planner has one.
-        best_by: that planner's name, or why there is none.
+        best_by: that planner's name, or the reasons why every planner failed.
         lower_bound: no trajectory is faster; proved.
         bound_by: what proved it.
         stopping: the plan that any user has, at rest at every waypoint.

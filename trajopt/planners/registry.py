@@ -20,8 +20,6 @@ from trajopt.core.exceptions import InvalidInput, MissingBackend, TrajoptError, 
 from trajopt.planners.planner import Planner, adapted, is_solve
 
 GROUP = "trajopt.planners"
-# Other names that a planner answers to.
-FORMER_NAMES = {"ruckig": "ruckig-search"}
 
 PlannerT = TypeVar("PlannerT")
 
@@ -109,8 +107,6 @@ def named(spec: str) -> tuple[str, Planner]:
     """A planner's registered name, and the planner; raises as `load` does."""
     name, options = parse(spec)
     registered = entries()
-    if name not in registered:
-        name = FORMER_NAMES.get(name, name)
     if name not in registered:
         raise UnknownName("planner", name, registered)
     planner = registered[name].load()

@@ -171,7 +171,7 @@ class Group:
         room = spline353.position_room(own)
         if room is not None:
             times = spline353.keeping_times(displacements, own.limits, room, longest)
-            # the longest outer time of the best one may be longer still
+            # the best spline's longest outer time may be longer still
             high = max(high, 2 * times.max())
         return cls(
             displacements,
@@ -192,9 +192,9 @@ class Group:
         return float(np.nextafter(self.ceiling, np.inf))
 
     def penalty(self, times: Array) -> Array:
-        """Deb's rule as one number: the duration, or more than any by what breaks the limits.
+        """Deb's rule as one number, for candidates `(N, 3)`, s: `(N,)`.
 
-        Of candidates `(N, 3)`, s: `(N,)`.
+        The duration; or more than every duration in the box, by the violation of the limits.
         """
         uses = spline353.limit_use(
             self.displacements,
@@ -221,19 +221,19 @@ class Group:
             outside = self._outside(times[within], self.room)
             within = within[added(outside) == 0]
         value[within] = duration[within]
-        # by how much limits are broken matters only to those that break some themselves
+        # The size of a violation matters only to incumbents that violate a limit themselves.
         broken = (value > self.ceiling) & (incumbent > value)
         if broken.any():
             value[broken] = self.penalty(times[broken])
         return value
 
     def scaled(self, times: Array) -> Array:
-        """The duration once dilated to the limits; Deb's rule keeps what no dilation can mend."""
+        """The duration once dilated to the limits; Deb's rule for position limits."""
         duration = self.dilation(times) * added(times)
         if self.room is None:
             return duration
         excess = added(self._outside(times, self.room))
-        # Below `above_any` is then only what keeps its position limits.
+        # Only candidates that keep their position limits are below `above_any`.
         beyond = np.maximum(duration, self.above_any) * (1.0 + excess)
         return np.where(excess > 0, beyond, duration)
 
@@ -348,7 +348,7 @@ class SegmentTimes:
             return times
         factor = fitness / added(times)
         if self.position_limited:
-            # the fitness of what leaves its position limits is no duration
+            # the fitness of a candidate that leaves its position limits is no duration
             factor = group.dilation(times)
         return times * factor[:, None]
 

@@ -28,8 +28,8 @@ Objective = Callable[[Array], Array]
 class Contest(NamedTuple):
     """Candidates `x` `(runs, m, dim)`, each compared with its `incumbent` `(runs, m)` and no more.
 
-    An incumbent is the fitness below which its candidate would be taken: at least the best of its
-    run so far.
+    A candidate is taken if its fitness is below its incumbent, which is at least the best fitness of
+    its run so far.
     """
 
     x: Array
@@ -83,7 +83,7 @@ class Box:
 
     @classmethod
     def of(cls, low: ArrayLike, high: ArrayLike, runs: int) -> Box:
-        """From bounds `(dim,)`, or `(runs, dim)` where each run has its own."""
+        """Build the box from bounds `(dim,)`, or `(runs, dim)` where each run has its own."""
         bottom = np.atleast_1d(np.asarray(low, dtype=float))
         top = np.atleast_1d(np.asarray(high, dtype=float))
         dim = np.broadcast_shapes(bottom.shape, top.shape)[-1]
@@ -105,17 +105,17 @@ class Box:
         return self.high - self.low
 
     def spread(self, unit: Array) -> Array:
-        """Points of the unit cube `(runs, m, dim)`, moved linearly to this box."""
+        """Map points of the unit cube `(runs, m, dim)` linearly to this box."""
         x = self.low + unit * self.size
         return self.clip(x)
 
     def clip(self, x: Array) -> Array:
-        """Points outside, moved to the wall."""
+        """Move points outside to the bound that they pass."""
         above = np.maximum(x, self.low)
         return np.minimum(above, self.high)
 
     def reflect(self, x: Array) -> Array:
-        """Points outside, mirrored at the walls as often as it takes; infinite ones become NaN."""
+        """Mirror points outside at the bounds until they are inside; infinite ones become NaN."""
         there_and_back = 2 * self.size
         with np.errstate(invalid="ignore"):
             travelled = np.mod(x - self.low, there_and_back)
@@ -196,7 +196,7 @@ def minimise(
     Args:
         optimiser: the swarm algorithm with its options.
         objective: takes candidates `(runs, m, dim)` and returns their fitness `(runs, m)`, finite;
-            as `Compared` it may leave out what no search looks at.
+            as `Compared` it need not be exact above the incumbent.
         low, high: the box, `(dim,)`, or `(runs, dim)` where each run has its own.
         seeds: one per run.
         iterations: the budget, where `evaluations` is not given.

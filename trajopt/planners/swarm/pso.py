@@ -70,7 +70,7 @@ class PSO(Optimiser):
             to_swarm = self.social * u2 * (swarm_x - x)
             v = self.inertia * v + to_own
             v = np.clip(v + to_swarm, -v_max, v_max)
-            # x = x + v, on the wall where that is outside, where v is turned back
+            # x = x + v; a particle outside is put on the bound, its velocity turned back
             flown = x + v
             x = box.clip(flown)
             turned = -self.rebound * v

@@ -26,7 +26,7 @@ from trajopt.planners.swarm.optimiser import (
 )
 
 Slots = NDArray[np.intp] | slice  # which sparrows of the flock: (m,), or (runs, m)
-Move = tuple[Slots, list[Array]]  # some sparrows, and the places that they consider
+Move = tuple[Slots, list[Array]]  # some sparrows, and their candidate positions
 
 _EPSILON = 1e-50  # ε of eq. 41, as in the authors' program
 
@@ -48,7 +48,7 @@ class Flock:
         self.rows = np.arange(len(streams))[:, None]
 
     def settle(self, x: Array, f: Array) -> None:
-        """Take the first positions."""
+        """Start from the first positions."""
         self.x = x
         self.f = f
         self.sort()
@@ -56,7 +56,7 @@ class Flock:
         self.best_f = self.f[:, :1].copy()
 
     def sort(self) -> None:
-        """Best first."""
+        """Sort the flock, best first."""
         order = self.f.argsort(axis=1, kind="stable")
         self.x, self.f = self.place(order)
 
@@ -75,7 +75,7 @@ class Flock:
         return self.place(last[:, None])
 
     def move(self, slots: Slots, x: Array, f: Array) -> None:
-        """Put sparrows in new places."""
+        """Move sparrows to new positions."""
         if isinstance(slots, slice):
             self.x[:, slots] = x
             self.f[:, slots] = f
@@ -84,7 +84,7 @@ class Flock:
         self.f[self.rows, slots] = f
 
     def remember(self, x: Array, f: Array) -> None:
-        """The best place seen, whoever goes there."""
+        """Update the best position seen."""
         rows = self.rows
         winner = f.argmin(axis=1)
         first = winner[:, None]
@@ -199,7 +199,7 @@ class SSA(Optimiser):
             total = added(step)
             step = total[..., None] / flock.box.dim
         gathered = x_p + step
-        # The others: Q exp((X_w − X)/i²); in a box hundreds wide the walls stop what overflows
+        # The others: Q exp((X_w − X)/i²); in a box hundreds wide the bounds stop an overflow
         with np.errstate(over="ignore"):
             exponent = (x_w - x) / i**2
             away = Q * np.exp(exponent)
@@ -241,7 +241,7 @@ class SSA(Optimiser):
         return drawn[:, :count]
 
     def _moved(self, flock: Flock, slots: Slots, places: list[Array]) -> Search:
-        """Evaluate the places that some sparrows consider; each takes its best, if acceptable."""
+        """Evaluate the candidates of some sparrows; each takes its best one, if acceptable."""
         own_x, own_f = flock.place(slots)
         x = [self._inside(flock.box, own_x, place) for place in places]
         greedy = self.acceptance == "greedy"
@@ -267,7 +267,7 @@ class SSA(Optimiser):
         flock.move(slots, best_x, best_f)
 
     def _inside(self, box: Box, own_x: Array, x: Array) -> Array:
-        """Places in the box; its own where one is not a number."""
+        """Bring candidates into the box; NaN becomes the sparrow's own position."""
         inside = box.clip(x)
         if self.boundary == "reflect":
             inside = box.reflect(x)
