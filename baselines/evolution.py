@@ -47,7 +47,7 @@ class Evolution(Optimiser):
 
     @abstractmethod
     def run(self, random: Random, dim: int) -> Run:
-        """Yield candidates `(population, dim)` and be sent their fitness `(population,)`, without end."""
+        """Yield candidates `(population, dim)` and be sent their fitness, without end."""
 
     def search(self, box: Box, streams: Streams, iterations: int) -> Search:
         dim = box.low.shape[-1]

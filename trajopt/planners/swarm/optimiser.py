@@ -28,8 +28,8 @@ Objective = Callable[[Array], Array]
 class Contest(NamedTuple):
     """Candidates `x` `(runs, m, dim)`, each compared with its `incumbent` `(runs, m)` and no more.
 
-    A candidate is taken if its fitness is below its incumbent, which is at least the best fitness of
-    its run so far.
+    A candidate is taken if its fitness is below its incumbent. No incumbent is below the best
+    fitness of its run so far.
     """
 
     x: Array
