@@ -204,7 +204,7 @@ def printed_order(problem: Problem) -> Problem:
 
 @dataclass(frozen=True)
 class Reading:
-    """Describe how a reading differs from the default: options, fitness or problem.
+    """One reading of the paper: its options, fitness or problem, where not the default.
 
     `beside`: the reading whose runs stand for the algorithms that this one leaves out.
     """
