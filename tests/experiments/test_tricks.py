@@ -35,7 +35,11 @@ def test_there_are_tricks_of_many_mechanisms_and_limits():
     assert len(with_jerk_and_position) >= 10
 
 
-@pytest.mark.parametrize("trick", TRICKS.values(), ids=TRICKS)
+# The experiment judges the others, whose waypoints take seconds to find.
+FEW_WAYPOINTS = [trick for trick in TRICKS.values() if len(trick.problem.waypoints) < 150]
+
+
+@pytest.mark.parametrize("trick", FEW_WAYPOINTS, ids=lambda trick: trick.name)
 def test_no_door_lets_a_trick_in(trick: Trick):
     row = families.judged(trick)
     assert row["certified %"] >= -100 * BELOW
