@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 
 from baselines.collocation.uniform import Grid, Nodes, transcription
 from baselines.exact import one_sided_jerk
-from baselines.exact.acceleration import Exact, Scaled, starting_points
+from baselines.exact.acceleration import Exact, starting_points
 from baselines.exact.jerk import ExactJerk
+from baselines.exact.scaled import Scaled
 from baselines.ipopt import no_start_succeeded, optima
 from baselines.sizes import announce, cells
 from trajopt.core.exceptions import InvalidInput

@@ -4,8 +4,8 @@ No discretisation. For one joint over one segment of time `T` with end velocitie
 displacements that the limits allow fill an interval `[D_lo, D_up]`; its ends come from speeding up
 to a peak `p`, cruising and braking. With the peaks as variables the minimum-time problem is a small
 smooth NLP over segment times, waypoint velocities and peaks. It is not convex, so there are several
-starts, and the answer is the best known, not a proof. From each an interior-point method made for
-this program (`exact.crossover`) leads to a local optimum, or IPOPT where that fails.
+starts, and the answer is the best known, not a proof. From each one an interior-point method made
+for this program (`exact.crossover`) leads to a local optimum.
 
     from baselines.exact.acceleration import Exact
     solution = Exact().solve(problem)
@@ -15,60 +15,48 @@ this program (`exact.crossover`) leads to a local optimum, or IPOPT where that f
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any, Protocol
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes
-from baselines.exact.crossover import Passage, minimised
-from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
-from baselines.ipopt import Program, flat, optima_together, program, unflat
+from baselines.exact.cells import Cells, Rows
+from baselines.exact.crossover import minimised
+from baselines.exact.scaled import Scaled
+from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
-from trajopt.planners.planner import backend, passing_once
-from trajopt.planners.rest_to_rest import trapezoidal
+from trajopt.planners.planner import passing_once
 
 Array = NDArray[np.float64]
 Start = tuple[Array, Array]  # segment times, waypoint velocities
 
-IPOPT: dict[str, float | str] = {
-    "tol": 1e-11,
-    "constr_viol_tol": 1e-10,
-    "acceptable_tol": 1e-8,
-    "bound_relax_factor": 0.0,
-    "mu_strategy": "adaptive",
-    "max_iter": 1000,
-    "mumps_pivot_order": 0,  # approximate minimum degree: a fifth faster here than MUMPS's choice
-}
-
-_PATIENCE = 5  # times as many starts where all have failed so far
+# Times `starts`: how many are tried where all have failed so far.
+MAX_STARTS_FACTOR = 5
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
-_LARGEST_DILATION = 2.0  # what needs more is no answer
-_DILATION_TOL = 2e-15
+MAX_DILATION = 2.0  # what needs more is no answer
+DILATION_TOL = 2e-15
 # What a velocity that is at its limit in the optimum misses it by: the duration feels the square.
 _LIMIT_RTOL = 1e-9
 _ROUNDED_TIME_RTOL = 1e-9  # of a segment's time: what its velocities can follow its rounding by
 # A start's time: in proportion to cells (segments times moving joints), measured up to 7000; and
 # where there are many joints to their square too, measured up to 250.
-_SECONDS_PER_CELL = 2e-4
-_SECONDS_PER_CELL_AND_PAIR = 3e-9
+SECONDS_PER_CELL = 2e-4
+SECONDS_PER_CELL_AND_PAIR = 3e-9
 
 
 @dataclass(frozen=True)
 class Exact(SeveralStarts):
     """Exact minimum time under velocity and acceleration limits (several starts).
 
-    On 2000 random problems all of 64 starts led to one optimum (`experiments/local_optima.py`), so
-    what the second of two that agree is for is a start that ends badly.
+    On 2000 random problems all of 64 starts led to one optimum (`experiments/local_optima.py`). The
+    second of two starts that agree guards against a start that ends badly. `solver` is its own
+    interior-point method, or IPOPT on a program of other variables: an independent check.
     """
-
-    requires = ("casadi", "scipy.linalg")
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -77,74 +65,35 @@ class Exact(SeveralStarts):
         `stats`: status and duration (s, infinite where it failed) of each start tried.
         """
         announce("exact", problem, self._seconds(problem))
-        scaled = Scaled(problem)
+        scaled = Passing(problem)
+        minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 
         def solve_from(starts: Sequence[Start]) -> list[Optimum]:
-            return _solve_from(scaled, starts)
+            return minimised(scaled, starts)
 
-        starts = starting_points(scaled, _PATIENCE * self.starts)
-        local = optima_together(
-            solve_from,
-            starts,
-            self.starts,
-            self.agreeing,
-        )
-        solution = self.best(scaled, local)
-        return replace(solution, stats=statistics(scaled, local))
+        starts = starting_points(scaled, MAX_STARTS_FACTOR * self.starts)
+        return self.best_of(scaled, solve_from, starts)
 
     def _seconds(self, problem: Problem) -> float:
         """About how long it will take."""
         joints = int(problem.moving.sum())
-        a_start = _SECONDS_PER_CELL + _SECONDS_PER_CELL_AND_PAIR * joints**2
+        a_start = SECONDS_PER_CELL + SECONDS_PER_CELL_AND_PAIR * joints**2
         expected_starts = min(self.starts, self.agreeing)
         return a_start * expected_starts * cells(problem)
 
 
-class Scaled:
-    """The moving joints without units: time in mean stop times, tighter acceleration limit 1.
+class Passing(Scaled):
+    """A problem without units, and the motions through given waypoint velocities.
 
     Attributes:
-        h: displacements, `(segments, joints)`.
-        v: velocity limits, `(2, joints)`, low first.
-        a: acceleration limits, `(2, joints)`, low first.
-        rounding: of the waypoints, at the larger of a segment's two, likewise.
-        stop: each segment's time if all joints stop at both its ends, `(segments,)`.
-        shortest: each segment's time at the velocity limit, `(segments,)`.
-        unit: the unit of time, s.
-        units: the units of acceleration, velocity and position, rad/s^power, `(3, joints)`.
+        rounding: of the waypoints, at the larger of a segment's two, `(segments, joints)`.
     """
 
     def __init__(self, problem: Problem) -> None:
-        moving = problem.moving
-        velocity = problem.limits.velocity[moving]
-        acceleration = problem.limits.acceleration[moving]
-        displacements = problem.displacements[:, moving]
-
-        by_joint = trapezoidal(displacements, velocity, acceleration)
-        stop = by_joint.max(axis=1)
-        unit = float(stop.mean())
-        tighter = np.abs(acceleration).min(axis=1)
-        powers = np.arange(3)[:, None]
-        units = tighter * unit**powers
-        a_unit, v_unit, q_unit = units
-
-        self.problem = problem
-        self.moving = moving
-        self.unit = unit
-        self.units = units
-        self.stop = stop / unit
-        self.a = acceleration.T / a_unit
-        self.v = velocity.T / v_unit
-        self.h = displacements / q_unit
-        positions = np.abs(problem.waypoints[:, moving])
+        super().__init__(problem, jerk=False)
+        positions = np.abs(problem.waypoints[:, self.moving])
         larger = np.maximum(positions[:-1], positions[1:])
-        self.rounding = np.spacing(larger) / q_unit
-        # T >= h / V2 forwards, T >= h / (-V1) backwards
-        slowest, fastest = self.v
-        forwards = self.h / fastest
-        backwards = self.h / slowest
-        by_joint = np.maximum(forwards, backwards)
-        self.shortest = by_joint.max(axis=1)
+        self.rounding = np.spacing(larger) / self.units[-1]
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: each joint's motion of least acceleration through each segment."""
@@ -159,7 +108,7 @@ class Scaled:
             self.v,
             self.a,
             self.unit,
-            self.units,
+            self.units[1:],
             waypoints[:-1, self.moving],
             self.problem.limits.position[self.moving].T,
         )
@@ -229,7 +178,7 @@ def _with_rest(velocities: Array) -> Array:
 def reachable(
     times: Array,
     velocities: Array,
-    scaled: Scaled,
+    scaled: Passing,
     k: float,
 ) -> bool:
     """Whether times and waypoint velocities are reachable where limits allow `k` times the speed.
@@ -267,8 +216,8 @@ def reachable(
 def repair(
     times: Array,
     velocities: Array,
-    scaled: Scaled,
-    largest: float = _LARGEST_DILATION,
+    scaled: Passing,
+    largest: float = MAX_DILATION,
 ) -> float:
     """The smallest dilation that makes times and waypoint velocities exactly reachable.
 
@@ -276,13 +225,13 @@ def repair(
     Infinite where it were larger than the `largest`.
     """
     low = 1.0
-    high = 1.0 + _DILATION_TOL
+    high = 1.0 + DILATION_TOL
     while not reachable(times, velocities, scaled, high):
         low = high
         high = 1 + 4 * (high - 1)
         if high > largest:
             return np.inf
-    while high - low > _DILATION_TOL:
+    while high - low > DILATION_TOL:
         middle = 0.5 * (low + high)
         if reachable(times, velocities, scaled, middle):
             high = middle
@@ -291,81 +240,8 @@ def repair(
     return high
 
 
-@cache
-def _solver(segments: int, joints: int) -> Program:
-    """IPOPT for all problems of this size, built once; the numbers are parameters.
-
-    Some segments are a billion times as long as others. So `u`, `w` and the peaks count from the
-    segment's mean velocity `h/T`, in units of `T` (the acceleration limit is 1), and `T`
-    logarithmically: then what they can reach is of order one, whatever its length.
-    """
-    ca = backend("casadi")
-
-    def table(name: str) -> Any:
-        return ca.MX.sym(name, segments, joints)
-
-    # variables: segment times, waypoint velocities, end velocities and peaks of each segment
-    log = ca.MX.sym("log", segments)
-    v = ca.MX.sym("v", segments - 1, joints)
-    u = table("u")
-    w = table("w")
-    p_up = table("up")
-    p_lo = table("lo")
-    # parameters: displacements, stop times, limits, the highest velocity in reach
-    h = table("h")
-    stop = ca.MX.sym("stop", segments)
-    names = ("v1", "v2", "a1", "a2", "top")
-    limits = [ca.MX.sym(name, 1, joints) for name in names]
-
-    # every constraint is a table over segments and joints
-    tables = [ca.repmat(limit, segments, 1) for limit in limits]
-    v1, v2, a1, a2, top = tables
-    times = stop * ca.exp(log)
-    t = ca.repmat(times, 1, joints)
-    mean = h / t
-    rest = ca.MX.zeros(1, joints)
-    after = ca.vertcat(rest, v)
-    before = ca.vertcat(v, rest)
-    velocity_rows = [
-        # equal: a segment's end velocities are its waypoints', at rest at both ends
-        mean + t * u - after,
-        mean + t * w - before,
-        # not negative: peaks within the velocity limits
-        v2 - mean - t * p_up,
-        mean + t * p_lo - v1,
-    ]
-    # D_up(p) ≥ h ≥ D_lo(p): from the mean velocity, over T², h becomes 0 and p T becomes p
-    rise = (p_up - u) ** 2 / (2 * a2)
-    fall = (p_up - w) ** 2 / (2 * a1)
-    d_up = p_up - rise - fall
-    fall = (p_lo - u) ** 2 / (2 * a1)
-    rise = (p_lo - w) ** 2 / (2 * a2)
-    minus_d_lo = -p_lo - fall - rise
-    # −A1 T ≤ w − u ≤ A2 T: not negative, and at most A1 + A2
-    step_row = w - u + a1
-    reach_rows = [step_row, d_up, minus_d_lo]
-    # all together no slower than stopping at every waypoint
-    spare_time = ca.sum1(stop - times)
-    scaled_rows = [row / top for row in velocity_rows]
-    return program(
-        "exact",
-        variables=(log, v, u, w, p_up, p_lo),
-        parameters=(h, stop, *limits),
-        objective=ca.sum1(times),
-        constraints=[*scaled_rows, *reach_rows, spare_time],
-        options=IPOPT,
-    )
-
-
-class HasStopTimes(Protocol):
-    """A problem without units, with or without jerk limits."""
-
-    h: Array
-    stop: Array
-
-
 def starting_points(
-    scaled: HasStopTimes,
+    scaled: Scaled,
     count: int,
     stopping: float = 1.0,
 ) -> Iterator[Start]:
@@ -393,148 +269,58 @@ def starting_points(
         yield times, between * speed
 
 
-def _solve_from(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
+def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
     """The local optimum near each start, dilated until it is exactly reachable."""
 
-    def reached(passage: Passage, largest_dilation: float) -> Optimum | None:
-        optimum = _reached(scaled, passage, "Converged", largest_dilation)
-        return optimum if np.isfinite(optimum.duration) else None
+    def reached(rows: Rows, start: int, largest_dilation: float) -> Optimum | None:
+        point = rows.point
+        times = rows.times[start]
+        t = times[:, None]
+        # of the two segments at a waypoint the briefer one knows the velocity better
+        after, before = scaled.h / t + t * point.ends[:, start]
+        briefer = times[:-1] < times[1:]
+        velocities = np.where(briefer[:, None], before[:-1], after[1:])
+        return _reached(scaled, times, scaled.within(velocities), "Converged", largest_dilation)
+
+    cells = Cells(scaled, len(starts))
+    times, velocities = (np.array(column) for column in zip(*starts, strict=True))
+    optima = minimised(Rows(cells, cells.start(times, velocities)), reached)
+    return [
+        Optimum(np.inf, *start, "Not_Converged") if optimum is None else optimum
+        for start, optimum in zip(starts, optima, strict=True)
+    ]
+
+
+def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
+    """IPOPT's local optimum near each start, dilated until it is exactly reachable."""
+    from baselines.exact import lifted_ipopt  # late: it needs CasADi
 
     optima = []
-    for start, optimum in zip(starts, minimised(scaled, starts, reached), strict=True):
-        if optimum is None:
-            optimum = _solve_by_ipopt(scaled, start)
+    for times, velocities in starts:
+        start = (times, velocities, np.zeros_like(velocities))
+        (found,) = lifted_ipopt.minimised(scaled, [start])
+        within = scaled.within(found.states[0])
+        optimum = _reached(scaled, found.times, within, found.status, MAX_DILATION)
+        if optimum is None or np.isinf(found.duration):
+            optimum = Optimum(np.inf, times, velocities, found.status)
         optima.append(optimum)
     return optima
 
 
-def _solve_by_ipopt(scaled: Scaled, start: Start) -> Optimum:
-    """One run of IPOPT, its answer dilated until it is exactly reachable."""
-    low, high = _bounds(scaled)
-    x0 = np.clip(_point(scaled, *start), low, high)
-    # no velocity is above its limit, nor above accelerating at 1 all the time
-    limit = np.abs(scaled.v).max(axis=0)
-    top = np.minimum(limit, scaled.stop.sum())
-    a1, a2 = np.abs(scaled.a)
-    parameters = flat(
-        scaled.h,
-        scaled.stop,
-        *scaled.v,
-        a1,
-        a2,
-        top,
-    )
-    # as `_solver` has them: two tables that vanish, five and a number that are not negative
-    table = np.ones(scaled.h.shape)
-    vanishing = 0 * table
-    unbounded = np.inf * table
-    highest = flat(
-        vanishing,
-        vanishing,
-        unbounded,
-        unbounded,
-        table * (a1 + a2),
-        unbounded,
-        unbounded,
-        np.array([np.inf]),
-    )
-    solver = _solver(*scaled.h.shape)
-    run = solver(
-        start=x0,
-        parameters=parameters,
-        bounds=(low, high),
-        constraint_bounds=(0.0, highest),
-    )
-    passage = _read(scaled, run.x)
-    if not run.success:
-        times, velocities = _passing(scaled, passage)
-        return Optimum(np.inf, times, velocities, run.status)
-    return _reached(scaled, passage, run.status)
-
-
 def _reached(
-    scaled: Scaled,
-    passage: Passage,
+    scaled: Passing,
+    times: Array,
+    velocities: Array,
     status: str,
-    largest_dilation: float = _LARGEST_DILATION,
-) -> Optimum:
-    """A passage, dilated by no more until it is exactly reachable."""
-    times, velocities = _passing(scaled, passage)
+    largest_dilation: float,
+) -> Optimum | None:
+    """Times and waypoint velocities, dilated until they are exactly reachable."""
     k = repair(times, velocities, scaled, largest_dilation)
-    duration = k * float(times.sum())
+    if np.isinf(k):
+        return None
     return Optimum(
-        duration,
+        k * float(times.sum()),
         k * times,
         velocities / k,
         status,
     )
-
-
-def _passing(scaled: Scaled, passage: Passage) -> tuple[Array, Array]:
-    """Times and waypoint velocities; of two segments the briefer one knows better."""
-    times = scaled.stop * np.exp(passage.log)
-    t = times[:, None]
-    mean = scaled.h / t
-    after, before = mean + t * passage.ends
-    briefer = times[:-1] < times[1:]
-    velocities = np.where(briefer[:, None], before[:-1], after[1:])
-    return times, scaled.within(velocities)
-
-
-def _point(scaled: Scaled, times: Array, velocities: Array) -> Array:
-    """IPOPT's variables for times and waypoint velocities, which need not be reachable."""
-    ends = _with_rest(velocities)
-    t = times[:, None]
-    mean = scaled.h / t
-    u = (ends[:-1] - mean) / t
-    w = (ends[1:] - mean) / t
-    larger = np.maximum(u, w)
-    smaller = np.minimum(u, w)
-    log = np.log(times / scaled.stop)
-    return flat(
-        log,
-        velocities,
-        u,
-        w,
-        np.maximum(larger, 0.0),
-        np.minimum(smaller, 0.0),
-    )
-
-
-def _read(scaled: Scaled, x: Array) -> Passage:
-    """What IPOPT's variables say of the passage."""
-    every = scaled.h.shape
-    segments, joints = every
-    inner = (segments - 1, joints)
-    shapes = [(segments,), inner, every, every]
-    log, _, u, w = unflat(x, shapes)
-    return Passage(log, np.stack([u, w]))
-
-
-def _bounds(scaled: Scaled) -> tuple[Array, Array]:
-    """Bounds of all variables; no segment takes longer than stopping everywhere does.
-
-    From the mean velocity, none strays further than half a limit does in the segment's time.
-    """
-    stop = scaled.stop
-    shortest = np.log(scaled.shortest / stop)
-    longest = np.log(stop.sum() / stop)
-    slowest, fastest = scaled.v
-    a1, a2 = np.abs(scaled.a)
-    half_a1 = a1 / 2
-    half_a2 = a2 / 2
-    wide = (a1 + a2) / 2
-    zero = 0 * wide
-    u = (-half_a2, half_a1)
-    w = (-half_a1, half_a2)
-    p_up = (zero, wide)
-    p_lo = (-wide, zero)
-
-    segments = np.ones((len(stop), 1))
-    inner = segments[1:]
-    low = [shortest, inner * slowest]
-    high = [longest, inner * fastest]
-    for lowest, highest in (u, w, p_up, p_lo):
-        low.append(segments * lowest)
-        high.append(segments * highest)
-    return flat(*low), flat(*high)

@@ -12,19 +12,19 @@ repeated, and the axes of two come first: `(2 ends, 2 sides, starts, segments, j
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+if TYPE_CHECKING:
+    from baselines.exact.newton_step import Linear
+
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+START_BARRIER = 0.1
 _START_ROOM = 0.98  # of the velocity limits
-
-# Of a table with one number for every inequality: all but the starts.
-ROW_AXES = (0, 1, 3, 4)
 
 # The upper profile, and the lower one seen mirrored: h, u, w and peaks change their signs.
 _SIGNS = np.array([1.0, -1.0])
@@ -133,6 +133,7 @@ class Cells:
         lowest = [lowest_ends, [zero, zero]]
         highest = [highest_ends, [wide, wide]]
 
+        self.scaled = scaled
         self.every = every
         self.h = table(_SIDES * scaled.h)
         stops = [scaled.stop] * starts
@@ -147,10 +148,9 @@ class Cells:
         self.h_by_top = self.h / self.top
         self.fastest = table(fastest / top)
 
-    @property
-    def rows(self) -> int:
-        """How many inequalities a start has."""
-        return self.lowest[:, :, 0].size
+    def of(self, starts: int) -> Cells:
+        """The same for so many starts."""
+        return Cells(self.scaled, starts)
 
     def start(self, times: Array, velocities: Array) -> Point:
         """Within velocity limits; peaks as high as times and limits allow.
@@ -229,6 +229,8 @@ class Rows:
         cruise: velocity of the cruise, in the fastest ones.
     """
 
+    start_slack = 0.1
+
     def __init__(self, cells: Cells, point: Point) -> None:
         peaks = point.peaks
         in_stop_times = np.exp(point.log)
@@ -253,6 +255,7 @@ class Rows:
         self.cells = cells
         self.point = point
         self.values = values
+        self.start_barrier = np.full(len(times), START_BARRIER)
         self.times = times
         self.t = t
         self.x = x
@@ -263,11 +266,24 @@ class Rows:
         of_both_ends = reach_x[0] + reach_x[1]
         self.reach_p = 1 - of_both_ends
 
-    @cached_property
-    def duration(self) -> Array:
-        """The sum of the segment times, `(starts,)`."""
-        total = self.times.sum(axis=1)
-        return np.asarray(total)
+    def linear(self, multipliers: Array, weights: Array) -> Linear:
+        """The model of a Newton step; `weights` are multiplier over slack of each row."""
+        from baselines.exact.newton_step import Linear  # it needs the rows
+
+        return Linear(self, multipliers, weights)
+
+    def after(self, step: Point, length: Array) -> Rows:
+        """The rows after such a length of a step, clipped."""
+        cells = self.cells
+        return Rows(cells, cells.clipped(self.point.moved(step, length)))
+
+    def follows(self, before: Rows) -> Bools:
+        """Every point is allowed: clipping replaces a line search."""
+        return np.ones(len(self.times), dtype=bool)
+
+    def of(self, some: Bools) -> Rows:
+        """The rows of some of the starts."""
+        return Rows(self.cells.of(int(some.sum())), self.point.of(some))
 
     def gradients(self, numbers: Array) -> Gradients:
         """The rows' gradients times a number each."""

@@ -15,32 +15,32 @@ the profiles are then those of section 3.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact
-from baselines.exact.several_starts import Optimum, SeveralStarts, statistics
-from baselines.ipopt import optima_together
+from baselines.exact.scaled import Scaled
+from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.planners.planner import passing_once
 
 if TYPE_CHECKING:
-    from baselines.exact.jerk_cells import Scaled
     from baselines.exact.jerk_descent import Start
 
-_PATIENCE = 3  # times as many starts where all have failed so far
-_STOPPING_DILATION = 1.05  # of stopping at every waypoint: a start
-_SLOWEST_DILATION = 2.0  # and at most, where times are random
-_RELAXED_DILATION = 1.1  # of the optimum without jerk limits: another one
+# Times `starts`: how many are tried where all have failed so far.
+MAX_STARTS_FACTOR = 3
+STOPPING_DILATION = 1.05  # of stopping at every waypoint: a start
+MAX_START_DILATION = 2.0  # and at most, where times are random
+RELAXED_DILATION = 1.1  # of the optimum without jerk limits: another one
 # A start's time, in proportion to segments times moving joints, with what further starts cost
 # where one fails.
-_SECONDS = 0.03
-_SECONDS_PER_CELL = 2e-3
+SECONDS = 0.03
+SECONDS_PER_CELL = 2e-3
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,6 @@ class ExactJerk(SeveralStarts):
     soft (once), on some joints only, and all limits asymmetric; joints may rest. It starts from
     `starts` points: the answer is the best known, not proved. `solver` is its own interior-point
     method, or IPOPT on a program of other variables: an independent check, a hundred times as slow.
-    Where its own fails from every start IPOPT is asked, and the message says so.
 
     A jerk limit on one side only is unsupported. Acceleration could then jump the other way, and
     the optimum wants that. But where jerk is limited at all acceleration has to be continuous:
@@ -62,9 +61,6 @@ class ExactJerk(SeveralStarts):
     """
 
     starts: int = 4
-    solver: Literal["interior-point", "ipopt"] = "interior-point"
-
-    requires = ("casadi", "scipy.linalg")
 
     knows = ("velocity", "acceleration", "jerk")
 
@@ -77,41 +73,26 @@ class ExactJerk(SeveralStarts):
 
         Where no joint that moves has a jerk limit, section 3's program is the same problem.
         """
-        # not where planners are only listed
-        from baselines.exact import jerk_descent, jerk_ipopt
+        if not problem.limits.jerk_limited[problem.moving].any():
+            return Exact(self.starts, self.agreeing, self.solver).solve(problem)
+        # late: planners that are only listed need none of it
+        from baselines.exact import jerk_descent, lifted_ipopt
         from baselines.exact.jerk_motion import Reachable
 
-        moving = problem.moving
-        if not problem.limits.jerk_limited[moving].any():
-            return Exact(self.starts, self.agreeing).solve(problem)
         announce("exact-jerk", problem, self._seconds(problem))
         scaled = Reachable(problem)
-        minimised = jerk_descent.minimised
-        if self.solver == "ipopt":
-            minimised = jerk_ipopt.minimised
+        method = lifted_ipopt if self.solver == "ipopt" else jerk_descent
 
         def solve_from(starts: Sequence[Start]) -> list[Optimum]:
-            return minimised(scaled, starts)
+            optima: list[Optimum] = method.minimised(scaled, starts)
+            return optima
 
-        starts = _starts(scaled, _PATIENCE * self.starts)
-        local = optima_together(
-            solve_from,
-            starts,
-            self.starts,
-            self.agreeing,
-        )
-        solution = self.best(scaled, local)
-        if solution.trajectory is None and self.solver == "interior-point":
-            checked = replace(self, solver="ipopt", starts=1).solve(problem)
-            failed = f"no start of {len(local)} converged: IPOPT's answer"
-            message = f"{failed}; {checked.message}" if checked.message else failed
-            return replace(checked, message=message)
-        return replace(solution, stats=statistics(scaled, local))
+        return self.best_of(scaled, solve_from, _starts(scaled, MAX_STARTS_FACTOR * self.starts))
 
     def _seconds(self, problem: Problem) -> float:
         """About how long it will take."""
         expected_starts = min(self.starts, self.agreeing)
-        return expected_starts * (_SECONDS + _SECONDS_PER_CELL * cells(problem))
+        return expected_starts * (SECONDS + SECONDS_PER_CELL * cells(problem))
 
 
 def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
@@ -123,7 +104,7 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
     segments, joints = scaled.h.shape
     rng = np.random.default_rng(0)
     at_rest = np.zeros((segments - 1, joints))
-    yield _STOPPING_DILATION * scaled.stop, at_rest, at_rest
+    yield STOPPING_DILATION * scaled.stop, at_rest, at_rest
     without_jerk = scaled.problem.without("jerk", "position")
     relaxed = Exact(starts=1).solve(without_jerk).trajectory
     if relaxed is not None:
@@ -137,9 +118,9 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
                 velocities / scaled.units[2],
                 *scaled.v,
             )
-            / _RELAXED_DILATION
+            / RELAXED_DILATION
         )
-        yield _RELAXED_DILATION * np.diff(passages) / scaled.unit, within, at_rest
+        yield RELAXED_DILATION * np.diff(passages) / scaled.unit, within, at_rest
     for _ in range(count):
-        slower = rng.uniform(_STOPPING_DILATION, _SLOWEST_DILATION, segments)
+        slower = rng.uniform(STOPPING_DILATION, MAX_START_DILATION, segments)
         yield slower * scaled.stop, at_rest, at_rest

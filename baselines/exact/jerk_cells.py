@@ -10,15 +10,18 @@ share every table: `(2 ends, 2 sides, starts, segments, joints)`.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from baselines.exact.cells import at_ends
+from baselines.exact.interior_point import MIN_KEPT_SLACK, ROW_AXES
 from baselines.exact.jerk_profiles import Limits, Profiles, Slopes
-from trajopt.core.problem import Problem
-from trajopt.planners.rest_to_rest import stop_times
+from baselines.exact.scaled import Scaled
+
+if TYPE_CHECKING:
+    from baselines.exact.jerk_step import Linear
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -35,55 +38,7 @@ _MOST_DILATIONS = 15
 # Of what jerk and acceleration allow: what a start leaves at least, and with other end velocities.
 _LEAST_ROOM = 1e-3
 _SHRUNK_ROOM = 0.03
-
-
-class Scaled:
-    """The moving joints without units: time in mean stop times, accelerations of order one.
-
-    Attributes:
-        h: displacements, `(segments, joints)`.
-        v: velocity limits, `(2, joints)`, low first.
-        a: acceleration limits, `(2, joints)`, low first.
-        r: inverse jerk limits, `(2, joints)`, low first, not negative.
-        stop: each segment's time if all joints stop at both its ends, `(segments,)`.
-        shortest: each segment's time at the velocity limit, `(segments,)`.
-        unit: the unit of time, s.
-        units: the units of jerk, acceleration, velocity and position, rad/s^power, `(4, joints)`.
-    """
-
-    def __init__(self, problem: Problem) -> None:
-        moving = problem.moving
-        limits = problem.limits
-        velocity = limits.velocity[moving].T
-        acceleration = limits.acceleration[moving].T
-        jerk = np.abs(limits.jerk[moving].T)
-
-        stop = stop_times(problem.without("position"))
-        unit = float(stop.mean())
-        # the acceleration that is reached: at its limit, or as far as jerk allows
-        reached = np.minimum(
-            np.abs(acceleration),
-            jerk * unit,
-        )
-        powers = np.arange(
-            -1.0,
-            3.0,
-        )[:, None]
-        units = reached.min(axis=0) * unit**powers
-        j_unit, a_unit, v_unit, q_unit = units
-
-        self.problem = problem
-        self.moving = moving
-        self.unit = unit
-        self.units = units
-        self.stop = stop / unit
-        self.r = j_unit / jerk
-        self.a = acceleration / a_unit
-        self.v = velocity / v_unit
-        self.h = problem.displacements[:, moving] / q_unit
-        # T >= h / V2 forwards, T >= h / (-V1) backwards
-        by_joint = (self.h / self.v[:, None]).max(axis=0)
-        self.shortest = by_joint.max(axis=1)
+START_BARRIER_RTOL = 0.1
 
 
 class Point(NamedTuple):
@@ -241,6 +196,8 @@ class Rows:
         ramps: by how much acceleration lessens the room of velocity, as `room[1]` has it.
     """
 
+    start_slack = 0.0
+
     def __init__(self, cells: Cells, point: Point) -> None:
         times = np.exp(point.log)
         t = times[..., None]
@@ -275,14 +232,36 @@ class Rows:
         self.mean = mean
         self.steep = steep
         self.profiles = profiles
-        self.reach = profiles.value
-        self.room = np.array([cells.widest - onwards, cells.fastest - faster - risen])
+        reach = profiles.value
+        kinds = len(reach) // 2
+        values = np.ones((kinds + 2, 2, *reach.shape[1:]))
+        values[:kinds] = reach.reshape(kinds, 2, *reach.shape[1:])
+        values[kinds, ..., :-1, :] = cells.widest - onwards
+        values[kinds + 1, ..., :-1, :] = cells.fastest - faster - risen
+        self.reach = reach
+        self.values = values
+        self.start_barrier = START_BARRIER_RTOL * times.sum(axis=1) / values[:, :, 0].size
         self.ramps = ramps
 
-    @cached_property
-    def duration(self) -> Array:
-        """The sum of the segment times, `(starts,)`."""
-        return np.asarray(self.times.sum(axis=1))
+    def linear(self, multipliers: Array, weights: Array) -> Linear:
+        """The model of a Newton step; `weights` are multiplier over slack of each row."""
+        from baselines.exact.jerk_step import Linear  # it needs the rows
+
+        return Linear(self, multipliers, weights)
+
+    def after(self, step: Point, length: Array) -> Rows:
+        """The rows after such a length of a step, `(starts,)`."""
+        return Rows(self.cells, self.point.moved(step, length))
+
+    def follows(self, before: Rows) -> Bools:
+        """Whether every row keeps its share, and every state is within reach, `(starts,)`."""
+        kept = (self.values / before.values).min(axis=ROW_AXES)
+        reachable = self.profiles.reachable.all(axis=(0, 2, 3))
+        return np.asarray((kept >= MIN_KEPT_SLACK) & reachable)
+
+    def of(self, some: Bools) -> Rows:
+        """The rows of some of the starts."""
+        return Rows(self.cells, self.point.of(some))
 
     @cached_property
     def slopes(self) -> Slopes:

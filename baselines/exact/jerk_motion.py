@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from baselines.exact.acceleration_motion import covering
 from baselines.exact.cells import at_ends
-from baselines.exact.jerk_cells import Cells, Point, Rows, Scaled
+from baselines.exact.jerk_cells import Cells, Point, Rows
 from baselines.exact.rounded import (
     NO_PIECES,
     Clock,
@@ -27,6 +27,7 @@ from baselines.exact.rounded import (
     clocks,
     through,
 )
+from baselines.exact.scaled import Scaled
 from trajopt.core import polynomials
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify

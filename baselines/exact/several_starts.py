@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.ipopt import no_start_succeeded
+from baselines.ipopt import no_start_succeeded, optima_together
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import LIMIT_ORDERS, LimitName, Problem
 from trajopt.core.solution import Solution, Status
@@ -17,6 +17,7 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, Relation
 
 Array = NDArray[np.float64]
+Start = TypeVar("Start")
 
 
 class Optimum(NamedTuple):
@@ -54,6 +55,9 @@ class SeveralStarts(Planner):
 
     starts: int = 8
     agreeing: int = 2
+    solver: Literal["interior-point", "ipopt"] = "interior-point"
+
+    requires = ("scipy.linalg",)
 
     def __post_init__(self) -> None:
         for name in ("starts", "agreeing"):
@@ -70,25 +74,29 @@ class SeveralStarts(Planner):
         unknown = [name for name in LIMIT_ORDERS if name not in self.knows]
         return [name for name in unknown if problem.has(name)]
 
-    def best(self, scaled: Reaching, local: Sequence[Optimum]) -> Solution:
-        """The shortest of the local optima, with what it says of the whole problem."""
-        best = min(local, key=lambda optimum: optimum.duration)
+    def best_of(
+        self,
+        scaled: Reaching,
+        solve: Callable[[Sequence[Start]], list[Optimum]],
+        starts: Iterator[Start],
+    ) -> Solution:
+        """The shortest of the local optima, with what it says of the whole problem.
+
+        `stats`: status and duration (s, infinite where it failed) of each start tried.
+        """
+        local = optima_together(solve, starts, self.starts, self.agreeing)
+        durations = np.array([optimum.duration for optimum in local])
+        statuses = [optimum.status for optimum in local]
+        stats = {"start_status": statuses, "start_duration": scaled.unit * durations}
+        best = local[int(durations.argmin())]
         if not np.isfinite(best.duration):
-            message = no_start_succeeded(optimum.status for optimum in local)
-            return Solution(Status.FAILED, message=message)
+            message = no_start_succeeded(statuses)
+            return Solution(Status.FAILED, message=message, stats=stats)
         answer = scaled.trajectory(best.times, best.states)
         ignored = self.ignored(scaled.problem)
         if not ignored:
-            return Solution(Status.SOLVED, answer)
+            return Solution(Status.SOLVED, answer, stats=stats)
         kinds = " and ".join(ignored)
         best_known = f"{answer.duration:.6g} s is the best known without them, not proved"
-        return Solution(Status.RELAXED, answer, f"{kinds} limits are ignored: {best_known}")
-
-
-def statistics(scaled: Reaching, local: Sequence[Optimum]) -> dict[str, Any]:
-    """Status and duration (s, infinite where it failed) of each start tried."""
-    durations = np.array([optimum.duration for optimum in local])
-    return {
-        "start_status": [optimum.status for optimum in local],
-        "start_duration": scaled.unit * durations,
-    }
+        message = f"{kinds} limits are ignored: {best_known}"
+        return Solution(Status.RELAXED, answer, message, stats=stats)

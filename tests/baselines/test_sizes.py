@@ -32,7 +32,7 @@ def stop_at_the_solver(monkeypatch):
 
     monkeypatch.setattr(uniform, "transcription", begun)
     monkeypatch.setattr(refined, "transcription", begun)
-    monkeypatch.setattr(acceleration, "_solve_from", begun)
+    monkeypatch.setattr(acceleration, "_minimised", begun)
     monkeypatch.setattr(jerk_descent, "minimised", begun)
 
 

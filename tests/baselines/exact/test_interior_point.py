@@ -1,4 +1,4 @@
-"""The interior-point method of `exact`: against closed forms, differences, and IPOPT."""
+"""The interior-point method of both exact planners: closed forms, differences, and IPOPT."""
 
 from __future__ import annotations
 
@@ -8,29 +8,33 @@ import numpy as np
 import pytest
 
 from baselines.exact import interior_point
-from baselines.exact.acceleration import Exact, Scaled, starting_points
+from baselines.exact.acceleration import Exact, Passing, starting_points
 from baselines.exact.cells import Cells, Rows
-from baselines.exact.newton_step import Linear
-from trajopt import Limits, Problem, verify
+from baselines.exact.jerk import ExactJerk
+from baselines.exact.jerk_cells import Cells as JerkCells
+from baselines.exact.jerk_cells import Rows as JerkRows
+from baselines.exact.scaled import Scaled
+from trajopt import Limits, Problem
 from trajopt.benchmark.suites import families
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
 
 
 def duration(problem: Problem) -> float:
-    """The optimum from the first start, s."""
-    scaled = Scaled(problem)
-    iterate = interior_point.begun(Cells(scaled, starts=1), list(starting_points(scaled, 1)))
+    """The optimum from the first start, s, without crossover."""
+    scaled = Passing(problem)
+    cells = Cells(scaled, starts=1)
+    ((times, velocities),) = starting_points(scaled, 1)
+    point = cells.start(times[None], velocities[None])
+    iterate = interior_point.begun(Rows(cells, point))
     iterate = interior_point.descended(iterate, interior_point.converged)
-    assert interior_point.converged(iterate.state)
-    return scaled.unit * float(iterate.state.rows.times.sum())
+    assert interior_point.converged(iterate)
+    return scaled.unit * float(iterate.state.duration[0])
 
 
-def by_ipopt(problem: Problem, monkeypatch: pytest.MonkeyPatch) -> float:
+def by_ipopt(problem: Problem) -> float:
     """IPOPT's optimum, s."""
-    with monkeypatch.context() as patch:
-        patch.setattr(interior_point, "_MOST_STEPS", 1)
-        stats = Exact(starts=1).solve(problem).stats
+    stats = Exact(starts=1, solver="ipopt").solve(problem).stats
     assert stats["start_status"] == ["Solve_Succeeded"]
     return float(stats["start_duration"][0])
 
@@ -53,49 +57,75 @@ def test_waypoints_on_a_monotone_path_cost_nothing() -> None:
 
 
 @pytest.mark.parametrize("name", ["six-axis", "asymmetric", "seven-waypoints", "resting-joint"])
-def test_ipopt_finds_the_same_optimum(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ipopt_finds_the_same_optimum(name: str) -> None:
     problem = load(name)
-    assert duration(problem) == pytest.approx(by_ipopt(problem, monkeypatch), rel=1e-9)
+    assert duration(problem) == pytest.approx(by_ipopt(problem), rel=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(40, 55))
-def test_ipopt_finds_the_same_optimum_of_random_ones(
-    seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ipopt_finds_the_same_optimum_of_random_ones(seed: int) -> None:
     problem = random_problem(seed, jerk=False)
-    assert duration(problem) == pytest.approx(by_ipopt(problem, monkeypatch), rel=1e-9)
+    assert duration(problem) == pytest.approx(by_ipopt(problem), rel=1e-9)
 
 
-def test_where_it_fails_ipopt_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = load("six-axis")
-    monkeypatch.setattr(interior_point, "_MOST_STEPS", 5)
-    solution = Exact().solve(problem)
-    assert solution.stats["start_status"] == ["Solve_Succeeded"] * 2
-    assert solution.trajectory is not None
-    assert verify(problem, solution.trajectory).feasible
+def test_ipopt_finds_the_same_optimum_under_jerk_limits() -> None:
+    six_axis = load("six-axis")
+    acceleration = six_axis.limits.acceleration
+    limits = Limits(six_axis.limits.velocity, acceleration, 10 * acceleration)
+    problem = Problem(six_axis.waypoints, limits)
+    own = ExactJerk(starts=1).solve(problem).stats["start_duration"]
+    checked = ExactJerk(solver="ipopt").solve(problem).stats["start_duration"]
+    assert own.min() == pytest.approx(checked.min(), rel=1e-8)
 
 
+def drawn(segments: int, joints: int) -> Problem:
+    """A random problem with asymmetric limits, jerk limits among them."""
+    rng = np.random.default_rng(segments)
+    steps = rng.uniform(-1, 1, (segments + 1, joints))
+    sides = rng.uniform(0.5, 2.0, (3, joints, 2)) * [-1, 1]
+    velocity, acceleration, jerk = sides
+    limits = Limits(velocity, acceleration, 4 * jerk)
+    return Problem(np.cumsum(steps, axis=0), limits)
+
+
+def started(problem: Problem) -> Rows:
+    """The program without jerk limits near two starts."""
+    rng = np.random.default_rng(0)
+    scaled = Passing(problem)
+    ((times, velocities),) = starting_points(scaled, 1)
+    moved = velocities + rng.uniform(-0.1, 0.1, (2, *velocities.shape))
+    cells = Cells(scaled, starts=2)
+    return Rows(cells, cells.start(np.stack([times, 0.9 * times]), moved))
+
+
+def started_under_jerk(problem: Problem) -> JerkRows:
+    """The program with jerk limits near two starts."""
+    rng = np.random.default_rng(0)
+    scaled = Scaled(problem)
+    segments, joints = scaled.h.shape
+    states = rng.uniform(-0.1, 0.1, (2, 2, segments - 1, joints))
+    times = np.stack([1.5 * scaled.stop, 2 * scaled.stop])
+    cells = JerkCells(scaled, kinds=2)
+    return JerkRows(cells, cells.start(times, *states))
+
+
+@pytest.mark.parametrize("start", [started, started_under_jerk])
 @pytest.mark.parametrize("joints", [1, 3])
 @pytest.mark.parametrize("segments", [1, 2, 5])
-def test_a_step_changes_rows_as_differences_say(segments: int, joints: int) -> None:
+def test_a_step_changes_rows_as_differences_say(start, segments: int, joints: int) -> None:
     """Rows are differentiated by hand: along a step they change as they do in small."""
-    rng = np.random.default_rng(segments)
-    path = np.cumsum(rng.uniform(-1, 1, (segments + 1, joints)), axis=0)
-    sides = rng.uniform(0.5, 2.0, (2, joints, 2)) * [-1, 1]
-    scaled = Scaled(Problem(path, Limits(*sides)))
-    cells = Cells(scaled, starts=2)
-    ((times, velocities),) = starting_points(scaled, 1)
-    velocities = velocities + rng.uniform(-0.1, 0.1, (2, *velocities.shape))
-    point = cells.start(np.stack([times, 0.9 * times]), velocities)
-    multipliers = rng.uniform(0.1, 1.0, (2, 2, *cells.every))
-    linear = Linear(Rows(cells, point), multipliers, multipliers)
-    factors, _ = interior_point.factors(linear.matrices(), np.zeros(2))
-    step, change = linear.step(factors, multipliers)
-    small = np.full(2, 1e-6)
-    ahead = Rows(cells, point.moved(step, small)).values
-    behind = Rows(cells, point.moved(step, -small)).values
-    differences = (ahead - behind) / 2e-6
-    np.testing.assert_allclose(change, differences, atol=1e-6 * np.abs(change).max())
+    rows = start(drawn(segments, joints))
+    rng = np.random.default_rng(1)
+    multipliers = rng.uniform(0.1, 1.0, rows.values.shape)
+    with np.errstate(all="ignore"):
+        step, change = rows.linear(multipliers, multipliers).step(multipliers)
+        size = 1e-6 / max(1.0, np.abs(step.log).max())
+        ahead, behind = (
+            type(rows)(rows.cells, rows.point.moved(step, np.full(2, length))).values
+            for length in (size, -size)
+        )
+    differences = (ahead - behind) / (2 * size)
+    np.testing.assert_allclose(change, differences, atol=1e-5 * np.abs(change).max())
 
 
 def test_families_of_extremes_converge() -> None:

@@ -1,9 +1,10 @@
-"""The jerk-limited program by CasADi and IPOPT: an independent check of `exact.jerk_descent`.
+"""The exact minimum time by CasADi and IPOPT: an independent check, with and without jerk limits.
 
-Its variables are also what the extreme profiles do: the accelerations and holds of the rise and the
-fall, a cruise, and the share of both profiles that covers the displacement. They are equations
-here, where the other program knows the profiles as functions. IPOPT meets them to a tolerance, and
-it may end in local optima that only these variables have.
+Its variables include the extreme profiles: the accelerations and holds of the rise and the fall, a
+cruise, and the share of both profiles that covers the displacement. Equations tie them together,
+where the other method knows the profiles as functions. IPOPT meets these equations to a tolerance,
+and it may end in local optima that only these variables have. Without a jerk limit all ramps of
+acceleration take no time.
 """
 
 from __future__ import annotations
@@ -15,26 +16,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from baselines.exact import acceleration
 from baselines.exact.cells import at_ends
-from baselines.exact.jerk_cells import Cells, Point, Rows, Scaled
+from baselines.exact.jerk_cells import Cells, Point, Rows
 from baselines.exact.jerk_descent import Start
+from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum
 from baselines.ipopt import Program, flat, program, unflat
 from trajopt.planners.planner import backend
 
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-IPOPT = acceleration.IPOPT | {"tol": 1e-10}
+IPOPT: dict[str, float | str] = {
+    "tol": 1e-10,
+    "constr_viol_tol": 1e-10,
+    "acceptable_tol": 1e-8,
+    "bound_relax_factor": 0.0,
+    "mu_strategy": "adaptive",
+    "max_iter": 1000,
+    "mumps_pivot_order": 0,  # approximate minimum degree: a fifth faster here than MUMPS's choice
+}
 
-_LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
-_SLOW = 1e-3  # of a limit without units: a velocity below it is lost in IPOPT's tolerances
-_MOST_ROUNDS = 5
-_PROGRESS_RTOL = 1e-7  # the smallest gain that another round is for
-_SLOWER = 1.05  # times the optimum: where all limits are active IPOPT takes twice as long
-_NEAR_ZERO = 1e-2  # of a joint's acceleration, and of a segment's time
-_TINY = 1e-300  # instead of dividing by 0
+LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
+SLOW = 1e-3  # of a limit without units: a velocity below it is lost in IPOPT's tolerances
+TINY = 1e-300  # instead of dividing by 0
 
 
 class _Variables(NamedTuple):
@@ -68,66 +72,32 @@ def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
         *scaled.r,
     )
     size = scaled.h.size
-    # of each profile two rows vanish and four are not negative
-    profile = np.r_[
-        np.zeros(2 * size),
-        np.full(
-            4 * size,
-            np.inf,
-        ),
-    ]
+    vanishing = np.zeros(2 * size)
+    profile = np.r_[vanishing, np.full(6 * size, np.inf)]
     highest = np.r_[profile, profile, np.zeros(size), np.inf]
     segments, joints = scaled.h.shape
     inner = (segments - 1, joints)
-
-    def from_start(start: Start, below: Bools) -> Optimum:
-        low, high = _bounds(scaled, below)
+    low, high = _bounds(scaled)
+    optima = []
+    for start in starts:
         run = solver(
             start=np.clip(_point(scaled, start), low, high),
             parameters=parameters,
             bounds=(low, high),
             constraint_bounds=(0.0, highest),
         )
-        times, velocity, acceleration = unflat(
-            run.x,
-            [(segments,), inner, inner],
-        )
+        times, velocity, acceleration = unflat(run.x, [(segments,), inner, inner])
         times = times * scaled.stop
         duration = float(times.sum()) if run.success else np.inf
         states = np.stack([velocity * speed, acceleration])
-        return Optimum(duration, times, states, run.status)
-
-    through_zero = np.zeros(
-        (2, *scaled.h.shape),
-        dtype=bool,
-    )
-    optima = []
-    for start in starts:
-        best = from_start(start, through_zero)
-        # again from there, slower, where profiles that avoid acceleration 0 may do so
-        for _ in range(_MOST_ROUNDS):
-            there = (_SLOWER * best.times, *best.states)
-            again = from_start(there, _staying_below(scaled, there))
-            better = best.duration * (1 - _PROGRESS_RTOL)
-            best = min(best, again, key=lambda optimum: optimum.duration)
-            if not best.duration < better:
-                break
-        optima.append(best)
+        optima.append(Optimum(duration, times, states, run.status))
     return optima
-
-
-def _staying_below(scaled: Scaled, start: Start) -> Bools:
-    """Which extreme profiles hardly pass through acceleration 0, `(2, segments, joints)`."""
-    profiles = _profiles(scaled, start).profiles
-    lowest = profiles.rises.min(axis=0)[:, 0]
-    brief = profiles.cruise[:, 0] < _NEAR_ZERO
-    return np.asarray(scaled.r.any(axis=0) & (lowest < _NEAR_ZERO) & brief)
 
 
 def _speed(scaled: Scaled) -> Array:
     """A unit of velocity for absolute tolerances: the limit of joints that are slow, else 1."""
     fastest = np.abs(scaled.v).max(axis=0)
-    return np.where(fastest < _SLOW, fastest, 1.0)
+    return np.where(fastest < SLOW, fastest, 1.0)
 
 
 @cache
@@ -194,7 +164,7 @@ def _solver(segments: int, joints: int) -> Program:
     missed = share * d_up - (1 - share) * d_lo - h
     # all together hardly slower than stopping at every waypoint
     total = ca.dot(stop, t)
-    spare_time = _LONGEST * ca.sum1(stop) - total
+    spare_time = LONGEST * ca.sum1(stop) - total
     return program(
         "exact_jerk",
         variables=x.tables,
@@ -220,7 +190,7 @@ def _profile_rows(
         limits: velocity limit, inverse jerk upwards and downwards.
 
     Returns:
-        The displacement, and the rows: two that vanish, four that are not negative.
+        The displacement, and the rows: two that vanish, six that are not negative.
     """
     rise, fall, rise_hold, cruise, fall_hold = profile
     u, a, w, b = ends
@@ -252,6 +222,9 @@ def _profile_rows(
         rise - a,
         fall - b,
         rise + fall,
+        # a profile whose acceleration stays below 0 has no cruise
+        rise * cruise,
+        fall * cruise,
     ]
     return ascended + descended + peak * cruise * size, rows
 
@@ -271,57 +244,34 @@ def _risen(u: Any, a: Any, rise: Any, hold: Any, up: Any, down: Any) -> tuple[An
     return peak, first + hold + last, ramped + held + released
 
 
-def _bounds(scaled: Scaled, below: Bools) -> tuple[Array, Array]:
-    """Bounds of all variables; no segment takes longer than stopping everywhere does.
-
-    Profiles that may stay `below` acceleration 0 have no cruise.
-    """
+def _bounds(scaled: Scaled) -> tuple[Array, Array]:
+    """Bounds of all variables; no segment takes longer than stopping everywhere does."""
     stop = scaled.stop
     jerky = scaled.r.any(axis=0)
     zero = np.zeros(scaled.h.shape)
     infinite = zero + np.inf
     inner = np.ones((len(stop) - 1, 1))
     slowest, fastest = scaled.v / _speed(scaled)
-    a1, a2 = np.where(
-        jerky,
-        scaled.a,
-        0.0,
-    )
+    a1, a2 = np.where(jerky, scaled.a, 0.0)
     braking, speeding = np.abs(scaled.a)
     low_profiles = []
     high_profiles = []
-    limits = ((speeding, braking), (braking, speeding))
-    for (rise, fall), apart in zip(
-        limits,
-        below,
-        strict=True,
-    ):
+    for rise, fall in ((speeding, braking), (braking, speeding)):
         # a rise that stays below 0 ends at least at the other side's limit
-        lowest_rise = np.where(
-            apart,
-            -fall,
-            np.where(jerky, 0.0, rise),
-        )
-        lowest_fall = np.where(
-            apart,
-            -rise,
-            np.where(jerky, 0.0, fall),
-        )
-        cruise = np.where(apart, 0.0, np.inf)
+        lowest_rise = zero + np.where(jerky, -fall, rise)
+        lowest_fall = zero + np.where(jerky, -rise, fall)
         low_profiles.append([lowest_rise, lowest_fall, zero, zero, zero])
-        high_profiles.append([zero + rise, zero + fall, infinite, cruise, infinite])
-    shortest = scaled.shortest / stop
-    longest = _LONGEST * stop.sum() / stop
-    lowest_states = [inner * slowest, inner * a1]
-    highest_states = [inner * fastest, inner * a2]
-    upper, lower = low_profiles
-    low = _Variables(shortest, lowest_states, upper, lower, zero)
-    upper, lower = high_profiles
+        high_profiles.append([zero + rise, zero + fall, infinite, infinite, infinite])
+    low = _Variables(
+        scaled.shortest / stop,
+        [inner * slowest, inner * a1],
+        *low_profiles,
+        zero,
+    )
     high = _Variables(
-        longest,
-        highest_states,
-        upper,
-        lower,
+        LONGEST * stop.sum() / stop,
+        [inner * fastest, inner * a2],
+        *high_profiles,
         zero + 1,
     )
     return flat(*low.tables), flat(*high.tables)
@@ -349,7 +299,7 @@ def _point(scaled: Scaled, start: Start) -> Array:
         [velocity / _speed(scaled), start[2]],
         upper,
         lower,
-        low / np.maximum(high + low, _TINY),
+        low / np.maximum(high + low, TINY),
     )
     return np.nan_to_num(flat(*variables.tables))
 

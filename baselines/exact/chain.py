@@ -1,0 +1,266 @@
+"""Newton steps of a chain of cells, whatever happens inside a cell.
+
+A cell is one segment of one joint. It depends on `y = (s, x, a, x', a')`: the logarithm of its
+segment's time, and velocity and acceleration at its two ends (without a jerk limit there is no
+`a`). End velocities count from the cell's mean velocity in units of its time, and a link ties them
+to the waypoint's velocity `v`:
+
+    h/T + T x = v.                                                                            (1)
+
+Neighbouring cells share a waypoint, and the joints of a segment share its time. So the matrix of a
+Newton step is a band, LAPACK's Cholesky factors it, and the work grows in proportion to the
+segments.
+
+Of the two cells at a waypoint the one with the briefer segment owns the unknown: its `x` stands for
+the velocity, `dv = T dx + (T x − h/T) ds`. A velocity change that is negligible for the long
+segment is many times what the brief one can reach. In one sum of squares rounding would lose the
+smaller of both.
+
+At given times the program is convex. So where the matrix is not positive definite, entries of the
+times alone are increased.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+
+# Added to the diagonal entries of the times, in units of each time: at first, the factor between
+# two trials, and at most.
+START_CONVEXITY = 1e-2
+CONVEXITY_FACTOR = 8.0
+MAX_CONVEXITY = 1e14
+
+
+class Links(NamedTuple):
+    """The link (1) at both ends of every cell, `(2 ends, starts, segments, joints)`.
+
+    Attributes:
+        slope: change of `x` with `s` at a given waypoint velocity.
+        missing: what `x` misses of its link.
+    """
+
+    slope: Array
+    missing: Array
+
+
+class Solved(NamedTuple):
+    """A Newton step.
+
+    Attributes:
+        log: change of the times' logarithms, `(starts, segments)`.
+        cells: change of every cell's variables, `(starts, segments, joints, variables)`.
+        velocity: change of the inner waypoints' velocities, `(starts, segments - 1, joints)`.
+    """
+
+    log: Array
+    cells: Array
+    velocity: Array
+
+
+class _Layout(NamedTuple):
+    """Where a cell's unknowns are in the vector of all unknowns.
+
+    A cell has the unknowns `(s, s before, s after, x, a, x', a')`.
+
+    Attributes:
+        width: unknowns of a segment: its time and the states after it.
+        size: number of unknowns.
+        unknowns: index of each unknown of each cell, `size` where there is none,
+            `(segments, joints, unknowns)`.
+        chosen: flat indices of the entries of the cells' matrices in the lower triangle.
+        places: flat index of each such entry in the band.
+    """
+
+    width: int
+    size: int
+    unknowns: Indices
+    chosen: Indices
+    places: Indices
+
+    @property
+    def height(self) -> int:
+        """Diagonals of the band."""
+        return 2 * self.width + 1
+
+
+@cache
+def _layout(segments: int, joints: int, orders: int) -> _Layout:
+    width = 1 + orders * joints
+    size = (segments - 1) * width + 1
+    time = np.arange(segments)[:, None, None] * width
+    time = np.broadcast_to(time, (segments, joints, 1))
+    after = time + 1 + np.arange(orders * joints).reshape(joints, orders)
+    unknowns = np.concatenate(
+        [time, time - width, time + width, after - width, after],
+        axis=-1,
+    )
+    unknowns = np.where((unknowns >= 0) & (unknowns < size), unknowns, size)
+    row = unknowns[..., :, None]
+    column = unknowns[..., None, :]
+    is_lower = (row >= column) & (row < size)
+    places = column * 2 * width + row
+    return _Layout(
+        width,
+        size,
+        unknowns,
+        np.flatnonzero(is_lower),
+        places[is_lower],
+    )
+
+
+class Chain:
+    """One Newton step: the matrix of every cell, and its links.
+
+    Args:
+        times: of the segments, `(starts, segments)`.
+        links: of the cells.
+        matrix: the quadratic model of every cell over its variables,
+            `(starts, segments, joints, variables, variables)`.
+    """
+
+    def __init__(self, times: Array, links: Links, matrix: Array) -> None:
+        starts, segments, joints, variables, _ = matrix.shape
+        orders = (variables - 1) // 2
+        self.times = times
+        self.links = links
+        self.matrix = matrix
+        self.orders = orders
+        self.layout = _layout(segments, joints, orders)
+        owned = owners(times)
+        self.owned = owned
+
+        # y = B unknowns + constant
+        t = times[..., None]
+        ratio = np.ones(owned.shape)
+        ratio[0, :, 1:] = t[:, :-1] / t[:, 1:]
+        ratio[1, :, :-1] = t[:, 1:] / t[:, :-1]
+        slope, missing = links
+        to_unknowns = np.zeros((starts, segments, joints, variables, variables + 2))
+        constant = np.zeros((starts, segments, joints, variables))
+        to_unknowns[..., 0, 0] = 1.0
+        for end in (0, 1):
+            v = 1 + orders * end
+            own = owned[end]
+            to_unknowns[..., v, 0] = np.where(own, 0.0, slope[end])
+            beside = ratio[end] * beside_it(slope)[end]
+            to_unknowns[..., v, 1 + end] = np.where(own, 0.0, -beside)
+            to_unknowns[..., v, v + 2] = np.where(own, 1.0, ratio[end])
+            missed = missing[end] - ratio[end] * beside_it(missing)[end]
+            constant[..., v] = np.where(own, 0.0, missed)
+            for order in range(1, orders):
+                to_unknowns[..., v + order, v + order + 2] = 1.0
+        self.to_unknowns = to_unknowns
+        self.constant = constant
+
+    def gradient(self, by_cell: Array) -> Array:
+        """A gradient over the cells' variables, over the unknowns, `(starts, unknowns)`.
+
+        The gradient of the duration is subtracted.
+        """
+        layout = self.layout
+        by_unknown = np.matmul(by_cell[..., None, :], self.to_unknowns)
+        summed = _summed(
+            by_unknown.reshape(len(by_cell), -1),
+            layout.unknowns.ravel(),
+            layout.size + 1,
+        )
+        gradient = summed[:, :-1]
+        gradient[:, :: layout.width] -= self.times
+        return gradient
+
+    def bands(self) -> Array:
+        """The matrix over the unknowns as a lower band of every start, a row per unknown."""
+        layout = self.layout
+        turned = self.to_unknowns.swapaxes(-1, -2)
+        reduced = turned @ self.matrix @ self.to_unknowns
+        starts = len(reduced)
+        bands = _summed(
+            reduced.reshape(starts, -1)[:, layout.chosen],
+            layout.places,
+            layout.size * layout.height,
+        )
+        bands = bands.reshape(starts, layout.size, layout.height)
+        bands[:, :: layout.width, 0] += self.times
+        return bands
+
+    def step(self, by_cell: Array) -> Solved:
+        """The Newton step to this gradient over the cells' variables."""
+        import scipy  # late: planners that are only listed need none of it
+
+        missed = np.matmul(self.matrix, self.constant[..., None])[..., 0]
+        gradient = self.gradient(by_cell - missed)
+        starts, size = gradient.shape
+        unknowns = np.zeros((starts, size + 1))
+        for start, band in enumerate(self.bands()):
+            factor = self._factor(band, start)
+            solution, _ = scipy.linalg.lapack.dpbtrs(factor, gradient[start], lower=1)
+            unknowns[start, :-1] = solution
+        own = unknowns[:, self.layout.unknowns]
+        cells = np.matmul(self.to_unknowns, own[..., None])[..., 0] + self.constant
+        log = unknowns[:, : -1 : self.layout.width]
+        velocities = self._velocities(log, cells)
+        velocity = np.where(
+            self.owned[1, :, :-1],
+            velocities[1, :, :-1],
+            velocities[0, :, 1:],
+        )
+        return Solved(log, cells, velocity)
+
+    def _velocities(self, log: Array, cells: Array) -> Array:
+        """Change of the waypoints' velocities as each end of a cell has it."""
+        ends = np.moveaxis(cells[..., 1 :: self.orders], -1, 0)
+        slope, missing = self.links
+        changes = ends - slope * log[..., None] - missing
+        return np.asarray(self.times[..., None] * changes)
+
+    def _factor(self, band: Array, start: int) -> Array:
+        """The Cholesky factor of a band, the entries of its times increased where needed."""
+        import scipy  # late: planners that are only listed need none of it
+
+        times = band[:: self.layout.width, 0]
+        added = 0.0
+        while added <= MAX_CONVEXITY:
+            factor, failed = scipy.linalg.lapack.dpbtrf(band.T, lower=1)
+            if not failed:
+                return np.asarray(factor)
+            more = max(CONVEXITY_FACTOR * added, START_CONVEXITY)
+            times += (more - added) * self.times[start]
+            added = more
+        return np.full_like(band.T, np.nan)
+
+
+def owners(times: Array) -> Bools:
+    """Which cells own the unknown at each of their ends, `(2 ends, starts, segments, 1)`."""
+    owned = np.zeros((2, *times.shape, 1), dtype=bool)
+    briefer = times[:, :-1] < times[:, 1:]
+    owned[1, :, :-1, 0] = briefer
+    owned[0, :, 1:, 0] = ~briefer
+    return owned
+
+
+def beside_it(ends: Array) -> Array:
+    """What the neighbouring cell has at the same waypoint, `(2 ends, starts, segments, joints)`."""
+    beside = np.zeros_like(ends)
+    beside[0, :, 1:] = ends[1, :, :-1]
+    beside[1, :, :-1] = ends[0, :, 1:]
+    return beside
+
+
+def _summed(values: Array, places: Indices, size: int) -> Array:
+    """Sums of the values that share a place, of every start, `(starts, size)`."""
+    starts = len(values)
+    first = size * np.arange(starts)[:, None]
+    sums = np.bincount(
+        (first + places).ravel(),
+        values.ravel(),
+        minlength=starts * size,
+    )
+    return np.asarray(sums.reshape(starts, size), dtype=float)

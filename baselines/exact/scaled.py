@@ -1,0 +1,57 @@
+"""A problem without units: what every method of this folder solves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trajopt.core.problem import Problem
+from trajopt.planners.rest_to_rest import stop_times
+
+Array = NDArray[np.float64]
+
+
+class Scaled:
+    """The moving joints without units: time in mean stop times, accelerations of order one.
+
+    Args:
+        problem: its position limits are ignored.
+        jerk: whether jerk limits count.
+
+    Attributes:
+        h: displacements, `(segments, joints)`.
+        v: velocity limits, `(2, joints)`, low first.
+        a: acceleration limits, `(2, joints)`, low first.
+        r: inverse jerk limits, `(2, joints)`, low first, not negative.
+        stop: each segment's time if all joints stop at both its ends, `(segments,)`.
+        shortest: each segment's time at the velocity limit, `(segments,)`.
+        unit: the unit of time, s.
+        units: the units of jerk, acceleration, velocity and position, rad/s^power, `(4, joints)`.
+    """
+
+    def __init__(self, problem: Problem, jerk: bool = True) -> None:
+        known = problem.without("position") if jerk else problem.without("jerk", "position")
+        moving = problem.moving
+        limits = known.limits
+        velocity = limits.velocity[moving].T
+        acceleration = limits.acceleration[moving].T
+        jerks = np.abs(limits.jerk[moving].T)
+
+        stop = stop_times(known)
+        unit = float(stop.mean())
+        # the acceleration that is reached: at its limit, or as far as jerk allows
+        reached = np.minimum(np.abs(acceleration), jerks * unit).min(axis=0)
+        units = reached * unit ** np.arange(-1.0, 3.0)[:, None]
+        j_unit, a_unit, v_unit, q_unit = units
+
+        self.problem = problem
+        self.moving = moving
+        self.unit = unit
+        self.units = units
+        self.stop = stop / unit
+        self.r = j_unit / jerks
+        self.a = acceleration / a_unit
+        self.v = velocity / v_unit
+        self.h = problem.displacements[:, moving] / q_unit
+        # T >= h / V2 forwards, T >= h / (-V1) backwards
+        self.shortest = (self.h / self.v[:, None]).max(axis=(0, 2))
