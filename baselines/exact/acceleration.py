@@ -38,13 +38,14 @@ Start = tuple[Array, Array]  # segment times, waypoint velocities
 # Times `starts`: how many are tried where all have failed so far.
 MAX_STARTS_FACTOR = 5
 _VELOCITY_RTOL = 1e-15  # rounding of a velocity
-MAX_DILATION = 2.0  # what needs more is no answer
-DILATION_TOL = 2e-15
-# What a velocity that is at its limit in the optimum misses it by: the duration feels the square.
+MAX_DILATION = 2.0
+DILATION_TOL = 1e-15
+# A velocity this close to its limit is put on the limit: the duration changes by the square.
 _LIMIT_RTOL = 1e-9
-_ROUNDED_TIME_RTOL = 1e-9  # of a segment's time: what its velocities can follow its rounding by
-# A start's time: in proportion to cells (segments times moving joints), measured up to 7000; and
-# where there are many joints to their square too, measured up to 250.
+# Velocities follow the rounding of a segment's time up to this relative change.
+_ROUNDED_TIME_RTOL = 1e-9
+# Time of a start: proportional to cells (segments times moving joints), measured up to 7000.
+# With many joints it also grows with their square, measured up to 250.
 SECONDS_PER_CELL = 2e-4
 SECONDS_PER_CELL_AND_PAIR = 3e-9
 
@@ -97,7 +98,7 @@ class Passing(Scaled):
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: each joint's motion of least acceleration through each segment."""
-        passages = np.r_[0.0, np.cumsum(times)] * self.unit
+        passages = np.r_[0.0, np.cumsum(times * self.unit)]
         rounded = np.diff(passages) / self.unit
         ends = _with_rest(self._in_rounded_times(times, rounded, velocities))
         waypoints = self.problem.waypoints
@@ -156,7 +157,7 @@ class Passing(Scaled):
 
 
 def _ratio(times: Array, others: Array) -> Array:
-    """Of two times of each segment; 1 where they differ by more than is worth following."""
+    """Return the ratio of two times of each segment, 1 where they differ by more than 1e-9."""
     ratio = np.divide(
         times,
         others,
@@ -181,10 +182,10 @@ def reachable(
     scaled: Passing,
     k: float,
 ) -> bool:
-    """Whether times and waypoint velocities are reachable where limits allow `k` times the speed.
+    """Return whether times and waypoint velocities are reachable after a dilation by `k`.
 
     Velocity limits are `k` times as wide, acceleration limits `k²` times. In the briefest segments
-    velocities differ by less than their rounding, which no dilation mends: let it be.
+    velocities differ by less than their rounding. No dilation mends that, so it is allowed.
     """
     ends = _with_rest(velocities)
     u = ends[:-1]
@@ -276,7 +277,7 @@ def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
         point = rows.point
         times = rows.times[start]
         t = times[:, None]
-        # of the two segments at a waypoint the briefer one knows the velocity better
+        # the briefer of the two segments at a waypoint has the more accurate velocity
         after, before = scaled.h / t + t * point.ends[:, start]
         briefer = times[:-1] < times[1:]
         velocities = np.where(briefer[:, None], before[:-1], after[1:])

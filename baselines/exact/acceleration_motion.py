@@ -21,16 +21,18 @@ from baselines.exact.rounded import DISTINCT_RTOL, Clock, Pieces
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# Of a segment: breaks no further apart become one where limits allow it.
+# Breaks no further apart than this share of a segment become one where limits allow it.
 _SLIVER = 1e-6
-# Of the acceleration that a joint has to spare: what it keeps, for breaks to move.
+# Share of the unused acceleration that a joint keeps, so that breaks can move.
 _KEPT_SHARE = 1e-3
-_LEAST_SPARE = 1e-6  # of the acceleration limit: with less, there is one motion
-_EXCESS_RTOL = 1e-12  # of a limit, or of the way a joint travels: what is rounding
+# With less unused acceleration, relative to the limit, there is only one motion.
+_LEAST_SPARE = 1e-6
+# Rounding, relative to a limit or to the way that a joint travels.
+_EXCESS_RTOL = 1e-12
 
 
 class Task(NamedTuple):
-    """What every joint has to do in every segment, in units of its own.
+    """The motion required of every joint in every segment, in the joint's own units.
 
     Attributes:
         h: displacements, `(segments, joints)`.
@@ -92,8 +94,8 @@ class _Breaks(NamedTuple):
     """Stored times of every segment and joint, s since the motion's start, `(segments, joints)`."""
 
     start: Array
-    first: Array  # where the first ramp ends
-    last: Array  # where the last ramp begins
+    first: Array  # end of the first ramp
+    last: Array  # start of the last ramp
     end: Array
 
     def where(self, chosen: Bools, others: _Breaks) -> _Breaks:
@@ -141,7 +143,7 @@ class _Breaks(NamedTuple):
         return self._replace(first=first, last=last)
 
     def _crowded(self, inner: Array, closest: Array) -> bool:
-        """Whether breaks are as close and yet apart, or as close to the start or the end."""
+        """Return whether two distinct breaks are that close, or one is that close to an end."""
         ends = (self.start[:, :1], self.end[:, :1])
         times = np.concatenate([*ends, inner], axis=1)
         times.sort(axis=1)
@@ -192,7 +194,7 @@ def pieces(task: Task, passages: Array) -> list[Pieces]:
     if np.isfinite(task.positions).any():
         ramps = _within_positions(ramps, task, whole / task.unit)
     breaks = _apart(ramps, task, passages)
-    # what rounding alone keeps apart a trajectory stores as one
+    # a trajectory stores breaks as one that only rounding separates
     resolution = np.full_like(whole, DISTINCT_RTOL * duration)
     breaks = breaks.moved(ramps.share, resolution)
     profiles = _covering(breaks, task)
@@ -212,7 +214,7 @@ def pieces(task: Task, passages: Array) -> list[Pieces]:
 def _within_positions(ramps: Ramps, task: Task, t: Array) -> Ramps:
     """Ramps that stray least, where these ones leave the position limits."""
     spare = np.maximum(1 - ramps.share, 0.0)
-    # those that the segment waits for have no choice
+    # joints that decide the segment's time have no choice
     has_choice = spare > _LEAST_SPARE
     leaves = has_choice & _leaves_positions(ramps, task, t)
     taken = 1 - _KEPT_SHARE * spare
@@ -240,7 +242,7 @@ def _leaves_positions(ramps: Ramps, task: Task, t: Array) -> Bools:
     profiles = _profiles(lengths, velocity)
     before = velocity[:-1]
     after = velocity[1:]
-    # where velocity vanishes: v₀ T/(v₀ − v₁) into a piece, at half of v₀ on average
+    # velocity vanishes v₀ T/(v₀ − v₁) into a piece; its mean until then is v₀/2
     turns = before * after < 0
     elapsed = np.divide(
         before * lengths,
@@ -387,7 +389,7 @@ def _read(breaks: _Breaks, ramps: Ramps, task: Task) -> Array:
 
 
 def _left(elapsed: Array, ramp: Array) -> Array:
-    """What is left of a ramp, 1 of all of it."""
+    """Return the remaining share of a ramp."""
     gone = np.divide(
         elapsed,
         ramp,
@@ -398,7 +400,7 @@ def _left(elapsed: Array, ramp: Array) -> Array:
 
 
 def _lengths(breaks: _Breaks, task: Task) -> Array:
-    """Of the three pieces, in units of time, `(3, segments, joints)`."""
+    """Return the lengths of the three pieces, in units of time, `(3, segments, joints)`."""
     times = np.array(breaks)
     lengths = times[1:] - times[:-1]
     lengths /= task.unit
@@ -431,7 +433,7 @@ def _allowed(profiles: _Profiles, task: Task) -> Bools:
 
 
 def _beyond(values: Array, limits: Array) -> Bools:
-    """Where some of the values, along the first axis, lies beyond limits, low and high."""
+    """Return where one of the values along the first axis lies beyond its limits."""
     low, high = limits
     outside = (values < low) | (values > high)
     return np.asarray(outside.any(axis=0))

@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 START_BARRIER = 0.1
-_START_ROOM = 0.98  # of the velocity limits
+# Share of the velocity limits that a start uses at most.
+_START_ROOM = 0.98
 
 # The upper profile, and the lower one seen mirrored: h, u, w and peaks change their signs.
 _SIGNS = np.array([1.0, -1.0])
@@ -60,7 +61,7 @@ class Point(NamedTuple):
 
     @property
     def peaks(self) -> Array:
-        """Of the upper and of the mirrored lower profile, likewise."""
+        """Peaks of the upper and of the mirrored lower profile, in the units of `ends`."""
         return np.asarray(self.inner[1])
 
     def moved(self, step: Point, length: Array) -> Point:
@@ -101,7 +102,7 @@ def _by_axes_of_two(limits: ArrayLike) -> Array:
 
 
 class Cells:
-    """What stays the same from step to step, repeated for each of so many starts."""
+    """The constant tables of the program, repeated for each start."""
 
     def __init__(self, scaled: Scaled, starts: int) -> None:
         every = (starts, *scaled.h.shape)
@@ -149,7 +150,7 @@ class Cells:
         self.fastest = table(fastest / top)
 
     def of(self, starts: int) -> Cells:
-        """The same for so many starts."""
+        """Return the tables for another number of starts."""
         return Cells(self.scaled, starts)
 
     def start(self, times: Array, velocities: Array) -> Point:

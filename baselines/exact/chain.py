@@ -66,7 +66,7 @@ class Solved(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """Where a cell's unknowns are in the vector of all unknowns.
+    """Indices of the cells' unknowns in the vector of all unknowns.
 
     A cell has the unknowns `(s, s before, s after, x, a, x', a')`.
 
@@ -176,6 +176,23 @@ class Chain:
         gradient[:, :: layout.width] -= self.times
         return gradient
 
+    def descent(self, by_cell: Array) -> Array:
+        """The right-hand side of a Newton step: the gradient, with what the links miss."""
+        missed = np.matmul(self.matrix, self.constant[..., None])[..., 0]
+        return self.gradient(by_cell - missed)
+
+    def steepest(self, by_cell: Array) -> Array:
+        """The largest entry of a gradient over times and waypoint velocities, `(starts,)`."""
+        width = self.layout.width
+        gradient = np.abs(self.gradient(by_cell))
+        over_times = gradient[:, ::width]
+        # dv = T dx in the briefer segment
+        briefer = np.minimum(self.times[:, :-1], self.times[:, 1:])
+        after = gradient[:, :-1].reshape(*briefer.shape, width)
+        over_velocities = after[..., 1 :: self.orders].max(axis=2) / briefer
+        over_velocities = over_velocities.max(axis=1, initial=0.0)
+        return np.asarray(np.maximum(over_times.max(axis=1), over_velocities))
+
     def bands(self) -> Array:
         """The matrix over the unknowns as a lower band of every start, a row per unknown."""
         layout = self.layout
@@ -195,8 +212,7 @@ class Chain:
         """The Newton step to this gradient over the cells' variables."""
         import scipy  # late: planners that are only listed need none of it
 
-        missed = np.matmul(self.matrix, self.constant[..., None])[..., 0]
-        gradient = self.gradient(by_cell - missed)
+        gradient = self.descent(by_cell)
         starts, size = gradient.shape
         unknowns = np.zeros((starts, size + 1))
         for start, band in enumerate(self.bands()):
@@ -247,7 +263,7 @@ def owners(times: Array) -> Bools:
 
 
 def beside_it(ends: Array) -> Array:
-    """What the neighbouring cell has at the same waypoint, `(2 ends, starts, segments, joints)`."""
+    """Return the neighbouring cell's value at the same waypoint, 0 where there is none."""
     beside = np.zeros_like(ends)
     beside[0, :, 1:] = ends[1, :, :-1]
     beside[1, :, :-1] = ends[0, :, 1:]

@@ -26,7 +26,7 @@ from baselines.exact.interior_point import ROW_AXES, Arrived, Iterate, Rows
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# How far the interior-point method goes before this is tried: to gaps, of the duration, or its end.
+# Crossover is tried at these gaps, relative to the duration, and where the method has converged.
 ATTEMPTS: tuple[Arrived, ...] = (
     partial(interior_point.near, gap_rtol=1e-5),
     partial(interior_point.near, gap_rtol=1e-7),
@@ -35,9 +35,9 @@ ATTEMPTS: tuple[Arrived, ...] = (
 )
 MAX_STEPS = 6
 MISS_TOL = 1e-13
-# Of the Lagrangian's gradient, relative to the duration.
+# Largest entry of the Lagrangian's gradient, relative to the duration.
 SLOPE_RTOL = 1e-8
-# Of an active row's multiplier, from one step to the next.
+# An active row keeps this share of its multiplier from one step to the next.
 MIN_KEPT_MULTIPLIER = 0.75
 # Weight of an equation, relative to its row's weight in the interior-point method.
 STIFFNESS = 1e3
@@ -88,7 +88,7 @@ def minimised(
 
 
 def _crossed(iterate: Iterate) -> tuple[Rows, Bools]:
-    """Where Newton's method leads, and for which starts that is an optimum of the active rows."""
+    """Newton's method on the active rows, and which starts have reached an optimum of them."""
     state = iterate.state
     active = state.multipliers > MIN_KEPT_MULTIPLIER * iterate.before.multipliers
     # a row that is left out counts as inactive

@@ -32,13 +32,13 @@ FALL_POWER = 1.5
 MIN_LEFT = 0.02
 # The barrier waits while the Lagrangian's gradient is larger than both.
 WAIT_PER_GAP = 10.0
-WAIT_RTOL = 1e-2
-# Of the way to where a slack or a multiplier vanishes.
+WAIT_RTOL = 1e-1
+# A step goes this share of the way to where a slack or a multiplier vanishes.
 TO_BOUNDARY = 0.99
 # A slack becomes its row's value where that is at least this share of the slack before.
 MIN_KEPT_SLACK = 0.005
-# Of the logarithm of a segment time, in one step.
-MAX_LOG_STEP = 2.0
+# Largest change of the logarithm of a segment time in one step.
+MAX_LOG_STEP = 1.0
 # A step is shortened by this factor, at most so many times.
 SHORTER = 0.6
 MAX_SHORTENED = 40
@@ -87,7 +87,7 @@ class Rows(Protocol):
         """The rows after such a length of a step, `(starts,)`."""
 
     def follows(self, before: Self, /) -> Bools:
-        """Whether the method may go on from here after the rows before, `(starts,)`."""
+        """Return whether the step from the rows before may be taken, `(starts,)`."""
 
     def of(self, some: Bools, /) -> Self:
         """The rows of some of the starts."""
@@ -141,7 +141,7 @@ class State:
 
 
 class Iterate(NamedTuple):
-    """How far some starts are.
+    """The state of some starts after a step.
 
     Attributes:
         state: where they are.
@@ -270,6 +270,6 @@ def _shortened(rows: Rows, step: Any, length: Array) -> tuple[Rows, Array]:
 
 
 def _longest(values: Array, step: Array) -> Array:
-    """How far along a step, at most all of it, no value loses more than its share, `(starts,)`."""
+    """Return the longest step, at most 1, that keeps every value positive, `(starts,)`."""
     fastest = -(step / values).min(axis=ROW_AXES)
     return np.asarray(TO_BOUNDARY / np.maximum(fastest, TO_BOUNDARY))

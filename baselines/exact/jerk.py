@@ -34,11 +34,12 @@ if TYPE_CHECKING:
 
 # Times `starts`: how many are tried where all have failed so far.
 MAX_STARTS_FACTOR = 3
-STOPPING_DILATION = 1.05  # of stopping at every waypoint: a start
-MAX_START_DILATION = 2.0  # and at most, where times are random
-RELAXED_DILATION = 1.1  # of the optimum without jerk limits: another one
-# A start's time, in proportion to segments times moving joints, with what further starts cost
-# where one fails.
+# Dilations of starts: stopping at every waypoint, the most where times are random, and of the
+# optimum without jerk limits.
+STOPPING_DILATION = 1.05
+MAX_START_DILATION = 2.0
+RELAXED_DILATION = 1.1
+# Time of a start, proportional to segments times moving joints. It includes failing starts.
 SECONDS = 0.03
 SECONDS_PER_CELL = 2e-3
 

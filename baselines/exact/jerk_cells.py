@@ -26,18 +26,21 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# The upper profile, and the lower one seen mirrored: displacements and states change their signs.
+# Signs of the upper profile and of the lower one, which is seen mirrored.
 _SIGNS = np.array([1.0, -1.0])
 # The end is seen backwards, where acceleration changes its sign.
 _ENDS = _SIGNS.reshape(2, 1, 1, 1, 1)
-_ROUNDING_RTOL = 4e-15  # of a velocity: a link that misses by no more is met
-_SHRINKING = 0.7  # of end velocities that are out of reach, each time
-_MOST_SHRINKING = 100
-_DILATION = 1.1  # of a start that is out of reach, each time
-_MOST_DILATIONS = 15
-# Of what jerk and acceleration allow: what a start leaves at least, and with other end velocities.
-_LEAST_ROOM = 1e-3
-_SHRUNK_ROOM = 0.03
+# A residual of a link up to this, relative to its velocities, is rounding.
+_ROUNDING_RTOL = 4e-15
+# A start whose states are not reachable is dilated, and then its end velocities shrink.
+_DILATION = 1.1
+_MAX_DILATIONS = 15
+_SHRINKING = 0.7
+_MAX_SHRINKINGS = 100
+# Least slack of a start, relative to what jerk and acceleration allow: as dilated, and as shrunk.
+_MIN_SLACK = 1e-3
+_MIN_SHRUNK_SLACK = 0.03
+# Barrier parameter of a start, times the number of rows, relative to the duration.
 START_BARRIER_RTOL = 0.1
 
 
@@ -78,7 +81,7 @@ class Point(NamedTuple):
 
 
 class Cells:
-    """What stays the same from step to step.
+    """The constant tables of the program.
 
     Args:
         scaled: the problem.
@@ -132,13 +135,13 @@ class Cells:
             acceleration: likewise.
         """
         slower = np.ones((len(times), 1, 1))
-        for _ in range(_MOST_DILATIONS):
+        for _ in range(_MAX_DILATIONS):
             point = self._linked(
                 slower[..., 0] * times,
                 velocity / slower,
                 acceleration,
             )
-            short = self._short(point, _LEAST_ROOM)
+            short = self._short(point, _MIN_SLACK)
             if not short.any():
                 return point
             some = np.asarray(short.any(axis=(1, 2)))[:, None, None]
@@ -147,7 +150,7 @@ class Cells:
                 _DILATION * slower,
                 slower,
             )
-        for _ in range(_MOST_SHRINKING):
+        for _ in range(_MAX_SHRINKINGS):
             point = point._replace(
                 ends=np.where(
                     short,
@@ -156,7 +159,7 @@ class Cells:
                 )
                 * point.ends
             )
-            short &= self._short(point, _SHRUNK_ROOM)
+            short &= self._short(point, _MIN_SHRUNK_SLACK)
             if not short.any():
                 break
         return point
@@ -254,7 +257,7 @@ class Rows:
         return Rows(self.cells, self.point.moved(step, length))
 
     def follows(self, before: Rows) -> Bools:
-        """Whether every row keeps its share, and every state is within reach, `(starts,)`."""
+        """Return whether every row keeps its share and every state is reachable, `(starts,)`."""
         kept = (self.values / before.values).min(axis=ROW_AXES)
         reachable = self.profiles.reachable.all(axis=(0, 2, 3))
         return np.asarray((kept >= MIN_KEPT_SLACK) & reachable)
@@ -273,7 +276,7 @@ class Rows:
 
     @cached_property
     def missing(self) -> Array:
-        """What the links miss, in units of the cells' ends, `(2, starts, segments, joints)`."""
+        """Residual of the links in units of the cells' ends, `(2, starts, segments, joints)`."""
         velocity = at_ends(self.point.velocity)
         missing = velocity - self.mean - self.t * self.point.ends
         size = np.abs(velocity) + np.abs(self.mean)

@@ -113,7 +113,7 @@ def motion(scaled: Scaled, times: Array, states: Array) -> Trajectory:
         times: of the segments, in its unit, `(segments,)`.
         states: velocities and accelerations, `(2, segments - 1, joints)`.
     """
-    passages = np.r_[0.0, np.cumsum(times)] * scaled.unit
+    passages = np.r_[0.0, np.cumsum(times * scaled.unit)]
     rounded = np.diff(passages) / scaled.unit
     velocity, acceleration = states
     velocity = _in_rounded_times(times, rounded, velocity)

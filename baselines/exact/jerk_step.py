@@ -80,15 +80,18 @@ class Linear:
         return np.asarray(np.abs(self.rows.missing).max(axis=(0, 2, 3)))
 
     def slope(self, multipliers: Array) -> Array:
-        """The largest entry of the Lagrangian's gradient over the times, `(starts,)`."""
+        """The largest right-hand side of a step over the times, `(starts,)`.
+
+        It includes what the links miss: the barrier waits for both.
+        """
         chain = self.chain
-        gradient = chain.gradient(self._gradient(multipliers, 0.0))
+        gradient = chain.descent(self._gradient(multipliers))
         return np.asarray(np.abs(gradient[:, :: chain.layout.width]).max(axis=1))
 
     def step(self, aim: Array) -> tuple[Point, Array]:
         """The Newton step to these multipliers, and by how much it changes every row."""
         rows = self.rows
-        log, cells, velocity = self.chain.step(self._gradient(aim, 1.0))
+        log, cells, velocity = self.chain.step(self._gradient(aim))
         by_variable = np.moveaxis(cells, -1, 0)
         accelerations = by_variable[list(ACCELERATIONS)]
         acceleration = accelerations[1, :, :-1]
@@ -101,8 +104,8 @@ class Linear:
         step = Point(log, by_variable[list(VELOCITIES)], velocity, acceleration)
         return step, change
 
-    def _gradient(self, multipliers: Array, missed: float) -> Array:
-        """The gradient of the rows over the cells' variables, with what the links miss, or not."""
+    def _gradient(self, multipliers: Array) -> Array:
+        """The gradient of the rows over the cells' variables, with what the links miss."""
         rows = self.rows
         of_reach = (_reach(multipliers) * rows.slopes.first).sum(axis=1)
         of_acceleration, of_velocity = _room(multipliers)
@@ -114,7 +117,7 @@ class Linear:
             ]
         )
         by_state = np.moveaxis(states, (0, 1), (-1, -2))
-        velocity = np.moveaxis(missed * rows.t * rows.missing, 0, -1)
+        velocity = np.moveaxis(rows.t * rows.missing, 0, -1)
         by_state = by_state + self.at_waypoints[..., 0] * velocity[..., None]
         own = (by_state[..., None, :] @ self.own_states)[..., 0, :]
         return np.asarray(np.moveaxis(of_reach, 0, -1) + own.sum(axis=3))

@@ -265,14 +265,16 @@ def _bounds(scaled: Scaled) -> tuple[Array, Array]:
     low = _Variables(
         scaled.shortest / stop,
         [inner * slowest, inner * a1],
-        *low_profiles,
-        zero,
+        upper=low_profiles[0],
+        lower=low_profiles[1],
+        share=zero,
     )
     high = _Variables(
         LONGEST * stop.sum() / stop,
         [inner * fastest, inner * a2],
-        *high_profiles,
-        zero + 1,
+        upper=high_profiles[0],
+        lower=high_profiles[1],
+        share=zero + 1,
     )
     return flat(*low.tables), flat(*high.tables)
 

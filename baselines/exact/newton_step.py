@@ -97,9 +97,9 @@ class Linear:
     def slope(self, multipliers: Array) -> Array:
         """The largest entry of the Lagrangian's gradient, `(starts,)`."""
         by_s, by_x, by_p = self.rows.gradients(multipliers)
-        gradient = self.chain.gradient(_by_cell(by_s, by_x))
         steepest_peak = np.abs(by_p).max(axis=(0, 2, 3))
-        return np.asarray(np.maximum(np.abs(gradient).max(axis=1), steepest_peak))
+        steepest = self.chain.steepest(_by_cell(by_s, by_x))
+        return np.asarray(np.maximum(steepest, steepest_peak))
 
     def step(self, aim: Array) -> tuple[Point, Array]:
         """The Newton step to these multipliers, and by how much it changes every row."""
