@@ -100,8 +100,16 @@ class _Breaks(NamedTuple):
 
     def where(self, chosen: Bools, others: _Breaks) -> _Breaks:
         """Others where they are chosen `(segments, joints)`."""
-        first = np.where(chosen, others.first, self.first)
-        last = np.where(chosen, others.last, self.last)
+        first = np.where(
+            chosen,
+            others.first,
+            self.first,
+        )
+        last = np.where(
+            chosen,
+            others.last,
+            self.last,
+        )
         return self._replace(first=first, last=last)
 
     def moved(self, priority: Array, closest: Array) -> _Breaks:
@@ -114,8 +122,16 @@ class _Breaks(NamedTuple):
             return self
         priorities = np.hstack([priority, priority])
         order = np.argsort(inner, axis=1)
-        times = np.take_along_axis(inner, order, axis=1)
-        ranks = np.take_along_axis(priorities, order, axis=1)
+        times = np.take_along_axis(
+            inner,
+            order,
+            axis=1,
+        )
+        ranks = np.take_along_axis(
+            priorities,
+            order,
+            axis=1,
+        )
         # neighbours that are as close form a group
         steps = np.diff(times, axis=1)
         is_new = np.ones(times.shape, dtype=bool)
@@ -137,8 +153,16 @@ class _Breaks(NamedTuple):
         )
         start = self.start[:, :1]
         end = self.end[:, :1]
-        moved = np.where(end - moved <= closest, end, moved)
-        moved = np.where(moved - start <= closest, start, moved)
+        moved = np.where(
+            end - moved <= closest,
+            end,
+            moved,
+        )
+        moved = np.where(
+            moved - start <= closest,
+            start,
+            moved,
+        )
         first, last = np.hsplit(moved, 2)
         return self._replace(first=first, last=last)
 
@@ -188,20 +212,40 @@ def pieces(task: Task, passages: Array) -> list[Pieces]:
     limits = (task.v, task.a)
     # in the segment's rounded time the limits may allow a little less than all of it
     reach = extremes(*between, *limits)
-    covered = np.clip(task.h, reach.d_lo, reach.d_up)
+    covered = np.clip(
+        task.h,
+        reach.d_lo,
+        reach.d_up,
+    )
     task = task._replace(h=covered)
     ramps = gentlest(*between, covered, *limits)
     if np.isfinite(task.positions).any():
-        ramps = _within_positions(ramps, task, whole / task.unit)
-    breaks = _apart(ramps, task, passages)
+        ramps = _within_positions(
+            ramps,
+            task,
+            whole / task.unit,
+        )
+    breaks = _apart(
+        ramps,
+        task,
+        passages,
+    )
     # a trajectory stores breaks as one that only rounding separates
     resolution = np.full_like(whole, DISTINCT_RTOL * duration)
     breaks = breaks.moved(ramps.share, resolution)
     profiles = _covering(breaks, task)
     allowed = _allowed(profiles, task)
     if not allowed.all():
-        read = _read(breaks, ramps, task)
-        velocity = np.where(allowed, profiles.velocity, read)
+        read = _read(
+            breaks,
+            ramps,
+            task,
+        )
+        velocity = np.where(
+            allowed,
+            profiles.velocity,
+            read,
+        )
         profiles = _profiles(profiles.lengths, velocity)
     return _by_joint(
         breaks,
@@ -216,7 +260,11 @@ def _within_positions(ramps: Ramps, task: Task, t: Array) -> Ramps:
     spare = np.maximum(1 - ramps.share, 0.0)
     # joints that decide the segment's time have no choice
     has_choice = spare > _LEAST_SPARE
-    leaves = has_choice & _leaves_positions(ramps, task, t)
+    leaves = has_choice & _leaves_positions(
+        ramps,
+        task,
+        t,
+    )
     taken = 1 - _KEPT_SHARE * spare
     cruise, first, last = straightest(
         task.u,
@@ -226,9 +274,21 @@ def _within_positions(ramps: Ramps, task: Task, t: Array) -> Ramps:
         taken * task.a[:, None],
     )
     return Ramps(
-        np.where(leaves, cruise, ramps.peak),
-        np.where(leaves, first, ramps.first),
-        np.where(leaves, last, ramps.last),
+        np.where(
+            leaves,
+            cruise,
+            ramps.peak,
+        ),
+        np.where(
+            leaves,
+            first,
+            ramps.first,
+        ),
+        np.where(
+            leaves,
+            last,
+            ramps.last,
+        ),
         ramps.share,
     )
 
@@ -257,7 +317,11 @@ def _leaves_positions(ramps: Ramps, task: Task, t: Array) -> Bools:
 
 def _apart(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
     """The breaks of these ramps, none too close to others where limits allow that."""
-    own = _stored(ramps, task, passages)
+    own = _stored(
+        ramps,
+        task,
+        passages,
+    )
     start, first, last, end = own
     whole = end - start
     closest = np.maximum(_SLIVER * whole, DISTINCT_RTOL * passages[-1])
@@ -284,12 +348,20 @@ def _stored(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
     first = start + ramps.first * unit
     later = np.nextafter(first, np.inf)
     is_brief = (first - start) / unit < ramps.first
-    first = np.where(is_brief, later, first)
+    first = np.where(
+        is_brief,
+        later,
+        first,
+    )
     first = np.minimum(first, end)
     last = end - ramps.last * unit
     earlier = np.nextafter(last, -np.inf)
     is_brief = (end - last) / unit < ramps.last
-    last = np.where(is_brief, earlier, last)
+    last = np.where(
+        is_brief,
+        earlier,
+        last,
+    )
     last = np.maximum(first, last)
     return _Breaks(
         start,
@@ -308,7 +380,14 @@ def _longer(own: _Breaks, task: Task) -> _Breaks:
     start, first, last, end = own
     unit = task.unit
     takes_time = end > start
-    t = np.where(takes_time, end - start, unit) / unit
+    t = (
+        np.where(
+            takes_time,
+            end - start,
+            unit,
+        )
+        / unit
+    )
     step = task.w - task.u
     even = step / t
     # at the break: what velocity differs from its even change by
@@ -329,10 +408,18 @@ def _longer(own: _Breaks, task: Task) -> _Breaks:
         out=t.copy(),
         where=margin > 0,
     )
-    other = np.clip(other, t / 2, t)
+    other = np.clip(
+        other,
+        t / 2,
+        t,
+    )
     before_end = end - other * unit
     after_start = start + other * unit
-    inner = np.where(is_first, before_end, after_start)
+    inner = np.where(
+        is_first,
+        before_end,
+        after_start,
+    )
     return own._replace(first=inner, last=inner)
 
 
@@ -351,11 +438,27 @@ def _covering(breaks: _Breaks, task: Task) -> _Profiles:
     speeds_up = has_first & (middle + last > 0)
     slows_down = has_last & (first + middle > 0)
     # 2 h = (u + v1) t1 + (v1 + v2) t2 + (v2 + w) t3, where v1, v2 are the peak p, or u, w
-    by_first = np.where(speeds_up, first + middle, 0.0)
-    by_last = np.where(slows_down, middle + last, 0.0)
+    by_first = np.where(
+        speeds_up,
+        first + middle,
+        0.0,
+    )
+    by_last = np.where(
+        slows_down,
+        middle + last,
+        0.0,
+    )
     weight = by_first + by_last
-    from_u = u * np.where(speeds_up, first, middle)
-    from_w = w * np.where(slows_down, last, middle)
+    from_u = u * np.where(
+        speeds_up,
+        first,
+        middle,
+    )
+    from_w = w * np.where(
+        slows_down,
+        last,
+        middle,
+    )
     known = from_u + from_w
     peak = np.divide(
         2 * task.h - known,
@@ -364,10 +467,26 @@ def _covering(breaks: _Breaks, task: Task) -> _Profiles:
         where=weight > 0,
     )
     # a ramp that is all of the segment leads from one end to the other
-    before = np.where(has_first, w, u)
-    before = np.where(speeds_up, peak, before)
-    after = np.where(has_last, u, w)
-    after = np.where(slows_down, peak, after)
+    before = np.where(
+        has_first,
+        w,
+        u,
+    )
+    before = np.where(
+        speeds_up,
+        peak,
+        before,
+    )
+    after = np.where(
+        has_last,
+        u,
+        w,
+    )
+    after = np.where(
+        slows_down,
+        peak,
+        after,
+    )
     velocity = np.array([u, before, after, w])
     return _profiles(lengths, velocity)
 
@@ -415,7 +534,11 @@ def _profiles(lengths: Array, velocity: Array) -> _Profiles:
         out=np.zeros_like(lengths),
         where=lengths > 0,
     )
-    return _Profiles(lengths, velocity, acceleration)
+    return _Profiles(
+        lengths,
+        velocity,
+        acceleration,
+    )
 
 
 def _allowed(profiles: _Profiles, task: Task) -> Bools:

@@ -65,7 +65,12 @@ def extremes(
     first = (p_lo - u) ** 2 / (2 * a1)
     last = (p_lo - w) ** 2 / (2 * a2)
     d_lo = p_lo * t + first + last
-    return Extremes(p_up, d_up, p_lo, d_lo)
+    return Extremes(
+        p_up,
+        d_up,
+        p_lo,
+        d_lo,
+    )
 
 
 class Ramps(NamedTuple):
@@ -108,15 +113,31 @@ def gentlest(
     # seen upwards: mirrored where the motion falls behind constant acceleration
     beyond = h - (u + w) / 2 * t
     is_up = beyond >= 0
-    side = np.where(is_up, 1.0, -1.0)
+    side = np.where(
+        is_up,
+        1.0,
+        -1.0,
+    )
     beyond = side * beyond
     u = side * u
     w = side * w
     h = side * h
     step = w - u
-    top = np.where(is_up, v[1], -v[0])
-    a1 = np.where(is_up, -a[0], a[1])
-    a2 = np.where(is_up, a[1], -a[0])
+    top = np.where(
+        is_up,
+        v[1],
+        -v[0],
+    )
+    a1 = np.where(
+        is_up,
+        -a[0],
+        a[1],
+    )
+    a2 = np.where(
+        is_up,
+        a[1],
+        -a[0],
+    )
 
     # (A2 T s − d)(A1 T s + d) = 2 s (A1 + A2)(h − (u + w) T/2), d = w − u
     sum_a = a1 + a2
@@ -138,15 +159,31 @@ def gentlest(
         last = (top - w) ** 2 / (2 * a1)
         cruising = (first + last) / (top * t - h)
         cruises = peak > top
-        share = np.where(cruises, cruising, share)
+        share = np.where(
+            cruises,
+            cruising,
+            share,
+        )
         peak = np.minimum(peak, top)
         first = (peak - u) / (share * a2)
         last = (peak - w) / (share * a1)
     # no step and no way to make up for is no ramp
-    first = np.clip(np.nan_to_num(first), 0.0, t)
+    first = np.clip(
+        np.nan_to_num(first),
+        0.0,
+        t,
+    )
     rest = t - first
-    last = np.clip(np.nan_to_num(last), 0.0, rest)
-    last = np.where(cruises, last, rest)
+    last = np.clip(
+        np.nan_to_num(last),
+        0.0,
+        rest,
+    )
+    last = np.where(
+        cruises,
+        last,
+        rest,
+    )
     return Ramps(
         side * peak,
         first,
@@ -181,26 +218,62 @@ def straightest(
     a1 = -a[0]
     a2 = a[1]
     # from the mean velocity: then the displacement is 0
-    mean = h / np.where(t > 0, t, 1.0)
+    mean = h / np.where(
+        t > 0,
+        t,
+        1.0,
+    )
     u = u - mean
     w = w - mean
     with np.errstate(divide="ignore", invalid="ignore"):
         # a cruise between u and w takes A T − d from p T, and adds d (u + w)/2
         step = np.abs(w - u)
-        limit = np.where(w > u, a2, a1)
+        limit = np.where(
+            w > u,
+            a2,
+            a1,
+        )
         spare = limit * t - step
         between = -step * (u + w) / 2 / spare
-    above = _cruise_above(u, w, t, a1, a2)
-    below = -_cruise_above(-u, -w, t, a2, a1)
+    above = _cruise_above(
+        u,
+        w,
+        t,
+        a1,
+        a2,
+    )
+    below = -_cruise_above(
+        -u,
+        -w,
+        t,
+        a2,
+        a1,
+    )
     highest = np.maximum(u, w)
     lowest = np.minimum(u, w)
-    cruise = np.where(between > highest, above, between)
-    cruise = np.where(between < lowest, below, cruise)
+    cruise = np.where(
+        between > highest,
+        above,
+        between,
+    )
+    cruise = np.where(
+        between < lowest,
+        below,
+        cruise,
+    )
     cruise = np.nan_to_num(cruise)
 
-    limit = np.where(cruise > u, a2, a1)
+    limit = np.where(
+        cruise > u,
+        a2,
+        a1,
+    )
     first = np.abs(cruise - u) / limit
-    limit = np.where(w > cruise, a2, a1)
+    limit = np.where(
+        w > cruise,
+        a2,
+        a1,
+    )
     last = np.abs(w - cruise) / limit
     first = np.minimum(first, t)
     rest = t - first

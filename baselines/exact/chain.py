@@ -102,7 +102,11 @@ def _layout(segments: int, joints: int, orders: int) -> _Layout:
         [time, time - width, time + width, after - width, after],
         axis=-1,
     )
-    unknowns = np.where((unknowns >= 0) & (unknowns < size), unknowns, size)
+    unknowns = np.where(
+        (unknowns >= 0) & (unknowns < size),
+        unknowns,
+        size,
+    )
     row = unknowns[..., :, None]
     column = unknowns[..., None, :]
     is_lower = (row >= column) & (row < size)
@@ -133,7 +137,11 @@ class Chain:
         self.links = links
         self.matrix = matrix
         self.orders = orders
-        self.layout = _layout(segments, joints, orders)
+        self.layout = _layout(
+            segments,
+            joints,
+            orders,
+        )
         owned = owners(times)
         self.owned = owned
 
@@ -149,12 +157,28 @@ class Chain:
         for end in (0, 1):
             v = 1 + orders * end
             own = owned[end]
-            to_unknowns[..., v, 0] = np.where(own, 0.0, slope[end])
+            to_unknowns[..., v, 0] = np.where(
+                own,
+                0.0,
+                slope[end],
+            )
             beside = ratio[end] * beside_it(slope)[end]
-            to_unknowns[..., v, 1 + end] = np.where(own, 0.0, -beside)
-            to_unknowns[..., v, v + 2] = np.where(own, 1.0, ratio[end])
+            to_unknowns[..., v, 1 + end] = np.where(
+                own,
+                0.0,
+                -beside,
+            )
+            to_unknowns[..., v, v + 2] = np.where(
+                own,
+                1.0,
+                ratio[end],
+            )
             missed = missing[end] - ratio[end] * beside_it(missing)[end]
-            constant[..., v] = np.where(own, 0.0, missed)
+            constant[..., v] = np.where(
+                own,
+                0.0,
+                missed,
+            )
             for order in range(1, orders):
                 to_unknowns[..., v + order, v + order + 2] = 1.0
         self.to_unknowns = to_unknowns
@@ -204,7 +228,11 @@ class Chain:
             layout.places,
             layout.size * layout.height,
         )
-        bands = bands.reshape(starts, layout.size, layout.height)
+        bands = bands.reshape(
+            starts,
+            layout.size,
+            layout.height,
+        )
         bands[:, :: layout.width, 0] += self.times
         return bands
 
@@ -217,7 +245,11 @@ class Chain:
         unknowns = np.zeros((starts, size + 1))
         for start, band in enumerate(self.bands()):
             factor = self._factor(band, start)
-            solution, _ = scipy.linalg.lapack.dpbtrs(factor, gradient[start], lower=1)
+            solution, _ = scipy.linalg.lapack.dpbtrs(
+                factor,
+                gradient[start],
+                lower=1,
+            )
             unknowns[start, :-1] = solution
         own = unknowns[:, self.layout.unknowns]
         cells = np.matmul(self.to_unknowns, own[..., None])[..., 0] + self.constant
@@ -228,11 +260,19 @@ class Chain:
             velocities[1, :, :-1],
             velocities[0, :, 1:],
         )
-        return Solved(log, cells, velocity)
+        return Solved(
+            log,
+            cells,
+            velocity,
+        )
 
     def _velocities(self, log: Array, cells: Array) -> Array:
         """Change of the waypoints' velocities as each end of a cell has it."""
-        ends = np.moveaxis(cells[..., 1 :: self.orders], -1, 0)
+        ends = np.moveaxis(
+            cells[..., 1 :: self.orders],
+            -1,
+            0,
+        )
         slope, missing = self.links
         changes = ends - slope * log[..., None] - missing
         return np.asarray(self.times[..., None] * changes)

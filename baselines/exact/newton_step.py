@@ -86,7 +86,11 @@ class Linear:
         self.peak_x = peak_x
         self.peak_s = peak_s
         self.links = links
-        self.chain = Chain(rows.times, links, matrix)
+        self.chain = Chain(
+            rows.times,
+            links,
+            matrix,
+        )
 
     @property
     def apart(self) -> Array:
@@ -109,11 +113,19 @@ class Linear:
         solved = self.chain.step(_by_cell(by_s, by_x))
 
         # back: p from s and x
-        ends = np.moveaxis(solved.cells[..., 1:], -1, 0)
+        ends = np.moveaxis(
+            solved.cells[..., 1:],
+            -1,
+            0,
+        )
         x = both_sides(ends)
         s = solved.log[..., None]
         peaks = by_p / self.pp - self.peak_s * s - (self.peak_x * x).sum(axis=0)
-        step = Point(solved.log, solved.velocity, np.array([ends, peaks]))
+        step = Point(
+            solved.log,
+            solved.velocity,
+            np.array([ends, peaks]),
+        )
         return step, self.rows.change(step, x)
 
 
