@@ -126,7 +126,7 @@ def prove(
     while dual_check.is_empty(relaxation.root_box()):
         cutoff *= _LONGER_CUTOFF
         relaxation = Relaxation.of(problem, cutoff)
-    search = _Search(relaxation, gap, deadline)
+    search = _Search(relaxation, target, gap, deadline)
     if motion is not None:
         search.add_active_rows(relaxation.at(problem, motion))
     try:
@@ -152,12 +152,13 @@ class _Search:
     def __init__(
         self,
         relaxation: Relaxation,
+        target: float,
         gap: float,
         deadline: float,
     ) -> None:
         self.relaxation = relaxation
         self.deadline = deadline
-        self.target = relaxation.cutoff / (1 + _CUTOFF_ABOVE_TARGET * gap)
+        self.target = target / relaxation.time_unit
         self.least_violation = max(_FINAL_VIOLATION_SHARE * gap, _MIN_VIOLATION)
         self.total = relaxation.total()
         self.splits = 0
