@@ -1,1 +1,13 @@
-"""Exact minimum times: no discretisation."""
+"""Exact minimum times, without discretisation: the planners `exact` and `exact-jerk`.
+
+In reading order:
+
+- `several_starts`: what both planners share, the best of several local optima.
+- `scaled`: a problem without units.
+- `acceleration`, `acceleration_profiles`, `cells`, `newton_step`: velocity and acceleration limits.
+- `jerk`, `jerk_profiles`, `jerk_cells`, `jerk_step`, `jerk_descent`: jerk limits too.
+- `interior_point`, `chain`, `crossover`: the method of both, its Newton steps, active limits.
+- `acceleration_motion`, `jerk_motion`, `rounded`: the motion of an optimum between stored breaks.
+- `lifted_ipopt`: the same optima by IPOPT, an independent check.
+- `one_sided_jerk`: why limits of jerk on one side only have no optimum.
+"""

@@ -66,7 +66,7 @@ class Solved(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """Indices of the cells' unknowns in the vector of all unknowns.
+    """Positions of a cell's unknowns among all unknowns.
 
     A cell has the unknowns `(s, s before, s after, x, a, x', a')`.
 
@@ -303,7 +303,7 @@ def owners(times: Array) -> Bools:
 
 
 def beside_it(ends: Array) -> Array:
-    """Return the neighbouring cell's value at the same waypoint, 0 where there is none."""
+    """Return the neighbour's value at each end of every cell, 0 at the motion's ends."""
     beside = np.zeros_like(ends)
     beside[0, :, 1:] = ends[1, :, :-1]
     beside[1, :, :-1] = ends[0, :, 1:]

@@ -100,7 +100,7 @@ class Cells:
 
         self.beyond = kinds > 1
         self.signs = sides(one, -one)
-        # of a cell's variables, what each counts on either side: see `jerk_profiles`
+        # signs of a cell's variables as each side sees them, in the order of `jerk_profiles`
         self.seen = np.ones((5, *self.signs.shape))
         self.seen[1:4] = self.signs
         self.seen[4] = -self.signs
@@ -118,7 +118,7 @@ class Cells:
         self.falling = self.down[:2]
         self.widest = np.array([a2, a1])[:, None, None]
         slowest = np.maximum(r1, r2)
-        # what jerk and acceleration allow in a time: A, or J T where that is less
+        # jerk and acceleration allow A in a time T, or J T where that is less
         self.gentlest = np.minimum(a1, a2)
         self.slowest = np.where(
             slowest > 0,

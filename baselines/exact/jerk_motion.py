@@ -34,28 +34,34 @@ from trajopt.judging.verification import verify
 
 Array = NDArray[np.float64]
 
-# Of a segment: pieces so short are left out, the longest first, where the limits allow it.
+# Pieces shorter than these shares of a segment are left out where the limits allow it.
 _SLIVERS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12)
 _BRIEFEST_S = 2e-10  # and pieces that last no longer in any case
-_BRIEFEST_RTOL = 1e-3  # of a segment, where that is briefer
-_BRIEF = 1e-3  # of the mean stop time: a segment in which all joints share one grid
+# Or shorter than this share of a segment, where that is less.
+_BRIEFEST_RTOL = 1e-3
+# In segments shorter than this, relative to the mean stop time, all joints share one grid.
+_BRIEF = 1e-3
 _BRIEF_PIECES = 4
 # Breaks of two joints that are so near each other are at one place, where limits allow it.
 _NEAR_S = 1e-6
-_NEAR_UNIT_RTOL = 1e-3  # of the mean stop time, where that is brief
-# Of the velocity that a segment allows: what a ramp to a limit of acceleration may be worth where
-# leaving it out costs nothing, and what velocity and ramps at its own limit may.
+# Or so near, relative to the mean stop time, where that is less.
+_NEAR_UNIT_RTOL = 1e-3
+# States are put on a limit that they miss by less than this, in units of the velocity that the
+# segment allows: for limits of acceleration by the ramp to them, and for limits of velocity.
 _NEAR_LIMIT = 1e-11
 _NEAR_TOP = 1e-8
-_NEARBY = 1e-2  # and of the acceleration
-_EXCESS_RTOL = 3e-10  # of a limit: what leaving a break out may pass it by
+# They also miss it by less than this share of the acceleration.
+_NEARBY = 1e-2
+# A break is left out where no limit is exceeded by more than this share.
+_EXCESS_RTOL = 3e-10
 _MISS_RTOL = 1e-13  # of velocities: what the end may be missed by
 _ROUNDING_RTOL = 4e-15
 # Dilations of the times, beyond 1, among which the shortest certified motion is taken where the
 # first is certified later than this.
 _SLOWER = (0.0, 1e-9, 1e-8, 1e-7, 1e-6)
 _EXACT_RTOL = 1e-9
-_ALONE = 1e-8  # a smaller share than this is none
+# A profile with a smaller share is left out.
+_ALONE = 1e-8
 _TINY = 1e-300  # instead of dividing by 0
 
 
@@ -153,7 +159,9 @@ def _at_limits(
     velocity: Array,
     acceleration: Array,
 ) -> tuple[Array, Array]:
-    """States that hardly differ from a limit, at it: a ramp so brief is worth its square.
+    """Return the states, those that hardly differ from a limit put on it.
+
+    The velocity that such a ramp gains is the square of the difference.
 
     So is what acceleration differs from 0 by where a joint cruises through a waypoint.
     """
@@ -167,7 +175,7 @@ def _at_limits(
     )
     a1, a2 = scaled.a
     v1, v2 = scaled.v
-    # what jerk, acceleration and velocity allow in the briefer segment
+    # change of the states that the limits allow in the briefer segment
     room = np.minimum(
         np.minimum(a2, -a1),
         briefer / slowest,
@@ -176,7 +184,7 @@ def _at_limits(
         np.minimum(v2, -v1),
         room * briefer,
     )
-    # a ramp to the limit is worth (A − a)² r / 2 of velocity
+    # a ramp to the limit gains the velocity (A − a)² r / 2
     near = np.sqrt(_NEAR_LIMIT * fast / slowest)
     near = np.minimum(near, _NEARBY * room)
     acceleration = np.where(
@@ -395,7 +403,7 @@ def _fitted(course: Course, clock: Clock, places: Array) -> Pieces:
                 return stored, cubics
             if best is None or excess < best[0]:
                 best = (excess, (stored, cubics))
-    if best is None:  # where not even rounding allows three pieces
+    if best is None:  # the segment is too brief for three pieces
         return clock.stored(np.array([0.0, t])), _cubic(
             course,
             t,

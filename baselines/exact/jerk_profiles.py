@@ -1,4 +1,4 @@
-"""The extreme profiles of a cell under a jerk limit, in closed form (mathematics, section 4).
+"""Compute the extreme profiles under a jerk limit in closed form (mathematics, section 4).
 
 Between two states (velocity, acceleration), which profile covers most displacement in a given time?
 
@@ -31,10 +31,12 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _TINY = 1e-300  # instead of dividing by 0
-_LEAST_RISE = 1e-7  # of the acceleration: a rise to the velocity limit from nearly there
-_ROUNDING = 1e-12  # of the time: what a phase may take less than nothing
+# Least acceleration of a rise to the velocity limit, relative to the acceleration limit.
+_LEAST_RISE = 1e-7
+# Rounding of a phase, relative to the segment's time.
+_ROUNDING = 1e-12
 
-# Of the variables of a cell: its time's logarithm, then velocity and acceleration at either end.
+# Indices of a cell's variables: logarithm of the time, then velocity and acceleration at each end.
 TIME = 0
 VELOCITIES = (1, 3)
 ACCELERATIONS = (2, 4)
@@ -42,7 +44,7 @@ _VARIABLES = 5
 
 
 class Limits(NamedTuple):
-    """What bounds the profiles, as a cell counts it; arrays broadcast to `(2 sides, …)`.
+    """Limits of the profiles in the cell's units; arrays broadcast to `(2 sides, …)`.
 
     Attributes:
         steepest: accelerations of the rise and of the fall, `(2 ends, 2 sides, …)`.
@@ -150,7 +152,7 @@ class Profiles:
             time - c * root,
             hold,
         )
-        # where its peak were above the limit: as far as the limit, and a cruise
+        # a peak above the limit becomes a cruise at the limit
         bases = velocity - up * acceleration**2 / 2
         highest = bases[0] + rises[0] * (c * rises[0] / 2 + hold[0])
         gap = top - bases
@@ -213,7 +215,7 @@ class Profiles:
 
     @property
     def reachable(self) -> Bools:
-        """Whether no phase takes negative time, and both ends keep the velocity limit."""
+        """Return whether all phases take time and both ends keep the velocity limit."""
         briefest = np.minimum(
             self.first,
             self.hold,
@@ -299,7 +301,7 @@ class Profiles:
         d_last[TIME] -= last
         d_until = d_first + d_hold
 
-        # where the costate vanishes: in the middle of the last ramp, or between both holds
+        # the costate vanishes in the middle of the last ramp, or between both holds
         left = 1 - until.sum(axis=0)
         middle = (
             until

@@ -170,10 +170,10 @@ class Linear:
 
 
 def _reach(table: Array) -> Array:
-    """Of the rows' table what belongs to the cells' reach, `(4, starts, segments, joints)`."""
+    """Return the part of a table of rows for the reach, `(4, starts, segments, joints)`."""
     return table[:2].reshape(4, *table.shape[2:])
 
 
 def _room(table: Array) -> Array:
-    """Of the rows' table what belongs to inner waypoints: see `Rows.values`."""
+    """Return the part of a table of rows for inner waypoints, `(2, 2, starts, …)`."""
     return table[2:, :, :, :-1]

@@ -36,8 +36,10 @@ IPOPT: dict[str, float | str] = {
     "mumps_pivot_order": 0,  # approximate minimum degree: a fifth faster here than MUMPS's choice
 }
 
-LONGEST = 1.1  # of the time of stopping everywhere: stopping itself must lie inside
-SLOW = 1e-3  # of a limit without units: a velocity below it is lost in IPOPT's tolerances
+# Largest duration, relative to stopping everywhere: stopping itself must lie inside.
+LONGEST = 1.1
+# Velocity limits below this, without units, would be lost in IPOPT's absolute tolerances.
+SLOW = 1e-3
 TINY = 1e-300  # instead of dividing by 0
 
 

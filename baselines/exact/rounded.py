@@ -19,7 +19,7 @@ from trajopt.core.problem import Problem
 from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 
 Array = NDArray[np.float64]
-# Of the duration: breaks further apart are two, in whatever order the times were added up.
+# Breaks further apart than this, relative to the duration, are two in any order of summation.
 DISTINCT_RTOL = 2 * BREAK_RTOL
 
 _MENDINGS = 2  # the second one mends the rounding of the first
@@ -63,7 +63,7 @@ class Clock:
         places: Array,
         near: float,
     ) -> Array:
-        """The same, but those near a place of other joints' breaks are there.
+        """Return the stored breaks, those near a break of another joint moved there.
 
         Args:
             local: breaks, from 0 to the segment's end, in `unit`.
@@ -77,7 +77,7 @@ class Clock:
         return np.where(is_there, place, times)
 
     def stored_outwards(self, local: Array, places: Array) -> Array:
-        """The same such that no piece gets briefer, but for the longest."""
+        """Return the stored breaks such that only the longest piece gets briefer."""
         times = self.stored(local)
         lengths = np.diff(local) * self.unit
         longest = int(lengths.argmax())

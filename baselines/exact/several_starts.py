@@ -21,7 +21,7 @@ Start = TypeVar("Start")
 
 
 class Optimum(NamedTuple):
-    """Where one start led, exactly reachable.
+    """The local optimum of one start, exactly reachable.
 
     Attributes:
         duration: in the problem's own unit of time; infinite where that failed.

@@ -177,7 +177,7 @@ def test_more_starts_are_tried_until_as_many_agree_as_asked() -> None:
 
 
 def test_a_jerk_or_position_limit_makes_it_a_relaxation() -> None:
-    """What is not proved is no lower bound, and a motion that breaks a limit does not solve."""
+    """A duration that is not proved is not reported as a lower bound."""
     for name in ("jerk-limit", "position-limits"):
         problem = load(name)
         solution = Exact().solve(problem)

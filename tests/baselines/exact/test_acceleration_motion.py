@@ -146,7 +146,7 @@ def test_a_motion_late_in_a_long_trajectory_covers_its_displacement(seed: int) -
 
 
 def shortest_piece(problem: Problem) -> float:
-    """Of its segment, the shortest piece of `exact`'s answer."""
+    """Return the shortest piece of `exact`'s answer, relative to its segment."""
     trajectory = Exact().solve(problem).trajectory
     assert trajectory is not None
     assert verify(problem.without("jerk", "position"), trajectory).dilation < 1 + 1e-9
