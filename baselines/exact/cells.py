@@ -231,6 +231,7 @@ class Rows:
     """
 
     start_slack = 0.1
+    min_gap_rtol = 1e-13
 
     def __init__(self, cells: Cells, point: Point) -> None:
         peaks = point.peaks

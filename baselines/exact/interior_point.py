@@ -25,7 +25,6 @@ MAX_ITERATIONS = 300
 GAP_RTOL = 1e-12
 GAIN_RTOL = 1e-10
 MISS_TOL = 1e-11
-MIN_BARRIER_RTOL = 1e-13
 START_LENGTH = 0.5
 # The gap falls by `(1 - length of the last step) ** FALL_POWER`, at most by the least share.
 FALL_POWER = 1.5
@@ -71,11 +70,13 @@ class Rows(Protocol):
         values: positive inside, `(kinds, 2 sides, starts, segments, joints)`.
         times: of the segments, `(starts, segments)`.
         start_slack: the least slack that a start has.
+        min_gap_rtol: least complementarity gap that a step aims at, relative to the duration.
         start_barrier: product of slack and multiplier at the start, `(starts,)`.
     """
 
     point: Any
     start_slack: float
+    min_gap_rtol: float
     start_barrier: Array
     values: Array
     times: Array
@@ -221,7 +222,7 @@ def _stepped(iterate: Iterate) -> Iterate:
     left = np.where(waits, 1.0, np.maximum(1 - iterate.length, MIN_LEFT))
     gap = np.maximum(
         left**FALL_POWER * state.gap,
-        MIN_BARRIER_RTOL * state.duration,
+        state.rows.min_gap_rtol * state.duration,
     )
     barrier = (gap / slacks[:, :, 0].size)[:, None, None]
 
