@@ -93,7 +93,7 @@ class CMAES(Evolution):
     def _descent(self, random: Random, dim: int, population: int) -> Run:
         """One descent until it has converged; a large population is asked in several batches."""
         options = {"popsize": population, "randn": lambda *shape: random.standard_normal(shape)}
-        strategy = backend("cma").CMAEvolutionStrategy(
+        strategy = backend("cma", "cma").CMAEvolutionStrategy(
             random.random(dim), self.sigma0, options | _QUIET
         )
         while not strategy.stop():
@@ -210,11 +210,12 @@ class CMAESPlanner(EvolutionPlanner):
 
     optimiser: Optimiser = field(default_factory=CMAES)
     requires = ("cma",)
+    extra = "cma"
 
     def solve_batch(self, problem: Problem, seeds: Sequence[int]) -> list[Solution]:
         """One answer per seed; raises `MissingBackend` where `cma` is not installed."""
         began = time.perf_counter()
-        backend("cma")
+        backend("cma", "cma")
         setup_time = time.perf_counter() - began
         return [replace(s, setup_time=setup_time) for s in super().solve_batch(problem, seeds)]
 

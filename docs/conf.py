@@ -8,7 +8,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 project = "mintime"
 author = "The mintime authors"
-version = release = version_of("trajopt")
+version = release = version_of("mintime")
 
 extensions = [
     "myst_parser",

@@ -155,7 +155,7 @@ def _by_registered_planner(candidate: Candidate) -> Candidate:
     name, _, _ = candidate.origin.method.partition(":")
     if name != PROOF_TRIAL:
         return candidate
-    own = replace(candidate.origin, method=PROOF, version=version("trajopt"))
+    own = replace(candidate.origin, method=PROOF, version=version("mintime"))
     return replace(candidate, origin=own)
 
 

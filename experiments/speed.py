@@ -140,7 +140,7 @@ def searches(
     try:
         ways.append(_counted("pygmo's PSO", _pygmo(fitness, iterations)))
     except ModuleNotFoundError:
-        note = "not installed: pip install 'trajopt[bench]'"
+        note = "not installed: pip install 'mintime[bench]'"
         yield Row(task, "pygmo's PSO", np.nan, "µs", note)
     yield from side_by_side(task, ways, "µs", repeats)
 

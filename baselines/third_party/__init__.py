@@ -4,7 +4,7 @@ All of them follow one rule: run the package with up to twelve settings, and ret
 the shortest certified duration. The first setting is that of the package's own example, so
 `tries=1` is what its documentation shows. Each file lists its choices and their sources.
 
-Each package is an extra (`pip install "trajopt[rivals]"` for all). These planners run on request,
+Each package is an extra (`pip install "mintime[rivals]"` for all). These planners run on request,
 and are judged as every other planner is.
 
 - `drake_toppra.py`, `totg.py`: the fastest timing of a path;

@@ -332,14 +332,14 @@ def command_page() -> None:
 def experiments_page() -> None:
     """Copy the experiments' page, with its links as seen from here."""
     text = (ROOT / "experiments" / "README.md").read_text(encoding="utf-8")
-    text = text.replace("](../docs/", "](").replace("](stored/", "](../experiments/stored/")
-    write(DOCS / "experiments.md", text)
+    text = text.replace("](../docs/", "](../").replace("](stored/", "](../../experiments/stored/")
+    write(DOCS / "questions" / "index.md", text)
 
 
 def as_on_the_site(app: Sphinx, name: str, source: list[str]) -> None:
     """Adapt links of pages that are read in the repository too; a site has no folders."""
     text = re.sub(r"\[[^\]]+\]\((examples/[\w-]+)\)", r"`docs/\1`", source[0])
-    text = text.replace("](../experiments/README.md", "](experiments.md")
+    text = text.replace("](../experiments/README.md", "](questions/index.md")
     source[0] = re.sub(r"\]\(\.\./(README|CONTRIBUTING)\.md\)", "](index.md)", text)
 
 

@@ -369,7 +369,7 @@ def test_options_are_set_from_text():
 def test_a_missing_library_is_told_with_the_line_that_mends_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "cma", None)
     entry = Entry("cmaes", EntryPoint("cmaes", "baselines.evolution:cmaes", GROUP))
-    assert entry.missing() == "cma is not installed; mend it with: pip install cma"
+    assert entry.missing() == 'cma is not installed; install it with: pip install "mintime[cma]"'
     with pytest.raises(MissingBackend, match="pip install cma"):
         cmaes.solve(SIX_AXIS)
     (trial,) = judge(cmaes, SIX_AXIS, [0], "cmaes")

@@ -51,7 +51,7 @@ def test_where_it_is_not_installed_the_extra_is_named(
     own = entries()[name].load()
     missing = entries()[name].missing()
     assert missing is not None
-    assert missing.endswith(f'pip install "trajopt[{own.extra}]"')
+    assert missing.endswith(f'pip install "mintime[{own.extra}]"')
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -322,7 +322,7 @@ def test_the_same_or_a_shorter_timeout_does_not():
     assert Allowance(1.0).would_stop(stopped)
     assert not Allowance(61.0).would_stop(stopped)
     assert not Allowance().would_stop(stopped)
-    earlier = replace(stopped, provenance={"trajopt": "0.1.0"})  # did not say its limit
+    earlier = replace(stopped, provenance={"mintime": "0.1.0"})  # did not say its limit
     assert not Allowance(1.0).would_stop(earlier)
 
 

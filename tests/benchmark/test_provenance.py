@@ -118,7 +118,7 @@ def test_our_planners_name_our_distribution_and_are_digested_in_no_time():
     began = time.process_time()
     code = code_of(planner)
     assert time.process_time() - began < 0.3  # 20 ms where nobody else is working
-    assert (code.distribution, code.version) == ("trajopt", provenance.provenance()["trajopt"])
+    assert (code.distribution, code.version) == ("mintime", provenance.provenance()["mintime"])
     assert code_of(load("toppra:knots=chord")) == code  # options are not code
     assert code_of(load("exact")).digest != code.digest  # another class is
 
@@ -221,7 +221,7 @@ def test_a_trial_says_whose_code_ran_and_old_ones_keep_their_identity():
     )
     assert trial.id == trial_id(PROBLEM, "stopping", trial.options, 3, code.digest)
     old = {key: value for key, value in trial.provenance.items() if not key.startswith("planner_")}
-    release = trial.provenance["trajopt"]
+    release = trial.provenance["mintime"]
     earlier = replace(trial, provenance=old).id
     assert earlier == trial_id(PROBLEM, "stopping", trial.options, 3, release)
     assert earlier != trial.id

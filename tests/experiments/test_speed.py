@@ -21,7 +21,7 @@ def test_quick_mode_has_every_task_and_says_what_is_missing(tmp_path, monkeypatc
     assert table["task"].nunique() == 2
     missing = table.loc["pygmo's PSO"]
     assert np.isnan(missing["cost"])
-    assert "trajopt[bench]" in missing["note"]
+    assert "mintime[bench]" in missing["note"]
     measured = table.drop(index="pygmo's PSO")
     assert (measured["cost"] >= 0).all()
 

@@ -50,7 +50,7 @@ from trajopt.core.harmless import harmless
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import entries
 
-PACKAGES = ("trajopt", "numpy", "scipy", "casadi", "toppra", "ruckig", "highspy", "h5py")
+PACKAGES = ("mintime", "numpy", "scipy", "casadi", "toppra", "ruckig", "highspy", "h5py")
 
 _OURS = ("trajopt", "baselines")
 # No trial depends on these files, except on `_JUDGES`.
@@ -384,7 +384,7 @@ def _release(module: str) -> _Release:
         if entry.point.module.partition(".")[0] == package and entry.point.dist is not None:
             found = entry.point.dist
     try:
-        found = found or distribution("trajopt" if package in _OURS else package)
+        found = found or distribution("mintime" if package in _OURS else package)
     except (PackageNotFoundError, ValueError):  # a script
         return _Release("", "")
     return _Release(found.name, found.version)
@@ -448,7 +448,7 @@ def _record() -> str:
 def _metadata(file: str) -> str:
     """A file that the installer wrote beside this distribution; empty where it did not."""
     try:
-        return distribution("trajopt").read_text(file) or ""
+        return distribution("mintime").read_text(file) or ""
     except PackageNotFoundError:
         return ""
 

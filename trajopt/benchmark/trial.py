@@ -74,7 +74,7 @@ class Trial:
     @property
     def code(self) -> str:
         """Digest of the code that ran; trials of old know the package's version alone."""
-        return self.provenance.get("planner_digest") or self.provenance["trajopt"]
+        return self.provenance.get("planner_digest") or self.provenance["mintime"]
 
     @property
     def runs_again(self) -> bool:

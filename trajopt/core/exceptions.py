@@ -121,8 +121,8 @@ class MissingBackend(TrajoptError, ImportError):
     def __init__(self, package: str, extra: str = "") -> None:
         self.package = package
         self.extra = extra
-        wanted = f'"trajopt[{extra}]"' if extra else package
-        super().__init__(f"{package} is not installed; mend it with: pip install {wanted}")
+        wanted = f'"mintime[{extra}]"' if extra else package
+        super().__init__(f"{package} is not installed; install it with: pip install {wanted}")
 
 
 class StoreError(TrajoptError, OSError):

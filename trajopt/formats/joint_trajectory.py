@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from trajopt.core import files
 from trajopt.core.exceptions import InvalidInput
@@ -80,7 +79,7 @@ def write(path: Path, samples: Samples) -> None:
     if path.suffix == ".json":
         text = json.dumps(message, indent=1) + "\n"
     elif path.suffix in (".yaml", ".yml"):
-        text = yaml.safe_dump(message, sort_keys=False, default_flow_style=None)
+        text = yaml_file.text(message)
     else:
         right = "a file ending in .json, .yaml or .yml"
         raise InvalidInput(_WHAT, right, value=str(path))

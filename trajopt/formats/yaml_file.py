@@ -13,13 +13,15 @@ from math import pi
 from pathlib import Path
 from typing import Any
 
-import yaml
+try:
+    import yaml
+except ImportError:  # `_check_installed` says so when a YAML file is read or written
+    yaml = None
 
 from trajopt.core import files, numerals
-from trajopt.core.exceptions import InvalidInput, shortened
+from trajopt.core.exceptions import InvalidInput, MissingBackend, shortened
 
 _DEGREE = pi / 180  # rad
-_PARSER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TEXT_TAGS = ("!", "tag:yaml.org,2002:str")
 _KINDS = ("bool", "float", "int", "map", "null", "seq")
 _TAGS = (*_TEXT_TAGS, *(f"tag:yaml.org,2002:{kind}" for kind in _KINDS))
@@ -65,6 +67,7 @@ def documents(path: Path, what: str) -> list[Any]:
     Raises:
         InvalidInput: It cannot be read, is not YAML, has a key twice or an alias.
     """
+    _check_installed()
     content = files.text(path, what, "YAML")
     try:
         found = list(_Documents(content))
@@ -74,6 +77,18 @@ def documents(path: Path, what: str) -> list[Any]:
     except (ValueError, yaml.YAMLError) as error:
         raise files.unreadable(path, what, "YAML", error) from None
     return [document for document in found if document is not None]
+
+
+def text(table: Any) -> str:
+    """Return a table as YAML."""
+    _check_installed()
+    written: str = yaml.safe_dump(table, sort_keys=False, default_flow_style=None)
+    return written
+
+
+def _check_installed() -> None:
+    if yaml is None:
+        raise MissingBackend("pyyaml", "ros")
 
 
 def number(value: Any) -> float | None:
@@ -87,7 +102,8 @@ class _Documents:
     """The documents of a text. An alias counts as the values that it repeats."""
 
     def __init__(self, content: str) -> None:
-        self._events: Iterator[yaml.Event] = yaml.parse(content, Loader=_PARSER)
+        parser = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+        self._events: Iterator[yaml.Event] = yaml.parse(content, Loader=parser)
         self._anchored: dict[str, Any] = {}
         self._count = 0
 

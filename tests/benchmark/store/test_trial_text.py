@@ -235,7 +235,7 @@ def changed(*path, to):
         (changed("message", to="\x1b[31m"), "control characters"),
         (changed("started", to="yesterday"), "started: expected a time"),
         (changed("status", to="excellent"), "excellent"),
-        (changed("provenance", to={"trajopt": 3}), "provenance: trajopt: expected text"),
+        (changed("provenance", to={"mintime": 3}), "provenance: mintime: expected text"),
         (changed("provenance", to={}), "provenance: trajopt"),
         (changed("extra", to=1), "extra"),
         (changed("problem", "digest", to="0" * 64), "problem.digest"),

@@ -322,7 +322,7 @@ def test_the_meta_file_has_the_keys_and_says_what_was_run(tmp_path):
     assert (meta["maximization"], meta["function_name"]) == (False, "two joints")
     assert (meta["algorithm"]["name"], meta["function_id"]) == ("mine:segment_time=0.5", 1)
     assert json.loads(meta["algorithm"]["info"])["segment_time"] == 0.5
-    assert trials[0].provenance["trajopt"] in meta["experiment_attributes"][0]["provenance"]
+    assert trials[0].provenance["mintime"] in meta["experiment_attributes"][0]["provenance"]
     assert set(scenario) == {"dimension", "path", "runs"}
     assert scenario["dimension"] == 3
     assert [r["seed"] for r in scenario["runs"]] == [2, 4]

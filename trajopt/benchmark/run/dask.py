@@ -30,7 +30,7 @@ def executor(address: str) -> Iterator[Executor]:
         MissingBackend: Dask is not installed.
         InvalidInput: No scheduler answers.
     """
-    distributed = backend("distributed")
+    distributed = backend("distributed", "cluster")
     try:
         file = Path(address)
         where = files.json(file, "--dask")["address"] if file.is_file() else address

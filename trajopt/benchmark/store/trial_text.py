@@ -206,7 +206,7 @@ def _check_provenance(provenance: Mapping[str, Any]) -> None:
     for name, text in provenance.items():
         if not isinstance(text, str):
             raise Malformed(f"provenance: {name}: expected text, found {text!r:.80}")
-    if "trajopt" not in provenance:
+    if "mintime" not in provenance:
         raise Malformed("provenance: trajopt, the package's version, is missing")
 
 

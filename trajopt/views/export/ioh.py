@@ -125,7 +125,7 @@ def _described(experiment: _Experiment) -> dict[str, Any]:
     first = experiment.trials[0]
     origins = set()
     for trial in experiment.trials:
-        release = trial.provenance.get("trajopt", "")
+        release = trial.provenance.get("mintime", "")
         commit = trial.provenance.get("commit", "")
         origins.add(f"trajopt {release}, commit {commit}")
     provenance = "; ".join(sorted(origins))

@@ -76,7 +76,7 @@ def write_csv(results: Results, path: Path) -> None:
 
 def write_parquet(results: Results, path: Path) -> None:
     """Types included; needs pyarrow."""
-    backend("pyarrow")
+    backend("pyarrow", "parquet")
     trials = table(results)
 
     def fill(place: Path) -> None:

@@ -13,11 +13,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-import jinja2
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
-
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.views.analysis.pairwise import TIE_DIGITS
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.searches import TARGETS
@@ -27,6 +23,13 @@ from trajopt.views.report import page as content
 from trajopt.views.report import pairwise as rivals
 from trajopt.views.report import panels as motions
 from trajopt.views.report.packing import packed, packed_json
+
+try:
+    import jinja2
+    from markupsafe import Markup
+    from plotly.offline import get_plotlyjs
+except ImportError as error:
+    raise MissingBackend("plotly or jinja2", "report") from error
 
 TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB
 _BEGINNING = 1000  # characters, in which a report says whose it is

@@ -157,7 +157,7 @@ def release(items: Sequence[Trial]) -> str:
     versions: dict[str, None] = {}
     commits = set()
     for trial in items:
-        version = trial.provenance.get("trajopt", "")
+        version = trial.provenance.get("mintime", "")
         commit = trial.provenance.get("commit", "")
         versions[version] = None
         if commit:
