@@ -6,7 +6,7 @@
 The literature gives a swarm the segment times of a 3-5-3, or of a quintic B-spline, and compares
 it with other swarms. Here every swarm gets the same fitness (every candidate dilated to the limits)
 and the same evaluations, beside one local search (Nelder and Mead from equal times, one run, the
-same budget). Every answer is certified by the verifier. NiaPy (`pip install 'trajopt[bench]'`)
+same budget). Every answer is certified by the verifier. NiaPy (`pip install 'mintime[bench]'`)
 gives PSO, GWO, GA, DE, HHO and ABC with their own parameters; ours are SSA, ISSA and CMA-ES.
 """
 

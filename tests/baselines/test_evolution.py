@@ -370,9 +370,9 @@ def test_a_missing_library_is_told_with_the_line_that_mends_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "cma", None)
     entry = Entry("cmaes", EntryPoint("cmaes", "baselines.evolution:cmaes", GROUP))
     assert entry.missing() == 'cma is not installed; install it with: pip install "mintime[cma]"'
-    with pytest.raises(MissingBackend, match="pip install cma"):
+    with pytest.raises(MissingBackend, match=r"mintime\[cma\]"):
         cmaes.solve(SIX_AXIS)
     (trial,) = judge(cmaes, SIX_AXIS, [0], "cmaes")
     assert trial.status is Status.MISSING
-    assert "pip install cma" in trial.message
+    assert "mintime[cma]" in trial.message
     assert replace(de, iterations=1).solve(SIX_AXIS).status is Status.SOLVED

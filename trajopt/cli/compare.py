@@ -145,7 +145,9 @@ def _show(
         console.paragraph()
     if len(problems) > MAX_PROBLEMS_WITH_TABLES:
         page = overview.show(results, folder)
-        files = [f"{stored})", f"report:  {page} ({count})"]
+        files = [f"{stored})"]
+        if page is not None:
+            files.append(f"report:  {page} ({count})")
     else:
         with console.waiting("drawing the figures"):
             figures = draw.draw(results.items, folder / "figures")

@@ -7,6 +7,7 @@ from math import inf, isfinite
 from pathlib import Path
 
 from trajopt.cli import console
+from trajopt.core.exceptions import MissingBackend
 from trajopt.views import report
 from trajopt.views.analysis.failures import failures, in_words
 from trajopt.views.analysis.overview import overview
@@ -20,12 +21,18 @@ them it has no answer). Worst: of any solved trial."""
 MAX_FAILURE_KINDS = 3  # shown of each planner
 
 
-def show(results: Results, folder: Path) -> Path:
-    """Print a line per planner, and write the report unless it is there; returns its path."""
-    page = folder / "report.html"
-    if not report.is_of(results, page):
-        with console.waiting("writing the report"):
-            report.write(results, page, command=f"trajopt report {folder}")
+def show(results: Results, folder: Path) -> Path | None:
+    """Print a line per planner, and write the report unless it is there.
+
+    Returns:
+        The report's path; None where the extra `report` is not installed.
+    """
+    page: Path | None = folder / "report.html"
+    try:
+        _write_report(results, folder / "report.html")
+    except MissingBackend as error:
+        page = None
+        console.note(f"no report: {error}")
     numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
     table = console.table("planner", *numbers, numbers=numbers)
     for row in overview(results).itertuples():
@@ -45,6 +52,13 @@ def show(results: Results, folder: Path) -> Path:
     console.paragraph(_MEANING)
     console.paragraph()
     return page
+
+
+def _write_report(results: Results, page: Path) -> None:
+    """Write the report unless it is there and of these trials."""
+    if not report.is_of(results, page):
+        with console.waiting("writing the report"):
+            report.write(results, page, command=f"trajopt report {page.parent}")
 
 
 def _why_failed(results: Results) -> Iterator[str]:

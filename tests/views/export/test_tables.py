@@ -221,7 +221,7 @@ def test_no_trials_are_a_table_without_rows(tmp_path, to):
 
 def test_parquet_without_pyarrow_says_how_to_mend_it(tmp_path, results, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(MissingBackend, match="pip install pyarrow"):
+    with pytest.raises(MissingBackend, match=r"mintime\[parquet\]"):
         all_trials.write(results, "parquet", tmp_path / "t.parquet")
     assert list(tmp_path.iterdir()) == []
 

@@ -28,8 +28,8 @@ try:
     import jinja2
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
-except ImportError as error:
-    raise MissingBackend("plotly or jinja2", "report") from error
+except ImportError:  # `write` says so
+    jinja2 = None
 
 TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB
 _BEGINNING = 1000  # characters, in which a report says whose it is
@@ -52,8 +52,11 @@ def write(
 
     Raises:
         InvalidInput: there is no trial.
+        MissingBackend: the extra `report` is not installed.
         OSError: the file cannot be written.
     """
+    if jinja2 is None:
+        raise MissingBackend("plotly", "report")
     if not results.items:
         raise InvalidInput("results", "at least one trial")
     page = content.page(results)
