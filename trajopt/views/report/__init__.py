@@ -29,7 +29,7 @@ try:
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
 except ImportError:  # `write` says so
-    jinja2 = None
+    jinja2 = None  # type: ignore[assignment]
 
 TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB
 _BEGINNING = 1000  # characters, in which a report says whose it is
