@@ -582,7 +582,7 @@ def test_planners_are_named_with_the_distribution_that_they_are_of() -> None:
     stranger = {"planner_distribution": "strangers-planners", "planner_version": "1.2"}
     one = replace(one, provenance=one.provenance | stranger)
     told = origin.planners_code([one, two])
-    assert told == f"strangers-planners 1.2: mine; trajopt {two.provenance['trajopt']}: unoptimised"
+    assert told == f"strangers-planners 1.2: mine; mintime {two.provenance['mintime']}: unoptimised"
 
 
 def test_the_command_line_does_not_know_planners_of_a_script(tmp_path: Path) -> None:

@@ -105,7 +105,7 @@ def facts(items: Sequence[Trial]) -> list[tuple[str, str]]:
 
 
 def planners_code(items: Sequence[Trial]) -> str:
-    """`trajopt 0.1.0: exact, pso; strangers-planners 1.2: mine`."""
+    """`mintime 0.1.0: exact, pso; strangers-planners 1.2: mine`."""
     planners: dict[str, set[str]] = {}
     for trial in items:
         name = trial.provenance.get("planner_distribution", "")
@@ -162,7 +162,7 @@ def release(items: Sequence[Trial]) -> str:
         versions[version] = None
         if commit:
             commits.add(commit)
-    told = f"trajopt {', '.join(versions)}"
+    told = f"mintime {', '.join(versions)}"
     if len(commits) > 1:
         return f"{told}, {len(commits)} commits (see below)"
     for name in commits:
