@@ -217,3 +217,14 @@ def test_links_are_never_followed(tmp_path):
     path.write_bytes(results_file.sealed(path.read_bytes()))
     with pytest.raises(StoreError, match="in this very file"):
         read(path)
+
+
+def test_a_file_of_nothing_but_damaged_texts_is_refused_at_once(tmp_path):
+    path = save(tmp_path / "x.h5", solved())
+    with h5py.File(path, "r+") as file:
+        texts = file["texts"]
+        texts.resize((40 * CHUNK,))
+        texts[...] = 0
+    path.write_bytes(results_file.sealed(path.read_bytes()))
+    with pytest.raises(StoreError, match="more than 3 of its texts are damaged"):
+        read(path)

@@ -31,6 +31,7 @@ _FINISHED = ".json"
 _UNANSWERED = ".missing.json"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.json")
 _REASON_CHARACTERS = 300  # shown of an error of HDF5 or JSON
+_MAX_DAMAGED_TEXTS = 3  # in a `results.h5`, which is made of whole texts; more are a forgery
 
 
 class Damaged(StoreError):
@@ -335,10 +336,28 @@ def recorded(
             yield trial_text.read(_load(path))
     else:
         with _reading(path):
-            for text in results_file.read(path):
-                trial_id = trial_text.stated_id(text)
-                if ids is None or trial_id in ids:
-                    yield from _trial(path / trial_id, text, damaged)
+            yield from _of_results(path, damaged, ids)
+
+
+def _of_results(
+    path: Path,
+    damaged: OnDamage,
+    ids: Collection[str] | None,
+) -> Iterator[Trial]:
+    """Yield the trials of a `results.h5`."""
+    count = 0
+
+    def counted(error: Damaged) -> None:
+        nonlocal count
+        count += 1
+        if count > _MAX_DAMAGED_TEXTS:
+            raise ValueError(f"more than {_MAX_DAMAGED_TEXTS} of its texts are damaged")
+        damaged(error)
+
+    for text in results_file.read(path):
+        trial_id = trial_text.stated_id(text)
+        if ids is None or trial_id in ids:
+            yield from _trial(path / trial_id, text, counted)
 
 
 def _trial(place: Path, text: bytes, damaged: OnDamage) -> Iterator[Trial]:
