@@ -31,7 +31,7 @@ _FINISHED = ".json"
 _UNANSWERED = ".missing.json"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.json")
 _REASON_CHARACTERS = 300  # shown of an error of HDF5 or JSON
-_MAX_DAMAGED_TEXTS = 3  # in a `results.h5`, which is made of whole texts; more are a forgery
+_MAX_DAMAGED_TEXTS = 2  # in a `results.h5`, which is made of whole texts; more are a forgery
 
 
 class Damaged(StoreError):
