@@ -91,7 +91,13 @@ def compare(
     loaded = [p if isinstance(p, Problem) else catalogue.load(str(p)) for p in problems]
     tasks = plan(loaded, [_configuration(planner) for planner in planners], seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
-    done = set() if fresh else asked & _done(store, allowed)
+    known = None if fresh else store.current(asked)
+    if fresh:
+        done = set()
+    elif known is None:
+        done = asked & _done(store, allowed)
+    else:
+        done = {t.id for t in known if not t.runs_again or allowed.would_stop(t)}
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
     progress(Progress(len(asked), finished, len(done)))
@@ -102,11 +108,10 @@ def compare(
             finished += len(task.seeds)
             seen.add(written)
             progress(Progress(len(asked), finished, len(done)))
-    found = None if waiting else store.current(asked)
-    if found is None:
+    if waiting or known is None:
         store.restore(before, seen)
-        found = _consolidated(store, asked, seen)
-    trials = _marked(store, found)
+        known = _consolidated(store, asked, seen)
+    trials = _marked(store, known)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Results(trials, kept)

@@ -226,6 +226,8 @@ class Store:
 
     def others(self, ids: Collection[str]) -> list[dict[str, Any]]:
         """Return the fields of the other trials in `results.h5`, as their texts state them."""
+        if {_id(file) for file in _trial_files(self.folder)} <= set(ids):
+            return []
         with _reading(self.results):
             found = []
             for text in results_file.read(self.results):
@@ -396,10 +398,11 @@ def _trial_files(folder: Path) -> list[Path]:
     Raises:
         WrongSchema: Another version wrote the trials.
     """
-    listed = sorted((folder / "trials").glob("*.*"))
-    if any(file.suffix == ".h5" for file in listed):
+    place = folder / "trials"
+    names = sorted(file.name for file in place.glob("*.*"))
+    if any(name.endswith(".h5") for name in names):
         raise WrongSchema(str(folder))
-    files = [file for file in listed if _TRIAL_NAME.fullmatch(file.name)]
+    files = [place / name for name in names if _TRIAL_NAME.fullmatch(name)]
     done = {file.stem for file in files if not _is_unanswered(file)}
     return [file for file in files if not _is_unanswered(file) or _id(file) not in done]
 
