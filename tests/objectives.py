@@ -10,7 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-LOW, HIGH, CENTRE = np.zeros(3), np.full(3, 4.0), np.array([0.3, 1.7, 3.2])
+LOW = np.zeros(3)
+HIGH = np.full(3, 4.0)
+CENTRE = np.array([0.3, 1.7, 3.2])
 
 
 def sphere(x):

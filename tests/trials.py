@@ -67,7 +67,8 @@ def assert_same(a, b):
     """Equal in every field, and in every field of their fields."""
     assert type(a) is type(b)
     for field in fields(a):
-        x, y = getattr(a, field.name), getattr(b, field.name)
+        x = getattr(a, field.name)
+        y = getattr(b, field.name)
         if field.name in ("problem", "limits", "solution", "trajectory") and x:
             assert_same(x, y)
         elif field.name == "stats":

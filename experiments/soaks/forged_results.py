@@ -114,7 +114,10 @@ def _sealed_lines(lines: list[bytes]) -> bytes:
 def odd_json(text: bytes, rng: Rng) -> bytes:
     """Something in it is made something else."""
     table = _mutated(_table(text), rng)
-    return sealed(table if isinstance(table, dict) else {"id": table})
+    try:
+        return sealed(table if isinstance(table, dict) else {"id": table})
+    except UnicodeEncodeError:  # half a surrogate pair is no UTF-8; `odd_text` escapes it
+        return odd_text(text, rng)
 
 
 def _table(text: bytes) -> dict[str, Any]:

@@ -21,7 +21,9 @@ from baselines.ipopt import (
 
 def nearest_point_of_a_circle(**options: float) -> tuple[object, np.ndarray]:
     """The point with |x| = r nearest to c: r c / |c|; IPOPT's word and answer."""
-    x, c, r = ca.MX.sym("x", 2), ca.MX.sym("c", 2), ca.MX.sym("r")
+    x = ca.MX.sym("x", 2)
+    c = ca.MX.sym("c", 2)
+    r = ca.MX.sym("r")
     solver = program(
         "circle",
         variables=[x],

@@ -86,7 +86,8 @@ def test_ways_of_combining_joints() -> None:
 
 def test_excess_against_sampled_derivatives() -> None:
     rng = np.random.default_rng(0)
-    d, t = rng.normal(size=(200, 1, 3)), rng.uniform(0.3, 2, (200, 1, 3))
+    d = rng.normal(size=(200, 1, 3))
+    t = rng.uniform(0.3, 2, (200, 1, 3))
     limits = Limits([1.5], [4.0])
     expected = np.zeros(200)
     exact = paper_choices.exact_excess(d, t, limits)[:, 0]

@@ -115,7 +115,8 @@ def test_ruckig_from_its_waypoint_velocities_returns_its_segment_times(seed: int
 
 @pytest.mark.parametrize("name", ["six-axis", "reversal", "asymmetric"])
 def test_collocation_tends_to_it_from_above(name: str) -> None:
-    problem, exact = load(name), solved(load(name)).duration
+    problem = load(name)
+    exact = solved(load(name)).duration
     solutions = [Collocation(intervals=n).solve(problem).trajectory for n in (10, 20, 40, 80)]
     gaps = np.array([t.duration / exact - 1 for t in solutions if t])
     assert len(gaps) == 4
@@ -127,7 +128,8 @@ def test_collocation_tends_to_it_from_above(name: str) -> None:
 @pytest.mark.parametrize("name", ["six-axis", "seven-waypoints", "asymmetric", "resting-joint"])
 def test_topp_ra_along_its_own_path_returns_its_duration(name: str) -> None:
     """Mathematics, section 8: path speed 1 at both ends, limits relaxed by 1e-6."""
-    problem, trajectory = load(name), solved(load(name))
+    problem = load(name)
+    trajectory = solved(load(name))
     wider = Problem(
         problem.waypoints,
         Limits(problem.limits.velocity * (1 + 1e-6), problem.limits.acceleration * (1 + 1e-6)),
@@ -141,7 +143,9 @@ def test_topp_ra_along_its_own_path_returns_its_duration(name: str) -> None:
 def test_extremes_are_those_of_a_linear_program(seed: int) -> None:
     """D_lo and D_up against a fine discretisation of the velocity profile, which lies inside."""
     rng = np.random.default_rng(seed)
-    v, a, t = np.array([-1.0, 1.3]), np.array([-2.0, 1.5]), rng.uniform(0.4, 3)
+    v = np.array([-1.0, 1.3])
+    a = np.array([-2.0, 1.5])
+    t = rng.uniform(0.4, 3)
     u, w = rng.uniform(-0.4, 0.4, 2)
     steps = 600
     dt = t / steps

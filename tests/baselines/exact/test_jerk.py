@@ -65,7 +65,8 @@ def test_closed_forms(problem: Problem, optimum: float) -> None:
 
 @pytest.mark.parametrize("name", ["six-axis", "asymmetric", "reversal"])
 def test_tends_to_exact_from_above_as_jerk_grows(name: str) -> None:
-    problem, exact = load(name), Exact().solve(load(name)).trajectory
+    problem = load(name)
+    exact = Exact().solve(load(name)).trajectory
     assert exact is not None
     gaps = [solved(with_jerk(problem, f)).duration / exact.duration - 1 for f in (1e3, 1e4, 1e5)]
     assert min(gaps) > -1e-9
@@ -153,7 +154,8 @@ def test_a_profile_may_stay_below_zero_down_to_the_other_sides_limit() -> None:
     # Found by the soak: bounded by its own side's limit it stopped 3.4e-5 above Ruckig.
     limits = Limits([6.416], [[-0.929, 0.528]], [77.9])
     problem = Problem([[-0.363], [-0.729], [-1.458]], limits)
-    ruckig, exact = RuckigVia().solve(problem).trajectory, ExactJerk(1).solve(problem).trajectory
+    ruckig = RuckigVia().solve(problem).trajectory
+    exact = ExactJerk(1).solve(problem).trajectory
     assert ruckig is not None
     assert exact is not None
     assert exact.duration <= ruckig.duration
@@ -173,7 +175,9 @@ def test_what_the_soak_found_stays_mended(seed: int) -> None:
 
 def test_scaling_permuting_mirroring_and_reversing() -> None:
     waypoints = np.array([[0.0, 0.2], [0.7, -0.3], [0.5, 0.4], [1.2, 0.9]])
-    v, a, j = np.array([[-1, 0.7], [-2, 2]]), np.array([[-2.0, 3], [-4, 3]]), [[-9.0, 6], [-8, 20]]
+    v = np.array([[-1, 0.7], [-2, 2]])
+    a = np.array([[-2.0, 3], [-4, 3]])
+    j = [[-9.0, 6], [-8, 20]]
     jerk = np.array(j)
     planner = ExactJerk(starts=1)
     duration = solved(Problem(waypoints, Limits(v, a, jerk)), planner).duration

@@ -25,7 +25,8 @@ def furthest(start: Array, end: Array, t: float, factor: float, steps: int = 400
     gains = sums @ sums - sums * dt / 2  # and to velocity
     times = dt * np.arange(1, steps + 1)
     weight = (t - times + dt / 2) ** 2 / 2 * dt + dt**3 / 24
-    rows, ends = np.vstack([sums, -sums, gains]), np.vstack([sums[-1], gains[-1]])
+    rows = np.vstack([sums, -sums, gains])
+    ends = np.vstack([sums[-1], gains[-1]])
     edges = np.r_[np.full(steps, RISE) - a, np.full(steps, FALL) + a, TOP - u - a * times]
     changes = [b - a, w - u - a * t]
     answer = linprog(-weight, rows, edges, ends, changes, bounds=(-factor, 2 * factor))
@@ -51,14 +52,14 @@ def highest(start: Array, end: Array, t: float, factor: float) -> Profiles:
 
 @pytest.mark.parametrize("factor", [1.0, 3.0, 10.0])
 def test_the_highest_profile_is_the_best_of_all(factor: float) -> None:
-    rng, compared = np.random.default_rng(int(factor)), 0
+    rng = np.random.default_rng(int(factor))
+    compared = 0
     for _ in range(4):
-        t, (u, w), (a, b) = (
-            rng.uniform(0.3, 3),
-            rng.uniform(-0.3, 0.3, 2),
-            rng.uniform(-0.4, 0.4, 2),
-        )
-        start, end = np.array([u, a]), np.array([w, b])
+        t = rng.uniform(0.3, 3)
+        (u, w) = rng.uniform(-0.3, 0.3, 2)
+        (a, b) = rng.uniform(-0.4, 0.4, 2)
+        start = np.array([u, a])
+        end = np.array([w, b])
         found = highest(start, end, t, factor)
         reached = furthest(start, end, t, factor)
         assert bool(found.reachable[0]) == (reached is not None)
@@ -73,7 +74,9 @@ def test_the_highest_profile_is_the_best_of_all(factor: float) -> None:
 
 def test_acceleration_may_stay_below_zero_throughout() -> None:
     """Too short to raise it to 0 and lower it again: against a linear program once more."""
-    start, end, t = np.array([0.5, -1.0]), np.array([0.1, -1.0]), 0.45
+    start = np.array([0.5, -1.0])
+    end = np.array([0.1, -1.0])
+    t = 0.45
     found = highest(start, end, t, 3.0)
     assert found.rises[0, 0] < 0
     assert found.reachable.all()
@@ -116,7 +119,8 @@ def test_derivatives_are_what_differences_tend_to() -> None:
         found = profiles(variables, numbers)
         first, second = found.slopes()
         for i, step in enumerate(1e-6 * np.eye(5)[:, :, None]):
-            up, down = profiles(variables + step, numbers), profiles(variables - step, numbers)
+            up = profiles(variables + step, numbers)
+            down = profiles(variables - step, numbers)
             by_difference = (up.value - down.value) / 2e-6
             twice = (up.slopes().first - down.slopes().first) / 2e-6
             # not across a change of who holds its limit, where second derivatives jump
@@ -134,7 +138,8 @@ def test_derivatives_are_what_differences_tend_to() -> None:
 @pytest.mark.parametrize("t", [1e-2, 1e-5, 1e-8])
 def test_constant_jerk_through_a_brief_segment_is_within_reach(t: float) -> None:
     """And so little beyond it that nothing is left of it in units of the acceleration."""
-    rng, cells = np.random.default_rng(1), 200
+    rng = np.random.default_rng(1)
+    cells = 200
     a = rng.uniform(-1, 1, cells)
     jerk = rng.uniform(-0.9, 0.9, cells)  # limits: −1 and 2
     b = a + jerk * t
