@@ -328,3 +328,10 @@ def test_errors_show_the_beginning_of_a_value():
     assert found < 2000
     found = len(str(UnknownName("planner", "p" * 10**6, ["exact"])))
     assert found < 300
+
+
+def test_a_urdf_of_a_million_nested_tags_is_refused_before_it_is_parsed(tmp_path):
+    file = tmp_path / "deep.urdf"
+    file.write_text("<robot>" + "<a>" * 1_000_000, encoding="utf-8")
+    with pytest.raises(InvalidInput, match="at most 400000 tags"):
+        urdf.read(file)

@@ -26,6 +26,7 @@ from trajopt.core.problem import FallingVelocity, LimitName
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
 
 _UNITS = {"revolute": "rad", "continuous": "rad", "prismatic": "m"}  # of joints that move
+_MAX_TAGS = 400_000  # some 200 MB once parsed; a large robot has 10,000
 _UNLIMITED = (-np.inf, np.inf)
 _ATTRIBUTES = {
     "limit": ("lower", "upper", "velocity", "effort"),
@@ -61,6 +62,9 @@ def _parsed(file: Path) -> Element:
         raise files.unreadable(file, "robot", "URDF", error) from None
     if b"<!ENTITY" in content:
         raise InvalidInput("robot", "a URDF without entities of its own")
+    tags = content.count(b"<")
+    if tags > _MAX_TAGS:
+        raise InvalidInput("robot", f"a URDF of at most {_MAX_TAGS} tags", value=tags)
     xacro = InvalidInput(
         "robot", f"a URDF; make one: xacro {file.name} > robot.urdf", value="xacro"
     )
