@@ -18,8 +18,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.planners.planner import backend
@@ -30,7 +30,6 @@ from trajopt.planners.swarm_planner import SwarmPlanner
 if TYPE_CHECKING:
     from numpy.random import Generator as Random
 
-Array = NDArray[np.float64]
 Run = Generator[Array, Array, None]
 
 # Replaces an infinite or missing fitness: its square is still finite.

@@ -13,14 +13,13 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend
 
 if TYPE_CHECKING:
     import scipy
 
-Array = NDArray[np.float64]
 Options = Mapping[str, float | str]
 Bounds = tuple[Array | float, Array | float]  # low, high
 

@@ -9,12 +9,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.planner import backend
-
-Array = NDArray[np.float64]
 
 # Absolute feasibility tolerances of HiGHS, primal and dual: the usual one, and a second attempt's.
 TOLERANCE = 1e-9

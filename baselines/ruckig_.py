@@ -7,7 +7,13 @@ waypoints.
 
 Ruckig takes one jerk limit for both sides: of an asymmetric limit it gets the tighter side. It
 ignores position limits, so every section is checked against them here. Without a jerk limit it
-ignores accelerations. Its tolerances are absolute, so every section has units of its own.
+ignores accelerations.
+
+Its tolerances are absolute, so every section has units of its own: of time the time that it takes
+from stop to stop, of length what a joint can travel from stop to stop meanwhile, at its tightest
+limit. Then velocity limits are 1 or more, acceleration limits 4 or more, jerk limits 32 or more,
+displacements at most 1, and a miss of 1e-8 costs as little on a segment of 1e-5 rad as on one of 1
+rad. Degrees for radians, or milliseconds for seconds, give Ruckig the same numbers.
 """
 
 from __future__ import annotations
@@ -20,7 +26,6 @@ import numpy as np
 import scipy  # its parts are imported when they are used: listing planners needs none
 from numpy.typing import NDArray
 
-from baselines import segment_units
 from baselines.exact.rounded import Clock, assembled, clocks, through
 from baselines.linear_programs import LinearProgram
 from trajopt.core import polynomials
@@ -29,6 +34,7 @@ from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import EPS, nearest
 from trajopt.planners.planner import Planner, backend, passing_once
+from trajopt.planners.rest_to_rest import stop_times
 
 Array = NDArray[np.float64]
 
@@ -128,16 +134,16 @@ class Sections:
         self._success = (ruckig.Result.Working, ruckig.Result.Finished)
         # a result code that Ruckig's own enumeration lacks is a ValueError
         self._errors = (ruckig.RuckigError, ValueError)
-        self._units = segment_units.of_segments(Problem(self.waypoints, self.limits))
-        self.unit_times = np.array([units.time for units in self._units])
-        self._unit_lengths = np.array([units.lengths for units in self._units])
+        self.unit_times = stop_times(Problem(self.waypoints, self.limits))
+        self._unit_lengths = _travelled(self.limits, self.unit_times[:, None])
+        ways = np.diff(self.waypoints, axis=0)
         self._inputs = [
             _input(
                 ruckig,
-                units.limits(self.limits),
-                way / units.lengths,
+                self.limits.in_units(time, lengths[:, None]),
+                way / lengths,
             )
-            for way, units in zip(np.diff(self.waypoints, axis=0), self._units, strict=True)
+            for way, time, lengths in zip(ways, self.unit_times, self._unit_lengths, strict=True)
         ]
         # units of the whole motion: its longest segment's time, each joint's range
         self.longest_stop = float(self.unit_times.max())
@@ -181,7 +187,7 @@ class Sections:
             self._trajectory.independent_min_durations if solved else [np.nan] * len(self.moving)
             for _, solved in self._calculated(k, at_ends)
         ]
-        return np.asarray(minima * self.unit_times[k, None])
+        return np.multiply(minima, self.unit_times[k, None])
 
     def durations(self, k: Numbers, at_ends: Array) -> list[float]:
         """Return the times with all joints together, s; infinite where a limit is broken.
@@ -220,15 +226,17 @@ class Sections:
         Returns:
             Every joint's stored breaks, s, and its displacement since the segment's start, rad.
         """
-        units = self._units[k]
-        (u, _), (w, b) = [units.states(state) for state in ends]
+        time = self.unit_times[k]
+        unit_lengths = self._unit_lengths[k]
+        u, w = ends[:, 0] * time / unit_lengths
+        b = ends[1, 1] * time / unit_lengths * time
         target = self._inputs[k].target_position
         parts = []
         for j, stored in enumerate(clock.shared([breaks for breaks, _ in profiles])):
             breaks, cubics = profiles[j]
             levels = np.append(2 * cubics[1], b[j])
             fitted = None
-            if _stiff(levels, cubics, clock):
+            if len(stored) > 3 and _stiff(levels, cubics, clock):
                 kept = nearest(breaks, clock.elapsed(stored))
                 lengths = clock.lengths(stored)
                 fitted = through(
@@ -238,16 +246,17 @@ class Sections:
                     target[j],
                 )
             highest = np.abs(cubics[0]).max() * (1 + _FITTED_JERK_RTOL)
-            if fitted is None or np.abs(fitted[0]).max() > highest:
+            if fitted is None or not np.abs(fitted[0]).max() <= highest:
                 stored = clock.stored(breaks)
                 fitted = cubics
-            parts.append((stored, units.in_radians(fitted, j)))
+            coefficients = polynomials.stretched(fitted, 1 / time) * unit_lengths[j]
+            parts.append((stored, coefficients))
         return parts
 
     def _time(self, k: int) -> float:
         """Return the time of segment `k`, just computed, s."""
-        time: float = self._trajectory.duration
-        return time * self._units[k].time
+        time: float = self._trajectory.duration * self.unit_times[k]
+        return time
 
     def _cubics(self, joint: int) -> Part:
         """Return a joint's `(breaks, coefficients)` in the section just computed, in its units."""
@@ -293,12 +302,9 @@ class Sections:
         With `checked`, a section is refused whose states break a limit.
         """
         time = self.unit_times[k, None]
-        states = segment_units.states_in(
-            at_ends * _END_FACTORS,
-            time,
-            self._unit_lengths[k],
-        )
-        (starts, ends), (first_bends, last_bends) = [state.tolist() for state in states]
+        velocity, acceleration = at_ends * _END_FACTORS * time / self._unit_lengths[k]
+        starts, ends = velocity.tolist()
+        first_bends, last_bends = (acceleration * time).tolist()
         for case, number in enumerate(k.tolist()):
             given = self._inputs[number]
             given.current_velocity = starts[case]
@@ -338,6 +344,12 @@ class Sections:
             if extremes.min() < self._lowest[j] or extremes.max() > self._highest[j]:
                 return False
         return True
+
+
+def _travelled(limits: Limits, time: Array) -> Array:
+    """Return what each joint can travel from stop to stop at its tightest limit, rad."""
+    V, A, J = (np.abs(limits.by_name()[name]).min(axis=1) for name in LIMIT_NAMES[:3])
+    return np.min([V * time, A * time**2 / 4, J * time**3 / 32], axis=0)
 
 
 def _input(ruckig: Any, limits: Limits, target: Array) -> Any:
@@ -523,12 +535,10 @@ class StepPrograms:
         if answer is None:
             return states
         rise, fall = answer[: slack.size].reshape(slack.shape)
-        return np.asarray(
-            np.clip(
-                states + (rise - fall) * units,
-                lower,
-                upper,
-            )
+        return np.clip(
+            states + (rise - fall) * units,
+            lower,
+            upper,
         )
 
     def _model(self, states: Array, slack: Array) -> tuple[Array, Array]:

@@ -21,21 +21,19 @@ from math import comb
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines import spline_family
 from baselines.ipopt import Program, flat, no_start_succeeded, program, unflat
 from baselines.sizes import announce, cells
 from baselines.spline_family import Family
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import LIMIT_NAMES, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend, passing_once
 from trajopt.planners.rest_to_rest import stop_times
-
-Array = NDArray[np.float64]
 
 _OPTIONS = {
     "tol": 1e-11,
@@ -223,7 +221,7 @@ class _Instants:
         at = np.tile(one, (1, pieces, joints))
         return cls(at, np.zeros_like(at))
 
-    def refined(self, used: Array, worst: Array, broken: NDArray[np.bool_]) -> _Instants:
+    def refined(self, used: Array, worst: Array, broken: Bools) -> _Instants:
         """Replace the least active instants by the worst ones and points beside these.
 
         So where a limit is reached the distance between instants shrinks to a quarter, and what is
@@ -402,7 +400,7 @@ def _starts(motion: _Motion, count: int) -> list[tuple[Array, Array]]:
     return [(times[i], controls[i]) for i in chosen]
 
 
-def _local_minima(points: Array, values: Array) -> NDArray[np.intp]:
+def _local_minima(points: Array, values: Array) -> Indices:
     """Which points have the lowest value among their neighbours, the lowest of all first."""
     import scipy  # late: planners that are only listed need none of it
 

@@ -16,17 +16,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import LIMIT_NAMES, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, passing_once
 from trajopt.planners.rest_to_rest import stop_times
-
-Array = NDArray[np.float64]
 
 _SLSQP_OPTIONS = {"ftol": 1e-15, "maxiter": 300}
 # Logarithms: how much shorter or longer than its initial guess a segment may become.
@@ -38,8 +36,6 @@ _COMPLEX_STEP = 1e-30
 _FRACTIONS = np.exp2(np.arange(-40.0, 1.0))
 # Logarithms of the outer segment times over the middle one: the grid of initial guesses.
 _LOG_RATIOS = np.linspace(-10.0, 10.0, 61)
-# Time of a segment in which no joint moves, relative to the longest one.
-_NO_TIME_RTOL = 1e-12
 
 
 @dataclass(frozen=True)
@@ -113,7 +109,7 @@ class MovingSpline:
             return np.zeros(times.shape[:-1])
         own_times = times[..., None, :]
         excess = spline353.position_excess(self.displacements, own_times, self.room)
-        return np.asarray(excess.max(axis=-1))
+        return excess.max(axis=-1)
 
     def position(self, times: Array) -> Array:
         """The quintic from the second waypoint on, on the unit interval, highest power first."""
@@ -165,26 +161,25 @@ class MovingSpline:
         between = times * np.exp(_FRACTIONS[:, None] * way)
         keeps = self.excesses(between) == 0
         keeps[-1] = True
-        return np.asarray(between[keeps.argmax()])
+        return between[keeps.argmax()]
 
 
 def initial_guesses(spline: MovingSpline, count: int) -> list[Array]:
     """Return feasible segment times: the best local minima of a grid over both ratios."""
-    longest = spline.stop_times.max()
-    moves = spline.stop_times > 0
-    unit = np.where(moves, spline.stop_times, _NO_TIME_RTOL * longest)
-    grids = [_LOG_RATIOS if moves[segment] else np.zeros(1) for segment in (0, 2)]
-    first, last = np.meshgrid(*grids, indexing="ij")
+    first, last = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
     logarithms = np.stack([first, np.zeros_like(first), last], axis=-1)
-    times = unit * np.exp(logarithms)
+    times = spline.stop_times * np.exp(logarithms)
     times *= spline.dilation(times)[..., None]
     total = times.sum(axis=-1)
     if spline.room is not None:
         kept = spline.excesses(times) == 0
         total = np.where(kept, total, np.inf)
         if not kept.any():
-            displacements = spline.displacements
-            return [spline353.keeping_times(displacements, spline.limits, spline.room, longest)]
+            longest = spline.stop_times.max()
+            times = spline353.keeping_times(
+                spline.displacements, spline.limits, spline.room, longest
+            )
+            return [times]
     padded = np.pad(total, 1, mode="edge")
     neighbours = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
     lowest = (total <= neighbours.min(axis=(2, 3))) & np.isfinite(total)

@@ -23,12 +23,11 @@ from math import comb, perm
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 
-Array = NDArray[np.float64]
 Ends = Literal["rest", "standstill"]
 Controls = Sequence[Any] | Array  # of one piece: numbers, rows of joints or symbols
 
@@ -64,7 +63,7 @@ class Family:
         return max(self.degrees)
 
     @cached_property
-    def parts(self) -> NDArray[np.intp]:
+    def parts(self) -> Indices:
         """Number of pieces of each segment, `(segments,)`."""
         return np.bincount(self.segments)
 
@@ -80,7 +79,7 @@ class Family:
         free_positions = int((self.parts - 1).sum())
         return knots * len(SMOOTH_ORDERS) + free_positions
 
-    def fixed(self, displacements: Array) -> tuple[NDArray[np.bool_], Array]:
+    def fixed(self, displacements: Array) -> tuple[Bools, Array]:
         """Which controls the waypoints and rest at both ends fix.
 
         Args:
@@ -192,7 +191,7 @@ class Family:
         reach = of_controls[free]
         misses = joins @ controls
         scaled = joins[:, free] * reach
-        step, *_ = np.linalg.lstsq(scaled, misses)
+        step, *_ = np.linalg.lstsq(scaled, misses, rcond=None)
         moved = controls.copy()
         moved[free] -= reach[:, None] * step
         return moved
@@ -347,7 +346,7 @@ def excess(unit: Array, points: Array, room: Array) -> Array:
     values = polynomials.evaluate(unit, points)
     above = values - room[..., 1]
     below = room[..., 0] - values
-    return np.asarray(np.maximum(above, below))
+    return np.maximum(above, below)
 
 
 def _critical(unit: Array) -> Array:
@@ -371,4 +370,4 @@ def utilisation(rate: Array, points: Array, times: Array, order: int, bounds: Ar
     # d^r q/dt^r = d^r q/ds^r / T^r
     scale = times[:, None] ** order
     values = polynomials.evaluate(rate, points) / scale
-    return np.asarray(np.maximum(values / high, values / low))
+    return np.maximum(values / high, values / low)

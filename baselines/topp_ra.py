@@ -18,9 +18,9 @@ from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.solution import Solution, Status
@@ -29,7 +29,6 @@ from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner, backend, passing_once
 from trajopt.planners.rest_to_rest import stop_times
 
-Array = NDArray[np.float64]
 Knots = Literal["uniform", "chord", "centripetal", "limit"]
 Ends = Literal["not-a-knot", "natural", "clamped"]
 
@@ -49,8 +48,6 @@ _STRAIGHT_RTOL = 1e-9
 _SAMPLES = np.linspace(0.0, 1.0, 9)[:, None, None]
 # Shorter pieces are left out, relative to the whole path.
 _BREAK_RTOL = 1e-8
-# A start speed may exceed the highest possible one by this, relative.
-_SPEED_RTOL = 1e-6
 # Factor on the limits if rounding makes a path infeasible whose only timing is at its limits.
 _WIDER = 1 + 1e-6
 # More than any path speed, in units of the cheapest uniform one.
@@ -115,8 +112,8 @@ def steps(problem: Problem, knots: Knots) -> Array:
         return np.ones(problem.segments)
     chords = np.linalg.norm(problem.displacements, axis=1)
     if knots == "chord":
-        return np.asarray(chords)
-    return np.asarray(np.sqrt(chords))
+        return chords
+    return np.sqrt(chords)
 
 
 def spline(problem: Problem, knots: Knots, ends: Ends) -> Trajectory:
@@ -137,15 +134,12 @@ def along(
     trajectory: Trajectory,
     *,
     gridpoints: int = 1000,
-    start_speed: float | None = None,
-    end_speed: float | None = None,
 ) -> Solution:
     """Return the fastest timing of a trajectory's path under velocity and acceleration limits.
 
-    `start_speed` and `end_speed` are path speeds `ds/dt` with the trajectory's own time as `s`: 1
-    is its own speed. `None` means 0, or any speed if the path stands still (`q'(s) = 0`): the robot
-    rests there at any path speed. A trajectory from rest to rest is such a path. At path speed 0 it
-    would lose time at first order in the grid; with a free speed it can keep its own timing.
+    The robot rests at both ends. Where the path stands still (`q'(s) = 0`), as that of a trajectory
+    from rest to rest does, it rests at any path speed. At path speed 0 it would lose time at first
+    order in the grid; with a free speed it can keep its own timing.
 
     A 3-5-3 spline leaves and reaches rest along a line `q0 + d s^m`, `m ≥ 3`. The fastest path
     speed there is infinite, so the line itself becomes the path, from path speed 0.
@@ -154,17 +148,13 @@ def along(
     the whole. The limits hold at the gridpoints only: verify the answer.
     """
     scale = sampled_dilation(problem.without("jerk").limits, trajectory)
-    if start_speed is None:
-        trajectory = _straightened(trajectory)
-    if end_speed is None:
-        trajectory = _reversed(_straightened(_reversed(trajectory)))
-    speeds = (start_speed, end_speed)
+    trajectory = _straightened(trajectory)
+    trajectory = _reversed(_straightened(_reversed(trajectory)))
     for size, wider in ((gridpoints, 1.0), (gridpoints, _WIDER), (3 * gridpoints, _WIDER)):
         solution = _along(
             problem.limits,
             trajectory,
             size,
-            speeds,
             scale,
             wider,
         )
@@ -196,7 +186,6 @@ def _along(
     limits: Limits,
     trajectory: Trajectory,
     gridpoints: int,
-    speeds: tuple[float | None, float | None],
     scale: float,
     wider: float,
 ) -> Solution:
@@ -210,17 +199,8 @@ def _along(
     )
     slopes = np.abs(path([0.0, path.duration], order=1))
     use = (slopes / own_limits.velocity[:, 1]).max(axis=1)
-    still = use <= _STILL_RTOL
-    start, end = [
-        _allowed_speeds(speed, scale, bool(rests))
-        for speed, rests in zip(speeds, still, strict=True)
-    ]
-    path_speeds, reason = _path_speeds(
-        grid,
-        own_limits,
-        start,
-        end,
-    )
+    highest = np.where(use <= _STILL_RTOL, _FREE_SPEED, 0.0)
+    path_speeds, reason = _path_speeds(grid, own_limits, *highest.tolist())
     if path_speeds is None:
         return Solution(Status.FAILED, message=f"TOPP-RA: {reason}")
     retimed = timed(grid, path_speeds / unit, path.waypoint_times)
@@ -341,20 +321,16 @@ def cut(path: Trajectory) -> Grid:
     return Grid(fine.breaks, fine.lengths, fine.pieces(0))
 
 
-def _allowed_speeds(speed: float | None, scale: float, still: bool) -> tuple[float, float]:
-    """Return the lowest and highest path speed at an end."""
-    if speed is not None:
-        return speed * scale, speed * scale
-    return 0.0, _FREE_SPEED if still else 0.0
-
-
 def _path_speeds(
     grid: Grid,
     limits: Limits,
-    start: tuple[float, float],
-    end: tuple[float, float],
+    highest_start: float,
+    highest_end: float,
 ) -> tuple[Array | None, str]:
-    """Return the path speed at every gridpoint, or None and the reason."""
+    """Return the path speed at every gridpoint, or None and the reason.
+
+    `highest_start` and `highest_end` are the highest speeds allowed at both ends.
+    """
     interval = grid.at[[0, -1]]
     algorithm = backend("toppra").algorithm.TOPPRA(
         [_constraint(grid, limits)],
@@ -362,18 +338,13 @@ def _path_speeds(
         gridpoints=grid.at,
         solver_wrapper="seidel",
     )
-    controllable = algorithm.compute_controllable_sets(*end)
+    controllable = algorithm.compute_controllable_sets(0.0, highest_end)
     if not np.isfinite(controllable).all():
         return None, "the path cannot be followed to its end"
     # the package takes a single end speed; here the whole interval is allowed
     algorithm.compute_controllable_sets = lambda *_: controllable
     fastest = float(np.sqrt(controllable[0, 1]))
-    slowest_start, fastest_start = start
-    if slowest_start > fastest * (1 + _SPEED_RTOL):
-        times = slowest_start / fastest
-        return None, f"the path cannot be started at {times:.6g} times its top speed"
-    start_speed = min(fastest_start, fastest)
-    algorithm.compute_parameterization(start_speed, 0.0)
+    algorithm.compute_parameterization(min(highest_start, fastest), 0.0)
     data = algorithm.problem_data
     if data.sd_vec is None or not np.isfinite(data.sd_vec).all():
         return None, data.return_code.value
@@ -401,7 +372,7 @@ def _smoothed(
             gain = 2 * step[i] * accelerations[i]
             before = squared[i + 1] - gain
             squared[i] = max(0.0, before)
-    return np.asarray(np.sqrt(squared))
+    return np.sqrt(squared)
 
 
 def _constraint(grid: Grid, limits: Limits) -> Any:

@@ -11,7 +11,7 @@ author = "The mintime authors"
 version = release = version_of("mintime")
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
@@ -20,15 +20,24 @@ extensions = [
     "mathml",
     "generated",
 ]
-exclude_patterns = ["_build", "examples", "gallery"]
+# The gallery writes a page and a notebook of each example; the page is the one that is read.
+exclude_patterns = ["_build", "examples", "gallery", "examples-gallery/*.ipynb"]
 
 myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4
 myst_dmath_double_inline = True
 
+# The notebook runs anew in each build, in a folder of its own; an error in it is one of the build.
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600
+nb_merge_streams = True
+
 autodoc_typehints = "description"
 autodoc_member_order = "bysource"
 napoleon_google_docstring = True
+napoleon_custom_sections = [("Columns", "params_style")]  # of a DataFrame
 
 suppress_warnings = ["misc.highlighting_failure"]  # blocks of several files and of output
 
@@ -49,7 +58,9 @@ html_title = "mintime"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["sort.js"]
-html_sidebars = {"problems/*": [], "claims/*": []}
+# Pages that have no others below them, or hundreds beside them: no "Section Navigation".
+_ALONE = "motions robots planner notebook six-axis literature best-known report problems/* claims/*"
+html_sidebars = {page: [] for page in _ALONE.split()}
 html_show_sourcelink = False
 html_theme_options = {
     "show_nav_level": 1,

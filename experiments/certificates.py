@@ -10,7 +10,6 @@ proof is checked again. The tables go to `--output`.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from pathlib import Path
 
 import cyclopts
@@ -29,17 +28,6 @@ SIZES_GAP = 1e-4  # relative, between the bounds
 OUTPUT = Path("results/certificates")
 
 app = cyclopts.App()
-
-
-def suite_problems() -> Iterator[tuple[str, Problem]]:
-    """Each problem once, with the first suite that has it."""
-    seen = set()
-    for suite in catalogue.suites():
-        for problem in catalogue.problems(suite):
-            digest = problem.digest()
-            if digest not in seen:
-                seen.add(digest)
-                yield suite, problem
 
 
 def recorded(suite: str, problem: Problem) -> dict[str, object]:
@@ -76,7 +64,7 @@ def counted(rows: pd.DataFrame) -> pd.DataFrame:
 @app.default
 def main(output: Path = OUTPUT) -> None:
     """Check the records of all suites."""
-    rows = pd.DataFrame([recorded(*pair) for pair in suite_problems()])
+    rows = pd.DataFrame([recorded(*pair) for pair in catalogue.every_problem().values()])
     table = counted(rows)
     save_table(rows, output / "records")
     save_table(table, output / "by-suite")

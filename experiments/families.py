@@ -6,30 +6,28 @@
 The best trajectory of each family beside the optimum under the same limits, on the six-axis
 problem, the published problems, the arms' four-waypoint problems and random four-waypoint problems,
 those with and those without jerk limits apart. Position limits are lifted: most families know none.
-Written to `--output`: `trials.csv`, to which a second run adds only what is missing, the table
-`families` and the figure `families.png`.
+Written to `--output`: `trials.csv`, to which a second run adds only what is missing, and the table
+`families`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cyclopts
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
+from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import Problem, Solution, Status, verify
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.cli import console
 from trajopt.explain.references import Answer
 from trajopt.planners.registry import load
-from trajopt.views.figures import plots, style
 
 # Two starts, and the exchange until limits are kept to about 1e-5.
 EFFORT = "starts=2,rounds=6"
@@ -43,9 +41,7 @@ FAMILIES = {
     "trapezoids, through the waypoints": "ruckig-search:evaluations=600",
 }
 GROUPS = ("six-axis", "published", "robots", "random")
-COLUMNS = ["group", "problem", "jerk", "family", "status", "seconds", "optimum"]
 PERCENT = 100
-LEAST_DRAWN = 0.1  # percent: gaps below it are drawn there
 
 
 def problems(random: int) -> Iterator[tuple[str, Problem]]:
@@ -69,7 +65,7 @@ def certified(problem: Problem, solution: Solution | Answer) -> float:
     return np.nan if duration is None else duration
 
 
-def trials(group: str, problem: Problem) -> list[dict[str, Any]]:
+def trials(problem: Problem) -> list[dict[str, Any]]:
     """Every family on one problem."""
     jerk = problem.has("jerk")
     reference = "exact:starts=3"
@@ -80,8 +76,6 @@ def trials(group: str, problem: Problem) -> list[dict[str, Any]]:
     for family, spec in FAMILIES.items():
         solution = load(spec).solve(problem)
         row = {
-            "group": group,
-            "problem": problem.name,
             "jerk": jerk,
             "family": family,
             "status": str(solution.status),
@@ -119,76 +113,20 @@ def cell(row: Any) -> str:
     return f"{median} ({row.min:z.1f} to {row.max:z.1f}; {solved})"
 
 
-@plots.styled
-def figure(table: pd.DataFrame) -> Figure:
-    """Every gap as a dot, the median as a bar, without and with jerk limits."""
-    known = table.dropna(subset=["seconds", "optimum"])
-    drawing = Figure(figsize=(7.2, 3.9), layout="constrained")
-    axes = drawing.subplots(1, 2, sharey=True)
-    for ax, jerk in zip(axes, (False, True), strict=True):
-        _panel(ax, known[known["jerk"] == jerk])
-    axes[0].set_title("velocity and acceleration limits")
-    axes[1].set_title("jerk limits too")
-    axes[0].set_yticks(range(len(FAMILIES)), list(FAMILIES))
-    axes[0].invert_yaxis()
-    handles, labels = axes[0].get_legend_handles_labels()
-    drawing.legend(handles, labels, loc="outside lower center", ncols=len(labels))
-    return drawing
-
-
-def _panel(ax: Axes, table: pd.DataFrame) -> None:
-    """Families from top to bottom; one colour and marker a group."""
-    rng = np.random.default_rng(0)
-    gap = PERCENT * (table["seconds"] / table["optimum"] - 1)
-    gap = np.maximum(gap, LEAST_DRAWN)
-    row = table["family"].map(list(FAMILIES).index)
-    looks = zip(GROUPS, style.CURVES, style.MARKERS, strict=False)
-    for group, colour, marker in looks:
-        of_group = table["group"] == group
-        if not of_group.any():
-            continue
-        jitter = rng.uniform(-0.25, 0.25, of_group.sum())
-        ax.plot(
-            gap[of_group],
-            row[of_group] + jitter,
-            marker,
-            color=colour,
-            markersize=3.5,
-            alpha=0.7,
-            label=group,
-        )
-    medians = gap.groupby(row).median()
-    ax.vlines(medians, medians.index - 0.4, medians.index + 0.4, colors=style.BLACK, label="median")
-    ax.set(xscale="log", xlabel="above the optimum (%)", xlim=(0.08, 1000))
-    ax.set_xticks([0.1, 1, 10, 100, 1000], ["≤ 0.1", "1", "10", "100", "1000"])
-
-
-def stored(path: Path, columns: list[str]) -> pd.DataFrame:
-    """The trials that are there; none, in these columns, if there is no file yet."""
-    if path.is_file():
-        return pd.read_csv(path)
-    return pd.DataFrame(columns=columns)
-
-
 def main(*, random: int = 50, output: Path = Path("families")) -> None:
-    """Run what is missing, then write the table and the figure.
+    """Run what is missing, then write and print the table.
 
     Args:
         random: How many random problems.
         output: The folder.
     """
-    output.mkdir(parents=True, exist_ok=True)
-    path = output / "trials.csv"
-    done = set(stored(path, COLUMNS)["problem"])
+    cells = {}
     for group, problem in problems(random):
-        if problem.name in done:
-            continue
-        rows = pd.DataFrame(trials(group, problem), columns=COLUMNS)
-        rows.to_csv(path, mode="a", header=not path.exists(), index=False)
-        console.OUT.print(f"{problem.name}: {len(rows)} families")
-    table = stored(path, COLUMNS)
-    save_table(gaps(table), output / "families")
-    plots.save(figure(table), output / "families")
+        cells[group, problem.name] = partial(trials, problem)
+    table = kept(output / "trials.csv", ["group", "problem"], cells)
+    by_family = gaps(table)
+    save_table(by_family, output / "families")
+    print(by_family.to_string())
 
 
 if __name__ == "__main__":

@@ -25,10 +25,10 @@ import pandas as pd
 
 from baselines.evolution import CMAES
 from experiments.common import races
+from experiments.common.kept import Rows, kept
 from experiments.common.output import save_table
-from trajopt.cli import console
+from trajopt.core.arrays import Array
 from trajopt.planners.swarm import ISSA, PSO, SSA, Optimiser, minimise
-from trajopt.planners.swarm.optimiser import Array
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
 
@@ -156,22 +156,16 @@ def origin(
         _, frame, _, name = cell
         if name != "CMA-ES" or frame == one_frame:
             cells.append(cell)
-    rows = []
-    with console.progress(len(cells)) as advance:
-        for cell in cells:
-            run = partial(biased, cell, seeds, evaluations)
-            name = " ".join(map(str, cell))
-            row = races.stored(folder / "origin", name, run)
-            rows.append(row)
-            advance(1)
-    return pd.concat(rows, ignore_index=True)
+    file = folder / f"origin-{seeds}-seeds-{evaluations}-evaluations.csv"
+    runs = {cell: partial(biased, cell, seeds, evaluations) for cell in cells}
+    return kept(file, ["function", "origin", "place", "optimiser"], runs)
 
 
 def biased(
     cell: Cell,
     seeds: int,
     evaluations: int,
-) -> pd.DataFrame:
+) -> Rows:
     """One cell of the table `origin`."""
     function, frame, place, name = cell
     low = np.full(3, FRAMES[frame])
@@ -194,16 +188,12 @@ def biased(
     first, middle, third = np.asarray(quartiles)
     near = result.fitness < 1e-6
     row = {
-        "function": function,
-        "origin": frame,
-        "place": place,
-        "optimiser": name,
         "first quartile": first,
         "median error": middle,
         "third quartile": third,
         "share below 1e-6": near.mean(),
     }
-    return pd.DataFrame([row])
+    return [row]
 
 
 def main(

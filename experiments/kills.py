@@ -16,7 +16,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Iterable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +24,11 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
+from experiments.common.kept import kept
 from experiments.common.killed import PHASES, Child, sweep
 from experiments.common.output import save_table
 from trajopt.benchmark.store.folder import read
 from trajopt.benchmark.trial import Trial
-from trajopt.cli import console
 from trajopt.core.exceptions import StoreError
 
 FAULTS = ["lost", "torn", "different", "run again", "unequal"]
@@ -112,7 +112,7 @@ def uninterrupted(
     return child
 
 
-def attempt(output: Path, number: int) -> dict[str, Any]:
+def attempt(output: Path, number: int) -> list[dict[str, Any]]:
     """Kill a run at the moment that this number draws, look, resume it, look again: one row."""
     wanted = PHASES[number % 4]
     setting = number // 4 % len(SETTINGS)
@@ -132,7 +132,6 @@ def attempt(output: Path, number: int) -> dict[str, Any]:
         promised = stored | told
         lived = child.died - child.words[0].time
         row: dict[str, Any] = {
-            "kill": number,
             "jobs": jobs,
             "half": half,
             "workers too": workers_too,
@@ -146,7 +145,7 @@ def attempt(output: Path, number: int) -> dict[str, Any]:
         child.bury()
     if not any(row[fault] for fault in FAULTS):
         shutil.rmtree(folder)
-    return row
+    return [row]
 
 
 def faults(
@@ -227,24 +226,8 @@ def main(
     """Kill that often and print the table; `kills-by-phase.csv` and `.md` in `output` too."""
     if quick:
         tries = min(tries, 5)
-    output.mkdir(parents=True, exist_ok=True)
-    file = output / "kills.csv"
-    part = file.with_suffix(".part")
-    rows = []
-    if file.exists():
-        rows = pd.read_csv(file).to_dict("records")
-    done = {row["kill"] for row in rows}
-    with console.progress(tries) as advance:
-        advance(len(rows))
-        for number in range(tries):
-            if number in done:
-                continue
-            row = attempt(output, number)
-            rows.append(row)
-            pd.DataFrame(rows).to_csv(part, index=False)
-            part.replace(file)
-            advance(1)
-    summary = table(pd.DataFrame(rows))
+    cells = {(number,): partial(attempt, output, number) for number in range(tries)}
+    summary = table(kept(output / "kills.csv", ["kill"], cells))
     save_table(summary, output / "kills-by-phase")
     print(summary.to_string())
 

@@ -5,9 +5,9 @@
     python -m experiments.literature fang2020-task1   # some problems
 
 Every published problem is surveyed, and its times judged (mathematics.md, section 11). Written to
-`--output`: `literature.md`, and in `literature/` a figure per problem, `all.png` and two tables,
-all verdicts (`verdicts.csv` and `.md`) and what is known of each problem, by which code
-(`known.csv` and `.md`). `tests/test_stored_numbers.py` holds the page against both.
+`--output`: `literature.md`, and in `literature/` the figure `all.png` and two tables, all verdicts
+(`verdicts.csv` and `.md`) and what is known of each problem, by which code (`known.csv` and `.md`).
+`tests/test_stored_numbers.py` holds the page against both.
 """
 
 from __future__ import annotations
@@ -52,13 +52,11 @@ def main(
 
 
 def write(problems: list[Judged], output: Path) -> None:
-    """The page, its figures and the table of verdicts."""
+    """The page, its figure and the table of verdicts."""
     folder = output / FOLDER
     save_table(table(problems), folder / "verdicts")
     save_table(known(problems), folder / "known")
     _save(figures.of_all(problems), folder / "all.png")
-    for own in problems:
-        _save(figures.of_problem(own), folder / f"{own.name}.png")
     beyond = [literature.published(name) for name in literature.files_beyond()]
     text = page(problems, beyond, FOLDER)
     (output / "literature.md").write_text(text, encoding="utf-8")
@@ -66,7 +64,7 @@ def write(problems: list[Judged], output: Path) -> None:
 
 @plots.styled
 def _save(figure: Figure, file: Path) -> None:
-    """As small as a page with a picture per problem needs them."""
+    """Save a figure without a word of the program that made it."""
     figure.savefig(file, dpi=_PNG_DPI, metadata={"Software": None})
 
 

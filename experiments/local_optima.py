@@ -15,6 +15,7 @@ it then misses the best.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import cyclopts
@@ -23,11 +24,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from baselines.ipopt import AGREEMENT_RTOL
+from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.cli import console
 from trajopt.core.problem import Problem
-from trajopt.planners.registry import named
+from trajopt.planners.registry import load
 
 Array = NDArray[np.float64]
 
@@ -44,36 +45,11 @@ def durations(
     problem: Problem,
     planner: str,
     starts: int,
-) -> Array:
-    """The duration that each of so many starts leads to, s; infinite where it failed."""
-    every_start = named(f"{planner}:starts={starts},agreeing={starts}")[1]
-    solution = every_start.solve(problem)
-    found = solution.stats.get("start_duration", [])
-    return np.asarray(found)[:starts]
-
-
-def measured(
-    problems: int,
-    starts: int,
-    planner: str,
-    file: Path,
 ) -> pd.DataFrame:
-    """All starts of all problems, those missing in `file` solved and added to it."""
-    known = set()
-    if file.exists():
-        known = set(pd.read_csv(file)["problem"])
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with console.progress(problems) as advance:
-        for seed in range(problems):
-            problem = drawn(seed, planner)
-            advance(1)
-            if seed in known or not problem.moving.any():
-                continue
-            rows = pd.DataFrame({"duration": durations(problem, planner, starts)})
-            rows.insert(0, "problem", seed)
-            is_new = not file.exists()
-            rows.to_csv(file, mode="a", header=is_new, index=False)
-    return pd.read_csv(file)
+    """The duration that each of so many starts leads to, s; infinite where it failed."""
+    every_start = load(f"{planner}:starts={starts},agreeing={starts}")
+    found = every_start.solve(problem).stats.get("start_duration", [])
+    return pd.DataFrame({"duration": found[:starts]})
 
 
 def excesses(table: pd.DataFrame) -> Iterator[Array]:
@@ -144,12 +120,12 @@ def main(
     output: Path = Path("results/local-optima"),
 ) -> None:
     """Try every start on every problem; print both tables, and write them to `output`."""
-    table = measured(
-        problems,
-        starts,
-        planner,
-        output / f"{planner}-starts.csv",
-    )
+    cells = {}
+    for seed in range(problems):
+        problem = drawn(seed, planner)
+        if problem.moving.any():
+            cells[seed,] = partial(durations, problem, planner, starts)
+    table = kept(output / f"{planner}-starts.csv", ["problem"], cells)
     failed = np.isinf(table["duration"])
     print(f"{planner}: {failed.sum()} of {len(table)} starts failed")
     for name, summary in (("differing", differing(table)), ("rules", rules(table))):

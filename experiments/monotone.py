@@ -2,13 +2,11 @@
 
     python -m experiments.monotone                    # 300 problems, a quarter of an hour on a core
     python -m experiments.monotone --problems 20      # a quick look
-    python -m experiments.monotone --joints 2         # more joints, against many more starts
 
 Six to ten waypoints, some segments a millionth of the others, limits up to 100:1 apart, one in four
-asymmetric. A single joint that moves one way passes waypoints without losing time, so the optimum
-is Ruckig's from the first waypoint to the last: an answer from another program. Several joints have
-none; there the planner itself from `REFERENCE_STARTS` random states is the reference. Reported: how
-often and by how much the reference is better, and what the planner's answers cost.
+asymmetric. A joint that moves one way passes waypoints without losing time, so the optimum is
+Ruckig's from the first waypoint to the last: an answer from another program. Reported: how often
+and by how much it is better, and what the planner's answers cost.
 """
 
 from __future__ import annotations
@@ -25,23 +23,21 @@ from baselines.ruckig_ import RuckigStop
 from trajopt import Problem, Solution, verify
 from trajopt.benchmark.suites.random import random_problem
 
-REFERENCE_STARTS = 24
 BEATEN = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # relative
 
 
-def drawn(seed: int, joints: int = 1) -> Problem:
-    """A random problem whose joints all move one way, under symmetric jerk limits."""
+def drawn(seed: int) -> Problem:
+    """A random problem whose joint moves one way, under symmetric jerk limits."""
     rng = np.random.default_rng([17, seed])
     problem = random_problem(
         seed,
-        joints=joints,
+        joints=1,
         waypoints=int(rng.integers(6, 11)),
         jerk=True,
     )
     lengths = np.abs(problem.displacements)
     passed = np.cumsum(lengths, axis=0)
-    start = np.zeros((1, joints))
-    waypoints = np.vstack([start, passed])
+    waypoints = np.vstack([[0.0], passed])
     return Problem(waypoints, problem.limits)
 
 
@@ -52,24 +48,17 @@ def at_once(problem: Problem) -> Problem:
 
 
 def reference(problem: Problem) -> float:
-    """The optimum of one joint, s; for several joints the best of many starts."""
-    if problem.joints == 1:
-        solution = RuckigStop().solve(at_once(problem))
-    else:
-        solution = ExactJerk(starts=REFERENCE_STARTS).solve(problem)
+    """The optimum, s."""
+    solution = RuckigStop().solve(at_once(problem))
     if solution.trajectory is None:
         return np.inf
     return solution.trajectory.duration
 
 
-def rows(
-    problems: int,
-    joints: int,
-    starts: int,
-) -> Iterator[dict[str, float]]:
+def rows(problems: int, starts: int) -> Iterator[dict[str, float]]:
     """One row a problem: excess over the reference (infinite without an answer), seconds."""
     for seed in range(problems):
-        problem = drawn(seed, joints)
+        problem = drawn(seed)
         if not problem.moving.any():
             continue
         began = time.perf_counter()
@@ -95,13 +84,9 @@ def excess_of(problem: Problem, solution: Solution) -> float:
     return certified / reference(problem) - 1
 
 
-def main(
-    problems: int = 300,
-    joints: int = 1,
-    starts: int = 4,
-) -> None:
+def main(problems: int = 300, starts: int = 4) -> None:
     """Solve, compare, and print how often the reference is better by how much."""
-    frame = pd.DataFrame(rows(problems, joints, starts))
+    frame = pd.DataFrame(rows(problems, starts))
     excess = frame["excess"]
     for threshold in BEATEN:
         beaten = excess > threshold

@@ -6,7 +6,7 @@
 Open choices change one at a time from the default (penalty that only ranks, seconds, Table 3's
 limits, the intended formulas), some together; each is crossed with every way of making one running
 time of six joints. `readings.csv` and `.md` in `--output` hold every value; `nearest`, what comes
-within 1 % of a published one; `ranking`, which algorithm comes first; `claims`, what follows.
+within 1 % of a published one; `ranking`, which algorithm comes first.
 Searches are stored in `runs/`: running again does only what is missing.
 """
 
@@ -202,42 +202,6 @@ def order(cells: dict[str, pd.Series[Any]]) -> str:
     return text
 
 
-def claims(table: pd.DataFrame, ranked: pd.DataFrame) -> pd.DataFrame:
-    """Return the conclusions of all readings."""
-    best = ranked.iloc[0]
-    worst = best["worst difference %"]
-    published = running_times()["issa"]
-    honest = table[table["passes together"] & (table["keeps limits"] == 1)]
-    shortest = honest["claimed s"].min()
-    first = int(ranked["order"].str.startswith("ISSA <").sum())
-    rows = [
-        {
-            "claim": "one reading gives all three running times (worst difference, %)",
-            "paper": 0.0,
-            "ours": worst,
-            "verdict": worst < 100 * NEAR,
-            "note": f"{best['reading']}, {best['combination']}",
-        },
-        {
-            "claim": f"readings, of {len(ranked)}, with ISSA before both others",
-            "paper": np.nan,
-            "ours": first,
-            "verdict": first > 0,
-            "note": "their intervals apart",
-        },
-        {
-            "claim": "ISSA's time, limits kept and points passed together (s)",
-            "paper": published,
-            "ours": shortest,
-            "verdict": shortest < (1 + NEAR) * published,
-            "note": "the shortest median of any reading",
-        },
-    ]
-    frame = pd.DataFrame(rows)
-    frame["verdict"] = np.where(frame["verdict"], "reproduced", "not reproduced")
-    return frame.assign(command="python -m experiments.paper_readings")
-
-
 def main(
     seeds: int = 50,
     *,
@@ -259,18 +223,15 @@ def main(
             found += rows(reading, algorithm, timing, runs.times)
             advance(1)
     table = pd.DataFrame(found)
-    ranked = ranking(table)
     tables = {
         "readings": table,
         "nearest": nearest(table),
-        "ranking": ranked,
-        "claims": claims(table, ranked),
+        "ranking": ranking(table),
     }
     for name, own in tables.items():
         save_table(own, output / name)
     print(tables["nearest"].to_string(index=False, float_format="{:.4f}".format))
-    print(ranked.head(12).to_string(index=False, float_format="{:.2f}".format))
-    print(tables["claims"].drop(columns="command").to_string(index=False))
+    print(tables["ranking"].head(12).to_string(index=False, float_format="{:.2f}".format))
     share = 100 * chance(table)
     print(
         f"{len(table)} values; {share:.0f} % of all times from 3 to 4 s lie within "

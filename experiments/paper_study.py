@@ -63,14 +63,6 @@ def table2(robot: Robot, problem: Problem) -> pd.DataFrame:
     return table.assign(difference=table["ours deg"] - table["paper deg"])
 
 
-def points(robot: Robot, problem: Problem) -> pd.DataFrame:
-    """The four Cartesian points, which the paper draws but does not list, mm."""
-    rows = paper.MM * robot.forward(problem.waypoints)[:, :3, 3]
-    table = pd.DataFrame(rows, columns=["x mm", "y mm", "z mm"])
-    table.insert(0, "point", range(1, len(rows) + 1))
-    return table
-
-
 def settled(curves: list[Array]) -> Array:
     """Evaluations until each run is within 1 % of its own end."""
     evaluations = []
@@ -214,7 +206,6 @@ def main(
         "table4": compared("table4", found),
         "table5": compared("table5", found),
         "table2": table2(robot, problem),
-        "points": points(robot, problem),
         "running-times": running_times(found, problem),
     }
     tables["claims"] = claims(estimates(tables) | totals(found, problem))

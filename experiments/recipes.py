@@ -26,7 +26,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize
 
 from baselines.evolution import CMAES
-from experiments.common import races
+from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import Problem, Trajectory, verify
 from trajopt.benchmark.best_known import records
@@ -51,6 +51,8 @@ NIAPY = {
 }
 OURS: dict[str, Optimiser] = {"SSA": SSA(), "ISSA": ISSA(), "CMA-ES": CMAES()}
 LOCAL = "local search"
+SWARMS = (*NIAPY, *OURS, LOCAL)
+PERCENT = 100
 CUBIC = "3-5-3"
 TASKS = (
     ("six-axis", CUBIC),
@@ -186,39 +188,30 @@ def runs(
     return pd.DataFrame({"duration": durations})
 
 
-def measured(
-    task: tuple[str, str],
-    seeds: int,
-    evaluations: int,
-    folder: Path,
+def row(
+    problem: Problem,
+    family: str,
+    durations: pd.Series[float],
 ) -> dict[str, Any]:
     """Medians of all swarms above the best of the family found, and that above the optimum, %.
 
-    Runs that the folder has already are not made again.
+    Args:
+        durations: All runs, s, each under its swarm's name.
     """
-    problem = catalogue.load(task[0])
     record = records.find(problem)
     assert record is not None
-    times = SplineTimes(problem, task[1])
-    medians = {}
-    best = np.inf
-    for name in (*NIAPY, *OURS, LOCAL):
-        make = partial(runs, times, name, seeds, evaluations)
-        found = races.stored(folder, f"{', '.join(task)} {name}", make)["duration"]
-        medians[name] = found.median()
-        best = min(best, found.min())
+    best = durations.min()
+    medians = durations.groupby(level=0).median()
+    above = PERCENT * (medians.loc[[*SWARMS]] / best - 1)
+    swarms = above.drop(LOCAL)
     stopping = float(stop_times(problem).sum())
-    above = {name: 100 * (median / best - 1) for name, median in medians.items()}
-    swarms = [name for name in above if name != LOCAL]
-    nearest = min(swarms, key=above.__getitem__)
-    farthest = max(swarms, key=above.__getitem__)
     return {
-        "recipe": ", ".join(task),
-        "best swarm": nearest,
-        "worst swarm": farthest,
+        "recipe": f"{problem.name}, {family}",
+        "best swarm": swarms.idxmin(),
+        "worst swarm": swarms.idxmax(),
         **above,
-        "family above the optimum": 100 * (best / record.duration - 1),
-        "above stopping": 100 * (best / stopping - 1),
+        "family above the optimum": PERCENT * (best / record.duration - 1),
+        "above stopping": PERCENT * (best / stopping - 1),
     }
 
 
@@ -241,8 +234,16 @@ def main(
     if not tasks:
         known = "; ".join(", ".join(task) for task in TASKS)
         raise InvalidInput("--only", f"a part of one of {known}", value=only)
-    folder = output / f"{seeds}-seeds-{evaluations}-evaluations"
-    table = pd.DataFrame([measured(task, seeds, evaluations, folder) for task in tasks])
+    cells = {}
+    for name, family in tasks:
+        times = SplineTimes(catalogue.load(name), family)
+        for swarm in SWARMS:
+            cells[name, family, swarm] = partial(runs, times, swarm, seeds, evaluations)
+    file = output / f"{seeds}-seeds-{evaluations}-evaluations.csv"
+    found = kept(file, ["problem", "family", "swarm"], cells)
+    durations = found.set_index(["problem", "family", "swarm"])["duration"]
+    rows = [row(catalogue.load(name), family, durations[name, family]) for name, family in tasks]
+    table = pd.DataFrame(rows)
     save_table(table, output / "recipes")
     print(table.to_string(index=False, float_format="{:.4g}".format))
 

@@ -14,18 +14,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cyclopts
 import pandas as pd
 
+from experiments.common.kept import kept
 from experiments.common.output import save_table
-from experiments.families import cell, certified, stored
+from experiments.families import cell, certified
 from trajopt import Problem
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
-from trajopt.cli import console
 from trajopt.planners.registry import entries, load
 
 # By planner: as its authors' example has it, and with the effort of all.
@@ -40,7 +41,6 @@ RIVALS = {
 }
 MODES = ("documented", "effort")
 GROUPS = ("six-axis", "jerk-limit", "4 waypoints", "8 waypoints", "16 waypoints", "jerk limits")
-COLUMNS = ["group", "problem", "planner", "mode", "seconds", "best known", "answer", "cpu"]
 
 
 def problems() -> Iterator[tuple[str, Problem]]:
@@ -54,9 +54,10 @@ def problems() -> Iterator[tuple[str, Problem]]:
         yield group, problem
 
 
-def trials(problem: Problem) -> Iterator[dict[str, Any]]:
+def trials(problem: Problem) -> list[dict[str, Any]]:
     """Every rival that knows the problem's kinds of limits and is installed, both ways."""
     best = certified(problem, records.answer(problem))
+    rows = []
     for planner, specs in RIVALS.items():
         if entries()[planner].missing() is not None:
             continue
@@ -66,8 +67,7 @@ def trials(problem: Problem) -> Iterator[dict[str, Any]]:
                 continue
             began = time.process_time()
             solution = rival.solve(problem)
-            yield {
-                "problem": problem.name,
+            row = {
                 "planner": planner,
                 "mode": mode,
                 "seconds": certified(problem, solution),
@@ -75,6 +75,8 @@ def trials(problem: Problem) -> Iterator[dict[str, Any]]:
                 "answer": solution.stats.get("spline", solution.message),
                 "cpu": time.process_time() - began,
             }
+            rows.append(row)
+    return rows
 
 
 def gaps(table: pd.DataFrame) -> pd.DataFrame:
@@ -96,16 +98,11 @@ def main(*problem: str, output: Path = Path("results/rivals")) -> None:
         problem: Names of problems; all 44 if none is given.
         output: The folder.
     """
-    output.mkdir(parents=True, exist_ok=True)
-    path = output / "trials.csv"
-    done = set(stored(path, COLUMNS)["problem"])
+    cells = {}
     for group, own in problems():
-        if own.name in done or (problem and own.name not in problem):
-            continue
-        rows = pd.DataFrame([{"group": group} | row for row in trials(own)], columns=COLUMNS)
-        rows.to_csv(path, mode="a", header=not path.exists(), index=False)
-        console.OUT.print(f"{own.name}: {rows['cpu'].sum():.1f} s of CPU")
-    table = gaps(stored(path, COLUMNS))
+        if not problem or own.name in problem:
+            cells[group, own.name] = partial(trials, own)
+    table = gaps(kept(output / "trials.csv", ["group", "problem"], cells))
     save_table(table, output / "rivals")
     print(table.to_string())
 

@@ -13,7 +13,7 @@ known, and running again does only what is missing; the figure is `scaling.png` 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import cyclopts
@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt import Limits, Problem, verify
 from trajopt.planners.registry import load
@@ -65,7 +66,7 @@ def walk(
     return Problem(path, limits, name=f"walk-{waypoints}")
 
 
-def measured(planner: str, waypoints: int) -> dict[str, object]:
+def measured(planner: str, waypoints: int) -> list[dict[str, float]]:
     """One size's row: CPU seconds, the certified duration (s), and how many starts it took."""
     tried = load(planner)
     problem = walk(
@@ -80,25 +81,12 @@ def measured(planner: str, waypoints: int) -> dict[str, object]:
     certified = np.nan
     if solution.trajectory is not None:
         certified = verify(problem, solution.trajectory).certified_duration or np.nan
-    return {
-        "planner": planner,
-        "waypoints": waypoints,
+    row = {
         "cpu s": seconds,
         "starts": len(solution.stats["start_status"]),
         "certified duration s": certified,
     }
-
-
-def rows(file: Path, most: int) -> Iterator[dict[str, object]]:
-    """The rows that are missing in `file`."""
-    known = set()
-    if file.exists():
-        table = pd.read_csv(file)
-        known = set(table[KEY].itertuples(index=False, name=None))
-    for planner, sizes in SIZES.items():
-        for waypoints in sizes:
-            if waypoints <= most and (planner, waypoints) not in known:
-                yield measured(planner, waypoints)
+    return [row]
 
 
 def slope(rows: pd.DataFrame) -> float:
@@ -139,13 +127,12 @@ def main(
     output: Path = Path("results/scaling"),
 ) -> None:
     """Measure every size up to `most` waypoints, print the table and the slopes, draw both."""
-    file = output / "scaling.csv"
-    output.mkdir(parents=True, exist_ok=True)
-    for row in rows(file, most):
-        is_new = not file.exists()
-        pd.DataFrame([row]).to_csv(file, mode="a", header=is_new, index=False)
-        print(f"{row['planner']}, {row['waypoints']} waypoints: {row['cpu s']:.2f} s", flush=True)
-    table = pd.read_csv(file)
+    cells = {}
+    for planner, sizes in SIZES.items():
+        for waypoints in sizes:
+            if waypoints <= most:
+                cells[planner, waypoints] = partial(measured, planner, waypoints)
+    table = kept(output / "scaling.csv", KEY, cells)
     save_table(table, output / "scaling")
     print(table.to_string(index=False, float_format="{:.3g}".format))
     for planner, own in table.groupby("planner"):

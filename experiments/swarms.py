@@ -24,9 +24,9 @@ import pandas as pd
 from baselines.evolution import CMAES, DE
 from baselines.spline353_nlp import Spline353NLP
 from experiments.common import races
+from experiments.common.kept import Rows, chosen, kept
 from experiments.common.output import save_table
 from trajopt import Problem, verify
-from trajopt.cli import console
 from trajopt.planners.swarm import ISSA, PSO, SSA, Optimiser
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
@@ -90,7 +90,7 @@ def nlp(
     problem: Problem,
     bound: float,
     repeats: int,
-) -> pd.DataFrame:
+) -> Rows:
     """The NLP's gap on one problem and its processor time (s), compiling not counted."""
     solve = partial(Spline353NLP().solve, problem)
     gap = np.inf
@@ -101,12 +101,7 @@ def nlp(
         duration = certificate.certified_duration or np.inf
         gap = duration / bound - 1
         least = min(cpu(solve) for _ in range(repeats))
-    row = {
-        "problem": problem.name,
-        "gap": gap,
-        "seconds": least,
-    }
-    return pd.DataFrame([row])
+    return [{"gap": gap, "seconds": least}]
 
 
 def seconds(
@@ -150,18 +145,10 @@ def nlp_row(outcome: races.Outcome, solved: pd.DataFrame) -> pd.Series[float]:
     """The NLP's gaps (%) and success rates, in the columns of `races.summary`."""
     widths = outcome.proof["width"]
     gaps = np.maximum(solved["gap"], widths).to_numpy()
-    _, first, middle, third, worst = 100 * statistics.summary(gaps)
-    row = {
-        "six-axis median gap (%)": 100 * gaps[0],
-        "first quartile (%)": first,
-        "median gap (%)": middle,
-        "third quartile (%)": third,
-        "worst problem (%)": worst,
-    }
+    row = races.gaps(gaps[None]).loc[0]
     for name, target in races.TARGETS.items():
-        successes = gaps <= target
-        row[f"success {name}"] = successes.mean()
-    return pd.Series(row)
+        row[f"success {name}"] = (gaps <= target).mean()
+    return row
 
 
 def pairs() -> list[tuple[str, str]]:
@@ -199,20 +186,17 @@ def main(
         evaluations,
         output,
     )
-    solved = []
-    with console.progress(len(field)) as advance:
-        for problem, bound in zip(field, outcome.proof["lower_bound"], strict=True):
-            run = partial(nlp, problem, bound, repeats)
-            row = races.stored(output / "nlp", problem.name, run)
-            solved.append(row)
-            advance(1)
+    cells = {}
+    for problem, bound in zip(field, outcome.proof["lower_bound"], strict=True):
+        cells[problem.name,] = partial(nlp, problem, bound, repeats)
+    solved = chosen(kept(output / "nlp.csv", ["problem"], cells), ["problem"], cells)
     timed = min(evaluations, 1000)
-    timing = partial(speed, field[0], timed, repeats)
-    costs = races.stored(output, "speed", timing)
+    timing = {(field[0].name,): partial(speed, field[0], timed, repeats)}
+    costs = kept(output / f"speed-{timed}-evaluations.csv", ["problem"], timing)
     report(
         outcome,
-        costs,
-        pd.concat(solved, ignore_index=True),
+        costs.drop(columns="problem"),
+        solved,
         output,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import site
 import subprocess
@@ -37,7 +38,7 @@ def environment(tmp_path_factory):
     return python, folder
 
 
-def run(environment, *arguments):
+def run(environment, *arguments, cwd=None):
     python, folder = environment
     command = [str(python), *arguments]
     variables = os.environ | {"PYTHONDONTWRITEBYTECODE": "1"}
@@ -45,7 +46,7 @@ def run(environment, *arguments):
         command,
         capture_output=True,
         text=True,
-        cwd=folder / "package" / "tests",
+        cwd=cwd or folder / "package" / "tests",
         env=variables,
         check=False,
     )
@@ -55,6 +56,14 @@ def test_the_package_is_known_by_name_and_its_own_tests_pass(environment):
     done = run(environment, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_chord_cubic.py")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 passed" in done.stdout
+
+
+def test_the_commands_of_its_page_run(environment, tmp_path):
+    page = (EXAMPLES / "planner-package" / "README.md").read_text(encoding="utf-8")
+    for command in re.findall(r"^trajopt (.*?)  +#", page, re.M):
+        done = run(environment, "-m", "trajopt.cli", *command.split(), cwd=tmp_path)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "chord-cubic" in done.stdout
 
 
 def test_the_examples_ur5e_is_the_built_in_one():

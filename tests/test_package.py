@@ -48,6 +48,20 @@ def test_verify_needs_numpy_and_scipy_only():
     assert abs(float(done.stdout) - 2 * 1.5**0.5) < 1e-12
 
 
+def test_a_package_overwritten_by_the_other_trajopt_is_one_line(tmp_path):
+    package = tmp_path / "trajopt"
+    package.mkdir()
+    other = f"__path__.append({str(ROOT / 'trajopt')!r})"  # its own file, our folders
+    (package / "__init__.py").write_text(other, encoding="utf-8")
+    script = "from trajopt.cli import main; main(['list'])"
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert re.fullmatch(r"trajopt: .*\(pip uninstall trajopt\).*\n", done.stderr)
+
+
 def test_every_extra_that_an_error_names_exists():
     named = set()
     for folder in ("trajopt", "baselines"):

@@ -3,7 +3,8 @@
 The measure of code is the expression node (`ast.expr`); docstrings, comments and blank lines are no
 code. Seven codebases of the field have means of 2.8 to 4.4 nodes per line of code.
 
-A ceiling on a sum stands where the sum stands: whoever lowers the sum lowers the ceiling.
+A ceiling on a sum stands where the sum stands: whoever lowers the sum lowers the ceiling. Those on
+the parts of the house are in `docs/explanation/house.md`.
 """
 
 from __future__ import annotations
@@ -22,11 +23,10 @@ ROOT = Path(__file__).parents[1]
 SOURCES = ("trajopt", "baselines", "experiments")
 TESTS = ("tests",)
 
-MAX_MEAN_NODES_PER_LINE = {SOURCES: 4.5, TESTS: 5.6}
-MAX_MODULE_NODES_PER_LINE = {SOURCES: 6.5, TESTS: 9.1}
+MAX_MEAN_NODES_PER_LINE = {SOURCES: 4.5, TESTS: 5.0}
+MAX_MODULE_NODES_PER_LINE = {SOURCES: 6.5, TESTS: 7.3}
 MAX_PACKED_ASSIGNMENTS = {SOURCES: 0, TESTS: 0}
 MAX_UNFORMATTED_STATEMENTS = {SOURCES: 0, TESTS: 4}
-MAX_NODES = 146_700
 MAX_RIDDLES = 32
 
 # A sentence that begins or speaks like this often has no subject (see `docs/glossary.md`).
@@ -176,10 +176,24 @@ def test_the_formatter_is_switched_off_only_around_tables(folders):
     assert count <= MAX_UNFORMATTED_STATEMENTS[folders], rows
 
 
-def test_the_house_does_not_grow():
-    nodes = sum(module.nodes for module in modules(SOURCES))
-    print(f"expression nodes: {nodes}")
-    assert nodes <= MAX_NODES
+def parts():
+    """Return (names, ceiling) of each part that the page of the house lists."""
+    page = (ROOT / "docs" / "explanation" / "house.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*?`) \| ([\d,]+) \|", page, re.M)
+    return [(re.findall(r"`(.+?)`", names), int(most.replace(",", ""))) for names, most in rows]
+
+
+def test_no_part_of_the_house_grows():
+    ceilings = {tuple(names): most for names, most in parts()}
+    owner = {name: names for names in ceilings for name in names}
+    nodes = dict.fromkeys(ceilings, 0)
+    for module in modules(SOURCES):
+        path = module.path.with_suffix("").as_posix()
+        own = [name for name in owner if f"{path}/".startswith(f"{name}/")]
+        nodes[owner[max(own, key=len)]] += module.nodes
+    print(f"expression nodes: {sum(nodes.values())}")
+    for names, most in ceilings.items():
+        assert nodes[names] <= most, names
 
 
 def test_sentences_have_a_subject():

@@ -6,6 +6,7 @@ TYPE_CHECKING = False  # not from `typing`: importing it takes time in which Ctr
 if TYPE_CHECKING:
     from typing import Any
 
+    from trajopt.benchmark.best import plan as plan
     from trajopt.benchmark.judgement import judge as judge
     from trajopt.comparison import compare as compare
     from trajopt.core.exceptions import InvalidInput as InvalidInput
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from trajopt.core.exceptions import TrajoptError as TrajoptError
     from trajopt.core.exceptions import UnitWarning as UnitWarning
     from trajopt.core.exceptions import UnknownName as UnknownName
+    from trajopt.core.exceptions import WrongType as WrongType
     from trajopt.core.problem import Limits as Limits
     from trajopt.core.problem import Problem as Problem
     from trajopt.core.solution import Solution as Solution
@@ -25,6 +27,10 @@ if TYPE_CHECKING:
     from trajopt.judging.verification import verify as verify
     from trajopt.planners.planner import Planner as Planner
     from trajopt.planners.planner import Relation as Relation
+    from trajopt.views.analysis.results import Results as Results
+    from trajopt.views.export.motion import write as write
+
+    __version__: str
 
 _MODULE = {
     "Certificate": "judging.verification",
@@ -35,6 +41,7 @@ _MODULE = {
     "Planner": "planners.planner",
     "Problem": "core.problem",
     "Relation": "planners.planner",
+    "Results": "views.analysis.results",
     "Solution": "core.solution",
     "Status": "core.solution",
     "StoreError": "core.exceptions",
@@ -43,15 +50,22 @@ _MODULE = {
     "TrajoptError": "core.exceptions",
     "UnitWarning": "core.exceptions",
     "UnknownName": "core.exceptions",
+    "WrongType": "core.exceptions",
     "compare": "comparison",
     "judge": "benchmark.judgement",
+    "plan": "benchmark.best",
     "verify": "judging.verification",
+    "write": "views.export.motion",
 }
 __all__ = sorted(_MODULE)
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that `trajopt --help` need not wait."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("mintime")
     if name not in _MODULE:
         raise AttributeError(f"module 'trajopt' has no attribute {name!r}")
     from importlib import import_module

@@ -12,47 +12,41 @@ process is a recorded trial, and the run goes on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 from trajopt.benchmark.run import runner
 from trajopt.benchmark.run.plan import Allowance, missing, plan
+from trajopt.benchmark.run.progress import Progress, Report, reporter
 from trajopt.benchmark.store.folder import Seen, Store, read
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration, Trial, now
+from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
-from trajopt.planners.registry import named
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.versions import Kept, newest
+
+TIMEOUT = 600.0  # s, of a trial
 
 Contestant = str | Planner | tuple[str, object] | object
 
 
-@dataclass(frozen=True)
-class Progress:
-    """How many trials are asked for, are finished, and were finished before the run began."""
-
-    total: int
-    finished: int
-    kept: int
-
-
 def compare(
-    problems: Sequence[Problem | str | Path],
-    planners: Sequence[Contestant],
+    problems: Sequence[Problem | str | Path] | Problem | str | Path,
+    planners: Sequence[Contestant] | str | Planner,
     folder: Path | str = "results",
     *,
     seeds: int = 30,
     jobs: int = 0,
     fresh: bool = False,
-    timeout: float = 600.0,
+    timeout: float = TIMEOUT,
     memory: float | None = None,
-    progress: Callable[[Progress], None] = lambda _: None,
+    progress: Report | bool | None = None,
     executor: Executor | None = None,
 ) -> Results:
     """Run every planner on every problem, keep every trial, return those that were asked for.
@@ -62,10 +56,10 @@ def compare(
     Trials that crashed, missed a package or hit a smaller limit are run again.
 
     Args:
-        problems: Problems, names of built-in ones, or problem files.
-        planners: Planners, registered ones by their names (`"toppra:knots=chord"`), or pairs of a
-            name and a planner. Stochastic ones run with seeds 0 … `seeds` − 1 on the problems that
-            they support, all others once.
+        problems: Problems, names of built-in ones, or problem files; one alone needs no list.
+        planners: Planners, names (`"toppra:knots=chord"`, `"./my_planner.py:MyPlanner"`), or pairs
+            of a name and a planner. Stochastic ones run with seeds 0 … `seeds` − 1 on the problems
+            that they support, all others once.
         folder: Where the trials are kept.
         seeds: Number of seeds of each stochastic planner.
         jobs: How many trials run side by side, each in a process of its planner's own, judged in
@@ -74,7 +68,9 @@ def compare(
         timeout: Seconds after which a trial in a child process is stopped.
         memory: GiB that a trial's child process may have (Linux). Memory of its own is limited at
             once; memory that it and its children share is measured ten times a second.
-        progress: Called with the state of the run at its start and after each task.
+        progress: True for a line on standard error, False for none; by default there is one in a
+            terminal and in a notebook. A function is called with a `Progress` at the start and
+            after each task.
         executor: Runs the trials instead of `jobs`: any of `concurrent.futures`, or a Dask
             client's. Its workers must see `folder`; they isolate and judge as `jobs` does.
 
@@ -86,10 +82,19 @@ def compare(
         StoreError: The folder cannot be written.
         WorkerError: A judge failed.
     """
+    if isinstance(problems, str | Path | Problem):
+        problems = [problems]
+    if isinstance(planners, str | Planner):
+        planners = [planners]
+    limits = {"timeout": timeout, "memory": memory}
+    for name, value in limits.items():
+        if jobs == 0 and executor is None and value not in (TIMEOUT, None):
+            right = "jobs=1 or more beside it: with jobs=0 trials run in this process, unsupervised"
+            raise InvalidInput(name, right, value=value)
     store = Store(Path(folder).absolute())  # planners may change the working folder
     allowed = Allowance.of(jobs, executor, timeout, memory)
-    loaded = [p if isinstance(p, Problem) else catalogue.load(str(p)) for p in problems]
-    tasks = plan(loaded, [_configuration(planner) for planner in planners], seeds)
+    loaded = [catalogue.given(problem) for problem in problems]
+    tasks = plan(loaded, [Configuration.given(planner) for planner in planners], seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
     known = None if fresh else store.current(asked)
     if fresh:
@@ -100,31 +105,22 @@ def compare(
         done = {t.id for t in known if not t.runs_again or allowed.would_stop(t)}
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
-    progress(Progress(len(asked), finished, len(done)))
+    report = reporter(progress)
+    report(Progress(len(asked), finished, len(done)))
     before = store.stamps() if waiting else {}
     seen = Seen()
     with closing(runner.run(waiting, store, allowed, executor)) as run:
         for task, written in run:
             finished += len(task.seeds)
             seen.add(written)
-            progress(Progress(len(asked), finished, len(done)))
+            report(Progress(len(asked), finished, len(done)))
     if waiting or known is None:
         store.restore(before, seen)
         known = _consolidated(store, asked, seen)
     trials = _marked(store, known)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
-    return Results(trials, kept)
-
-
-def _configuration(planner: Contestant) -> Configuration:
-    if isinstance(planner, str):
-        name, loaded = named(planner)
-        return Configuration.of(loaded, name)
-    if isinstance(planner, tuple):
-        name, own = planner
-        return Configuration.of(own, name)
-    return Configuration.of(planner)
+    return Results(trials, kept=kept)
 
 
 def _done(store: Store, allowed: Allowance) -> set[str]:
@@ -157,10 +153,10 @@ def _marked(store: Store, trials: Sequence[Trial]) -> Sequence[Trial]:
         when = trial.asked or trial.started
         last[trial.label] = max(when, last.get(trial.label, ""))
     later = set()
-    for other in store.others({trial.id for trial in trials}):
+    for trial_id, other in store.others({trial.id for trial in trials}).items():
         when = other["asked"] or other["started"]
         if when > last.get(other["label"], when):  # texts in UTC and ISO 8601 sort by time
-            later.add(other["id"])
+            later.add(trial_id)
     if not later:
         return trials
     everything = [*trials, *read(store.results, later)]

@@ -16,11 +16,9 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.collocation.uniform import Grid, Nodes, transcription
 from baselines.exact import one_sided_jerk
@@ -35,8 +33,6 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import Planner, passing_once
-
-Array = NDArray[np.float64]
 
 # First number of intervals per segment, without and with jerk limits.
 _START_INTERVALS = 6
@@ -56,8 +52,6 @@ _AGREEMENT_SHARE = 0.1
 _MORE_STARTS = 4
 # Duration of a start, relative to the motion without position limits.
 _SLOWER = 1.3
-# Smallest jump of acceleration or jerk that is a switch, relative to the largest value.
-_SWITCH_RTOL = 1e-6
 
 
 @dataclass(frozen=True)
@@ -234,57 +228,19 @@ def _relaxed(problem: Problem) -> Trajectory | None:
 
 
 def _placed(grid: Grid, trajectory: Trajectory) -> Nodes:
-    """Put each joint's nodes where a trajectory switches, and positions within their limits."""
-    cuts = []
-    states = []
-    for i, joint in enumerate(np.flatnonzero(grid.moving)):
-        own = _cuts(grid, trajectory, i, int(joint))
-        cuts.append(own)
-        rates = [trajectory(own, order)[:, joint] for order in range(3)]
-        states.append(rates)
-    # (order, nodes, joints), in the grid's units
-    by_order = np.moveaxis(np.array(states), 0, -1)
-    q, v, a = by_order / grid.scale
+    """Put equal intervals on a trajectory, and positions within their limits."""
+    passed = trajectory.waypoint_times
+    lengths = np.repeat(np.diff(passed) / grid.intervals, grid.intervals)
+    times = np.append(0.0, np.cumsum(lengths))
+    rates = [trajectory(times, order)[:, grid.moving] for order in range(3)]
+    # in the grid's units
+    q, v, a = np.array(rates) / grid.scale
     moved = q - grid.origin / grid.scale
-    times = np.diff(trajectory.waypoint_times)
-    lengths = np.diff(np.stack(cuts, axis=1), axis=0)
+    unit = grid.unit
     return Nodes(
-        times=times / grid.unit,
-        lengths=lengths / grid.unit,
+        times=np.diff(passed) / unit,
+        lengths=np.tile(lengths[:, None] / unit, len(grid.scale)),
         q=np.clip(moved, *grid.position),
-        v=v * grid.unit,
-        a=a * grid.unit**2,
+        v=v * unit,
+        a=a * unit**2,
     )
-
-
-def _cuts(grid: Grid, trajectory: Trajectory, i: int, joint: int) -> Array:
-    """Return the nodes of one joint, the grid's `i`-th, segment by segment, s."""
-    breaks = trajectory.breaks
-    middles = 0.5 * (breaks[:-1] + breaks[1:])
-    order = 3 if grid.smooth[i] else 2
-    rate = trajectory(middles, order)[:, joint]
-    jumps = np.abs(np.diff(rate))
-    largest_rate = np.abs(rate).max()
-    switches = jumps > _SWITCH_RTOL * largest_rate
-
-    inner = breaks[1:-1]
-    nodes = [trajectory.waypoint_times[:1]]
-    for start, end in pairwise(trajectory.waypoint_times):
-        inside = (inner > start) & (inner < end)
-        where = np.flatnonzero(inside & switches)
-        by_size = np.argsort(-jumps[where], kind="stable")
-        largest = where[by_size[: grid.intervals - 1]]
-        cuts = [start, *np.sort(inner[largest]), end]
-        halved = _longest_halved(cuts, grid.intervals)
-        nodes.append(halved[1:])
-    return np.concatenate(nodes)
-
-
-def _longest_halved(cuts: list[float], intervals: int) -> Array:
-    """Halve the longest interval again and again until there are enough."""
-    cuts = list(cuts)
-    while len(cuts) <= intervals:
-        longest = int(np.argmax(np.diff(cuts)))
-        middle = 0.5 * (cuts[longest] + cuts[longest + 1])
-        cuts.insert(longest + 1, middle)
-    return np.array(cuts)

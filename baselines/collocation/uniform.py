@@ -20,11 +20,11 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact import one_sided_jerk
 from baselines.ipopt import Options, flat, program, unflat
 from baselines.sizes import announce, cells
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import LIMIT_NAMES, Problem
 from trajopt.core.solution import Solution, Status
@@ -32,7 +32,6 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend, passing_once
 from trajopt.planners.rest_to_rest import stop_times
 
-Array = NDArray[np.float64]
 # An expression of constraints with its lowest and highest values.
 Constraints = tuple[Any, Any, Any]
 

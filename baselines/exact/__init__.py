@@ -8,6 +8,6 @@ In reading order:
 - `jerk`, `jerk_profiles`, `jerk_cells`, `jerk_step`, `jerk_descent`: jerk limits too.
 - `interior_point`, `chain`, `crossover`: the method of both, its Newton steps, active limits.
 - `acceleration_motion`, `jerk_motion`, `rounded`: the motion of an optimum between stored breaks.
-- `lifted_ipopt`: the same optima by IPOPT, an independent check.
+- `by_ipopt`, `jerk_by_ipopt`: the optima of sections 3 and 4 by IPOPT, an independent check.
 - `one_sided_jerk`: why limits of jerk on one side only have no optimum.
 """

@@ -16,9 +16,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes
@@ -27,12 +27,12 @@ from baselines.exact.crossover import minimised
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import passing_once
 
-Array = NDArray[np.float64]
 Start = tuple[Array, Array]  # segment times, waypoint velocities
 
 # Times `starts`: how many are tried where all have failed so far.
@@ -58,6 +58,8 @@ class Exact(SeveralStarts):
     second of two starts that agree guards against a start that ends badly. `solver` is its own
     interior-point method, or IPOPT on a program of other variables: an independent check.
     """
+
+    solver: Literal["interior-point", "ipopt"] = "interior-point"
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
@@ -294,16 +296,15 @@ def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
 
 def _minimised_by_ipopt(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
     """IPOPT's local optimum near each start, dilated until it is exactly reachable."""
-    from baselines.exact import lifted_ipopt  # late: it needs CasADi
+    from baselines.exact import by_ipopt  # late: it needs CasADi
 
     optima = []
-    for times, velocities in starts:
-        start = (times, velocities, np.zeros_like(velocities))
-        (found,) = lifted_ipopt.minimised(scaled, [start])
-        within = scaled.within(found.states[0])
+    for start in starts:
+        found = by_ipopt.minimised(scaled, *start)
+        within = scaled.within(found.velocities)
         optimum = _reached(scaled, found.times, within, found.status, MAX_DILATION)
-        if optimum is None or np.isinf(found.duration):
-            optimum = Optimum(np.inf, times, velocities, found.status)
+        if optimum is None or not found.success:
+            optimum = Optimum(np.inf, *start, found.status)
         optima.append(optimum)
     return optima
 

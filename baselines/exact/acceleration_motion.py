@@ -13,13 +13,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact.acceleration_profiles import Ramps, extremes, gentlest, straightest
 from baselines.exact.rounded import DISTINCT_RTOL, Clock, Pieces
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from trajopt.core.arrays import Array, Bools
 
 # Breaks no further apart than this share of a segment become one where limits allow it.
 _SLIVER = 1e-6
@@ -189,7 +186,7 @@ class _Profiles(NamedTuple):
         before = self.velocity[:-1]
         after = self.velocity[1:]
         mean = (before + after) / 2
-        return np.asarray(self.lengths * mean)
+        return self.lengths * mean
 
     @property
     def starts(self) -> Array:
@@ -515,7 +512,7 @@ def _left(elapsed: Array, ramp: Array) -> Array:
         out=np.ones_like(ramp),
         where=ramp > 0,
     )
-    return np.asarray(np.maximum(1 - gone, 0.0))
+    return np.maximum(1 - gone, 0.0)
 
 
 def _lengths(breaks: _Breaks, task: Task) -> Array:
@@ -552,14 +549,14 @@ def _allowed(profiles: _Profiles, task: Task) -> Bools:
     fastest = np.maximum(speeds[:-1], speeds[1:])
     paths = profiles.lengths * fastest
     covered = missed <= _EXCESS_RTOL * paths.sum(axis=0)
-    return np.asarray(covered & ~steep & ~fast)
+    return covered & ~steep & ~fast
 
 
 def _beyond(values: Array, limits: Array) -> Bools:
     """Return where one of the values along the first axis lies beyond its limits."""
     low, high = limits
     outside = (values < low) | (values > high)
-    return np.asarray(outside.any(axis=0))
+    return outside.any(axis=0)
 
 
 def _by_joint(

@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trajopt.core.arrays import Array
 
 
 class Extremes(NamedTuple):
@@ -297,4 +296,4 @@ def _cruise_above(
     fall = w**2 / (2 * a1)
     below_root = linear**2 - 4 * square * (rise + fall)
     root = np.sqrt(np.maximum(below_root, 0.0))
-    return np.asarray((linear - root) / (2 * square))
+    return (linear - root) / (2 * square)

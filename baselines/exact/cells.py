@@ -15,13 +15,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from trajopt.core.arrays import Array, Bools
 
 if TYPE_CHECKING:
     from baselines.exact.newton_step import Linear
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 START_BARRIER = 0.1
 # Share of the velocity limits that a start uses at most.
@@ -57,12 +57,12 @@ class Point(NamedTuple):
     @property
     def ends(self) -> Array:
         """Velocities at the start and at the end, from the mean one, in units of the time."""
-        return np.asarray(self.inner[0])
+        return self.inner[0]
 
     @property
     def peaks(self) -> Array:
         """Peaks of the upper and of the mirrored lower profile, in the units of `ends`."""
-        return np.asarray(self.inner[1])
+        return self.inner[1]
 
     def moved(self, step: Point, length: Array) -> Point:
         """The point so far along a step, `(starts,)`."""
@@ -314,4 +314,4 @@ class Rows:
 def both_sides(ends: Array) -> Array:
     """Ends as both sides see them, the lower one mirrored: `(2, …)` to `(2, 2, …)`."""
     of_each_side = ends[:, None]
-    return np.asarray(of_each_side * _SIDES)
+    return of_each_side * _SIDES

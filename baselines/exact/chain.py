@@ -22,7 +22,7 @@ times alone are increased.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -215,7 +215,7 @@ class Chain:
         after = gradient[:, :-1].reshape(*briefer.shape, width)
         over_velocities = after[..., 1 :: self.orders].max(axis=2) / briefer
         over_velocities = over_velocities.max(axis=1, initial=0.0)
-        return np.asarray(np.maximum(over_times.max(axis=1), over_velocities))
+        return np.maximum(over_times.max(axis=1), over_velocities)
 
     def bands(self) -> Array:
         """The matrix over the unknowns as a lower band of every start, a row per unknown."""
@@ -243,8 +243,7 @@ class Chain:
         gradient = self.descent(by_cell)
         starts, size = gradient.shape
         unknowns = np.zeros((starts, size + 1))
-        for start, band in enumerate(self.bands()):
-            factor = self._factor(band, start)
+        for start, factor in enumerate(self._factors):
             solution, _ = scipy.linalg.lapack.dpbtrs(
                 factor,
                 gradient[start],
@@ -275,7 +274,12 @@ class Chain:
         )
         slope, missing = self.links
         changes = ends - slope * log[..., None] - missing
-        return np.asarray(self.times[..., None] * changes)
+        return self.times[..., None] * changes
+
+    @cached_property
+    def _factors(self) -> list[Array]:
+        """The Cholesky factor of every start's matrix."""
+        return [self._factor(band, start) for start, band in enumerate(self.bands())]
 
     def _factor(self, band: Array, start: int) -> Array:
         """The Cholesky factor of a band, the entries of its times increased where needed."""
@@ -286,7 +290,7 @@ class Chain:
         while added <= MAX_CONVEXITY:
             factor, failed = scipy.linalg.lapack.dpbtrf(band.T, lower=1)
             if not failed:
-                return np.asarray(factor)
+                return factor
             more = max(CONVEXITY_FACTOR * added, START_CONVEXITY)
             times += (more - added) * self.times[start]
             added = more

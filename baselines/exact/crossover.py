@@ -18,13 +18,10 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact import interior_point
 from baselines.exact.interior_point import ROW_AXES, Arrived, Iterate, Rows
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from trajopt.core.arrays import Bools
 
 # Crossover is tried at these gaps, relative to the duration, and where the method has converged.
 ATTEMPTS: tuple[Arrived, ...] = (

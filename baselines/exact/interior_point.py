@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 MAX_ITERATIONS = 300
+# So many steps follow their rows to second order. Most programs have converged by then; the others
+# have segments so brief that second derivatives mislead.
+BENT_STEPS = 30
 # Converged: complementarity gap and change of the last step, relative to the duration, and
 # constraint violation.
 GAP_RTOL = 1e-12
@@ -61,6 +64,9 @@ class Linear(Protocol):
     def step(self, aim: Array, /) -> tuple[Any, Array]:
         """The Newton step to these multipliers, and by how much it changes every row."""
 
+    def bending(self, step: Any, /) -> Array | None:
+        """By how much a step changes every row at second order, where that is known."""
+
 
 class Rows(Protocol):
     """A program's inequalities at a point.
@@ -94,7 +100,10 @@ class Rows(Protocol):
         """The rows of some of the starts."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(
+    frozen=True,
+    eq=False,
+)
 class State:
     """Rows with a slack and a multiplier each, in tables of their shape."""
 
@@ -105,27 +114,30 @@ class State:
     @cached_property
     def duration(self) -> Array:
         """The sum of the segment times, `(starts,)`."""
-        return np.asarray(self.rows.times.sum(axis=1))
+        return self.rows.times.sum(axis=1)
 
     @cached_property
     def gap(self) -> Array:
         """The complementarity gap, `(starts,)`."""
-        return np.asarray((self.slacks * self.multipliers).sum(axis=ROW_AXES))
+        return (self.slacks * self.multipliers).sum(axis=ROW_AXES)
 
     @cached_property
     def miss(self) -> Array:
         """The rows' values less their slacks."""
-        return np.asarray(self.rows.values - self.slacks)
+        return self.rows.values - self.slacks
 
     @cached_property
     def weights(self) -> Array:
         """Multiplier over slack of each row."""
-        return np.asarray(self.multipliers / self.slacks)
+        return self.multipliers / self.slacks
 
     @cached_property
     def linear(self) -> Linear:
         """The model of a Newton step from here."""
-        return self.rows.linear(self.multipliers, self.weights)
+        return self.rows.linear(
+            self.multipliers,
+            self.weights,
+        )
 
     @cached_property
     def slope(self) -> Array:
@@ -161,7 +173,7 @@ class Iterate(NamedTuple):
     @property
     def lost(self) -> Bools:
         """Which starts have diverged, `(starts,)`."""
-        return np.asarray(~np.isfinite(self.state.gap) | (self.length == 0))
+        return ~np.isfinite(self.state.gap) | (self.length == 0)
 
     def of(self, some: Bools) -> Iterate:
         """Some of the starts."""
@@ -180,11 +192,30 @@ Arrived = Callable[[Iterate], Bools]
 
 def begun(rows: Rows) -> Iterate:
     """No step yet."""
-    slacks = np.maximum(rows.values, rows.start_slack)
-    state = State(rows, slacks, rows.start_barrier[:, None, None] / slacks)
-    length = np.full(len(rows.times), START_LENGTH)
-    gain = np.full(len(rows.times), np.inf)
-    return Iterate(state, state, length, gain, steps=0)
+    slacks = np.maximum(
+        rows.values,
+        rows.start_slack,
+    )
+    state = State(
+        rows,
+        slacks,
+        rows.start_barrier[:, None, None] / slacks,
+    )
+    length = np.full(
+        len(rows.times),
+        START_LENGTH,
+    )
+    gain = np.full(
+        len(rows.times),
+        np.inf,
+    )
+    return Iterate(
+        state,
+        state,
+        length,
+        gain,
+        steps=0,
+    )
 
 
 def descended(iterate: Iterate, arrived: Arrived) -> Iterate:
@@ -199,18 +230,27 @@ def descended(iterate: Iterate, arrived: Arrived) -> Iterate:
 def near(iterate: Iterate, gap_rtol: float) -> Bools:
     """Which points' gaps are at most this share of their durations, `(starts,)`."""
     state = iterate.state
-    return np.asarray(state.gap <= gap_rtol * state.duration)
+    return state.gap <= gap_rtol * state.duration
 
 
 def converged(iterate: Iterate, times: float = 1.0) -> Bools:
     """Which points are local optima to so many times the tolerances, `(starts,)`."""
-    closed = near(iterate, times * GAP_RTOL)
+    closed = near(
+        iterate,
+        times * GAP_RTOL,
+    )
     if not closed.any():
         return closed
     state = iterate.state
     missed = np.abs(state.miss).max(axis=ROW_AXES)
-    closed &= np.maximum(missed, state.linear.apart) <= times * MISS_TOL
-    return np.asarray(closed & (iterate.gain <= times * GAIN_RTOL * state.duration))
+    closed &= (
+        np.maximum(
+            missed,
+            state.linear.apart,
+        )
+        <= times * MISS_TOL
+    )
+    return closed & (iterate.gain <= times * GAIN_RTOL * state.duration)
 
 
 def _stepped(iterate: Iterate) -> Iterate:
@@ -218,8 +258,18 @@ def _stepped(iterate: Iterate) -> Iterate:
     state = iterate.state
     slacks = state.slacks
     multipliers = state.multipliers
-    waits = state.slope > np.maximum(WAIT_PER_GAP * state.gap, WAIT_RTOL * state.duration)
-    left = np.where(waits, 1.0, np.maximum(1 - iterate.length, MIN_LEFT))
+    waits = state.slope > np.maximum(
+        WAIT_PER_GAP * state.gap,
+        WAIT_RTOL * state.duration,
+    )
+    left = np.where(
+        waits,
+        1.0,
+        np.maximum(
+            1 - iterate.length,
+            MIN_LEFT,
+        ),
+    )
     gap = np.maximum(
         left**FALL_POWER * state.gap,
         state.rows.min_gap_rtol * state.duration,
@@ -227,21 +277,53 @@ def _stepped(iterate: Iterate) -> Iterate:
     barrier = (gap / slacks[:, :, 0].size)[:, None, None]
 
     aim = barrier / slacks
-    step, change = state.linear.step(aim - state.weights * state.miss)
-    slack_step = change + state.miss
-    multiplier_step = aim - multipliers - state.weights * slack_step
-
-    farthest = np.abs(step.log).max(axis=1)
-    forwards = np.minimum(
-        MAX_LOG_STEP / np.maximum(farthest, MAX_LOG_STEP),
-        _longest(slacks, slack_step),
+    direction = _direction(
+        state,
+        aim,
+        state.miss,
     )
-    upwards = _longest(multipliers, multiplier_step)
-    rows, forwards = _shortened(state.rows, step, forwards)
+    bends = iterate.steps < BENT_STEPS
+    bending = state.linear.bending(direction.step) if bends else None
+    if bending is not None:
+        length = direction.forwards[:, None, None]
+        bent = _direction(
+            state,
+            aim,
+            state.miss + length * bending,
+        )
+        direction = _either(
+            bent.forwards >= SHORTER * direction.forwards,
+            bent,
+            direction,
+        )
+    rows = state.rows.after(
+        direction.step,
+        direction.forwards,
+    )
+    follows = rows.follows(state.rows) | iterate.lost
+    if bends and not follows.all():
+        rows, direction, follows = _corrected(
+            iterate,
+            aim,
+            direction,
+            rows,
+            follows,
+        )
+    if not follows.all():
+        rows, direction = _shortened(
+            iterate,
+            direction,
+        )
+    forwards = direction.forwards
+    multiplier_step = aim - multipliers - state.weights * direction.slacks
+    upwards = _longest(
+        multipliers,
+        multiplier_step,
+    )
     slacks = np.where(
         rows.values >= MIN_KEPT_SLACK * slacks,
         rows.values,
-        slacks + forwards[:, None, None] * slack_step,
+        slacks + forwards[:, None, None] * direction.slacks,
     )
     aim = barrier / slacks
     multipliers = np.clip(
@@ -250,27 +332,170 @@ def _stepped(iterate: Iterate) -> Iterate:
         aim * MULTIPLIER_SPREAD,
     )
     return Iterate(
-        State(rows, slacks, multipliers),
+        State(
+            rows,
+            slacks,
+            multipliers,
+        ),
         state,
-        length=np.minimum(forwards, upwards),
-        gain=np.abs((state.rows.times * step.log).sum(axis=1)),
+        length=np.minimum(
+            forwards,
+            upwards,
+        ),
+        gain=np.abs((state.rows.times * direction.step.log).sum(axis=1)),
         steps=iterate.steps + 1,
     )
 
 
-def _shortened(rows: Rows, step: Any, length: Array) -> tuple[Rows, Array]:
+class _Direction(NamedTuple):
+    """A Newton step.
+
+    Attributes:
+        step: of the unknowns.
+        change: of the rows to first order, in a table of their shape.
+        slacks: of the slacks.
+        forwards: how far it may be taken, `(starts,)`.
+    """
+
+    step: Any
+    change: Array
+    slacks: Array
+    forwards: Array
+
+
+def _direction(state: State, aim: Array, miss: Array) -> _Direction:
+    """The Newton step that makes up for what the rows miss of their slacks."""
+    step, change = state.linear.step(aim - state.weights * miss)
+    slack_step = change + miss
+    farthest = np.abs(step.log).max(axis=1)
+    forwards = np.minimum(
+        MAX_LOG_STEP
+        / np.maximum(
+            farthest,
+            MAX_LOG_STEP,
+        ),
+        _longest(
+            state.slacks,
+            slack_step,
+        ),
+    )
+    return _Direction(
+        step,
+        change,
+        slack_step,
+        forwards,
+    )
+
+
+def _corrected(
+    iterate: Iterate,
+    aim: Array,
+    tried: _Direction,
+    after: Rows,
+    follows: Bools,
+) -> tuple[Rows, _Direction, Bools]:
+    """The step with what the rows really miss at second order, where that leads further.
+
+    Args:
+        iterate: where the step begins.
+        aim: barrier over slack of each row.
+        tried: a Newton step.
+        after: the rows that it leads to.
+        follows: which starts may take it.
+
+    Returns:
+        The rows that it leads to, the step, and which starts may take it.
+    """
+    state = iterate.state
+    before = state.rows
+    length = tried.forwards[:, None, None]
+    bending = (after.values - before.values - length * tried.change) / length
+    bent = _direction(
+        state,
+        aim,
+        state.miss + bending,
+    )
+    rows = before.after(
+        bent.step,
+        bent.forwards,
+    )
+    better = ~follows & rows.follows(before) & (bent.forwards >= SHORTER * tried.forwards)
+    if not better.all():
+        bent = _either(
+            better,
+            bent,
+            tried,
+        )
+        rows = before.after(
+            bent.step,
+            bent.forwards,
+        )
+    return rows, bent, follows | better
+
+
+def _either(first: Bools, one: _Direction, other: _Direction) -> _Direction:
+    """One step for some starts, another one for the rest."""
+    share = first.astype(float)
+    difference = one.step.moved(
+        other.step,
+        -np.ones_like(share),
+    )
+    of_rows = first[:, None, None]
+    return _Direction(
+        other.step.moved(
+            difference,
+            share,
+        ),
+        np.where(
+            of_rows,
+            one.change,
+            other.change,
+        ),
+        np.where(
+            of_rows,
+            one.slacks,
+            other.slacks,
+        ),
+        np.where(
+            first,
+            one.forwards,
+            other.forwards,
+        ),
+    )
+
+
+def _shortened(iterate: Iterate, direction: _Direction) -> tuple[Rows, _Direction]:
     """The rows after a step, shortened until the method may go on; a length of 0 if it may not."""
+    rows = iterate.state.rows
+    length = direction.forwards
     for _ in range(MAX_SHORTENED):
-        after = rows.after(step, length)
-        follows = after.follows(rows)
+        after = rows.after(
+            direction.step,
+            length,
+        )
+        follows = after.follows(rows) | iterate.lost
         if follows.all():
-            return after, length
-        length = np.where(follows, length, SHORTER * length)
-    length = np.where(follows, length, 0.0)
-    return rows.after(step, length), length
+            return after, direction._replace(forwards=length)
+        length = np.where(
+            follows,
+            length,
+            SHORTER * length,
+        )
+    length = np.where(
+        follows,
+        length,
+        0.0,
+    )
+    return rows.after(
+        direction.step,
+        length,
+    ), direction._replace(forwards=length)
 
 
 def _longest(values: Array, step: Array) -> Array:
     """Return the longest step, at most 1, that keeps every value positive, `(starts,)`."""
     fastest = -(step / values).min(axis=ROW_AXES)
-    return np.asarray(TO_BOUNDARY / np.maximum(fastest, TO_BOUNDARY))
+    return TO_BOUNDARY / np.maximum(
+        fastest,
+        TO_BOUNDARY,
+    )

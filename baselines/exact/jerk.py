@@ -16,12 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact
+from baselines.exact.cells import Cells, Rows
+from baselines.exact.interior_point import begun, descended, near
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
@@ -39,6 +42,7 @@ MAX_STARTS_FACTOR = 3
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 2.0
 RELAXED_DILATION = 1.1
+RELAXED_GAP = 1e-2  # of the optimum without jerk limits, relative to its duration
 # Time of a start, proportional to segments times moving joints. It includes failing starts.
 SECONDS = 0.03
 SECONDS_PER_CELL = 2e-3
@@ -51,7 +55,7 @@ class ExactJerk(SeveralStarts):
     Jerk limits may be stiff (1e5 times those of acceleration: section 3's optimum but for 1e-4) or
     soft (once), on some joints only, and all limits asymmetric; joints may rest. It starts from
     `starts` points: the answer is the best known, not proved. `solver` is its own interior-point
-    method, or IPOPT on a program of other variables: an independent check, a hundred times as slow.
+    method, or IPOPT on a program of other variables: an independent check.
 
     A jerk limit on one side only is unsupported. Acceleration could then jump the other way, and
     the optimum wants that. But where jerk is limited at all acceleration has to be continuous:
@@ -62,6 +66,7 @@ class ExactJerk(SeveralStarts):
     """
 
     starts: int = 4
+    solver: Literal["interior-point", "ipopt"] = "interior-point"
 
     knows = ("velocity", "acceleration", "jerk")
 
@@ -77,16 +82,18 @@ class ExactJerk(SeveralStarts):
         if not problem.limits.jerk_limited[problem.moving].any():
             return Exact(self.starts, self.agreeing, self.solver).solve(problem)
         # late: planners that are only listed need none of it
-        from baselines.exact import jerk_descent, lifted_ipopt
         from baselines.exact.jerk_motion import Reachable
+
+        if self.solver == "ipopt":
+            from baselines.exact.jerk_by_ipopt import minimised
+        else:
+            from baselines.exact.jerk_descent import minimised
 
         announce("exact-jerk", problem, self._seconds(problem))
         scaled = Reachable(problem)
-        method = lifted_ipopt if self.solver == "ipopt" else jerk_descent
 
         def solve_from(starts: Sequence[Start]) -> list[Optimum]:
-            optima: list[Optimum] = method.minimised(scaled, starts)
-            return optima
+            return minimised(scaled, starts)
 
         return self.best_of(scaled, solve_from, _starts(scaled, MAX_STARTS_FACTOR * self.starts))
 
@@ -106,22 +113,16 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
     rng = np.random.default_rng(0)
     at_rest = np.zeros((segments - 1, joints))
     yield STOPPING_DILATION * scaled.stop, at_rest, at_rest
-    without_jerk = scaled.problem.without("jerk", "position")
-    relaxed = Exact(starts=1).solve(without_jerk).trajectory
-    if relaxed is not None:
-        passages = relaxed.waypoint_times
-        velocities = relaxed(
-            passages,
-            order=1,
-        )[1:-1, scaled.moving]
-        within = (
-            np.clip(
-                velocities / scaled.units[2],
-                *scaled.v,
-            )
-            / RELAXED_DILATION
-        )
-        yield RELAXED_DILATION * np.diff(passages) / scaled.unit, within, at_rest
+    # near section 3's optimum
+    cells = Cells(scaled, 1)
+    with np.errstate(all="ignore"):
+        start = cells.start(scaled.stop[None], at_rest[None])
+        relaxed = descended(
+            begun(Rows(cells, start)), partial(near, gap_rtol=RELAXED_GAP)
+        ).state.rows
+    velocity = np.clip(relaxed.point.velocity[0], *scaled.v)
+    if np.isfinite(velocity).all():
+        yield RELAXED_DILATION * relaxed.times[0], velocity / RELAXED_DILATION, at_rest
     for _ in range(count):
         slower = rng.uniform(STOPPING_DILATION, MAX_START_DILATION, segments)
         yield slower * scaled.stop, at_rest, at_rest

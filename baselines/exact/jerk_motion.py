@@ -1,16 +1,16 @@
 """The jerk-limited motion through given waypoint states, between stored breaks (mathematics, 4).
 
-In each segment a joint takes the convex combination of its two extreme profiles that covers the
-displacement. What a trajectory stores are times since its start, rounded, so the breaks are rounded
-first; acceleration is straight between them, and the least change of what it is at the inner ones
-makes up for what rounding costs. Breaks that are hardly apart are left out where the limits allow
-it, and breaks of two joints that are as near are at one place.
+In each segment a joint may take any convex combination of its two extreme profiles that covers the
+displacement. Its acceleration is straight between breaks: evenly spaced ones, the same for all
+joints, where the limits leave room for that, else those of its profiles. What a trajectory stores
+are times since its start, rounded, so the breaks are rounded first, and the least change of the
+accelerations at the inner ones makes up for what that costs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,14 @@ from baselines.exact.acceleration_motion import covering
 from baselines.exact.cells import at_ends
 from baselines.exact.jerk_cells import Cells, Point, Rows
 from baselines.exact.rounded import (
+    DISTINCT_RTOL,
     NO_PIECES,
-    Clock,
     Pieces,
-    apart,
     assembled,
     clocks,
+    outwards,
     through,
+    together,
 )
 from baselines.exact.scaled import Scaled
 from trajopt.core import polynomials
@@ -34,18 +35,15 @@ from trajopt.judging.verification import verify
 
 Array = NDArray[np.float64]
 
-# Pieces shorter than these shares of a segment are left out where the limits allow it.
-_SLIVERS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12)
-_BRIEFEST_S = 2e-10  # and pieces that last no longer in any case
+# Evenly spaced pieces of a segment that are tried.
+_EVEN = (1, 4, 8)
+# Pieces of a profile that are left out where the limits allow it, as shares of a segment.
+_SLIVERS = (1e-3, 1e-5, 1e-7, 0.0)
+_BRIEFEST_S = 2e-10  # and those that last no longer in any case
 # Or shorter than this share of a segment, where that is less.
 _BRIEFEST_RTOL = 1e-3
-# In segments shorter than this, relative to the mean stop time, all joints share one grid.
+# Segments shorter than this, relative to the mean stop time, are brief.
 _BRIEF = 1e-3
-_BRIEF_PIECES = 4
-# Breaks of two joints that are so near each other are at one place, where limits allow it.
-_NEAR_S = 1e-6
-# Or so near, relative to the mean stop time, where that is less.
-_NEAR_UNIT_RTOL = 1e-3
 # States are put on a limit that they miss by less than this, in units of the velocity that the
 # segment allows: for limits of acceleration by the ramp to them, and for limits of velocity.
 _NEAR_LIMIT = 1e-11
@@ -54,37 +52,70 @@ _NEAR_TOP = 1e-8
 _NEARBY = 1e-2
 # A break is left out where no limit is exceeded by more than this share.
 _EXCESS_RTOL = 3e-10
-_MISS_RTOL = 1e-13  # of velocities: what the end may be missed by
-_ROUNDING_RTOL = 4e-15
-# Dilations of the times, beyond 1, among which the shortest certified motion is taken where the
-# first is certified later than this.
-_SLOWER = (0.0, 1e-9, 1e-8, 1e-7, 1e-6)
-_EXACT_RTOL = 1e-9
+_MISS_RTOL = 1e-14  # of velocities: what the end may be missed by
+# Dilations of the times, beyond 1, that are tried while the motion is certified later than that.
+_SLOWER = (*np.arange(1e-9, 1e-8, 1e-9), 1e-8, 1e-7, 1e-6)
 # A profile with a smaller share is left out.
 _ALONE = 1e-8
 _TINY = 1e-300  # instead of dividing by 0
 
 
-class Course(NamedTuple):
-    """How acceleration changes in one cell.
+class _Cells(NamedTuple):
+    """The combinations of extreme profiles, a cell on the last axis.
 
     Attributes:
-        ends: velocities at the start and at the end.
-        h: displacement.
-        breaks: from 0 to the segment's time.
-        levels: acceleration at the breaks, straight between them.
-        velocity: its limits, low and high.
+        ends: velocities at the start and at the end, `(2, cells)`.
+        h: displacements.
+        knots: of both profiles, since the segment's start, `(8, 2 sides, cells)`.
+        levels: accelerations there, straight in between.
+        share: of the upper profile.
+        velocity: limits, low and high, `(2, cells)`.
         acceleration: likewise.
         jerk: likewise.
+        rounding: of the waypoints.
+        start: of the segment, s.
+        end: of the segment, s.
     """
 
-    ends: tuple[float, float]
-    h: float
-    breaks: Array
+    ends: Array
+    h: Array
+    knots: Array
     levels: Array
+    share: Array
     velocity: Array
     acceleration: Array
     jerk: Array
+    rounding: Array
+    start: Array
+    end: Array
+
+    def of(self, some: NDArray[np.intp]) -> Self:
+        """Some of the cells."""
+        return type(self)(*(table[..., some] for table in self))
+
+    def accelerations(self, times: Array) -> Array:
+        """Accelerations at times since the segments' starts, `(times, cells)`."""
+        passed = (times[:, None, None] - self.knots[:-1]) / np.diff(self.knots, axis=0)
+        steps = np.diff(self.levels, axis=0) * np.clip(np.nan_to_num(passed), 0.0, 1.0)
+        high, low = np.moveaxis(self.levels[0] + steps.sum(axis=1), 1, 0)
+        inner = self.share * high + (1 - self.share) * low
+        first, last = self.levels[[0, -1], 0]
+        inner = np.where(times > 0, inner, first)
+        return np.where(times < self.knots[-1, 0], inner, last)
+
+
+class _Fit(NamedTuple):
+    """Motions of some cells.
+
+    Attributes:
+        stored: breaks, s, those after the segment's end repeat it, `(pieces + 1, cells)`.
+        cubics: position coefficients, `(4, pieces, cells)`.
+        excess: the share by which they pass a limit.
+    """
+
+    stored: Array
+    cubics: Array
+    excess: Array
 
 
 class Reachable(Scaled):
@@ -98,16 +129,18 @@ class Reachable(Scaled):
         """
         within = self.problem.without("position")
         velocity, acceleration = states
-        found: list[tuple[float, Trajectory]] = []
+        claimed = self.unit * times.sum()
+        best = motion(self, times, states)
+        shortest = verify(within, best).certified_duration or np.inf
         for slower in _SLOWER:
             k = 1 + slower
-            slowed = np.stack([velocity / k, acceleration / k**2])
-            own = motion(self, k * times, slowed)
-            certified = verify(within, own).certified_duration or np.inf
-            found.append((certified, own))
-            shortest, best = min(found, key=lambda one: one[0])
-            if shortest <= found[0][1].duration * (1 + _EXACT_RTOL):
+            if shortest <= k * claimed:
                 break
+            own = motion(self, k * times, np.stack([velocity / k, acceleration / k**2]))
+            certified = verify(within, own).certified_duration or np.inf
+            if certified < shortest:
+                best = own
+                shortest = certified
         return best
 
 
@@ -124,15 +157,25 @@ def motion(scaled: Scaled, times: Array, states: Array) -> Trajectory:
     velocity, acceleration = states
     velocity = _in_rounded_times(times, rounded, velocity)
     velocity, acceleration = _at_limits(scaled, rounded, velocity, acceleration)
-    courses = _Courses(scaled, rounded, velocity, acceleration)
+    cells = _cells(scaled, rounded, passages, velocity, acceleration)
+    fits = iter(_fitted(cells, scaled.unit, DISTINCT_RTOL * passages[-1]))
     segments = []
-    for k, clock in enumerate(
-        clocks(
-            passages,
-            scaled.unit,
-        )
-    ):
-        segments.append(_segment(courses, k, clock))
+    for k, clock in enumerate(clocks(passages, scaled.unit)):
+        pieces = []
+        for i, jerky in enumerate(scaled.r.any(axis=0)):
+            stored, part = next(fits)
+            if not jerky and clock.length > 0:
+                cell = k * len(scaled.units[0]) + i
+                stored, part = covering(
+                    cells.h[cell],
+                    cells.ends[:, cell],
+                    scaled.v[:, i],
+                    scaled.a[:, i],
+                    clock,
+                )
+            powers = len(part)
+            pieces.append((stored, part * scaled.units[-powers:, i, None]))
+        segments.append(pieces)
     return assembled(scaled.problem, passages, segments)
 
 
@@ -213,302 +256,199 @@ def _at_limits(
     )
 
 
-class _Courses:
-    """The combinations of extreme profiles in every cell."""
-
-    def __init__(
-        self,
-        scaled: Scaled,
-        times: Array,
-        velocity: Array,
-        acceleration: Array,
-    ) -> None:
-        self.scaled = scaled
-        self.times = times
-        cells = Cells(scaled)
-        t = np.where(
-            times > 0,
-            times,
-            1.0,
-        )[None]
-        mean = scaled.h / t[..., None]
-        at_waypoints = at_ends(velocity[None])
-        ends = (at_waypoints - mean) / t[..., None]
-        with np.errstate(all="ignore"):
-            rows = Rows(
-                cells,
-                Point(
-                    np.log(t),
-                    ends,
-                    velocity[None],
-                    acceleration[None],
-                ),
-            )
-        profiles = rows.profiles
-        a, b = profiles.acceleration
-        rise, fall = profiles.rises
-        between = np.clip(0.0, -fall, rise)
-        levels = [a, rise, rise, between, between, -fall, -fall, -b]
-        up = rows.cells.up / rows.t
-        down = rows.cells.down / rows.t
-        lengths = [
-            up * (rise - a),
-            profiles.hold[0],
-            down * (rise - between),
-            profiles.cruise,
-            down * (between + fall),
-            profiles.hold[1],
-        ]
-        knots = np.cumsum(
-            np.maximum(lengths, 0.0),
-            axis=0,
-        )
-        whole = np.ones_like(knots[:1])
-        knots = np.concatenate(
-            [
-                0 * whole,
-                np.minimum(
-                    knots,
-                    1.0,
-                ),
-                whole,
-            ]
-        )
-        # the sides are mirrored
-        sides = np.array([1.0, -1.0])[:, None, None]
-        high, low = np.maximum(
-            rows.reach[:, 0],
-            0.0,
-        )
-        share = low / np.maximum(
-            high + low,
-            _TINY,
-        )
-        share = np.where(share < _ALONE, 0.0, share)
-        self.share = np.where(
-            share > 1 - _ALONE,
-            1.0,
-            share,
-        )
-        self.knots = times[:, None] * knots[:, :, 0]
-        self.levels = sides * np.array(levels)[:, :, 0]
-        self.velocity = at_waypoints[:, 0]
-        self.jerky = scaled.r.any(axis=0)
-        signs = np.array([[-1.0], [1.0]])
-        self.jerk = signs / np.where(
-            self.jerky,
-            scaled.r,
-            1.0,
-        )
-
-    def at(self, k: int, i: int) -> Course:
-        """The course of one cell."""
-        knots = self.knots[:, :, k, i]
-        levels = self.levels[:, :, k, i]
-        share = self.share[k, i]
-        if share in (0.0, 1.0):  # one profile alone
-            alone = [int(share == 0)] * 2
-            knots = knots[:, alone]
-            levels = levels[:, alone]
-        breaks = np.unique(knots)
-        high, low = (
-            np.interp(
-                breaks,
-                knots[:, side],
-                levels[:, side],
-            )
-            for side in (0, 1)
-        )
-        u, w = self.velocity[:, k, i]
-        return Course(
-            (float(u), float(w)),
-            float(self.scaled.h[k, i]),
-            breaks,
-            share * high + (1 - share) * low,
-            self.scaled.v[:, i],
-            self.scaled.a[:, i],
-            self.jerk[:, i],
-        )
-
-
-def _segment(courses: _Courses, k: int, clock: Clock) -> list[Pieces]:
-    """Stored breaks (s) and coefficients (rad/s^power) of every joint over one segment."""
-    scaled = courses.scaled
-    jerky = courses.jerky
-    pieces: list[Pieces] = [NO_PIECES] * len(jerky)
-    if clock.length == 0:
-        return pieces
-    places = np.array([clock.start, clock.end])
-    # The breaks of joints without a jerk limit are where they are: acceleration may jump there.
-    for i in np.argsort(jerky, kind="stable"):
-        course = courses.at(k, i)
-        if jerky[i]:
-            stored, part = _fitted(course, clock, places)
-        else:
-            ends = np.array(course.ends)
-            stored, part = covering(
-                course.h,
+def _cells(
+    scaled: Scaled,
+    times: Array,
+    passages: Array,
+    velocity: Array,
+    acceleration: Array,
+) -> _Cells:
+    """The combinations of extreme profiles, those of a segment one after another."""
+    t = np.where(
+        times > 0,
+        times,
+        1.0,
+    )[None]
+    mean = scaled.h / t[..., None]
+    at_waypoints = at_ends(velocity[None])
+    ends = (at_waypoints - mean) / t[..., None]
+    with np.errstate(all="ignore"):
+        rows = Rows(
+            Cells(scaled),
+            Point(
+                np.log(t),
                 ends,
-                course.velocity,
-                course.acceleration,
-                clock,
-            )
-        places = np.union1d(places, stored)
-        powers = len(part)
-        pieces[i] = (stored, part * scaled.units[-powers:, i, None])
-    return pieces
-
-
-def _fitted(course: Course, clock: Clock, places: Array) -> Pieces:
-    """The motion of fewest breaks that keeps the limits; else the one that breaks them least."""
-    t = clock.length
-    straight = _straight(course, t)
-    if straight is not None:
-        return clock.stored(np.array([0.0, t])), straight
-    near = min(_NEAR_S, _NEAR_UNIT_RTOL * clock.unit)
-    best: tuple[float, Pieces] | None = None
-    closest = max(
-        clock.resolution,
-        min(_BRIEFEST_S, _BRIEFEST_RTOL * t * clock.unit),
-    )
-    for breaks in _grids(
-        course.breaks,
-        t,
-        closest / clock.unit,
-    ):
-        levels = np.interp(breaks, course.breaks, course.levels)
-        for stored, weights in (
-            (clock.stored_at(breaks, places, near), 1.0),
-            (clock.stored_at(breaks, places, 0.0), 1.0),
-            (
-                clock.stored_outwards(
-                    breaks,
-                    places,
-                ),
-                np.abs(levels),
+                velocity[None],
+                acceleration[None],
             ),
-        ):
-            lengths = clock.lengths(stored)
-            cubics = through(
-                lengths,
-                levels,
-                course.ends,
-                course.h,
-                weights,
-            )
-            if cubics is None:
-                continue
-            excess = _excess(course, lengths, cubics)
-            if excess <= _EXCESS_RTOL:
-                return stored, cubics
-            if best is None or excess < best[0]:
-                best = (excess, (stored, cubics))
-    if best is None:  # the segment is too brief for three pieces
-        return clock.stored(np.array([0.0, t])), _cubic(
-            course,
-            t,
         )
-    return best[1]
+    profiles = rows.profiles
+    a, b = profiles.acceleration
+    rise, fall = profiles.rises
+    between = np.clip(0.0, -fall, rise)
+    up = rows.cells.up / rows.t
+    down = rows.cells.down / rows.t
+    lengths = [
+        up * (rise - a),
+        profiles.hold[0],
+        down * (rise - between),
+        profiles.cruise,
+        down * (between + fall),
+        profiles.hold[1],
+    ]
+    knots = np.cumsum(
+        np.maximum(lengths, 0.0),
+        axis=0,
+    )
+    whole = np.ones_like(knots[:1])
+    knots = np.concatenate([0 * whole, np.minimum(knots, 1.0), whole])
+    # the sides are mirrored
+    sides = np.array([1.0, -1.0])[:, None, None, None]
+    levels = sides * np.array([a, rise, rise, between, between, -fall, -fall, -b])
+    high, low = np.maximum(
+        rows.reach,
+        0.0,
+    )
+    share = low / np.maximum(
+        high + low,
+        _TINY,
+    )
+    share = np.where(share < _ALONE, 0.0, share)
+    share = np.where(share > 1 - _ALONE, 1.0, share)
+    # one profile alone has no other's knots
+    knots = times[:, None] * np.where(
+        share == 1, knots[:, :1], np.where(share == 0, knots[:, 1:], knots)
+    )
+    signs = np.array([[-1.0], [1.0]])
+    jerk = signs / np.maximum(scaled.r, _TINY)
+    positions = np.abs(scaled.problem.waypoints[:, scaled.moving])
+    rounding = np.spacing(np.maximum(positions[:-1], positions[1:]))
+    segments, joints = scaled.h.shape
+
+    def flat(table: Array) -> Array:
+        every = np.broadcast_to(table, (*table.shape[:-2], segments, joints))
+        return every.reshape(*every.shape[:-2], -1)
+
+    return _Cells(
+        flat(at_waypoints[:, 0]),
+        flat(scaled.h),
+        flat(knots[:, :, 0]),
+        flat(levels[:, :, 0]),
+        flat(share[0]),
+        flat(scaled.v[:, None]),
+        flat(scaled.a[:, None]),
+        flat(jerk[:, None]),
+        flat(rounding / scaled.units[-1]),
+        flat(passages[:-1, None]),
+        flat(passages[1:, None]),
+    )
 
 
-def _straight(course: Course, t: float) -> Array | None:
-    """Constant jerk, where all that it misses is rounding."""
-    u, w = course.ends
-    a, b = course.levels[[0, -1]]
-    jerk = (b - a) / t
-    # w = u + (a + b) T/2, h = u T + a T²/2 + (b − a) T²/6
-    slow = w - u - (a + b) * t / 2
-    short = course.h - t * (u + t * (2 * a + b) / 6)
-    low, high = course.jerk * (1 + _EXCESS_RTOL)
-    rounding = _ROUNDING_RTOL * (abs(u) + abs(w))
-    if (
-        low <= jerk <= high
-        and max(
-            abs(slow),
-            abs(short) / t,
-        )
-        <= rounding
-    ):
-        return _cubic(course, t)
-    return None
+def _fitted(cells: _Cells, unit: float, resolution: float) -> list[Pieces]:
+    """The motion of fewest breaks that keeps the limits; else the one that breaks them least."""
+    left = np.arange(len(cells.h))
+    chosen: list[Pieces] = [NO_PIECES] * len(left)
+    least = np.full(len(left), np.inf)
+    with np.errstate(all="ignore"):
+        for levels, stored, weigh in _grids(cells, unit, resolution):
+            if not len(left):
+                break
+            fit = _through(cells.of(left), levels[:, left], stored[:, left], unit, weigh)
+            better = fit.excess < least[left]
+            for cell in np.flatnonzero(better):
+                breaks = fit.stored[:, cell]
+                pieces = int((breaks < breaks[-1]).sum())
+                chosen[left[cell]] = (breaks[: pieces + 1], fit.cubics[:, :pieces, cell])
+            least[left] = np.minimum(least[left], np.where(better, fit.excess, np.inf))
+            left = left[~(fit.excess <= _EXCESS_RTOL)]
+    return chosen
 
 
-def _cubic(course: Course, t: float) -> Array:
-    """Constant jerk between both accelerations."""
-    a, b = course.levels[[0, -1]]
-    return np.array([[(b - a) / t / 6], [a / 2], [course.ends[0]], [0.0]])
+def _grids(
+    cells: _Cells,
+    unit: float,
+    resolution: float,
+) -> Iterator[tuple[Array, Array, bool]]:
+    """Accelerations and stored breaks (s) to try, the fewest first.
 
-
-def _grids(breaks: Array, t: float, closest: float) -> Iterator[Array]:
-    """Breaks to try, the fewest first; in a brief segment one grid for all joints."""
-    if t < _BRIEF:
-        yield np.linspace(0.0, t, _BRIEF_PIECES + 1)
-    fewest = 0
+    And whether changes of the accelerations count in them.
+    """
+    t = (cells.end - cells.start) / unit
+    for pieces in _EVEN:
+        local = np.linspace(np.zeros_like(t), t, pieces + 1)
+        stored = np.linspace(cells.start, cells.end, pieces + 1)
+        yield cells.accelerations(local), stored, False
+    knots = np.sort(cells.knots.reshape(-1, len(t)), axis=0)
+    closest = np.maximum(resolution / unit, np.minimum(_BRIEFEST_S / unit, _BRIEFEST_RTOL * t))
+    (own,) = _apart(knots, closest, knots)
+    levels = cells.accelerations(own)
+    ends = (cells.start, cells.end)
+    every = together(outwards(own, *ends, unit), *ends, resolution)
     for sliver in _SLIVERS:
-        kept = apart(
-            breaks,
-            t,
-            max(sliver * t, closest),
-        )
-        if len(kept) > fewest:
-            yield (
-                kept
-                if len(kept) > 3
-                else np.union1d(
-                    kept,
-                    np.linspace(0.0, t, 4),
-                )
-            )
-        fewest = len(kept)
+        far = np.maximum(sliver * t * unit, resolution)
+        stored, kept = _apart(every, far, every, levels)
+        yield kept, stored, False
+    yield kept, stored, True
+    # more breaks, where there are too few for both velocity and displacement
+    thirds = np.linspace(cells.start, cells.end, 4)[1:3]
+    between = cells.accelerations((thirds - cells.start) / unit)
+    more = np.concatenate([every, thirds])
+    order = np.argsort(more, axis=0, kind="stable")
+    breaks = np.take_along_axis(more, order, axis=0)
+    there = np.take_along_axis(np.concatenate([levels, between]), order, axis=0)
+    stored, kept = _apart(breaks, _SLIVERS[0] * t * unit, breaks, there)
+    yield kept, stored, False
 
 
-def _excess(course: Course, lengths: Array, cubics: Array) -> float:
+def _apart(knots: Array, closest: Array, *tables: Array) -> list[Array]:
+    """The tables without knots that follow or precede too closely; the last one repeats.
+
+    Args:
+        knots: in order, `(knots, cells)`.
+        closest: how near is too near.
+        tables: of the knots' shape.
+    """
+    gaps = np.diff(knots, axis=0)
+    kept = (gaps[:-1] > closest) & (knots[-1] - knots[1:-1] > closest)
+    whole = np.ones_like(kept[:1])
+    kept = np.concatenate([whole, kept, whole])
+    order = np.argsort(~kept, axis=0, kind="stable")
+    left = np.take_along_axis(kept, order, axis=0)
+    left[-1] = False
+    return [np.where(left, np.take_along_axis(table, order, axis=0), table[-1]) for table in tables]
+
+
+def _through(cells: _Cells, levels: Array, stored: Array, unit: float, weigh: bool) -> _Fit:
+    """The motions with these breaks, near these accelerations."""
+    lengths = np.diff(stored, axis=0) / unit
+    inner = (stored > cells.start) & (stored < cells.end)
+    weights = np.where(inner, np.abs(levels) if weigh else 1.0, 0.0)
+    cubics = through(lengths, levels, cells.ends, cells.h, weights)
+    return _Fit(stored, cubics, _excess(cells, lengths, cubics))
+
+
+def _excess(cells: _Cells, lengths: Array, cubics: Array) -> Array:
     """The largest share by which a motion passes its limits of jerk, acceleration and velocity."""
     cubic, square, linear, _ = cubics
-    w = course.ends[1]
-    t = lengths[-1]
+    w = cells.ends[1]
     last = cubics[:, -1]
-    slow = (
-        polynomials.evaluate(
-            polynomials.derivative(last),
-            t,
-        )
-        - w
-    )
-    short = polynomials.evaluate(last, t) - course.h
-    fastest = np.abs(linear).max() + abs(w)
-    if (
-        max(
-            abs(slow),
-            abs(short) / lengths.sum(),
-        )
-        > _MISS_RTOL * fastest
-    ):
-        return np.inf
+    reached = polynomials.evaluate(polynomials.derivative(last), lengths[-1])
+    short = polynomials.evaluate(last, lengths[-1]) - cells.h
+    fastest = np.abs(linear).max(axis=0) + np.abs(w)
+    further = np.maximum(np.abs(short) - cells.rounding, 0.0)
+    missed = np.maximum(np.abs(reached - w), further / lengths.sum(axis=0))
     jerk = 6 * cubic
     acceleration = 2 * square
-    changing = np.where(
-        jerk == 0,
-        np.inf,
-        jerk,
-    )
+    changing = np.where(jerk == 0, np.inf, jerk)
     # velocity where acceleration vanishes in a piece; where it does not, at the nearer end
-    when = np.clip(
-        -acceleration / changing,
-        0.0,
-        lengths,
-    )
+    when = np.clip(-acceleration / changing, 0.0, lengths)
     turning = linear + when * (acceleration + when * jerk / 2)
-    worst = 0.0
-    for values, limits in (
-        (jerk, course.jerk),
-        (acceleration, course.acceleration),
-        (np.append(linear, turning), course.velocity),
+    worst = np.zeros_like(fastest)
+    for values, (low, high) in (
+        (jerk, cells.jerk),
+        (acceleration, cells.acceleration),
+        (linear, cells.velocity),
+        (turning, cells.velocity),
     ):
-        low, high = limits
-        worst = max(
-            worst,
-            float(values.max() / high),
-            float(values.min() / low),
-        )
-    return worst - 1
+        worst = np.maximum(worst, np.maximum(values.max(axis=0) / high, values.min(axis=0) / low))
+    return np.where(missed > _MISS_RTOL * fastest, 1 + missed / fastest, worst - 1)

@@ -16,7 +16,7 @@ displacement 0. The formulas go on smoothly where a first ramp would take negati
 states are out of reach, and the most displacement is below the least. Without a jerk limit
 (`r = 0`) ramps take no time: section 3.
 
-The most displacement is concave in the states, and what a state is worth is its costate: with
+The most displacement is concave in the states, and the value of a state is its costate: with
 `m` the middle between the two jerks of the rise, `∂D/∂u = m` and `∂D/∂a = t1 (m − t1/2)`.
 """
 

@@ -135,6 +135,20 @@ class Linear:
         )
         return step, change
 
+    def bending(self, step: Point) -> Array:
+        """By how much a step changes every row at second order."""
+        rows = self.rows
+        acceleration = at_ends(step.acceleration)
+        changes = np.empty((5, *acceleration.shape[1:]))
+        changes[TIME] = step.log[..., None]
+        changes[list(VELOCITIES)] = step.ends
+        changes[list(ACCELERATIONS)] = acceleration
+        bent = (rows.slopes.second * changes[:, None]).sum(axis=1)
+        table = np.zeros_like(rows.values)
+        table[:2] = ((bent * changes[:, None]).sum(axis=0) / 2).reshape(table[:2].shape)
+        table[3, ..., :-1, :] = -rows.cells.falling * step.acceleration**2 / 2
+        return table
+
     def _gradient(self, multipliers: Array) -> Array:
         """The gradient of the rows over the cells' variables, with what the links miss."""
         rows = self.rows

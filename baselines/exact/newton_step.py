@@ -96,14 +96,14 @@ class Linear:
     def apart(self) -> Array:
         """The most that a link misses, in units of the highest velocity, `(starts,)`."""
         missed = np.abs(self.links.missing * self.rows.room_p)
-        return np.asarray(missed.max(axis=(0, 2, 3)))
+        return missed.max(axis=(0, 2, 3))
 
     def slope(self, multipliers: Array) -> Array:
         """The largest entry of the Lagrangian's gradient, `(starts,)`."""
         by_s, by_x, by_p = self.rows.gradients(multipliers)
         steepest_peak = np.abs(by_p).max(axis=(0, 2, 3))
         steepest = self.chain.steepest(_by_cell(by_s, by_x))
-        return np.asarray(np.maximum(steepest, steepest_peak))
+        return np.maximum(steepest, steepest_peak)
 
     def step(self, aim: Array) -> tuple[Point, Array]:
         """The Newton step to these multipliers, and by how much it changes every row."""
@@ -128,10 +128,13 @@ class Linear:
         )
         return step, self.rows.change(step, x)
 
+    def bending(self, step: Point) -> None:
+        """Unknown: clipping mends what a step misses."""
+
 
 def _both(by_side: Array) -> Array:
     """The sum of both sides, seen from the upper one: `(2, 2, …)` to `(2, …)`."""
-    return np.asarray(by_side[:, 0] - by_side[:, 1])
+    return by_side[:, 0] - by_side[:, 1]
 
 
 def _by_cell(by_s: Array, by_x: Array) -> Array:

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 DISTINCT_RTOL = 2 * BREAK_RTOL
 
 _MENDINGS = 2  # the second one mends the rounding of the first
+_RANK_RTOL = 1e-28  # of squares: less of a change is rounding
+_TINY = 1e-300  # instead of dividing by 0
 
 Pieces = tuple[Array, Array]  # breaks, and position coefficients (degree + 1, pieces)
 
@@ -57,50 +59,6 @@ class Clock:
         times[-1] = self.end
         return times
 
-    def stored_at(
-        self,
-        local: Array,
-        places: Array,
-        near: float,
-    ) -> Array:
-        """Return the stored breaks, those near a break of another joint moved there.
-
-        Args:
-            local: breaks, from 0 to the segment's end, in `unit`.
-            places: stored breaks in order, s.
-            near: so far from a place, s, or within the resolution.
-        """
-        within = max(near, self.resolution)
-        times = self.stored(local)
-        place = places[nearest(places, times)]
-        is_there = np.abs(times - place) <= within
-        return np.where(is_there, place, times)
-
-    def stored_outwards(self, local: Array, places: Array) -> Array:
-        """Return the stored breaks such that only the longest piece gets briefer."""
-        times = self.stored(local)
-        lengths = np.diff(local) * self.unit
-        longest = int(lengths.argmax())
-        for k in range(longest):
-            later = _later(times[k], lengths[k])
-            times[k + 1] = self._onwards(later, places)
-        mirrored = -places[::-1]
-        for k in range(len(lengths) - 1, longest, -1):
-            later = _later(-times[k + 1], lengths[k])
-            times[k] = -self._onwards(later, mirrored)
-        return times
-
-    def _onwards(self, time: float, places: Array) -> float:
-        """The time, or the first one after it that is a place or apart from all."""
-        for place in places:
-            if place > time + self.resolution:
-                break
-            if place >= time:
-                return float(place)
-            if place >= time - self.resolution:
-                time = np.nextafter(place + self.resolution, np.inf)
-        return float(time)
-
     def elapsed(self, stored: Array) -> Array:
         """Stored breaks as the motion counts time."""
         return (stored - self.start) / self.unit
@@ -124,17 +82,23 @@ class Clock:
         stored = [self.stored(local) for local in joints]
         since_start = np.concatenate(stored) - self.start
         whole = self.end - self.start
-        common = self.start + apart(since_start, whole, self.resolution)
+        common = self.start + apart(
+            since_start,
+            whole,
+            self.resolution,
+        )
         common[-1] = self.end
-        return [np.unique(common[nearest(common, own)]) for own in stored]
-
-
-def _later(time: float, length: float) -> float:
-    """The first time that is later by at least this length."""
-    later = time + length
-    if later - time < length:
-        return float(np.nextafter(later, np.inf))
-    return later
+        return [
+            np.unique(
+                common[
+                    nearest(
+                        common,
+                        own,
+                    )
+                ]
+            )
+            for own in stored
+        ]
 
 
 def clocks(passages: Array, units: Array | float) -> Iterator[Clock]:
@@ -146,10 +110,22 @@ def clocks(passages: Array, units: Array | float) -> Iterator[Clock]:
     """
     resolution = DISTINCT_RTOL * passages[-1]
     lengths = np.diff(passages)
-    segment_units = np.broadcast_to(units, lengths.shape)
+    segment_units = np.broadcast_to(
+        units,
+        lengths.shape,
+    )
     segments = itertools.pairwise(passages)
-    for (start, end), unit in zip(segments, segment_units, strict=True):
-        yield Clock(start, end, unit, resolution)
+    for (start, end), unit in zip(
+        segments,
+        segment_units,
+        strict=True,
+    ):
+        yield Clock(
+            start,
+            end,
+            unit,
+            resolution,
+        )
 
 
 def apart(knots: Array, end: float, closest: float) -> Array:
@@ -161,6 +137,96 @@ def apart(knots: Array, end: float, closest: float) -> Array:
     before_the_end = times[-1] - inner > closest
     apart = inner[after_another & before_the_end]
     return np.concatenate([times[:1], apart, times[-1:]])
+
+
+def outwards(local: Array, start: Array, end: Array, unit: float) -> Array:
+    """Breaks as a trajectory stores them, s, such that only the longest piece gets briefer.
+
+    Args:
+        local: from 0 to the segments' ends, which the last ones repeat, `(breaks, cells)`.
+        start: of the segments, s since the motion's start, `(cells,)`.
+        end: likewise.
+        unit: of `local`, s.
+    """
+    times = np.where(
+        local < local[-1],
+        start + local * unit,
+        end,
+    )
+    lengths = (
+        np.diff(
+            local,
+            axis=0,
+        )
+        * unit
+    )
+    longest = lengths.argmax(axis=0)
+    for k, length in enumerate(lengths):
+        times[k + 1] = np.where(
+            k < longest,
+            _later(
+                times[k],
+                length,
+            ),
+            times[k + 1],
+        )
+    for k in reversed(range(len(lengths))):
+        earlier = -_later(
+            -times[k + 1],
+            lengths[k],
+        )
+        times[k] = np.where(
+            k > longest,
+            earlier,
+            times[k],
+        )
+    return times
+
+
+def _later(times: Array, lengths: Array) -> Array:
+    """The first times that are later by at least these lengths."""
+    later = times + lengths
+    return np.where(
+        later - times < lengths,
+        np.nextafter(
+            later,
+            np.inf,
+        ),
+        later,
+    )
+
+
+def together(stored: Array, start: Array, end: Array, resolution: float) -> Array:
+    """Stored breaks, those that a trajectory takes as one at one place.
+
+    Args:
+        stored: s, `(breaks, cells)`.
+        start: of the segments, s since the motion's start, `(cells,)`.
+        end: likewise.
+        resolution: breaks no further apart are one, s.
+    """
+    order = np.argsort(
+        stored,
+        axis=None,
+    )
+    times = stored.ravel()[order]
+    first = np.append(
+        True,
+        np.diff(times) > resolution,
+    )
+    places = np.empty_like(times)
+    places[order] = times[first][np.cumsum(first) - 1]
+    places = places.reshape(stored.shape)
+    places = np.where(
+        np.abs(places - start) <= resolution,
+        start,
+        places,
+    )
+    return np.where(
+        np.abs(places - end) <= resolution,
+        end,
+        places,
+    )
 
 
 def assembled(
@@ -185,7 +251,11 @@ def assembled(
     ):
         starts = []
         parts = []
-        for (stored, displacement), waypoint in zip(pieces, waypoints[:-1], strict=True):
+        for (stored, displacement), waypoint in zip(
+            pieces,
+            waypoints[:-1],
+            strict=True,
+        ):
             if len(stored) < 2:
                 continue
             starts.append(stored[:-1])
@@ -206,82 +276,118 @@ def through(
     lengths: Array,
     acceleration: Array,
     velocities: Array | tuple[float, float],
-    h: float,
+    h: Array | float,
     weights: Array | float = 1.0,
-) -> Array | None:
-    """The motion of such accelerations at the breaks, mended to end with its velocity at `h`.
+) -> Array:
+    """The motions of such accelerations at the breaks, mended to end with their velocity at `h`.
 
     Knots that were left out or moved cost some velocity and displacement. The least change of the
     inner accelerations makes up for both.
 
     Args:
-        lengths: of the pieces, `(pieces,)`.
-        acceleration: at the breaks, straight in between, `(pieces + 1,)`.
-        velocities: at the start and at the end.
-        h: displacement.
-        weights: what a change counts in, at the breaks, `(pieces + 1,)`.
+        lengths: of the pieces, `(pieces, …)`.
+        acceleration: at the breaks, straight in between, `(pieces + 1, …)`.
+        velocities: at the start and at the end, `(2, …)`.
+        h: displacements, `(…)`.
+        weights: what a change counts in, at the breaks, `(pieces + 1, …)`.
 
     Returns:
-        Position coefficients `(4, pieces)`; None for less than three pieces, or one of no length.
+        Position coefficients `(4, pieces, …)`; not finite where a piece has no length.
     """
-    if len(lengths) < 3 or lengths.min() <= 0:
-        return None
     u, w = velocities
-    t = lengths.sum()
+    t = lengths.sum(axis=0)
     # 1 more at an inner break, in units of the segment: half of both lengths more velocity,
     # as if all of it were gained at their centroid
-    at = np.r_[0.0, np.cumsum(lengths)] / t
-    before = at[:-2]
-    here = at[1:-1]
-    after = at[2:]
-    gained = (after - before) / 2
-    centroid = (before + here + after) / 3
-    travelled = gained * (1 - centroid)
-    scale = np.broadcast_to(weights, acceleration.shape)[1:-1]
-    effect = scale * np.stack([gained, travelled])
+    at = _from(
+        np.zeros_like(t),
+        lengths / t,
+    )
+    gained = (at[2:] - at[:-2]) / 2
+    centroid = (at[:-2] + at[1:-1] + at[2:]) / 3
+    scale = np.broadcast_to(
+        weights,
+        acceleration.shape,
+    )[1:-1]
+    faster = scale * gained
+    further = faster * (1 - centroid)
+    # the changes that cost displacement alone
+    squares = np.maximum(
+        (faster**2).sum(axis=0),
+        _TINY,
+    )
+    shared = (further * faster).sum(axis=0) / squares
+    alone = further - shared * faster
+    squares_alone = (alone**2).sum(axis=0)
+    independent = squares_alone > _RANK_RTOL * squares
     mended = acceleration.copy()
     for _ in range(_MENDINGS):
-        _, velocity, position = integrated(lengths, mended, u)
+        _, velocity, position = integrated(
+            lengths,
+            mended,
+            u,
+        )
         slow = (w - velocity) / t
-        short = (h - position) / t**2
-        missed = np.array([slow, short])
-        change, *_ = np.linalg.lstsq(effect, missed, rcond=None)
-        mended[1:-1] += scale * change
-    coefficients, _, _ = integrated(lengths, mended, u)
+        short = (h - position) / t**2 - shared * slow
+        by_displacement = np.where(
+            independent,
+            short
+            / np.maximum(
+                squares_alone,
+                _TINY,
+            ),
+            0.0,
+        )
+        mended[1:-1] += scale * (faster * (slow / squares) + alone * by_displacement)
+    coefficients, _, _ = integrated(
+        lengths,
+        mended,
+        u,
+    )
     return coefficients
 
 
 def integrated(
     lengths: Array,
     acceleration: Array,
-    u: float,
-) -> tuple[Array, float, float]:
-    """The motion of piecewise linear acceleration, and its velocity and displacement at the end.
+    u: Array | float,
+) -> tuple[Array, Array, Array]:
+    """The motions of piecewise linear acceleration, and their velocities and displacements.
 
     Args:
-        lengths: of the pieces, `(pieces,)`.
-        acceleration: at the breaks, `(pieces + 1,)`.
-        u: velocity at the start.
+        lengths: of the pieces, `(pieces, …)`.
+        acceleration: at the breaks, `(pieces + 1, …)`.
+        u: velocities at the start, `(…)`.
 
     Returns:
-        Position coefficients `(4, pieces)`, velocity, displacement.
+        Position coefficients `(4, pieces, …)`, velocity and displacement at the end, `(…)`.
     """
     first = acceleration[:-1]
     last = acceleration[1:]
-    jerk = (last - first) / lengths
+    # a piece of no length, as after the last break of a table, changes nothing
+    jerk = np.divide(
+        last - first,
+        lengths,
+        out=np.zeros_like(first),
+        where=lengths > 0,
+    )
     # v += d (a0 + a1)/2, q += d (v + d (2 a0 + a1)/6)
-    gains = lengths * (first + last) / 2
-    velocity = accumulated(u, gains)
-    mean = velocity + lengths * (2 * first + last) / 6
-    steps = lengths * mean
-    position = accumulated(0.0, steps)
-    coefficients = np.stack([jerk / 6, first / 2, velocity, position])
-    final_velocity = velocity[-1] + gains[-1]
-    final_position = position[-1] + steps[-1]
-    return coefficients, float(final_velocity), float(final_position)
+    velocity = _from(
+        u,
+        lengths * (first + last) / 2,
+    )
+    mean = velocity[:-1] + lengths * (2 * first + last) / 6
+    position = _from(
+        np.zeros_like(u),
+        lengths * mean,
+    )
+    coefficients = np.stack([jerk / 6, first / 2, velocity[:-1], position[:-1]])
+    return coefficients, velocity[-1], position[-1]
 
 
-def accumulated(start: Array | float, steps: Array) -> Array:
-    """The value before each step."""
-    sums = np.r_[0.0, np.cumsum(steps[:-1])]
-    return np.asarray(start + sums)
+def _from(start: Array | float, steps: Array) -> Array:
+    """The value before the first step and after each, along the first axis."""
+    sums = np.cumsum(
+        steps,
+        axis=0,
+    )
+    return np.concatenate([np.zeros_like(sums[:1]), sums]) + start

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core.problem import Problem
 from trajopt.planners.rest_to_rest import stop_times
-
-Array = NDArray[np.float64]
 
 
 class Scaled:

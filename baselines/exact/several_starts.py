@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.ipopt import no_start_succeeded, optima_together
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import LIMIT_ORDERS, LimitName, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, Relation
 
-Array = NDArray[np.float64]
 Start = TypeVar("Start")
 
 
@@ -55,15 +54,21 @@ class SeveralStarts(Planner):
 
     starts: int = 8
     agreeing: int = 2
-    solver: Literal["interior-point", "ipopt"] = "interior-point"
 
     requires = ("scipy.linalg",)
 
     def __post_init__(self) -> None:
         for name in ("starts", "agreeing"):
-            value = getattr(self, name)
+            value = getattr(
+                self,
+                name,
+            )
             if value < 1:
-                raise InvalidInput(name, "at least 1", value=value)
+                raise InvalidInput(
+                    name,
+                    "at least 1",
+                    value=value,
+                )
 
     def relation(self, problem: Problem) -> Relation:
         """With limits that are ignored it solves a relaxation."""
@@ -84,19 +89,40 @@ class SeveralStarts(Planner):
 
         `stats`: status and duration (s, infinite where it failed) of each start tried.
         """
-        local = optima_together(solve, starts, self.starts, self.agreeing)
+        local = optima_together(
+            solve,
+            starts,
+            self.starts,
+            self.agreeing,
+        )
         durations = np.array([optimum.duration for optimum in local])
         statuses = [optimum.status for optimum in local]
         stats = {"start_status": statuses, "start_duration": scaled.unit * durations}
         best = local[int(durations.argmin())]
         if not np.isfinite(best.duration):
             message = no_start_succeeded(statuses)
-            return Solution(Status.FAILED, message=message, stats=stats)
-        answer = scaled.trajectory(best.times, best.states)
+            return Solution(
+                Status.FAILED,
+                message=message,
+                stats=stats,
+            )
+        answer = scaled.trajectory(
+            best.times,
+            best.states,
+        )
         ignored = self.ignored(scaled.problem)
         if not ignored:
-            return Solution(Status.SOLVED, answer, stats=stats)
+            return Solution(
+                Status.SOLVED,
+                answer,
+                stats=stats,
+            )
         kinds = " and ".join(ignored)
         best_known = f"{answer.duration:.6g} s is the best known without them, not proved"
         message = f"{kinds} limits are ignored: {best_known}"
-        return Solution(Status.RELAXED, answer, message, stats=stats)
+        return Solution(
+            Status.RELAXED,
+            answer,
+            message,
+            stats=stats,
+        )

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.lower_bound import ratio_boxes
 from baselines.lower_bound.branching import prove
@@ -73,33 +72,30 @@ def certify(
     *,
     within: float = 1e-4,
     time_limit: float = 60.0,
-    joint: int | None = None,
 ) -> Bound:
     """Bound the minimum time, or that of the best 3-5-3 spline with shared times.
 
     Args:
         problem: All its limits count.
         family: Any trajectory, or the 3-5-3 spline only.
-        within: Relative gap of upper and lower bound at which to stop.
+        within: Relative gap of upper and lower bound at which to stop, positive.
         time_limit: Seconds, building the programs included; then the bounds reached are the answer.
             A problem whose first program alone takes longer (and longer than one second) gets a
             bound in closed form and a message.
-        joint: That joint alone, counted from 0.
 
     Raises:
         InvalidInput: An argument cannot be used.
         MissingBackend: HiGHS is not installed.
         TrajoptError: HiGHS breaks down.
     """
-    for name, value in (("within", within), ("time_limit", time_limit)):
-        if not value > 0:
-            raise InvalidInput(name, "a positive number", value=value)
     began = time.perf_counter()
-    question, index = asked(problem, family, joint)
+    if family not in ("free", "spline353"):
+        raise InvalidInput("family", "'free' or 'spline353'", value=family)
+    merged, index = problem.merged()
     if family == "free":
-        bound = _free(question, within, began, time_limit)
+        bound = _free(merged, within, began, time_limit)
     else:
-        bound = _spline353(question, within, began + time_limit)
+        bound = _spline353(merged, within, began + time_limit)
     trajectory = bound.trajectory
     if trajectory is not None:
         trajectory = Trajectory(
@@ -108,31 +104,6 @@ def certify(
             trajectory.waypoint_times[index],
         )
     return replace(bound, trajectory=trajectory, solve_time=time.perf_counter() - began)
-
-
-def asked(problem: Problem, family: Family, joint: int | None) -> tuple[Problem, NDArray[np.intp]]:
-    """Return the problem that a bound is about, consecutive identical waypoints merged.
-
-    Returns:
-        The problem, and which of its waypoints each original one is.
-
-    Raises:
-        InvalidInput: An argument cannot be used.
-    """
-    if family not in ("free", "spline353"):
-        raise InvalidInput("family", "'free' or 'spline353'", value=family)
-    problem, index = problem.merged()
-    if joint is not None:
-        if not 0 <= joint < problem.joints or not problem.moving[joint]:
-            raise InvalidInput("joint", "the index of a joint that moves", value=joint)
-        problem = problem.only([joint])
-    if joint is not None and family == "free":
-        # alone, the joint may rest over a segment
-        problem, own_index = problem.merged()
-        index = own_index[index]
-    if family == "spline353" and problem.segments != 3:
-        raise InvalidInput("problem", "exactly 4 waypoints", value=problem.segments + 1)
-    return problem, index
 
 
 def _free(problem: Problem, within: float, began: float, time_limit: float) -> Bound:
@@ -162,6 +133,8 @@ def _free(problem: Problem, within: float, began: float, time_limit: float) -> B
 
 def _spline353(problem: Problem, within: float, deadline: float) -> Bound:
     """Bound the 3-5-3 splines by boxes of their two ratios."""
+    if problem.segments != 3:
+        raise InvalidInput("problem", "exactly 4 waypoints", value=problem.segments + 1)
     reason = spline353.infeasible(problem)
     if reason is not None:
         return Bound(np.inf, np.inf, 0.0, "infeasible", 0.0, None, reason)

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.linear_programs import Answer
 from baselines.lower_bound import dual_check, extremal, jerk_rows
@@ -25,11 +24,10 @@ from baselines.lower_bound.dual_check import Proof
 from baselines.lower_bound.relaxation import Box, Relaxation
 from baselines.lower_bound.row_pool import RowPool, Tangent
 from baselines.lower_bound.separation import Separation
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 # Rounds of rows for the total time, at the root and below, and for a single variable.
 _MAX_ROOT_ROUNDS = 60
@@ -72,7 +70,7 @@ class _Step(NamedTuple):
     kind: int
     variable: int
     value: float
-    rows: NDArray[np.intp]
+    rows: Indices
     multipliers: Array
 
 
@@ -246,7 +244,7 @@ class _Search:
 
     def _widths(self, box: Box) -> Array:
         times = self.relaxation.time
-        return np.asarray(box.high[times] - box.low[times])
+        return box.high[times] - box.low[times]
 
     def _bound_total(self, node: _Node, rounds: int) -> None:
         """Bound the total time in a box from below, adding rows until none is violated."""
@@ -303,7 +301,7 @@ class _Search:
         proved = self.pool.proved(np.zeros_like(self.total), ray).bound
         if proved <= 0:
             return ray
-        return np.asarray(ray * (_RAY_FACTOR * self.relaxation.cutoff / proved))
+        return ray * (_RAY_FACTOR * self.relaxation.cutoff / proved)
 
     def _narrow_by_cutoff(self, node: _Node) -> None:
         """Bound each segment's time by what the cut-off leaves if all others are shortest."""

@@ -21,12 +21,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.lower_bound.relaxation import Relaxation
+from trajopt.core.arrays import Array, Indices
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 # `f0, f1, f2` of `f0 + f1 s + f2 s²`, piece by piece.
 Quadratic = tuple[Array, Array, Array]
 
@@ -117,7 +115,7 @@ class _Parts(NamedTuple):
 
     def up(self, values: Array) -> Array:
         """Return sums over cells, rounded upwards."""
-        return np.asarray(values * (1 + self.sum_rtol))
+        return values * (1 + self.sum_rtol)
 
     @classmethod
     def of(cls, relaxation: Relaxation, given: Costates) -> _Parts:
@@ -187,14 +185,14 @@ def _one_sided(p: Quadratic, widths: Array, limit: Array) -> Array:
     too_high = np.maximum(largest, 0.0)
     raised = np.where(free_down & ~free_up, -too_low, 0.0)
     lowered = np.where(free_up & ~free_down, too_high, 0.0)
-    return np.asarray(p0 + raised - lowered)
+    return p0 + raised - lowered
 
 
 def value(quadratic: Quadratic, s: Array) -> Array:
     """`f0 + f1 s + f2 s²`."""
     f0, f1, f2 = quadratic
     slope = f1 + s * f2
-    return np.asarray(f0 + s * slope)
+    return f0 + s * slope
 
 
 def area(quadratic: Quadratic, s: Array) -> Array:
@@ -202,7 +200,7 @@ def area(quadratic: Quadratic, s: Array) -> Array:
     f0, f1, f2 = quadratic
     halves = (f0, f1 / 2, f2 / 3)
     mean = value(halves, s)
-    return np.asarray(s * mean)
+    return s * mean
 
 
 def integral(
@@ -245,7 +243,7 @@ def integral(
         length = end - start
         total += weight * np.abs(gained)
         total += (up + down) * depth * length
-    return np.asarray(total)
+    return total
 
 
 def _size(quadratic: Quadratic, widths: Array) -> Array:
@@ -258,7 +256,7 @@ def _size(quadratic: Quadratic, widths: Array) -> Array:
 def _rounding(terms: Array, limit: Array) -> Array:
     """Bound the rounding of terms of such sizes, multiplied by a limit."""
     weight = COEFFICIENT_RTOL * limit.sum(axis=0)
-    return np.asarray(weight * terms)
+    return weight * terms
 
 
 def _weighed(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
@@ -277,7 +275,7 @@ def _jumps(quadratic: Quadratic, widths: Array, limit: Array) -> Array:
     downwards = np.maximum(-jumps, 0.0).sum(axis=1)
     terms = _size(quadratic, widths) + np.abs(starts)
     rounding = _rounding(terms, limit).sum(axis=1)
-    return np.asarray(up * upwards + down * downwards + rounding)
+    return up * upwards + down * downwards + rounding
 
 
 def _position_costs(relaxation: Relaxation, given: Costates, slope: Array) -> tuple[Array, Array]:

@@ -16,16 +16,14 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.lower_bound import costates, jerk_rows
 from baselines.lower_bound.costates import Cut
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent
 from baselines.lower_bound.relaxation import ROW_ENTRIES, Box, Relaxation, Rows, joined
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-
-Array = NDArray[np.float64]
 
 # Kinds of steps of a proof. Steps are stored in the order of a walk through the tree.
 RAISE = 0
@@ -186,7 +184,7 @@ def _check_numbers(proof: Proof) -> None:
         _refuse(name, whole, whole != np.rint(whole), "whole, where something is counted")
 
 
-def _refuse(name: str, table: Array, wrong: NDArray[np.bool_], right: str) -> None:
+def _refuse(name: str, table: Array, wrong: Bools, right: str) -> None:
     if wrong.any():
         raise InvalidInput(f"proof {name}", f"numbers that are {right}", value=table[wrong][0])
 

@@ -20,14 +20,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.lower_bound import costates
 from baselines.lower_bound.costates import CELL_COLUMNS, Cut
 from baselines.lower_bound.relaxation import Relaxation
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from trajopt.core.arrays import Array, Bools
 
 # Bisections of a switching time, to 2⁻⁴⁴ of the segment.
 _BISECTIONS = 44
@@ -163,14 +160,14 @@ def _cost(parts: Array, down: Array, up: Array) -> Array:
     """Return the sum over cells of the costs of parts under a limit's two sides."""
     upwards = np.maximum(parts, 0.0).sum(axis=-1)
     downwards = np.maximum(-parts, 0.0).sum(axis=-1)
-    return np.asarray(up * upwards + down * downwards)
+    return up * upwards + down * downwards
 
 
 def _widths(cells: Array) -> Array:
     starts = cells[..., 0]
     ends = np.ones_like(starts)
     ends[..., :-1] = starts[..., 1:]
-    return np.asarray(ends - starts)
+    return ends - starts
 
 
 def _with_width(cells: Array) -> Array:
@@ -330,9 +327,9 @@ def _held(start: Array, m: Array) -> Array:
 def _instants(point: Point) -> Instants:
     """Return the switching times, with a cruise if the way without one exceeds the limit."""
 
-    def is_early(instant: Array) -> Array:
+    def is_early(instant: Array) -> Bools:
         _, _, velocity = _falling(point, instant)
-        return np.asarray(velocity <= point.v1)
+        return velocity <= point.v1
 
     hold = _latest(is_early, point)
     jerk, peak, _ = _rising(point, hold)
@@ -361,8 +358,8 @@ def _with_cruise(point: Point) -> Instants:
 def _to_cruise(point: Point) -> Array:
     """Return when a rise has full acceleration, leaves it, and is at the velocity limit."""
 
-    def is_low(instant: Array) -> Array:
-        return np.asarray(_height(point, instant) <= point.v_up)
+    def is_low(instant: Array) -> Bools:
+        return _height(point, instant) <= point.v_up
 
     hold = _latest(is_low, point)
     jerk, peak, _ = _rising(point, hold)
@@ -370,7 +367,7 @@ def _to_cruise(point: Point) -> Array:
     return np.stack([jerk, hold, np.minimum(release, 1.0)])
 
 
-def _latest(holds: Callable[[Array], Array], point: Point) -> Array:
+def _latest(holds: Callable[[Array], Bools], point: Point) -> Array:
     """Return the latest instant up to which a condition holds; 0 if it never holds."""
     low = np.zeros_like(point.v0)
     high = np.ones_like(point.v0)
@@ -397,7 +394,7 @@ def _height(point: Point, instant: Array) -> Array:
     """Return the final velocity of a rise that is released at an instant."""
     _, peak, gained = _rising(point, instant)
     released = np.maximum(peak, 0.0) ** 2 / (2 * point.j_down)
-    return np.asarray(point.v0 + gained + released)
+    return point.v0 + gained + released
 
 
 def _falling(point: Point, instant: Array) -> tuple[Array, Array, Array]:

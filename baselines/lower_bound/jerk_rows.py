@@ -11,11 +11,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.lower_bound.relaxation import Box, Relaxation, Rows
-
-Array = NDArray[np.float64]
+from trajopt.core.arrays import Array
 
 
 class SquareTangent(NamedTuple):

@@ -30,13 +30,11 @@ class Certify(Planner):
             counts.
         family: `free` bounds every trajectory, `spline353` only the 3-5-3 splines with shared
             times: then the bound stands in `stats` and is not the solution's `lower_bound`.
-        joint: That joint alone, counted from 1; a bound without a trajectory.
     """
 
     within: float = 1e-4
     time_limit: float = 60.0
     family: Literal["free", "spline353"] = "free"
-    joint: int | None = None
 
     on_request = True
     requires = ("highspy", "casadi", "scipy.linalg")
@@ -46,23 +44,12 @@ class Certify(Planner):
         for name in ("within", "time_limit"):
             if not getattr(self, name) > 0:
                 raise InvalidInput(name, "a positive number", value=getattr(self, name))
-        if self.joint is not None and self.joint < 1:
-            raise InvalidInput("joint", "a joint counted from 1", value=self.joint)
 
     def relation(self, problem: Problem) -> Relation:
-        """Leaving out the other joints makes the answer a lower bound."""
-        if self.family == "spline353":
-            return Relation.RESTRICTION
-        return Relation.SAME if self.joint is None else Relation.RELAXATION
+        return Relation.SAME if self.family == "free" else Relation.RESTRICTION
 
     def unsupported(self, problem: Problem) -> str | None:
-        if self.joint is not None and self.joint > problem.joints:
-            return f"joint is {self.joint}: expected a joint from 1 to {problem.joints}"
-        if self.joint is not None and not problem.moving[self.joint - 1]:
-            return f"joint is {self.joint}: expected a joint that moves"
-        if self.family == "spline353":
-            return spline353.unsupported(problem)
-        return None
+        return None if self.family == "free" else spline353.unsupported(problem)
 
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
         """Return the lower bound, and the fastest trajectory known if it keeps every limit.
@@ -85,7 +72,7 @@ class Certify(Planner):
             stats |= bound.proof.arrays()
         lower_bound = bound.lower_bound if self.family == "free" else None
         message = self._message(bound)
-        if bound.trajectory is None or self.joint is not None:
+        if bound.trajectory is None:
             return Solution(Status.INVALID, None, message, lower_bound, stats=stats)
         return Solution(Status.SOLVED, bound.trajectory, message, lower_bound, stats=stats)
 
@@ -93,14 +80,7 @@ class Certify(Planner):
         """Return both bounds, as `baselines.lower_bound.bound.certify` does."""
         from baselines.lower_bound.bound import certify
 
-        index = None if self.joint is None else self.joint - 1
-        return certify(
-            problem,
-            self.family,
-            within=self.within,
-            time_limit=self.time_limit,
-            joint=index,
-        )
+        return certify(problem, self.family, within=self.within, time_limit=self.time_limit)
 
     def stored_bound(self, problem: Problem, stats: Mapping[str, Any]) -> float | None:
         """Return the bound, s, that the proof among a solution's `stats` proves, without a solver.
@@ -111,20 +91,16 @@ class Certify(Planner):
             InvalidInput: The proof is damaged, or belongs to another problem.
         """
         from baselines.lower_bound import dual_check, ratio_boxes
-        from baselines.lower_bound.bound import asked
 
-        index = None if self.joint is None else self.joint - 1
-        question, _ = asked(problem, self.family, index)
+        merged, _ = problem.merged()
         if self.family == "free":
             of_all = dual_check.Proof.stored(stats)
-            return None if of_all is None else dual_check.proved_bound(question, of_all)
+            return None if of_all is None else dual_check.proved_bound(merged, of_all)
         of_splines = ratio_boxes.RatioProof.stored(stats)
-        return None if of_splines is None else ratio_boxes.proved_bound(question, of_splines)
+        return None if of_splines is None else ratio_boxes.proved_bound(merged, of_splines)
 
     def _message(self, bound: Bound) -> str:
         about = "trajectory" if self.family == "free" else "3-5-3 spline"
-        if self.joint is not None:
-            about += f" of joint {self.joint} alone"
         text = f"no {about} is faster than {bound.lower_bound:.9g} s ({bound.status})"
         if bound.message:
             return f"{text}; {bound.message}"

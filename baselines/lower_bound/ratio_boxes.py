@@ -15,16 +15,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from baselines.spline353_nlp import MovingSpline, Spline353NLP, initial_guesses
+from baselines.spline353_nlp import MovingSpline, Spline353NLP
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.planners import spline353
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 # Exponents of `r1` and `r3` in the monomials.
 _EXPONENTS = np.array(
@@ -111,11 +108,9 @@ def prove(problem: Problem, within: float, deadline: float) -> Proved:
         deadline: Of `time.perf_counter`. The proof of the last gap reached is the answer.
     """
     spline = MovingSpline(problem)
-    times = initial_guesses(spline, 1)[0]
-    if problem.displacements.any(axis=1).all():
-        optimum = Spline353NLP().solve(problem).trajectory
-        if optimum is not None:
-            times = np.diff(optimum.waypoint_times)
+    optimum = Spline353NLP().solve(problem).trajectory
+    assert optimum is not None
+    times = np.diff(optimum.waypoint_times)
     even = np.linspace(0, 1, _START_INSTANTS)
     proof = None
     reached = _FIRST_GAP
@@ -150,7 +145,7 @@ class _Rows(NamedTuple):
     """
 
     coefficients: Array
-    orders: NDArray[np.intp]
+    orders: Indices
 
 
 class Boxes(NamedTuple):
@@ -163,7 +158,7 @@ class Boxes(NamedTuple):
     def centre(self) -> Array:
         return (self.low + self.high) / 2
 
-    def only(self, chosen: Flags) -> Boxes:
+    def only(self, chosen: Bools) -> Boxes:
         return Boxes(self.low[chosen], self.high[chosen])
 
     def halved(self) -> Boxes:
@@ -183,16 +178,9 @@ class Ratios:
         self.spline = spline
         self.cutoff = cutoff
         low, high = segment_times(spline, cutoff)
-        # An outer segment without displacement takes no time: nothing depends on its ratio.
-        self.present = low[::2] > 0
         self.is_empty = bool(low.sum() * (1 - _ROUNDING_RTOL) > cutoff)
-        outer_low = np.where(self.present, low[::2], 1.0)
-        outer_high = np.where(self.present, high[::2], 1.0)
-        margin = _ROUNDING_RTOL
-        lowest = np.log(low[1] / outer_high) - margin
-        highest = np.log(high[1] / outer_low) + margin
-        lowest = np.where(self.present, lowest, 0.0)
-        highest = np.where(self.present, highest, 0.0)
+        lowest = np.log(low[1] / high[::2]) - _ROUNDING_RTOL
+        highest = np.log(high[1] / low[::2]) + _ROUNDING_RTOL
         self.root = Boxes(lowest[None], highest[None])
 
     def search(self, instants: Array, deadline: float) -> Outcome:
@@ -205,7 +193,7 @@ class Ratios:
         if self.is_empty:
             return Outcome(self._proof(instants, []), None)
         boxes = self.root
-        flags: list[Flags] = []
+        flags: list[Bools] = []
         while len(boxes.low):
             late = time.perf_counter() > deadline
             width = (boxes.high - boxes.low).max()
@@ -240,7 +228,7 @@ class Ratios:
             boxes = boxes.only(~proved).halved()
         return True
 
-    def _proof(self, instants: Array, flags: list[Flags]) -> RatioProof:
+    def _proof(self, instants: Array, flags: list[Bools]) -> RatioProof:
         every = np.concatenate([*flags, np.zeros(0, dtype=bool)])
         leaves = np.packbits(every).astype(float)
         return RatioProof(np.array([self.cutoff]), instants, leaves)
@@ -322,27 +310,23 @@ class Ratios:
     def _excess(self, rows: _Rows, points: Array) -> Array:
         """Return each row's sum minus the longest `t2` to its order, `(points, rows)`."""
         sums = _monomials(points) @ rows.coefficients.T
-        return np.asarray(sums - self._thresholds(points)[:, rows.orders])
+        return sums - self._thresholds(points)[:, rows.orders]
 
     def _times(self, points: Array) -> Array:
         """Return segment times of points, with the cut-off as their sum, `(points, 3)`."""
-        shares = self._shares(points)
+        shares = _shares(points)
         middle = self.cutoff / (1 + shares.sum(axis=1))
-        outer = np.maximum(shares, _ROUNDING_RTOL) * middle[:, None]
+        outer = shares * middle[:, None]
         return np.stack([outer[:, 0], middle, outer[:, 1]], axis=1)
-
-    def _shares(self, points: Array) -> Array:
-        """`t1/t2` and `t3/t2`, `(points, 2)`."""
-        return np.where(self.present, np.exp(-points), 0.0)
 
     def _thresholds(self, points: Array) -> Array:
         """Return the longest `t2` to the power of each order, `(points, 4)`; 0 for positions."""
-        longest = self.cutoff / (1 + self._shares(points).sum(axis=1))
+        longest = self.cutoff / (1 + _shares(points).sum(axis=1))
         powers = longest[:, None] ** np.arange(4)
         powers[:, 0] = 0.0
-        return np.asarray(powers)
+        return powers
 
-    def _proved(self, rows: _Rows, boxes: Boxes) -> Flags:
+    def _proved(self, rows: _Rows, boxes: Boxes) -> Bools:
         """Return which boxes hold no spline shorter than the cut-off."""
         parts = [np.zeros(0, dtype=bool)]
         for begin in range(0, len(boxes.low), _BOXES_AT_ONCE):
@@ -351,7 +335,7 @@ class Ratios:
             parts.append(self._proved_at_once(rows, some))
         return np.concatenate(parts)
 
-    def _proved_at_once(self, rows: _Rows, boxes: Boxes) -> Flags:
+    def _proved_at_once(self, rows: _Rows, boxes: Boxes) -> Bools:
         """Bound each row from below by the mean value theorem.
 
         A row is a limit's sum of monomials minus the longest `t2` to the power of its order. It is
@@ -376,7 +360,7 @@ class Ratios:
             slope = (middle * exponents) @ coefficients
             error = (spread * exponents) @ sizes
             # the threshold's own slope: order * threshold * (t_side/t2) / (1 + t1/t2 + t3/t2)
-            share_low, share_high = self._share_of_total(boxes, side)
+            share_low, share_high = _share_of_total(boxes, side)
             smallest = np.arange(4) * threshold_low * share_low[:, None]
             largest = np.arange(4) * threshold_high * share_high[:, None]
             rise = slope + error - smallest[:, orders]
@@ -384,16 +368,22 @@ class Ratios:
             steepest = np.maximum(rise, fall)
             least -= steepest * half_width[:, side, None]
         rounded = monomials_high @ sizes + threshold_high[:, orders]
-        return np.asarray((least > _ROUNDING_RTOL * rounded).any(axis=1))
+        return np.any(least > _ROUNDING_RTOL * rounded, axis=1)
 
-    def _share_of_total(self, boxes: Boxes, side: int) -> tuple[Array, Array]:
-        """Return the least and the largest share of an outer segment in the total time."""
-        other = 1 - side
-        longest = self._shares(boxes.low)
-        shortest = self._shares(boxes.high)
-        low = shortest[:, side] / (1 + shortest[:, side] + longest[:, other])
-        high = longest[:, side] / (1 + longest[:, side] + shortest[:, other])
-        return low, high
+
+def _shares(points: Array) -> Array:
+    """`t1/t2` and `t3/t2`, `(points, 2)`."""
+    return np.exp(-points)
+
+
+def _share_of_total(boxes: Boxes, side: int) -> tuple[Array, Array]:
+    """Return the least and the largest share of an outer segment in the total time."""
+    other = 1 - side
+    longest = _shares(boxes.low)
+    shortest = _shares(boxes.high)
+    low = shortest[:, side] / (1 + shortest[:, side] + longest[:, other])
+    high = longest[:, side] / (1 + longest[:, side] + shortest[:, other])
+    return low, high
 
 
 def proved_bound(problem: Problem, proof: RatioProof) -> float:
@@ -427,10 +417,7 @@ def _critical_instants(spline: MovingSpline, times: Array) -> Array:
 
 
 def segment_times(spline: MovingSpline, total: float) -> tuple[Array, Array]:
-    """Return the least and the most time of each segment within a total, s, `(3,)` each.
-
-    Without displacement an outer segment may take no time at all.
-    """
+    """Return the least and the most time of each segment within a total, s, `(3,)` each."""
     d = np.abs(spline.displacements)
     v = _wider(spline.limits.velocity)
     a = _wider(spline.limits.acceleration)
@@ -441,26 +428,20 @@ def segment_times(spline: MovingSpline, total: float) -> tuple[Array, Array]:
     by_acceleration = np.sqrt(6 * d / a)
     by_jerk = np.cbrt(6 * d / j)
     outer = np.maximum(np.maximum(by_velocity, by_acceleration), by_jerk)
-
-    # a joint that ends where it started stops on the way, from the speeds 3 d1/t1 and 3 d3/t3
-    h = d[:, 1:2]
-    braking = 3 * d[:, ::2] / (total * a)
-    stop = np.where(h == 0, braking, 0)
-    cruising = h / v
-    first, _, last = outer.max(axis=0)
-    low = np.array([first, max(cruising.max(), stop.max()), last])
+    outer[:, 1] = d[:, 1] / v[:, 0]
+    low = outer.max(axis=0)
     others = low.sum() - low
     return low, np.maximum(total - others, low)
 
 
 def _wider(limits: Array) -> Array:
     """Return the larger of both sides' sizes, `(joints, 1)`."""
-    return np.asarray(np.abs(limits).max(axis=1)[:, None])
+    return np.abs(limits).max(axis=1)[:, None]
 
 
 def _monomials(points: Array) -> Array:
     """Return the monomials at points, `(points, 7)`."""
-    return np.asarray(np.exp(points @ _EXPONENTS.T))
+    return np.exp(points @ _EXPONENTS.T)
 
 
 def _padded(table: Array) -> Array:

@@ -15,14 +15,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # Outward rounding of quantities that take a few operations, relative.
 ROUNDING_RTOL = 2.0**-48
@@ -113,7 +110,7 @@ class Relaxation:
         self.v = np.minimum(velocity, reached)
         jerk = _sizes(limits.jerk[moving], lengths / time_unit**3)
         limited = np.isfinite(jerk).any(axis=0)
-        self.jerky: NDArray[np.bool_] = np.asarray(limited)
+        self.jerky: Bools = np.asarray(limited)
         self.j = jerk
         lowest, highest = limits.position[moving].T
         starts = waypoints[:-1]
@@ -318,7 +315,7 @@ def powers_of_two(values: Array | float) -> Array:
     """Return the powers of two next to positive values; 1 for 0."""
     positive = np.where(np.equal(values, 0.0), 1.0, values)
     exponents = np.round(np.log2(positive))
-    return np.asarray(2.0**exponents)
+    return np.exp2(exponents)
 
 
 def _check_units(time_unit: float, lengths: Array, joints: int) -> None:
@@ -331,7 +328,7 @@ def _check_units(time_unit: float, lengths: Array, joints: int) -> None:
 
 def _sizes(pairs: Array, units: Array) -> Array:
     """Return sizes downwards and upwards, `(2, joints)`."""
-    return np.asarray(np.abs(pairs).T / units)
+    return np.abs(pairs).T / units
 
 
 def _products(low: Array, high: Array, shortest: Array, longest: Array) -> tuple[Array, Array]:

@@ -16,16 +16,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy  # its parts are imported when they are used: listing planners needs none
-from numpy.typing import NDArray
 
 from baselines.linear_programs import TOLERANCE, Answer, LinearProgram
 from baselines.lower_bound import dual_check
 from baselines.lower_bound.costates import CELL_COLUMNS, Cut
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
 from baselines.lower_bound.relaxation import Box, Relaxation, Rows, joined, powers_of_two
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from trajopt.core.arrays import Array, Indices
 
 # Programs after which a row without a multiplier is dropped, and between two looks for such rows.
 _MAX_IDLE_PROGRAMS = 40

@@ -16,14 +16,11 @@ from __future__ import annotations
 
 import numpy as np
 import scipy  # its parts are imported when they are used: listing planners needs none
-from numpy.typing import NDArray
 
 from baselines.linear_programs import LinearProgram
 from baselines.lower_bound import costates
 from baselines.lower_bound.relaxation import Relaxation
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from trajopt.core.arrays import Array, Bools, Indices
 
 _START_CELLS = 12
 _MAX_CELLS = 64
@@ -101,7 +98,7 @@ class Separation:
             self._halve(chosen)
         return None if best is None else _without_idle_borders(best)
 
-    def _worth_halving(self, cells: Array, tolerance: float) -> Flags:
+    def _worth_halving(self, cells: Array, tolerance: float) -> Bools:
         """Return which cells hold or touch an event that a finer grid would place better."""
         upwards, downwards = self._signed_integrals(cells)
         smaller = np.minimum(upwards, downwards)
@@ -116,7 +113,7 @@ class Separation:
         chosen[1:] |= border
         chosen[:-1] |= border
         least = max(_MIN_WIDTH, _MIN_WIDTH_SHARE * np.sqrt(tolerance))
-        return np.asarray(chosen & (self.widths > least))
+        return chosen & (self.widths > least)
 
     def _signed_integrals(self, cells: Array) -> tuple[Array, Array]:
         """Integrate the positive and the negative part of `p` (`q` without jerk limits)."""
@@ -146,7 +143,7 @@ class Separation:
         )
         return upwards, downwards
 
-    def _halve(self, chosen: Flags) -> None:
+    def _halve(self, chosen: Bools) -> None:
         """Halve cells; if there are too many, only those near them are kept."""
         knots = np.append(self.starts, 1.0)
         if len(self.starts) > _MAX_CELLS:
@@ -298,7 +295,7 @@ class Separation:
             "a_end": np.diag(at_end),
         }
 
-    def _part(self, name: str, upwards: bool) -> NDArray[np.intp]:
+    def _part(self, name: str, upwards: bool) -> Indices:
         """Return the columns of a quantity's upward or downward part."""
         return self.at[name] if upwards else self.at[name] + self.part_count
 
@@ -367,7 +364,7 @@ class Separation:
         """
 
         def difference(name: str) -> Array:
-            return np.asarray(x[self._part(name, True)] - x[self._part(name, False)])
+            return x[self._part(name, True)] - x[self._part(name, False)]
 
         slope = x[self.at["slope"]]
         q0 = x[self.at["q"][:-1]]
@@ -397,4 +394,4 @@ def _without_idle_borders(cells: Array) -> Array:
     """Merge consecutive cells of zeros into one."""
     idle = np.all(cells[:, 1:] == 0, axis=1)
     continued = np.append(False, idle[1:] & idle[:-1])
-    return np.asarray(cells[~continued])
+    return cells[~continued]

@@ -26,7 +26,7 @@ import numpy as np
 from baselines.topp_ra import best_of, rules
 from trajopt.core import polynomials
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, passing_once
@@ -84,7 +84,9 @@ def in_own_units(tried: Tried) -> Tried:
     def measured(self: Any, problem: Problem, *setting: Any) -> Solution:
         second = float(stop_times(problem).sum())
         length = float(np.abs(problem.displacements).max())
-        solution = tried(self, _in_units(problem, length, second), *setting)
+        limits = problem.limits.in_units(second, length)
+        plain = replace(problem, waypoints=problem.waypoints / length, limits=limits)
+        solution = tried(self, plain, *setting)
         own = solution.trajectory
         if own is None:
             return solution
@@ -97,15 +99,3 @@ def in_own_units(tried: Tried) -> Tried:
         return replace(solution, trajectory=trajectory)
 
     return measured
-
-
-def _in_units(problem: Problem, length: float, second: float) -> Problem:
-    """Return the problem with lengths in units of `length`, rad, and times of `second`, s."""
-    rate = second / length
-    limits = Limits(
-        velocity=problem.limits.velocity * rate,
-        acceleration=problem.limits.acceleration * rate * second,
-        jerk=problem.limits.jerk * rate * second**2,
-        position=problem.limits.position / length,
-    )
-    return replace(problem, waypoints=problem.waypoints / length, limits=limits)

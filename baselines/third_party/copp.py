@@ -24,18 +24,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.third_party import Rival, in_own_units, splines_after
 from baselines.topp_ra import Grid, Knots, cut, spline, timed, unit_path
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import backend
-
-Array = NDArray[np.float64]
 
 _OWN = ("uniform", "quintic")
 _INTERVALS = 1000

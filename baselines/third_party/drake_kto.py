@@ -25,17 +25,15 @@ from itertools import product
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.third_party import Rival, in_own_units
 from baselines.topp_ra import Knots, steps
+from trajopt.core.arrays import Array
 from trajopt.core.problem import LIMIT_NAMES, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import backend
 from trajopt.planners.rest_to_rest import stop_times
-
-Array = NDArray[np.float64]
 
 # Initial guess of the duration, relative to the time of stopping at every waypoint.
 _SLOWER = 1.5

@@ -27,17 +27,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.third_party import Rival, in_own_units
 from baselines.topp_ra import Knots, sampled_dilation, steps
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
 from trajopt.planners.planner import backend
-
-Array = NDArray[np.float64]
 
 # Orders of the derivatives that are minimised.
 _ORDERS: dict[str, int | tuple[int, ...]] = {
@@ -142,4 +140,4 @@ def optimised(
     start = np.zeros(problem.segments)
     options = {"maxfev": evaluations, "ftol": 1e-4, "xtol": 1e-3}
     found = scipy.optimize.minimize(dilated, start, method="Powell", options=options)
-    return np.asarray(durations * np.exp(found.x))
+    return durations * np.exp(found.x)

@@ -30,17 +30,15 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.third_party import Rival, splines_after
 from baselines.topp_ra import Ends, Grid, Knots, cut, spline, timed, unit_path
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import backend
-
-Array = NDArray[np.float64]
 
 # Jerk limit that the package requires and does not use, rad/s³.
 _JERK = 1000.0
@@ -152,7 +150,7 @@ def _motion(
     positions: Array,
     circles: _Circles,
     velocities: Array,
-    waypoints: NDArray[np.intp],
+    waypoints: Indices,
 ) -> Trajectory:
     """Return TOTG's path from middle to middle at its path speeds there."""
     at = np.r_[0.0, np.cumsum(circles.between)]

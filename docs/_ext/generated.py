@@ -7,19 +7,21 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import os
 import re
 import subprocess
 import sys
 from collections import defaultdict
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from sphinx.application import Sphinx
 
-from trajopt.benchmark.best_known import record
+from trajopt.benchmark.best_known import record, records
 from trajopt.benchmark.suites import literature
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 
 mpl.use("Agg")
@@ -27,8 +29,6 @@ from matplotlib import pyplot as plt
 
 DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
-RECORDS = ROOT / "data" / "best_known"
-CLOSED_WITHIN = record.CLOSED_WITHIN
 COMMANDS = (
     "compare plan judge verify certify explain best-known claims suite report export list new"
 )
@@ -41,9 +41,9 @@ def write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def number(value: float | None) -> str:
-    """Return a number with six significant digits, or a dash."""
-    return "–" if value is None else f"{value:.6g}"
+def number(value: float) -> str:
+    """Return a number with six significant digits, or a dash where there is no limit."""
+    return f"{value:.6g}" if math.isfinite(value) else "–"
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
@@ -87,44 +87,39 @@ def picture(trajectory: Trajectory, file: Path) -> None:
     plt.close(figure)
 
 
-def limits_table(problem: dict[str, Any]) -> str:
+def limits_table(problem: Problem) -> str:
     """Return a row per joint with its limits in SI units."""
-    kinds = [kind for kind, values in problem["limits"].items() if values is not None]
+    limits = problem.limits.by_name()
+    given = {kind: pairs for kind, pairs in limits.items() if np.isfinite(pairs).any()}
     rows = []
-    for joint in range(len(problem["waypoints"][0])):
-        label = problem["joint_names"][joint] if problem["joint_names"] else f"joint {joint + 1}"
-        row = [label]
-        for kind in kinds:
-            low, high = problem["limits"][kind][joint]
-            row.append(f"{number(low)} … {number(high)}")
-        rows.append(row)
-    return table(["joint", *kinds], rows)
+    for joint, name in enumerate(problem.joint_labels):
+        pairs = [pairs[joint] for pairs in given.values()]
+        rows.append([name, *(f"{number(low)} … {number(high)}" for low, high in pairs)])
+    return table(["joint", *given], rows)
 
 
 def problem_page(file: Path) -> list[str]:
     """Write one problem's page; return its row of the index."""
-    said = json.loads(file.read_text(encoding="utf-8"))
-    problem = said["problem"]
-    name = problem["name"]
-    within = said["duration"] / said["lower_bound"] - 1
-    status = "closed" if within < CLOSED_WITHIN else "open"
+    known = record.read(file)
+    problem = known.problem
+    name = problem.name
+    within = f"{100 * known.proved_within:.3g}"
+    status = "closed" if known.closed else "open"
     image = DOCS / "problems" / f"{slug(name)}.png"
     if not image.is_file():
         image.parent.mkdir(exist_ok=True)
-        picture(record.read(file).trajectory, image)
-    joints = len(problem["waypoints"][0])
-    waypoints = len(problem["waypoints"])
+        picture(known.trajectory, image)
+    size = [f"{problem.joints}", f"{len(problem.waypoints)}"]
     rows = [
-        ["best known duration", f"{said['duration']:.9g} s"],
-        ["by", f"{said['motion']['method']} {said['motion']['version']}, {said['motion']['date']}"],
-        ["lower bound", f"{said['lower_bound']:.9g} s, proved by {said['bound']['method']}"],
-        ["proved within", f"{100 * within:.3g} % ({status})"],
-        ["joints, waypoints", f"{joints}, {waypoints}"],
-        ["source", problem["source"] or "this toolkit"],
-        ["digest", f"`{problem['digest'][:16]}`"],
+        ["best known duration", f"{known.duration:.9g} s"],
+        ["by", str(known.motion)],
+        ["lower bound", f"{known.lower_bound:.9g} s, proved by {known.bound.method}"],
+        ["proved within", f"{within} % ({status})"],
+        ["joints, waypoints", ", ".join(size)],
+        ["source", problem.source or "this toolkit"],
+        ["digest", f"`{problem.digest()[:16]}`"],
     ]
-    title = name
-    text = f"""# {title}
+    text = f"""# {name}
 
 {table(["", ""], rows)}
 
@@ -156,13 +151,12 @@ trajopt best-known propose motion.csv {name} --submitter "Your name"
 {bibtex(slug(name), f"Best known minimum-time motion of the problem {name}")}"""
     write(DOCS / "problems" / f"{slug(name)}.md", text)
     link = f"[{name}]({slug(name)}.md)"
-    best, bound = (f"{said[key]:.6g}" for key in ("duration", "lower_bound"))
-    return [link, f"{joints}", f"{waypoints}", best, bound, f"{100 * within:.3g}", status]
+    return [link, *size, number(known.duration), number(known.lower_bound), within, status]
 
 
 def problem_pages() -> None:
     """Write a page per best known answer, and the table of all."""
-    files = sorted(RECORDS.glob("*.json"))
+    files = records.files()
     rows = [problem_page(file) for file in files]
     head = ["problem", "joints", "waypoints", "best s", "bound s", "within %", "status"]
     closed = sum(row[-1] == "closed" for row in rows)

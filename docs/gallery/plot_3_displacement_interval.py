@@ -10,6 +10,7 @@ profile that accelerates first, the lower end from the one that brakes first.
 
 import numpy as np
 from matplotlib import pyplot as plt
+from scipy.integrate import trapezoid
 
 T, u, w = 1.0, 0.5, 0.2  # s, rad/s, rad/s
 V, A = 1.2, 2.0  # rad/s, rad/s²
@@ -27,7 +28,7 @@ figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 ends = []
 for sign, colour in ((1, "tab:red"), (-1, "tab:blue")):
     times, velocities = profile(sign)
-    ends.append(np.trapezoid(velocities, times))
+    ends.append(trapezoid(velocities, times))
     axes.plot(times, velocities, color=colour, label=f"displacement {ends[-1]:+.3f} rad")
 upper = np.interp(np.linspace(0, T, 200), *profile(1))
 lower = np.interp(np.linspace(0, T, 200), *profile(-1))

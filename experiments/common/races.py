@@ -1,12 +1,10 @@
 """Races on the 3-5-3 segment times: equal budgets, shared seeds, gaps to the proved optimum.
 
-A cell is one entrant on one problem, all its seeds. Its runs go to a file of their own, renamed
-into place, so that an interrupted race goes on where it stopped.
+A cell is one entrant on one problem, all its seeds. An interrupted race goes on where it stopped.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,10 +15,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from baselines.lower_bound.bound import certify
+from experiments.common.kept import Rows, chosen, kept
 from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.cli import console
 from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
@@ -74,25 +72,21 @@ def run(
     evaluations: int,
     folder: Path,
 ) -> Outcome:
-    """Every cell that `folder` does not have yet, problem by problem; then all of them.
+    """Compute every cell that `folder` does not have yet; return all of them.
 
     Raises:
         TrajoptError: a run is below the proved bound: a bug, never a result.
     """
-    proofs = []
-    cells = []
-    with console.progress(len(field) * len(entrants)) as advance:
-        for problem in field:
-            proof = stored(folder / "optima", problem.name, partial(proved, problem))
-            proofs.append(proof)
-            bound = float(proof["lower_bound"].iloc[0])
-            for name, planner in entrants.items():
-                measure = partial(measured, problem, planner, seeds, bound)
-                cell = stored(folder / "runs", f"{problem.name} {name}", measure)
-                cells.append(cell)
-                advance(1)
-    optima = pd.concat(proofs, ignore_index=True)
-    rows = pd.concat(cells)
+    problems = {(problem.name,): partial(proved, problem) for problem in field}
+    proofs = kept(folder / "optima.csv", ["problem"], problems)
+    optima = chosen(proofs, ["problem"], problems)
+    cells = {}
+    for problem, bound in zip(field, optima["lower_bound"], strict=True):
+        for name, planner in entrants.items():
+            cells[problem.name, name] = partial(measured, problem, planner, seeds, bound)
+    columns = ["problem", "entrant"]
+    file = folder / f"runs-{seeds}-seeds-{evaluations}-evaluations.csv"
+    rows = chosen(kept(file, columns, cells), columns, cells)
     lowest = rows["gap"].min()
     if lowest < 0:
         raise TrajoptError(f"a run is below the proved bound: relative gap {lowest:.2g}")
@@ -109,31 +103,10 @@ def run(
     )
 
 
-def stored(
-    folder: Path,
-    name: str,
-    make: partial[pd.DataFrame],
-) -> pd.DataFrame:
-    """The table that `make` gives, made only once: written to `folder` and renamed into place.
-
-    Its file's name ends in a digest of the arguments of `make`: other options, another file.
-    """
-    arguments = repr(make.args).encode()
-    digest = hashlib.sha256(arguments).hexdigest()[:10]
-    file = folder / f"{name} {digest}.csv"
-    if not file.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        part = file.with_suffix(".part")
-        make().to_csv(part, index=False)
-        part.replace(file)
-    return pd.read_csv(file)
-
-
-def proved(problem: Problem) -> pd.DataFrame:
+def proved(problem: Problem) -> Rows:
     """Bounds on the best 3-5-3 (s), their relative width, how they ended, seconds spent."""
     bound = certify(problem, "spline353", within=1e-6, time_limit=20.0)
     row = {
-        "problem": problem.name,
         "joints": problem.joints,
         "lower_bound": bound.lower_bound,
         "upper_bound": bound.upper_bound,
@@ -141,7 +114,7 @@ def proved(problem: Problem) -> pd.DataFrame:
         "status": bound.status,
         "seconds": bound.solve_time,
     }
-    return pd.DataFrame([row])
+    return [row]
 
 
 def measured(
@@ -174,36 +147,35 @@ def measured(
 
 
 def summary(outcome: Outcome) -> pd.DataFrame:
-    """A row per entrant: gaps (%), success rates, expected evaluations to each target, mean rank.
+    """A row per entrant: gaps (%), success rates, expected evaluations to each target.
 
-    Gap quartiles are of the medians per problem. Success rates are over all runs, with a bootstrap
-    interval over problems; expected evaluations too are over all runs of all problems.
+    Gap quartiles are of the medians per problem. Success rates and expected evaluations are over
+    all runs of all problems.
     """
-    medians = outcome.medians
-    quartiles = np.asarray(statistics.quantile(medians, [0.25, 0.5, 0.75, 1]))
-    first, middle, third, worst = 100 * quartiles.T
+    table = gaps(outcome.medians)
+    table.index = pd.Index(outcome.names, name="entrant")
+    for target, hits in zip(TARGETS, outcome.hits, strict=True):
+        by_entrant = hits.swapaxes(0, 1).reshape(len(outcome.names), -1)
+        table[f"success {target}"] = np.isfinite(by_entrant).mean(axis=1)
+        spent = statistics.expected_running_time(by_entrant, outcome.evaluations)
+        table[f"evaluations to {target}"] = np.asarray(spent)
+    return table
+
+
+def gaps(medians: Array) -> pd.DataFrame:
+    """Return the gap on the first problem and the quartiles over problems, %.
+
+    Args:
+        medians: Gaps, ratios minus 1, `(entrants, problems)`.
+    """
+    quartiles = np.asarray(statistics.quantile(medians, [0.25, 0.5, 0.75]))
     columns = {
-        "six-axis median gap (%)": 100 * medians[:, 0],
-        "first quartile (%)": first,
-        "median gap (%)": middle,
-        "third quartile (%)": third,
-        "worst problem (%)": worst,
+        "six-axis median gap (%)": medians[:, 0],
+        "first quartile (%)": quartiles[:, 0],
+        "median gap (%)": quartiles[:, 1],
+        "third quartile (%)": quartiles[:, 2],
     }
-    for target, hits in zip(TARGETS, outcome.hits, strict=True):
-        # `(entrants, problems)`
-        rates = np.isfinite(hits).mean(axis=-1).T
-        estimates = [statistics.bootstrap(mean, rate) for rate in rates]
-        columns[f"success {target}"] = np.array([e.value for e in estimates])
-        columns[f"success {target} low"] = np.array([e.low for e in estimates])
-        columns[f"success {target} high"] = np.array([e.high for e in estimates])
-    for target, hits in zip(TARGETS, outcome.hits, strict=True):
-        by_entrant = hits.swapaxes(0, 1)
-        flat = by_entrant.reshape(len(outcome.names), -1)
-        spent = statistics.expected_running_time(flat, outcome.evaluations)
-        columns[f"evaluations to {target}"] = np.asarray(spent)
-    columns["mean rank"] = statistics.mean_ranks(medians.T)
-    index = pd.Index(outcome.names, name="entrant")
-    return pd.DataFrame(columns, index=index)
+    return 100 * pd.DataFrame(columns)
 
 
 def against(outcome: Outcome, reference: str) -> pd.DataFrame:
@@ -216,8 +188,8 @@ def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame
     """A row per `(entrant, reference)`; "shorter" is the chance that a run of the entrant is.
 
     Over problems: Wilcoxon's test of the pairs of median gaps, one pair per problem, and the mean
-    over problems of that chance (all seeds against all), with `statistics.mean_interval`. On the
-    six-axis problem: the same test, paired by seed, and that chance. Holm's family is a column.
+    over problems of that chance (all seeds against all). On the six-axis problem: the same test,
+    paired by seed. Holm's family is a column.
     """
     rows = [_compared(outcome, *pair) for pair in pairs]
     index = pd.MultiIndex.from_tuples(pairs, names=["entrant", "reference"])
@@ -241,21 +213,14 @@ def _compared(
     medians = outcome.medians
     over_problems = statistics.wilcoxon(medians[own], medians[other])
     chances = np.asarray(statistics.shorter_chance(a, b))
-    chance = statistics.mean_interval(chances, np.arange(len(chances)))
-    six_axis_test = statistics.wilcoxon(a[0], b[0])
-    six_axis = statistics.shorter_interval(float(chances[0]), a.shape[1], b.shape[1])
+    six_axis = statistics.wilcoxon(a[0], b[0])
     return {
         "better": over_problems.wins,
         "equal": over_problems.ties,
         "worse": over_problems.losses,
         "p": over_problems.pvalue,
-        "shorter": chance.value,
-        "shorter low": chance.low,
-        "shorter high": chance.high,
-        "six-axis p": six_axis_test.pvalue,
-        "six-axis shorter": six_axis.value,
-        "six-axis shorter low": six_axis.low,
-        "six-axis shorter high": six_axis.high,
+        "shorter": chances.mean(),
+        "six-axis p": six_axis.pvalue,
     }
 
 

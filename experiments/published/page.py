@@ -68,15 +68,15 @@ def page(
     Args:
         problems: those that can be stated, judged.
         beyond: those that cannot.
-        folder: of the figures, as the page names it.
+        folder: of the figure, as the page names it.
     """
     parts = [_HEAD.format(command=COMMAND), _summary(problems, folder)]
     claimed = [problem for problem in problems if problem.judgements]
     silent = [problem for problem in problems if not problem.judgements]
     parts.append("## Problem by problem\n")
-    parts += [_section(problem, folder) for problem in claimed]
+    parts += [_section(problem) for problem in claimed]
     parts.append("## Without a published time\n")
-    parts += [_section(problem, folder) for problem in silent]
+    parts += [_section(problem) for problem in silent]
     parts.append(_beyond(beyond))
     parts.append(_ANSWER)
     return "\n".join(parts)
@@ -183,11 +183,10 @@ def _markdown(rows: pd.DataFrame) -> str:
     return text
 
 
-def _section(problem: Judged, folder: str) -> str:
+def _section(problem: Judged) -> str:
     lines = [f"### {problem.name}\n", *_facts(problem.published), *_known(problem.known), ""]
     if problem.judgements:
         lines += [_claims(problem), "", f"`{problem.command}` says so.\n"]
-    lines.append(f"![{problem.name}]({folder}/{problem.name}.png)\n")
     return "\n".join(lines)
 
 

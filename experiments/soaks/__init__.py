@@ -3,7 +3,7 @@
 Reading order:
 
 - `runner`: the report of every soak.
-- `tricks`: motions that claim too little; `repair_residuals`: errors that the repair leaves.
+- `tricks`: motions that claim too little.
 - `forgeries`: proofs that claim too much.
 - `relations`: inequalities and symmetries between planners, on random problems.
 - `hostile_inputs`: files that a stranger crafted or an accident changed, made by `hostile_texts`

@@ -35,7 +35,7 @@ from trajopt.planners.registry import named
 T = TypeVar("T")
 Rng = np.random.Generator
 TextCraft = Callable[[bytes, Rng], bytes]
-FileCraft = Callable[[h5py.File, Path, Rng], None]
+FileCraft = Callable[[h5py.File, Rng, Path], None]
 Craft = Any  # one of the two
 
 SECRET = "what-only-this-machine-knows"
@@ -189,11 +189,7 @@ def _replaced(file: h5py.File, **what: Any) -> None:
     file.create_dataset("texts", **what)
 
 
-def another_type(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
+def another_type(file: h5py.File, rng: Rng, secret: Path) -> None:
     ragged = np.empty(4, dtype=h5py.vlen_dtype(int))
     ragged[:] = [np.arange(2)] * 4
     values = [
@@ -211,11 +207,7 @@ def another_type(
     _replaced(file, data=_drawn(values, rng))
 
 
-def another_shape(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
+def another_shape(file: h5py.File, rng: Rng, secret: Path) -> None:
     values = file["texts"][()]
     changed = [
         h5py.Empty("u1"),
@@ -230,38 +222,13 @@ def another_shape(
     _replaced(file, data=data, **(_CHUNKED if chunked else {}))
 
 
-def missing(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
-    del file["texts"]
-
-
-def group_instead(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
-    del file["texts"]
-    file.create_group("texts")
-
-
-def huge_fill(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
+def huge_fill(file: h5py.File, rng: Rng, secret: Path) -> None:
     """A terabyte of which the file holds nothing."""
     sizes = [1 << int(rng.integers(10, 28)), *_CHUNKED["chunks"]]
     _replaced(file, shape=(1 << 40,), dtype="u1", chunks=(_drawn(sizes, rng),), compression=1)
 
 
-def bomb(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
+def bomb(file: h5py.File, rng: Rng, secret: Path) -> None:
     """Half a gigabyte of one byte, deflated to half a megabyte, in honest chunks."""
     (chunk,) = _CHUNKED["chunks"]
     size = 2000 * chunk
@@ -272,11 +239,7 @@ def bomb(
         file["texts"].id.write_direct_chunk((start,), stored)
 
 
-def inflating_chunk(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
+def inflating_chunk(file: h5py.File, rng: Rng, secret: Path) -> None:
     """A chunk stored as what inflates to 400 MB."""
     _replaced(file, shape=(4,), dtype="u1", **_CHUNKED)
     file["texts"].id.write_direct_chunk((0,), _deflated_zeros(400))
@@ -291,45 +254,25 @@ def _deflated_zeros(megabytes: int) -> bytes:
     return b"".join(blocks)
 
 
-def external_storage(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
+def elsewhere(file: h5py.File, rng: Rng, secret: Path) -> None:
+    """The texts are missing, or lie in another place, perhaps of another file."""
     size = len(SECRET)
-    elsewhere = (str(secret), 0, size)
-    _replaced(file, shape=(size,), dtype="u1", external=[elsewhere])
-
-
-def external_link(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
     other = secret.with_suffix(".h5")
     del file["texts"]
-    file["texts"] = h5py.ExternalLink(str(other), "/secret")
-
-
-def soft_link(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
-    del file["texts"]
-    file["texts"] = h5py.SoftLink("/trials/id")
-
-
-def virtual(
-    file: h5py.File,
-    secret: Path,
-    rng: Rng,
-) -> None:
-    other = secret.with_suffix(".h5")
-    layout = h5py.VirtualLayout(shape=(len(SECRET),), dtype="u1")
-    layout[:] = h5py.VirtualSource(other, "secret", shape=(len(SECRET),))
-    del file["texts"]
-    file.create_virtual_dataset("texts", layout)
+    match int(rng.integers(6)):
+        case 0:
+            file.create_group("texts")
+        case 1:
+            file["texts"] = h5py.SoftLink("/trials/id")
+        case 2:
+            file["texts"] = h5py.ExternalLink(str(other), "/secret")
+        case 3:
+            place = (str(secret), 0, size)
+            file.create_dataset("texts", shape=(size,), dtype="u1", external=[place])
+        case 4:
+            layout = h5py.VirtualLayout(shape=(size,), dtype="u1")
+            layout[:] = h5py.VirtualSource(other, "secret", shape=(size,))
+            file.create_virtual_dataset("texts", layout)
 
 
 # As the package has them.
@@ -347,15 +290,14 @@ TEXT_CRAFTS: tuple[TextCraft, ...] = (
 FILE_CRAFTS: tuple[FileCraft, ...] = (
     another_type,
     another_shape,
-    missing,
-    group_instead,
     huge_fill,
     bomb,
     inflating_chunk,
-    external_storage,
-    external_link,
-    soft_link,
-    virtual,
+    elsewhere,
+    elsewhere,
+    elsewhere,
+    elsewhere,
+    elsewhere,
 )
 CRAFTS: tuple[Craft, ...] = (*TEXT_CRAFTS, *FILE_CRAFTS)
 
@@ -368,7 +310,7 @@ def crafted(
 ) -> Path:
     """A forged file: a `results.h5`, or as often a trial's text where only that is crafted."""
     if craft in FILE_CRAFTS:
-        return _crafted_file(folder, work, lambda file, secret: craft(file, secret, rng))
+        return _crafted_file(folder, work, lambda file, secret: craft(file, rng, secret))
     texts = [path.read_bytes() for path in sorted(folder.glob("trials/*.json"))]
     place = int(rng.integers(len(texts)))
     texts[place] = craft(texts[place], rng)

@@ -17,24 +17,23 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from concurrent.futures import TimeoutError as TooLate
-from functools import cache
-from multiprocessing import get_context
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import cyclopts
 import numpy as np
 import pandas as pd
-from pebble import ProcessExpired, ProcessPool
+from pebble import ProcessExpired
 
+from experiments.common.kept import apart
 from experiments.common.output import save_table
 from experiments.soaks import forged_results, hostile_texts, said
+from trajopt.cli import console
 
 WALL_S = 120.0  # for 10 s of CPU on a machine with other work
 STORED_EVERY = 5  # files
 REPORT_EVERY = 10  # stored files
-PROGRESS_EVERY = 200  # files
 WORKERS = 2
 FILES_PER_WORKER = 100
 REFUSED = 2  # exit code
@@ -51,10 +50,9 @@ def one(seed: int, mutated: bool) -> dict[str, Any]:
     """A row of the table: one file, what came of it, and what was wrong with that."""
     rng = np.random.default_rng([seed, mutated])
     with tempfile.TemporaryDirectory() as work:
-        row = {"seed": seed, "made": "mutated" if mutated else "crafted"}
         if seed % STORED_EVERY == 0:
-            return row | stored(Path(work), seed // STORED_EVERY, rng, mutated)
-        return row | text(Path(work), rng, mutated)
+            return stored(Path(work), seed // STORED_EVERY, rng, mutated)
+        return text(Path(work), rng, mutated)
 
 
 def text(
@@ -116,24 +114,29 @@ def table(
     """A row for each file from seed `first` on; a child that was killed or hung is a fault."""
     asked = [(first + number, True) for number in range(mutations)]
     asked += [(first + number, False) for number in range(crafts)]
+    answers = apart(
+        [partial(one, *own) for own in asked],
+        lost=lost,
+        workers=WORKERS,
+        timeout=WALL_S,
+        start="fork",
+        cells_per_worker=FILES_PER_WORKER,
+    )
     rows = []
-    fork = get_context("fork")
-    with ProcessPool(max_workers=WORKERS, max_tasks=FILES_PER_WORKER, context=fork) as pool:
-        running = [pool.schedule(one, args=own, timeout=WALL_S) for own in asked]
-        for (seed, mutated), future in zip(asked, running, strict=True):
-            row = {"seed": seed, "made": "mutated" if mutated else "crafted", "format": "unknown"}
-            try:
-                row = future.result()
-            except TooLate:
-                row |= {"outcome": "hang", "faults": f"more than {WALL_S:g} s"}
-            except ProcessExpired as error:
-                row |= {"outcome": "killed", "faults": str(error)}
-            rows.append(row)
-            if row["faults"]:
-                print(row, flush=True)
-            if len(rows) % PROGRESS_EVERY == 0:
-                print(f"{len(rows)} of {len(asked)} files", flush=True)
+    with console.progress(len(asked)) as advance:
+        for (seed, mutated), answer in zip(asked, answers, strict=True):
+            rows.append({"seed": seed, "made": "mutated" if mutated else "crafted", **answer})
+            advance(1)
     return pd.DataFrame(rows)
+
+
+def lost(error: BaseException) -> dict[str, Any]:
+    """Return the row of a file whose reader was killed or hung; any other error is raised."""
+    if isinstance(error, TimeoutError):
+        return {"format": "unknown", "outcome": "hang", "faults": f"more than {WALL_S:g} s"}
+    if isinstance(error, ProcessExpired):
+        return {"format": "unknown", "outcome": "killed", "faults": str(error)}
+    raise error
 
 
 def main(
@@ -151,6 +154,8 @@ def main(
     hostile_texts.formats()
     found = table(mutations, crafts, first)
     found["faulty"] = found["faults"] != ""
+    for row in found[found["faulty"]].to_dict("records"):
+        print(row)
     save_table(found, output / "hostile-inputs")
     summary = found.groupby(["made", "format", "outcome"]).agg(
         files=("seed", "size"),

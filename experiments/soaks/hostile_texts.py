@@ -14,7 +14,7 @@ import re
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 from xml.etree import ElementTree
@@ -37,9 +37,21 @@ Command = list[str] | Callable[[], object]
 EXAMPLES = built_in.data_folder().parent / "docs" / "examples"
 _MOTIONS = EXAMPLES / "motions"
 _LIMITS = _MOTIONS / "joint_limits.yaml"
-_PLAN = ("plan", "--planner", "ruckig-stop", "--json")
+FILE = "FILE"
+_PLAN = ("plan", "--planner", "ruckig-stop", "--json", FILE)
 _WAYPOINTS = "shoulder [deg],elbow [deg]\n0,0\n40,-25\n90,30\n"
 _RECORD_BYTES = 20_000  # largest record that is mutated
+# Files beside a URDF: waypoints and limits of three of its joints.
+_ROWS = "waypoints.csv"
+_ACCELERATION = "acceleration.yaml"
+_BESIDE = {
+    _ROWS: "shoulder_pan_joint,elbow_joint,wrist_3_joint\n0,0,0\n1,-1,2\n",
+    _ACCELERATION: """joint_limits:
+  shoulder_pan_joint: {max_acceleration: 5.0}
+  elbow_joint: {max_acceleration: 5.0}
+  wrist_3_joint: {max_acceleration: 5.0}
+""",
+}
 
 _DECIMAL = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d{1,4})?", re.ASCII)
 _OCTAL = re.compile(r"[+-]?0\d+", re.ASCII)
@@ -59,12 +71,21 @@ class Format:
     Attributes:
         ending: Of its name.
         shipped: Files of this kind, as they should be.
-        command: What reads a file.
+        reader: A function of a file, or a command in which `FILE` stands for it.
     """
 
     ending: str
     shipped: tuple[bytes, ...]
-    command: Callable[[Path], Command]
+    reader: Callable[[Path], object] | Sequence[str | Path]
+
+    def command(self, path: Path) -> Command:
+        """Return what reads a file of this kind."""
+        if callable(self.reader):
+            return partial(self.reader, path)
+        for name, content in _BESIDE.items():
+            path.with_name(name).write_text(content)
+        given = {FILE: str(path)} | {name: str(path.with_name(name)) for name in _BESIDE}
+        return [given.get(word, word) for word in map(str, self.reader)]
 
 
 @cache
@@ -82,128 +103,48 @@ def formats() -> dict[str, Format]:
     array = io.BytesIO()
     np.save(array, np.array([[0.0, 0.0, 0.0, 0.0, 0.0], [1.0, 0.5, -1.0, 1.0, 2.0]]))
     rows = {"waypoints": [[0, 0], [40, -25]], "joint_names": ["shoulder", "elbow"], "unit": "deg"}
+    verified = ("verify", FILE, "--limits", _LIMITS)
+    passed = (*_PLAN, "--limits", _LIMITS)
     return {
-        "problem": Format(
-            ".toml",
-            _files(data, "problems/*.toml"),
-            _planned,
-        ),
-        "publication": Format(
-            ".toml",
-            _files(data, "literature/*.toml"),
-            _published,
-        ),
-        "arm": Format(
-            ".toml",
-            _files(data, "robots/*.toml"),
-            _arm,
-        ),
-        "kinematics": Format(
-            ".toml",
-            _files(data, "kinematics/*.toml"),
-            _kinematics,
-        ),
+        "problem": Format(".toml", _files(data, "problems/*.toml"), _PLAN),
+        "publication": Format(".toml", _files(data, "literature/*.toml"), literature.published),
+        "arm": Format(".toml", _files(data, "robots/*.toml"), _arm),
+        "kinematics": Format(".toml", _files(data, "kinematics/*.toml"), Robot.from_toml),
         "joint limits": Format(
             ".yaml",
             _files(_MOTIONS, "joint_limits.yaml"),
-            _limiting,
+            ("verify", _MOTIONS / "spline.csv", "--limits", FILE),
         ),
-        "message, YAML": Format(
-            ".yaml",
-            _files(_MOTIONS, "sent.yaml"),
-            _verified,
-        ),
-        "message, JSON": Format(
-            ".json",
-            (json.dumps(message).encode(),),
-            _verified,
-        ),
-        "samples, CSV": Format(
-            ".csv",
-            _files(_MOTIONS, "spline.csv"),
-            _verified,
-        ),
-        "polynomials": Format(
-            ".json",
-            (json.dumps(polynomials).encode(),),
-            _verified,
-        ),
-        "record": Format(
-            ".json",
-            tuple(small),
-            _recorded,
-        ),
-        "waypoints, CSV": Format(
-            ".csv",
-            (_WAYPOINTS.encode(),),
-            _passed,
-        ),
-        "waypoints, JSON": Format(
-            ".json",
-            (json.dumps(rows).encode(),),
-            _passed,
-        ),
-        "waypoints, npy": Format(
-            ".npy",
-            (array.getvalue(),),
-            _array,
-        ),
+        "message, YAML": Format(".yaml", _files(_MOTIONS, "sent.yaml"), verified),
+        "message, JSON": Format(".json", _json(message), verified),
+        "samples, CSV": Format(".csv", _files(_MOTIONS, "spline.csv"), verified),
+        "polynomials": Format(".json", _json(polynomials), verified),
+        "record": Format(".json", tuple(small), _recorded),
+        "waypoints, CSV": Format(".csv", (_WAYPOINTS.encode(),), passed),
+        "waypoints, JSON": Format(".json", _json(rows), passed),
+        "waypoints, npy": Format(".npy", (array.getvalue(),), (*_PLAN, "--robot", "crs-a255")),
         "URDF": Format(
             ".urdf",
             _files(EXAMPLES, "ur5e/*.urdf"),
-            _described,
+            (*_PLAN[:-1], _ROWS, "--urdf", FILE, "--limits", _ACCELERATION),
         ),
     }
+
+
+def _json(value: Any) -> tuple[bytes]:
+    return (json.dumps(value).encode(),)
 
 
 def _files(folder: Path, pattern: str) -> tuple[bytes, ...]:
     return tuple(file.read_bytes() for file in sorted(folder.glob(pattern)))
 
 
-def _planned(path: Path) -> Command:
-    return [*_PLAN, str(path)]
+def _arm(path: Path) -> object:
+    return arms.named(str(path))
 
 
-def _published(path: Path) -> Command:
-    return lambda: literature.published(path)
-
-
-def _arm(path: Path) -> Command:
-    return lambda: arms.named(str(path))
-
-
-def _kinematics(path: Path) -> Command:
-    return lambda: Robot.from_toml(path)
-
-
-def _limiting(path: Path) -> Command:
-    return ["verify", str(_MOTIONS / "spline.csv"), "--limits", str(path)]
-
-
-def _verified(path: Path) -> Command:
-    return ["verify", str(path), "--limits", str(_LIMITS)]
-
-
-def _recorded(path: Path) -> Command:
-    return lambda: (verification.proved(record.read(path)), motion(path))
-
-
-def _passed(path: Path) -> Command:
-    return [*_PLAN, str(path), "--limits", str(_LIMITS)]
-
-
-def _array(path: Path) -> Command:
-    return [*_PLAN, str(path), "--robot", "crs-a255"]
-
-
-def _described(path: Path) -> Command:
-    rows = path.with_name("waypoints.csv")
-    names = [f"{name}_joint" for name in ("shoulder_pan", "elbow", "wrist_3")]
-    limits = path.with_name("acceleration.yaml")
-    rows.write_text(f"{','.join(names)}\n0,0,0\n1,-1,2\n")
-    table = {name: {"max_acceleration": 5.0} for name in names}
-    limits.write_text(json.dumps({"joint_limits": table}))
-    return [*_PLAN, str(rows), "--urdf", str(path), "--limits", str(limits)]
+def _recorded(path: Path) -> object:
+    return verification.proved(record.read(path)), motion(path)
 
 
 # --- what an accident does ---

@@ -11,25 +11,22 @@ not be checked (no answer, an exception, no time left) is a row of a kind "faile
 from __future__ import annotations
 
 import itertools
-import multiprocessing
-import time
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import cyclopts
 import numpy as np
 import pandas as pd
-import pebble
 from numpy.typing import NDArray
 
 from baselines.lower_bound.bound import certify
 from baselines.ruckig_ import section
 from baselines.topp_ra import along
+from experiments.common.kept import Rows, apart, kept
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.random import random_problem
-from trajopt.cli import console
 from trajopt.planners.registry import named
 
 Array = NDArray[np.float64]
@@ -58,8 +55,7 @@ THEOREM = 1e-6  # relative; tolerance of solvers
 SECTIONS = 1e-5  # relative; effect of dividing the states by 1 + 1e-6
 GRID = 5e-2  # relative; effect of 300 gridpoints
 STIFF = 1e5  # jerk over acceleration, 1/s
-COLUMNS = ["problem", "kind", "excess", "tolerance"]
-DONE = "seconds"  # a problem's last kind
+TIMEOUT_S = 300.0  # for one problem
 
 
 def drawn(seed: int) -> Problem:
@@ -229,7 +225,7 @@ def retimed(problem: Problem, trajectory: Trajectory) -> float:
         problem.limits.acceleration * (1 + RELAXED),
     )
     relaxed = Problem(problem.waypoints, limits)
-    found = along(relaxed, trajectory, start_speed=1.0, end_speed=1.0).trajectory
+    found = along(relaxed, trajectory).trajectory
     return np.nan if found is None else found.duration
 
 
@@ -283,9 +279,8 @@ def _section_times(limits: Limits, states: Iterable[State]) -> Array:
     return np.array(times)
 
 
-def checked(seed: int) -> pd.DataFrame:
-    """All rows of one problem; an exception is one of them."""
-    began = time.perf_counter()
+def checked(seed: int) -> Rows:
+    """Check one problem; an exception is a row too."""
     problem = drawn(seed)
     rows = []
     try:
@@ -295,54 +290,25 @@ def checked(seed: int) -> pd.DataFrame:
                 text = f"{kind} (jerk)"
             if not np.isfinite(excess):
                 text = f"failed: {text}"
-            rows.append((seed, text, excess, tolerance))
+            rows.append((text, excess, tolerance))
     except Exception as error:
-        rows.append(_failed(seed, error))
-    seconds = time.perf_counter() - began
-    rows.append((seed, DONE, seconds, np.inf))
-    return pd.DataFrame(rows, columns=COLUMNS)
+        rows += failed(error)
+    return pd.DataFrame(rows, columns=["kind", "excess", "tolerance"])
 
 
-def _failed(seed: int, error: BaseException) -> tuple[int, str, float, float]:
-    """The row of a problem whose checks did not end."""
-    return seed, f"failed: {error!r}", np.inf, 0.0
+def failed(error: BaseException) -> list[Check]:
+    """Return the row of a problem whose checks did not end."""
+    return [(f"failed: {error!r}", np.inf, 0.0)]
 
 
-def run(seeds: list[int], jobs: int) -> Iterator[pd.DataFrame]:
-    """The rows of each problem, whatever happens to the process that computes them."""
-    context = multiprocessing.get_context("spawn")  # forking loaded solvers is not safe
-    pool = pebble.ProcessPool(max_workers=jobs, context=context)
-    try:
-        futures = [pool.schedule(checked, [seed], timeout=300.0) for seed in seeds]
-        for seed, future in zip(seeds, futures, strict=True):
-            error = future.exception()
-            if error is None:
-                yield future.result()
-            else:
-                lost = _failed(seed, error)
-                done = (seed, DONE, np.nan, np.inf)
-                yield pd.DataFrame([lost, done], columns=COLUMNS)
-    finally:
-        pool.stop()  # type: ignore[no-untyped-call]
-        pool.join()
-
-
-def known(file: Path) -> pd.DataFrame:
-    """The rows of finished problems; those of one that was cut short leave the file."""
-    rows = pd.DataFrame(columns=COLUMNS)
-    if file.exists():
-        rows = pd.read_csv(file)
-    last = rows[rows["kind"] == DONE]
-    finished = rows["problem"].isin(last["problem"])
-    rows = rows[finished]
-    rows.to_csv(file, index=False)
-    return rows
+def lost(error: BaseException) -> Rows:
+    """Return the rows of a problem whose process died or hung."""
+    return pd.DataFrame(failed(error), columns=["kind", "excess", "tolerance"])
 
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
     """Per kind: how often checked, how often beyond its tolerance, the worst, and where."""
-    checks = rows[rows["kind"] != DONE]
-    checks = checks.fillna({"excess": np.inf})
+    checks = rows.fillna({"excess": np.inf})
     kinds = checks["kind"]
     excess = checks["excess"]
     beyond = excess > checks["tolerance"]
@@ -363,16 +329,10 @@ def main(
     output: Path = Path("results/relations"),
 ) -> None:
     """Check the relations on every problem and print the table."""
-    output.mkdir(parents=True, exist_ok=True)
-    file = output / "relations.csv"
-    finished = set(known(file)["problem"])
-    missing = [seed for seed in range(problems) if seed not in finished]
-    with console.progress(problems) as advance:
-        advance(problems - len(missing))
-        for rows in run(missing, jobs):
-            rows.to_csv(file, mode="a", header=False, index=False)
-            advance(1)
-    summary = table(known(file))
+    cells = {(seed,): partial(checked, seed) for seed in range(problems)}
+    # Forking loaded solvers is not safe.
+    compute = partial(apart, lost=lost, workers=jobs, timeout=TIMEOUT_S, start="spawn")
+    summary = table(kept(output / "relations.csv", ["problem"], cells, compute))
     print(summary.to_string(float_format="{:.1e}".format))
 
 

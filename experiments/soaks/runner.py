@@ -10,6 +10,7 @@ import pandas as pd
 from experiments.common.output import save_table
 
 DATA = Path(__file__).with_name("data")
+WIDTH = 80  # characters of a terminal's line
 
 
 def conclude(
@@ -27,8 +28,10 @@ def conclude(
     save_table(rows, stem)
     families = succeeded.groupby(rows["family"], sort=False)
     table = families.agg(attacks="size", succeeded="sum")
-    print(table.to_string())
+    print("tried won family")
+    for family, tried, own in table.itertuples():
+        print(f"{tried:5} {own:3} {family}")
     print(f"{succeeded.sum()} of {len(rows)} attacks of {len(table)} families succeeded")
     if succeeded.any():
-        print(rows[succeeded].to_string(index=False))
+        print(rows[succeeded].to_string(index=False, line_width=WIDTH))
         sys.exit(1)

@@ -198,7 +198,13 @@ def test_a_section_between_moving_states():
         np.zeros(2),
     )
     together, alone = section(limits, start, end)
-    assert alone == pytest.approx([(2 * peak - 0.75) / 2, 2 * np.sqrt(0.05)], rel=1e-12)
+    assert alone == pytest.approx(
+        [
+            (2 * peak - 0.75) / 2,
+            2 * np.sqrt(0.05),
+        ],
+        rel=1e-12,
+    )
     assert together == pytest.approx(alone[0], rel=1e-12)
 
 
@@ -262,7 +268,12 @@ def test_exactly_opposite_states_at_one_place_do_not_crash() -> None:
         )
     )
     sections.waypoints = np.array([q, q])
-    at_ends = np.array([[-v, v], [a, a]])[:, :, None]
+    at_ends = np.array(
+        [
+            [-v, v],
+            [a, a],
+        ]
+    )[:, :, None]
     minima = sections.minima(np.zeros(1, int), at_ends)
     assert np.isfinite(minima).all()
 

@@ -29,7 +29,11 @@ from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 
-PROBLEM = Problem([[0.0], [0.4], [1.0], [1.5]], Limits([1.0], [2.0]), "one joint")
+PROBLEM = Problem(
+    [[0.0], [0.4], [1.0], [1.5]],
+    Limits([1.0], [2.0]),
+    "one joint",
+)
 FAST = [("exact", load("exact:starts=1"))]
 
 
@@ -59,7 +63,11 @@ class Mine(Planner):
     does: str = "solve"
     log: str = ""
     segment_time: float = 2.0
-    stochastic: bool = False
+    draws: bool = False
+
+    @property
+    def stochastic(self):
+        return self.draws
 
     def relation(self, problem):
         return Relation.RESTRICTION
@@ -97,7 +105,14 @@ class Mine(Planner):
             case "nothing":
                 return Solution(Status.SOLVED)
             case "joints":
-                return Solution(Status.SOLVED, Trajectory([0, 1], np.ones((1, 1, 2)), [0, 1]))
+                return Solution(
+                    Status.SOLVED,
+                    Trajectory(
+                        [0, 1],
+                        np.ones((1, 1, 2)),
+                        [0, 1],
+                    ),
+                )
             case "astray":
                 return solution(problem, waypoints=[[0], [1], [2], [9]])
             case "missing":
@@ -245,11 +260,11 @@ def test_results_that_may_not_hold_every_trial_are_built_again(tmp_path, change)
 
 def test_only_new_seeds_options_and_planners_run(tmp_path):
     log = str(tmp_path / "log")
-    mine = Mine(log=log, stochastic=True)
+    mine = Mine(log=log, draws=True)
     assert len(compare([("mine", mine)], tmp_path, seeds=2).items) == 3
     assert len(compare([("mine", mine)], tmp_path, seeds=3).items) == 4
     assert lines(log) == ["2.0:0", "2.0:1", "2.0:2"]
-    changed = Mine(log=log, stochastic=True, segment_time=3.0)
+    changed = Mine(log=log, draws=True, segment_time=3.0)
     results = compare([("mine", mine), ("mine", changed)], tmp_path, seeds=1)
     assert lines(log)[3:] == ["3.0:0"]
     durations = [t.claimed_duration for t in results.items if t.planner == "mine"]
@@ -265,7 +280,7 @@ def test_a_refusal_is_recorded_once_however_many_seeds(tmp_path):
         def unsupported(self, problem):
             raise RuntimeError("cannot say")
 
-    planners = [("no", Mine("refuse", stochastic=True)), ("?", Broken(stochastic=True))]
+    planners = [("no", Mine("refuse", draws=True)), ("?", Broken(draws=True))]
     items = compare(planners, tmp_path, seeds=3).items
     found = [f"{trial.planner} {trial.seed} {trial.status}" for trial in items]
     expected = ["? 0 crashed", "? 1 crashed", "? 2 crashed", "exact 0 solved", "no 0 unsupported"]
@@ -353,14 +368,14 @@ def test_a_damaged_trial_runs_again(tmp_path):
 
 
 def test_stochastic_planners_run_every_seed_and_the_others_once(tmp_path):
-    planners = [("a", Mine(stochastic=True)), ("b", Mine(segment_time=3.0))]
+    planners = [("a", Mine(draws=True)), ("b", Mine(segment_time=3.0))]
     results = compare(planners, tmp_path, seeds=3)
     runs = [f"{trial.planner}{trial.seed}" for trial in results.items]
     assert sorted(runs) == ["a0", "a1", "a2", "b0", "exact0"]
 
 
 def test_solve_batch_gets_the_seeds_together_where_it_exists(tmp_path):
-    planner = Together(log=str(tmp_path / "log"), stochastic=True)
+    planner = Together(log=str(tmp_path / "log"), draws=True)
     results = compare([("t", planner)], tmp_path, seeds=4)
     assert lines(tmp_path / "log")[0] == "batch [0, 1, 2, 3]"
     mine = {trial.seed: trial for trial in results.items if trial.planner == "t"}
@@ -380,7 +395,7 @@ def test_the_exact_reference_joins_by_itself_and_only_once(tmp_path):
 def test_progress_counts_every_trial_once(tmp_path):
     for _ in range(2):
         seen = []
-        compare([("a", Mine(stochastic=True))], tmp_path, seeds=3, progress=seen.append)
+        compare([("a", Mine(draws=True))], tmp_path, seeds=3, progress=seen.append)
         assert [state.total for state in seen] == [4] * len(seen)
         counts = [state.finished for state in seen]
         assert counts == sorted(counts)

@@ -186,7 +186,15 @@ def test_python_m_is_the_same_door():
 
 def test_joints_count_from_one(trajopt, tmp_path):
     """Joint 2 goes ten times as far."""
-    problem = Problem([[0, 0], [0.1, 1], [0.2, 2], [0.3, 3]], Limits([1, 1], [1, 1]))
+    problem = Problem(
+        [
+            [0, 0],
+            [0.1, 1],
+            [0.2, 2],
+            [0.3, 3],
+        ],
+        Limits([1, 1], [1, 1]),
+    )
     (tmp_path / "p.toml").write_text(problem.to_toml(), encoding="utf-8")
     arguments = ("plan", tmp_path / "p.toml", "--planner unoptimised:segment_time=0.5")
     worst = parsed(trajopt(*arguments, "--json")[1])["certificate"]
@@ -201,7 +209,11 @@ def test_waypoint_times_are_of_the_certified_trajectory(trajopt):
     k = found["certificate"]["dilation"]
     assert k > 2
     assert found["certified_duration"] == pytest.approx(0.3 * k)
-    np.testing.assert_allclose(found["waypoint_times"], np.arange(4) * 0.1 * k, rtol=1e-12)
+    np.testing.assert_allclose(
+        found["waypoint_times"],
+        np.arange(4) * 0.1 * k,
+        rtol=1e-12,
+    )
 
 
 @pytest.mark.parametrize("planner", ["exact", "unoptimised", "ruckig-stop", "toppra"])
@@ -378,7 +390,6 @@ acceleration = [1, 1]
         ("compare six-axis --timeout 0.5", "--timeout; 0.5"),
         ("compare six-axis --memory inf", "--memory; inf"),
         ("compare six-axis --memory 0.1", "--memory; 0.1"),
-        ("certify six-axis --joint 1.4", "--joint; 1.4"),
         ("certify six-axis --time-limit nan", "--time-limit; nan"),
         ("suite show random --size 2.5", "--size; 2.5"),
         ("suite show random --size 100000000000000000000", "--size; 100000000000000000000"),
@@ -388,7 +399,7 @@ acceleration = [1, 1]
         ("verify", "path"),
         ("verify nowhere", "nowhere"),
         ("verify empty", "empty; results folder"),
-        ("verify bad.toml", "bad.toml; damaged"),
+        ("verify bad.toml", "bad.toml is a problem file; expected results"),
         ("verify other.h5", "other.h5"),
     ],
 )
@@ -538,7 +549,13 @@ def test_of_many_kinds_of_failure_three_are_said(monkeypatch):
         "count": [9, 8, 7, 6, 5],
         "worst": [2.06] + [np.nan] * 4,
     }
-    frame = pd.DataFrame({"label": "p:x=1", **rows, "unit": ["rad", *[""] * 4]}).set_index("label")
+    frame = pd.DataFrame(
+        {
+            "label": "p:x=1",
+            **rows,
+            "unit": ["rad", *[""] * 4],
+        }
+    ).set_index("label")
     monkeypatch.setattr(overview, "failures", lambda results: frame)
     (sentence,) = overview._why_failed(None)
     assert sentence == "p:x=1: 35 failed: 9 a, worst 2.06 rad; 8 b; 7 c; 11 in other ways"
@@ -687,8 +704,6 @@ def test_certify_counts_jerk_limits(trajopt):
     ("arguments", "word"),
     [
         ("seven-waypoints --family spline353", "4 waypoints"),
-        ("six-axis --joint 7", "joint from 1 to 6"),
-        ("six-axis --joint 1", "a joint that moves"),
         ("six-axis --within 0", "positive"),
         ("six-axis --family best", "spline353"),
     ],
@@ -754,10 +769,10 @@ def test_a_mailed_results_file_alone_is_reported_and_exported(trajopt, tmp_path)
     assert trajopt("report", mailed)[0] == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Every number is a\n    link to the trials" in page
-    exports = {"csv": "trials.csv", "latex": "summary.tex", "svg": "svg", "pdf": "pdf"}
+    exports = {"csv": "trials.csv", "latex": "latex/planners.tex", "svg": "svg", "pdf": "pdf"}
     for to, name in exports.items():
         code, out, _ = trajopt("export", mailed, "--to", to)
-        assert (code, name in out) == (0, True)
+        assert (code, Path(name).parts[0] in out) == (0, True)
         assert (tmp_path / name).exists()
     assert len(pd.read_csv(tmp_path / "trials.csv")) == len(Results(mailed).items)
     assert (tmp_path / "pdf" / "one-joint" / "durations.pdf").read_bytes().startswith(b"%PDF-")

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from trajopt.benchmark.best import best
 from trajopt.benchmark.store import folder as store
 from trajopt.cli import main
-from trajopt.cli.best import best, sentences
+from trajopt.cli.best import sentences
 from trajopt.core.problem import Limits, Problem
 from trajopt.views.export import motion
 
@@ -122,10 +124,10 @@ def test_a_rail_moves_by_metres_whatever_the_unit_of_angles(trajopt, tmp_path):
     assert f"certified   {2 * np.sqrt(0.2 / 0.8):.6f} s" in out
     assert re.search(r"waypoint +[-+.e0-9]+ (m +rail|rad +elbow)", out)
     header, *rows = (tmp_path / "motion.csv").read_text().splitlines()
-    assert header == "time [s],rail [m],elbow [rad],rail [m/s],elbow [rad/s]"
+    assert header == "time [s],rail [m],elbow [deg],rail [m/s],elbow [deg/s]"
     assert float(rows[-1].split(",")[1]) == pytest.approx(0.2, abs=1e-12)
     assert trajopt("verify motion.csv", robot)[0] == 0
-    swapped = header.replace("rail [m", "rail [rad").replace("elbow [rad", "elbow [m")
+    swapped = header.replace("rail [m", "rail [rad").replace("elbow [deg", "elbow [m")
     (tmp_path / "swapped.csv").write_text("\n".join([swapped, *rows]))
     code, _, err = trajopt("verify swapped.csv", robot)
     assert code == 2
@@ -138,7 +140,10 @@ def test_a_rail_moves_by_metres_whatever_the_unit_of_angles(trajopt, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("w.csv", "its robot's limits beside it: --robot NAME, --urdf FILE or --limits"),
+        (
+            "w.csv",
+            "w.csv is a CSV of waypoints; expected a problem file (.toml), a built-in name, or",
+        ),
         ("w.csv --robot ur5", "did you mean 'ur5e'"),
         ("w.csv --robot ur5e --urdf x", "--robot or --urdf, not both"),
         ("w.csv --robot ur5e --unit grad", "--unit"),
@@ -174,7 +179,11 @@ def test_the_best_planner_is_the_exact_one_and_says_what_it_saves():
 
 
 def test_position_limits_that_the_relaxation_leaves_go_to_the_next_planner():
-    limits = Limits([1, 1], [2, 2], position=[[0, 1], [-9, 9]])
+    limits = Limits(
+        [1, 1],
+        [2, 2],
+        position=[[0, 1], [-9, 9]],
+    )
     problem = Problem([[0, 0], [1, -0.5], [0.4, 0.6]], limits)
     found = best(problem, 0)
     assert found.trial.planner == "collocation-refined"
@@ -270,17 +279,62 @@ def test_what_cannot_be_written_is_one_line(trajopt, tmp_path, flags, words):
 
 
 def test_what_breaks_a_limit_as_executed_is_not_kept(trajopt, tmp_path, monkeypatch):
-    def coarse(file, samples):
+    write = motion.joint_trajectory.write
+
+    def coarse(file, samples, *, goal):
         """The ends alone."""
         ends = [0, -1]
         still = np.zeros_like(samples.positions[ends])
         names = samples.joint_names
         less = type(samples)(names, samples.times[ends], samples.positions[ends], still)
-        motion.joint_trajectory.write(file, less)
+        write(file, less, goal=goal)
 
-    monkeypatch.setitem(motion._FORMATS, ".yaml", (coarse, motion.joint_trajectory.read))
+    monkeypatch.setattr(motion.joint_trajectory, "write", coarse)
     code, _, err = trajopt(OUT, "m.yaml")
     assert code == 2
     assert "m.yaml: not written: executed, " in err
     assert "misses the waypoint" in err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_goal_and_the_line_that_sends_it(trajopt, tmp_path):
+    (tmp_path / "w.csv").write_text("elbow_joint [deg]\n0\n90\n", encoding="utf-8")
+    plan = "plan w.csv --robot ur5e --planner exact --as goal --out"
+    code, out, _ = trajopt(plan, "my-goal.yaml")
+    assert code == 0
+    action = "/joint_trajectory_controller/follow_joint_trajectory"
+    kind = "control_msgs/action/FollowJointTrajectory"
+    assert f'ros2 action send_goal {action} {kind} "$(cat my-goal.yaml)"' in out
+    goal = yaml.safe_load((tmp_path / "my-goal.yaml").read_text())
+    assert list(goal) == ["trajectory"]
+    first, *_, last = goal["trajectory"]["points"]
+    assert first["time_from_start"] == {"sec": 0, "nanosec": 0}
+    assert last["positions"] == pytest.approx([np.pi / 2])
+    assert last["velocities"] == [0.0]
+    assert trajopt("verify my-goal.yaml --robot ur5e")[0] == 0
+    cycles = "--points cycles --cycle 0.0002"
+    assert "--stdin < long.json" in trajopt(plan, "long.json", cycles)[1]
+    code, out, err = trajopt(plan, "goal.csv")
+    assert (code, out) == (2, "")
+    assert "--as is 'goal.csv': expected left out, or goal for a file ending in .yaml" in err
+
+
+def test_a_csv_comes_out_in_the_unit_that_came_in(trajopt, tmp_path):
+    (tmp_path / "w.csv").write_text("0,0\n200,90\n", encoding="utf-8")
+    (tmp_path / "r.urdf").write_text(RAIL, encoding="utf-8")
+    (tmp_path / "l.yaml").write_text(OF_RAIL, encoding="utf-8")
+    robot = "--urdf r.urdf --limits l.yaml"
+    assert trajopt("plan w.csv", robot, "--unit deg,mm --planner exact --out m.csv")[0] == 0
+    header, *rows = (tmp_path / "m.csv").read_text().splitlines()
+    assert header == "time [s],rail [mm],elbow [deg],rail [mm/s],elbow [deg/s]"
+    ends = [float(cell) for cell in rows[-1].split(",")[1:]]
+    assert ends == pytest.approx([200, 90, 0, 0], abs=1e-9)
+    assert trajopt("verify m.csv", robot)[0] == 0
+    text = 'waypoints = [[0], [90]]\nunits = {waypoints = "deg", limits = "rad"}\n'
+    text += "limits = {velocity = [1], acceleration = [1], position = [[-1, 1.6]]}\n"
+    (tmp_path / "p.toml").write_text(text, encoding="utf-8")
+    code, out, _ = trajopt("plan p.toml --planner exact --out n.csv")
+    assert code == 0
+    assert (tmp_path / "n.csv").read_text().startswith("time [s],joint_1 [deg],joint_1 [deg/s]\n")
+    # 1.6 rad less 90 degrees
+    assert re.search(r"position +0\.0292 rad margin +1 ", out)

@@ -31,7 +31,7 @@ HONEST = {problem: record(problem) for problem in PROBLEMS}
 FORGERIES = {forgery.name: forgery for problem in PROBLEMS for forgery in forgeries(problem)}
 
 
-def believed(content: str) -> float:
+def believed(content):
     """Bound that a record's text proves, s; −∞ where it is refused."""
     try:
         return proved(parsed(content))
@@ -45,7 +45,8 @@ def test_no_forgery_is_believed_and_the_honest_proof_is(problem):
     for name, forgery in FORGERIES.items():
         if name.startswith(problem):
             assert believed(forgery.text) <= forgery.duration * (1 + ABOVE), name
-    assert believed(text(own)) >= own["lower_bound"] * (1 - 1e-12)
+    honest = believed(text(own))
+    assert honest >= own["lower_bound"] * (1 - 1e-12)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,18 @@ def test_a_refusal_says_what_would_be_right(name, right):
 # --- what Hypothesis changes in honest proofs ---
 
 TABLES = ("units", "tangents", "cuts", "cells", "steps", "multipliers")
-EXTREMES = (0.0, -0.0, 1.0, -1.0, 0.5, 5e-324, 1e-308, 2.0**-128, 2.0**128, 1e308)
+EXTREMES = (
+    0.0,
+    -0.0,
+    1.0,
+    -1.0,
+    0.5,
+    5e-324,
+    1e-308,
+    2.0**-128,
+    2.0**128,
+    1e308,
+)
 
 
 @st.composite
@@ -83,9 +95,14 @@ def mutations(draw):
     """A table, a place in it, and what happens there."""
     place = st.integers(0, 10**4)
     kind = draw(st.sampled_from(["scale", "scale all", "set", "swap", "drop", "repeat"]))
-    factor = draw(st.sampled_from([-1.0, 0.5, 1.5])) * 2.0 ** draw(st.integers(-200, 200))
+    sign = draw(st.sampled_from([-1.0, 0.5, 1.5]))
+    power = draw(st.integers(-200, 200))
+    factor = sign * 2.0**power
     value = draw(st.sampled_from(EXTREMES))
-    return draw(st.sampled_from(TABLES)), kind, draw(place), draw(place), factor, value
+    table = draw(st.sampled_from(TABLES))
+    first = draw(place)
+    second = draw(place)
+    return table, kind, first, second, factor, value
 
 
 def mutated(rows, kind, first, second, factor, value):
@@ -117,8 +134,10 @@ def test_no_mutated_proof_proves_more_than_is_true(problem, changes):
     said = changed(HONEST[problem])
     for name, *change in changes:
         if said["proof"][name]:
-            said["proof"][name] = mutated(said["proof"][name], *change)
-    assert believed(text(said)) <= said["duration"] * (1 + ABOVE)
+            rows = said["proof"][name]
+            said["proof"][name] = mutated(rows, *change)
+    bound = believed(text(said))
+    assert bound <= said["duration"] * (1 + ABOVE)
 
 
 # --- one forgery among others ---
@@ -190,8 +209,11 @@ def test_what_is_no_table_of_a_proof_is_refused(name, value):
 def test_limits_that_underflow_prove_nothing():
     """`V ∫|λ|` is 0 in each cell, in units of 1 as well."""
     least = 5e-324
-    problem = Problem([[0.0], [10 * least]], Limits([least], [least]))
-    cells = np.array([[start, 0, 0, 0, 0, 0, 1] for start in (0, 0.34, 0.67)])
+    limits = Limits([least], [least])
+    problem = Problem([[0.0], [10 * least]], limits)
+    cells = np.zeros((3, 7))
+    cells[:, 0] = [0, 0.34, 0.67]
+    cells[:, 6] = 1
     proof = Proof(
         units=np.ones(2),
         cutoff=np.array([1e6]),
@@ -209,16 +231,21 @@ def test_bounds_in_closed_form_are_rounded_down():
     rng = np.random.default_rng(0)
     for _ in range(50):
         way = rng.uniform(0, 1, (6, 1)).cumsum(axis=0)
-        v, a = rng.uniform([0.1, 0.5], [0.3, 1.0]).tolist()
+        lowest = [0.1, 0.5]
+        highest = [0.3, 1.0]
+        v, a = rng.uniform(lowest, highest).tolist()
         problem = Problem(way, Limits([v], [a]))
-        straight = Fraction(way[-1, 0]) - Fraction(way[0, 0])
-        exact = straight / Fraction(v) + Fraction(v) / Fraction(a)
+        first, *_, last = map(Fraction, way[:, 0])
+        velocity = Fraction(v)
+        ramps = velocity / Fraction(a)
+        exact = (last - first) / velocity + ramps
         assert Fraction(end_to_end_bound(problem)) <= exact
 
 
 def test_a_gap_wider_than_the_bound_that_needs_no_solver_is_proved():
     """The cut-off would lie below the time that a single segment takes."""
-    problem = Problem([[0.0], [1.5]], Limits([1.0], [2.0]))
+    limits = Limits([1.0], [2.0])
+    problem = Problem([[0.0], [1.5]], limits)
     bound = certify(problem, within=20.0, time_limit=5)
     assert 1.49 <= bound.lower_bound <= 2.0
     assert bound.status == "proved"

@@ -23,7 +23,8 @@ def test_the_table_judges_every_claim_and_names_its_command(output):
     claims = suite.published("fang2020-task1").claims
     assert list(rows["published s"]) == [claim.duration for claim in claims]
     # over the 4.0 s that the source itself gives
-    assert list(rows["above best %"]) == pytest.approx([25 * c.duration - 100 for c in claims])
+    above = [25 * claim.duration - 100 for claim in claims]
+    assert list(rows["above best %"]) == pytest.approx(above)
     assert set(rows["command"]) == {"trajopt claims fang2020-task1"}
 
 
@@ -49,8 +50,7 @@ def test_a_number_that_is_read_in_two_ways_counts_once():
     assert page.numbers(both) == len(readings[0].claims) == 3
 
 
-def test_every_picture_of_the_page_is_there_and_small(output):
-    for name in ("all", "fang2020-task1", "topico-example3"):
-        picture = output / "literature" / f"{name}.png"
-        assert f"(literature/{name}.png)" in (output / "literature.md").read_text(encoding="utf-8")
-        assert 5_000 < picture.stat().st_size < 100_000
+def test_the_picture_of_the_page_is_there_and_small(output):
+    picture = output / "literature" / "all.png"
+    assert "(literature/all.png)" in (output / "literature.md").read_text(encoding="utf-8")
+    assert 5_000 < picture.stat().st_size < 100_000

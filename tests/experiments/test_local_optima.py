@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -22,19 +20,25 @@ from experiments.local_optima import stopped
         ([0.0, 0.5, 0.25], 2, (3, 0.0)),  # none agree: all are tried
     ],
 )
-def test_the_rule(excess: list[float], agreeing: int, expected: tuple[int, float]) -> None:
+def test_the_rule(excess, agreeing, expected):
     assert stopped(np.array(excess), agreeing) == expected
 
 
-def test_the_tables_count_what_differs() -> None:
+def test_the_tables_count_what_differs():
+    one_worse = [2.0, 2.0, 2.2]
+    one_failed = [5.0, np.inf, 5.0]
+    all_failed = [np.inf] * 3
     table = pd.DataFrame(
         {
-            "problem": [0, 0, 0, 1, 1, 1, 2, 2, 2],
-            "duration": [2.0, 2.0, 2.2, 5.0, np.inf, 5.0, np.inf, np.inf, np.inf],
+            "problem": np.repeat([0, 1, 2], 3),
+            "duration": [*one_worse, *one_failed, *all_failed],
         }
     )
     counts = local_optima.differing(table).set_index("above the best by more than")
-    assert counts.loc[1e-2, ["problems", "of problems", "starts"]].tolist() == [1, 2, 1]
+    row = counts.loc[1e-2]
+    assert row["problems"] == 1
+    assert row["of problems"] == 2
+    assert row["starts"] == 1
     rules = local_optima.rules(table).set_index("agreeing")
     # one start in six, turn by turn, is the worse one of the first problem
     assert rules.loc[1, "missed %"] == pytest.approx(100 / 6)
@@ -42,12 +46,10 @@ def test_the_tables_count_what_differs() -> None:
     assert rules.loc[2, "missed %"] == 0
 
 
-def test_the_experiment_keeps_what_it_solved(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_experiment_keeps_what_it_solved(tmp_path, capsys, monkeypatch):
     local_optima.main(problems=2, starts=3, output=tmp_path)
     assert "exact: 0 of 6 starts failed" in capsys.readouterr().out
     rules = pd.read_csv(tmp_path / "exact-rules.csv")
     assert (rules["missed %"] == 0).all()
-    monkeypatch.setattr(local_optima, "durations", None)  # again would fail
+    monkeypatch.setattr(local_optima, "durations", pytest.fail)
     local_optima.main(problems=2, starts=3, output=tmp_path)

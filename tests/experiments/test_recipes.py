@@ -10,9 +10,19 @@ from experiments import recipes
 from experiments.recipes import SplineTimes
 from trajopt import InvalidInput, Limits, Problem, verify
 
+LIMITS = Limits(
+    [2.0, [-1.0, 3.0]],
+    [4.0, 5.0],
+    jerk=[30.0, np.inf],
+)
 TURN = Problem(
-    [[0.0, 0.2], [1.0, -0.4], [0.3, 0.5], [1.2, 0.1]],
-    Limits([2.0, [-1.0, 3.0]], [4.0, 5.0], jerk=[30.0, np.inf]),
+    [
+        [0.0, 0.2],
+        [1.0, -0.4],
+        [0.3, 0.5],
+        [1.2, 0.1],
+    ],
+    LIMITS,
 )
 B_SPLINE = "quintic B-spline"
 
@@ -36,10 +46,12 @@ def test_equal_times_are_the_longest_stop():
 
 def test_two_waypoints_give_the_quintic_from_rest_to_rest():
     # 10 s³ − 15 s⁴ + 6 s⁵ peaks at 60 h/T³; here jerk decides.
-    problem = Problem([[0.0], [2.0]], Limits([1e3], [1e3], jerk=[15.0]))
+    limits = Limits([1e3], [1e3], jerk=[15.0])
+    problem = Problem([[0.0], [2.0]], limits)
     times = SplineTimes(problem, B_SPLINE)
     longest = np.cbrt(60 * 2 / 15)
-    assert times.fitness(np.array([0.3])) == pytest.approx(longest, rel=1e-9)
+    anywhere = np.array([0.3])
+    assert times.fitness(anywhere) == pytest.approx(longest, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", [*recipes.NIAPY, *recipes.OURS])
@@ -53,8 +65,10 @@ def test_every_swarm_spends_its_budget_and_no_more(name):
     def bowl(x):
         assert (x >= 0).all()
         assert (x <= 1).all()
-        seen.append(float(((x - 0.3) ** 2).sum()))
-        return seen[-1]
+        squares = (x - 0.3) ** 2
+        value = float(squares.sum())
+        seen.append(value)
+        return value
 
     best = run(name, bowl, 3, 200, 0)
     assert len(seen) == 200
@@ -62,7 +76,8 @@ def test_every_swarm_spends_its_budget_and_no_more(name):
 
 
 def test_a_recipe_measures_every_swarm(tmp_path, monkeypatch):
-    monkeypatch.setattr(recipes, "NIAPY", {})
+    swarms = (*recipes.OURS, recipes.LOCAL)
+    monkeypatch.setattr(recipes, "SWARMS", swarms)
     monkeypatch.setattr(recipes, "POPULATION", 6)
     measure = partial(recipes.main, only="six-axis, 3-5-3", seeds=2, evaluations=60)
     measure(output=tmp_path)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,7 +10,7 @@ from experiments import scaling
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5, 3.0])
-def test_the_slope_is_the_power(power: float) -> None:
+def test_the_slope_is_the_power(power):
     waypoints = np.array([3, 10, 100, 1000])
     seconds = 0.02 * waypoints**power
     seconds[0] = 7.0  # small problems do not count
@@ -20,12 +18,12 @@ def test_the_slope_is_the_power(power: float) -> None:
     assert scaling.slope(rows) == pytest.approx(power)
 
 
-def test_one_size_has_no_slope() -> None:
+def test_one_size_has_no_slope():
     rows = pd.DataFrame({"waypoints": [3, 10], "cpu s": [0.1, 0.2]})
     assert np.isnan(scaling.slope(rows))
 
 
-def test_a_walk_is_the_beginning_of_a_longer_one() -> None:
+def test_a_walk_is_the_beginning_of_a_longer_one():
     short = scaling.walk(3, jerk=True, position=True)
     long = scaling.walk(8, jerk=False, position=False)
     np.testing.assert_array_equal(long.waypoints[:3], short.waypoints)
@@ -35,9 +33,7 @@ def test_a_walk_is_the_beginning_of_a_longer_one() -> None:
     assert not long.has("position")
 
 
-def test_sizes_are_measured_once_and_drawn(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sizes_are_measured_once_and_drawn(tmp_path, capsys, monkeypatch):
     scaling.main(most=3, output=tmp_path)
     table = pd.read_csv(tmp_path / "scaling.csv")
     assert table["planner"].tolist() == ["exact", "exact-jerk", "collocation-refined"]
@@ -45,6 +41,6 @@ def test_sizes_are_measured_once_and_drawn(
     without, limited, walled = table["certified duration s"]
     assert without < limited <= walled
     assert (tmp_path / "scaling.png").exists()
-    monkeypatch.setattr(scaling, "measured", None)  # again would fail
+    monkeypatch.setattr(scaling, "measured", pytest.fail)
     scaling.main(most=3, output=tmp_path)
     assert "exact-jerk" in capsys.readouterr().out

@@ -11,7 +11,8 @@ from trajopt.judging.verification import verify
 from trajopt.planners.registry import load
 from trajopt.planners.spline353 import trajectory
 
-PROBLEM = Problem([[0.0], [1.0], [2.0], [3.0]], Limits([1.0], [1.0]))
+LIMITS = Limits([1.0], [1.0])
+PROBLEM = Problem([[0.0], [1.0], [2.0], [3.0]], LIMITS)
 
 
 def test_quick_mode_has_every_task_and_says_what_is_missing(tmp_path, monkeypatch):
@@ -31,7 +32,9 @@ def test_the_fitness_is_the_duration_where_limits_are_kept_and_more_where_not():
     fitness = speed.Fitness.of(PROBLEM)
     slow = np.array([4.0, 4.0, 4.0])
     assert verify(PROBLEM, trajectory(PROBLEM, slow)).feasible
-    kept, broken = fitness(np.array([slow, [0.1, 0.1, 0.1]]))
+    fast = np.array([0.1, 0.1, 0.1])
+    candidates = np.stack([slow, fast])
+    kept, broken = fitness(candidates)
     assert kept == 12.0
     assert broken > fitness.high.sum()
 

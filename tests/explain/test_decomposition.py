@@ -35,7 +35,14 @@ def explained(problem: Problem, planner: Planner) -> Explanation:
     return explain(problem, planner, trajectory)
 
 
-@pytest.mark.parametrize(("planner", "seed"), [(QUICK, 1), (Unoptimised(), 2), (Spline353NLP(), 1)])
+@pytest.mark.parametrize(
+    ("planner", "seed"),
+    [
+        (QUICK, 1),
+        (Unoptimised(), 2),
+        (Spline353NLP(), 1),
+    ],
+)
 def test_both_decompositions_multiply_to_the_gap(planner: Planner, seed: int) -> None:
     found = explained(random_problem(seed, joints=3, waypoints=4), planner)
     ratio = found.certified_duration / found.exact
@@ -76,7 +83,15 @@ def test_the_worst_timing_of_the_best_path_loses_by_its_timing_alone() -> None:
 
 def test_a_line_is_the_best_route_and_the_spline_only_times_it_badly() -> None:
     # One joint, monotone: every path is the same line, so the route costs nothing.
-    problem = Problem([[0.0], [0.5], [1.0], [1.5]], Limits([1.0], [2.0]))
+    problem = Problem(
+        [
+            [0.0],
+            [0.5],
+            [1.0],
+            [1.5],
+        ],
+        Limits([1.0], [2.0]),
+    )
     found = explained(problem, Spline353NLP())
     assert found.exact == approx(1.5 / 1.0 + 1.0 / 2.0, rel=1e-6)
     assert found.route_gap == approx(0.0, abs=2e-4)
@@ -159,7 +174,13 @@ def test_a_record_is_the_optimum_only_where_it_is_shorter() -> None:
     problem = Problem([[0.0], [1.0]], Limits([5.0], [1.0]))
     bang = Trajectory(
         [0.0, 1.0, 2.0],
-        np.array([[0.5, -0.5], [0, 1], [0, 0.5]])[..., None],
+        np.array(
+            [
+                [0.5, -0.5],
+                [0, 1],
+                [0, 0.5],
+            ]
+        )[..., None],
         [0, 2],
     )
     slow = bang.dilated(1.5)

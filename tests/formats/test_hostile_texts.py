@@ -147,6 +147,7 @@ def test_what_is_another_number_in_another_yaml(tmp_path, value):
     assert "elbow.max_velocity is " in refused(tmp_path, "joint_limits.yaml", text)
 
 
+@pytest.mark.filterwarnings("ignore::trajopt.core.exceptions.FileNote")
 def test_aliases_and_merge_keys_of_real_files(tmp_path):
     path = tmp_path / "joint_limits.yaml"
     path.write_text(
@@ -192,7 +193,7 @@ POLYNOMIALS = {"breaks": [0, 1], "coefficients": [[[1]]]}
     ("name", "table", "words"),
     [
         ("joint_limits.yaml", {"default_velocity_scaling": 0.1}, "default_velocity_scaling_f"),
-        ("joint_limits.yaml", {"joint_limits": {"a": {"speed": 1}}}, "expected one of the keys"),
+        ("joint_limits.yaml", {"joint_limits": {"a": {"colour": 1}}}, "expected one of the keys"),
         ("joint_limits.yaml", {"joint_limits": {"a": {"max_velocty": 1}}}, "the key max_velocity"),
         ("message.yaml", message(acceleration=[1]), "the key accelerations"),
         ("motion.json", message(acceleration=[1]), "point 2: acceleration is [1]: expected the"),
@@ -291,7 +292,10 @@ def test_polynomials_that_are_too_much_work(tmp_path):
     assert "at most degree 100" in refused(tmp_path, "motion.json", json.dumps(high))
     with pytest.raises(InvalidInput, match="400000 pieces of degree 7 for 6 joints"):
         own_breaks.check_work(8, 400_000, 6)
-    many = {"waypoint_times": [0, 1], "joints": [[[0, 1], *[[0.5, 1]] * 40_000]] * 40}
+    many = {
+        "waypoint_times": [0, 1],
+        "joints": [[[0, 1], *[[0.5, 1]] * 40_000]] * 40,
+    }
     with pytest.raises(InvalidInput, match="expected fewer pieces"):
         own_breaks.trajectory(many)
 
@@ -305,7 +309,11 @@ def npy(tmp_path, shape, kind="<f8"):
 
 
 def test_arrays_that_are_none(tmp_path):
-    expected = refused(tmp_path, "waypoints.npy", npy(tmp_path, (10**12, 1)) + bytes(64))
+    expected = refused(
+        tmp_path,
+        "waypoints.npy",
+        npy(tmp_path, (10**12, 1)) + bytes(64),
+    )
     assert "a readable .npy file" in expected
     with zipfile.ZipFile(tmp_path / "waypoints.npz", "w") as archive:
         archive.writestr("a.npy", "x")
@@ -324,7 +332,15 @@ def test_errors_show_the_beginning_of_a_value():
     assert found < 300
     assert shown(10**5000) == "a value of type int"
     assert shown([0.5, -1]) == "[0.5, -1]"
-    found = len(str(InvalidInput("k" * 10**6, "e" * 10**6, value={"a": "b" * 10**6})))
+    found = len(
+        str(
+            InvalidInput(
+                "k" * 10**6,
+                "e" * 10**6,
+                value={"a": "b" * 10**6},
+            )
+        )
+    )
     assert found < 2000
     found = len(str(UnknownName("planner", "p" * 10**6, ["exact"])))
     assert found < 300

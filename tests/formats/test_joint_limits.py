@@ -9,6 +9,7 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.formats import joint_limits
 from trajopt.formats.robot_limits import RobotLimits
 
+pytestmark = pytest.mark.filterwarnings("ignore::trajopt.core.exceptions.FileNote")
 WHOLE = """
 default_velocity_scaling_factor: 0.5
 default_acceleration_scaling_factor: 0.25
@@ -87,8 +88,16 @@ def test_accelerations_that_nobody_says_can_be_said_once(tmp_path):
 def test_flags_lift_what_another_source_says_and_silence_keeps_it(tmp_path):
     robot = RobotLimits(
         joints={
-            "one": {"velocity": (-1, 1), "acceleration": (-2, 2), "jerk": (-3, 3)},
-            "two": {"velocity": (-1, 1), "acceleration": (-2, 2), "position": (-4, 4)},
+            "one": {
+                "velocity": (-1, 1),
+                "acceleration": (-2, 2),
+                "jerk": (-3, 3),
+            },
+            "two": {
+                "velocity": (-1, 1),
+                "acceleration": (-2, 2),
+                "position": (-4, 4),
+            },
         },
         source="robot",
     )

@@ -107,21 +107,24 @@ def pinocchio_model(arm: Robot) -> pinocchio.Model:
 
 
 @every_robot
-def test_forward_and_jacobian_agree_with_pinocchio(arm):
+def test_forward_agrees_with_pinocchio(arm):
     model = pinocchio_model(arm)
     data = model.createData()
-    frame = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
     for posture in angles(50):
-        pinocchio.computeJointJacobians(model, data, posture)
-        links = [link.homogeneous for link in data.oMi]
-        jacobian = pinocchio.getJointJacobian(model, data, 6, frame)
-        np.testing.assert_allclose(arm.frames(posture), links, atol=1e-13)
-        np.testing.assert_allclose(arm.jacobian(posture), jacobian, atol=1e-13)
+        pinocchio.forwardKinematics(model, data, posture)
+        *_, hand = data.oMi
+        np.testing.assert_allclose(arm.forward(posture), hand.homogeneous, atol=1e-13)
 
 
 def test_the_zero_pose_of_table_1():
     pose = SIX.forward(np.zeros(6))
-    assert pose[:3, 3] == pytest.approx([0.2 + 0.7156 + 0.256, -0.0944, -0.8455 - 0.0838])
+    assert pose[:3, 3] == pytest.approx(
+        [
+            0.2 + 0.7156 + 0.256,
+            -0.0944,
+            -0.8455 - 0.0838,
+        ]
+    )
     np.testing.assert_allclose(
         pose[:3, :3],
         np.diag([1, -1, -1]),
@@ -137,13 +140,11 @@ def test_a_robot_of_another_size_goes_forwards_only():
         [0, 0],
         [[-1, 1], [-1, 1]],
     )
-    assert two.frames([QUARTER, 0.0]).shape == (3, 4, 4)
     np.testing.assert_allclose(
         two.forward([QUARTER, 0.0])[:3, 3],
         [0, 1, 0],
         atol=1e-15,
     )
-    assert two.jacobian(np.zeros((4, 3, 2))).shape == (4, 3, 6, 2)
     with pytest.raises(InvalidInput, match="a is 2: expected six joints"):
         two.inverse(np.eye(4))
 
@@ -209,7 +210,14 @@ def test_near_a_singularity_every_branch_still_reaches(arm, away):
     inverse = arm.inverse(poses, q)
     assert inverse.exists.any(axis=-1).all()
     assert np.isfinite(inverse.joints).all()
-    assert miss(arm, inverse.joints, poses[:, None])[inverse.exists].max() < 1e-9
+    assert (
+        miss(
+            arm,
+            inverse.joints,
+            poses[:, None],
+        )[inverse.exists].max()
+        < 1e-9
+    )
 
 
 @pytest.mark.parametrize("edge", [0.0, PI])
@@ -289,7 +297,16 @@ def test_a_pose_too_near_forwards_is_reached_over_the_back():
 
 def test_of_angles_a_turn_apart_the_one_in_range_nearest_to_the_previous_is_taken():
     wide = replace(SIX, joint_range=np.tile([-10.0, 10.0], (6, 1)))
-    turned = np.array([0.2, -0.3, 0.4, 0.5, 0.6, 0.7 + 2 * PI])
+    turned = np.array(
+        [
+            0.2,
+            -0.3,
+            0.4,
+            0.5,
+            0.6,
+            0.7 + 2 * PI,
+        ]
+    )
     pose = wide.forward(turned)
     np.testing.assert_allclose(wide.nearest(pose, turned + 0.1), turned, atol=1e-9)
 
@@ -336,7 +353,12 @@ def test_a_path_is_followed_without_jumps():
 
 def test_a_path_that_cannot_be_followed_names_its_pose():
     good = SIX.forward(TABLE2.waypoints)
-    far = np.concatenate([good[:2], at(5.0, 0, 0)[None]])
+    far = np.concatenate(
+        [
+            good[:2],
+            at(5.0, 0, 0)[None],
+        ]
+    )
     with pytest.raises(InvalidInput, match="pose 3, metres outside"):
         cartesian_problem(SIX, far, TABLE2.limits)
     with pytest.raises(InvalidInput, match="start, joint 2 is nan"):
@@ -372,7 +394,14 @@ def test_a_wrong_pose_is_refused(wrong):
 
 def test_a_wrong_pose_among_many_is_named():
     with pytest.raises(InvalidInput, match=r"^pose 2 is"):
-        SIX.inverse(np.stack([np.eye(4), np.zeros((4, 4))]))
+        SIX.inverse(
+            np.stack(
+                [
+                    np.eye(4),
+                    np.zeros((4, 4)),
+                ]
+            )
+        )
 
 
 @pytest.mark.parametrize(
@@ -447,7 +476,7 @@ def test_a_robot_file_is_read_in_radians_and_frozen(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("speed", "1", "speed is 1: expected one of"),
+        ("colour", "1", "colour is 1: expected one of"),
         ("theta", None, "theta: expected this key"),
         ("convention", '"dh"', "convention is 'dh': expected \"modified-dh\""),
         ("angle_unit", '"degrees"', 'angle_unit is \'degrees\': expected "deg" or "rad"'),

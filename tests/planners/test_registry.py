@@ -21,6 +21,7 @@ from trajopt.core.exceptions import (
     TrajoptError,
     UnknownName,
     WorkerError,
+    WrongType,
 )
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.solution import Solution, Status
@@ -92,15 +93,28 @@ class Picky(Planner):
 def test_what_a_planner_refuses_it_does_not_solve_when_called_directly_either():
     three = Problem([[0.0], [1.0], [2.0]], Limits([1.0], [1.0]))
     two = Problem([[0.0], [1.0]], Limits([1.0], [1.0]))
-    refused = [Picky().solve(three, seed=4), *Picky().solve_batch(three, [1, 2])]
+    refused = [
+        Picky().solve(three, seed=4),
+        *Picky().solve_batch(three, [1, 2]),
+    ]
     assert [(s.status, s.message) for s in refused] == [(Status.UNSUPPORTED, "three waypoints")] * 3
-    answered = [Picky().solve(two, seed=4), *Picky().solve_batch(two, [1, 2])]
+    answered = [
+        Picky().solve(two, seed=4),
+        *Picky().solve_batch(two, [1, 2]),
+    ]
     assert [s.message for s in answered] == ["seed 4", "seed 1", "seed 2"]
     assert Picky.solve.__name__ == "solve"
 
 
 def test_every_planner_of_ours_says_what_it_refuses_instead_of_failing_in_numpy():
-    two = Problem([[0.0, 0.0], [1.0, 0.5]], Limits([1.0, 1.0], [1.0, 1.0], [9.0, 9.0]))
+    two = Problem(
+        [[0.0, 0.0], [1.0, 0.5]],
+        Limits(
+            [1.0, 1.0],
+            [1.0, 1.0],
+            [9.0, 9.0],
+        ),
+    )
     for name, entry in entries().items():
         planner = entry.load()
         reason = planner.unsupported(two)
@@ -199,7 +213,8 @@ def test_load_reaches_outer_and_nested_options():
         ("unoptimized", "did you mean 'unoptimised'"),
         ("qwertyuiop", "known: .*exact.*toppra"),
         ("", "known: "),
-        ("ISSA?", "'ISSA\\?'"),
+        ("ISSA?", "'ISSA\\?'; did you mean 'issa'"),
+        ("TOPPRA", "did you mean 'toppra'"),
     ],
 )
 def test_an_unknown_planner_comes_with_a_suggestion(name, hint):
@@ -281,9 +296,27 @@ def test_text_becomes_what_the_annotation_says(key, given, value):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        *(("steps", 1.0), ("steps", None), ("steps", True), ("factor", "x"), ("factor", False)),
-        *(("careful", 0), ("level", 3), ("level", "none"), ("shape", "square"), ("shape", 7)),
-        *(("weight", "heavy"), ("weight", True), ("note", 5), ("inner", "x"), ("nothing", 1)),
+        *(
+            ("steps", 1.0),
+            ("steps", None),
+            ("steps", True),
+            ("factor", "x"),
+            ("factor", False),
+        ),
+        *(
+            ("careful", 0),
+            ("level", 3),
+            ("level", "none"),
+            ("shape", "square"),
+            ("shape", 7),
+        ),
+        *(
+            ("weight", "heavy"),
+            ("weight", True),
+            ("note", 5),
+            ("inner", "x"),
+            ("nothing", 1),
+        ),
     ],
 )
 def test_what_the_annotation_forbids_is_refused(key, value):
@@ -442,6 +475,7 @@ ERRORS = [
     TrajoptError("plain"),
     InvalidInput("limits.velocity", "a number", value=[1, "x"], joint=2, file="a.toml"),
     InvalidInput("key", "this", value=None),
+    WrongType("problem is a list"),
     InvalidTrajectory("breaks"),
     UnknownName("planner", "isa", ["issa", "ssa"]),
     MissingBackend("casadi"),
@@ -488,7 +522,16 @@ def test_the_message_of_an_invalid_input_counts_joints_from_one():
 
 
 def test_the_fixed_times_are_two_seconds_each():
-    problem = Problem([[0.0], [1.0], [1.0], [2.0], [3.0]], Limits([9.0], [9.0]))
+    problem = Problem(
+        [
+            [0.0],
+            [1.0],
+            [1.0],
+            [2.0],
+            [3.0],
+        ],
+        Limits([9.0], [9.0]),
+    )
     solution = Unoptimised().solve(problem)
     assert solution.trajectory.waypoint_times.tolist() == [0, 2, 2, 4, 6]
     assert Unoptimised().unsupported(Problem([[0.0], [1.0]], Limits([9.0], [9.0])))

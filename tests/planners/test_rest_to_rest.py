@@ -213,7 +213,14 @@ def test_every_segment_takes_its_slowest_joint_with_or_without_jerk():
 
 
 def test_no_distance_takes_no_time():
-    for limits in (Limits([2.0], [3.0]), Limits([2.0], [3.0], [4.0])):
+    for limits in (
+        Limits([2.0], [3.0]),
+        Limits(
+            [2.0],
+            [3.0],
+            [4.0],
+        ),
+    ):
         problem = Problem([[1.0], [1.0], [2.0]], limits)
         assert stop_times(problem)[0] == 0
     zero = np.zeros(1)

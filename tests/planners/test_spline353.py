@@ -443,7 +443,15 @@ def test_the_trajectory_passes_every_waypoint_and_is_twice_continuously_differen
     ],
 )
 def test_only_three_positive_times(times):
-    four = Problem([[0.0], [1.0], [2.0], [3.0]], Limits([1.0], [1.0]))
+    four = Problem(
+        [
+            [0.0],
+            [1.0],
+            [2.0],
+            [3.0],
+        ],
+        Limits([1.0], [1.0]),
+    )
     with pytest.raises(InvalidInput, match="three positive segment times"):
         spline353.trajectory(four, times)
 
@@ -461,7 +469,13 @@ def test_other_numbers_of_waypoints_are_unsupported(waypoints, count):
     assert f"this has {count}" in spline353.unsupported(problem)
 
 
-@pytest.mark.parametrize("waypoints", [[0, 1, 2, 3], [0, 0, 0, 1, 2, 2, 0, 0]])
+@pytest.mark.parametrize(
+    "waypoints",
+    [
+        [0, 1, 2, 3],
+        [0, 0, 0, 1, 2, 2, 0, 0],
+    ],
+)
 def test_four_waypoints_once_merged_are_supported(waypoints):
     problem = Problem([[float(x)] for x in waypoints], Limits([1.0], [1.0]))
     assert spline353.unsupported(problem) is None

@@ -28,7 +28,13 @@ def search(optimiser, runs, **budget):
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e3])
-@pytest.mark.parametrize("centre", [[0.3, 1.7, 3.2, 2.0], [0.05, 0.05, 3.95, 0.05]])
+@pytest.mark.parametrize(
+    "centre",
+    [
+        [0.3, 1.7, 3.2, 2.0],
+        [0.05, 0.05, 3.95, 0.05],
+    ],
+)
 def test_pso_finds_the_centre_of_every_ellipsoid(scale, centre):
     axes = scale ** (np.arange(4) / 3)
     result = minimise(
@@ -80,7 +86,13 @@ def test_different_seeds_give_different_runs():
 
 
 def test_issa_with_everything_off_is_ssa():
-    assert digest(search(PLAIN, 4, iterations=150)) == digest(search(SSA(), 4, iterations=150))
+    assert digest(search(PLAIN, 4, iterations=150)) == digest(
+        search(
+            SSA(),
+            4,
+            iterations=150,
+        )
+    )
 
 
 @pytest.mark.parametrize("change", ["chaos", "levy", "weight", "opposition"])
@@ -188,8 +200,21 @@ def test_every_candidate_is_in_its_runs_own_box(optimiser):
 
 
 def test_reflection_mirrors_as_often_as_it_takes():
-    x = np.array([-0.25, 0.4, 1.25, 2.5, -7.25, np.inf])[None, :, None]
-    mirrored = Box.of([0.0], [1.0], 1).reflect(x)[0, :, 0]
+    x = np.array(
+        [
+            -0.25,
+            0.4,
+            1.25,
+            2.5,
+            -7.25,
+            np.inf,
+        ]
+    )[None, :, None]
+    mirrored = Box.of(
+        [0.0],
+        [1.0],
+        1,
+    ).reflect(x)[0, :, 0]
     np.testing.assert_allclose(mirrored, [0.25, 0.4, 0.75, 0.5, 0.75, np.nan])
 
 
@@ -205,7 +230,11 @@ class FirstIteration:
         self.drawn.uniform(30, 3)
         search = ssa.search(box, Streams(range(runs)), t_max)
         self.x = next(search)
-        self.x[:] = np.random.default_rng(5).uniform(0, 4, self.x.shape)
+        self.x[:] = np.random.default_rng(5).uniform(
+            0,
+            4,
+            self.x.shape,
+        )
         self.f = np.tile(1 + np.arange(30) / 100, (runs, 1))
         worse = np.full_like(self.f, 9.0)
         self.discovered = search.send(self.f).x
@@ -294,7 +323,13 @@ def test_chaotic_map_at_points_where_it_is_known():
         np.array([0.5, 0.0]),
         0.9,
     )
-    np.testing.assert_allclose(x, [np.sin(pi * quarter), np.sin(0.9 * pi)])
+    np.testing.assert_allclose(
+        x,
+        [
+            np.sin(pi * quarter),
+            np.sin(0.9 * pi),
+        ],
+    )
     np.testing.assert_allclose(y[1], np.sin(pi * 0.1 * np.sin(pi * np.sin(0.9 * pi))))
     x, y = chaotic_map(
         np.array([0.5]),

@@ -327,7 +327,7 @@ BROKEN = [
     (Bare(), "solve on 'one joint' returns no Solution"),
     (Empty(), "solved on 'one joint' without a trajectory"),
     (Silent(), "failed on 'one joint' without a message"),
-    (Moody(), "solve on 'one joint' differs between two calls"),
+    (Moody(), "differs between two calls: set `stochastic = True` if the seed matters"),
     (Tired(), "solve on 'one joint' differs for the same seed"),
     (ThroughTheAir(), "invalid on 'one joint': joint 1 at 3 s: velocity jumps by 0.5 rad/s"),
     (Elsewhere(), "invalid on 'one joint': .*misses the waypoint"),

@@ -100,6 +100,9 @@ class Judgement(Execution):
     via_tolerance: float
     tolerance_needed: bool = False
 
+    def __repr__(self) -> str:
+        return f"Judgement({self.motion.name} on {self.problem.name}, {self.certificate})"
+
     @property
     def status(self) -> Status:
         return Status.SOLVED if self.certificate.valid else Status.INVALID
@@ -153,6 +156,7 @@ def judge(
     *,
     interpolation: Interpolation = "auto",
     via_tolerance: float = 0.0,
+    unit: str | None = None,
 ) -> Judgement:
     """Judge a motion against a problem (docs/mathematics.md, section 10).
 
@@ -166,13 +170,15 @@ def judge(
         interpolation: what joins samples; by default what their controller does.
         via_tolerance: rad, of each joint: a miss that counts as passing. It must be less than half
             of any segment, or one instant might pass two waypoints.
+        unit: units of a CSV's columns whose header says none, like "deg" or "deg,mm,ms".
 
     Raises:
         InvalidInput: The motion cannot be read, has other joints than the problem, or the
             tolerance is too large.
     """
-    asked = problem if isinstance(problem, Problem) else catalogue.load(str(problem))
-    given = motion_of(motion, interpolation).for_joints(asked.joint_names)
+    asked = catalogue.given(problem)
+    units = dict(zip(asked.joint_labels, asked.joint_units, strict=False))
+    given = motion_of(motion, interpolation, unit, units).for_joints(asked.joint_names)
     _check_joints(given, asked.joints)
     given.check_units(asked)
     _check_tolerance(asked, via_tolerance)
@@ -244,6 +250,7 @@ def as_executed(
     *,
     joint_units: Sequence[str] = (),
     falling_velocity: Sequence[FallingVelocity | None] = (),
+    accelerations: bool = True,
 ) -> Execution:
     """Judge a motion, as a controller runs it, by limits alone.
 
@@ -255,6 +262,8 @@ def as_executed(
         limits: Of its joints, in its order.
         joint_units: "rad" or "m" per joint, as a `Problem` has them.
         falling_velocity: The arm's own, as a `Problem` has them.
+        accelerations: Whether accelerations are judged. If not, their limits are only the scale of
+            the jumps of velocity that are repaired.
 
     Raises:
         InvalidInput: It has another number of joints than the limits, or never moves.
@@ -277,19 +286,23 @@ def as_executed(
         falling_velocity=falling_velocity,
     )
     motion.check_units(problem)
-    _warn_of_units(problem)
-    return Execution(motion, problem, verify(problem, own))
+    _warn_of_units(problem, own(times))
+    certificate = verify(problem, own)
+    if not accelerations:
+        certificate = certificate.without_acceleration()
+    return Execution(motion, problem, certificate)
 
 
-def _warn_of_units(problem: Problem) -> None:
+def _warn_of_units(problem: Problem, positions: Array) -> None:
     """Warn of the first joint that looks as if its motion or its limits were in degrees.
 
-    Joint by joint: a `!degrees` may be lost in one line of a joint_limits.yaml.
+    Joint by joint: a `!degrees` may be lost in one line of a joint_limits.yaml. The positions are
+    those of the motion, which may be far outside the limits.
     """
     for joint in np.flatnonzero(problem.moving).tolist():
         velocity = problem.limits.velocity[[joint]]
         # an acceleration of its own may be right: the velocity alone decides
-        mixed = mixed_units(problem.waypoints[:, [joint]], velocity, acceleration=velocity)
+        mixed = mixed_units(positions[:, [joint]], velocity, acceleration=velocity)
         if mixed and problem.unit(joint) == "rad":
             label = problem.joint_labels[joint]
             message = f"{problem.name}, {label}: {mixed}; limits are rad/s, or tagged !degrees"

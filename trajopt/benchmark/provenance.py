@@ -11,7 +11,7 @@ The digest covers, depending on where the code lies:
 
 Code without a source, as `exec` and standard input make it, has a new digest in every process:
 its trials are never kept for the next run. This package belongs to every digest, since it judges:
-of a checkout the modules that can change a trial, not those that only show it.
+its modules that can change a trial, not those that only show it.
 """
 
 from __future__ import annotations
@@ -288,10 +288,8 @@ def _sources(name: str) -> str:
 
 @cache
 def _ours() -> str:
-    """Digest this package: all that is installed, or a checkout's sources that trials depend on."""
+    """Digest the sources of this package that trials depend on."""
     root = Path(__file__).resolve().parents[2]
-    if _is_installed(Path(__file__)):
-        return _record()
     sources: dict[str, Path] = {}
     for package in _OURS:
         sources |= _named(_files(root / package), root)
@@ -430,27 +428,14 @@ def _commit() -> str:
 
 
 def _installed_commit() -> str:
-    origin = json.loads(_metadata("direct_url.json") or "{}")
-    commit = origin.get("vcs_info", {}).get("commit_id", "")
-    return str(commit)
-
-
-def _record() -> str:
-    """Digest the installed modules, as the installer's RECORD lists them."""
-    hashes = []
-    for line in _metadata("RECORD").splitlines():
-        path, _, rest = line.partition(",")
-        if path.startswith(_OURS) and path.endswith(_SOURCES):
-            hashes.append(f"{path},{rest}")
-    return _sha(json.dumps(sorted(hashes)))
-
-
-def _metadata(file: str) -> str:
-    """A file that the installer wrote beside this distribution; empty where it did not."""
+    """The commit that the installer wrote beside this distribution; empty where it did not."""
     try:
-        return distribution("mintime").read_text(file) or ""
+        written = distribution("mintime").read_text("direct_url.json")
     except PackageNotFoundError:
         return ""
+    origin = json.loads(written or "{}")
+    commit = origin.get("vcs_info", {}).get("commit_id", "")
+    return str(commit)
 
 
 def _processor() -> str:

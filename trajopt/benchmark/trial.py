@@ -22,14 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.benchmark.provenance import Code, code_of, plain, provenance
-from trajopt.core.exceptions import InvalidTrajectory, MissingBackend
+from trajopt.core.exceptions import InvalidTrajectory, MissingBackend, shown
 from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import Certificate, certified, verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible
-from trajopt.planners.registry import label
+from trajopt.planners.registry import label, named
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,12 @@ class Trial:
     started: str
     provenance: Mapping[str, str]
     asked: str = ""
+
+    def __repr__(self) -> str:
+        verdict = str(self.status)
+        if self.certified_duration is not None:
+            verdict += f", {self.certified_duration:.6g} s certified"
+        return f"Trial({self.label} on {self.problem.name}, seed {self.seed}, {verdict})"
 
     @cached_property
     def id(self) -> str:
@@ -214,6 +220,17 @@ class Configuration:
         }
         shown = harmless(label(name, own), lines=False)
         return cls(own, Entrant(name, shown, options, code_of(own)))
+
+    @classmethod
+    def given(cls, planner: object) -> Configuration:
+        """Configure a planner, a registered one by its name, or a pair of a name and a planner."""
+        if isinstance(planner, str):
+            name, loaded = named(planner)
+            return cls.of(loaded, name)
+        if isinstance(planner, tuple):
+            name, own = planner
+            return cls.of(own, name)
+        return cls.of(planner)
 
 
 @dataclass(frozen=True)
@@ -406,11 +423,12 @@ def crash(message: str) -> Solution:
 def well_formed(answer: Any) -> Solution:
     """The answer, or a crash that says which part of it is not what a `Solution` holds."""
     if not isinstance(answer, Solution):
-        return crash(f"solve must return a Solution, got {answer!r:.200}")
+        return crash(f"solve must return a Solution, got {_in_a_line(answer)}")
     for name, kinds in _KINDS.items():
         value = getattr(answer, name)
         if not isinstance(value, kinds):
-            return crash(f"Solution.{name} cannot be {value!r:.200}")
+            right = "an (m, 2) array" if name == "history" else getattr(kinds, "__name__", kinds)
+            return crash(f"Solution.{name} cannot be {_in_a_line(value)}: expected {right}")
     if answer.trajectory is not None and len(answer.trajectory.coefficients) > DEGREE_MAX + 1:
         degree = len(answer.trajectory.coefficients) - 1
         return crash(f"Solution.trajectory is of degree {degree}, expected at most {DEGREE_MAX}")
@@ -422,6 +440,10 @@ def well_formed(answer: Any) -> Solution:
     if answer.history is not None and answer.history.shape[1:] != (2,):
         return crash(f"Solution.history must be (m, 2), got {answer.history.shape}")
     return answer
+
+
+def _in_a_line(value: object) -> str:
+    return " ".join(shown(value).split())
 
 
 _MOST_EVALUATIONS = 2**63 - 1  # the largest signed integer of 64 bits

@@ -12,8 +12,8 @@ import pandas as pd
 
 from trajopt.cli import console
 from trajopt.cli.console import Grid
+from trajopt.views.analysis.pairwise import against
 from trajopt.views.analysis.results import Results
-from trajopt.views.analysis.statistics import holm
 
 _PAIRED_MEANING = (
     "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "
@@ -39,28 +39,16 @@ def show(results: Results, rival: str) -> None:
     problems = results.trials()["digest"].nunique()
     one_problem = problems == 1
     pairs = results.between_seeds() if one_problem else results.paired()
-    if rival not in pairs.index.get_level_values("against"):
+    rows = against(pairs, rival)
+    if rows.empty:
         console.paragraph(_nothing_to_compare(rival, one_problem))
     elif one_problem:
-        console.OUT.print(_seeds_table(_against(pairs, rival), rival))
+        console.OUT.print(_seeds_table(rows, rival))
         console.paragraph(_SEEDS_MEANING)
     else:
-        console.OUT.print(_paired_table(_against(pairs, rival), rival))
+        console.OUT.print(_paired_table(rows, rival))
         console.paragraph(_PAIRED_MEANING)
     console.paragraph()
-
-
-def _against(pairs: pd.DataFrame, rival: str) -> pd.DataFrame:
-    """Return the rows against one rival, the fastest first; Holm's method counts only these."""
-    rows = pairs.xs(rival, level="against").copy()
-    for name in ("holm", "both_holm"):
-        if name in rows:
-            rows[name] = holm(rows[name.replace("holm", "pvalue")])
-    return rows.sort_values(
-        "ratio",
-        kind="stable",
-        na_position="last",
-    )
 
 
 def _nothing_to_compare(rival: str, one_problem: bool) -> str:
@@ -82,15 +70,19 @@ def _paired_table(rows: pd.DataFrame, rival: str) -> Grid:
         title=title,
     )
     for row in rows.itertuples():
-        counts = (row.problems, row.better, row.tied, row.worse)
-        name = console.option_lines(row.Index)
-        table.row(name, *counts, *_ratio_and_p(row.ratio, row.holm), _effect(row))
+        table.row(console.option_lines(row.Index), *paired_row(row))
         if row.both == 0:
             table.row("  both answer", 0)
         elif row.both < row.problems:
             counts = (row.both, row.both_better, row.both_tied, row.both_worse)
             table.row("  both answer", *counts, *_ratio_and_p(row.both_ratio, row.both_holm))
     return table
+
+
+def paired_row(row: Any) -> list[object]:
+    """Return the cells of a row of `pairwise.paired_tests`: problems, ratio, p and chance."""
+    counts = (row.problems, row.better, row.tied, row.worse)
+    return [*counts, *_ratio_and_p(row.ratio, row.holm), _effect(row)]
 
 
 def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:

@@ -14,15 +14,25 @@ from typing import TextIO
 
 import cyclopts
 
+import trajopt
 from trajopt.cli import STOPPED, console
-from trajopt.core.exceptions import TrajoptError, UnitWarning
+from trajopt.core.exceptions import FileNote, TrajoptError, UnitWarning, nearest
+from trajopt.core.out_of_scope import out_of_scope
 
+_OVERWRITTEN = (
+    "another distribution, trajopt, has overwritten a part of mintime: uninstall it "
+    "(pip uninstall trajopt), then install mintime again (pip install --force-reinstall)"
+)
 app = cyclopts.App(
     name="trajopt",
     help="How far from optimal is a robot trajectory planner? Exact minimum-time references, "
-    "every answer verified.",
+    "every answer verified.\n\n"
+    "In scope: waypoints in a fixed order, passed exactly, from rest to rest; limits of velocity, "
+    "acceleration, jerk and position per joint; motions as a controller executes them. "
+    "Not in scope: obstacles, torques, tool speed, orientation.",
     version_flags=["--version"],
     help_format="plaintext",
+    default_parameter=cyclopts.Parameter(negative=()),  # no --no-force, no --empty-planner
     suppress_keyboard_interrupt=False,  # main says what to type to go on
 )
 _COMMANDS = {
@@ -79,7 +89,18 @@ _COMMANDS = {
     ),
     "report": (
         "report:report",
-        "Write one self-contained, interactive page about all trials of a folder: report.html.",
+        "Write one self-contained, interactive page about all trials of one or several folders.",
+    ),
+    "diff": (
+        "diff:diff",
+        "Show which median durations moved between two results.",
+    ),
+}
+# Advice for an argument too many, by command.
+_FURTHER = {
+    "verify": (
+        "; limits go behind --limits (joint_limits.yaml, a problem file, a robot's name), and "
+        "`trajopt judge MOTION PROBLEM` judges by waypoints too"
     ),
 }
 for _name, (_target, _help) in _COMMANDS.items():
@@ -88,12 +109,23 @@ for _name, (_target, _help) in _COMMANDS.items():
         name=_name,
         help=_help,
     )
+app.register_install_completion_command(
+    help="Make the shell complete commands and options (bash, zsh, fish).",
+)
+
+
+@app.command(name="help")
+def help_(*command: str) -> int:
+    """Tell how a command is used: trajopt help compare."""
+    return _run([*command, "--help"])
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Entry point: every mistake of the user is one line and exit code 2."""
     console.prepare()
     try:
+        if "Problem" not in dir(trajopt):
+            raise TrajoptError(_OVERWRITTEN)
         code = _run(arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # the reader, `head` perhaps, has seen enough
@@ -137,7 +169,9 @@ def _show_warning(
     line: str | None = None,
 ) -> None:
     own_package = category.__module__.partition(".")[0] == "trajopt"
-    if own_package:
+    if issubclass(category, FileNote):
+        console.note(message)
+    elif own_package:
         console.note(f"warning: {message}")
     elif not issubclass(category, RuntimeWarning):  # NumPy's: what overflows the verifier refuses
         text = warnings.formatwarning(message, category, filename, lineno, line)
@@ -149,6 +183,19 @@ def _show_warning(
 
 
 def _words(error: Exception) -> str:
+    if isinstance(error, cyclopts.UnknownOptionError):
+        option, _, _ = (error.token.keyword or error.token.value).partition("=")
+        elsewhere = out_of_scope(option)
+        if elsewhere:
+            return f"{option} is no option: {elsewhere}"
+        known = [name for argument in error.argument_collection for name in argument.names]
+        return _suggesting(error, option, known)
+    if isinstance(error, cyclopts.UnusedCliTokensError) and error.unused_tokens:
+        given = " ".join(error.unused_tokens)
+        command = " ".join(error.command_chain or ())
+        return f"{given}: {command} takes no further argument{_FURTHER.get(command, '')}"
+    if isinstance(error, cyclopts.UnknownCommandError) and error.app and error.unused_tokens:
+        return _suggesting(error, error.unused_tokens[0], [*error.app])
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
     if error.filename:
@@ -156,3 +203,11 @@ def _words(error: Exception) -> str:
     if isinstance(error, FileNotFoundError):
         return f"the working folder was deleted ({error.strerror})"
     return error.strerror
+
+
+def _suggesting(error: Exception, given: str, known: list[str]) -> str:
+    """The error's words, with the known name where only upper and lower case differ."""
+    close = nearest(given, known)
+    if not close or "Did you mean" in str(error):
+        return str(error)
+    return f'"{given}" is unknown. Did you mean "{close}"?'

@@ -1,27 +1,31 @@
 """Read the problem of a command: by its name, by its file, or as waypoints with a robot.
 
 `trajopt plan six-axis`, `trajopt plan mine.toml`, `trajopt judge motion.csv waypoints.csv --robot
-ur5e`, `trajopt verify motion.csv --urdf robot.urdf --limits joint_limits.yaml`.
+ur5e`, `trajopt verify motion.csv --urdf robot.urdf --limits joint_limits.yaml`. A file of the wrong
+kind is named for what it is (`kinds`).
 """
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from trajopt.benchmark.suites import catalogue
-from trajopt.cli import console
+from trajopt.cli import console, kinds
 from trajopt.cli.parameters import number
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core import problem_file
+from trajopt.core.exceptions import FileNote, InvalidInput, TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.formats import arms, joint_limits, urdf, waypoints
+from trajopt.formats.motion import TABLES
 from trajopt.formats.robot_limits import RobotLimits
-from trajopt.formats.waypoints import Unit
-
-_SOURCES = "--robot NAME, --urdf FILE or --limits joint_limits.yaml"
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class Robot:
         robot: A built-in arm's name.
         urdf: A robot description.
         limits: A `joint_limits.yaml`: it says what the others do not, or other values.
-        unit: Of the waypoints' angles.
+        unit: Units of a file's columns whose header says none, like "deg" or "deg,mm,ms".
         acceleration: Of joints that have no such limit, rad/s² (m/s²).
     """
 
@@ -48,7 +52,11 @@ class Robot:
         Parameter(help="MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them."),
     ] = None
     unit: Annotated[
-        Unit | None, Parameter(help="Unit of the waypoints' angles; by default rad.")
+        str | None,
+        Parameter(
+            help="Units where a header has none: deg or rad, or more, like deg,mm,ms. Of the "
+            "waypoints; of the motion where there are none."
+        ),
     ] = None
     acceleration: Annotated[
         float | None,
@@ -68,9 +76,37 @@ class Robot:
         return {flag: value for flag, value in flags.items() if value is not None}
 
 
+MotionUnit = Annotated[
+    str | None,
+    Parameter(help="Units of the motion where its header has none, as --unit of waypoints."),
+]
+RobotFlags = Annotated[Robot, Parameter(name="*")]
+NO_FLAGS = Robot()
+
+
+def file(name_or_path: str) -> Path | None:
+    """The file of a problem or of waypoints; None where code makes the problem of this name."""
+    if _is_waypoints(name_or_path):
+        return Path(name_or_path)
+    return catalogue.find(name_or_path)
+
+
+def _is_waypoints(name_or_path: str) -> bool:
+    return Path(name_or_path).suffix in waypoints.ENDINGS
+
+
+def problems(names: Sequence[str], robot: Robot) -> list[Problem]:
+    """Return several problems to plan, each once; the flags go to those that are waypoints."""
+    takes_flags = any(map(_is_waypoints, names))
+    if not takes_flags:
+        _check_unused(", ".join(names) or "--suite", robot)
+    flags = {name: robot if _is_waypoints(name) else NO_FLAGS for name in names}
+    return [problem(name, own, scaled=True) for name, own in flags.items()]
+
+
 def problem(
     name_or_path: str,
-    robot: Robot,
+    robot: Robot = NO_FLAGS,
     *,
     scaled: bool = False,
 ) -> Problem:
@@ -83,26 +119,66 @@ def problem(
             planners; then a line says so.
 
     Raises:
-        InvalidInput: The flags do not go with it, or a file cannot be used; it says which, and
-            what would be right.
-        UnknownName: There is no problem or robot of this name.
+        TrajoptError: The flags do not go with it, there is no problem or robot of this name, or a
+            file cannot be used; it says which, and what would be right.
     """
     path = Path(name_or_path)
-    if path.suffix not in waypoints.ENDINGS:
-        _check_unused(name_or_path, robot)
-        return catalogue.load(name_or_path)
-    if not path.is_file():
-        right = "a file of waypoints that exists"
-        raise InvalidInput("problem", right, file=name_or_path)
-    own = robot_limits(name_or_path, robot)
-    planned = own.scaled() if scaled else own
-    if planned is not own:
+    with kinds.reading(path, "waypoints" if robot.said else "problem"):
+        if not _is_waypoints(name_or_path):
+            _check_unused(name_or_path, robot)
+            return catalogue.load(name_or_path)
+        if not path.is_file():
+            right = "a file of waypoints that exists"
+            raise InvalidInput("problem", right, file=name_or_path)
+        own = robot_limits(name_or_path, robot)
+        planned = own.scaled() if scaled else own
+        if planned is not own:
+            console.note(
+                f"{robot.limits}: planned with {100 * own.velocity_scaling:g} % of the velocity "
+                f"and {100 * own.acceleration_scaling:g} % of the acceleration limits, its default "
+                "scaling factors; write 1.0 there for all of them"
+            )
+        elif not scaled:
+            note_factors(own, robot)
+        found = waypoints.problem(path, planned, robot.unit)
+        note_acceleration(robot, completed=own.completed.intersection(found.joint_names))
+        return found
+
+
+def note_factors(own: RobotLimits, robot: Robot) -> None:
+    """Say that scaling factors do not count where a motion is judged."""
+    if own.scaled() is not own:
         console.note(
-            f"{robot.limits}: planned with {100 * own.velocity_scaling:g} % of the velocity and "
-            f"{100 * own.acceleration_scaling:g} % of the acceleration limits, its default scaling "
-            "factors; write 1.0 there for all of them"
+            f"{robot.limits}: its default scaling factors (velocity {own.velocity_scaling:g}, "
+            f"acceleration {own.acceleration_scaling:g}) are not applied, they are no limits of "
+            "the robot; for the scaled limits multiply max_velocity and max_acceleration there"
         )
-    return waypoints.problem(path, planned, robot.unit)
+
+
+def note_acceleration(robot: Robot, *, completed: Collection[str]) -> None:
+    """Say where --acceleration has no effect, as it completed the limits of no joint."""
+    if robot.acceleration is not None and not completed:
+        console.note(
+            f"--acceleration {robot.acceleration:g} has no effect: every joint has an acceleration "
+            "limit already; lower ones go into a joint_limits.yaml behind --limits"
+        )
+
+
+@contextmanager
+def reading_motion(path: Path) -> Iterator[None]:
+    """Read a motion beside waypoints: its errors then name its own flag of units."""
+    try:
+        with kinds.reading(path, "motion"):
+            yield
+    except TrajoptError as error:
+        raise TrajoptError(str(error).replace("--unit", "--motion-unit")) from None
+
+
+def check_motion_unit(unit: str | None, motions: Sequence[Path], flag: str) -> None:
+    """Refuse units for motions of which none is a table: messages are in rad and m."""
+    if unit is not None and not any(path.suffix in TABLES for path in motions):
+        names = ", ".join(path.name for path in motions) or "no motion"
+        raise InvalidInput(flag, f"no such flag with {names}, which is in rad and m", value=unit)
 
 
 def _check_unused(name: str, robot: Robot) -> None:
@@ -120,7 +196,7 @@ def robot_limits(name: str, robot: Robot) -> RobotLimits:
         robot: The flags.
 
     Raises:
-        InvalidInput: No flag says whose limits; two do; or a file cannot be used.
+        TrajoptError: No flag says whose limits; two do; or a file cannot be used.
     """
     if robot.robot is not None and robot.urdf is not None:
         raise InvalidInput("--urdf", "--robot or --urdf, not both", value=str(robot.urdf))
@@ -128,14 +204,27 @@ def robot_limits(name: str, robot: Robot) -> RobotLimits:
     if robot.robot is not None:
         sources.append(arms.named(robot.robot))
     if robot.urdf is not None:
-        sources.append(urdf.read(robot.urdf))
+        with kinds.reading(robot.urdf, "--urdf"):
+            sources.append(urdf.read(robot.urdf))
     if robot.limits is not None:
-        sources.append(joint_limits.read(robot.limits))
+        with kinds.reading(robot.limits, "--limits"):
+            sources.append(joint_limits.read(robot.limits))
     if not sources:
-        raise InvalidInput(name, f"its robot's limits beside it: {_SOURCES}")
-    first, *others = sources
-    for other in others:
-        first = first.updated(other)
+        raise TrajoptError(f"{name}: give limits with --urdf, --limits or --robot")
+    found = reduce(RobotLimits.updated, sources)
+    if not found.joints:
+        right = "at least one joint, or --robot or --urdf beside the scaling factors"
+        raise InvalidInput("joint_limits", right, file=found.source)
     if robot.acceleration is not None:
-        first = first.with_acceleration(robot.acceleration)
-    return first
+        found = found.with_acceleration(robot.acceleration)
+    return found
+
+
+def units(name_or_path: str, robot: Robot) -> Sequence[str]:
+    """The units in which the waypoints of a file came in, one per joint; empty for a name."""
+    path = Path(name_or_path)
+    if _is_waypoints(name_or_path):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FileNote)  # they were said of the problem
+            return waypoints.units(path, robot_limits(name_or_path, robot), robot.unit)
+    return problem_file.units(path) if path.is_file() else ()

@@ -1,85 +1,17 @@
-"""Plan with the best planner for a problem's limits, and describe its answer in words."""
+"""Describe the answer of the best planner in words."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
-from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record import Record
+from trajopt.benchmark.best import Best
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.trial import Trial, judge
-from trajopt.core.exceptions import TrajoptError
-from trajopt.core.problem import LIMIT_NAMES, Problem
-from trajopt.explain.references import THROUGH_WAYPOINTS, best_planners
-from trajopt.planners.registry import named
-from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
+from trajopt.benchmark.trial import Trial
+from trajopt.core.problem import LIMIT_NAMES
+from trajopt.explain.references import THROUGH_WAYPOINTS
 
 MIN_SAVING_PERCENT = 0.05  # percent of the duration; smaller savings are not mentioned
 OPTIMUM_RTOL = 1e-4  # an answer within this of the proved bound is called the optimum
-
-
-@dataclass(frozen=True)
-class Best:
-    """The answer of the best planner.
-
-    Attributes:
-        trial: The planner's trial.
-        relaxed: Shortest duration known without the limits that the planner ignores, s.
-        proved: Lower bound, proved in closed form or in the record, s.
-        stopping: Duration of the motion that stops at every waypoint, s.
-        record: The best known answer of the problem, or None.
-    """
-
-    trial: Trial
-    relaxed: float | None
-    proved: float
-    stopping: float
-    record: Record | None = None
-
-    def as_dict(self) -> dict[str, float | None]:
-        """For JSON, beside the trial: s."""
-        return {
-            "relaxed_duration": self.relaxed,
-            "recorded_duration": self.record.duration if self.record else None,
-            "proved_bound": self.proved,
-            "stopping_duration": self.stopping,
-        }
-
-
-def best(problem: Problem, seed: int) -> Best:
-    """Ask the best planners in turn, until an answer keeps all limits.
-
-    The first planners ignore limits that they do not know. If their answer keeps these limits too,
-    no faster motion is known. If not, the answers of the others are compared with it.
-    """
-    relaxed: float | None = None
-    trial = None
-    reasons = []
-    for name in best_planners(problem):
-        try:
-            own_name, planner = named(name)
-        except TrajoptError as error:
-            reasons.append(str(error))
-            continue
-        trial = judge(planner, problem, [seed], own_name)[0]
-        if relaxed is None:
-            relaxed = trial.relaxed_duration
-        if trial.certified_duration is not None:
-            break
-    if trial is None:
-        raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
-    proved = end_to_end_bound(problem)
-    record = records.find(problem)
-    if record is not None:
-        proved = max(proved, record.lower_bound)
-    return Best(
-        trial=trial,
-        relaxed=relaxed,
-        proved=proved,
-        stopping=float(stop_times(problem).sum()),
-        record=record,
-    )
 
 
 def sentences(found: Best) -> Iterator[str]:

@@ -17,7 +17,7 @@ from trajopt.benchmark.best_known.record import CLOSED_WITHIN, Record, origin
 from trajopt.benchmark.best_known.verification import CheckedRecord
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.suites import catalogue
-from trajopt.cli import console
+from trajopt.cli import console, kinds
 from trajopt.cli.parameters import InterpolationName, Json
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
@@ -121,7 +121,8 @@ def propose(
         candidates = [_of_motion(source, problem, method, submitter, interpolation)]
     else:
         _refuse_options_of_motions(problem, method, interpolation)
-        candidates = list(proposal.of_trials(source, submitter))
+        with kinds.reading(source, "results"):
+            candidates = list(proposal.of_trials(source, submitter))
     outcomes = list(proposal.outcomes(candidates, where))
     written = {}
     for outcome in outcomes:
@@ -147,8 +148,13 @@ def _folder(registry: Path | None) -> Path:
 def _asked(names: Sequence[str]) -> list[Problem]:
     """The problems of these names; all of the suites without one."""
     if not names:
-        return list(verification.suite_problems().values())
-    return [catalogue.load(name) for name in dict.fromkeys(names)]
+        return [problem for _, problem in catalogue.every_problem().values()]
+    return [_problem(name) for name in dict.fromkeys(names)]
+
+
+def _problem(name: str) -> Problem:
+    with kinds.reading(name, "stated problem"):
+        return catalogue.load(name)
 
 
 # --- list ---
@@ -262,13 +268,14 @@ def _of_motion(
     """
     if problem is None:
         raise InvalidInput("PROBLEM", "the problem that the motion is about")
-    asked = catalogue.load(problem)
+    asked = _problem(problem)
     own = proposal.suite_problem(asked)
     if own is None:
         right = "a problem of a suite (`trajopt suite list`): only those have records"
         raise InvalidInput("PROBLEM", right, value=problem)
     by = origin(method or source.name, "", proposal.today(), submitter, prefix="--")
-    judged = judgement.judge(own, source, interpolation=interpolation)
+    with kinds.reading(source, "motion"):
+        judged = judgement.judge(own, source, interpolation=interpolation)
     if judged.certified_duration is None:
         flaws = "; ".join(judged.certificate.flaws)
         right = f"one that solves {own.name}, but {flaws}"

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from trajopt.benchmark.suites import catalogue
-from trajopt.cli import console
-from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number, whole_number
+from trajopt.cli import asked, console
+from trajopt.cli.asked import NO_FLAGS, RobotFlags
+from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.solution import Status
 from trajopt.judging.falling_velocity import caveats
@@ -20,6 +20,7 @@ from trajopt.planners.registry import configured, entries
 def certify(
     problem: ProblemName,
     *,
+    robot: RobotFlags = NO_FLAGS,
     family: Annotated[
         Literal["free", "spline353"],
         Parameter(help="Any trajectory, or the 3-5-3 spline with shared times."),
@@ -30,17 +31,15 @@ def certify(
     time_limit: Annotated[
         float, number("Seconds; the bounds reached are the answer.", most=MAX_SECONDS)
     ] = 60.0,
-    joint: Annotated[int | None, whole_number("One joint alone, counted from 1.")] = None,
     json: Json = False,
 ) -> int:
     """Prove a lower bound on the minimum time."""
-    file = catalogue.find(problem)
-    loaded = catalogue.load(problem)
+    loaded = asked.problem(problem, robot, scaled=True)
+    file = asked.file(problem)
     options = {
         "family": family,
         "within": within,
         "time_limit": time_limit,
-        "joint": joint,
     }
     planner = configured(entries()["certify"].load(), options, "certify")
     began = time.perf_counter()
@@ -51,7 +50,6 @@ def certify(
         "problem": loaded.name,
         "problem_file": None if file is None else str(file),
         "family": family,
-        "joint": joint,
         "lower_bound": proof.stats["lower_bound"],
         "upper_bound": proof.stats["upper_bound"],
         "proved_within": proof.stats["proved_within"],
@@ -70,8 +68,6 @@ def certify(
 def _print(table: dict[str, Any], message: str) -> None:
     """Print the bounds; the planner's message tells why there is no upper bound."""
     what = f"{table['problem']}, {table['family']}"
-    if table["joint"]:
-        what += f", joint {table['joint']} alone"
     console.headline("", f"{what}: ", table["status"])
     console.line(f"  lower bound {table['lower_bound']:.9f} s")
     if isfinite(table["proved_within"]):

@@ -11,7 +11,7 @@ from rich.text import Text
 from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
-from trajopt.cli import console
+from trajopt.cli import console, kinds
 from trajopt.cli.console import Grid
 from trajopt.cli.parameters import MAX_SECONDS, Json, number
 from trajopt.core.exceptions import InvalidInput
@@ -57,7 +57,8 @@ def claims(
     """Judge the times that were published for a problem; list the problems if none is named."""
     if problem is None:
         return _list(json=json)
-    published = literature.published(problem)
+    with kinds.reading(problem, "stated problem"):
+        published = literature.published(problem)
     if published.problem is None:
         right = f"a problem that can be stated here, but {published.beyond}"
         raise InvalidInput("problem", right, value=published.name)

@@ -18,8 +18,9 @@ from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import against as versus
-from trajopt.cli import console, overview, problem_tables
-from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, number, whole_number
+from trajopt.cli import asked, console, overview, problem_tables
+from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
+from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, ProblemName, number, whole_number
 from trajopt.comparison import Contestant
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
@@ -36,10 +37,11 @@ MAX_PROBLEMS_WITH_TABLES = 12  # more problems get one page in place of a table 
 
 
 def compare(
-    *problems: Annotated[str, Parameter(help="Problem file, or the name of a built-in problem.")],
+    *problems: ProblemName,
+    robot: RobotFlags = NO_FLAGS,
     planner: Annotated[
         list[str] | None,
-        Parameter(help="NAME[:key=value,…], repeated for each planner; all by default."),
+        Parameter(help="NAME or FILE.py:NAME, with :key=value,…, repeated; all by default."),
     ] = None,
     motion: Annotated[
         list[Path] | None,
@@ -47,6 +49,7 @@ def compare(
             help="File of a motion to judge beside the planners (`trajopt judge`), repeated."
         ),
     ] = None,
+    motion_unit: MotionUnit = None,
     interpolation: InterpolationName = "auto",
     suite: Annotated[
         list[str] | None, Parameter(help="All problems of a suite; see `trajopt suite list`.")
@@ -70,7 +73,7 @@ def compare(
     output: Annotated[
         Path, Parameter(help="Results folder; what is there already is kept.")
     ] = Path("results"),
-    fresh: Annotated[bool, Parameter(negative=(), help="Run everything again.")] = False,
+    fresh: Annotated[bool, Parameter(help="Run everything again.")] = False,
     timeout: Annotated[
         float,
         number(
@@ -92,11 +95,11 @@ def compare(
         Parameter(help="Address or file of a Dask scheduler to run the trials on."),
     ] = None,
     certify: Annotated[
-        bool, Parameter(negative=(), help="Prove lower bounds too: same as --planner certify.")
+        bool, Parameter(help="Prove lower bounds too: same as --planner certify.")
     ] = False,
     against: Annotated[
         str | None,
-        Parameter(help="NAME[:key=value,…] to test all others against; it is run too."),
+        Parameter(help="Planner to test all others against; it is run too."),
     ] = None,
 ) -> int:
     """Run planners on problems; print the table, store every trial, draw the figures."""
@@ -104,9 +107,12 @@ def compare(
         right = "at least one problem file or built-in name (see `trajopt list`), or a --suite"
         raise InvalidInput("PROBLEM", right)
     output = _outside_deleted_folder(output)
-    loaded = _problems(problems, suite or [])
+    loaded = asked.problems(problems, robot)
+    for name in dict.fromkeys(suite or []):
+        loaded += catalogue.problems(name)
     contestants: list[Contestant] = [*(planner or _default_planners())]
-    contestants += _motions(motion or [], interpolation)
+    asked.check_motion_unit(motion_unit, motion or [], "--motion-unit")
+    contestants += _motions(motion or [], interpolation, motion_unit)
     if certify:
         contestants.append("certify")
     rival = None
@@ -180,20 +186,15 @@ def _outside_deleted_folder(output: Path) -> Path:
 def _motions(
     files: Sequence[Path],
     interpolation: Interpolation,
+    unit: str | None,
 ) -> Iterator[tuple[str, GivenMotion]]:
     """Yield each motion with its file's name, or its whole path where two have one name."""
     names = Counter(file.name for file in files)
     for file in files:
         name = file.name if names[file.name] == 1 else str(file)
-        yield name, GivenMotion(motion_of(file, interpolation))
-
-
-def _problems(names: Sequence[str], suites: Sequence[str]) -> list[Problem]:
-    """Return the problems asked for, each once."""
-    problems = [catalogue.load(name) for name in dict.fromkeys(names)]
-    for name in dict.fromkeys(suites):
-        problems += catalogue.problems(name)
-    return problems
+        with asked.reading_motion(file):
+            given = motion_of(file, interpolation, unit)
+        yield name, GivenMotion(given)
 
 
 def _default_planners() -> list[str]:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from math import isfinite, isinf, isnan
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 from rich import progress as bars
 from rich.console import Console
@@ -22,8 +22,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-if TYPE_CHECKING:
-    from trajopt.comparison import Progress as TrialProgress
+from trajopt.benchmark.run.progress import Progress
 
 
 class _Console(Console):
@@ -267,13 +266,13 @@ def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]
 
 
 @contextmanager
-def trials() -> Iterator[Callable[[TrialProgress], None]]:
+def trials() -> Iterator[Callable[[Progress], None]]:
     """Show the progress of a comparison, which tells how many trials there are."""
     finished = 0
     advance: Callable[[int], None] | None = None
     with ExitStack() as stack:
 
-        def show(state: TrialProgress) -> None:
+        def show(state: Progress) -> None:
             nonlocal advance, finished
             advance = advance or stack.enter_context(progress(state.total))
             advance(state.finished - finished)
@@ -308,23 +307,5 @@ class LoggedProgress:
         now = self._clock()
         if now - self._said >= self._interval:
             self._said = now
-            note(self._line(now - self._began))
-
-    def _line(self, elapsed: float) -> str:
-        text = f"{self._finished} of {self._total} {self._what} after {_duration(elapsed)}"
-        done_here = self._finished - (self._there_already or 0)
-        remaining = self._total - self._finished
-        if done_here > 0 and remaining > 0:
-            left = elapsed * remaining / done_here
-            text += f", about {_duration(left)} left"
-        return text
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {minutes} min"
-    if minutes:
-        return f"{minutes} min {rest} s"
-    return f"{rest} s"
+            state = Progress(self._total, self._finished, self._there_already)
+            note(state.after(now - self._began, self._what))

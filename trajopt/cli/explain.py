@@ -10,9 +10,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, judge
-from trajopt.cli import console
+from trajopt.cli import asked, console
+from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.parameters import Json, PlannerSpec, ProblemName, Seed
 from trajopt.cli.plan import print_trial
 from trajopt.core.problem import Problem
@@ -32,6 +32,7 @@ def explain(
     problem: ProblemName,
     *,
     planner: PlannerSpec,
+    robot: RobotFlags = NO_FLAGS,
     seed: Annotated[
         Seed | None,
         Parameter(help=f"Seed of a stochastic planner; by default its median run of {RUNS}."),
@@ -41,7 +42,7 @@ def explain(
 ) -> int:
     """Say what a planner's gap is made of, and which limits hold it back."""
     name, chosen = named(planner)
-    trial = explained_run(chosen, catalogue.load(problem), seed, name)
+    trial = explained_run(chosen, asked.problem(problem, robot, scaled=True), seed, name)
     names = {
         "problem": trial.problem.name,
         "planner": trial.label,

@@ -7,17 +7,18 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from trajopt.cli import console
+from trajopt.cli import console, kinds
 from trajopt.cli.parameters import beside
+from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.views.analysis.results import Results
-from trajopt.views.export import all_trials, ioh
+from trajopt.views.export import all_trials, ioh, latex
 from trajopt.views.figures import draw
 
 _NAMES = {
     "csv": "trials.csv",
     "parquet": "trials.parquet",
     "ioh": "ioh",
-    "latex": "summary.tex",
+    "latex": "latex",
     "svg": "svg",
     "pdf": "pdf",
 }
@@ -33,19 +34,26 @@ def export(
         Literal["csv", "parquet", "ioh", "latex", "svg", "pdf"],
         Parameter(
             help="Trials as CSV or Parquet, convergence histories for IOHanalyzer, "
-            "the summary as a LaTeX table, or the figures as SVG or PDF."
+            "tables for a paper in LaTeX, or the figures as SVG or PDF."
         ),
     ],
     out: Annotated[
         Path | None,
-        Parameter(help="File; for svg and pdf a folder, for ioh a new one."),
+        Parameter(help="File; for svg, pdf and latex a folder, for ioh a new one."),
+    ] = None,
+    against: Annotated[
+        str | None,
+        Parameter(help="With latex: planner that all others are tested against in planners.tex."),
     ] = None,
 ) -> int:
     """Write the trials of a folder for other tools."""
-    results = Results(folder)
+    with kinds.reading(folder, "results"):
+        results = Results(folder)
     path = out or beside(folder, _NAMES[to])
-    if to == "svg" or to == "pdf":
-        draw.write(results.items, path, to)
+    if against is not None:
+        latex.write(results, path, _rival(results, against, to))
+    elif to == "svg" or to == "pdf":
+        draw.write(results, path, to)
     else:
         all_trials.write(results, to, path)
     trials = len(results.items)
@@ -57,3 +65,18 @@ def export(
         if left_out:
             console.line(f"without a history to plot, left out: {', '.join(left_out)}")
     return 0
+
+
+def _rival(results: Results, against: str, to: str) -> str:
+    """Return the label of a planner that has trials.
+
+    Raises:
+        InvalidInput: The table has no rival.
+        UnknownName: No planner with trials has this name.
+    """
+    if to != "latex":
+        raise InvalidInput("--against", "left out, unless it is --to latex", value=against)
+    labels = results.planners().index
+    if against not in labels:
+        raise UnknownName("planner of these trials", against, labels)
+    return against

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,13 +14,14 @@ from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.benchmark.judgement import Judgement
 from trajopt.cli import asked, console
-from trajopt.cli.asked import Robot
+from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
 from trajopt.cli.explain import sentences
 from trajopt.cli.parameters import InterpolationName, Json, MotionFile, ProblemName, number
 from trajopt.cli.plan import print_durations, print_worst
+from trajopt.formats.motion import TABLES
+from trajopt.formats.waypoints import ENDINGS
 from trajopt.views.figures import draw
 
-_OWN_LIMITS = Robot()
 _ADVICE = {
     "linear": "The samples are positions only, which a controller joins with straight lines: send "
     "velocities too, or say how else they are joined (--interpolation spline).",
@@ -30,7 +32,8 @@ def judge(
     motion: MotionFile,
     problem: ProblemName,
     *,
-    robot: Annotated[Robot, Parameter(name="*")] = _OWN_LIMITS,
+    robot: RobotFlags = NO_FLAGS,
+    motion_unit: MotionUnit = None,
     interpolation: InterpolationName = "auto",
     via_tolerance: Annotated[
         float,
@@ -42,16 +45,24 @@ def judge(
     """Judge a motion that anyone planned: what it claims, what holds, and what it loses.
 
     The problem is a built-in name, a problem file, or a file of waypoints (.csv, .txt, .npy,
-    .json) with --robot, --urdf or --limits.
+    .json) with --robot, --urdf or --limits. Then --unit is of the waypoints alone, and the
+    motion's header or --motion-unit says the motion's.
 
     Exit code 0: it keeps every limit and passes every waypoint; 1: it does not; 2: bad input.
     """
-    found = judgement.judge(
-        asked.problem(problem, robot),
-        motion,
-        interpolation=interpolation,
-        via_tolerance=via_tolerance,
-    )
+    if Path(problem).suffix not in ENDINGS and motion.suffix in TABLES:
+        motion_unit = motion_unit or robot.unit
+        robot = replace(robot, unit=None)
+    asked.check_motion_unit(motion_unit, [motion], "--motion-unit")
+    loaded = asked.problem(problem, robot)
+    with asked.reading_motion(motion):
+        found = judgement.judge(
+            loaded,
+            motion,
+            interpolation=interpolation,
+            via_tolerance=via_tolerance,
+            unit=motion_unit,
+        )
     with console.waiting("asking the references"):
         explanation = found.explanation
     if json:

@@ -1,22 +1,30 @@
-"""`trajopt new`: a commented problem file to start from."""
+"""`trajopt new`: a problem file of waypoints and limits, or a commented one to start from."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from trajopt.benchmark.store import atomic
-from trajopt.cli import console
+from trajopt.cli import asked, console
+from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
 from trajopt.cli.plan import check_target
+from trajopt.core import problem_file
+from trajopt.core.exceptions import InvalidInput
+from trajopt.core.problem import Problem
 
-_TEXT = """\
+_HEAD = """\
 # A problem: pass every waypoint in order, from rest to rest, as fast as the limits allow.
 #   trajopt plan {file}                        the fastest motion
 #   trajopt plan {file} --out motion.yaml      ... as a ROS message
 #   trajopt compare {file}                     every planner on it
 
+"""
+_EXAMPLE = """\
 # A known robot brings its limits and its joints' names; `trajopt list` has them all.
 robot = "ur5e"
 
@@ -46,20 +54,44 @@ def new(
     name: Annotated[str, Parameter(help="The file; .toml is added if it has no ending.")] = (
         "problem.toml"
     ),
+    waypoints: Annotated[
+        str | None, Parameter(help="Waypoints to write with limits; by default an example's.")
+    ] = None,
     /,
     *,
-    force: Annotated[bool, Parameter(negative=(), help="Overwrite the file.")] = False,
+    robot: RobotFlags = NO_FLAGS,
+    force: Annotated[bool, Parameter(help="Overwrite the file.")] = False,
 ) -> int:
-    """Write a commented problem file to start from."""
+    """Write a problem file: of waypoints and limits, or a commented one to start from."""
     path = Path(name)
     if not path.suffix:
         path = path.with_suffix(".toml")
+    if path.suffix != ".toml":
+        right = "a problem file (.toml), and behind it the waypoints that the limits are for"
+        raise InvalidInput("new", right, value=name)
+    if waypoints is None and robot.said:
+        right = f"a file of them, for the limits: trajopt new {path} waypoints.csv …"
+        raise InvalidInput("waypoints are missing", right)
+    text = _EXAMPLE
+    if waypoints is not None:
+        problem = asked.problem(waypoints, robot)
+        units = asked.units(waypoints, robot)
+        text = _stated(replace(problem, name=path.stem), robot, units)
     check_target(
         path,
         force=force,
         key="new",
     )
-    text = _TEXT.format(file=path)
-    atomic.write(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
+    whole = _HEAD.format(file=path) + text
+    atomic.write(path, lambda temporary: temporary.write_text(whole, encoding="utf-8"))
     console.line(f"{path}: edit it, then run: trajopt plan {path}")
     return 0
+
+
+def _stated(problem: Problem, robot: Robot, units: Sequence[str]) -> str:
+    """The text of a problem; a built-in arm has its name there, for what only the arm says."""
+    if robot.limits is None and robot.robot is not None:
+        return f'robot = "{robot.robot}"\n{problem_file.text(problem, units)}'
+    if problem.falling_velocity:
+        console.note("its velocity limits that fall near position limits are not in a problem file")
+    return problem_file.text(problem, units)

@@ -10,7 +10,6 @@ from trajopt.cli import console
 from trajopt.core.exceptions import MissingBackend
 from trajopt.views import report
 from trajopt.views.analysis.failures import failures, in_words
-from trajopt.views.analysis.overview import overview
 from trajopt.views.analysis.results import Results
 
 _MEANING = """\
@@ -35,7 +34,7 @@ def show(results: Results, folder: Path) -> Path | None:
         console.note(f"no report: {error}")
     numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
     table = console.table("planner", *numbers, numbers=numbers)
-    for row in overview(results).itertuples():
+    for row in results.planners().itertuples():
         table.row(
             console.option_lines(row.Index),
             row.problems,

@@ -63,9 +63,12 @@ def beside(results: Path, name: str) -> Path:
     return folder / name
 
 
-ProblemName = Annotated[str, Parameter(help="Problem file, or the name of a built-in problem.")]
+ProblemName = Annotated[
+    str, Parameter(help="Built-in name, problem file (.toml), or waypoints with limits.")
+]
 PlannerSpec = Annotated[
-    str, Parameter(help="NAME or NAME:key=value,key=value; see `trajopt list`.")
+    str,
+    Parameter(help="NAME or FILE.py:NAME, with :key=value,… behind it; see `trajopt list`."),
 ]
 Seed = Annotated[
     int,
@@ -75,7 +78,7 @@ Seed = Annotated[
         most=_MAX_SEED,
     ),
 ]
-Json = Annotated[bool, Parameter(negative=(), help="Print one JSON object and nothing else.")]
+Json = Annotated[bool, Parameter(help="Print one JSON object and nothing else.")]
 MotionFile = Annotated[
     Path, Parameter(help="Samples (.csv), a JointTrajectory (.yaml, .json) or polynomials (.json).")
 ]

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.best import Best, best
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
-from trajopt.cli.asked import Robot
-from trajopt.cli.best import Best, best, sentences
+from trajopt.cli.asked import NO_FLAGS, RobotFlags
+from trajopt.cli.best import sentences
 from trajopt.cli.parameters import Json, ProblemName, Seed, number
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-from trajopt.formats.waypoints import ENDINGS
 from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate, Worst
 from trajopt.planners.registry import named
 from trajopt.views.export import motion
 from trajopt.views.export.motion import Executed, Points, Target, peak
 
-_OWN_LIMITS = Robot()
 _CYCLE_S = 1e-3
+_MAX_ARGUMENT_BYTES = 131_072  # of one argument, in Linux
+
+Form = Literal["message", "goal"]
 
 
 def plan(
@@ -33,9 +36,9 @@ def plan(
     *,
     planner: Annotated[
         str | None,
-        Parameter(help="NAME or NAME:key=value,...; by default the best one for the limits."),
+        Parameter(help="NAME or FILE.py:NAME, as `trajopt explain`; by default the best one."),
     ] = None,
-    robot: Annotated[Robot, Parameter(name="*")] = _OWN_LIMITS,
+    robot: RobotFlags = NO_FLAGS,
     seed: Seed = 0,
     out: Annotated[
         Path | None,
@@ -44,7 +47,7 @@ def plan(
             ".pdf; or the trial: .h5."
         ),
     ] = None,
-    force: Annotated[bool, Parameter(negative=(), help="Overwrite the file of --out.")] = False,
+    force: Annotated[bool, Parameter(help="Overwrite the file of --out.")] = False,
     cycle: Annotated[
         float | None,
         number(
@@ -65,6 +68,10 @@ def plan(
         Points | None,
         Parameter(help="Points at the motion's breaks (a message's), or every cycle (a CSV's)."),
     ] = None,
+    form: Annotated[
+        Form,
+        Parameter(name="--as", help="A message, or a FollowJointTrajectory goal of it."),
+    ] = "message",
     json: Json = False,
 ) -> int:
     """Run one planner on one problem and verify its answer.
@@ -74,7 +81,7 @@ def plan(
     """
     target = None
     if out is not None:
-        target = Target(out, _cycle(cycle, rate), points)
+        target = Target(out, _cycle(cycle, rate), points, form == "goal")
         check_target(out, force=force)
     asked_for = asked.problem(problem, robot, scaled=True)
     found = None
@@ -95,10 +102,13 @@ def plan(
         console.note(f"{out} is not written: no certified trajectory")
         code = 1
     elif target is not None:
-        executed = motion.write(target, trial)
+        units = asked.units(problem, robot)
+        executed = motion.write(replace(target, units=units), trial)
         table["out"] = {"file": str(out)} | (executed.as_dict() if executed else {})
         if not json:
             console.paragraph(_written(target, trial, executed))
+        if target.goal and not json:
+            console.line(f"Send it: {_sending(target.path)}")
     if json:
         console.print_json(table)
     return code
@@ -132,13 +142,23 @@ def _written(
     )
 
 
+def _sending(path: Path) -> str:
+    """Return the command of ROS 2 that sends a goal to a controller."""
+    action = "/joint_trajectory_controller/follow_joint_trajectory"
+    command = f"ros2 action send_goal {action} control_msgs/action/FollowJointTrajectory"
+    file = shlex.quote(str(path))
+    if path.stat().st_size < _MAX_ARGUMENT_BYTES:
+        return f'{command} "$(cat {file})"'
+    return f"{command} --stdin < {file}"
+
+
 def _table(
     trial: Trial,
     problem: str,
     found: Best | None,
 ) -> dict[str, Any]:
     """Return the trial for JSON, with the problem's file."""
-    file = Path(problem) if Path(problem).suffix in ENDINGS else catalogue.find(problem)
+    file = asked.file(problem)
     names = {"problem": trial.problem.name, "problem_file": file and str(file)}
     return names | trial.as_dict() | (found.as_dict() if found else {})
 
@@ -223,6 +243,9 @@ def print_worst(
         value = f"{worst.value:.2e} {problem.unit(worst.joint, worst.order)}"
         if kind in RATIO_KINDS:
             value = f"{worst.value:.6f} of limit"
+        elif kind == "position":
+            side = "beyond" if worst.value > 0 else "margin"
+            value = f"{abs(worst.value):.3g} {problem.unit(worst.joint)} {side}"
         joint = problem.joint_labels[worst.joint].removeprefix("joint ")
         table.row(kind, value, joint, f"{worst.time:.6f}")
     console.OUT.print(table)

@@ -1,13 +1,14 @@
-"""`trajopt report`: one page about all trials of a folder."""
+"""`trajopt report`: one page about all trials of one or several folders."""
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from trajopt.cli import console
+from trajopt.cli import console, kinds
 from trajopt.cli.parameters import beside, whole_number
 from trajopt.views import report as page
 from trajopt.views.analysis.results import Results
@@ -18,18 +19,27 @@ def report(
         Path,
         Parameter(help="Results folder of a comparison, or its results.h5."),
     ],
-    *,
+    *others: Annotated[Path, Parameter(help="More of them, for one page about all.")],
+    out: Annotated[
+        Path | None,
+        Parameter(help="By default report.html in the folder; of several, in this folder."),
+    ] = None,
     trajectories: Annotated[
         int, whole_number("Problems shown with their trajectories.", least=0)
     ] = 60,
 ) -> int:
-    """Write one self-contained, interactive page about all trials of a folder: report.html."""
+    """Write one self-contained, interactive page about all trials of one or several folders."""
+    place = Path("report.html") if others else beside(folder, "report.html")
+    folders = (folder, *others)
     with console.waiting("writing the report"):
-        results = Results(folder)
+        with ExitStack() as stack:
+            for one in folders:
+                stack.enter_context(kinds.reading(one, "results"))
+            results = Results.of(*folders)
         file = page.write(
             results,
-            beside(folder, "report.html"),
-            command=f"trajopt report {folder}",
+            out or place,
+            command=f"trajopt report {' '.join(map(str, folders))}",
             trajectories=trajectories,
         )
     megabytes = file.stat().st_size / 1e6

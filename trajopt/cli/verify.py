@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +13,8 @@ from trajopt.benchmark.judgement import Execution, as_executed
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.store.verification import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
-from trajopt.cli import asked, console
-from trajopt.cli.asked import Robot
+from trajopt.cli import asked, console, kinds
+from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
 from trajopt.cli.console import Grid
 from trajopt.cli.parameters import InterpolationName, Json
 from trajopt.cli.plan import print_worst
@@ -21,17 +22,18 @@ from trajopt.core.arm_file import arm_files
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
 from trajopt.formats.motion import ENDINGS, Motion, motion
+from trajopt.formats.samples import known_as
 from trajopt.judging.verification import Certificate
 
-_NO_ROBOT = Robot()
 MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are listed
+_JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
 _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
 def verify(
     path: Annotated[Path, Parameter(help="Results folder or results.h5; or a motion's file.")],
     *,
-    robot: Annotated[Robot, Parameter(name="*")] = _NO_ROBOT,
+    robot: RobotFlags = NO_FLAGS,
     interpolation: InterpolationName = "auto",
     json: Json = False,
 ) -> int:
@@ -41,14 +43,17 @@ def verify(
     takes a robot's or a problem's name too.
 
     A motion needs no waypoints: told are its peaks as a controller runs it, the slow-down that it
-    needs, and how fast it may run at most.
+    needs, and how fast it may run at most. Where no joint has an acceleration limit, velocities
+    and positions alone are judged, and a line says so.
     """
     if path.suffix in ENDINGS and not path.is_dir() and not is_trial(path):
         return _verify_motion(path, robot, interpolation, json)
-    if robot.said or interpolation != "auto":
-        right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"
-        raise InvalidInput("PATH", right, value=str(path))
-    found = verification(path)
+    of_motion = bool(robot.said) or interpolation != "auto"
+    with kinds.reading(path, "motion" if of_motion else "results"):
+        if of_motion:
+            right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"
+            raise InvalidInput("PATH", right, value=str(path))
+        found = verification(path)
     if json:
         rows = [trial.as_dict() for trial in found.trials]
         console.print_json(
@@ -70,51 +75,84 @@ def _verify_motion(
     json: bool,
 ) -> int:
     """Judge a motion as a controller runs it, by limits alone."""
-    if robot.unit is not None:
-        right = "no such flag: a motion's columns have their units in the header"
-        raise InvalidInput("--unit", right, value=robot.unit)
-    if not robot.said:
+    limits = {flag: value for flag, value in robot.said.items() if flag != "--unit"}
+    if robot.acceleration is not None:
+        limits["--acceleration"] = f"{robot.acceleration:g} rad/s² for joints without one"
+    asked.check_motion_unit(robot.unit, [path], "--unit")
+    if not limits:
         right = "joint_limits.yaml, a robot or a problem, whose limits the motion is to keep"
         raise InvalidInput("--limits", right)
-    given = motion(path, interpolation)
-    found = _executed(given, robot)
+    found = _executed(path, robot, interpolation)
     if json:
         console.print_json(found.as_dict())
     else:
-        _print_execution(found, ", ".join(map(str, robot.said.values())))
+        _print_execution(found, ", ".join(map(str, limits.values())))
     return 0 if found.kept else 1
 
 
-def _executed(given: Motion, robot: Robot) -> Execution:
+def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Execution:
     """Judge the motion by the limits of a file, a robot or a problem.
 
     Joints are found by their names, or in their order where the motion or the problem has none.
     """
     if robot.limits is not None and robot.limits.suffix not in (".yaml", ".yml"):
-        if len(robot.said) > 1:
+        if robot.robot is not None or robot.urdf is not None:
             right = "joint_limits.yaml beside --robot or --urdf"
             raise InvalidInput("--limits", right, value=str(robot.limits))
         name = str(robot.limits)
         if robot.limits.is_file() or name not in arm_files():
-            problem = catalogue.load(name)
+            with kinds.reading(robot.limits, "limits"):
+                problem = catalogue.load(name)
+            asked.note_acceleration(robot, completed=())
+            units = dict(zip(problem.joint_labels, problem.joint_units, strict=False))
+            given = _motion(path, interpolation, robot.unit, units)
             return as_executed(
                 given.for_joints(problem.joint_names),
                 problem.limits,
                 joint_units=problem.joint_units,
                 falling_velocity=problem.falling_velocity,
             )
-        robot = Robot(robot=name)
-    own = asked.robot_limits(given.name, robot)
-    names = given.joint_names or own.names_of(given.trajectory.joints)
+        robot = replace(robot, robot=name, limits=None)
+    own = asked.robot_limits(path.name, robot)
+    given = _motion(path, interpolation, robot.unit, own.units)
+    names = known_as(
+        given.joint_names, own.joint_names, ordered=own.ordered and not given.of_message
+    )
+    names = names or own.names_of(given.trajectory.joints)
+    if given.of_message and not set(names) & set(own.joints):
+        right = f"joints of {own.source}: {', '.join(own.joints)}"
+        raise InvalidInput("joint_names", right, value=list(names), file=given.name)
+    asked.note_factors(own, robot)
+    asked.note_acceleration(robot, completed=own.completed.intersection(names))
     described = own.described(names)
     del described["joint_names"]
-    return as_executed(given, own.limits(names), **described)
+    judged = own.limits_acceleration(names)
+    whole = own if judged else own.with_acceleration(_JUMP_SCALE)
+    limits = whole.limits(names)
+    if not judged:
+        console.note(
+            f"{own.source}: no acceleration limits, so accelerations are not judged; "
+            "--acceleration 2.0, say, is one for every joint"
+        )
+    return as_executed(given.for_joints(names), limits, accelerations=judged, **described)
+
+
+def _motion(
+    path: Path,
+    interpolation: Interpolation,
+    unit: str | None,
+    joint_units: Mapping[str, str],
+) -> Motion:
+    with kinds.reading(path, "motion"):
+        return motion(path, interpolation, unit, joint_units)
 
 
 def _print_execution(found: Execution, limits: str) -> None:
     verdict = "feasible" if found.kept else "not feasible"
-    console.headline(found.motion.name, f" within {limits}: ", verdict)
     certificate = found.certificate
+    if certificate.acceleration is None:
+        limits += ", accelerations not judged"
+    console.headline(found.motion.name, f" within {limits}: ", verdict)
     pieces = len(found.motion.trajectory.lengths)
     kind = found.motion.interpolation
     console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")

@@ -28,14 +28,12 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import built_in, files
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import LIMIT_NAMES, FallingVelocity, Limits, check_joint_names
 from trajopt.core.units import ANGLES
-
-Array = NDArray[np.float64]
 
 _FALLING = "falling_velocity"
 _FALLING_COLUMNS = ("offset", "deceleration", "position")
@@ -151,7 +149,7 @@ def _numbers(kind: str, entry: Any, key: str) -> Array:
     if values.dtype.kind not in "if" or not fits:
         right = "a number, or a pair [low, high], per joint"
         raise InvalidInput(f"{kind}.{key}", right, value=entry[key])
-    return np.asarray(values * ANGLES[unit])
+    return values * ANGLES[unit]
 
 
 def _origin(kind: str, entry: Mapping[str, Any]) -> Origin:

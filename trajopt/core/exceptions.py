@@ -33,6 +33,15 @@ def shortened(text: str, length: int) -> str:
     return f"{text[: length - 1]}…"
 
 
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The known name that resembles a name, in upper or lower case; empty where none does."""
+    from difflib import get_close_matches  # late: most names are right
+
+    named = {own.lower(): own for own in known}
+    close = get_close_matches(name.lower(), named, n=1)
+    return named[close[0]] if close else ""
+
+
 class TrajoptError(Exception):
     """Base of every error that this package raises on purpose; each survives pickling."""
 
@@ -92,6 +101,10 @@ class InvalidInput(TrajoptError, ValueError):
         )
 
 
+class WrongType(TrajoptError, TypeError):
+    """A value of another type than is needed; the message says how to make the right one."""
+
+
 class InvalidTrajectory(TrajoptError, ValueError):
     """Arrays that are no piecewise polynomial, or one of another size than the problem's."""
 
@@ -100,15 +113,16 @@ class UnknownName(TrajoptError, LookupError):
     """No planner or problem has this name; the message lists the known names."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
-        from difflib import get_close_matches  # late: most commands know their names
-
         self.kind = kind
         self.name = name
         self.known = sorted(known)
         hint = f"known: {', '.join(self.known)}"
-        close = get_close_matches(name, self.known, n=1)
+        close = nearest(name, self.known)
+        within = [own for own in self.known if name.lower() in own.lower()]
+        if not close and len(within) == 1:
+            close = within[0]
         if close:
-            hint = f"did you mean {close[0]!r}?"
+            hint = f"did you mean {close!r}?"
         super().__init__(f"no {kind} is called {shown(name)}; {hint}")
 
 
@@ -135,3 +149,7 @@ class WorkerError(TrajoptError):
 
 class UnitWarning(UserWarning):
     """Numbers that look as if they were written in different units."""
+
+
+class FileNote(UserWarning):
+    """A decision of a reader: columns that it left out, times that it counts from their first."""

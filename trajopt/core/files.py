@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from trajopt.core.exceptions import InvalidInput, shortened
+from trajopt.core.exceptions import InvalidInput, nearest, shortened
+from trajopt.core.out_of_scope import out_of_scope
 
 MAX_BYTES = 32_000_000  # 88 s of six joints every millisecond
 MAX_TOML_BYTES = 2_000_000  # its parser takes a second for each million
@@ -175,21 +176,16 @@ def check_keys(
     for key, value in table.items():
         if key in names:
             continue
-        close = _nearest(str(key), names)
+        close = nearest(str(key), names)
         if close or not others:
-            right = f"the key {close}"
-            if not close:
-                right = f"one of the keys {', '.join(names)}"
+            right = f"the key {close}" if close else f"one of the keys {', '.join(names)}"
+            elsewhere = "" if others else out_of_scope(str(key))
+            if elsewhere:
+                right = f"this key left out: {elsewhere}"
             raise InvalidInput(f"{prefix}{key}", right, value=value)
     for key in required:
         if key not in table:
             raise InvalidInput(f"{prefix}{key}", "this key; it is missing")
-
-
-def _nearest(name: str, names: list[str]) -> str:
-    from difflib import get_close_matches  # late: most files have right keys
-
-    return "".join(get_close_matches(name, names, n=1))
 
 
 def text_at(table: Mapping[str, Any], key: str, default: str = "") -> str:

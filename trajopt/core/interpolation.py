@@ -12,12 +12,10 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-
-Array = NDArray[np.float64]
 
 Interpolation = Literal["auto", "linear", "cubic", "quintic", "spline"]
 """What runs between two samples:
@@ -90,7 +88,7 @@ def pieces(
         from scipy.interpolate import CubicSpline  # slow to import, and seldom needed
 
         spline = CubicSpline(times, positions, bc_type="clamped")
-        return np.asarray(spline.c)
+        return spline.c
     lengths = np.diff(times)
     tables = [table for table in (positions, velocities, accelerations) if table is not None]
     with np.errstate(over="ignore", invalid="ignore"):  # a Trajectory refuses what is not finite

@@ -6,14 +6,12 @@ from math import factorial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidTrajectory
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
-
-Array = NDArray[np.float64]
 
 
 class Pieces(NamedTuple):

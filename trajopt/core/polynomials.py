@@ -11,9 +11,8 @@ from functools import cache
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trajopt.core.arrays import Array, Bools
 
 # The root is known to 2^-42 of the interval. An extremum's value is then exact to rounding.
 BISECTIONS = 42
@@ -27,13 +26,13 @@ def evaluate(coefficients: Array, s: Array) -> Array:
     value = 0.0 * s + highest  # broadcast
     for c in others:
         value = value * s + c
-    return np.asarray(value)
+    return value
 
 
 def evaluation_rounding(coefficients: Array) -> Array:
     """Bound the rounding of each polynomial's values on `[0, 1]`."""
     terms = np.abs(coefficients).sum(axis=0)
-    return np.asarray(EVALUATION_RTOL * len(coefficients) * terms)
+    return EVALUATION_RTOL * len(coefficients) * terms
 
 
 def derivative(coefficients: Array, order: int = 1) -> Array:
@@ -81,7 +80,7 @@ def stretched(coefficients: Array, length: Array | float) -> Array:
     factors = length ** powers.reshape(-1, *shared)
     trailing = (1,) * (coefficients.ndim - factors.ndim)
     factors = factors.reshape(*factors.shape, *trailing)
-    return np.asarray(coefficients * factors)
+    return coefficients * factors
 
 
 def shifted(coefficients: Array, offset: Array) -> Array:
@@ -171,7 +170,7 @@ def _bisect(
     coefficients: Array,
     low: Array,
     high: Array,
-    negative: NDArray[np.bool_],
+    negative: Bools,
 ) -> Array:
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
@@ -279,4 +278,4 @@ def _lone_root(
 
     distance = np.where(square < q3, three, one)
     mean = b / 3
-    return np.asarray(-np.copysign(distance, r) - mean)
+    return -np.copysign(distance, r) - mean

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Literal, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.exceptions import InvalidInput, WrongType, shown
 from trajopt.core.numerals import is_number
 
-Array = NDArray[np.float64]
 LimitName = Literal["velocity", "acceleration", "jerk", "position"]
 LIMIT_ORDERS: dict[LimitName, int] = {
     "velocity": 1,
@@ -76,10 +76,10 @@ class Limits:
         return len(self.velocity)
 
     @property
-    def jerk_limited(self) -> NDArray[np.bool_]:
+    def jerk_limited(self) -> Bools:
         """Which joints have a jerk limit, on one side at least, `(joints,)`."""
         finite = np.isfinite(self.jerk)
-        return np.asarray(finite.any(axis=1))
+        return np.any(finite, axis=1)
 
     def without(self, *names: LimitName) -> Limits:
         """Return these limits without the named ones: jerk, position, or both."""
@@ -102,6 +102,18 @@ class Limits:
         pairs = {}
         for name, own in self.by_name().items():
             pairs[name] = factors * own
+        return Limits(**pairs)
+
+    def in_units(self, time: float, lengths: Array | float) -> Limits:
+        """These limits where times count in `time`, s, and positions in `lengths`, rad.
+
+        `lengths` is one for all joints, or `(joints, 1)`.
+        """
+        rate = time / lengths
+        pairs = {"position": self.position / lengths}
+        for name, order in LIMIT_ORDERS.items():
+            if order > 0:
+                pairs[name] = getattr(self, name) * rate * time ** (order - 1)
         return Limits(**pairs)
 
     def by_name(self) -> dict[str, Array]:
@@ -152,6 +164,8 @@ class Problem:
     not keep: `judge` and `verify` check them (`trajopt.judging.falling_velocity`). None of the
     three is part of the digest.
 
+    Problems are equal if their waypoints and limits are: names do not count.
+
     Raises `InvalidInput` where the waypoints do not fit the limits, are not finite, or do not move.
     """
 
@@ -190,6 +204,19 @@ class Problem:
         if self.joint_names:
             check_joint_names(self.joint_names, self.joints)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Problem):
+            return NotImplemented
+        return self.digest() == other.digest()
+
+    def __hash__(self) -> int:
+        return hash(self.digest())
+
+    def __repr__(self) -> str:
+        limits = ", ".join(name for name in LIMIT_NAMES if self.has(name))
+        size = f"{len(self.waypoints)} waypoints, {self.joints} joint{'s' * (self.joints > 1)}"
+        return f"Problem({self.name!r}, {size}, limits: {limits})"
+
     @property
     def joints(self) -> int:
         return int(self.waypoints.shape[1])
@@ -220,24 +247,23 @@ class Problem:
         return np.diff(self.waypoints, axis=0)
 
     @property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> Bools:
         """Which joints move at all, `(joints,)`."""
-        return np.asarray(self.displacements.any(axis=0))
+        return np.any(self.displacements, axis=0)
 
     @cached_property
     def largest_displacements(self) -> Array:
         """Largest `|h_k|` of each joint, rad, `(joints,)`; a joint at rest gets the largest."""
         distances = np.abs(self.displacements)
         own = distances.max(axis=0)
-        largest = np.where(self.moving, own, distances.max())
-        return np.asarray(largest)
+        return np.where(self.moving, own, distances.max())
 
     @cached_property
     def rounding(self) -> Array:
         """Some units in the last place of each joint's largest coordinate, rad, `(joints,)`."""
         return _rounding(self.waypoints)
 
-    def merged(self) -> tuple[Problem, NDArray[np.intp]]:
+    def merged(self) -> tuple[Problem, Indices]:
         """This problem with consecutive identical waypoints merged, and where each one went.
 
         `times[index]` expands the merged problem's waypoint times to this one's.
@@ -336,13 +362,25 @@ class Problem:
             )
 
 
+def check_problem(value: object) -> Problem:
+    """Return a problem as it is; raise `WrongType`, which says how one is made, for the rest."""
+    if isinstance(value, Problem):
+        return value
+    raise WrongType(
+        f"expected a trajopt.Problem, got {shown(value)}: make one with "
+        "Problem(waypoints, Limits(velocity, acceleration)) or Problem.from_toml(file)"
+    )
+
+
 def _pairs(name: str, value: Any) -> Array:
     """One `[low, high]` pair per joint, from numbers (symmetric) or pairs."""
     if _is_table(value) and value.shape[1] == 2:
         return value
     key = f"limits.{name}"
     if not _is_list(value) or len(value) == 0:
-        raise InvalidInput(key, "one number or [low, high] pair per joint", value=value)
+        raise InvalidInput(
+            key, "a list with a number, or a pair [low, high], for every joint", value=value
+        )
     pairs = []
     for joint, item in enumerate(value):
         pair = item if _is_list(item) else (item, item)
@@ -423,10 +461,10 @@ def _check_joint_units(units: Sequence[str], joints: int) -> None:
 
 def _rounding(waypoints: Array) -> Array:
     largest = np.abs(waypoints).max(axis=0)
-    return np.asarray(COORDINATE_RTOL * largest)
+    return COORDINATE_RTOL * largest
 
 
-def _differing(waypoints: Array) -> NDArray[np.bool_]:
+def _differing(waypoints: Array) -> Bools:
     """Which waypoints differ by more than rounding from the last one that did, `(waypoints,)`."""
     rounding = _rounding(waypoints)
     steps = np.abs(np.diff(waypoints, axis=0))

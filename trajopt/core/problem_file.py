@@ -29,7 +29,7 @@ per joint, "m" or "mm" for that joint:
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +79,13 @@ def read(path: Path) -> Problem:
         return _problem(files.toml(path, "problem"), path)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
+
+
+def units(path: Path) -> list[str]:
+    """The unit of each joint's waypoints in a problem file, as `read` reads them."""
+    table = files.toml(path, "problem")
+    said = _said_units(table, limits_given="limits" in table)
+    return _units(said, waypoint_table(table["waypoints"]).shape[1])["waypoints"]
 
 
 def _problem(table: Mapping[str, Any], path: Path) -> Problem:
@@ -156,19 +163,28 @@ def _index(arm: Arm, joint: int, name: str) -> int:
     return arm.joint_names.index(name)
 
 
-def text(problem: Problem) -> str:
-    """A problem file in rad and m; reading it back gives the same numbers to the last bit."""
+def text(problem: Problem, units: Sequence[str] = ()) -> str:
+    """A problem file; reading it back gives the same numbers to the last bit.
+
+    Limits are in rad and m, and so are waypoints, unless each joint's unit is given ("deg"): those
+    are rounded to 12 decimals.
+    """
     table: dict[str, Any] = {"name": problem.name, "source": problem.source}
     if problem.joint_names:
         table["joint_names"] = list(problem.joint_names)
     table["waypoints"] = problem.waypoints.tolist()
     unit = list(problem.joint_units) if "m" in problem.joint_units else "rad"
     table["units"] = dict.fromkeys(_UNIT_KEYS, unit)
+    if "deg" in units:
+        sizes = [UNITS[own] for own in units]
+        table["waypoints"] = np.round(problem.waypoints / sizes, 12).tolist()
+        table["units"]["waypoints"] = "deg" if len(set(units)) == 1 else list(units)
     limits = problem.limits.by_name()
     table["limits"] = {}
     for kind in LIMIT_NAMES:
         if problem.has(kind):
-            table["limits"][kind] = limits[kind].tolist()
+            pairs = limits[kind].tolist()
+            table["limits"][kind] = [high if low == -high else [low, high] for low, high in pairs]
     return tomli_w.dumps(table)
 
 

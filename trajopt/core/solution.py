@@ -8,8 +8,9 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
+from trajopt.core.numerals import is_number
 from trajopt.core.trajectory import Trajectory
 
 HISTORY_RTOL = 1e-9  # between a history's last claim and the trajectory's duration
@@ -47,9 +48,18 @@ class Solution:
     message: str = ""
     lower_bound: float | None = None
     evaluations: int | None = None
-    history: NDArray[np.float64] | None = None
+    history: Array | None = None
     setup_time: float = 0.0
     stats: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        said = [str(self.status)]
+        if isinstance(self.trajectory, Trajectory):
+            said.append(f"{self.trajectory.duration:.6g} s")
+        if is_number(self.lower_bound):
+            said.append(f"lower bound {self.lower_bound:.6g} s")
+        said += str(self.message).strip().splitlines()[-1:]
+        return f"Solution({', '.join(said)})"
 
     @property
     def history_flaw(self) -> str:

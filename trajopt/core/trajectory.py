@@ -8,10 +8,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trajopt.core import interpolation as between
 from trajopt.core import piecewise, polynomials
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.piecewise import Pieces
@@ -19,7 +20,6 @@ from trajopt.core.piecewise import Pieces
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
-Array = NDArray[np.float64]
 
 EPS = float(np.finfo(float).eps)
 # Relative to the duration. Closer breaks are one break: sums of durations in different orders
@@ -181,7 +181,7 @@ class Trajectory:
     def of_moving(
         cls,
         start: Array,
-        moving: NDArray[np.bool_],
+        moving: Bools,
         parts: Sequence[tuple[Array, Array]],
         waypoint_times: ArrayLike,
     ) -> Trajectory:
@@ -318,7 +318,7 @@ class Trajectory:
             waypoint_times = breaks[[0, -1]]
         return cls(breaks, pieces.coefficients, np.asarray(waypoint_times, dtype=float))
 
-    def _piece_at(self, time: Array) -> NDArray[np.intp]:
+    def _piece_at(self, time: Array) -> Indices:
         after = np.searchsorted(self.breaks, time, side="right")
         last = len(self.breaks) - 2
         return np.clip(after - 1, 0, last)
@@ -384,7 +384,7 @@ def _rises(times: Array) -> bool:
     return bool((steps > 0).all())
 
 
-def nearest(sorted_times: Array, wanted: Array) -> NDArray[np.intp]:
+def nearest(sorted_times: Array, wanted: Array) -> Indices:
     """The index of the nearest of some sorted times to each wanted one."""
     after = np.searchsorted(sorted_times, wanted)
     after = after.clip(1, len(sorted_times) - 1)

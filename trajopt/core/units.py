@@ -1,17 +1,22 @@
-"""Units of angles and lengths, and numbers that were probably written in the wrong one."""
+"""Units of angles, lengths and times, and numbers that were probably written in the wrong one."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
+
+from trajopt.core.exceptions import InvalidInput
 
 Array = NDArray[np.float64]
 
 ANGLES = {"deg": pi / 180, "rad": 1.0}  # rad
 LENGTHS = {"m": 1.0, "mm": 1e-3}  # m
 UNITS = ANGLES | LENGTHS
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}  # s
+_BY_KIND = {"angle": ANGLES, "length": LENGTHS, "time": TIMES}
 
 # Usual ranges of an arm's numbers, by which `mixed_units` distinguishes degrees from radians.
 _WAYPOINTS_DEG = (4 * pi, 720.0)  # deg; in radians they would be more than two turns
@@ -22,6 +27,50 @@ _ACCELERATION_DEG = (30.0, 1e5)  # deg/s²
 _SLOW_SEGMENT_S = 3.0  # at full velocity; slower segments suggest different units
 _SPAN_RAD = 4 * pi  # of one joint; larger spans suggest different units, however dense the samples
 _FAST_SEGMENT_S = 0.05  # at full velocity; faster segments suggest different units
+
+
+def asked(text: str | None) -> dict[str, str]:
+    """Return the units of an option like `--unit deg,mm,ms`, by "angle", "length" and "time".
+
+    Raises:
+        InvalidInput: A unit is unknown, or there are two of a kind.
+    """
+    found: dict[str, str] = {}
+    for unit in text.replace(" ", "").split(",") if text else ():
+        kinds = [kind for kind, units in _BY_KIND.items() if unit in units and kind not in found]
+        if not kinds:
+            right = "deg or rad; with a comma also m or mm, and s, ms, us or ns for times"
+            raise InvalidInput("--unit", right, value=text)
+        found[kinds[0]] = unit
+    return found
+
+
+def completed(
+    said: Sequence[str | None],
+    slides: Sequence[bool],
+    wanted: Mapping[str, str],
+) -> list[str | None]:
+    """Return each column's unit: its own, or that of other columns of its kind, or the wanted one.
+
+    Args:
+        said: The unit that each column states, or None.
+        slides: True for columns of lengths.
+        wanted: Units by "angle" and "length", as `asked` returns them.
+
+    Raises:
+        InvalidInput: A column contradicts what is wanted, or others of its kind have several units.
+    """
+    found = []
+    for own, slide in zip(said, slides, strict=True):
+        kind = "length" if slide else "angle"
+        asked_for = wanted.get(kind)
+        if own and asked_for not in (own, None):
+            raise InvalidInput("--unit", f"left out, or {own} as the file says", value=asked_for)
+        units = [unit for unit in _BY_KIND[kind] if unit in said]
+        if not own and len(units) > 1:
+            raise InvalidInput("header", "a unit in every column, or one for all of a kind")
+        found.append(own or next(iter(units), asked_for))
+    return found
 
 
 def mixed_units(waypoints: Array, velocity: Array, acceleration: Array) -> str | None:

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import LIMIT_ORDERS, LimitName, Limits, Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import certified, verify
 from trajopt.planners.planner import Planner
-
-Array = NDArray[np.float64]
 
 # Fraction of a limit from which on it is active.
 ACTIVE_SHARE = 0.99
@@ -183,7 +181,7 @@ def _intervals(
     trajectory: Trajectory,
     limit: LimitName,
     active: float,
-) -> tuple[NDArray[np.intp], Array, Array]:
+) -> tuple[Indices, Array, Array]:
     """Joint, start and end (s) of every part of a piece with more than `active` of a limit in use.
 
     The use of one side is `(p − zero)/(full − zero)`: 0 at `zero` and 1 at `full`.

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core.exceptions import InvalidInput, TrajoptError
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import (
     BEST_OF_FAMILY,
@@ -25,11 +24,10 @@ from trajopt.explain.references import (
     Answer,
     asked,
     references,
+    under_peak_jerk,
 )
 from trajopt.planners.registry import load
 from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
-
-Array = NDArray[np.float64]
 
 # A best known duration this close to its lower bound is the optimum, proved.
 PROVED_RTOL = 1e-3
@@ -210,28 +208,6 @@ def verdict(claim: Claim, known: Known) -> Verdict:
     if claim.duration - claim.rounding <= known.best:
         return Verdict.EQUAL
     return Verdict.ABOVE
-
-
-def under_peak_jerk(problem: Problem, peak_jerk: Iterable[float]) -> Problem:
-    """The problem as smooth as a trajectory was: each joint's peak jerk is its jerk limit.
-
-    Args:
-        problem: waypoints and limits.
-        peak_jerk: rad/s³, one per joint; 0 for a joint that never moves.
-
-    Raises:
-        InvalidInput: It is not one number per joint.
-    """
-    jerk = np.array(list(peak_jerk), dtype=float)
-    if jerk.shape != (problem.joints,):
-        raise InvalidInput("peak_jerk", f"{problem.joints} numbers, one per joint", value=len(jerk))
-    limits = Limits(
-        problem.limits.velocity,
-        problem.limits.acceleration,
-        jerk=np.where(jerk > 0, jerk, np.inf),
-        position=problem.limits.position,
-    )
-    return Problem(problem.waypoints, limits, problem.name, problem.source)
 
 
 def _best(problem: Problem, bound: float) -> tuple[str, Answer]:

@@ -15,11 +15,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError
-from trajopt.core.problem import Limits, Problem
+from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import ActiveLimit, active_limits, scattered
 from trajopt.explain.references import (
@@ -30,13 +30,12 @@ from trajopt.explain.references import (
     asked,
     judged,
     references,
+    under_peak_jerk,
 )
 from trajopt.judging.verification import certified, verify
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
-
-Array = NDArray[np.float64]
 
 # Two positions are equal to this, relative to the largest coordinate, or to 1 rad if that is more.
 _SAME_RTOL = 1e-9
@@ -264,14 +263,7 @@ def _as_smooth(problem: Problem, spline: Answer) -> Answer:
     """The optimum when every joint's jerk may be what it is at most in this spline."""
     if spline.trajectory is None:
         return spline
-    jerk = peaks(spline.trajectory, order=3)
-    limits = Limits(
-        problem.limits.velocity,
-        problem.limits.acceleration,
-        jerk=np.where(jerk > 0, jerk, np.inf),
-        position=problem.limits.position,
-    )
-    equal = Problem(problem.waypoints, limits, problem.name)
+    equal = under_peak_jerk(problem, peaks(spline.trajectory, order=3))
     return _shorter(spline.trajectory, asked(OPTIMUM_WITH_JERK, equal))
 
 
@@ -283,4 +275,4 @@ def peaks(trajectory: Trajectory, order: int) -> Array:
     values = polynomials.evaluate(flat[:, None], at)
     highest = np.abs(values).max(axis=0)
     by_piece = highest.reshape(unit.shape[1:])
-    return np.asarray(by_piece.max(axis=0))
+    return by_piece.max(axis=0)

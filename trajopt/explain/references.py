@@ -5,9 +5,13 @@ They are asked for by name, as any planner is, and may be missing.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
-from trajopt.core.exceptions import TrajoptError
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.core.trajectory import Trajectory
@@ -85,6 +89,23 @@ class Answer(NamedTuple):
         if self.trajectory is None:
             return None
         return self.trajectory.duration
+
+
+def under_peak_jerk(problem: Problem, peak_jerk: ArrayLike) -> Problem:
+    """The problem as smooth as a trajectory was: each joint's peak jerk is its jerk limit.
+
+    Args:
+        problem: waypoints and limits.
+        peak_jerk: rad/s³, one per joint; 0 for a joint that never moves.
+
+    Raises:
+        InvalidInput: It is not one number per joint.
+    """
+    jerk = np.asarray(peak_jerk, dtype=float)
+    if jerk.shape != (problem.joints,):
+        raise InvalidInput("peak_jerk", f"{problem.joints} numbers, one per joint", value=len(jerk))
+    limits = replace(problem.limits, jerk=np.where(jerk > 0, jerk, np.inf))
+    return replace(problem, limits=limits)
 
 
 def asked(name: str, problem: Problem) -> Answer:

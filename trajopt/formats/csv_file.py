@@ -1,82 +1,140 @@
 """Tables of numbers as CSV: separators, headings with units, numbers; errors name line and column.
 
-Cells are separated by commas, semicolons or tabs, in some files by spaces. Empty lines are ignored.
+Cells are separated by commas, semicolons or tabs, in some files by spaces. Between semicolons or
+tabs a comma is a decimal point. Empty lines and lines that start with # are ignored.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
-from trajopt.core import numerals
+from trajopt.core import files, numerals
 from trajopt.core.exceptions import InvalidInput
 
 Line = tuple[int, str]  # its number in the file, and its text
 
+_MAX_COLUMNS = 2000
+_LONGEST_HEADING = 1000  # characters
+_INDEX = re.compile(r"|#|no|idx|index|unnamed: 0", re.IGNORECASE)
+# A word, perhaps with a unit in brackets behind it: "elbow [deg]".
+_WORD = re.compile(r"[^\s\[(]\S*(?:\s+[\[(][^\s\])]{0,20}[\])])?")
 
-def lines(text: str) -> list[Line]:
-    """The lines that are not empty, with their numbers from 1."""
-    found = []
+
+@dataclass(frozen=True)
+class Table:
+    """A table whose numbers are not read yet.
+
+    Attributes:
+        headings: One per column; all empty where the file has no header.
+        line: The number of the first line with content.
+        separator: The character between cells, or None for spaces.
+        lines: The lines of numbers.
+    """
+
+    headings: Sequence[str]
+    line: int
+    separator: str | None
+    lines: Sequence[Line]
+
+    def __post_init__(self) -> None:
+        if len(self.headings) > _MAX_COLUMNS:
+            right = f"at most {_MAX_COLUMNS} columns"
+            raise InvalidInput(f"line {self.line}", right, value=len(self.headings))
+        longest = max(self.headings, key=len)
+        if len(longest) > _LONGEST_HEADING:
+            right = f"headings of at most {_LONGEST_HEADING} characters"
+            raise InvalidInput(f"line {self.line}", right, value=longest)
+
+    @property
+    def indexed(self) -> bool:
+        """Return whether the first column is an index of rows, as pandas writes it."""
+        first, *others = self.headings
+        return any(others) and _INDEX.fullmatch(first) is not None
+
+    def rows(self, columns: Sequence[int]) -> Iterator[tuple[int, list[str], list[float]]]:
+        """Yield each line's number, its cells, and the numbers in these columns.
+
+        Raises:
+            InvalidInput: Another number of cells, or a cell that is not a finite number.
+        """
+        for line, text in self.lines:
+            own = _cells(text, self.separator)
+            if len(own) != len(self.headings):
+                right = f"{len(self.headings)} cells, one per column of the first line"
+                raise InvalidInput(f"line {line}", right, value=len(own))
+            row = []
+            for column in columns:
+                number = numerals.parsed(own[column])
+                if number is None or not numerals.is_number(number):
+                    key = self.place(line, column)
+                    right = "a finite number, like -1.5e-3"
+                    raise InvalidInput(key, right, value=own[column])
+                row.append(float(number))
+            yield line, own, row
+
+    def place(self, line: int, column: int) -> str:
+        """Name a cell, for errors; columns count from 1."""
+        where = f"line {line}, column {column + 1}"
+        return f"{where}, {self.headings[column]}," if self.headings[column] else where
+
+
+def table(text: str, *, commented: bool = False) -> Table:
+    """Return the table in a text.
+
+    Args:
+        text: The file's text.
+        commented: True if the header may be in a comment, as NumPy writes it.
+
+    Raises:
+        InvalidInput: It is empty.
+    """
+    content: list[Line] = []
+    comment = ""
     for number, line in enumerate(text.splitlines(), start=1):
-        if line.strip(" ,;\t"):
-            found.append((number, line))
-    return found
+        if line.lstrip().startswith("#"):
+            comment = comment if content else line.lstrip("# ")
+        elif line.strip(" ,;\t"):
+            content.append((number, line))
+    if not content:
+        raise InvalidInput("line 1", "a header, and lines of numbers; there are none")
+    number, first = content[0]
+    separator = next((own for own in ";,\t" if own in first), None)
+    if separator is None and text.count(" ") > files.MAX_VALUES:
+        raise InvalidInput("values", f"at most {files.MAX_VALUES}", value=text.count(" "))
+    headings = _headings(first, separator)
+    if not any(map(_is_number, headings)):
+        return Table(headings, number, separator, content[1:])
+    columns = len(_cells(first, separator))
+    headings = _headings(comment, separator) if commented else []
+    if len(headings) != columns:
+        headings = [""] * columns
+    return Table(headings, number, separator, content)
 
 
-def is_comment(line: str) -> bool:
-    return line.lstrip().startswith("#")
-
-
-def separator_of(line: str) -> str | None:
-    """The character that separates the cells of a line, or None."""
-    for separator in ";,\t":
-        if separator in line:
-            return separator
-    return None
-
-
-def cells(line: str, separator: str | None) -> list[str]:
-    """The cells of a line; without a separator they are the words."""
-    if separator is None:
-        return line.split()
-    (row,) = csv.reader([line], delimiter=separator)
-    return [cell.strip() for cell in row]
+def _headings(line: str, separator: str | None) -> list[str]:
+    return _WORD.findall(line) if separator is None else _cells(line, separator)
 
 
 def heading(cell: str) -> tuple[str, str | None]:
     """A column's name, and its unit in brackets; None where it has none."""
     start = max(cell.rfind("["), cell.rfind("("))
-    if start < 0 or cell[-1] not in "])":
+    unit = cell[start + 1 : -1].replace(" ", "").replace("°", "deg")
+    if start < 0 or cell[-1] not in "])" or unit.isdecimal():  # q[0] is a name
         return cell, None
-    unit = cell[start + 1 : -1]
-    return cell[:start].strip(), unit.strip()
+    return cell[:start].strip(), unit
 
 
-def numbers(line: int, own_cells: Sequence[str], headings: Sequence[str]) -> list[float]:
-    """The numbers of a line, one per column.
-
-    Args:
-        line: The line's number, for errors.
-        own_cells: The cells of the line.
-        headings: The columns' headings, for errors; empty texts where the file has no header.
-
-    Raises:
-        InvalidInput: Another number of cells, or a cell that is not a finite number.
-    """
-    if len(own_cells) != len(headings):
-        right = f"{len(headings)} cells, one per column of the first line"
-        raise InvalidInput(f"line {line}", right, value=len(own_cells))
-    row = []
-    for column, cell in enumerate(own_cells, start=1):
-        number = numerals.parsed(cell)
-        if number is None or not numerals.is_number(number):
-            key = place(line, column, headings[column - 1])
-            raise InvalidInput(key, "a finite number, like -1.5e-3", value=cell)
-        row.append(float(number))
-    return row
+def _is_number(cell: str) -> bool:
+    return numerals.parsed(cell) is not None
 
 
-def place(line: int, column: int, column_heading: str) -> str:
-    """The place of a cell, for errors; columns count from 1."""
-    where = f"line {line}, column {column}"
-    return f"{where}, {column_heading}," if column_heading else where
+def _cells(line: str, separator: str | None) -> list[str]:
+    """The cells of a line; without a separator they are the words."""
+    row = line.split()
+    if separator is not None:
+        (row,) = csv.reader([line], delimiter=separator)
+    decimal = "." if separator in (";", "\t") else ","
+    return [cell.strip().replace(",", decimal) for cell in row]

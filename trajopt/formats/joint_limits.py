@@ -17,20 +17,23 @@ a request, not limits of the robot: planning applies them, judging does not (`Ro
 Also read are `min_position` and `max_position` with `has_position_limits`, and `max_deceleration`.
 A deceleration limit below the acceleration limit bounds accelerations of both signs, because limits
 here depend on the direction, not on whether a joint brakes. Limits that are not in the file keep
-their values (`RobotLimits.updated`). Keys of other uses (effort, soft limits) are ignored; unknown
-keys are refused.
+their values (`RobotLimits.updated`), so a file of the two scaling factors alone goes with a robot.
+Limits that are not in this tool (efforts, of the tool) are left out, which a `FileNote` says; keys
+of other uses (soft limits) are ignored, unknown keys are refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from trajopt.core import files
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import FileNote, InvalidInput
+from trajopt.core.out_of_scope import out_of_scope
 from trajopt.core.problem import LimitName
 from trajopt.formats import yaml_file
 from trajopt.formats.robot_limits import Bounds, JointBounds, RobotLimits
@@ -78,26 +81,48 @@ def read(path: str | Path) -> RobotLimits:
     file = Path(path)
     table = yaml_file.read(file, _WHAT)
     try:
-        return _limits(_unwrapped(table), str(path))
+        inner = _unwrapped(table)
+        limits = _limits(inner, str(path))
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
+    sentences = {out_of_scope(key): key for key in _limit_keys(inner)}
+    for sentence, key in sentences.items():
+        if sentence:
+            warnings.warn(FileNote(f"{path}: {key} is left out: {sentence}"), stacklevel=2)
+    return limits
+
+
+def _limit_keys(table: Mapping[str, Any]) -> Iterator[str]:
+    """The keys of limits that are not switched off, of the file and of its joints."""
+    yield from map(str, table)
+    for entry in (table.get("joint_limits") or {}).values():
+        for key in entry:
+            kind = key.partition("_")[2].removesuffix("_limits")
+            if entry.get(f"has_{kind}_limits", True):
+                yield key
 
 
 def _unwrapped(table: Any) -> Any:
     """Remove the names of nodes and the keys that ROS puts around the table."""
-    wrapped = [table]
+    levels = [[table]]
     for _ in range(_WRAPPERS_MAX):
-        found = [own for own in wrapped if isinstance(own, Mapping) and "joint_limits" in own]
-        if len(found) > 1:
-            raise InvalidInput("joint_limits", "this key once, not for several nodes")
-        if found:
-            return found[0]
-        wrapped = [inner for own in wrapped if isinstance(own, Mapping) for inner in own.values()]
+        tables = [own for own in levels[-1] if isinstance(own, Mapping)]
+        levels.append([inner for own in tables for inner in own.values()])
+    for keys in ({"joint_limits"}, set(_SCALINGS)):
+        for level in levels:
+            found = [own for own in level if isinstance(own, Mapping) and keys & own.keys()]
+            if len(found) > 1:
+                raise InvalidInput("joint_limits", "this key once, not for several nodes")
+            if found:
+                return found[0]
     return table
 
 
 def _limits(table: Any, source: str) -> RobotLimits:
     said = table.get("joint_limits") if isinstance(table, Mapping) else None
+    factors = isinstance(table, Mapping) and not table.keys().isdisjoint(_SCALINGS)
+    if factors and said is None:
+        said = {}
     if not isinstance(said, Mapping):
         raise InvalidInput(_WHAT, "a mapping joint_limits: of joints by their names")
     # The file may define values for aliases, and hold keys of other programs.
@@ -108,7 +133,7 @@ def _limits(table: Any, source: str) -> RobotLimits:
         if not isinstance(entry, Mapping):
             raise InvalidInput(key, "a mapping with max_velocity: and others", value=entry)
         joints[str(name)] = _bounds(key, entry)
-    if not joints:
+    if not joints and not factors:
         raise InvalidInput("joint_limits", "at least one joint")
     velocity_scaling, acceleration_scaling = [_scaling(table, key) for key in _SCALINGS]
     return RobotLimits(

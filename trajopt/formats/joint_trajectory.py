@@ -67,15 +67,22 @@ def read(path: Path) -> Samples:
         raise error.in_file(error.file or str(path)) from None
 
 
-def write(path: Path, samples: Samples) -> None:
+def write(path: Path, samples: Samples, *, goal: bool = False) -> None:
     """Write a message as JSON (.json) or YAML (.yaml, .yml).
 
     Times are rounded to nanoseconds, which is what the message holds.
+
+    Args:
+        path: The file.
+        samples: What is written, in rad and s.
+        goal: True for a goal of `FollowJointTrajectory`, which holds the message.
 
     Raises:
         InvalidInput: The file's name ends otherwise.
     """
     message = to_message(samples)
+    if goal:
+        message = {"trajectory": message}
     if path.suffix == ".json":
         text = json.dumps(message, indent=1) + "\n"
     elif path.suffix in (".yaml", ".yml"):

@@ -13,6 +13,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from trajopt.core import files
@@ -21,13 +22,13 @@ from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import Problem, check_joint_names
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_trajectory, own_breaks, samples_csv
-from trajopt.formats.samples import Samples
+from trajopt.formats.samples import Samples, known_as
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
 ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
-_TABLES = (".csv", ".txt")
+TABLES = (".csv", ".txt")
 _RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
 _POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names")
 # Further keys of files that `plan` writes, and of data/best_known.
@@ -70,6 +71,7 @@ class Motion:
         interpolation: The interpolation of its samples; `polynomial` where it has none.
         joint_names: One per joint, or empty if unknown.
         joint_units: "rad", or "m" for a prismatic joint; empty if unknown.
+        of_message: Whether its names are a robot's own, not columns of a table by numbers.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Motion:
     interpolation: Interpolation | Literal["polynomial"]
     joint_names: tuple[str, ...] = ()
     joint_units: tuple[str, ...] = ()
+    of_message: bool = False
 
     def digest(self) -> str:
         """SHA-256 of the executed polynomials: 20 hexadecimal digits."""
@@ -89,19 +92,18 @@ class Motion:
     def for_joints(self, joint_names: Sequence[str]) -> Motion:
         """Return the motion with its joints in this order, if both sides name them.
 
-        A namespace that all joints of one side share (`left/elbow`) is ignored.
+        Names are compared as `trajopt.formats.samples.known_as` does.
 
         Raises:
             InvalidInput: It has other joints.
         """
         if not self.joint_names or not joint_names or self.joint_names == tuple(joint_names):
             return self
-        own_names = _without_namespace(self.joint_names)
-        wanted = _without_namespace(joint_names)
-        if sorted(own_names) != sorted(wanted):
+        names = known_as(self.joint_names, joint_names, ordered=not self.of_message)
+        if sorted(names) != sorted(joint_names):
             right = f"the joints {', '.join(joint_names)}"
             raise InvalidInput("joint_names", right, value=list(self.joint_names), file=self.name)
-        order = [own_names.index(name) for name in wanted]
+        order = [names.index(name) for name in joint_names]
         trajectory = self.trajectory
         own = Trajectory(
             trajectory.breaks,
@@ -127,19 +129,19 @@ class Motion:
                 raise InvalidInput("unit", right, value=own, joint=joint, file=self.name)
 
 
-def _without_namespace(names: Sequence[str]) -> list[str]:
-    """The names of joints, without the namespace that all of them share."""
-    namespaces = {name.rpartition("/")[0] for name in names}
-    if len(namespaces) > 1:
-        return list(names)
-    return [name.rpartition("/")[2] for name in names]
-
-
 def motion(
     given: str | Path | Motion | Samples | Trajectory | PPoly | BSpline,
     interpolation: Interpolation = "auto",
+    unit: str | None = None,
+    joint_units: Mapping[str, str] = MappingProxyType({}),
 ) -> Motion:
     """Return the motion of a file or an object.
+
+    Args:
+        given: The file or the object.
+        interpolation: What joins samples; by default what their controller does.
+        unit: Units of a CSV's columns whose header says none, like "deg" or "deg,mm,ms".
+        joint_units: "rad" or "m" by the names of the robot's joints, where known.
 
     Raises:
         InvalidInput: It cannot be read, or lacks what the interpolation needs; names the file, the
@@ -147,7 +149,7 @@ def motion(
         InvalidTrajectory: An object that is no piecewise polynomial.
     """
     if isinstance(given, str | Path):
-        return _read(Path(given), interpolation)
+        return _read(Path(given), interpolation, unit, joint_units)
     if isinstance(given, Samples):
         return _of_samples("samples", given, interpolation)
     _check_nothing_to_join(interpolation)
@@ -165,18 +167,31 @@ def _of_samples(name: str, samples: Samples, interpolation: Interpolation) -> Mo
     return Motion(name, trajectory, kind, samples.joint_names, samples.joint_units)
 
 
+def _of_message(name: str, samples: Samples, interpolation: Interpolation) -> Motion:
+    return replace(_of_samples(name, samples, interpolation), of_message=True)
+
+
 def _check_nothing_to_join(interpolation: Interpolation) -> None:
     if interpolation != "auto":
         right = "auto: these are polynomials, there is nothing to interpolate"
         raise InvalidInput("interpolation", right, value=interpolation)
 
 
-def _read(path: Path, interpolation: Interpolation) -> Motion:
+def _read(
+    path: Path,
+    interpolation: Interpolation,
+    unit: str | None,
+    joint_units: Mapping[str, str],
+) -> Motion:
     if path.suffix not in ENDINGS:
         right = f"a file ending in {', '.join(ENDINGS)}"
         raise InvalidInput("motion", right, value=str(path))
     try:
-        motion = _in_file(path, interpolation)
+        if path.suffix in TABLES:
+            samples = samples_csv.read(path, unit, joint_units)
+            motion = _of_samples(path.name, samples, interpolation)
+        else:
+            motion = _in_file(path, interpolation)
         own_breaks.check_work(*motion.trajectory.coefficients.shape)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
@@ -186,13 +201,11 @@ def _read(path: Path, interpolation: Interpolation) -> Motion:
 
 
 def _in_file(path: Path, interpolation: Interpolation) -> Motion:
-    if path.suffix in _TABLES:
-        return _of_samples(path.name, samples_csv.read(path), interpolation)
     if path.suffix != ".json":
-        return _of_samples(path.name, joint_trajectory.read(path), interpolation)
+        return _of_message(path.name, joint_trajectory.read(path), interpolation)
     table = files.json(path, "motion")
     if not _has_polynomials(table):
-        return _of_samples(path.name, joint_trajectory.from_message(table), interpolation)
+        return _of_message(path.name, joint_trajectory.from_message(table), interpolation)
     _check_nothing_to_join(interpolation)
     trajectory, names = _stated(table)
     if names:

@@ -9,6 +9,7 @@ A source may leave kinds of limits unsaid: only what is asked for at the end mus
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import FileNote, InvalidInput, nearest
 from trajopt.core.problem import LIMIT_NAMES, FallingVelocity, LimitName, Limits
 
 Bounds = tuple[float, float]
@@ -42,6 +43,7 @@ class RobotLimits:
         units: Each joint's SI unit, "rad" or "m", where the source says whether it slides.
         falling_velocity: Velocity limits that fall towards a position limit, by joint.
         unsound: The error of each joint that cannot be used.
+        completed: Joints whose acceleration limit is that of `with_acceleration`.
     """
 
     joints: Mapping[str, JointBounds]
@@ -52,6 +54,7 @@ class RobotLimits:
     units: Mapping[str, str] = field(default_factory=dict)
     falling_velocity: Mapping[str, FallingVelocity] = field(default_factory=dict)
     unsound: Mapping[str, InvalidInput] = field(default_factory=dict)
+    completed: frozenset[str] = frozenset()
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -60,15 +63,17 @@ class RobotLimits:
     def updated(self, other: RobotLimits) -> RobotLimits:
         """These, but for what another source says of the same joints.
 
-        Joints that only the other one has (a gripper's, perhaps) are left out.
+        Joints that only the other one has (a gripper's, perhaps) are left out, which a `FileNote`
+        says.
 
         Raises:
-            InvalidInput: The other source has none of these joints.
+            InvalidInput: The other source has joints, but none of these.
         """
-        if not set(self.joints) & set(other.joints):
+        if other.joints and not set(self.joints) & set(other.joints):
             names = ", ".join(self.joints)
             found = ", ".join(other.joints)
             raise InvalidInput("joints", f"some of {names}", value=found, file=other.source)
+        self._note_left_out(other)
         joints = {}
         for name, bounds in self.joints.items():
             joints[name] = {**bounds, **other.joints.get(name, {})}
@@ -82,6 +87,17 @@ class RobotLimits:
             falling_velocity={**other.falling_velocity, **self.falling_velocity},
             unsound={**other.unsound, **self.unsound},
         )
+
+    def _note_left_out(self, other: RobotLimits) -> None:
+        left_out = [name for name in other.joints if name not in self.joints]
+        free = [name for name in self.joints if name not in other.joints]
+        for joint, name in enumerate(left_out):
+            close = nearest(name, free)
+            left_out[joint] = f"{name} (perhaps {close})" if close else name
+        if left_out:
+            names = ", ".join(left_out)
+            message = f"{other.source}: left out, as {self.source} has no such joint: {names}"
+            warnings.warn(FileNote(message), stacklevel=3)
 
     def scaled(self) -> RobotLimits:
         """Return the limits to plan with: multiplied by the scaling factors."""
@@ -107,13 +123,16 @@ class RobotLimits:
             acceleration_scaling=1.0,
         )
 
+    def limits_acceleration(self, joint_names: Sequence[str]) -> bool:
+        """Return whether any of these joints has an acceleration limit."""
+        known = (self.joints.get(name, {}) for name in joint_names)
+        return any(np.isfinite(own.get("acceleration", _UNLIMITED)).all() for own in known)
+
     def with_acceleration(self, size: float) -> RobotLimits:
         """These, and this acceleration limit for joints that have none, rad/s² (m/s²)."""
-        joints = {}
-        for name, bounds in self.joints.items():
-            limited = np.isfinite(bounds.get("acceleration", _UNLIMITED)).all()
-            joints[name] = bounds if limited else {**bounds, "acceleration": (-size, size)}
-        return replace(self, joints=joints)
+        without = [name for name in self.joints if not self.limits_acceleration([name])]
+        own = {name: {**self.joints[name], "acceleration": (-size, size)} for name in without}
+        return replace(self, joints={**self.joints, **own}, completed=frozenset(without))
 
     def limits(self, joint_names: Sequence[str]) -> Limits:
         """The limits of these joints, in this order; scaling factors do not count.
@@ -129,7 +148,8 @@ class RobotLimits:
             own = zip(joint_names, pairs[kind], strict=True)
             absent = [name for name, pair in own if not np.isfinite(pair).all()]
             if absent:
-                raise _absent(kind, absent, self.source)
+                off = all(kind in self.joints[name] for name in absent)
+                raise _absent(kind, absent, self.source, off=off)
         return Limits(**pairs)
 
     def described(self, joint_names: Sequence[str]) -> dict[str, Any]:
@@ -170,10 +190,18 @@ class RobotLimits:
         raise InvalidInput("joint", right, value=name)
 
 
-def _absent(kind: LimitName, joint_names: Sequence[str], source: str) -> InvalidInput:
+def _absent(
+    kind: LimitName,
+    joint_names: Sequence[str],
+    source: str,
+    *,
+    off: bool,
+) -> InvalidInput:
     """An error that says how to add a limit that a problem needs."""
     names = ", ".join(joint_names)
-    key = f"{kind} limit is missing"
+    key = f"{kind} limit is switched off (has_{kind}_limits: false)"
+    if not off:
+        key = f"{kind} limit is missing"
     right = (
         f"one for {names}; add --limits joint_limits.yaml with, under joint_limits: "
         f"{joint_names[0]}:, has_{kind}_limits: true and max_{kind}: a number (per joint)"

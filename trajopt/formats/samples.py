@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,3 +66,34 @@ class Samples:
             self.accelerations,
             interpolation=interpolation,
         )
+
+
+def known_as(
+    own: Sequence[str],
+    known: Sequence[str],
+    *,
+    ordered: bool = True,
+) -> tuple[str, ...]:
+    """The names by which a robot knows the joints of a file, or the file's own names.
+
+    A namespace that all joints of one side share (`left/elbow`) is ignored. Numbered columns (`q0`,
+    `q1`, ...) of other names are the robot's joints in their order, if it is known (`ordered`).
+    """
+    by_name = dict(zip(_without_namespace(known), known, strict=True))
+    found = [by_name.get(name) for name in _without_namespace(own)]
+    if all(found):
+        return tuple(filter(None, found))
+    numbered = [re.fullmatch(r"(.*?)([0-9]{1,3})\]?", name) for name in own]
+    stems = {match[1] for match in numbered if match}
+    numbers = [int(match[2]) for match in numbered if match]
+    first = min(numbers, default=2)
+    in_order = ordered and first < 2 and numbers == list(range(first, first + len(known)))
+    return tuple(known if in_order and len(stems) == 1 else own)
+
+
+def _without_namespace(names: Sequence[str]) -> list[str]:
+    """The names of joints, without the namespace that all of them share."""
+    namespaces = {name.rpartition("/")[0] for name in names}
+    if len(namespaces) > 1:
+        return list(names)
+    return [name.rpartition("/")[2] for name in names]

@@ -3,50 +3,103 @@
     time [s],elbow_joint [rad],wrist_1_joint [rad],elbow_joint [rad/s],wrist_1_joint [rad/s]
     0.0,0.0,0.0,0.0,0.0
 
-The unit says which of the three a column is. Columns of accelerations make a controller join the
-samples with quintic pieces (`trajopt.core.interpolation`).
+That is what `write` writes. Logs of other programs are read too:
+
+- The unit, or else a word of the name says which of the three a column is: `elbow_velocity`, `dq1`,
+  `actual_qd_0`, `field.velocity0`, `/joint_states/elbow/velocity`. A name without such a word is
+  that of a position, unless other columns have one. Further columns are left out.
+- Of joints that are there twice, as commanded (`target_q_0`) and as measured (`actual_q_0`), the
+  commanded ones are read.
+- A unit may stand in one column of a kind, or come from outside (`--unit deg,ms`).
+- Time may start anywhere; it is read exactly and counted from the first sample. Without a unit it
+  is in seconds, or in the unit in which its first value is a date from 2001 to 2100.
+
+Columns of accelerations make a controller join the samples with quintic pieces
+(`trajopt.core.interpolation`).
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from decimal import Decimal
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.core import files
-from trajopt.core.exceptions import InvalidInput
-from trajopt.core.units import LENGTHS, UNITS
+from trajopt.core.exceptions import FileNote, InvalidInput
+from trajopt.core.units import ANGLES, LENGTHS, TIMES, UNITS, asked, completed
 from trajopt.formats import csv_file
-from trajopt.formats.samples import Samples
+from trajopt.formats.csv_file import Table
+from trajopt.formats.samples import Samples, known_as
 
 TIME = "time [s]"
+READABLE = "a header that is read: "
+"""It introduces the header in an error."""
 
 Array = NDArray[np.float64]
 
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+
+def _marker(words: str, further: str = "") -> re.Pattern[str]:
+    """Match one of these words in a heading, with a character that separates it from the rest."""
+    ends = rf"[_./ ](?:{words})$"
+    pattern = rf"{ends}|(?<![a-z])(?:{words})(?![a-z])[_./ ]?{further}"
+    return re.compile(pattern, re.IGNORECASE)
+
+
 # The units' ends for positions, velocities and accelerations; the first is written.
 _RATES = (("",), ("/s",), ("/s^2", "/s²", "/s2", "/s/s"))
 _FIELDS = ("positions", "velocities", "accelerations")
-_SUFFIXES = (("_position", "_pos"), ("_velocity", "_vel"), ("_acceleration", "_acc"))
+_TIME = "time"
+_BARE = "bare"  # a name alone, until all columns are known
+_ACTUAL = "actual"  # measured, where other columns say what was commanded
+_KINDS = {  # words of a heading that say what a column is, looked for in this order
+    "accelerations": "accelerations?|acc|accel|qdd|ddq|qddot|q_ddot",
+    "velocities": "velocity|velocities|vel|speeds?|qd|dq|qdot|q_dot",
+    "positions": "positions?|pos|q|angles?",
+    "": "efforts?|torques?|tau|currents?|forces?|temperatures?|voltages?|frame_id|seq|status",
+}
+_PATTERNS = {
+    kind: re.compile(rf"[_./ ]?(?<![a-z])({words})(?![a-z])", re.IGNORECASE)
+    for kind, words in _KINDS.items()
+}
+_TIME_NAME = re.compile(
+    r"[%_]*(?:t|(?:.*[_./ ])?(?:times?|timestamp|stamp|time_from_start))(?:_(s|ms|us|ns))?",
+    re.IGNORECASE,
+)
+# Words for a commanded and for a measured signal; libfranka writes state.q_d[0] for the commanded.
+_COMMANDED = _marker("target|command(?:ed)?|cmd|desired|reference|setpoint", r"|(?<=q)_d(?=\[)")
+_MEASURED = _marker("actual|measured|feedback")
+_EPOCH_S = (978_307_200, 4_102_444_800)  # the years 2001 to 2100
+_LONG_STEP = 1.0  # a log's steps, s, are shorter: without a unit these may be milliseconds
+_SHOWN = 6  # columns in a note
 
 
-def write(path: Path, samples: Samples) -> None:
-    """Write samples; every number comes back to the last bit."""
+def write(path: Path, samples: Samples, units: Sequence[str] = ()) -> None:
+    """Write samples; in rad and m every number comes back to the last bit.
+
+    Args:
+        path: The file.
+        samples: What is written.
+        units: Of each joint: "deg", "rad", "m" or "mm"; by default the samples' own.
+    """
+    units = units or samples.joint_units or ["rad"] * len(samples.joint_names)
+    sizes = [UNITS[unit] for unit in units]
     header = [TIME]
     columns = [samples.times[:, None]]
-    units = samples.joint_units or ["rad"] * len(samples.joint_names)
     for (rate, *_), field in zip(_RATES, _FIELDS, strict=True):
         table = getattr(samples, field)
         if table is not None:
             for name, unit in zip(samples.joint_names, units, strict=True):
                 header.append(f"{name} [{unit}{rate}]")
-            columns.append(table)
+            columns.append(table / sizes)
     values = np.hstack(columns)
     with path.open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
@@ -54,20 +107,26 @@ def write(path: Path, samples: Samples) -> None:
         rows.writerows(values.tolist())
 
 
-def read(path: Path) -> Samples:
-    """Read samples, as `write` wrote them, or with other units and spellings.
+def read(
+    path: Path,
+    unit: str | None = None,
+    joint_units: Mapping[str, str] = MappingProxyType({}),
+) -> Samples:
+    """Read samples, as `write` wrote them, or a log.
 
-    Cells are separated by commas, semicolons or tabs. Empty lines and lines that start with # are
-    ignored (but a header may start with it). A column of derivatives has its joint's name, or a
-    name like `elbow_velocity` or `elbow_acceleration`. Time may start anywhere; it is read exactly
-    and counted from the first sample.
+    Warns with `FileNote` of columns that are left out and of an offset of time.
+
+    Args:
+        path: The file.
+        unit: Units of columns whose header says none, like "deg" or "deg,mm,ms".
+        joint_units: "rad" or "m" by the names of the robot's joints, where known.
 
     Raises:
         InvalidInput: Names the file, the line, the column, the value, and what would be right.
     """
     text = files.text(path, "samples", "CSV")
     try:
-        return _samples(text)
+        return _samples(text, path.name, asked(unit), joint_units)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
     except csv.Error as error:
@@ -76,119 +135,266 @@ def read(path: Path) -> Samples:
 
 @dataclass(frozen=True)
 class _Column:
-    """A column: its heading as written, and what the heading says.
+    """A column, and what its heading says.
 
     Attributes:
         index: The column's index, from 0.
-        name: The joint's name.
-        order: The derivative's order; None for the column of times.
-        size: The unit's size, in SI units.
-        length: "m" for a prismatic joint, else "rad".
+        name: The heading without its unit.
+        kind: `_TIME`, one of `_FIELDS`, or empty or `_ACTUAL` for a column that is not read.
+        unit: Of the position or the time, or None.
     """
 
-    heading: str
     index: int
     name: str
-    order: int | None
-    size: float
-    length: str
+    kind: str
+    unit: str | None
+
+    @property
+    def key(self) -> str:
+        """The name without the word for its kind: the same in all columns of a joint."""
+        if self.kind not in _FIELDS:
+            return self.name
+        return _PATTERNS[self.kind].sub("", self.name, count=1).strip("_./ ")
+
+    @property
+    def joint(self) -> str:
+        """The joint's name, in a column of positions."""
+        if self.unit:
+            return self.name.removesuffix("_position").removesuffix("_pos")
+        return self.key if re.search("[A-Za-z]", self.key) else self.name
 
 
-def _samples(text: str) -> Samples:
-    lines = csv_file.lines(text)
-    if not lines:
-        raise InvalidInput("line 1", f"a header: {TIME}, then columns like elbow [rad]")
-    (first, header), *others = lines
-    separator = csv_file.separator_of(header) or ","
-    headings = csv_file.cells(header.lstrip("# "), separator)
-    columns = []
-    for index, cell in enumerate(headings):
-        columns.append(_column(first, index, cell))
-    time, joints = _by_joint(first, columns)
+def _samples(
+    text: str,
+    name: str,
+    wanted: Mapping[str, str],
+    joint_units: Mapping[str, str],
+) -> Samples:
+    table = csv_file.table(text, commented=True)
+    columns = _columns(table)
+    try:
+        time, joints = _chosen(columns)
+        units = _units(joints, wanted, joint_units)
+        if time.unit not in (None, wanted.get("time", time.unit)):
+            right = f"left out, or {time.unit} as the file says"
+            raise InvalidInput("--unit", right, value=wanted["time"])
+    except InvalidInput as error:
+        right = error.expected
+        if _may_have_times(table, columns):
+            right += f"; {READABLE}{_header(columns, table)}"
+        raise InvalidInput(f"line {table.line}", right, value=error.value) from None
 
-    rows = []
-    times: list[float] = []
+    chosen = [time, *chain(*joints.values())]
+    rows: list[list[float]] = []
+    elapsed = [0.0]
     start = Decimal()
-    for line, content in others:
-        if csv_file.is_comment(content):
-            continue
-        cells = csv_file.cells(content, separator)
-        rows.append(csv_file.numbers(line, cells, headings))
+    read_columns = [column.index for column in chosen]
+    for line, cells, row in table.rows(read_columns):
         # Of times like 1.7e9 the difference keeps every digit.
         exact = Decimal(cells[time.index])
-        start = start if times else exact
-        elapsed = float(exact - start) * time.size
-        if times and elapsed <= times[-1]:
-            key = csv_file.place(line, time.index + 1, time.heading)
-            raise InvalidInput(key, "a time after that of the line before", value=float(exact))
-        times.append(elapsed)
+        if rows:
+            elapsed.append(float(exact - start))
+            if elapsed[-1] <= elapsed[-2]:
+                key = table.place(line, time.index)
+                right = "a time after that of the line before"
+                raise InvalidInput(key, right, value=float(exact))
+        else:
+            start = exact
+        rows.append(row[1:])
     if len(rows) < 2:
         raise InvalidInput("samples", "at least two lines of numbers", value=len(rows))
-    values = np.array(rows)
-    tables: dict[str, Any] = {}
-    for field, own in zip(_FIELDS, joints, strict=True):
-        if own:
-            places = [column.index for column in own]
-            sizes = [column.size for column in own]
-            tables[field] = values[:, places] * sizes
-    names = [column.name for column in joints[0]]
-    units = [column.length for column in joints[0]]
+    unit = time.unit or wanted.get("time") or _time_unit(float(start), elapsed)
+    notes = [f"times count from {start} {unit}"] if start else []
+    others = set(range(len(columns))) - set(read_columns)
+    left_out = [columns[index].name or f"column {index + 1}" for index in sorted(others)]
+    if any(own.kind == _ACTUAL for own in columns):
+        notes.append("what was commanded is read, not what was measured")
+    if left_out:
+        more = ", …" if len(left_out) > _SHOWN else ""
+        notes.append(f"left out: {', '.join(left_out[:_SHOWN])}{more}")
+    if notes:
+        warnings.warn(FileNote(f"{name}: {'; '.join(notes)}"), stacklevel=2)
+
+    sizes = [UNITS[own] for own in chain(*units)]
+    parts = np.hsplit(np.array(rows) * sizes, len(joints))
     return Samples(
-        joint_names=tuple(names),
-        times=np.array(times),
-        joint_units=tuple(units),
-        **tables,
+        joint_names=tuple(column.joint for column in joints["positions"]),
+        times=np.array(elapsed) * TIMES[unit],
+        joint_units=tuple("m" if own in LENGTHS else "rad" for own in units[0]),
+        **dict(zip(joints, parts, strict=True)),
     )
 
 
-def _column(line: int, index: int, heading: str) -> _Column:
-    name, said = csv_file.heading(heading)
-    unit = (said or "").replace(" ", "").replace("°", "deg")
-    if name and unit in _SECONDS:
-        return _Column(heading, index, name, None, _SECONDS[unit], "")
-    for order, rates in enumerate(_RATES):
+def _time_unit(start: float, elapsed: Sequence[float]) -> str:
+    """The unit of times whose heading says none."""
+    for unit, size in TIMES.items():
+        if _EPOCH_S[0] <= start * size <= _EPOCH_S[1]:
+            return unit
+    step = float(np.median(np.diff(elapsed)))
+    if step >= _LONG_STEP:
+        right = f"a unit in the heading, like {TIME} or time [ms], or --unit deg,ms"
+        raise InvalidInput("times", right, value=f"steps of {step:g}")
+    return "s"
+
+
+def _columns(table: Table) -> list[_Column]:
+    """Read the headings; a bare name is a position where no other name says that it is."""
+    found = [_column(index, cell) for index, cell in enumerate(table.headings)]
+    if table.indexed:
+        found[0] = replace(found[0], kind="")
+    named = [own for own in found if own.kind == "positions" and own.key != own.name]
+    bare = "" if named else "positions"
+    return _commanded([replace(own, kind=bare) if own.kind == _BARE else own for own in found])
+
+
+def _commanded(columns: list[_Column]) -> list[_Column]:
+    """Keep what was commanded, if positions are there as commanded and as measured."""
+    plain = {own.name: _COMMANDED.sub("", own.name, count=1) for own in columns}
+    positions = [own.name for own in columns if own.kind == "positions"]
+    measured = {_MEASURED.sub("", name, count=1) for name in positions}
+    both = {plain[name] for name in positions if plain[name] != name} & measured
+    found = []
+    for own in columns:
+        name = plain[own.name]
+        kept = name != own.name and (own.kind != "positions" or name in both)
+        if both and own.kind in _FIELDS:
+            own = replace(own, name=name) if kept else replace(own, kind=_ACTUAL)
+        found.append(own)
+    return found
+
+
+def _may_have_times(table: Table, columns: Sequence[_Column]) -> bool:
+    """Return whether a column has times, or else the first one rises, as times do."""
+    if any(own.kind == _TIME for own in columns):
+        return True
+    first = [row[0] for _, _, row in table.rows([0])]
+    return bool((np.diff(first) > 0).all())
+
+
+def _column(index: int, cell: str) -> _Column:
+    name, unit = csv_file.heading(cell)
+    if unit in TIMES:
+        return _Column(index, name, _TIME, unit)
+    for field, rates in zip(_FIELDS, _RATES, strict=True):
         for rate in rates:
-            length = unit.removesuffix(rate)
+            length = (unit or "").removesuffix(rate)
             if name and length in UNITS and unit == length + rate:
-                for suffix in _SUFFIXES[order]:
-                    name = name.removesuffix(suffix)
-                kind = "m" if length in LENGTHS else "rad"
-                return _Column(heading, index, name, order, UNITS[length], kind)
-    right = "a name and a unit, like time [s], elbow [rad] or elbow_velocity [deg/s]"
-    raise InvalidInput(csv_file.place(line, index + 1, ""), right, value=heading)
+                return _Column(index, name, field, length)
+    time = _TIME_NAME.fullmatch(name)
+    if unit or not name:
+        return _Column(index, name, "", unit)
+    if time:
+        return _Column(index, name, _TIME, time[1])
+    kinds = (kind for kind, pattern in _PATTERNS.items() if pattern.search(name))
+    return _Column(index, name, next(kinds, _BARE), None)
 
 
-def _by_joint(line: int, columns: Sequence[_Column]) -> tuple[_Column, list[list[_Column]]]:
-    """The column of times, and each derivative's columns, in the order of the positions' joints.
+def _chosen(columns: Sequence[_Column]) -> tuple[_Column, dict[str, list[_Column]]]:
+    """The column of times, and the columns of each field that is there, joint by joint.
 
     Raises:
-        InvalidInput: A column is missing, is there twice, or has another kind of unit.
+        InvalidInput: A column is missing, or is there twice.
     """
-    where = f"line {line}"
-    found: dict[tuple[int | None, str], _Column] = {}
-    for column in columns:
-        key = (column.order, "" if column.order is None else column.name)
-        if key in found:
-            own = csv_file.place(line, column.index + 1, "")
-            raise InvalidInput(own, "a column that is not there twice", value=column.heading)
-        found[key] = column
-    time = found.pop((None, ""), None)
-    if time is None:
-        raise InvalidInput(where, f"{TIME}, then columns like elbow [rad]")
-    names = [name for order, name in found if order == 0]
+    times = [own for own in columns if own.kind == _TIME]
+    names = _joints(columns)
+    if not times:
+        raise InvalidInput("header", f"{TIME}, then columns like elbow [rad]")
     if not names:
-        raise InvalidInput(where, "columns of positions, like elbow [rad]")
-    by_order: list[list[_Column]] = []
-    for order in range(len(_RATES)):
-        own_names = {name for own, name in found if own == order}
-        if own_names and own_names != set(names):
-            odd = min(own_names ^ set(names))
-            right = f"a column [rad{_RATES[order][0]}] for each joint that has positions"
-            raise InvalidInput(where, f"{right}, and no other: {odd}")
-        by_order.append([found[order, name] for name in names if own_names])
-        for column, position in zip(by_order[order], by_order[0], strict=False):
-            if column.length != position.length:
-                own = csv_file.place(line, column.index + 1, "")
-                right = f"a unit that goes with {position.heading}"
-                raise InvalidInput(own, right, value=column.heading)
-    return time, by_order
+        raise InvalidInput("header", "columns of positions, like elbow [rad]")
+    chosen = {}
+    for field, (rate, *_) in zip(_FIELDS, _RATES, strict=True):
+        own: dict[str, _Column] = {}
+        for column in columns:
+            if column.kind != field:
+                continue
+            joint = names.get(column.name, names.get(column.key))
+            if joint is None and column.unit is None:
+                continue  # a tool's speed, say
+            joint = joint or column.key
+            if joint in own:
+                right = "a column that is not there twice"
+                raise InvalidInput("header", right, value=column.name)
+            own[joint] = column
+        wanted = dict.fromkeys(names.values())
+        odd = own.keys() ^ wanted.keys()
+        if own and odd:
+            right = f"a column [rad{rate}] for each joint that has positions, and no other"
+            raise InvalidInput("header", f"{right}: {min(odd)}")
+        if own:
+            chosen[field] = [own[joint] for joint in wanted]
+    return times[0], chosen
+
+
+def _joints(columns: Sequence[_Column]) -> dict[str, str]:
+    """The joints' names, by what columns may call them."""
+    names: dict[str, str] = {}
+    for column in columns:
+        if column.kind == "positions":
+            names |= dict.fromkeys((column.key, column.joint, column.name), column.joint)
+    return names
+
+
+def _units(
+    joints: Mapping[str, Sequence[_Column]],
+    wanted: Mapping[str, str],
+    joint_units: Mapping[str, str],
+) -> list[list[str]]:
+    """The unit of each column, field by field.
+
+    Raises:
+        InvalidInput: Nothing says the unit of angles, or two units contradict each other.
+    """
+    said = {column.unit for column in chain(*joints.values())}
+    known = dict(wanted)
+    for kind, units in (("angle", ANGLES), ("length", LENGTHS)):
+        stated = [unit for unit in units if unit in said]
+        if len(stated) == 1:
+            known.setdefault(kind, stated[0])
+    positions = joints["positions"]
+    names = known_as([column.joint for column in positions], list(joint_units))
+    slides = []
+    for column, name in zip(positions, names, strict=True):
+        slides.append((column.unit or joint_units.get(name)) in LENGTHS)
+    found = []
+    for columns in joints.values():
+        for column, position, slide in zip(columns, positions, slides, strict=True):
+            if column.unit and (column.unit in LENGTHS) != slide:
+                right = f"a unit that goes with that of {position.name}"
+                raise InvalidInput("header", right, value=f"{column.name} [{column.unit}]")
+        row = []
+        completed_units = completed([column.unit for column in columns], slides, known)
+        for unit, slide in zip(completed_units, slides, strict=True):
+            if unit is None and not slide:
+                raise InvalidInput("header", "the unit of angles: --unit deg or --unit rad")
+            row.append(unit or "m")
+        found.append(row)
+    return found
+
+
+def _header(columns: Sequence[_Column], table: Table) -> str:
+    """A header that is read, made of this one."""
+    rates = dict(zip(_FIELDS, _RATES, strict=True))
+    names = _joints(columns)
+    times = [own.index for own in columns if own.kind == _TIME]
+    cells = []
+    for own in columns:
+        name = names.get(own.name, names.get(own.key, own.name))
+        if name and own.kind in ("", _ACTUAL):
+            name += " [-]"  # an unknown unit: it is left out
+        elif own.kind in rates and name in names:
+            name += f" [{own.unit or 'rad'}{rates[own.kind][0]}]"
+        cells.append(name if names else f"joint_{own.index} [rad]")
+    clock = times[0] if times else 0
+    cells[clock] = _heading_of_times([row[0] for _, _, row in table.rows([clock])])
+    return ",".join(cells)
+
+
+def _heading_of_times(times: Sequence[float]) -> str:
+    """A heading with the largest unit in which these are times since 1970, or a log's steps."""
+    start = float(times[0])
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    for unit, size in TIMES.items():
+        since = _EPOCH_S[0] <= start * size <= _EPOCH_S[1]
+        if since or (start * size < _EPOCH_S[0] and step * size < _LONG_STEP):
+            return f"time [{unit}]"
+    return TIME

@@ -18,24 +18,22 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.core import files, numerals
-from trajopt.core.exceptions import InvalidInput, UnitWarning
+from trajopt.core import files
+from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.problem import Problem, waypoint_table
-from trajopt.core.units import LENGTHS, UNITS, mixed_units
+from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, mixed_units
 from trajopt.formats import csv_file
 from trajopt.formats.robot_limits import RobotLimits
+from trajopt.formats.samples import known_as
 
 Array = NDArray[np.float64]
-Unit = Literal["deg", "rad"]
 
 ENDINGS = (".csv", ".txt", ".npy", ".json")
 
-_ALIASES = {"°": "deg"}
 _TIMES = ("t", "time", "times", "time_from_start")
 
 
@@ -46,13 +44,13 @@ class Waypoints:
     Attributes:
         rows: `(waypoints, joints)`.
         joint_names: One per column, or empty where the file does not say.
-        units: One per column, or empty.
+        units: One per column, None where its heading says none; or empty.
         angle_unit: Of the angles, where the file says it once for all columns.
     """
 
     rows: Array
     joint_names: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
+    units: tuple[str | None, ...] = ()
     angle_unit: str | None = None
 
 
@@ -73,7 +71,7 @@ def read(path: Path) -> Waypoints:
         raise files.unreadable(path, "waypoints", path.suffix, error) from None
 
 
-def problem(path: Path, robot: RobotLimits, unit: Unit | None = None) -> Problem:
+def problem(path: Path, robot: RobotLimits, unit: str | None = None) -> Problem:
     """The problem of waypoints under a robot's limits.
 
     Columns belong to the joints that the header names, in any order; without names, to the robot's
@@ -82,8 +80,8 @@ def problem(path: Path, robot: RobotLimits, unit: Unit | None = None) -> Problem
     Args:
         path: The file of waypoints.
         robot: The limits.
-        unit: Of angles in the file; by default what its header says, or else radians, with a
-            `UnitWarning` where they look like degrees. Metres stay metres.
+        unit: Units of columns whose header says none, like "deg" or "deg,mm"; by default radians,
+            with a `UnitWarning` where they look like degrees, and metres.
 
     Raises:
         InvalidInput: Names the file, the row, the joint, the value, and what would be right.
@@ -97,14 +95,29 @@ def problem(path: Path, robot: RobotLimits, unit: Unit | None = None) -> Problem
         raise error.in_file(str(path)) from None
 
 
-def _problem(waypoints: Waypoints, robot: RobotLimits, unit: Unit | None, path: Path) -> Problem:
+def units(path: Path, robot: RobotLimits, unit: str | None = None) -> list[str]:
+    """The unit of each column, where `problem` reads the same file."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FileNote)
+        waypoints = read(path)
+    names = _names(waypoints, robot)
+    return [own or "rad" for own in _units(waypoints, names, robot, asked(unit))]
+
+
+def _names(waypoints: Waypoints, robot: RobotLimits) -> tuple[str, ...]:
     names = waypoints.joint_names or robot.names_of(waypoints.rows.shape[1])
+    return known_as(names, robot.joint_names, ordered=robot.ordered)
+
+
+def _problem(waypoints: Waypoints, robot: RobotLimits, unit: str | None, path: Path) -> Problem:
+    wanted = asked(unit)
+    names = _names(waypoints, robot)
     limits = robot.limits(names)
     # Before scaling: errors show what the file says.
     written = Problem(waypoints.rows, limits.without("position"), joint_names=names)
-    units = _units(waypoints, names, robot, unit)
+    units = _units(waypoints, names, robot, wanted)
     turning = np.array([own not in LENGTHS for own in units])
-    said = unit or waypoints.angle_unit or waypoints.units
+    said = set(units) & ANGLES.keys()
     if not said and (turning & written.moving).any():
         angles = written.only(turning)
         mixed = mixed_units(angles.waypoints, angles.limits.velocity, angles.limits.acceleration)
@@ -115,7 +128,7 @@ def _problem(waypoints: Waypoints, robot: RobotLimits, unit: Unit | None, path: 
     if not turning.all():
         described["joint_units"] = np.where(turning, "rad", "m").tolist()
     return Problem(
-        written.waypoints * [UNITS[own] for own in units],
+        written.waypoints * [UNITS[own or "rad"] for own in units],
         limits,
         name=path.stem,
         source=f"{path.name}, limits of {robot.source}",
@@ -127,80 +140,57 @@ def _units(
     waypoints: Waypoints,
     names: Sequence[str],
     robot: RobotLimits,
-    asked: Unit | None,
-) -> list[str]:
-    """Each column's unit: its header's, else that of angles, or metres where the joint slides.
+    wanted: dict[str, str],
+) -> list[str | None]:
+    """Each column's unit: its header's, else that of other columns, or None for a bare angle.
 
     Raises:
         InvalidInput: The header, `--unit` and the robot contradict each other.
     """
-    known = waypoints.angle_unit
-    if None not in (asked, known) and asked != known:
-        raise InvalidInput("--unit", f"left out, or {known} as the file says", value=asked)
-    angle = asked or known or "rad"
-    if not waypoints.units:
-        return ["m" if robot.units.get(name) == "m" else angle for name in names]
-    if len(waypoints.units) != len(names):
+    own_angle = waypoints.angle_unit
+    if own_angle and wanted.setdefault("angle", own_angle) != own_angle:
+        right = f"left out, or {own_angle} as the file says"
+        raise InvalidInput("--unit", right, value=wanted["angle"])
+    stated = waypoints.units or [None] * len(names)
+    if len(stated) != len(names):
         right = f"{len(names)} units, one per joint"
-        raise InvalidInput("unit", right, value=list(waypoints.units))
-    for joint, (name, own) in enumerate(zip(names, waypoints.units, strict=True)):
-        if own not in UNITS:
-            raise InvalidInput("unit", " or ".join(UNITS), value=own, joint=joint)
-        slides = own in LENGTHS
+        raise InvalidInput("unit", right, value=list(stated))
+    slides = []
+    for joint, (name, own) in enumerate(zip(names, stated, strict=True)):
         kind = robot.units.get(name)
-        if kind is not None and slides != (kind == "m"):
+        if own not in (None, *UNITS):
+            raise InvalidInput("unit", " or ".join(UNITS), value=own, joint=joint)
+        slide = kind == "m" if own is None else own in LENGTHS
+        if kind is not None and slide != (kind == "m"):
             does = "m or mm: {} slides" if kind == "m" else "deg or rad: {} turns"
             right = f"{does.format(name)}, as {robot.source} says"
             raise InvalidInput("unit", right, value=own, joint=joint)
-        if asked is not None and not slides and own != asked:
-            right = f"--unit left out, or {own} as the header says"
-            raise InvalidInput("--unit", right, value=asked)
-    return list(waypoints.units)
+        slides.append(slide)
+    found = completed(stated, slides, wanted)
+    return [own or ("m" if slide else None) for own, slide in zip(found, slides, strict=True)]
 
 
 def _read_csv(path: Path) -> Waypoints:
-    text = files.text(path, "waypoints", path.suffix, marks=",;\t\n ")
-    every = csv_file.lines(text)
-    lines = [(number, line) for number, line in every if not csv_file.is_comment(line)]
-    if not lines:
-        raise InvalidInput("waypoints", "at least two rows, one per waypoint; it is empty")
-    first = lines[0][1]
-    separator = csv_file.separator_of(first)
-    if separator is None and csv_file.heading(first.strip())[1] is not None:
-        separator = ","  # "elbow [deg]" of one joint
-    headings = csv_file.cells(first, separator)
-    names: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    if all(numerals.parsed(cell) is None for cell in headings):
-        names, units = _header(headings)
-        lines = lines[1:]
-    else:
-        headings = [""] * len(headings)
-    rows = []
-    for number, line in lines:
-        cells = csv_file.cells(line, separator)
-        rows.append(csv_file.numbers(number, cells, headings))
-    return Waypoints(waypoint_table(rows), names, units)
-
-
-def _header(cells: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The joints' names, and the units, if all columns have one."""
+    table = csv_file.table(files.text(path, "waypoints", path.suffix))
+    columns = range(table.indexed, len(table.headings))
     names = []
     units = []
-    for column, cell in enumerate(cells, start=1):
+    for column in columns:
+        cell = table.headings[column]
         name, unit = csv_file.heading(cell)
         if name.lower() in _TIMES:
             right = "waypoints, without times; `trajopt judge` takes motions"
-            raise InvalidInput(f"column {column}", right, value=cell)
-        if not name:
-            raise InvalidInput(f"column {column}", "the name of a joint", value=cell)
+            raise InvalidInput(f"column {column + 1}", right, value=cell)
+        if not name and any(table.headings):
+            raise InvalidInput(f"column {column + 1}", "the name of a joint", value=cell)
         names.append(name)
-        if unit is not None:
-            units.append(_ALIASES.get(unit, unit))
-    if len(units) not in (0, len(names)):
-        right = "a unit in every column, or in none"
-        raise InvalidInput("header", right, value=", ".join(cells))
-    return tuple(names), tuple(units)
+        units.append(unit)
+    if table.indexed:
+        warnings.warn(FileNote(f"{path.name}: left out: column 1"), stacklevel=2)
+    rows = [row for _, _, row in table.rows(columns)]
+    if not any(names):
+        return Waypoints(waypoint_table(rows))
+    return Waypoints(waypoint_table(rows), tuple(names), tuple(units))
 
 
 def _read_npy(path: Path) -> Waypoints:

@@ -12,13 +12,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.problem import FallingVelocity, Problem
 from trajopt.core.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 MAX_NAMED = 6  # problems that a warning names
 EXCESS_ATOL = 1e-6

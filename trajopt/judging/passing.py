@@ -9,13 +9,11 @@ on its way to another one, is therefore timed correctly.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import COORDINATE_RTOL
 from trajopt.core.trajectory import Trajectory, nearest
-
-Array = NDArray[np.float64]
 
 # Relative to the duration. A break nearer to the closest approach replaces it, if it misses by no
 # more than rounding.
@@ -79,10 +77,10 @@ def _miss(trajectory: Trajectory, waypoint: Array, times: Array) -> Array:
     """Distance from the waypoint over all joints, rad."""
     away = trajectory(times) - waypoint
     distance = np.linalg.norm(away, axis=1)
-    return np.asarray(np.nan_to_num(distance, nan=np.inf))
+    return np.nan_to_num(distance, nan=np.inf)
 
 
-def _in_order(misses: Array) -> NDArray[np.intp]:
+def _in_order(misses: Array) -> Indices:
     """Choose a candidate for each waypoint: not decreasing, with the least sum of misses.
 
     Args:

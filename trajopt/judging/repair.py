@@ -21,15 +21,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import LIMIT_ORDERS, Problem
 from trajopt.core.trajectory import Trajectory, nearest
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 
 # Share of every limit. A correction that uses less is left out; all of them together change the
 # certified duration by no more than this.
@@ -146,7 +142,7 @@ class _Layout:
     def lengths(self) -> Array:
         """Duration of each segment, s, `(segments, 1)`."""
         length = self.breaks[self.after] - self.breaks[self.first]
-        return np.asarray(length[:, None])
+        return length[:, None]
 
     @property
     def displacements(self) -> Array:
@@ -160,7 +156,7 @@ class _Layout:
 
     def of_pieces(self, of_segments: Array) -> Array:
         """Repeat values of the segments for each of their pieces."""
-        return np.asarray(of_segments[self.segment])
+        return of_segments[self.segment]
 
 
 def _layout(problem: Problem, trajectory: Trajectory) -> _Layout | None:
@@ -234,7 +230,7 @@ def _cancelling(layout: _Layout, missed: Array, jumps: list[Array]) -> Array:
 def _missed(layout: _Layout) -> Array:
     """Distance from each segment's end to its waypoint, rad, `(segments, joints)`."""
     reached = np.add.reduceat(layout.travel, layout.first)
-    return np.asarray(layout.displacements - reached)
+    return layout.displacements - reached
 
 
 def _slopes(layout: _Layout, missed: Array) -> Array:
@@ -373,7 +369,7 @@ def _jumps(layout: _Layout, order: int) -> Array:
     rest = np.zeros_like(starts[:1])
     after = np.concatenate([starts, rest])
     before = np.concatenate([rest, stops])
-    return np.asarray(after - before)
+    return after - before
 
 
 # From 0 to 1 with as many derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.
@@ -459,7 +455,7 @@ def _sides(problem: Problem, layout: _Layout) -> Array:
     near = ON_LIMIT_RTOL * problem.largest_displacements
     above = high - waypoints <= near
     below = waypoints - low <= near
-    return np.asarray(above.astype(float) - below)
+    return above.astype(float) - below
 
 
 def _allowed_excess(problem: Problem, layout: _Layout, side: Array) -> Array:

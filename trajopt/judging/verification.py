@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
-from trajopt.core.exceptions import InvalidTrajectory
-from trajopt.core.problem import LIMIT_ORDERS, Problem
+from trajopt.core.arrays import Array, Indices
+from trajopt.core.exceptions import InvalidTrajectory, WrongType, shown
+from trajopt.core.problem import LIMIT_ORDERS, Problem, check_problem
 from trajopt.core.trajectory import EPS, Trajectory
 from trajopt.judging.repair import repaired
 
-Array = NDArray[np.float64]
 Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, low, high)
 
 PIECES_PER_CHUNK = 256  # roots are found for so many pieces at once, the largest bounds first
@@ -78,7 +77,7 @@ class Certificate:
 
     Peaks of velocity, acceleration and jerk are those of the repaired trajectory, or of the given
     one where it is beyond repair; `position`, `waypoint` and `continuity` are the given one's.
-    `None` where a kind does not exist for the problem.
+    `None` where a kind does not exist for the problem, or is not judged.
 
     Attributes:
         duration: of the given trajectory, s.
@@ -92,7 +91,7 @@ class Certificate:
     duration: float
     dilation: float
     velocity: Worst
-    acceleration: Worst
+    acceleration: Worst | None
     jerk: Worst | None
     position: Worst | None
     waypoint: Worst
@@ -117,6 +116,10 @@ class Certificate:
         if not self.valid:
             return None
         return max(1.0, self.dilation) * self.duration
+
+    def without_acceleration(self) -> Certificate:
+        """Return the certificate that does not judge accelerations: nothing says their limits."""
+        return replace(self, acceleration=None, dilation=_dilation(self.velocity, None, self.jerk))
 
     def __repr__(self) -> str:
         if not self.valid:
@@ -154,7 +157,8 @@ def verify(
     """Judge a trajectory exactly against a problem.
 
     Raises:
-        InvalidTrajectory: it has another number of joints or waypoints than the problem.
+        WrongType: It is no `Trajectory`, or the first argument no `Problem`.
+        InvalidTrajectory: It has another number of joints or waypoints than the problem.
     """
     _check_sizes(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -176,12 +180,21 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
 
 
 def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
+    check_problem(problem)
+    if not isinstance(trajectory, Trajectory):
+        raise WrongType(
+            f"expected a trajopt.Trajectory, got {shown(trajectory)}: `judge` takes SciPy's "
+            "splines, and Trajectory.from_ppoly(spline, waypoint_times) makes one"
+        )
     if trajectory.joints != problem.joints:
         raise InvalidTrajectory(f"{trajectory.joints} joints; the problem has {problem.joints}")
     if len(trajectory.waypoint_times) != len(problem.waypoints):
         given = len(trajectory.waypoint_times)
         needed = len(problem.waypoints)
-        raise InvalidTrajectory(f"{given} waypoint times; the problem has {needed} waypoints")
+        raise InvalidTrajectory(
+            f"{given} waypoint times; the problem has {needed} waypoints: give waypoint_times, "
+            "or let `judge` find them"
+        )
 
 
 def _judged(
@@ -239,15 +252,9 @@ def _judged(
     return certificate, judged
 
 
-def _dilation(
-    velocity: Worst,
-    acceleration: Worst,
-    jerk: Worst | None,
-) -> float:
-    """`k = max(peak v / V, sqrt(peak a / A), cbrt(peak j / J))` (section 2)."""
-    factors = [velocity.value, acceleration.value**0.5]
-    if jerk:
-        factors.append(jerk.value ** (1 / 3))
+def _dilation(*worst: Worst | None) -> float:
+    """`k = max(peak v / V, sqrt(peak a / A), cbrt(peak j / J))` (section 2), of those there are."""
+    factors = [own.value ** (1 / order) for order, own in enumerate(worst, start=1) if own]
     return float(np.max(factors))  # a factor that is not a number stays one
 
 
@@ -362,7 +369,7 @@ def _peak(
 def _peak_among(
     unit: Array,
     rounding: Array,
-    where: tuple[NDArray[np.intp], ...],
+    where: tuple[Indices, ...],
     limits: Array,
     measure: Measure,
 ) -> _Peak:

@@ -12,18 +12,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trajopt.core import files
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Limits, Problem
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from trajopt.core.units import ANGLES
 
 _SIGNS = itertools.product((1.0, -1.0), repeat=3)
 BRANCHES = np.array(list(_SIGNS))
@@ -32,7 +32,7 @@ BRANCHES.setflags(write=False)
 its back), elbow, and wrist (`s5 ≥ 0` or `s5 ≤ 0` in Table 1's convention)."""
 
 _COLUMNS = ("a", "alpha", "d", "theta", "joint_range")
-_KEYS = {*_COLUMNS, "angle_unit", "convention", "name", "source"}
+_REQUIRED = sorted((*_COLUMNS, "angle_unit", "convention"))
 _TWISTS = np.array([0, -1, 0, -1, 1, -1]) * np.pi / 2  # Table 1's alpha
 # A wrist centre this near the boundary of its reach is on it, relative to the arm's size.
 _TOUCHING_RTOL = 1e-12
@@ -61,8 +61,8 @@ class Inverse:
     """
 
     joints: Array
-    exists: Mask
-    in_range: Mask
+    exists: Bools
+    in_range: Bools
     distance: Array
 
 
@@ -91,8 +91,6 @@ class Robot:
         for key, array in _columns(given).items():
             array.setflags(write=False)
             object.__setattr__(self, key, array)
-        _check_text("name", self.name)
-        _check_text("source", self.source)
 
     @property
     def joints(self) -> int:
@@ -107,35 +105,11 @@ class Robot:
         except InvalidInput as error:
             raise error.in_file(str(path)) from None
 
-    def frames(self, q: ArrayLike) -> Array:
-        """Poses `(…, joints + 1, 4, 4)` of the base and every link at `q` `(…, joints)` rad; m."""
-        theta = self._angles("q", q) + self.theta
-        links = _link(self.a, self.alpha, self.d, theta)
-        *batch, _, _, _ = links.shape
-        frame = np.broadcast_to(np.eye(4), (*batch, 4, 4))
-        frames = [frame]
-        for link in np.moveaxis(links, -3, 0):
-            frame = frame @ link
-            frames.append(frame)
-        return np.stack(frames, axis=-3)
-
     def forward(self, q: ArrayLike) -> Array:
         """Poses `(…, 4, 4)` of the hand at angles `q` `(…, joints)` rad (eq. 2); m."""
-        frames = self.frames(q)
-        return np.asarray(frames[..., -1, :, :])
-
-    def jacobian(self, q: ArrayLike) -> Array:
-        """The hand's velocity (m) over its turning (rad), base frame, per rad: `(…, 6, joints)`."""
-        frames = self.frames(q)
-        links = frames[..., 1:, :, :]
-        axes = links[..., :3, 2]
-        origins = links[..., :3, 3]
-        # Turning about an axis moves the hand by axis × lever.
-        hand = origins[..., -1:, :]
-        levers = hand - origins
-        linear = np.cross(axes, levers)
-        columns = np.concatenate([linear, axes], axis=-1)
-        return np.swapaxes(columns, -1, -2)
+        theta = self._angles("q", q) + self.theta
+        links = _link(self.a, self.alpha, self.d, theta)
+        return reduce(np.matmul, np.moveaxis(links, -3, 0))
 
     def inverse(self, pose: Any, previous: ArrayLike | None = None) -> Inverse:
         """All eight branches of each pose `(…, 4, 4)`.
@@ -261,7 +235,7 @@ def _nearest(robot: Robot, poses: ArrayLike, posture: Array, key: str) -> Array:
     branch = distance.argmin(axis=-1)
     index = branch[..., None, None]
     best = np.take_along_axis(inverse.joints, index, axis=-2)
-    return np.asarray(best[..., 0, :])
+    return best[..., 0, :]
 
 
 def _numbered(index: list[int]) -> str:
@@ -501,7 +475,7 @@ def _representative(
     q: Array,
     joint_range: Array,
     previous: Array,
-) -> tuple[Array, Mask]:
+) -> tuple[Array, Bools]:
     """Angles `(…, 8, 6)` plus multiples of 2π as `Robot.inverse` promises; if all are in range."""
     low, high = joint_range.T
     turn = 2 * np.pi
@@ -567,19 +541,16 @@ def _array(
 
 
 def _parsed(table: Mapping[str, Any], stem: str) -> Robot:
-    table = {"name": stem, "source": "", **table}
-    files.check_keys("", table, _KEYS, sorted(_KEYS))
+    files.check_keys("", table, (*_REQUIRED, "name", "source"), _REQUIRED)
     _check_choice(table, "convention", ("modified-dh",))
-    _check_choice(table, "angle_unit", ("deg", "rad"))
+    _check_choice(table, "angle_unit", tuple(ANGLES))
     given = {key: table[key] for key in _COLUMNS}
     columns = _columns(given)
     # Only after checking, so that errors show what the file says.
-    radians = 1.0
-    if table["angle_unit"] == "deg":
-        radians = np.pi / 180
     for key in ("alpha", "theta", "joint_range"):
-        columns[key] *= radians
-    return Robot(**columns, name=table["name"], source=table["source"])
+        columns[key] *= ANGLES[table["angle_unit"]]
+    name = files.text_at(table, "name", stem)
+    return Robot(**columns, name=name, source=files.text_at(table, "source"))
 
 
 def _check_choice(
@@ -591,11 +562,6 @@ def _check_choice(
     if chosen not in choices:
         quoted = [f'"{choice}"' for choice in choices]
         raise InvalidInput(key, " or ".join(quoted), value=chosen)
-
-
-def _check_text(key: str, value: object) -> None:
-    if not isinstance(value, str):
-        raise InvalidInput(key, "a string", value=value)
 
 
 def _columns(given: Mapping[str, Any]) -> dict[str, Array]:

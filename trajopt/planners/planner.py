@@ -27,11 +27,9 @@ from functools import cached_property, wraps
 from types import FunctionType
 from typing import Any, TypeVar, cast, get_type_hints
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trajopt.core.arrays import Indices
 from trajopt.core.exceptions import InvalidInput, MissingBackend
-from trajopt.core.problem import LimitName, Problem
+from trajopt.core.problem import LimitName, Problem, check_problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 
@@ -45,10 +43,14 @@ class Relation(Enum):
 
 
 def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap `solve` or `solve_batch` to answer `unsupported` where the planner refuses a problem."""
+    """Wrap `solve` or `solve_batch` to answer `unsupported` where the planner refuses a problem.
+
+    Anything but a `Problem` is a `WrongType` for every planner.
+    """
 
     @wraps(solve)
     def checked(self: Planner, problem: Problem, *seeds: Sequence[int], **keywords: int) -> Any:
+        check_problem(problem)
         reason = self.unsupported(problem)
         if reason is None:
             return solve(self, problem, *seeds, **keywords)
@@ -62,6 +64,8 @@ def _refusing(solve: Callable[..., Any]) -> Callable[..., Any]:
 
 class Planner(ABC):
     """Turns a `Problem` into a `Solution`. Only `solve` must be written; all else has a default.
+
+    A planner is derived from it as a frozen dataclass, whose fields are its options.
 
     Its docstring's first line describes it in `trajopt list`.
 
@@ -255,10 +259,15 @@ def check_visible(planner: Planner) -> None:
     Its trials would be kept under the options that are shown, so that another configuration would
     get the first one's results.
 
+    A member of `Planner` with an annotation is refused too: it would be an option.
+
     Raises:
         InvalidInput: with the lines that mend it.
     """
     kind = type(planner)
+    for name in getattr(kind, "__dataclass_fields__", {}).keys() & Planner.__annotations__.keys():
+        right = f"a member, no option: write `{name} = {getattr(planner, name)!r}` without its type"
+        raise InvalidInput(f"planner {kind.__name__}: {name}", right)
     if kind.options is not Planner.options:
         return  # it lists them itself
     parameters = getattr(kind, "__dataclass_params__", None)
@@ -312,7 +321,7 @@ def passing_once(solve: SolveT) -> SolveT:
     return cast(SolveT, merged_solve)
 
 
-def expanded(solution: Solution, index: NDArray[np.intp]) -> Solution:
+def expanded(solution: Solution, index: Indices) -> Solution:
     """Return a merged problem's solution with one waypoint time per original waypoint.
 
     Args:

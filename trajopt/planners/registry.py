@@ -2,12 +2,15 @@
 
 Our planners, the baselines and other people's register under the entry-point group
 `trajopt.planners`: a class, an object, a function that returns one, or a function that plans.
+A planner of a Python file needs no registration: `./my_planner.py:MyPlanner` names the same things.
 """
 
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -33,9 +36,14 @@ class Entry:
 
     def load(self) -> Planner:
         """The planner with its default options; raises `TrajoptError` if it cannot be imported."""
+        with self.imports():
+            return adapted(_object(self.point.load()))
+
+    @contextmanager
+    def imports(self) -> Iterator[None]:
+        """Raise `TrajoptError` for whatever goes wrong while its code is imported."""
         try:
-            target = self.point.load()
-            return adapted(_object(target))
+            yield
         except Exception as error:
             package = self.point.module.partition(".")[0]
             absent = _missing_package(error)
@@ -84,7 +92,7 @@ def _object(target: Any) -> object:
     """Return the object or planning function that an entry point names, or calls to make."""
     is_object = hasattr(target, "solve") and not isinstance(target, type)
     is_planner = is_object or is_solve(target)
-    return target if is_planner else target()
+    return target if is_planner or not callable(target) else target()
 
 
 @cache
@@ -94,8 +102,40 @@ def entries() -> dict[str, Entry]:
     return {point.name: Entry(point.name, point) for point in points}
 
 
+def in_file(file: Path, name: str) -> Entry:
+    """A planner that a Python file defines, under its name in the file.
+
+    The file's folder joins the import path, as a script's does: there the file finds the modules
+    beside it, and the processes that run the planner find the file.
+
+    Raises:
+        InvalidInput: There is no such file, or Python finds another module under its name.
+        UnknownName: It defines no such name; the message lists its planners.
+        TrajoptError: It cannot be imported.
+    """
+    if not file.is_file():
+        raise InvalidInput("planner", "a Python file that exists", value=str(file))
+    path = file.resolve()
+    folder = str(path.parent)
+    if folder not in sys.path:
+        sys.path.append(folder)
+    label = f"{path.stem}.{name}" if name in entries() else name
+    entry = Entry(label, EntryPoint(label, f"{path.stem}:{name}", GROUP))
+    with entry.imports():
+        module = importlib.import_module(path.stem)
+    found = getattr(module, "__file__", None) or "a module of Python"
+    if Path(found).resolve() != path:
+        right = f"a file of another name: import {path.stem} finds {found}"
+        raise InvalidInput("planner", right, value=str(file))
+    members = vars(module)
+    if name not in members:
+        own = [key for key in members if getattr(members[key], "__module__", "") == path.stem]
+        raise UnknownName(f"planner of {file}", name, own)
+    return entry
+
+
 def load(spec: str) -> Planner:
-    """A planner from `"name"` or `"name:key=value,key=value"`.
+    """A planner from `"name"` or `"name:key=value,key=value"`; `"file.py:name"` is a name too.
 
     Raises `UnknownName`, or `InvalidInput` naming the option, its value and what would be right.
     """
@@ -104,18 +144,20 @@ def load(spec: str) -> Planner:
 
 
 def named(spec: str) -> tuple[str, Planner]:
-    """A planner's registered name, and the planner; raises as `load` does."""
+    """A planner's name, and the planner; raises as `load` and `in_file` do."""
     name, options = parse(spec)
-    registered = entries()
-    if name not in registered:
-        raise UnknownName("planner", name, registered)
-    planner = registered[name].load()
-    return name, configured(planner, options, name)
+    file, _, own = name.partition(":")
+    entry = in_file(Path(file), own) if file.endswith(".py") else entries().get(name)
+    if entry is None:
+        raise UnknownName("planner", name, entries())
+    return entry.name, configured(entry.load(), options, entry.name)
 
 
 def parse(spec: str) -> tuple[str, dict[str, str]]:
     """`"issa:fitness=scaled,population=50"` to its name and its options as text."""
-    name, _, rest = spec.partition(":")
+    file, ending, inner = spec.rpartition(".py:")
+    own, _, rest = inner.partition(":")
+    name = f"{file}{ending}{own}".strip()
     options = {}
     for pair in filter(None, rest.split(",")):
         key, equals, value = pair.partition("=")
@@ -123,7 +165,7 @@ def parse(spec: str) -> tuple[str, dict[str, str]]:
             right = "options as key=value, separated by commas"
             raise InvalidInput(f"planner {name}", right, value=pair)
         options[key.strip()] = value.strip()
-    return name.strip(), options
+    return name, options
 
 
 def options(planner: object) -> dict[str, Any]:
@@ -161,13 +203,16 @@ def configured(planner: PlannerT, changes: Mapping[str, Any], name: str = "") ->
 def _replaced(planner: Any, changes: Mapping[str, Any], name: str) -> Any:
     hints = get_type_hints(type(planner))
     new = {}
-    for field in fields(planner):
+    known = fields(planner) if is_dataclass(planner) else ()
+    for field in known:
         value = getattr(planner, field.name)
         if is_dataclass(value):
             new[field.name] = _replaced(value, changes, name)
         elif field.name in changes:
             key = f"planner {name}, option {field.name}"
             new[field.name] = _converted(key, changes[field.name], hints[field.name])
+    if not new:
+        return planner
     try:
         return replace(planner, **new)
     except InvalidInput as error:

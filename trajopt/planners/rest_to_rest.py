@@ -8,11 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Limits, Problem
-
-Array = NDArray[np.float64]
 
 # More than the closed forms can round.
 _ROUNDING_RTOL = 1e-12
@@ -26,8 +24,7 @@ def stop_times(problem: Problem) -> Array:
     ones at their tighter side, which is an upper bound.
     """
     times = _alone(problem.displacements, problem.limits, _tighter)
-    longest = times.max(axis=1)
-    return np.asarray(longest)
+    return times.max(axis=1)
 
 
 def end_to_end_bound(problem: Problem) -> float:
@@ -75,8 +72,7 @@ def trapezoidal(h: Array, velocity: Array, acceleration: Array) -> Array:
     without_cruise = peak * ramps
     # With a cruise at the top: h/V, and half of the ramps' time on top.
     with_cruise = distance / top + top * ramps / 2
-    times = np.where(peak < top, without_cruise, with_cruise)
-    return np.asarray(times)
+    return np.where(peak < top, without_cruise, with_cruise)
 
 
 def seven_phase(
@@ -111,16 +107,16 @@ def seven_phase(
     cruise = h / positive - ramp
     cruise = np.where(peak > 0, cruise, 0)
     cruise = np.maximum(cruise, 0)
-    return np.asarray(2 * ramp + cruise)
+    return 2 * ramp + cruise
 
 
 def _tighter(pairs: Array) -> Array:
     """The smaller of both sides' sizes, `(joints,)`."""
     sizes = np.abs(pairs)
-    return np.asarray(sizes.min(axis=1))
+    return sizes.min(axis=1)
 
 
 def _wider(pairs: Array) -> Array:
     """The larger of both sides' sizes, `(joints,)`."""
     sizes = np.abs(pairs)
-    return np.asarray(sizes.max(axis=1))
+    return sizes.max(axis=1)

@@ -17,15 +17,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.trajectory import Trajectory
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Roots = Callable[[Array], Array]
 ThreeSegments = Sequence[Any] | Array  # one value or array for each
 
@@ -241,7 +239,7 @@ def limit_use(
     return of_velocity, of_acceleration, of_jerk
 
 
-def keeps_limits(displacements: Array, times: Array, limits: Limits) -> Mask:
+def keeps_limits(displacements: Array, times: Array, limits: Limits) -> Bools:
     """Return which candidates keep every limit of velocity, acceleration and jerk, `(N,)`.
 
     Acceleration is asked first: it rules out most candidates of a search.
@@ -272,7 +270,7 @@ def position_room(problem: Problem) -> Array | None:
     if not np.isfinite(limits).any():
         return None
     start = problem.waypoints[1, moving]
-    return np.asarray(limits - start[:, None])
+    return limits - start[:, None]
 
 
 def position_excess(displacements: Array, times: Array, room: Array) -> Array:
@@ -308,7 +306,7 @@ def _beyond(positions: Array, room: Array) -> Array:
     """Largest excess of several positions over their limits `(…, 2)`; negative within."""
     above = positions.max(axis=0) - room[..., 1]
     below = room[..., 0] - positions.min(axis=0)
-    return np.asarray(np.maximum(above, below))
+    return np.maximum(above, below)
 
 
 def keeping_times(displacements: Array, limits: Limits, room: Array, unit: float) -> Array:
@@ -329,14 +327,14 @@ def keeping_times(displacements: Array, limits: Limits, room: Array, unit: float
         excess = position_excess(displacements, times[None], room)
         if not excess.any():
             break
-    return np.asarray(times * dilation(displacements, times[None], limits))
+    return times * dilation(displacements, times[None], limits)
 
 
 def dilation(displacements: Array, times: Array, limits: Limits) -> Array:
     """Return the exact cheapest dilation that meets all limits of all joints (last axis), `(…)`."""
     use = limit_use(displacements, times, limits)
     factor = cheapest_dilation(*use)
-    return np.asarray(factor.max(axis=-1))
+    return factor.max(axis=-1)
 
 
 def cheapest_dilation(velocity_use: Array, acceleration_use: Array, jerk_use: Array) -> Array:
@@ -345,7 +343,7 @@ def cheapest_dilation(velocity_use: Array, acceleration_use: Array, jerk_use: Ar
     for_acceleration = np.sqrt(acceleration_use)
     for_jerk = np.cbrt(jerk_use)
     factor = np.maximum(velocity_use, for_acceleration)
-    return np.asarray(np.maximum(factor, for_jerk))
+    return np.maximum(factor, for_jerk)
 
 
 def _columns(values: Array) -> ThreeSegments:
@@ -382,7 +380,7 @@ def _ratio(values: Iterable[Array], limits: Array) -> Array:
     # two at a time: of so few, NumPy's own maximum over an axis takes three times as long
     forwards = reduce(np.maximum, several) / limits[..., 1]
     backwards = reduce(np.minimum, several) / limits[..., 0]
-    return np.asarray(np.maximum(forwards, backwards))
+    return np.maximum(forwards, backwards)
 
 
 def _by_joint(limits: Array, axes: int) -> Array:
@@ -417,7 +415,7 @@ def _use(order: int, d: Array, t: Array, limits: Limits, exact_above: float) -> 
     # The cubics have the constant jerk 6 d/t³.
     first, _, third = 6 * d / t**3
     of_cubics = _ratio((first, third), _by_joint(limits.jerk, use.ndim))
-    return np.asarray(np.maximum(use, of_cubics))
+    return np.maximum(use, of_cubics)
 
 
 def _peak_use(
@@ -452,7 +450,7 @@ def _peak_use(
     return use
 
 
-def _at(controls: Array, places: NDArray[np.intp]) -> Array:
+def _at(controls: Array, places: Indices) -> Array:
     """The polynomials at some indices of the flattened batch, `(degree + 1, N)`."""
     flat = controls.reshape(len(controls), -1)
     return flat[:, places]
@@ -464,7 +462,7 @@ def _de_casteljau(controls: Array, s: Array) -> Array:
     while len(points) > 1:
         first = points[:-1]
         points = first + (points[1:] - first) * s
-    return np.asarray(points[0])
+    return points[0]
 
 
 def _linear_roots(controls: Array) -> Array:

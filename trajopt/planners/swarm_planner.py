@@ -12,8 +12,8 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.solution import Solution, Status
@@ -25,8 +25,6 @@ from trajopt.planners.swarm.optimiser import added, check_choices, require
 
 if TYPE_CHECKING:
     from numpy.random import SeedSequence
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,7 @@ class Group:
     high: float
 
     @classmethod
-    def of(cls, problem: Problem, joints: NDArray[np.intp], planner: SwarmPlanner) -> Group:
+    def of(cls, problem: Problem, joints: Indices, planner: SwarmPlanner) -> Group:
         """Build the group of joints that move, with the box of a planner's options."""
         own = problem.only(joints)
         displacements = own.displacements.T
@@ -256,7 +254,7 @@ class SegmentTimes:
     """
 
     planner: SwarmPlanner
-    joints: NDArray[np.intp]
+    joints: Indices
     groups: tuple[Group, ...]
 
     @classmethod

@@ -116,7 +116,9 @@ def _check_on(planner: Planner, problem: Problem) -> str:
         again = planner.solve(problem, seed=_SEEDS[0])
     for solution in (*solutions, again):
         _require(isinstance(solution, Solution), f"solve{where} returns no Solution")
-    between = "for the same seed" if planner.stochastic else "between two calls"
+    between = "between two calls: set `stochastic = True` if the seed matters"
+    if planner.stochastic:
+        between = "for the same seed"
     _require(_equal(solutions[0], again), f"solve{where} differs {between}")
     unknown = [kind for kind in LIMIT_NAMES if problem.has(kind) and kind not in planner.knows]
     found = []

@@ -10,7 +10,6 @@ import pytest
 from baselines.exact import interior_point
 from baselines.exact.acceleration import Exact, Passing, starting_points
 from baselines.exact.cells import Cells, Rows
-from baselines.exact.jerk import ExactJerk
 from baselines.exact.jerk_cells import Cells as JerkCells
 from baselines.exact.jerk_cells import Rows as JerkRows
 from baselines.exact.scaled import Scaled
@@ -68,16 +67,6 @@ def test_ipopt_finds_the_same_optimum_of_random_ones(seed: int) -> None:
     assert duration(problem) == pytest.approx(by_ipopt(problem), rel=1e-9)
 
 
-def test_ipopt_finds_the_same_optimum_under_jerk_limits() -> None:
-    six_axis = load("six-axis")
-    acceleration = six_axis.limits.acceleration
-    limits = Limits(six_axis.limits.velocity, acceleration, 10 * acceleration)
-    problem = Problem(six_axis.waypoints, limits)
-    own = ExactJerk(starts=1).solve(problem).stats["start_duration"]
-    checked = ExactJerk(solver="ipopt").solve(problem).stats["start_duration"]
-    assert own.min() == pytest.approx(checked.min(), rel=1e-8)
-
-
 def drawn(segments: int, joints: int) -> Problem:
     """A random problem with asymmetric limits, jerk limits among them."""
     rng = np.random.default_rng(segments)
@@ -126,6 +115,21 @@ def test_a_step_changes_rows_as_differences_say(start, segments: int, joints: in
         )
     differences = (ahead - behind) / (2 * size)
     np.testing.assert_allclose(change, differences, atol=1e-5 * np.abs(change).max())
+
+
+@pytest.mark.parametrize("segments", [1, 2, 5])
+def test_a_step_bends_rows_as_second_differences_say(segments: int) -> None:
+    rows = started_under_jerk(drawn(segments, 3))
+    rng = np.random.default_rng(1)
+    multipliers = rng.uniform(0.1, 1.0, rows.values.shape)
+    with np.errstate(all="ignore"):
+        linear = rows.linear(multipliers, multipliers)
+        step, _ = linear.step(multipliers)
+        size = 1e-4 / max(1.0, np.abs(step.log).max())
+        ahead, behind = (rows.after(step, np.full(2, length)).values for length in (size, -size))
+        bending = linear.bending(step)
+    differences = (ahead - 2 * rows.values + behind) / (2 * size**2)
+    np.testing.assert_allclose(bending, differences, atol=1e-3 * np.abs(bending).max())
 
 
 def test_families_of_extremes_converge() -> None:

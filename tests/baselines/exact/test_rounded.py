@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from baselines.exact.rounded import Clock, apart, assembled, clocks
+from baselines.exact.rounded import Clock, apart, assembled, clocks, outwards
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.core.trajectory import BREAK_RTOL
 
@@ -54,8 +54,12 @@ def test_outwards_no_ramp_gets_briefer() -> None:
         local[4:] = clock.length - np.r_[np.cumsum(ramps[3:])[::-1], 0.0]
         wanted = np.diff(local)
         ulp = np.spacing(clock.end)
-        ends = np.array([clock.start, clock.end])
-        stored = clock.stored_outwards(local, ends)
+        ends = (np.array([clock.start]), np.array([clock.end]))
+        stored = outwards(
+            local[:, None],
+            *ends,
+            clock.unit,
+        )[:, 0]
         lengths = clock.lengths(stored)
         assert stored[0] == clock.start
         assert stored[-1] == clock.end
@@ -68,7 +72,14 @@ def test_outwards_no_ramp_gets_briefer() -> None:
 
 
 def test_assembled_joints_start_from_their_waypoints_and_the_others_rest() -> None:
-    problem = Problem([[0, 7, 1], [1, 7, 0], [3, 7, 2]], Limits([9.0] * 3, [9.0] * 3))
+    problem = Problem(
+        [
+            [0, 7, 1],
+            [1, 7, 0],
+            [3, 7, 2],
+        ],
+        Limits([9.0] * 3, [9.0] * 3),
+    )
     passages = np.array([0.0, 1.0, 2.0])
     segments = []
     for k, step in enumerate(problem.displacements[:, problem.moving]):

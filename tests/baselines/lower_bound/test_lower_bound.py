@@ -116,54 +116,31 @@ def test_random_splines_with_and_without_jerk(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "joint",
+    "joints",
     [
-        1,
-        2,
-        3,
-        4,
-        5,
+        [1],
+        [3],
+        [1, 2],
+        [3, 4, 5],
     ],
 )
-def test_each_joint_alone_against_a_search_over_its_ratios(joint: int) -> None:
+def test_some_joints_against_a_search_over_the_ratios(joints: list[int]) -> None:
     """Random times, dilated exactly: none may beat the bound, the best must come near."""
-    problem = load("six-axis")
-    bound = certify(problem, "spline353", within=1e-5, joint=joint, time_limit=10)
+    problem = load("six-axis").only(joints)
+    bound = certify(problem, "spline353", within=1e-5, time_limit=10)
     assert bound.status == "proved"
-    ratios = np.exp(
-        np.random.default_rng(0).uniform(
-            -4,
-            4,
-            (20000, 3),
-        )
-    )
-    limits = Limits(problem.limits.velocity[[joint]], problem.limits.acceleration[[joint]])
-    h = problem.displacements.T[[joint]]
-    moves = h[0] != 0
-    ratios[
-        :,
-        ~moves
-        & np.array(
-            [
-                True,
-                False,
-                True,
-            ]
-        ),
-    ] = 1e-9
-    dilations = spline353.dilation(
-        h,
-        ratios[:, None, :],
-        limits,
-    )
+    generator = np.random.default_rng(0)
+    ratios = np.exp(generator.uniform(-4, 4, (20000, 3)))
+    h = problem.displacements.T
+    dilations = spline353.dilation(h, ratios[:, None, :], problem.limits)
     durations = dilations * ratios.sum(axis=1)
     assert bound.lower_bound <= durations.min()
     assert durations.min() <= bound.upper_bound * 1.05
 
 
-def test_free_alone_is_the_problem_of_that_joint() -> None:
+def test_a_joint_alone_is_faster() -> None:
     whole = load("six-axis")
-    alone = certify(whole, joint=4)
+    alone = certify(whole.only([4]))
     assert alone.trajectory is not None
     assert alone.trajectory.joints == 1
     assert len(alone.trajectory.waypoint_times) == len(whole.waypoints)
@@ -188,9 +165,9 @@ def test_position_limits_bound_the_353_too() -> None:
     assert verify(problem, bound.trajectory).feasible
     # the best of a grid of ratios, refined
     assert bound.lower_bound <= 35.18858 <= bound.upper_bound * (1 + 1e-6)
-    alone = certify(problem, "spline353", within=1e-3, joint=0, time_limit=20)
-    assert alone.status == "proved"
-    assert alone.lower_bound < bound.lower_bound
+    free = certify(problem.without("position"), "spline353", within=1e-3, time_limit=20)
+    assert free.status == "proved"
+    assert free.lower_bound < bound.lower_bound
 
 
 def test_no_353_passes_a_limit_at_speed() -> None:
@@ -239,12 +216,10 @@ def test_without_a_solver_the_message_is_the_command(monkeypatch: pytest.MonkeyP
         {"family": "5-3-5"},
         {"within": 0},
         {"time_limit": -1},
-        {"joint": 0},
-        {"joint": 9},
     ],
 )
 def test_wrong_arguments(wrong: dict[str, object]) -> None:
     with pytest.raises(InvalidInput):
-        certify(load("six-axis"), **wrong)  # type: ignore[arg-type]
+        Certify(**wrong).bound(load("six-axis"))  # type: ignore[arg-type]
     with pytest.raises(InvalidInput):
         certify(load("seven-waypoints"), "spline353")

@@ -643,7 +643,13 @@ def test_a_proof_proves_no_more_than_is_true(proved):
     assert proved_bound(problem, higher) <= 2.0
 
 
-@pytest.mark.parametrize(("length", "limits"), [(1.0, ([2.0], [4.0])), (0.5, ([1.0], [2.0]))])
+@pytest.mark.parametrize(
+    ("length", "limits"),
+    [
+        (1.0, ([2.0], [4.0])),
+        (0.5, ([1.0], [2.0])),
+    ],
+)
 def test_a_faster_problem_is_not_proved_by_another_ones_proof(proved, length, limits):
     problem, bound = proved
     faster = Problem(length * problem.waypoints, Limits(*limits))

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import os
+import random
 import subprocess
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from trajopt import Planner, Problem, Solution, Status, compare
 
 NAME = "TRAJOPT_TEST_FORK_SERVER"
-# solvers start threads, figures take long, and workers would share one global random stream
-UNLOADED = ("casadi", "highspy", "matplotlib", "numpy.random", "pandas", "scipy.optimize")
+# solvers start threads, figures take long
+UNLOADED = ("casadi", "highspy", "matplotlib", "pandas", "scipy.optimize")
 LOOK = """
 import sys
 from importlib import import_module
@@ -44,7 +46,18 @@ class Reporting(Planner):
         return Solution(Status.FAILED, message=" ".join(found))
 
 
-def test_what_is_loaded_before_forking_neither_runs_threads_nor_draws_random_numbers() -> None:
+@dataclass(frozen=True)
+class Drawing(Planner):
+    """Draws from the global random streams, which nobody seeded."""
+
+    option: int = 0
+
+    def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
+        drawn = f"{random.random()} {np.random.random()}"  # noqa: NPY002
+        return Solution(Status.FAILED, message=drawn)
+
+
+def test_what_is_loaded_before_forking_runs_no_threads() -> None:
     done = subprocess.run(
         [sys.executable, "-c", LOOK, *UNLOADED], capture_output=True, text=True, check=True
     )
@@ -60,6 +73,14 @@ def test_workers_have_the_environment_of_their_run(
         results = compare(["one-joint"], [("mine", Reporting())], tmp_path / value, seeds=1, jobs=1)
         said += [trial.message for trial in results.items if trial.planner == "mine"]
     assert said == ["first 1", "second 1"]
+
+
+def test_no_two_workers_draw_the_same_random_numbers(tmp_path: Path) -> None:
+    """NumPy 1 loads its global random stream itself, so that it exists before the fork."""
+    entrants = [("a", Drawing()), ("b", Drawing(1))]
+    results = compare(["one-joint"], entrants, tmp_path, jobs=1)
+    said = [trial.message.split() for trial in results.items if trial.planner in "ab"]
+    assert [len(set(numbers)) for numbers in zip(*said, strict=True)] == [2, 2]
 
 
 def is_running(process: int) -> bool:

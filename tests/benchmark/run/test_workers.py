@@ -95,7 +95,7 @@ needs_groups = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="
 def test_what_a_planner_started_ends_with_its_trial_s_process(tmp_path: Path) -> None:
     pids = tmp_path / "pids"
     planners = [(then, Parent(str(pids), then)) for then in ("answer", "die", "hang")]
-    results = compare(["one-joint"], planners, tmp_path, jobs=2, timeout=3.0)
+    results = compare(["one-joint"], planners, tmp_path, jobs=2, timeout=8.0)
     statuses = {trial.planner: trial.status for trial in results.items}
     expected = {"answer": Status.FAILED, "die": Status.CRASHED, "hang": Status.TIMEOUT}
     assert {name: statuses[name] for name in expected} == expected

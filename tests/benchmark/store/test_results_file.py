@@ -14,9 +14,9 @@ from scipy.interpolate import PPoly
 from trials import Stopping, assert_same, solved
 
 from trajopt import Limits, Problem, Solution, Status, StoreError
-from trajopt.benchmark.store import results_file
+from trajopt.benchmark.store import results_file, trial_text
 from trajopt.benchmark.store.fields import FIELDS
-from trajopt.benchmark.store.folder import DamagedFile, Store, read, save
+from trajopt.benchmark.store.folder import Store, read, save
 from trajopt.benchmark.trial import judge
 
 LIMITS = Limits([1.0], [2.0])
@@ -30,7 +30,11 @@ def kinds():
     failed = Solution(Status.FAILED, message="no")
     bare = replace(a, seed=4, status=Status.FAILED, solution=failed)
     bare = replace(bare, message="no", certificate=None, setup_time=0.0)
-    stats = {"times": np.ones((2, 2)), "more": np.arange(5.0), "kind": 3}
+    stats = {
+        "times": np.ones((2, 2)),
+        "more": np.arange(5.0),
+        "kind": 3,
+    }
     odd = replace(a.solution, stats=stats, history=np.zeros((0, 2)))
     odd = replace(a, seed=6, solution=odd)
     return [bare, a, b, odd, replace(a, seed=8)]
@@ -226,6 +230,13 @@ def test_a_file_of_nothing_but_damaged_texts_is_refused_at_once(tmp_path):
         texts.resize((40 * CHUNK,))
         texts[...] = 0
     path.write_bytes(results_file.sealed(path.read_bytes()))
-    refused = pytest.raises(StoreError, match="more than 2 of its texts are damaged")
-    with pytest.warns(DamagedFile), refused:
+    with pytest.raises(StoreError, match="it does not start as a trial's text does"):
+        read(path)
+
+
+def test_one_damaged_text_under_a_right_seal_refuses_the_file(tmp_path):
+    texts = [trial_text.write(solved()), b"damaged"]
+    path = tmp_path / "x.h5"
+    path.write_bytes(results_file.content([solved()], texts))
+    with pytest.raises(StoreError, match="it does not start as a trial's text does"):
         read(path)

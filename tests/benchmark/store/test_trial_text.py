@@ -13,8 +13,8 @@ from trials import PROBLEM, assert_same, forged, solved
 
 from trajopt import Limits, Problem, Solution, Status, StoreError
 from trajopt.benchmark.store import trial_text
-from trajopt.benchmark.store.document import pack, unpack
-from trajopt.benchmark.store.fields import FIELDS, SEED_MAX
+from trajopt.benchmark.store.document import Malformed, pack, unpack
+from trajopt.benchmark.store.fields import SEED_MAX, values
 from trajopt.benchmark.store.folder import Store, read
 from trajopt.benchmark.trial import judge, trial_id
 from trajopt.planners.registry import load, options
@@ -94,7 +94,15 @@ def test_certificates_of_all_kinds_come_back(stored):
     assert back.certified_duration is None
 
 
-@pytest.mark.parametrize("text", ["Traceback …\n" + "ß∞𝔘" * 50_000, "", "\t\n'\"\\", "x" * 5000])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Traceback …\n" + "ß∞𝔘" * 50_000,
+        "",
+        "\t\n'\"\\",
+        "x" * 5000,
+    ],
+)
 def test_long_and_odd_text_survives(stored, trial, text):
     assert stored(replace(trial, message=text)).message == text
 
@@ -110,7 +118,12 @@ def test_text_that_steers_terminals_is_spelled_out(stored, trial):
 
 
 def test_options_that_json_lacks_keep_the_identity(stored, trial):
-    odd = {"x": np.inf, "t": (1, 2), "nan": np.nan, "deep": {"a": [None]}}
+    odd = {
+        "x": np.inf,
+        "t": (1, 2),
+        "nan": np.nan,
+        "deep": {"a": [None]},
+    }
     odd = replace(trial, options=odd)
     back = stored(odd)
     assert back.id == odd.id
@@ -152,21 +165,45 @@ def test_stats_of_every_kind_come_back(stored, trial):
     assert all(isinstance(value, float) for value in back["whole"])
 
 
-@pytest.mark.parametrize("value", [object(), b"bytes", {1, 2}, 1j, np.array([object()])])
+@pytest.mark.parametrize(
+    "value",
+    [
+        object(),
+        b"bytes",
+        {1, 2},
+        1j,
+        np.array([object()]),
+    ],
+)
 def test_what_cannot_be_kept_is_a_type_error_that_shows_it(trial, value):
     odd = replace(trial.solution, stats={"x": value})
     with pytest.raises(TypeError, match=r"cannot hold"):
         trial_text.write(replace(trial, solution=odd))
 
 
-@pytest.mark.parametrize("value", [{"$float": "x"}, {"$array": 1}, np.zeros(2_500_000)])
+@pytest.mark.parametrize(
+    "value",
+    [
+        {"$float": "x"},
+        {"$array": 1},
+        np.zeros(2_500_000),
+    ],
+)
 def test_what_would_not_be_read_back_is_not_written(trial, value):
     odd = replace(trial.solution, stats={"x": value})
     with pytest.raises((ValueError, TypeError, KeyError)):
         trial_text.write(replace(trial, solution=odd))
 
 
-@pytest.mark.parametrize("odd", [np.inf, 2.5, np.float32(3), Fraction(7, 2)])
+@pytest.mark.parametrize(
+    "odd",
+    [
+        np.inf,
+        2.5,
+        np.float32(3),
+        Fraction(7, 2),
+    ],
+)
 def test_odd_numbers_of_a_planner_do_not_spoil_the_file(stored, trial, odd):
     solution = replace(trial.solution, lower_bound=odd)
     back = stored(replace(trial, solution=solution))
@@ -180,7 +217,14 @@ def test_seeds_of_64_bits_come_back_and_others_are_refused(stored, trial):
             trial_text.write(replace(trial, seed=seed))
 
 
-@pytest.mark.parametrize("history", [None, np.zeros((0, 2)), np.array([[1.0, np.inf]])])
+@pytest.mark.parametrize(
+    "history",
+    [
+        None,
+        np.zeros((0, 2)),
+        np.array([[1.0, np.inf]]),
+    ],
+)
 def test_an_empty_history_is_not_the_same_as_none(stored, trial, history):
     one = replace(trial, solution=replace(trial.solution, history=history))
     assert_same(stored(one), one)
@@ -204,9 +248,15 @@ def test_plain_values_survive_strict_json(value):
 def test_every_field_has_a_value_in_every_trial(trial):
     blank = replace(trial, solution=Solution(Status.FAILED), certificate=None)
     for one in (trial, blank):
-        values = {field.name: field.of(one) for field in FIELDS}
-        assert values["planner"] == "stopping"
-    assert values["certified_duration"] is None
+        found = values(one)
+        assert found["planner"] == "stopping"
+    assert found["certified_duration"] is None
+    assert trial_text.version(trial_text.write(trial))["label"] == found["label"]
+
+
+def test_a_text_without_a_line_for_its_label_has_no_version():
+    with pytest.raises(Malformed, match="expected a line for each"):
+        trial_text.version(b"{}")
 
 
 # --- a stranger's text ---

@@ -117,7 +117,11 @@ def test_sizes_and_jerk_can_be_chosen(family):
 
 @pytest.mark.parametrize(
     ("index", "sizes", "word"),
-    [(-1, {}, "index"), (0, {"joints": 0}, "joints"), (0, {"waypoints": 1}, "waypoints")],
+    [
+        (-1, {}, "index"),
+        (0, {"joints": 0}, "joints"),
+        (0, {"waypoints": 1}, "waypoints"),
+    ],
 )
 def test_sizes_that_make_no_problem_are_refused(index, sizes, word):
     with pytest.raises(InvalidInput, match=f"^{word} is"):

@@ -13,7 +13,6 @@ from trajopt import Problem
 from trajopt.benchmark.trial import Configuration, Trial, unanswered
 from trajopt.core.solution import Status
 from trajopt.planners.swarm_planner import Unoptimised
-from trajopt.views.analysis.overview import overview
 from trajopt.views.analysis.results import Results
 
 
@@ -35,7 +34,7 @@ def items() -> Sequence[Trial]:
 
 
 def test_trials_are_counted_by_what_became_of_them(items: Sequence[Trial]) -> None:
-    table = overview(Results(items))
+    table = Results(items).planners()
     counts = table[["problems", "trials", "solved", "relaxed", "failed", "unsupported"]]
     assert counts.loc["mine"].tolist() == [2, 6, 4, 0, 2, 0]
     assert counts.loc["picky"].tolist() == [1, 1, 1, 0, 0, 1]
@@ -52,14 +51,19 @@ def test_proved_counts_problems_whose_motion_meets_its_bound() -> None:
         *run("certify", -1, bound=3.9, problem=OTHER),
         *run("mine", 4.5, problem=OTHER),
     ]
-    table = overview(Results(items))
+    table = Results(items).planners()
     assert table.loc["mine", ["problems", "proved"]].tolist() == [2, 1]
-    bound_alone = Results([*run("certify", -1, bound=1.999), *run("mine", 3.0)])
-    assert overview(bound_alone).loc["mine", "proved"] == 0
+    bound_alone = Results(
+        [
+            *run("certify", -1, bound=1.999),
+            *run("mine", 3.0),
+        ]
+    )
+    assert bound_alone.planners().loc["mine", "proved"] == 0
 
 
 def test_a_missing_answer_is_worse_than_any(items: Sequence[Trial]) -> None:
-    table = overview(Results(items))
+    table = Results(items).planners()
     assert table.loc["exact", ["gap", "worst"]].tolist() == [0, 0]
     assert table.loc["picky", "gap"] == pytest.approx(0.25)
     # medians 2.4/2 - 1 = 0.2, and none where two of three runs failed: half have no answer
@@ -67,14 +71,3 @@ def test_a_missing_answer_is_worse_than_any(items: Sequence[Trial]) -> None:
     assert table.loc["mine", "worst"] == pytest.approx(0.5)
     assert np.isnan(table.loc["bound", "gap"])
     assert table.index[0] == "exact"
-
-
-def test_groups_are_counted_apart_and_add_up(items: Sequence[Trial]) -> None:
-    results = Results(items)
-    table = overview(results, by=str.upper)
-    assert table.index.get_level_values("group").unique().tolist() == ["ONE", "TWO"]
-    assert table.loc[("ONE", "mine"), "gap"] == pytest.approx(0.2)
-    assert table.loc[("TWO", "mine"), "failed"] == 2
-    for name in ("trials", "solved", "relaxed", "failed", "unsupported"):
-        whole = overview(results)[name]
-        assert table.groupby("label")[name].sum().to_dict() == whole.to_dict()

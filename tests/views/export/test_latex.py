@@ -44,7 +44,7 @@ def test_what_cannot_be_printed_is_a_space():
 
 def test_the_table_has_a_line_per_row_of_the_summary(tmp_path):
     results = Results(mixed())
-    all_trials.write(results, "latex", tmp_path / "summary.tex")
+    all_trials.write(results, "latex", tmp_path)
     text = (tmp_path / "summary.tex").read_text(encoding="utf-8")
     lines = text.splitlines()
     assert lines[0] == r"\begin{tabular}{lrrrrrr}"
@@ -68,6 +68,6 @@ def test_the_table_has_a_line_per_row_of_the_summary(tmp_path):
 def test_durations_gaps_and_what_is_missing():
     # three segments of 2 s each, and none where no answer came
     (lost,) = run("lost", segment_time=-1.0)
-    found = latex.tabular(Results([*run(seeds=(0, 1)), lost]))
+    found = latex.summary(Results([*run(seeds=(0, 1)), lost]))
     assert r" & 2 of 2 & 100 & 6.0000 & 6.0000--6.0000 & -- & " in found
     assert r" & 0 of 1 & 0 & failed & -- & -- & " in found

@@ -32,7 +32,13 @@ class Searching(Planner):
     """Quintics of `segment_time`; too short a one is dilated by the verifier. Keeps `history`."""
 
     segment_time: float = 2.0
-    history: tuple = ((1, NAN), (3, 9.0), (5, 9.0), (8, 6.0), (10, 6.0))
+    history: tuple = (
+        (1, NAN),
+        (3, 9.0),
+        (5, 9.0),
+        (8, 6.0),
+        (10, 6.0),
+    )
     evaluations: int | None = 10
     message: str = ""
     weight: float = NAN
@@ -107,15 +113,17 @@ def results():
 
 
 def read_csv(path, like):
-    texts = [n for n, kind in like.dtypes.items() if isinstance(kind, pd.StringDtype)]
+    texts = [n for n in like if like[n].map(lambda value: isinstance(value, str)).any()]
+    floats = list(like.select_dtypes("float"))
     rest = {n: [""] for n in like if n not in texts} | {"kind": [""]}
     frame = pd.read_csv(
         path,
         keep_default_na=False,
         na_values=rest,
-        dtype=like.dtypes.drop("started").to_dict(),
+        dtype=like.dtypes.drop("started").to_dict() | dict.fromkeys(floats, object),
         parse_dates=["started"],
     )
+    frame[floats] = frame[floats].astype(float)  # by Python: pandas 3.0 errs in the last digit
     for name in texts:  # an apostrophe says that what follows is text
         frame[name] = frame[name].str.removeprefix("'")
     return frame.assign(started=frame["started"].dt.as_unit("us"))
@@ -335,7 +343,11 @@ def test_the_meta_file_has_the_keys_and_says_what_was_run(tmp_path):
 def test_a_history_is_its_first_row_each_improvement_and_the_last(tmp_path):
     block, summary = curve(tmp_path)
     assert block == [[1, INF], [3, 9], [8, 6], [10, 6]]
-    assert (summary["evals"], summary["best"]["evals"], summary["best"]["y"]) == (10, 8, 6)
+    assert (
+        summary["evals"],
+        summary["best"]["evals"],
+        summary["best"]["y"],
+    ) == (10, 8, 6)
 
 
 def test_durations_are_dilated_as_the_answer_was(tmp_path):
@@ -345,7 +357,11 @@ def test_durations_are_dilated_as_the_answer_was(tmp_path):
     k = max((15 / 8 * h / 0.5 / [1, 2]).max(), np.sqrt((10 / np.sqrt(3) * h / 0.25 / [2, 3]).max()))
     assert k > 1.5
     ((_, scenario, (block,)),) = written(tmp_path, [trial]).values()
-    np.testing.assert_allclose(block[1:, 1], np.array([9, 6, 6]) / 4 * k, rtol=1e-9)
+    np.testing.assert_allclose(
+        block[1:, 1],
+        np.array([9, 6, 6]) / 4 * k,
+        rtol=1e-9,
+    )
     assert scenario["runs"][0]["best"]["y"] == block[-1, 1]
 
 
@@ -358,7 +374,11 @@ def test_a_run_that_certified_nothing_spent_its_evaluations_and_found_nothing(
     ((_, scenario, blocks),) = written(tmp_path, runs).values()
     spent = [[1, INF], [10, INF]] if segment_time < 0 else [[1, INF]]  # a crash tells nothing
     assert blocks[0].tolist() == spent
-    assert scenario["runs"][0]["best"] == {"evals": 1, "y": sys.float_info.max, "x": []}
+    assert scenario["runs"][0]["best"] == {
+        "evals": 1,
+        "y": sys.float_info.max,
+        "x": [],
+    }
     assert blocks[1][-1].tolist() == [10, 6]
 
 
@@ -368,12 +388,32 @@ def test_a_run_that_certified_nothing_spent_its_evaluations_and_found_nothing(
         (((1, 6.0),), 1, [[1, 6]]),
         (((1, 6.0),), None, [[1, 6]]),
         (((0, 6.0),), None, [[1, 6]]),
-        (((3, 6.0),), 8, [[1, INF], [3, 6], [8, 6]]),
+        (
+            ((3, 6.0),),
+            8,
+            [[1, INF], [3, 6], [8, 6]],
+        ),
         (((3, 6.0),), 2, [[1, INF], [3, 6]]),
-        (((1, 9.0), (1, 8.0), (4, 7.0), (4, 6.0)), 4, [[1, 8], [4, 6]]),
-        (((1, NAN), (2, NAN)), 2, [[1, INF], [2, INF]]),
-        (((1.0, 20 / 3), (1e15, 6.0)), None, [[1, 20 / 3], [1e15, 6]]),
-        (((2, 9.0), (7, 8.0)), 7, [[1, INF], [7, INF]]),  # not the answer's
+        (
+            ((1, 9.0), (1, 8.0), (4, 7.0), (4, 6.0)),
+            4,
+            [[1, 8], [4, 6]],
+        ),
+        (
+            ((1, NAN), (2, NAN)),
+            2,
+            [[1, INF], [2, INF]],
+        ),
+        (
+            ((1.0, 20 / 3), (1e15, 6.0)),
+            None,
+            [[1, 20 / 3], [1e15, 6]],
+        ),
+        (
+            ((2, 9.0), (7, 8.0)),
+            7,
+            [[1, INF], [7, INF]],
+        ),  # not the answer's
     ],
 )
 def test_odd_histories_keep_to_the_format(tmp_path, history, evaluations, expected):
@@ -421,7 +461,14 @@ def test_a_folder_with_files_in_it_stays_as_it_is(tmp_path):
 
 def test_names_that_look_alike_do_not_collide(tmp_path):
     same = Problem(WAYPOINTS, Limits([1, 2], [7, 7]), "two-joints")
-    long = [Problem(WAYPOINTS, Limits([1, 2], [n, n]), "x" * 300 + str(n)) for n in (4, 5)]
+    long = [
+        Problem(
+            WAYPOINTS,
+            Limits([1, 2], [n, n]),
+            "x" * 300 + str(n),
+        )
+        for n in (4, 5)
+    ]
     names = ["a:b", "a_b", "ä:b"]
     trials = [t for n in names for p in (PROBLEM, same, *long) for t in run(n, problem=p)]
     found = written(tmp_path, trials)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,9 +27,10 @@ from trajopt.benchmark.best_known.record import (
     text,
 )
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.best_known.verification import proved, suite_problems
+from trajopt.benchmark.best_known.verification import proved
 from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.folder import read as stored_trials
+from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import InvalidTrajectory, StoreError, TrajoptError
 from trajopt.core.problem import Problem
@@ -123,12 +123,8 @@ def _origin(trial: Trial, submitter: str) -> Origin:
 
 def suite_problem(problem: Problem) -> Problem | None:
     """Return the suites' problem of these numbers, or None."""
-    return _suite_problems_by_digest().get(problem.digest())
-
-
-@cache
-def _suite_problems_by_digest() -> dict[str, Problem]:
-    return {problem.digest(): problem for problem in suite_problems().values()}
+    listed = catalogue.every_problem().get(problem.digest())
+    return None if listed is None else listed.problem
 
 
 def today() -> str:

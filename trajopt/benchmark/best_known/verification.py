@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from trajopt.benchmark.best_known.record import CLOSED_FORM, Record, ending, read
 from trajopt.benchmark.store.verification import StoresProofs, foreign
-from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import TrajoptError
-from trajopt.core.problem import Problem
 from trajopt.explain.references import PROOF
 from trajopt.judging.verification import verify
 from trajopt.planners.registry import load
@@ -122,13 +119,3 @@ def _misplaced(record: Record, file: Path) -> Iterator[str]:
     if not file.name.endswith(ending(problem)):
         yield f"file: its name should end in {ending(problem)}"
     yield from foreign(problem)
-
-
-@cache
-def suite_problems() -> dict[str, Problem]:
-    """Every problem of every suite at its default size, by name."""
-    found: dict[str, Problem] = {}
-    for suite in catalogue.suites():
-        for problem in catalogue.problems(suite):
-            found.setdefault(problem.name, problem)
-    return found

@@ -7,5 +7,6 @@
 - `solver`: the process that a planner runs in;
 - `answer`: the message from a solver to its judge;
 - `processes`: adopts, watches and ends processes;
-- `dask`: connects to a Dask cluster.
+- `dask`: connects to a Dask cluster;
+- `progress`: says how many trials are finished.
 """

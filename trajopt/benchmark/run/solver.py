@@ -97,6 +97,9 @@ def _become_own_process() -> None:
         signal.signal(sign, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.setsid()
+    loaded = sys.modules.get("numpy.random")  # NumPy 1 loads it itself
+    if loaded is not None:
+        loaded.seed()  # else all processes would draw the same numbers
 
 
 def _keep_only(

@@ -52,13 +52,13 @@ def pack(value: Any) -> Any:
         number = float(value)
         return number if isfinite(number) else {"$float": repr(number)}
     if isinstance(value, str):
-        return harmless(value)
+        return _printable(value)
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, list | tuple):
         return [pack(item) for item in value]
     if isinstance(value, Mapping):
-        return {harmless(str(key)): pack(item) for key, item in value.items()}
+        return {_printable(str(key)): pack(item) for key, item in value.items()}
     if isinstance(value, np.generic):
         return pack(value.item())
     if isinstance(value, Integral):
@@ -68,6 +68,10 @@ def pack(value: Any) -> Any:
     if isinstance(value, np.ndarray) and value.dtype.kind in _ARRAY_KINDS:
         return _packed_array(value)
     raise TypeError(f"a result cannot hold {value!r:.200}")
+
+
+def _printable(text: str) -> str:
+    return text if text.isprintable() else harmless(text)
 
 
 def _packed_array(array: NDArray[Any]) -> Any:

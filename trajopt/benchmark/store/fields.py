@@ -41,16 +41,6 @@ class Field:
     meaning: str
     path: str = ""
 
-    def of(self, trial: Trial) -> Any:
-        """The value of a trial."""
-        return attrgetter(self.path or self.name)(trial)
-
-    def check(self, value: Any) -> None:
-        """Raise `Malformed` unless a stored value is of this kind."""
-        expected, right = _KINDS[self.kind]
-        if not right(value):
-            raise Malformed(f"{self.name}: expected {expected}, found {value!r:.80}")
-
 
 def _is_integer(value: Any) -> bool:
     if isinstance(value, bool) or not isinstance(value, int):
@@ -119,3 +109,17 @@ _ATTRIBUTES = {attribute.name for attribute in dataclasses.fields(Trial)}
 _NAMED = [field for field in FIELDS if not field.path]
 OWN_FIELDS = tuple(field for field in _NAMED if field.name in _ATTRIBUTES)
 """The fields that a trial's text states; the others follow from its problem, solution, verdict."""
+
+
+def values(trial: Trial) -> dict[str, Any]:
+    """Return the value of every field, by name."""
+    return {field.name: attrgetter(field.path or field.name)(trial) for field in FIELDS}
+
+
+def check(stated: Mapping[str, Any]) -> None:
+    """Raise `Malformed` unless each field that a text states is of its kind."""
+    for field in OWN_FIELDS:
+        expected, is_right = _KINDS[field.kind]
+        value = stated[field.name]
+        if not is_right(value):
+            raise Malformed(f"{field.name}: expected {expected}, found {value!r:.80}")

@@ -31,7 +31,6 @@ _FINISHED = ".json"
 _UNANSWERED = ".missing.json"
 _TRIAL_NAME = re.compile(r"[0-9a-f]{20}(\.missing)?\.json")
 _REASON_CHARACTERS = 300  # shown of an error of HDF5 or JSON
-_MAX_DAMAGED_TEXTS = 2  # in a `results.h5`, which is made of whole texts; more are a forgery
 
 
 class Damaged(StoreError):
@@ -207,12 +206,11 @@ class Store:
         """
         if not self._is_current():
             return None
-        damaged: list[Damaged] = []
         try:
-            stored = list(recorded(self.results, damaged.append, ids))
+            stored = list(recorded(self.results, ids=ids))
         except StoreError:
             return None
-        return stored if len(stored) == len(ids) and not damaged else None
+        return stored if len(stored) == len(ids) else None
 
     def _is_current(self) -> bool:
         """Return whether `results.h5` is younger than every trial file."""
@@ -224,16 +222,17 @@ class Store:
             return False
         return max(changes) < built
 
-    def others(self, ids: Collection[str]) -> list[dict[str, Any]]:
-        """Return the fields of the other trials in `results.h5`, as their texts state them."""
+    def others(self, ids: Collection[str]) -> dict[str, dict[str, str]]:
+        """Return the `version` of each of the other trials in `results.h5`, by their identities."""
         if {_id(file) for file in _trial_files(self.folder)} <= set(ids):
-            return []
+            return {}
+        found = {}
         with _reading(self.results):
-            found = []
             for text in results_file.read(self.results):
-                if trial_text.stated_id(text) not in ids:
-                    found.append(trial_text.row(text))
-            return found
+                trial_id = trial_text.stated_id(text)
+                if trial_id not in ids:
+                    found[trial_id] = trial_text.version(text)
+        return found
 
     def unanswered(self) -> list[Trial]:
         """Return the trials that ended without an answer, for reasons that may be gone."""
@@ -324,7 +323,8 @@ def recorded(
 ) -> Iterator[Trial]:
     """Yield the trials of a path, each from its own text; raises as `read` does.
 
-    A damaged text in a folder or in a `results.h5` goes to `damaged`.
+    A damaged file in a folder goes to `damaged`. A damaged text in a `results.h5` refuses that
+    file: its seal is right, so somebody forged it.
     """
     if path.is_dir():
         listed = _trial_files(path)
@@ -338,37 +338,9 @@ def recorded(
             yield trial_text.read(_load(path))
     else:
         with _reading(path):
-            yield from _of_results(path, damaged, ids)
-
-
-def _of_results(
-    path: Path,
-    damaged: OnDamage,
-    ids: Collection[str] | None,
-) -> Iterator[Trial]:
-    """Yield the trials of a `results.h5`."""
-    count = 0
-
-    def counted(error: Damaged) -> None:
-        nonlocal count
-        count += 1
-        if count > _MAX_DAMAGED_TEXTS:
-            raise ValueError(f"more than {_MAX_DAMAGED_TEXTS} of its texts are damaged")
-        damaged(error)
-
-    for text in results_file.read(path):
-        trial_id = trial_text.stated_id(text)
-        if ids is None or trial_id in ids:
-            yield from _trial(path / trial_id, text, counted)
-
-
-def _trial(place: Path, text: bytes, damaged: OnDamage) -> Iterator[Trial]:
-    """The trial of a text among others."""
-    try:
-        with _reading(place):
-            yield trial_text.read(text)
-    except Damaged as error:
-        damaged(error)
+            for text in results_file.read(path):
+                if ids is None or trial_text.stated_id(text) in ids:
+                    yield trial_text.read(text)
 
 
 def is_trial(path: Path) -> bool:

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.benchmark.store.document import Malformed, pack
-from trajopt.benchmark.store.fields import FIELDS, Field
+from trajopt.benchmark.store.fields import FIELDS, Kind, values
 from trajopt.benchmark.store.trial_text import MAX_BYTES, SCHEMA, WrongSchema
 from trajopt.benchmark.trial import Trial
 
@@ -55,13 +55,14 @@ def content(trials: Sequence[Trial], texts: Sequence[bytes]) -> bytes:
     import h5py  # late, here and below: takes long to import
 
     joined = b"".join(text + _END for text in texts)
+    rows = [values(trial) for trial in trials]
     with h5py.File.in_memory(libver="v110") as file:
         file.attrs["schema"] = SCHEMA
         file.attrs["description"] = _DESCRIPTION
         for field in FIELDS:
-            values = _column(field, trials)
-            filters = _FILTERS if len(trials) and values.dtype.kind != "O" else {}
-            data = file.create_dataset(f"trials/{field.name}", data=values, **filters)
+            column = _column(field.kind, [row[field.name] for row in rows])
+            filters = _FILTERS if len(rows) and column.dtype.kind != "O" else {}
+            data = file.create_dataset(f"trials/{field.name}", data=column, **filters)
             data.attrs["units"] = field.unit
             data.attrs["description"] = field.meaning
         scale = file["trials/id"]
@@ -87,21 +88,19 @@ def sealed(data: bytes) -> bytes:
     return data + _MARK + hashlib.sha256(data).digest()
 
 
-def _column(field: Field, trials: Sequence[Trial]) -> NDArray[Any]:
+def _column(kind: Kind, items: list[Any]) -> NDArray[Any]:
     """The values of a field, one a trial."""
-    values = [field.of(trial) for trial in trials]
-    if field.kind == "number":
-        return np.array(values, dtype=float)  # None becomes NaN
-    if field.kind == "integer":
-        return np.array(values, dtype=np.int64)
-    return _texts([_as_text(value) for value in values])
+    if kind == "number":
+        return np.array(items, dtype=float)  # None becomes NaN
+    if kind == "integer":
+        return np.array(items, dtype=np.int64)
+    return _texts([_as_text(item) for item in pack(items)])
 
 
-def _as_text(value: Any) -> str:
+def _as_text(plain: Any) -> str:
     """A text; of several, one a line; of an object, JSON."""
-    if isinstance(value, tuple):
-        return "\n".join(value)
-    plain = pack(value)
+    if isinstance(plain, list):
+        return "\n".join(plain)
     return plain if isinstance(plain, str) else json.dumps(plain)
 
 

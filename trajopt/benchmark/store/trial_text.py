@@ -23,6 +23,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any, NamedTuple
 
+from trajopt.benchmark.store import fields
 from trajopt.benchmark.store.document import (
     Malformed,
     check_table,
@@ -33,7 +34,7 @@ from trajopt.benchmark.store.document import (
     solution_of,
     unpack,
 )
-from trajopt.benchmark.store.fields import OWN_FIELDS, SEED_MAX
+from trajopt.benchmark.store.fields import SEED_MAX
 from trajopt.benchmark.trial import Trial
 from trajopt.core import files
 from trajopt.core.exceptions import StoreError
@@ -47,7 +48,7 @@ SCHEMA = 4  # raise it whenever a reader of this version could misread a text or
 MAX_BYTES = files.MAX_BYTES
 START = b'{\n"schema": "trajopt-'
 
-_NAMES = [field.name for field in OWN_FIELDS]
+_NAMES = [field.name for field in fields.OWN_FIELDS]
 _KEYS = ("schema", "sha256", "id", "problem", *_NAMES, "certificate", "solution")
 _HEAD = re.compile(
     rb'\{\n"schema": "trajopt-(?P<schema>\d{1,9})",\n'
@@ -69,6 +70,17 @@ def stated_id(text: bytes) -> str:
     """Return the identity that a text states; a word for that where it states none."""
     found = _HEAD.match(text)
     return found["id"].decode() if found else "unknown"
+
+
+_STATED = re.compile(rb'^"(label|started|asked)": (".*"),$', re.MULTILINE)
+
+
+def version(text: bytes) -> dict[str, str]:
+    """Return the `label` of a trial and when it was `started` and `asked`, without reading all."""
+    stated = {name.decode(): json.loads(value) for name, value in _STATED.findall(text)}
+    if len(stated) < 3:
+        raise Malformed("label, started and asked: expected a line for each")
+    return stated
 
 
 def check(text: bytes) -> str:
@@ -101,8 +113,7 @@ def write(trial: Trial) -> bytes:
         raise StoreError(f"seed {trial.seed} cannot be stored: expected 0 to {SEED_MAX}")
     table: dict[str, Any] = {"id": trial.id}
     table["problem"] = problem_table(trial.problem)
-    for field in OWN_FIELDS:
-        table[field.name] = pack(field.of(trial))
+    table |= pack({name: getattr(trial, name) for name in _NAMES})
     table["certificate"] = None
     if trial.certificate is not None and trial.solution.trajectory is not None:
         table["certificate"] = _certificate_table(trial.certificate)
@@ -135,8 +146,7 @@ def read(text: bytes) -> Trial:
     check_table("trial", table, _KEYS)
     own = {name: table[name] for name in _NAMES}
     own["options"] = unpack(own["options"])
-    for field in OWN_FIELDS:
-        field.check(own[field.name])
+    fields.check(own)
     _check_provenance(own["provenance"])
     if own["batch"] < 1:
         raise Malformed("batch: expected 1 or more")

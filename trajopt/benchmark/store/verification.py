@@ -233,12 +233,8 @@ def _built_in(name: str) -> frozenset[str]:
     """Digests of the built-in problems of this name."""
     if name in catalogue.problem_files():
         return frozenset([catalogue.load(name).digest()])
-    return frozenset(p.digest() for p in _suite_problems() if p.name == name)
-
-
-@cache
-def _suite_problems() -> tuple[Problem, ...]:
-    return tuple(p for name in catalogue.suites() for p in catalogue.problems(name))
+    every = catalogue.every_problem().items()
+    return frozenset(digest for digest, (_, problem) in every if problem.name == name)
 
 
 def _rechecked(trial: Trial) -> tuple[str, list[str]]:

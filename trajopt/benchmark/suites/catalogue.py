@@ -17,12 +17,13 @@ from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
+from typing import NamedTuple
 from zlib import crc32
 
 from trajopt.benchmark.suites import edges, families, literature, robots
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput, UnknownName
-from trajopt.core.problem import Problem
+from trajopt.core.problem import Problem, check_problem
 from trajopt.planners.kinematics import Robot
 
 PAPER_PROBLEM = "six-axis"
@@ -72,6 +73,17 @@ def load(name_or_path: str) -> Problem:
     return Problem.from_toml(file)
 
 
+def given(problem: object) -> Problem:
+    """Return the problem itself, or load the one of this name or path.
+
+    Raises:
+        WrongType: It is neither a problem nor a name or path.
+    """
+    if isinstance(problem, str | Path):
+        return load(str(problem))
+    return check_problem(problem)
+
+
 def group(problem: Problem) -> str:
     """Name the group of problems that are not independent of this one.
 
@@ -98,7 +110,7 @@ def _made(name: str) -> Problem:
         problem = named(name)
         if problem is not None:
             return problem
-    suite, _, _ = name.partition("-")
+    suite, _, _ = name.lower().partition("-")
     if suite in ("robots", "edges"):
         known = [problem.name for problem in problems(suite)]
         raise UnknownName("problem", name, known)
@@ -204,3 +216,20 @@ def problems(name: str, size: int | None = None) -> list[Problem]:
     if name not in known:
         raise UnknownName("suite", name, known)
     return known[name].problems(size)
+
+
+class Listed(NamedTuple):
+    """A problem and the first suite that has it."""
+
+    suite: str
+    problem: Problem
+
+
+@cache
+def every_problem() -> dict[str, Listed]:
+    """Return the problems of all suites at their default sizes, each once, by their digests."""
+    found: dict[str, Listed] = {}
+    for suite in suites():
+        for problem in problems(suite):
+            found.setdefault(problem.digest(), Listed(suite, problem))
+    return found

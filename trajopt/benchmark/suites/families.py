@@ -20,8 +20,9 @@ from zlib import crc32
 
 import numpy as np
 
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnknownName
-from trajopt.core.problem import Array, Limits, Problem
+from trajopt.core.problem import Limits, Problem
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from trajopt.core.problem import Array, Limits, Problem
+from trajopt.core.arrays import Array
+from trajopt.core.problem import Limits, Problem
 
 # Raise it whenever `random_problem` changes what a seed means.
 GENERATOR_VERSION = 1

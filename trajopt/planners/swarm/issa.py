@@ -12,7 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from trajopt.planners.swarm.optimiser import Array, require, require_size
+from trajopt.core.arrays import Array
+from trajopt.planners.swarm.optimiser import require, require_size
 from trajopt.planners.swarm.ssa import SSA, Flock, Move
 
 Reading = Literal["intended", "printed"]
@@ -82,7 +83,7 @@ class ISSA(SSA):
         nu = drawn[:, 1]
         power = 1 / self.levy_exponent
         levy = mu / np.abs(nu) ** power
-        return np.asarray(x + x * levy)
+        return x + x * levy
 
     def _weight(self, flock: Flock) -> float:
         if not self.weight:
@@ -110,8 +111,8 @@ class ISSA(SSA):
         with np.errstate(over="ignore", invalid="ignore"):
             step = b1 * (best - opposite)
             if self.eq49 == "printed":
-                return np.asarray(best + step)
-            return np.asarray(opposite + step)
+                return best + step
+            return opposite + step
 
 
 def chaotic_map(

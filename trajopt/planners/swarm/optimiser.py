@@ -14,14 +14,14 @@ from functools import reduce
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trajopt.core.arrays import Array, Indices
 from trajopt.core.exceptions import InvalidInput
 
 if TYPE_CHECKING:
     from numpy.random import SeedSequence
 
-Array = NDArray[np.float64]
 Objective = Callable[[Array], Array]
 
 
@@ -253,7 +253,7 @@ class _Tally:
         self.fitness = np.full(runs, np.inf)
         self.position: Array = np.empty(0)
         self._rows = np.arange(runs)
-        self._log: list[tuple[NDArray[np.intp], NDArray[np.intp], Array]] = []
+        self._log: list[tuple[Indices, Indices, Array]] = []
 
     def add(self, candidates: Array, fitness: Array) -> None:
         if self.spent == 0:

@@ -64,8 +64,7 @@ class PSO(Optimiser):
             best = own_f.argmin(axis=1)
             swarm_x = own_x[rows, best, None]
             # v = χ v + χφ₁ u₁ (p_i − x) + χφ₂ u₂ (p_g − x), within ±v_max
-            u1 = streams.uniform(*shape)
-            u2 = streams.uniform(*shape)
+            u1, u2 = streams.uniform(2, *shape).swapaxes(0, 1)
             to_own = self.cognitive * u1 * (own_x - x)
             to_swarm = self.social * u2 * (swarm_x - x)
             v = self.inertia * v + to_own

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array, Indices
 from trajopt.planners.swarm.optimiser import (
-    Array,
     Box,
     Contest,
     Optimiser,
@@ -25,7 +24,7 @@ from trajopt.planners.swarm.optimiser import (
     require,
 )
 
-Slots = NDArray[np.intp] | slice  # which sparrows of the flock: (m,), or (runs, m)
+Slots = Indices | slice  # which sparrows of the flock: (m,), or (runs, m)
 Move = tuple[Slots, list[Array]]  # some sparrows, and their candidate positions
 
 _EPSILON = 1e-50  # ε of eq. 41, as in the authors' program
@@ -232,7 +231,7 @@ class SSA(Optimiser):
         places = np.where(behind[..., None], home, flee)
         return slots, [places]
 
-    def _vigilantes(self, flock: Flock) -> NDArray[np.intp]:
+    def _vigilantes(self, flock: Flock) -> Indices:
         """Indices of the vigilantes: the lowest of one random number per sparrow, or the first."""
         count = self._count(self.vigilantes)
         if self.watch == "first":

@@ -14,7 +14,8 @@ import pandas as pd
 
 from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
-from trajopt.views.analysis.results import Results, competing
+from trajopt.views.analysis.overview import competing
+from trajopt.views.analysis.results import Results
 
 COLUMNS = ["label", "kind", "count", "worst", "unit"]
 

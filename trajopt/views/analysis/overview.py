@@ -1,33 +1,47 @@
-"""Many problems at a glance: one line per planner, for a terminal or a paper.
+"""Many problems at a glance: one line per planner, for a terminal, a notebook or a paper.
 
-    overview(Results("results"))                          # of all problems
-    overview(Results("results"), by=suite_of)             # one line per suite and planner
+    Results("results").planners()
 
 Problems that a planner does not support do not count against it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from trajopt.benchmark.best_known.record import CLOSED_WITHIN
 from trajopt.core.solution import Status
+from trajopt.views.analysis import statistics
 from trajopt.views.analysis.gap_reference import OPTIMA
-from trajopt.views.analysis.results import Results, competing, median_gap
+from trajopt.views.analysis.pairwise import mean_ranks
 
 
-def overview(
-    results: Results,
-    by: Callable[[str], str] | None = None,
-) -> pd.DataFrame:
-    """One line per planner with its options, by median gap.
+def competing(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the trials without those that were refused, are relaxed, or have a bound only."""
+    aside = trials["status"].isin([str(Status.UNSUPPORTED), str(Status.RELAXED)])
+    certified = trials["certified_duration"].notna()
+    bounded = trials["lower_bound"].notna()
+    only_bound = bounded & ~certified
+    return trials[~aside & ~only_bound]
 
-    Args:
-        results: of any number of problems.
-        by: a function of a problem's name: one line per group and planner.
+
+def median_gap(trials: pd.DataFrame) -> float:
+    """Median over problems of median gaps to a known optimum, of one planner's `gaps()`.
+
+    +inf: on half of them it has no answer; NaN: there is no such problem.
+    """
+    known = trials[trials["kind"].isin(OPTIMA)]
+    if known.empty:
+        return np.nan
+    medians = known["gap"].fillna(np.inf).groupby(known["digest"]).median()
+    return float(statistics.median(medians))
+
+
+def overview(gaps: pd.DataFrame) -> pd.DataFrame:
+    """One line per planner with its options, by median gap, of `Results.gaps()`.
 
     Columns:
         problems: that it supports.
@@ -43,20 +57,14 @@ def overview(
         gap: median over problems of median gaps to a known optimum, a ratio minus 1; an answer that
             is missing is worse than any.
         worst: gap of any solved trial, a ratio minus 1.
+        rank: mean rank over all problems (`pairwise.mean_ranks`), NaN where it has none.
+        rank: mean rank over all problems (`pairwise.mean_ranks`), NaN where it has none.
         time: median wall time of a trial, s.
     """
-    table = results.gaps()
-    keys = ["label"]
-    if by is not None:
-        table["group"] = table["problem"].map(by)
-        keys = ["group", "label"]
-    rows = []
-    for key, runs in table.groupby(keys, sort=False):
-        names = dict(zip(keys, key, strict=True))
-        rows.append(names | _line(runs))
-    lines = pd.DataFrame(rows).set_index(keys)
-    order = [*keys[:-1], "gap"]
-    return lines.sort_values(order, kind="stable")
+    lines = {label: _line(runs) for label, runs in gaps.groupby("label", sort=False)}
+    table = pd.DataFrame.from_dict(lines, orient="index")
+    table["rank"] = mean_ranks(competing(gaps))
+    return table.rename_axis("label").sort_values("gap", kind="stable")
 
 
 def _line(runs: pd.DataFrame) -> dict[str, Any]:

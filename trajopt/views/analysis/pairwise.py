@@ -187,6 +187,19 @@ def between_seeds(runs: pd.DataFrame) -> pd.DataFrame:
     return _both_ways(rows, _SEED_COLUMNS)
 
 
+def against(pairs: pd.DataFrame, rival: str) -> pd.DataFrame:
+    """The rows of `paired_tests` or `between_seeds` against one rival, the fastest first.
+
+    p is adjusted for these rows only; empty if the rival has no pair.
+    """
+    met = pairs.index.get_level_values("against") == rival
+    rows = pairs[met].droplevel("against")
+    for name in ("holm", "both_holm"):
+        if name in rows:
+            rows[name] = statistics.holm(rows[name.replace("holm", "pvalue")])
+    return rows.sort_values("ratio", kind="stable", na_position="last")
+
+
 def _both_ways(rows: dict[Any, dict[str, float]], columns: list[str]) -> pd.DataFrame:
     """Return the rows of each pair and of its mirror, with p-values adjusted for all pairs."""
     table = pd.DataFrame.from_dict(rows, orient="index", columns=columns)

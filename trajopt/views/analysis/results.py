@@ -1,11 +1,13 @@
 """Trials as tables: one row per trial, gaps to the reference, one line per planner.
 
     results = Results("results")   # a folder, a results.h5, or trials
+    results = Results.of("a", "b") # several folders
     results.gaps()                 # a pandas frame, one row per trial
     results.summary()              # a pandas frame, one row per problem and planner
+    results.planners()             # a pandas frame, one row per planner
     results.paired()               # a pandas frame, one row per planner and rival
     results.between_seeds()        # the same on one problem, over seeds
-    results.running_times()        # a pandas frame, one row per search and target
+    results.running_times()        # a pandas frame, one row per planner and target
 
 Durations and times are in seconds, gaps are ratios minus 1.
 """
@@ -16,24 +18,26 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.solution import Status
-from trajopt.views.analysis import pairwise, searches, statistics
+from trajopt.views.analysis import pairwise, searches
 from trajopt.views.analysis.gap_reference import BUG_RTOL, OPTIMA, REFINED_RTOL, references
+from trajopt.views.analysis.overview import competing, overview
 from trajopt.views.analysis.versions import Kept, Newest, by_problem, newest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Target = Literal["optimum", "best 3-5-3"]
 Line = Any  # a row of `Results.summary()`: its columns are attributes
 
 TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
@@ -67,7 +71,7 @@ _REFERENCE_COLUMNS: dict[str, Any] = {
 _OF_A_LINE = ["problem", "digest", "label"]  # shared by the trials of a line
 
 
-@dataclass(frozen=True, init=False, eq=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Results:
     """The trials of a run, ready for tables and figures: of each planner its last version's.
 
@@ -83,10 +87,18 @@ class Results:
     newest: Newest
     kept: Kept | None
 
-    def __init__(self, source: Sequence[Trial] | Path | str, kept: Kept | None = None) -> None:
+    def __init__(self, source: Sequence[Trial] | Path | str, *, kept: Kept | None = None) -> None:
         found = store.read(source) if isinstance(source, str | Path) else source
         object.__setattr__(self, "newest", newest(found))
         object.__setattr__(self, "kept", kept)
+
+    @classmethod
+    def of(cls, *sources: Path | str) -> Results:
+        """Put the trials of several results folders or files together, each trial once."""
+        trials: list[Trial] = []
+        for source in sources:
+            trials += store.read(source)
+        return cls(trials)
 
     @property
     def items(self) -> Sequence[Trial]:
@@ -228,6 +240,20 @@ class Results:
         lines = pd.DataFrame(columns, index=of_each.index).reset_index()
         return lines.sort_values(["problem", "median"], ignore_index=True)
 
+    def planners(self) -> pd.DataFrame:
+        """One row per planner with its options, by median gap; `overview` lists the columns."""
+        return overview(self._gaps)
+
+    def __repr__(self) -> str:
+        from trajopt.views import inline  # which formats results
+
+        return inline.text(self)
+
+    def _repr_html_(self) -> str:
+        from trajopt.views import inline
+
+        return inline.html(self)
+
     def lines(self) -> list[Line]:
         """The rows of `summary()`, their columns as attributes; `kind` may be None."""
         table = self._summary
@@ -235,22 +261,32 @@ class Results:
         known = kind.where(kind.notna(), None)
         return list(table.assign(kind=known).itertuples(index=False))
 
-    def plot(self, problem: str | None = None) -> Figure:
-        """One problem's certified durations, a row per planner, the shortest first.
+    def plot(self, problem: str | None = None, *, kind: str | None = None) -> Figure:
+        """Draw one problem's certified durations, or a figure of all problems.
 
         Args:
-            problem: its name; may be left out where there is one problem only.
+            problem: its name, for a row per planner, the shortest first; may be left out where
+                there is one problem only.
+            kind: of all problems: `profile`, the share of problems that a planner solves within a
+                factor of the best (where there are several problems, this is drawn by default);
+                `gaps`, the share within a gap to the optimum; `anytime-seconds` or
+                `anytime-evaluations`, the gap to the optimum against what was spent.
 
         Raises:
-            InvalidInput: There are several problems, or none of this name.
+            InvalidInput: There is no problem of this name, or no such figure of these trials.
         """
-        from trajopt.views.figures import plots  # Matplotlib is imported where it draws
+        from trajopt.views.figures import draw, plots  # Matplotlib is imported where it draws
 
         lines = self.lines()
         names = list(dict.fromkeys(line.problem for line in lines))
-        wanted = problem
-        if problem is None and len(names) == 1:
-            wanted = names[0]
+        if problem is not None and kind is not None:
+            raise InvalidInput("kind", "no problem beside it: it is a figure of all", value=kind)
+        if problem is None and (kind is not None or len(names) > 1):
+            pictures = dict(draw.of_suite(self))
+            if kind is not None and kind not in pictures:
+                raise InvalidInput("kind", f"one of {', '.join(pictures)}", value=kind)
+            return pictures[kind or "profile"]()
+        wanted = problem or names[0]
         if wanted not in names:
             raise InvalidInput("problem", f"one of {', '.join(names)}", value=problem)
         own = [line for line in lines if line.problem == wanted]
@@ -294,14 +330,35 @@ class Results:
         problems = by_problem(self.items)
         return {digest: searches.histories(trials) for digest, trials in problems.items()}
 
-    def running_times(self, targets: ArrayLike = searches.TARGETS) -> pd.DataFrame:
-        """Expected evaluations until a search is within `target` of the best 3-5-3, and how often.
+    def running_times(
+        self,
+        targets: ArrayLike = searches.TARGETS,
+        *,
+        to: Target = "optimum",
+        cost: searches.Cost = "seconds",
+    ) -> pd.DataFrame:
+        """Expected cost until a planner is within `target` of the optimum, and how often it is.
 
-        One row per search, with its options, and target (a ratio minus 1): `ert`, `successes`,
-        `runs`, pooled over the problems whose best 3-5-3 is known, on which it was run.
+        One row per planner, with its options, and target (a ratio minus 1): `ert`, `successes`,
+        `runs`, pooled over the problems whose reference is a motion, on which it competes.
+
+        Args:
+            targets: Gaps.
+            to: The optimum; or the best 3-5-3, for searches of it only, in evaluations.
+            cost: Seconds, which a search spends evenly over its evaluations; or evaluations, of
+                planners that count them.
         """
-        problems = list(self.histories().values())
-        return searches.running_times(searches.over_best(problems), targets)
+        if to == "best 3-5-3":
+            problems = list(self.histories().values())
+            return searches.running_times(searches.over_best(problems), targets)
+        return searches.running_times(self.over_optimum(cost), targets)
+
+    def over_optimum(self, cost: searches.Cost = "seconds") -> dict[str, list[NDArray[np.float64]]]:
+        """Per planner, every run's history over the optimum: `searches.over_optimum`."""
+        known = self._references[self._references["kind"].isin(OPTIMA)]
+        rows = competing(self._trials).index
+        trials = [self.items[row] for row in rows]
+        return searches.over_optimum(trials, known["reference"].to_dict(), cost)
 
     def suspicious(self) -> pd.DataFrame:
         """Trials below the reference by more than its tolerance: each is a bug to hunt."""
@@ -311,27 +368,6 @@ class Results:
         below_reference = table["gap"] < -tolerance
         below_proof = table["certified_duration"] < table["proved"] * (1 - BUG_RTOL)
         return table[below_reference | below_proof]
-
-
-def competing(trials: pd.DataFrame) -> pd.DataFrame:
-    """Return the trials without those that were refused, are relaxed, or have a bound only."""
-    aside = trials["status"].isin([str(Status.UNSUPPORTED), str(Status.RELAXED)])
-    certified = trials["certified_duration"].notna()
-    bounded = trials["lower_bound"].notna()
-    only_bound = bounded & ~certified
-    return trials[~aside & ~only_bound]
-
-
-def median_gap(trials: pd.DataFrame) -> float:
-    """Median over problems of median gaps to a known optimum, of one planner's `gaps()`.
-
-    +inf: on half of them it has no answer; NaN: there is no such problem.
-    """
-    known = trials[trials["kind"].isin(OPTIMA)]
-    if known.empty:
-        return np.nan
-    medians = known["gap"].fillna(np.inf).groupby(known["digest"]).median()
-    return float(statistics.median(medians))
 
 
 def _row(trial: Trial) -> dict[str, Any]:

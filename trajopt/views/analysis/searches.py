@@ -1,7 +1,8 @@
-"""Searches of the best 3-5-3: the evaluations that they need, from their histories.
+"""The cost of an answer: evaluations of searches of the best 3-5-3, or any planner's seconds.
 
     problems = [histories(trials) for trials in by_problem]
-    running_times(over_best(problems))   # expected evaluations to each target
+    running_times(over_best(problems))                         # expected evaluations to each target
+    running_times(over_optimum(trials, optima, "seconds"))     # of any planner, to the optimum
 
 A history is `(m, 2)`: evaluations spent, and the best certified duration by then, s.
 """
@@ -9,7 +10,7 @@ A history is `(m, 2)`: evaluations spent, and the best certified duration by the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,8 +21,9 @@ from trajopt.explain.references import BEST_353
 from trajopt.views.analysis import statistics
 
 Array = NDArray[np.float64]
+Cost = Literal["evaluations", "seconds"]
 
-TARGETS = (0.1, 0.01, 0.001, 0.0001)  # above the best 3-5-3, relative
+TARGETS = (0.1, 0.01, 0.001, 0.0001)  # above the optimum or the best 3-5-3, relative
 BEATEN_RTOL = 1e-6  # below the best 3-5-3 by more than this: a search of something else
 
 
@@ -76,11 +78,42 @@ def over_best(problems: Sequence[Histories]) -> dict[str, list[Array]]:
     return relative
 
 
+def over_optimum(
+    trials: Sequence[Trial],
+    optima: Mapping[str, float],
+    cost: Cost,
+) -> dict[str, list[Array]]:
+    """Per planner, every run's history over the optimum of its problem.
+
+    A run without a history has one row: its answer, after all that it spent. Seconds are spread
+    evenly over a run's evaluations.
+
+    Args:
+        trials: Answers of any planners.
+        optima: Durations by the problem's digest, s; other problems are left out.
+        cost: What counts. With evaluations, runs that count none are left out.
+    """
+    relative: dict[str, list[Array]] = {}
+    for trial in trials:
+        history = trial.certified_history
+        spent = history[-1, 0]
+        if trial.digest not in optima or (cost == "evaluations" and spent == 0):
+            continue
+        if len(history) == 1:
+            history[0, 1] = trial.certified_duration or np.nan
+        if cost == "seconds":
+            shares = history[:, 0] / spent if spent else np.ones(len(history))
+            history[:, 0] = shares * trial.solve_time
+        own = relative.setdefault(trial.label, [])
+        own.append(history / [1.0, optima[trial.digest]])
+    return relative
+
+
 def running_times(
     relative: Mapping[str, Sequence[Array]],
     targets: ArrayLike = TARGETS,
 ) -> pd.DataFrame:
-    """`Results.running_times()` of histories `over_best`.
+    """`Results.running_times()` of histories `over_best` or `over_optimum`.
 
     A run that ended without a word of what it spent is charged its planner's longest run.
     """

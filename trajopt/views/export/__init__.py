@@ -2,7 +2,7 @@
 
 all_trials: the formats of all trials.
 tables: CSV and Parquet.
-latex: the summary as a table for a paper.
+latex: tables for a paper.
 ioh: convergence histories for IOHanalyzer.
 motion: one certified trajectory for a controller, or as a picture.
 """

@@ -20,7 +20,7 @@ def write(results: Results, to: str, path: Path) -> None:
     Args:
         results: the trials.
         to: `csv` or `parquet`, all trials as `tables.table` has them; `ioh`, a new folder of
-            convergence histories; `latex`, the summary as a table.
+            convergence histories; `latex`, a folder of tables.
         path: the file or folder.
 
     Raises:

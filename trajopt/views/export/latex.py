@@ -1,20 +1,33 @@
-"""The summary of a run as a LaTeX table; the document needs the package `booktabs`.
+"""Tables of a run for a paper in LaTeX; the document needs the package `booktabs`.
 
-write(Results("results"), Path("summary.tex"))       # \\input{summary} puts it into a paper
+write(Results("results"), Path("tables"))       # \\input{tables/planners} puts one into a paper
+
+- `planners.tex`: a line per planner, with the chance that a run of it is shorter than one of a
+  rival, and the p-value of that;
+- `tests.tex`: a line per pair of planners;
+- `summary.tex`: a line per problem and planner.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from trajopt.benchmark.store import atomic
+from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.views.analysis import pairwise
 from trajopt.views.analysis.results import Results
 
-_HEADINGS = (
+_PLANNERS = ("planner", "solved", "gap (\\%)", "worst (\\%)", "rank", "shorter", "$p$")
+_TESTS = ("planner", "against", "ratio", "shorter", "95 \\%", "$p$", "Holm")
+_OVER_PROBLEMS = ("better", "tied", "worse")
+_SUMMARY = (
     "planner",
     "solved",
     "kept limits (\\%)",
@@ -23,7 +36,7 @@ _HEADINGS = (
     "gap (\\%)",
     "time (s)",
 )
-_ALIGNMENT = "lrrrrrr"
+SMALLEST_P = 0.001  # smaller ones are printed as less than it
 _NONE = "--"
 _ESCAPED = {
     "\\": "\\textbackslash{}",
@@ -37,27 +50,110 @@ _ESCAPED = {
 _ESCAPED |= {special: f"\\{special}" for special in "&%$#_{}"}
 
 
-def write(results: Results, path: Path) -> None:
-    """Write one `tabular`: per problem a line per planner, by median certified duration."""
-    text = tabular(results)
-    atomic.write(path, lambda place: place.write_text(text, encoding="utf-8", newline="\n"))
+def write(results: Results, folder: Path, against: str = "") -> None:
+    """Write the three tables into a folder.
+
+    Args:
+        results: The trials.
+        folder: Made if it is not there; its tables are overwritten.
+        against: The rival of `planners.tex`, by its name with options; by default `rival`.
+    """
+    tables = {
+        "planners": planners(results, against or rival(results)),
+        "tests": tests(results),
+        "summary": summary(results),
+    }
+    for name, text in tables.items():
+        atomic.write(folder / f"{name}.tex", partial(_fill, text))
 
 
-def tabular(results: Results) -> str:
+def _fill(text: str, place: Path) -> None:
+    place.write_text(text, encoding="utf-8", newline="\n")
+
+
+def rival(results: Results) -> str:
+    """Return the planner with the smallest median gap that is no reference, or else the first."""
+    references = {trial.label for trial in results.items if trial.planner in (*REFERENCES, PROOF)}
+    labels = results.planners().index.tolist()
+    others = [label for label in labels if label not in references]
+    return str([*others, *labels][0])
+
+
+def planners(results: Results, against: str) -> str:
+    """A line per planner: solved, gaps, mean rank; chance of a shorter run than a rival's, and p.
+
+    p is of Wilcoxon's test over the problems, or on one problem of Mann and Whitney's over runs,
+    adjusted for the rows of this table (Holm 1979).
+    """
+    rivals = pairwise.against(_pairs(results), against)
+    table = results.planners().join(rivals[["chance", "holm"]])
+    rows = []
+    for label, row in table.iterrows():
+        cells = [
+            escaped(str(label)),
+            f"{row['solved']:.0f} of {row['trials']:.0f}",
+            _percent(row["gap"]),
+            _percent(row["worst"]),
+            _number(row["rank"], 2),
+            _number(row["chance"], 2),
+            _probability(row["holm"]),
+        ]
+        rows.append(_row(cells))
+    said = f"% shorter: chance that a run is shorter than one of {_plain(against)}; p: of that test"
+    return "\n".join([said, _tabular(_PLANNERS, [rows])])
+
+
+def tests(results: Results) -> str:
+    """A line per pair of planners, the one with the smaller median gap first.
+
+    Over several problems there are also the numbers of those on which the first is better, tied
+    and worse.
+    """
+    pairs = _pairs(results)
+    counts = [name for name in _OVER_PROBLEMS if name in pairs]
+    rows = []
+    for pair in combinations(results.planners().index, 2):
+        if pair not in pairs.index:
+            continue
+        row = pairs.loc[pair]
+        cells = [
+            *map(escaped, pair),
+            *(f"{row[name]:.0f}" for name in counts),
+            _number(row.ratio, 4),
+            _number(row.chance, 2),
+            f"{row.low:.2f}--{row.high:.2f}",
+            _probability(row.pvalue),
+            _probability(row.holm),
+        ]
+        rows.append(_row(cells))
+    first, second, *others = _TESTS
+    return _tabular([first, second, *counts, *others], [rows], texts=2)
+
+
+def summary(results: Results) -> str:
     """The table of `Results.summary()`: of what has no duration, its status or its lower bound."""
-    lines = [
-        f"\\begin{{tabular}}{{{_ALIGNMENT}}}",
-        "\\toprule",
-        _row(_HEADINGS),
-    ]
-    columns = len(_HEADINGS)
+    parts = []
     for _, rows in results.summary().groupby("digest", sort=False):
         problem = escaped(rows["problem"].iloc[0])
-        title = f"\\multicolumn{{{columns}}}{{l}}{{\\textit{{{problem}}}}} \\\\"
-        lines += ["\\midrule", title]
-        lines += [_row(_cells(row)) for row in rows.itertuples()]
-    lines += ["\\bottomrule", "\\end{tabular}", ""]
-    return "\n".join(lines)
+        title = f"\\multicolumn{{{len(_SUMMARY)}}}{{l}}{{\\textit{{{problem}}}}} \\\\"
+        parts.append([title, *(_row(_cells(row)) for row in rows.itertuples())])
+    return _tabular(_SUMMARY, parts)
+
+
+def _pairs(results: Results) -> pd.DataFrame:
+    """Every pair of planners: over the problems, or on one problem over runs."""
+    if results.trials()["digest"].nunique() == 1:
+        return results.between_seeds()
+    return results.paired()
+
+
+def _tabular(headings: Sequence[str], parts: Sequence[Sequence[str]], texts: int = 1) -> str:
+    """A `tabular` with a rule before each part; the first columns are texts."""
+    alignment = "l" * texts + "r" * (len(headings) - texts)
+    lines = [f"\\begin{{tabular}}{{{alignment}}}", "\\toprule", _row(headings)]
+    for rows in parts:
+        lines += ["\\midrule", *rows]
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
 
 
 def escaped(name: str) -> str:
@@ -104,4 +200,18 @@ def _quartiles(row: Any) -> str:
 def _number(value: float, digits: int) -> str:
     if np.isnan(value):
         return _NONE
-    return f"${value:.{digits}f}$"
+    return f"${value:.{digits}f}$".replace("inf", "\\infty")
+
+
+def _percent(gap: float) -> str:
+    """A gap, %; infinite is that of a planner without an answer on half of the problems."""
+    return "none" if np.isinf(gap) else _number(100 * gap, 2)
+
+
+def _probability(value: float) -> str:
+    return f"$< {SMALLEST_P}$" if value < SMALLEST_P else _number(value, 3)
+
+
+def _plain(name: str) -> str:
+    """A name on one line, for a comment."""
+    return " ".join(name.split())

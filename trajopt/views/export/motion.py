@@ -8,7 +8,7 @@ controller joins it, and verified. Only then does the file take its place.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,7 +17,7 @@ from typing import Any, Literal
 from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.folder import save
 from trajopt.benchmark.trial import Trial
-from trajopt.core.exceptions import InvalidInput, StoreError
+from trajopt.core.exceptions import InvalidInput, StoreError, WrongType, shown
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import joint_trajectory, on_cycle, samples_csv
 from trajopt.formats.on_cycle import OnCycle
@@ -42,14 +42,18 @@ class Target:
         points: Where samples are: at the motion's breaks, or every cycle. By default a message has
             them at the breaks and a CSV file every cycle. A .json file is a message where points
             are asked for, or else the exact piecewise polynomial with its verdict.
+        goal: True for a message as a goal of the action `FollowJointTrajectory`.
+        units: Of the joints in a .csv file, "deg" say; by default rad and m.
 
     Raises:
-        InvalidInput: for an unknown ending, or points of what has none.
+        InvalidInput: for an unknown ending, or points or a goal of what has none.
     """
 
     path: Path
     cycle: float = 1e-3
     points: Points | None = None
+    goal: bool = False
+    units: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         if self.path.suffix not in _ENDINGS:
@@ -59,11 +63,15 @@ class Target:
             right = f"left out for a {self.path.suffix} file, which has no points"
             raise InvalidInput("--points", right, value=self.points)
 
+        if self.goal and self.path.suffix not in (".json", *MESSAGES):
+            right = "left out, or goal for a file ending in .yaml, .yml or .json"
+            raise InvalidInput("--as", right, value=str(self.path))
+
     @property
     def executed(self) -> bool:
         """True for samples that a controller is to run."""
         sampled = self.path.suffix in (".csv", *MESSAGES)
-        return sampled or self.points is not None
+        return sampled or self.goal or self.points is not None
 
 
 @dataclass(frozen=True)
@@ -94,17 +102,37 @@ class Executed:
         }
 
 
-def write(target: Target, trial: Trial) -> Executed | None:
+def write(
+    path: Target | Path | str,
+    trial: Trial,
+    *,
+    cycle: float = 1e-3,
+    points: Points | None = None,
+) -> Executed | None:
     """Write a trial's certified trajectory, and judge what a controller makes of the file.
+
+    Args:
+        path: The file, which is overwritten. Its ending says the format: .csv, .yaml (a ROS
+            message), .json, .png, .svg, .pdf or .h5. Or a `Target`, which has all of these.
+        trial: An answer, of `trajopt.plan` or `Results.items`.
+        cycle: Of the controller, s; every point is on it.
+        points: Where samples are: at the motion's breaks, or every cycle (`Target`).
 
     Returns:
         The verdict on the motion as executed; None for a file that no controller runs.
 
     Raises:
+        WrongType: The second argument is no trial.
         InvalidInput: The cycle is too long for the motion.
         StoreError: There is no certified trajectory, the file cannot be written, or what the
             controller would run breaks a limit: then it is not kept.
     """
+    if not isinstance(trial, Trial):
+        raise WrongType(
+            f"expected an answer of trajopt.plan, got {shown(trial)}: "
+            "plan(problem, planner) gives one, verified, and write(path, answer) writes it"
+        )
+    target = path if isinstance(path, Target) else Target(Path(path), cycle, points)
     if target.executed:
         return _write_executed(target, trial)
     if target.path.suffix == ".h5":
@@ -160,11 +188,14 @@ def _write_executed(target: Target, trial: Trial) -> Executed:
         at_breaks = target.points == "breaks"
     samples = motion.at_breaks(names) if at_breaks else motion.at_cycles(names)
     samples = replace(samples, joint_units=problem.joint_units)
-    put, get = _FORMATS[target.path.suffix]
     with TemporaryDirectory() as folder:
         written = Path(folder) / f"motion{target.path.suffix}"
-        put(written, samples)
-        back = get(written)
+        if target.path.suffix == ".csv":
+            samples_csv.write(written, samples, target.units)
+            back = samples_csv.read(written)
+        else:
+            joint_trajectory.write(written, samples, goal=target.goal)
+            back = joint_trajectory.read(written)
         content = written.read_bytes()
     executed = _judged(trial, trajectory, motion, back)
     if not executed.certificate.feasible:
@@ -205,11 +236,3 @@ def peak(certificate: Certificate, trial: Trial) -> str:
     joint = joints[highest]
     label = trial.problem.joint_labels[joint]
     return f"its peak is {values[highest]:.5f} of the {highest} limit of {label}"
-
-
-_FORMATS: dict[str, tuple[Callable[[Path, Samples], None], Callable[[Path], Samples]]] = {
-    ".csv": (samples_csv.write, samples_csv.read),
-    ".json": (joint_trajectory.write, joint_trajectory.read),
-    ".yaml": (joint_trajectory.write, joint_trajectory.read),
-    ".yml": (joint_trajectory.write, joint_trajectory.read),
-}

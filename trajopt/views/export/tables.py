@@ -13,9 +13,9 @@ from trajopt.benchmark.trial import Trial
 from trajopt.planners.planner import backend
 from trajopt.views.analysis.results import Results
 
-# A spreadsheet takes a cell that starts with one of these for a formula, and runs it.
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
-_AS_TEXT = "'"  # before a cell: what follows is text
+# A spreadsheet takes a cell that starts with one of these for a formula, and runs it. An apostrophe
+# says that what follows is text.
+_MARKED = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'")
 
 
 def table(results: Results) -> pd.DataFrame:
@@ -29,13 +29,11 @@ def table(results: Results) -> pd.DataFrame:
     """
     items = results.items
     trials = results.gaps()
-    batches = [trial.batch for trial in items]
-    trials["batch"] = pd.Series(batches, dtype=int)
+    trials["batch"] = pd.Series([trial.batch for trial in items], dtype=int)
     started = [trial.started for trial in items]
     instants = pd.to_datetime(started, utc=True, format="ISO8601")
     trials["started"] = instants.as_unit("us")
-    options = [options_text(trial) for trial in items]
-    trials["options"] = pd.Series(options, dtype="str")
+    trials["options"] = pd.Series([options_text(trial) for trial in items], dtype="str")
     names: dict[str, None] = {}
     for trial in items:
         names |= dict.fromkeys(trial.provenance)
@@ -59,7 +57,7 @@ def write_csv(results: Results, path: Path) -> None:
     start with one: taking it off gives every text back. Numbers stay numbers.
     """
     trials = table(results)
-    for name in trials.select_dtypes("str"):
+    for name in trials.select_dtypes(exclude=["number", "bool", "datetimetz"]):
         trials[name] = _inert(trials[name])
 
     def fill(place: Path) -> None:
@@ -87,5 +85,5 @@ def write_parquet(results: Results, path: Path) -> None:
 
 def _inert(texts: pd.Series[str]) -> pd.Series[str]:
     """The texts, marked as such where a spreadsheet would run them."""
-    marked = texts.str.startswith((*_FORMULA_STARTS, _AS_TEXT), na=False)
-    return texts.mask(marked, _AS_TEXT + texts)
+    marked = texts.str.startswith(_MARKED, na=False)
+    return texts.mask(marked, "'" + texts.astype(str))

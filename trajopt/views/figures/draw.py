@@ -1,7 +1,7 @@
 """The figures of trials, one folder per problem.
 
     draw(trials, Path("results/figures"))           # what a comparison shows, as PNG
-    write(trials, Path("svg"), "svg")               # these and every motion, for a paper
+    write(results, Path("svg"), "svg")              # these and every motion, for a paper
 
 Matplotlib is imported where something is drawn.
 """
@@ -26,9 +26,11 @@ from trajopt.core.exceptions import StoreError
 from trajopt.core.problem import LimitName
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.views.analysis.curves import anytime, everywhere, gap_shares, profile
 from trajopt.views.analysis.gap_reference import references
+from trajopt.views.analysis.pairwise import medians
 from trajopt.views.analysis.results import Results
-from trajopt.views.analysis.searches import histories, searches
+from trajopt.views.analysis.searches import Cost, histories, searches
 from trajopt.views.analysis.versions import by_label, by_problem
 from trajopt.views.figures import sampling
 from trajopt.views.figures.style import headline
@@ -62,15 +64,43 @@ def draw(trials: Sequence[Trial], folder: Path) -> list[Path]:
     return files
 
 
-def write(trials: Sequence[Trial], folder: Path, kind: Literal["svg", "pdf"]) -> None:
+def of_suite(results: Results) -> Iterator[Picture]:
+    """Yield the figures of all problems, a column wide: `profile`, `gaps` and `anytime-…`.
+
+    In the first two are planners that were run on every problem; one that they refuse has no
+    answer.
+    """
+    from trajopt.views.figures import suite
+
+    order = results.planners().index.tolist()
+    durations = medians(results.trials())
+    labels = [label for label in order if label in everywhere(durations)]
+    yield "profile", partial(suite.profile, profile(durations[labels]), order)
+    if shares := gap_shares(results.gaps(), labels):
+        yield "gaps", partial(suite.gaps, shares, order)
+    costs: tuple[Cost, ...] = ("seconds", "evaluations")
+    for cost in costs:
+        relative = results.over_optimum(cost)
+        ordered = {label: relative[label] for label in order if label in relative}
+        if ordered:
+            yield f"anytime-{cost}", partial(suite.anytime, anytime(ordered), order, cost)
+
+
+def write(results: Results, folder: Path, kind: Literal["svg", "pdf"]) -> None:
     """Write the figures of `draw`, and the motion of every planner, as SVG or PDF.
+
+    Of several problems also the figures `of_suite`.
 
     Raises:
         StoreError: where the disk refuses.
     """
     from trajopt.views.figures import plots
 
+    trials = results.items
     try:
+        if len(by_problem(trials)) > 1:
+            for stem, picture in of_suite(results):
+                plots.write(picture(), folder / f"{stem}.{kind}")
         for own, name in _problems(trials):
             for stem, picture in _pictures(own, every_motion=True):
                 plots.write(picture(), folder / name / f"{stem}.{kind}")

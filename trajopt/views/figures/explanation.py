@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trajopt.core.problem import LIMIT_ORDERS, LimitName, Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.views.figures.plots import Look, styled
+from trajopt.views.figures.plots import Look, Picture, styled
 from trajopt.views.figures.style import BLACK, BLUE, GREY, VERMILION, text
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def waterfalls(panels: Sequence[tuple[str, Steps]], columns: int = 2) -> Figure:
     rows = -(-len(panels) // columns)
     width = 3.5 * columns
     height = 2.5 * rows
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Picture(figsize=(width, height), layout="constrained")
     panes = figure.subplots(rows, columns, squeeze=False, sharey="row")
     grid = panes.ravel()
     for axes, (title, steps) in zip(grid, panels, strict=False):
@@ -121,7 +121,7 @@ def limit_use(
     tall = 0.13 * len(names) + 0.35
     heights = [1.2, *[tall] * len(shown)]
     height = 0.3 + sum(heights)
-    figure = Figure(figsize=(7.0, height), layout="constrained")
+    figure = Picture(figsize=(7.0, height), layout="constrained")
     top, *maps = figure.subplots(
         len(heights),
         sharex=True,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
-from trajopt.views.figures.plots import Look, styled
+from trajopt.views.figures.plots import Look, Picture, styled
 from trajopt.views.figures.sampling import curve
 from trajopt.views.figures.style import BLACK, BLUE, GREY, QUANTITIES, VERMILION, text
 
@@ -121,7 +121,7 @@ def _grid(joints: int, columns: int) -> tuple[Figure, Any]:
     row = max(0.95, 1.7 - 0.15 * joints)
     width = 2.35 * columns + 0.3
     height = joints * row + 1.05
-    figure = Figure(figsize=(width, height))
+    figure = Picture(figsize=(width, height))
     figure.subplots_adjust(
         left=LEFT_IN / width,
         right=1 - RIGHT_IN / width,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from itertools import cycle
 from math import inf, isnan
 from pathlib import Path
@@ -48,12 +49,25 @@ _BOX: Look = {"fc": "0.88", "ec": BLACK, "lw": 0.7}
 _RUN: Look = {"marker": "o", "ls": "", "ms": 2.8, "mew": 0, "color": BLUE, "alpha": 0.6}
 
 PNG_DPI = 150
+SCREEN_DPI = 100
 _COLUMNS = (46, 96)  # points right of a chart: where its columns of numbers end
 _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
 _SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # ticks of a decade of durations
 
 styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings stay as they are
+
+
+class Picture(Figure):
+    """A figure that a notebook shows once, where it is a cell's value, without a magic command."""
+
+    @styled
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Return it at twice the screen's resolution, and the size in which it is shown, pixels."""
+        content = BytesIO()
+        self.savefig(content, format="png", dpi=2 * SCREEN_DPI)
+        width, height = SCREEN_DPI * self.get_size_inches()
+        return content.getvalue(), {"width": round(width), "height": round(height)}
 
 
 @styled
@@ -201,7 +215,7 @@ def convergence(
     legend = 0.5 + 0.17 * len(labels) + 0.11 * breaks  # inches
     panels = 2 if best else 1
     height = max(2.2 * panels, 2.8, legend)
-    figure = Figure(figsize=(7.2, height), layout="constrained")
+    figure = Picture(figsize=(7.2, height), layout="constrained")
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
     above = grid[0]
     shade = min(0.18, 0.9 / len(curves))  # many bands would hide the curves
@@ -215,11 +229,11 @@ def convergence(
             "color": colour,
             "label": labels[label],
         }
-        _band(above, spent, quartiles, shade, look)
+        band(above, spent, quartiles, shade, look)
         if best:
             excess = 100 * (quartiles / best - 1)
             drawn = np.maximum(excess, GAP_FLOOR)
-            _band(grid[1], spent, drawn, shade, look)
+            band(grid[1], spent, drawn, shade, look)
     above.set(xscale="log", yscale="log")
     above.set_ylabel("best certified duration (s)")
     above.set_title(text(title))
@@ -232,7 +246,7 @@ def convergence(
     if best:
         name = f"best 3-5-3 {best:#.4g} s"
         above.axhline(best, color=BLACK, lw=0.8, ls=_SHORT_DASHES, label=name)
-        _log_percent(grid[1].yaxis)
+        log_percent(grid[1].yaxis)
         grid[1].set_ylabel("above the best 3-5-3 (%)")
     grid[-1].set_xlabel("evaluations")
     keys = above.get_legend_handles_labels()
@@ -240,13 +254,14 @@ def convergence(
     return figure
 
 
-def _band(
+def band(
     axes: Axes,
     spent: Array,
     quartiles: Array,
     shade: float,
     look: Look,
 ) -> None:
+    """Draw a median as steps, in a band between its quartiles."""
     first, median, third = quartiles
     axes.fill_between(
         spent,
@@ -298,7 +313,7 @@ def gap_distribution(gaps: Mapping[str, Array], title: str = "") -> Figure:
     lines = _once(left, groups)
     left.set_xlabel("gap (%)")
     left.set_title(text(title))
-    _log_percent(right.xaxis)
+    log_percent(right.xaxis)
     right.set_xlabel("above the best run (percentage points)")
     figure.legend(handles=[run, box, *lines], loc="outside lower center", ncols=4)
     return figure
@@ -348,7 +363,7 @@ def _row_chart(labels: Sequence[str], panels: int) -> tuple[Figure, Sequence[Axe
     breaks = [label.count("\n") for label in labels]
     row = 0.2 + 0.1 * max(breaks)
     height = 1.15 + row * len(labels)
-    figure = Figure(figsize=(7.2, height), layout="constrained")
+    figure = Picture(figsize=(7.2, height), layout="constrained")
     grid: Sequence[Axes] = figure.subplots(1, panels, sharey=True, squeeze=False)[0]
     grid[0].set_yticks(range(len(labels)), labels)
     grid[0].set_ylim(len(labels) - 0.4, -0.6)
@@ -357,7 +372,7 @@ def _row_chart(labels: Sequence[str], panels: int) -> tuple[Figure, Sequence[Axe
     return figure, grid
 
 
-def _log_percent(axis: XAxis | YAxis) -> None:
+def log_percent(axis: XAxis | YAxis) -> None:
     """A log axis from `GAP_FLOOR` up, its end labelled as what is there: that or less."""
     low, high = np.maximum(axis.get_data_interval(), (0, 100 * GAP_FLOOR))
     limits = (0.8 * min(low, high / 100), 1.5 * high)

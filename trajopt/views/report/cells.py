@@ -13,8 +13,8 @@ from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.failures import last_line, reason, worst
+from trajopt.views.analysis.overview import competing, median_gap
 from trajopt.views.analysis.pairwise import mean_ranks
-from trajopt.views.analysis.results import competing, median_gap
 from trajopt.views.figures.style import dilated, percent
 
 COLUMNS = {  # headings, with units, of the table of problems and planners

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from trajopt.core.problem import Problem
 from trajopt.views.analysis import statistics
+from trajopt.views.analysis.curves import POINTS, Curves, gap_shares, mean_shares, profile
+from trajopt.views.analysis.overview import competing
 from trajopt.views.analysis.pairwise import medians, paired_tests, pairs_by_problem
-from trajopt.views.analysis.results import competing
 from trajopt.views.analysis.searches import Histories, over_best, running_times
 from trajopt.views.figures import sampling
-from trajopt.views.figures.style import GAP_FLOOR
 from trajopt.views.report import pairwise as rivals
 from trajopt.views.report.packing import rounded
 from trajopt.views.report.page import Page, limit_kinds, suites_of
@@ -25,7 +25,6 @@ from trajopt.views.report.page import Page, limit_kinds, suites_of
 Array = NDArray[np.float64]
 Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
 
-POINTS = 160
 BAND_POINTS = 60
 SEED_PAIRS = 30  # of planners on several problems: beyond it they are not compared on each
 TARGET = 1.01  # times the best known of its family: what counts as found
@@ -122,58 +121,13 @@ def _suite(
         "partly": partly,
         "kinds": {str(kind): int(count) for kind, count in kinds.items()},
         "unknown": int(problems["reference"].isna().sum()),
-        "profile": _profile(durations, whole, labels),
-        "ecdf": _ecdf(gaps, whole, labels),
+        "profile": _drawn(profile(durations[whole]), labels),
+        "ecdf": _drawn(gap_shares(gaps, whole), labels),
         "searched": len(known),
         "times": _times(relative, labels),
         "convergence": bands(relative, labels),
         "ert": rivals.times(running_times(relative), labels),
     }
-
-
-def _profile(
-    durations: pd.DataFrame,
-    whole: Sequence[str],
-    labels: Sequence[str],
-) -> list[Curve]:
-    """Performance profiles of the median certified durations."""
-    if not whole:
-        return []
-    table = durations[whole].to_numpy()
-    with np.errstate(invalid="ignore"):
-        ratios = table / table.min(axis=1, keepdims=True)
-    worst = ratios[np.isfinite(ratios)].max(initial=1.0)
-    taus = np.geomspace(1, max(1.1, 1.02 * worst), POINTS)
-    x, shares = statistics.performance_profile(table, taus)
-    curves = []
-    for label, y in zip(whole, shares.T, strict=True):
-        place = labels.index(label)
-        curves.append(_steps(place, x, y))
-    return curves
-
-
-def _ecdf(
-    gaps: pd.DataFrame,
-    whole: Sequence[str],
-    labels: Sequence[str],
-) -> list[Curve]:
-    """Share of problems within a gap (%), of each the share of its runs that are.
-
-    Gaps below `GAP_FLOOR` are drawn at it.
-    """
-    known = gaps[gaps["reference"].notna()]
-    by_problem = {}
-    worst = 1.0
-    for label in whole:
-        own = known[known["label"] == label]
-        percent = 100 * own["gap"]
-        drawn = np.maximum(percent, GAP_FLOOR)  # NaN stays NaN
-        if len(own):
-            problems = drawn.groupby(own["digest"])
-            by_problem[label] = [runs.to_numpy() for _, runs in problems]
-            worst = np.nanmax(drawn.to_numpy(), initial=worst)
-    grid = np.geomspace(GAP_FLOOR, 1.1 * worst, POINTS)
-    return _shares(by_problem, grid, labels)
 
 
 def _times(relative: Mapping[str, list[Array]], labels: Sequence[str]) -> list[Curve]:
@@ -184,22 +138,11 @@ def _times(relative: Mapping[str, list[Array]], labels: Sequence[str]) -> list[C
         hits[label] = [statistics.evaluations_to_target(runs, TARGET)]
         longest = max(longest, *(run[-1, 0] for run in runs))
     grid = np.geomspace(1, longest, POINTS)
-    return _shares(hits, grid, labels)
+    return _drawn(mean_shares(hits, grid), labels)
 
 
-def _shares(
-    values: Mapping[str, Sequence[Array]],
-    grid: Array,
-    labels: Sequence[str],
-) -> list[Curve]:
-    """Return per planner the share of values up to each of the grid, as a mean over groups."""
-    curves = []
-    for label, groups_of_it in values.items():
-        shares = [statistics.ecdf(own, grid)[1] for own in groups_of_it]
-        y = np.mean(shares, axis=0)
-        place = labels.index(label)
-        curves.append(_steps(place, grid, y))
-    return curves
+def _drawn(curves: Curves, labels: Sequence[str]) -> list[Curve]:
+    return [_steps(labels.index(label), x, y) for label, (x, y) in curves.items()]
 
 
 def _steps(planner: int, x: Array, y: Array) -> Curve:

@@ -16,7 +16,8 @@ from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, Problem
 from trajopt.views.analysis import statistics
-from trajopt.views.analysis.results import Results, competing, median_gap
+from trajopt.views.analysis.overview import competing, median_gap
+from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
 from trajopt.views.figures.style import BLACK, CURVES

@@ -1,0 +1,97 @@
+"""Section 3's program as it is printed, by CasADi and IPOPT: a check of `exact.acceleration`.
+
+Variables are the segment times, the waypoint velocities and both peaks; where `exact.cells` counts
+logarithms of times, and velocities from each segment's mean. IPOPT meets its inequalities to a
+tolerance: the caller dilates the answer until it is exactly reachable. Section 4's program is in
+`exact.jerk_by_ipopt`.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from baselines.exact.acceleration_profiles import extremes
+from baselines.exact.scaled import Scaled
+from baselines.ipopt import Options, Program, flat, program, unflat
+from trajopt.core.arrays import Array
+from trajopt.planners.planner import backend
+
+OPTIONS: Options = {"tol": 1e-12, "constr_viol_tol": 1e-12, "bound_relax_factor": 0.0}
+# Longest segment, relative to stopping everywhere.
+LONGEST = 1.1
+
+
+class Found(NamedTuple):
+    """IPOPT's last point, without units.
+
+    Attributes:
+        times: Of the segments, `(segments,)`.
+        velocities: At the inner waypoints, `(segments - 1, joints)`.
+        status: IPOPT's own word.
+        success: Whether it calls this a local optimum.
+    """
+
+    times: Array
+    velocities: Array
+    status: str
+    success: bool
+
+
+def minimised(scaled: Scaled, times: Array, velocities: Array) -> Found:
+    """Return the local optimum that IPOPT finds from these times and waypoint velocities."""
+    v1, v2 = np.abs(scaled.v)
+    a1, a2 = np.abs(scaled.a)
+    peak = np.zeros_like(scaled.h)
+    longest = np.full_like(scaled.stop, LONGEST * scaled.stop.sum())
+    low = flat(scaled.shortest, velocities * 0 - v1, peak - v1, peak - v2)
+    high = flat(longest, velocities * 0 + v2, peak + v2, peak + v1)
+    both_ends = ((1, 1), (0, 0))
+    ends = np.pad(velocities, both_ends)
+    reach = extremes(ends[:-1], ends[1:], times[:, None], scaled.v, scaled.a)
+    start = flat(times, velocities, reach.p_up, -reach.p_lo)
+    solver = _solver(*scaled.h.shape)
+    run = solver(
+        start=np.clip(start, low, high),
+        parameters=flat(scaled.h, a1, a2),
+        bounds=(low, high),
+        constraint_bounds=(0.0, np.inf),
+    )
+    times, velocities = unflat(run.x, [times.shape, velocities.shape])
+    return Found(times, velocities, run.status, run.success)
+
+
+@cache
+def _solver(segments: int, joints: int) -> Program:
+    """IPOPT for all problems of this size, built once; displacements and limits are parameters."""
+    ca = backend("casadi")
+    times = ca.MX.sym("T", segments)
+    inner = ca.MX.sym("v", segments - 1, joints)
+    upper = ca.MX.sym("p_up", segments, joints)
+    lower = ca.MX.sym("p_lo", segments, joints)
+    h = ca.MX.sym("h", segments, joints)
+    limits = [ca.MX.sym(name, 1, joints) for name in ("a1", "a2")]
+    a1, a2 = (ca.repmat(limit, segments, 1) for limit in limits)
+    t = ca.repmat(times, 1, joints)
+    rest = ca.MX.zeros(1, joints)
+    u = ca.vertcat(rest, inner)
+    w = ca.vertcat(inner, rest)
+
+    def rows(p: Any, u: Any, w: Any, h: Any, a1: Any, a2: Any) -> list[Any]:
+        # equations 3.2: D(p) reaches h, and both ramps fit into the time
+        first = (p - u) ** 2 / (2 * a2)
+        last = (p - w) ** 2 / (2 * a1)
+        fits = a1 * a2 * t + a1 * u + a2 * w - (a1 + a2) * p
+        return [p * t - first - last - h, p - u, p - w, fits]
+
+    return program(
+        "exact",
+        variables=[times, inner, upper, lower],
+        parameters=[h, *limits],
+        objective=ca.sum1(times),
+        # 3.3 is its mirror image, where the peak counts downwards
+        constraints=[*rows(upper, u, w, h, a1, a2), *rows(lower, -u, -w, -h, a2, a1)],
+        options=OPTIONS,
+    )

@@ -1,0 +1,461 @@
+"""Every command asks in one way, names a wrong file for what it is, and says what it cannot."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+from trajopt import InvalidInput, Problem
+from trajopt.cli import app as cli
+from trajopt.core.out_of_scope import out_of_scope
+
+DOCS = Path(__file__).parents[2] / "docs"
+ROBOT = "--urdf robot.urdf --limits limits.yaml"
+URDF = """<?xml version="1.0"?><robot name="r"><joint name="one" type="revolute">
+<limit lower="-3" upper="3" velocity="1"/></joint></robot>"""
+TWO_JOINTS = """<?xml version="1.0"?><robot name="r"><joint name="one" type="revolute">
+<limit lower="-3" upper="3" velocity="1"/></joint><joint name="two" type="revolute">
+<limit lower="-3" upper="3" velocity="1"/></joint></robot>"""
+HALVES = {"default_velocity_scaling_factor": 0.5, "default_acceleration_scaling_factor": 0.5}
+FACTORS = "".join(f"{key}: {value}\n" for key, value in HALVES.items())
+LIMITS = "joint_limits:\n  one: {max_acceleration: 2}\n"
+MESSAGE = """joint_names: [one]
+points:
+- {positions: [0.0], velocities: [0.0], time_from_start: {sec: 0, nanosec: 0}}
+- {positions: [1.0], velocities: [0.0], time_from_start: {sec: 3, nanosec: 0}}
+"""
+PROBLEM = """waypoints = [[0.0], [1.0]]
+angle_unit = "rad"
+limits = { velocity = [1.0], acceleration = [2.0] }
+"""
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Run a command in a folder with one file of each kind: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    texts = {
+        "w.csv": "one\n0\n1\n",
+        "w.json": '{"waypoints": [[0], [1]]}',
+        "robot.urdf": URDF,
+        "limits.yaml": LIMITS,
+        "motion.yaml": MESSAGE,
+        "motion.csv": "time [s],one [rad],one [rad/s]\n0,0,0\n3,1,0\n",
+        "cell.toml": PROBLEM,
+        "other.toml": "[project]\nname = 'x'\n",
+        "other.json": '{"a": [1, 2]}',
+        "other.yaml": "services:\n  web: {image: nginx}\n",
+        "script.py": "import numpy as np\n",
+        "empty.csv": "",
+        "empty.toml": "",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["numbers"] = [1, 2]
+    Image.new("RGB", (4, 4)).save(tmp_path / "picture.png")
+    np.save(tmp_path / "w.npy", np.zeros((2, 1)))
+    (tmp_path / "folder").mkdir()
+
+    def command(line):
+        with pytest.raises(SystemExit) as stop:
+            cli.main(shlex.split(line))
+        out, err = capsys.readouterr()
+        return stop.value.code, out, err
+
+    return command
+
+
+# --- items that every command reads ---
+
+
+@pytest.mark.parametrize("waypoints", ["w.csv", "w.json", "w.npy"])
+@pytest.mark.parametrize("command", ["certify {}", "explain {} --planner ruckig-stop"])
+def test_waypoints_with_a_urdf_and_limits(run, command, waypoints):
+    """One joint from rest to rest over 1 rad at 1 rad/s and 2 rad/s² takes 1/1 + 1/2 s."""
+    if waypoints == "w.npy":
+        np.save("w.npy", [[0.0], [1.0]])
+    code, out, _ = run(f"{command.format(waypoints)} {ROBOT} --json")
+    found = json.loads(out)
+    assert code == 0
+    known = found["lower_bound"] if "certify" in command else found["certified_duration"]
+    assert known == pytest.approx(1.5, rel=1e-4)
+
+
+def test_compare_reads_waypoints_beside_names(run):
+    code, out, err = run(f"compare one-joint w.csv {ROBOT} --planner ruckig-stop --output out")
+    assert (code, err.count("ruckig")) == (0, 0)
+    assert "w: certified durations" in out
+    assert "1.5000" in out
+    code, _, err = run("compare --suite six-axis --robot ur5e")
+    assert code == 2
+    assert "expected no such flag with --suite" in err
+
+
+def test_scaling_factors_count_in_every_command_that_plans(run):
+    """At half the velocity and half the acceleration: 1/0.5 + 0.5/1."""
+    Path("limits.yaml").write_text(FACTORS + LIMITS, encoding="utf-8")
+    for command in ("plan", "certify", "explain --planner ruckig-stop"):
+        _, out, err = run(f"{command} w.csv {ROBOT} --json")
+        found = json.loads(out)
+        known = found["upper_bound"] if command == "certify" else found["certified_duration"]
+        assert known == pytest.approx(2.5, rel=1e-4), command
+        assert err.count("planned with 50 % of the velocity and 50 %") == 1
+    _, _, err = run(f"new scaled.toml w.csv {ROBOT}")
+    assert "its default scaling factors (velocity 0.5, acceleration 0.5) are not applied" in err
+    assert Problem.from_toml("scaled.toml").limits.velocity[0, 1] == 1.0
+
+
+def test_new_writes_the_problem_of_waypoints(run):
+    code, out, _ = run(f"new written w.csv {ROBOT}")
+    assert (code, out) == (0, "written.toml: edit it, then run: trajopt plan written.toml\n")
+    written = Problem.from_toml("written.toml")
+    assert (written.name, written.joint_names) == ("written", ("one",))
+    assert written.waypoints.tolist() == [[0.0], [1.0]]
+    assert written.limits.acceleration.tolist() == [[-2.0, 2.0]]
+    assert written.limits.position.tolist() == [[-3.0, 3.0]]
+    assert "a file that is not there yet" in run(f"new written w.csv {ROBOT}")[2]
+    words = "and behind it the waypoints that the limits are for"
+    assert words in run("new w.csv --robot ur5e")[2]
+    assert "waypoints are missing: expected a file" in run("new mine --robot ur5e")[2]
+
+
+def test_new_keeps_what_only_a_built_in_arm_says(run):
+    rows = "0,0,0,-1,0,1,0\n0.1,0,0,-1,0,1,0\n"
+    Path("seven.csv").write_text(rows, encoding="utf-8")
+    assert run("new franka seven.csv --robot franka-fr3")[0] == 0
+    written = Problem.from_toml("franka.toml")
+    assert len(written.falling_velocity) == 7
+    code, _, err = run("plan franka.toml --planner exact")
+    assert (code, err) == (0, "")
+    # An own file may take limits away: the arm's name would bring them back.
+    own = "joint_limits:\n  fr3_joint1: {has_jerk_limits: false}\n"
+    Path("own.yaml").write_text(own, encoding="utf-8")
+    _, _, err = run("new less seven.csv --robot franka-fr3 --limits own.yaml")
+    assert "velocity limits that fall near position limits are not in a problem file" in err
+    assert np.isinf(Problem.from_toml("less.toml").limits.jerk[0]).all()
+
+
+# --- a file of the wrong kind is named for what it is ---
+
+KINDS = {
+    "w.csv": "a CSV of waypoints",
+    "w.json": "a JSON file of waypoints",
+    "w.npy": "a NumPy array",
+    "robot.urdf": "a URDF",
+    "limits.yaml": "a joint_limits.yaml",
+    "motion.yaml": "a ROS message",
+    "motion.csv": "a CSV of a motion",
+    "cell.toml": "a problem file",
+    "other.toml": "a TOML file of another kind",
+    "other.json": "a JSON file of another kind",
+    "other.yaml": "a YAML file of another kind",
+    "script.py": "a Python file",
+    "empty.csv": "an empty file",
+    "empty.toml": "an empty file",
+    "other.h5": "an HDF5 file",
+    "picture.png": "a picture",
+    "folder": "a folder",
+}
+PROBLEMS = "problem file (.toml), a built-in name, or waypoints: give limits with --urdf, --limits"
+STATED = "expected a problem file (.toml), which `trajopt new` writes, or a built-in name"
+MOTIONS = "expected a motion: a CSV with a column of times, a ROS message, or polynomials"
+RESULTS = "expected results: a folder that `trajopt compare` has filled, or its results.h5"
+# Each command with a file, what it expects, and the files that are not wrong there.
+COMMANDS = {
+    "plan {}": (PROBLEMS, {"cell.toml"}),
+    "certify {}": (PROBLEMS, {"cell.toml"}),
+    "explain {} --planner exact": (PROBLEMS, {"cell.toml"}),
+    "compare {}": (PROBLEMS, {"cell.toml"}),
+    "judge motion.csv {}": (PROBLEMS, {"cell.toml"}),
+    "new x.toml {}": (PROBLEMS, {"cell.toml"}),
+    "claims {}": (STATED, {"cell.toml"}),
+    "best-known list {}": (STATED, {"cell.toml"}),
+    "best-known verify {}": (STATED, {"cell.toml"}),
+    "judge {} cell.toml": (MOTIONS, {"motion.csv", "motion.yaml"}),
+    "compare cell.toml --motion {}": (MOTIONS, {"motion.csv", "motion.yaml"}),
+    "plan w.csv --urdf {}": ("expected a URDF behind --urdf", {"robot.urdf"}),
+    "plan w.csv --limits {}": ("expected a joint_limits.yaml behind --limits", {"limits.yaml"}),
+    "export {} --to csv": (RESULTS, {"other.h5", "folder"}),
+    "report {}": (RESULTS, {"other.h5", "folder"}),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("name", KINDS)
+def test_every_wrong_kind_of_file_is_named(run, command, name):
+    right, fitting = COMMANDS[command]
+    if name in fitting:
+        return
+    code, out, err = run(command.format(name))
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert f"trajopt: {name} is {KINDS[name]}; " in err
+    assert right in err
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_verify_names_what_is_neither_a_motion_nor_results(run, name):
+    if name in ("motion.csv", "motion.yaml", "other.h5"):
+        return
+    code, _, err = run(f"verify {name} --robot ur5e")
+    assert code == 2
+    assert f"{name} is {KINDS[name]}; {MOTIONS}" in err
+    code, _, err = run(f"verify {name}")
+    is_table = Path(name).suffix in (".csv", ".json", ".yaml")
+    assert code == 2
+    assert is_table or name == "folder" or f"{name} is {KINDS[name]}; {RESULTS}" in err
+
+
+def test_a_file_of_the_right_kind_keeps_its_own_error(run):
+    Path("cell.toml").write_text(PROBLEM + "waypoint = 3\n", encoding="utf-8")
+    assert "cell.toml: waypoint is 3: expected the key waypoints" in run("plan cell.toml")[2]
+    Path("cell.toml").write_text(PROBLEM + "= 3\n", encoding="utf-8")
+    assert "cell.toml: problem is 'Invalid statement (at line 4" in run("plan cell.toml")[2]
+    assert "no.toml: problem: expected a problem file that exists" in run("plan no.toml")[2]
+
+
+def test_a_toml_file_with_a_byte_order_mark_is_read(run):
+    Path("cell.toml").write_bytes(b"\xef\xbb\xbf" + PROBLEM.encode())
+    assert Problem.from_toml("cell.toml").waypoints.tolist() == [[0.0], [1.0]]
+    assert run("plan cell.toml --planner exact")[0] == 0
+
+
+# --- what has no effect is said ---
+
+
+def test_acceleration_is_of_joints_without_one(run):
+    _, out, err = run(f"verify motion.yaml {ROBOT} --acceleration 3")
+    assert "within robot.urdf, limits.yaml, 3 rad/s² for joints without one: feasible" in out
+    assert "--acceleration 3 has no effect: every joint has an acceleration limit already" in err
+    _, _, err = run("verify motion.yaml --limits cell.toml --acceleration 3")
+    assert "--acceleration 3 has no effect" in err
+    assert run("verify motion.yaml --urdf robot.urdf --acceleration 3")[::2] == (0, "")
+
+
+def test_a_motion_and_its_waypoints_have_units_of_their_own(run):
+    """A log in radians beside waypoints in degrees, both without units."""
+    Path("log.csv").write_text("time [s],one,one_velocity\n0,0,0\n3,1,0\n", encoding="utf-8")
+    Path("deg.csv").write_text(f"one\n0\n{np.degrees(1)}\n", encoding="utf-8")
+    judge = f"judge log.csv deg.csv {ROBOT} --unit deg --json"
+    compare = f"compare deg.csv {ROBOT} --unit deg --motion log.csv --planner ruckig-stop"
+    for line in (judge, compare):
+        code, _, err = run(line)
+        assert (code, "expected the unit of angles: --motion-unit deg" in err) == (2, True)
+        assert run(f"{line} --motion-unit rad")[0] == 0
+    assert run("judge log.csv cell.toml --unit rad")[0] == 0
+    for line in (f"judge motion.yaml w.csv {ROBOT}", "compare cell.toml --motion motion.yaml"):
+        _, _, err = run(f"{line} --motion-unit deg")
+        assert "--motion-unit is 'deg': expected no such flag with motion.yaml" in err
+
+
+@pytest.mark.parametrize("name", ["left_joint_1", "joint_0", "two"])
+def test_a_message_has_the_robots_names(run, name):
+    Path("motion.yaml").write_text(MESSAGE.replace("[one]", f"[{name}]"), encoding="utf-8")
+    for line in ("verify motion.yaml", "judge motion.yaml w.csv"):
+        code, _, err = run(f"{line} {ROBOT}")
+        assert (code, err.count("\n")) == (2, 1)
+        assert f"motion.yaml: joint_names is ['{name}']: expected " in err
+        assert err.endswith("one\n")
+
+
+def test_a_namespace_of_a_message_is_no_other_name(run):
+    Path("motion.yaml").write_text(MESSAGE.replace("[one]", "[left/one]"), encoding="utf-8")
+    assert run(f"verify motion.yaml {ROBOT}")[0] == 0
+
+
+def test_what_a_file_of_limits_says_in_vain(run):
+    other = "  onne: {max_velocity: 3}\n  gripper: {max_velocity: 3}\n"
+    effort = LIMITS.replace("2}", "2, has_effort_limits: true, max_effort: 150}")
+    text = f"{effort}{other}cartesian_limits: {{max_trans_vel: 1}}\n"
+    Path("limits.yaml").write_text(text, encoding="utf-8")
+    code, _, err = run(f"plan w.csv {ROBOT} --out motion.json")
+    assert (code, err.count("\n")) == (0, 3)
+    assert "limits.yaml: cartesian_limits is left out: limits of the tool are not" in err
+    assert "limits.yaml: max_effort is left out: torques are not" in err
+    assert "left out, as robot.urdf has no such joint: onne, gripper" in err
+    alone = "joint_limits:\n  onne: {max_velocity: 3}\n  two: {max_velocity: 3}\n"
+    Path("limits.yaml").write_text(alone, encoding="utf-8")
+    Path("robot.urdf").write_text(TWO_JOINTS, encoding="utf-8")
+    assert "no such joint: onne (perhaps one)" in run(f"plan w.csv {ROBOT} --acceleration 2")[2]
+    off = effort.replace("true", "false")
+    Path("limits.yaml").write_text(off, encoding="utf-8")
+    assert run(f"plan w.csv {ROBOT}")[::2] == (0, "")
+
+
+@pytest.mark.parametrize("rest", ["", "joint_limits: {}\n", "joint_limits:\n"])
+def test_factors_alone_go_with_a_robot(run, rest):
+    """At half of 1 rad/s and half of 2 rad/s²: 1/0.5 + 0.5/1 s."""
+    for text in (f"{FACTORS}{rest}", f"move_group: {{ros__parameters: {json.dumps(HALVES)}}}"):
+        Path("limits.yaml").write_text(text, encoding="utf-8")
+        _, out, _ = run(f"plan w.csv {ROBOT} --acceleration 2 --json")
+        assert json.loads(out)["certified_duration"] == pytest.approx(2.5, rel=1e-6)
+        _, _, err = run("plan w.csv --limits limits.yaml")
+        assert "at least one joint, or --robot or --urdf beside the scaling factors" in err
+
+
+def test_judging_says_that_factors_do_not_count(run):
+    Path("limits.yaml").write_text(FACTORS + LIMITS, encoding="utf-8")
+    for line in ("verify motion.yaml", "judge motion.yaml w.csv"):
+        _, _, err = run(f"{line} {ROBOT}")
+        assert "(velocity 0.5, acceleration 0.5) are not applied" in err
+
+
+def test_limits_that_are_switched_off_are_called_that(run):
+    off = "joint_limits:\n  one: {has_acceleration_limits: false, max_acceleration: 0}\n"
+    Path("limits.yaml").write_text(off, encoding="utf-8")
+    _, _, err = run(f"plan w.csv {ROBOT}")
+    assert "limit is switched off (has_acceleration_limits: false): expected one for one" in err
+    code, _, err = run(f"verify motion.yaml {ROBOT}")
+    assert (code, "accelerations are not judged" in err) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("judge motion.yaml limits.yaml", "`trajopt verify MOTION --limits FILE` judges"),
+        ("verify motion.yaml cell.toml", "cell.toml: verify takes no further argument; limits go"),
+        ("verify motion.yaml --limits robot.urdf", "is a URDF; expected a joint_limits.yaml"),
+        ("plan w.csv --robot panda", "did you mean 'franka-panda'?"),
+        ("plan w.csv --robot fr3", "did you mean 'franka-fr3'?"),
+        ("plan cell.toml --dt 0.01", "`trajopt plan --cycle`"),
+        ("plan cell.toml --format goal", "--as goal"),
+        ("plan cell.toml --jerk 50", "max_jerk of a joint_limits.yaml"),
+        ("plan cell.toml --velocity=2", "max_velocity, max_acceleration"),
+    ],
+)
+def test_a_wrong_turn_is_shown_the_way(run, line, words):
+    code, _, err = run(line)
+    assert (code, err.count("\n")) == (2, 1)
+    assert words in err
+
+
+def test_one_number_is_no_limit_of_every_joint(run):
+    Path("cell.toml").write_text(PROBLEM.replace("[1.0], a", "1.0, a"), encoding="utf-8")
+    assert (
+        "a list with a number, or a pair [low, high], for every joint" in run("plan cell.toml")[2]
+    )
+
+
+def test_new_writes_waypoints_in_their_unit(run):
+    Path("w.csv").write_text("one\n0\n40.1\n", encoding="utf-8")
+    run(f"new deg w.csv {ROBOT} --unit deg")
+    table = tomllib.loads(Path("deg.toml").read_text(encoding="utf-8"))
+    assert table["waypoints"] == [[0.0], [40.1]]
+    assert table["units"] == {"waypoints": "deg", "limits": "rad"}
+    assert table["limits"] == {"velocity": [1.0], "acceleration": [2.0], "position": [3.0]}
+    assert Problem.from_toml("deg.toml").waypoints[1, 0] == np.radians(40.1)
+
+
+# --- cannot, and what to do instead ---
+
+ELSEWHERE = {
+    "torque": "torques are not",
+    "max_torque": "torques are not",
+    "effort_limits": "torques are not",
+    "tcp_speed": "limits of the tool are not",
+    "cartesian_velocity": "limits of the tool are not",
+    "obstacles": "obstacles are not",
+    "collision_objects": "obstacles are not",
+    "orientation": "poses of the tool are not",
+    "dwell": "waiting at a waypoint is not",
+    "dwell_times": "waiting at a waypoint is not",
+    "start_velocity": "velocities at the ends are not",
+    "final_velocities": "velocities at the ends are not",
+    "segments": "limits of a segment are not",
+    "limits_per_segment": "limits of a segment are not",
+    "speed": "a speed is not asked for",
+    "velocity_scaling": "a speed is not asked for",
+    "blend_radius": "passing near a waypoint is not",
+    "margin": "a margin is not asked for",
+    "safety_factor": "a margin is not asked for",
+}
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_foreign_keys_and_options_say_what_comes_nearest(run, name):
+    words = ELSEWHERE[name]
+    option = f"--{name.replace('_', '-')}"
+    for line in (f"plan cell.toml {option} 3", f"compare cell.toml {option}=3"):
+        code, _, err = run(line)
+        assert (code, err.count("\n")) == (2, 1)
+        assert f"trajopt: {option} is no option: {words} " in err
+        assert "the nearest" in err
+    for text in (f"{name} = 3\n{PROBLEM}", PROBLEM.replace("{ v", f"{{ {name} = 3, v")):
+        Path("cell.toml").write_text(text, encoding="utf-8")
+        with pytest.raises(InvalidInput, match=f"{name} is 3: expected this key left out: {words}"):
+            Problem.from_toml("cell.toml")
+
+
+def test_known_keys_and_options_are_in_scope():
+    text = subprocess.run(
+        ["git", "grep", "-hoE", "^[a-z_]+ =", "--", "data/problems"],
+        capture_output=True,
+        text=True,
+        cwd=DOCS,
+        check=False,
+    ).stdout
+    known = {line.removesuffix(" =") for line in text.splitlines()}
+    options = "--time-limit --timeout --within --points --rate --cycle --seed --via-tolerance"
+    assert not [name for name in (*known, *options.split()) if out_of_scope(name)]
+
+
+# --- help, completion, upper and lower case ---
+
+
+def test_help_is_a_command(run):
+    assert run("help") == run("--help")
+    assert run("help compare") == run("compare --help")
+    assert run("help best-known list") == run("best-known list --help")
+    _, out, err = run("help")
+    assert err == ""
+    words = " ".join(out.split())
+    assert "Not in scope: obstacles, torques, tool speed, orientation." in words
+    assert max(map(len, out.splitlines())) <= 80
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("PLAN cell.toml", 'Did you mean "plan"?'),
+        ("help Compare", 'Did you mean "compare"?'),
+        ("suite SHOW robots", 'Did you mean "show"?'),
+        ("suite show ROBOTS", "did you mean 'robots'?"),
+        ("plan SIX-AXIS", "did you mean 'six-axis'?"),
+        ("plan Robots-UR5E-w4", "did you mean 'robots-ur5e-w4'?"),
+        ("plan six-axis --PLANNER exact", 'Did you mean "--planner"?'),
+        ("plan six-axis --Planner exact", "Did you mean --planner?"),
+        ("plan six-axis --planner TOPPRA", "did you mean 'toppra'?"),
+        ("plan w.csv --robot UR5E", "did you mean 'ur5e'?"),
+    ],
+)
+def test_upper_and_lower_case_are_forgiven(run, line, words):
+    code, _, err = run(line)
+    assert (code, err.count("\n")) == (2, 1)
+    assert words in err
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_completion_script_is_installed_and_sound(run, tmp_path, monkeypatch, shell):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("SHELL", f"/bin/{shell}")
+    for name in ("XDG_DATA_HOME", "XDG_CONFIG_HOME", "ZSH_CUSTOM", "ZDOTDIR"):
+        monkeypatch.delenv(name, raising=False)
+    script = cli.app.generate_completion(shell=shell)
+    for word in ("compare", "best-known", "planner"):
+        assert word in script
+    if shutil.which(shell):
+        subprocess.run([shell, "-n"], input=script, text=True, check=True)
+    installed = cli.app.install_completion(shell=shell)
+    assert installed.is_relative_to(tmp_path)
+    assert installed.read_text(encoding="utf-8") == script

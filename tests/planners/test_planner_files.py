@@ -1,0 +1,158 @@
+"""Planners of a Python file by `FILE.py:NAME`: what is named, its identity, and what is refused."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import pytest
+
+from trajopt import InvalidInput, Limits, Problem, TrajoptError, UnknownName, compare
+from trajopt.benchmark.trial import Configuration
+from trajopt.planners.registry import load, named
+
+PROBLEM = Problem([[0.0], [1.0]], Limits([1.0], [2.0]))
+
+SOURCE = """
+from dataclasses import dataclass, field
+
+from beside_it import SLOWER
+from trajopt import Planner
+from trajopt.planners.registry import load
+
+
+@dataclass(frozen=True)
+class Slow(Planner):
+    \"\"\"The optimum, slower.\"\"\"
+
+    factor: float = SLOWER
+
+    def solve(self, problem, *, seed=0):
+        found = load("ruckig-stop").solve(problem)
+        return type(found)(found.status, found.trajectory.dilated(self.factor))
+
+
+def slow(problem, *, factor: float = SLOWER):
+    return Slow(factor).solve(problem)
+
+
+def exact(problem):
+    return Slow().solve(problem)
+
+
+ready = Slow(4.0)
+
+
+def made():
+    return Slow(5.0)
+
+
+@dataclass(frozen=True)
+class Annotated(Slow):
+    stochastic: bool = True
+
+
+class Unrelated:
+    def solve(self, problem):
+        pass
+
+
+number = 3
+"""
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """A file of planners and a module beside it, unknown to Python before and after."""
+    own = tmp_path / "own_planners.py"
+    own.write_text(SOURCE, encoding="utf-8")
+    (tmp_path / "beside_it.py").write_text("SLOWER = 2.0\n", encoding="utf-8")
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    importlib.invalidate_caches()
+    yield own
+    for name in ("own_planners", "beside_it"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "label", "factor"),
+    [
+        ("Slow", "Slow", 2.0),
+        ("Slow:factor=3", "Slow", 3.0),
+        ("slow", "slow", 2.0),
+        ("slow:factor=3", "slow", 3.0),
+        ("exact", "own_planners.exact", 2.0),  # never taken for the reference of this name
+        ("ready", "ready", 4.0),
+        ("made", "made", 5.0),
+    ],
+)
+def test_classes_objects_and_functions_of_a_file(file, name, label, factor):
+    own_label, planner = named(f"{file}:{name}")
+    assert own_label == label
+    # rest to rest over 1 rad at 1 rad/s and 2 rad/s²: 1/1 + 1/2
+    assert planner.solve(PROBLEM).trajectory.duration == pytest.approx(factor * 1.5)
+
+
+def test_a_path_may_be_relative(file, monkeypatch):
+    monkeypatch.chdir(file.parent)
+    assert load("./own_planners.py:Slow").options() == load("own_planners.py:Slow").options()
+
+
+def test_it_runs_in_processes_of_its_own_and_its_code_is_its_identity(file, tmp_path):
+    specs = [f"{file}:Slow", f"{file}:slow:factor=3"]
+    first = compare([PROBLEM], specs, tmp_path / "results", jobs=1)
+    rows = first.trials().set_index("label")["certified_duration"]
+    assert rows["Slow"] == pytest.approx(3.0)
+    assert rows["slow:factor=3.0"] == pytest.approx(4.5)
+    kept = compare([PROBLEM], specs, tmp_path / "results", jobs=1).kept
+    assert (kept.count, kept.total) == (3, 3)  # the reference joined
+
+
+def test_an_edited_file_is_another_planner(file, tmp_path):
+    from trajopt.benchmark import provenance
+
+    before = Configuration.of(load(f"{file}:Slow")).entrant.code.digest
+    (tmp_path / "beside_it.py").write_text("SLOWER = 7.0\n", encoding="utf-8")
+    provenance._sources.cache_clear()  # of this process, in which files do not change
+    after = Configuration.of(load(f"{file}:Slow")).entrant.code.digest
+    assert before != after
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "words"),
+    [
+        ("slwo", UnknownName, "no planner of .*own_planners.py is called 'slwo'; did you mean"),
+        ("", UnknownName, "is called ''; known: Annotated, Slow, Unrelated, exact, made, "),
+        ("SLOW", UnknownName, "did you mean '[Ss]low'"),
+        ("number", TrajoptError, "'number' cannot be loaded: planner is 'int': expected a planner"),
+        ("Unrelated", TrajoptError, "planner is 'Unrelated': expected a planner: an object of"),
+        ("Slow:speed=3", InvalidInput, "option speed is '3': expected one of: factor"),
+    ],
+)
+def test_a_name_that_is_no_planner_is_refused(file, name, error, words):
+    with pytest.raises(error, match=words):
+        load(f"{file}:{name}")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("absent.py", None, "absent.py': expected a Python file that exists"),
+        ("random.py", "", r"random.py': expected a file of another name: import random finds /"),
+        ("sys.py", "", r"sys.py': expected a file of another name: import sys finds a module of"),
+        ("broken.py", "def x(:", r"'P' cannot be loaded: invalid syntax \(broken.py, line 1\)"),
+        ("needy.py", "import absent_package", "absent_package is not installed; install it with"),
+        ("raising.py", "1 / 0", "'P' cannot be loaded: division by zero"),
+    ],
+)
+def test_a_file_that_cannot_be_imported_is_named(file, tmp_path, name, text, words):
+    if text is not None:
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    with pytest.raises(TrajoptError, match=words):
+        load(f"{tmp_path / name}:P")
+
+
+def test_a_member_with_an_annotation_is_no_option(file):
+    right = "write `stochastic = True` without its type"
+    with pytest.raises(InvalidInput, match=f"planner Annotated: stochastic: expected .*{right}"):
+        Configuration.of(load(f"{file}:Annotated"))

@@ -1,0 +1,72 @@
+"""Results as a console and a notebook show them."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+
+import matplotlib.image
+import pytest
+from test_results import OTHER, run
+
+from trajopt import Results
+from trajopt.views.figures import plots
+
+
+@pytest.fixture
+def results() -> Results:
+    """Medians 20 % and 50 % above the optimum; one planner answers nothing."""
+    items = [
+        *run("exact", 2.0),
+        *run("exact", 4.0, problem=OTHER),
+        *run("mine", 2.4, 2.3, 2.6),
+        *run("mine", 6.0, problem=OTHER),
+        *run("lost", -1, problem=OTHER),
+    ]
+    marked = [replace(trial, label="a<b") if trial.label == "lost" else trial for trial in items]
+    return Results(marked)
+
+
+def test_the_text_is_three_lines(results: Results) -> None:
+    counts, gaps, uses = repr(results).splitlines()
+    assert counts == "Results of 7 trials: 3 planners on 2 problems, 6 solved"
+    assert gaps == "Median gap: exact +0.00 %, mine +35.0 %, a<b no answer"
+    for name in re.findall(r"(\w+)\(\)", uses):
+        assert callable(getattr(results, name))
+    assert repr(Results([])) == Results([])._repr_html_() == "Results of no trials"
+
+
+def test_the_table_of_a_notebook_has_a_row_per_planner(results: Results) -> None:
+    html = results._repr_html_()
+    rows = re.findall(r"<tr>\s*<th>(.*?)</th>(.*?)</tr>", html, re.S)
+    cells = {label: re.findall(r"<td>(.*?)</td>", rest) for label, rest in rows}
+    assert list(cells) == ["exact", "mine", "a&lt;b"]
+    assert cells["mine"][:4] == ["2", "4 of 4", "+35.0 %", "+50.0 %"]
+    assert cells["a&lt;b"][:4] == ["1", "0 of 1", "no answer", "–"]
+
+
+def test_the_table_of_one_problem_has_durations() -> None:
+    html = Results(
+        [
+            *run("exact", 2.0),
+            *run("mine", 2.4, 2.5, 2.3),
+        ]
+    )._repr_html_()
+    assert "duration (s)" in html
+    assert "<td>2.4000</td>" in html
+    assert "on one, 4 solved" in html
+
+
+def test_a_figure_shows_itself() -> None:
+    figure = Results(
+        [
+            *run("exact", 2.0),
+            *run("mine", 2.4),
+        ]
+    ).plot()
+    assert isinstance(figure, plots.Picture)
+    png, size = figure._repr_png_()
+    height, width, _ = matplotlib.image.imread(io.BytesIO(png), format="png").shape
+    assert abs(width - 2 * size["width"]) <= 1
+    assert abs(height - 2 * size["height"]) <= 1

@@ -1,0 +1,107 @@
+"""Plan with the best planner for a problem's limits.
+
+answer = trajopt.plan(problem)
+answer.certified_duration, answer.certified_trajectory
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.record import Record
+from trajopt.benchmark.suites import catalogue
+from trajopt.benchmark.trial import Configuration, Trial, judge, run
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.problem import Problem
+from trajopt.explain.references import best_planners
+from trajopt.planners.registry import named
+from trajopt.planners.rest_to_rest import end_to_end_bound, stop_times
+
+
+@dataclass(frozen=True)
+class Best:
+    """The answer of the best planner.
+
+    Attributes:
+        trial: The planner's trial.
+        relaxed: Shortest duration known without the limits that the planner ignores, s.
+        proved: Lower bound, proved in closed form or in the record, s.
+        stopping: Duration of the motion that stops at every waypoint, s.
+        record: The best known answer of the problem, or None.
+    """
+
+    trial: Trial
+    relaxed: float | None
+    proved: float
+    stopping: float
+    record: Record | None = None
+
+    def as_dict(self) -> dict[str, float | None]:
+        """For JSON, beside the trial: s."""
+        return {
+            "relaxed_duration": self.relaxed,
+            "recorded_duration": self.record.duration if self.record else None,
+            "proved_bound": self.proved,
+            "stopping_duration": self.stopping,
+        }
+
+
+def best(problem: Problem, seed: int) -> Best:
+    """Ask the best planners in turn, until an answer keeps all limits.
+
+    The first planners ignore limits that they do not know. If their answer keeps these limits too,
+    no faster motion is known. If not, the answers of the others are compared with it.
+    """
+    relaxed: float | None = None
+    trial = None
+    reasons = []
+    for name in best_planners(problem):
+        try:
+            own_name, planner = named(name)
+        except TrajoptError as error:
+            reasons.append(str(error))
+            continue
+        trial = judge(planner, problem, [seed], own_name)[0]
+        if relaxed is None:
+            relaxed = trial.relaxed_duration
+        if trial.certified_duration is not None:
+            break
+    if trial is None:
+        raise TrajoptError(f"no planner can be asked: {'; '.join(reasons)}")
+    proved = end_to_end_bound(problem)
+    record = records.find(problem)
+    if record is not None:
+        proved = max(proved, record.lower_bound)
+    return Best(
+        trial=trial,
+        relaxed=relaxed,
+        proved=proved,
+        stopping=float(stop_times(problem).sum()),
+        record=record,
+    )
+
+
+def plan(problem: Problem | str | Path, planner: object = None, *, seed: int = 0) -> Trial:
+    """Plan a motion, by default with the best planner for the limits, and verify it.
+
+    Args:
+        problem: Or the name of a built-in one, or a problem file.
+        planner: A planner, a registered one by its name (`"toppra:knots=chord"`), or None for the
+            one that `trajopt plan` chooses: the first reference whose answer keeps all limits.
+        seed: Of the random stream.
+
+    Returns:
+        The judged answer. Its `certified_trajectory` keeps every limit and takes
+        `certified_duration` seconds; both are None if the planner failed, and `message` says why.
+
+    Raises:
+        InvalidInput: The problem file or the planner's options cannot be used.
+        UnknownName: There is no problem or planner of this name.
+        WrongType: The problem is something else.
+    """
+    asked = catalogue.given(problem)
+    if planner is None:
+        return best(asked, seed).trial
+    return run(Configuration.given(planner), asked, [seed])[0]

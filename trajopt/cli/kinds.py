@@ -1,0 +1,115 @@
+"""Name a file of the wrong kind for what it is: `robot.urdf is a URDF; expected …`.
+
+A file is looked at after its reader has refused it, so that no file is refused for its looks.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from trajopt.core.exceptions import TrajoptError
+from trajopt.core.out_of_scope import out_of_scope
+from trajopt.formats.samples_csv import READABLE
+
+_LOOKED_AT = 1 << 16  # bytes from the beginning
+
+# An expression that a file's beginning contains, and what that tells; the first one counts.
+_SIGNS = {
+    r"\A\s*\Z": "an empty file",
+    r"\A\x89HDF": "an HDF5 file",
+    r"\A(\x89PNG|\xff\xd8\xff|GIF8|%PDF)|<svg\b": "a picture",
+    r"\A\x93NUMPY": "a NumPy array",
+    r"\0": "a binary file",
+    r"<robot\b": "a URDF",
+    r"\A\s*<": "an XML file",
+    r"""(?m)^[ "'{]*(joint_limits|default_(velocity|acceleration)_scaling_factor)["']?\s*:""": (
+        "a joint_limits.yaml"
+    ),
+    r"(?m)^ *cartesian_limits\s*:": "a pilz_cartesian_limits.yaml",
+    r"""(?m)^[ "'{-]*(joint_names|points|trajectory)["']?\s*:""": "a ROS message",
+    r"""["'](breaks|coefficients)["']\s*:""": "a motion of polynomials",
+    r"""["']waypoints["']\s*:|\A\s*\[\s*\[\s*[-\d.]""": "a JSON file of waypoints",
+    r"\A\s*(\{|\[\s*[\"{\d-])": "a JSON file of another kind",
+    r"(?m)^(import|from|def|class) \w": "a Python file",
+    r"(?m)^\s*(way_?points?\b|\[limits|units\b|angle_unit)": "a problem file",
+    r"(?m)^(\[[\w.\"' -]+\]|[\w.\"-]+\s*=)": "a TOML file of another kind",
+    r"(?m)^[\w/]+:( |$)": "a YAML file of another kind",
+    r"(?i)\A\W*([\w./]*(time|stamp)[\w.]*|t|secs?)\b[^\n]*[,;\t ]": "a CSV of a motion",
+    r"(?m)^ *[-+\d.][-+\d.eE,;\t ]*$": "a CSV of waypoints",
+}
+
+# The kinds of file that are taken, and what would be right.
+_PROBLEM = (
+    "expected a problem file (.toml), a built-in name, or waypoints: give limits with --urdf, "
+    "--limits or --robot"
+)
+_WANTED = {
+    "problem": (("a problem file",), _PROBLEM),
+    "waypoints": (
+        ("a CSV of waypoints", "a JSON file of waypoints", "a NumPy array", "a problem file"),
+        _PROBLEM,
+    ),
+    "stated problem": (
+        ("a problem file",),
+        "expected a problem file (.toml), which `trajopt new` writes, or a built-in name",
+    ),
+    "motion": (
+        ("a CSV of a motion", "a ROS message", "a motion of polynomials"),
+        "expected a motion: a CSV with a column of times, a ROS message, or polynomials (.json)",
+    ),
+    "--urdf": (("a URDF",), "expected a URDF behind --urdf"),
+    "--limits": (("a joint_limits.yaml",), "expected a joint_limits.yaml behind --limits"),
+    "limits": (
+        ("a problem file", "a joint_limits.yaml"),
+        "expected a joint_limits.yaml behind --limits, or the name of a robot or a problem",
+    ),
+    "results": (
+        ("an HDF5 file", "a folder"),
+        "expected results: a folder that `trajopt compare` has filled, or its results.h5",
+    ),
+}
+# Advice for files of known kinds that are in the wrong place.
+_PLACES = {
+    "a URDF": "a URDF goes behind --urdf",
+    "a joint_limits.yaml": (
+        "`trajopt verify MOTION --limits FILE` judges a motion by its limits alone"
+    ),
+    "a pilz_cartesian_limits.yaml": out_of_scope("cartesian_limits"),
+}
+
+
+def kind(path: Path) -> str:
+    """Return what a file is, in words; empty if nothing tells."""
+    if path.is_dir():
+        return "a folder"
+    with path.open("rb") as file:
+        beginning = file.read(_LOOKED_AT).decode("latin-1").removeprefix("\xef\xbb\xbf")
+    found = (name for sign, name in _SIGNS.items() if re.search(sign, beginning))
+    return next(found, "")
+
+
+@contextmanager
+def reading(path: Path | str, wanted: str) -> Iterator[None]:
+    """Read a file in this context: an error then tells if it is a file of another kind.
+
+    Args:
+        path: The file; a name that is no file's is left to its reader.
+        wanted: "problem" or, with a robot's flags, "waypoints"; "stated problem" where no flags
+            are taken; "motion", "--urdf", "--limits", "limits" (by name too) or "results".
+
+    Raises:
+        TrajoptError: The reader's own error for a file that looks right, else one with its kind.
+    """
+    try:
+        yield
+    except TrajoptError as error:
+        right, sentence = _WANTED[wanted]
+        found = kind(Path(path)) if Path(path).exists() else ""
+        if not found or found in right:
+            raise
+        _, known, header = str(error).partition(READABLE)
+        words = [f"{path} is {found}", sentence, known + header, _PLACES.get(found, "")]
+        raise TrajoptError("; ".join(filter(None, words))) from None

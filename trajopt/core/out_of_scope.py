@@ -1,0 +1,70 @@
+"""Keys and options of other tools, with a sentence for each: it is not here, what is nearest."""
+
+from __future__ import annotations
+
+import re
+
+# An expression of words (`max_torque`, `tcp_speed`), and the sentence for whoever writes one.
+_ELSEWHERE = {
+    r"\w*(torque|effort|payload|inertia|friction|dynamics)\w*": (
+        "torques are not in this tool; the nearest are acceleration limits that the arm can keep "
+        "in its worst pose"
+    ),
+    r"\w*(tcp|tool|cartesian|end_effector)\w*|ee_\w+": (
+        "limits of the tool are not in this tool; the nearest are lower velocity limits of the "
+        "joints"
+    ),
+    r"\w*(obstacle|collision|octomap)\w*|(planning_)?scene|clearance": (
+        "obstacles are not in this tool; the nearest are more waypoints, of a path that a "
+        "collision-free planner has found"
+    ),
+    r"\w*(orientation|quaternion)\w*|poses?|rpy": (
+        "poses of the tool are not in this tool; the nearest are joint angles from inverse "
+        "kinematics as waypoints"
+    ),
+    r"\w*dwell\w*|(wait|pause|hold|stop)(_times?)?": (
+        "waiting at a waypoint is not in this tool; the nearest is a problem for each part, which "
+        "begins and ends at rest"
+    ),
+    r"\w*(start|end|initial|final|goal|boundary)_(velocit|acceleration|speed|state)\w*|v0|vf": (
+        "velocities at the ends are not in this tool, every motion begins and ends at rest; the "
+        "nearest is Ruckig by itself, from any velocity, for one segment"
+    ),
+    r"segments?|\w*(segment_\w*limit|limits?_per|per_segment)\w*": (
+        "limits of a segment are not in this tool; the nearest is a problem for each part with its "
+        "own limits, which begins and ends at rest"
+    ),
+    r"(max_)?speed|((max_)?(velocity|acceleration)_)?scal(e|ing)(_factor)?|override|duration": (
+        "a speed is not asked for in this tool, every motion is as fast as its limits allow; the "
+        "nearest are lower limits, or the scaling factors of a joint_limits.yaml"
+    ),
+    r"\w*(margin|safety)\w*": (
+        "a margin is not asked for in this tool; the nearest are lower limits, by the scaling "
+        "factors of a joint_limits.yaml"
+    ),
+    r"blend\w*|\w*corner\w*|zones?|(path|goal)_tolerances?": (
+        "passing near a waypoint is not in this tool, it is passed exactly; the nearest is "
+        "`trajopt judge --via-tolerance`, for a motion that passes near"
+    ),
+}
+# Options that have another name here; keys of a file may have these names.
+_OPTIONS = {
+    r"dt|(time_?|sampl\w*_)?(step|period)|control_cycle": (
+        "the nearest is `trajopt plan --cycle` (s), or --rate (cycles per second)"
+    ),
+    r"format|type": (
+        "the ending of `trajopt plan --out` says the format; --as goal writes a ROS goal"
+    ),
+    r"(max_)?(velocity|jerk|position)(_limits?)?|(max_acceleration|acceleration_limits?)": (
+        "limits are in files; the nearest are max_velocity, max_acceleration and max_jerk of a "
+        "joint_limits.yaml (--limits), or [limits] of a problem file"
+    ),
+}
+
+
+def out_of_scope(name: str) -> str:
+    """Return a sentence about a key or an `--option` of other tools; empty for any other name."""
+    word = name.strip("-").replace("-", "_").lower()
+    known = _ELSEWHERE | (_OPTIONS if name.startswith("--") else {})
+    found = (text for pattern, text in known.items() if re.fullmatch(pattern, word))
+    return next(found, "")
