@@ -391,7 +391,7 @@ def _header(columns: Sequence[_Column], table: Table) -> str:
 
 def _heading_of_times(times: Sequence[float]) -> str:
     """A heading with the largest unit in which these are times since 1970, or a log's steps."""
-    start = float(times[0])
+    start = times[0] if times else 0.0
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     for unit, size in TIMES.items():
         since = _EPOCH_S[0] <= start * size <= _EPOCH_S[1]

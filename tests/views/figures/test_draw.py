@@ -13,6 +13,7 @@ from trajopt.benchmark.trial import judge
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners.registry import load
+from trajopt.views.analysis.results import Results
 from trajopt.views.figures import draw, plots
 from trajopt.views.report import panels
 
@@ -55,7 +56,7 @@ def test_a_reference_alone_moves(trials, tmp_path):
 
 
 def test_every_motion_is_written_on_request(trials, tmp_path):
-    draw.write(trials, tmp_path, "svg")
+    draw.write(Results(trials), tmp_path, "svg")
     folder = tmp_path / "one-joint"
     stems = {file.stem for file in folder.iterdir()}
     assert stems == {
@@ -158,7 +159,7 @@ def test_a_relaxed_optimum_is_called_so(tmp_path):
     trials = []
     for name in ("exact", "unoptimised"):
         trials += judge(load(name), unknown, [0], name)
-    draw.write(trials, tmp_path, "svg")
+    draw.write(Results(trials), tmp_path, "svg")
     folder = tmp_path / "jerk-limit"
     motion = (folder / "motion-unoptimised.svg").read_text(encoding="utf-8")
     assert "best known without jerk limits (relaxed)" in motion
