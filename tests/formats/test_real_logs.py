@@ -343,6 +343,35 @@ def test_degrees_in_a_dense_log_are_warned_of_beyond_the_position_limits(run, tm
     assert "look like degrees beside radians" in err
 
 
+def test_a_log_in_another_unit_than_said_is_warned_of(run, tmp_path):
+    for name, size in (("rad", 1.0), ("deg", 180 / np.pi)):
+        rows = "\n".join(
+            f"{t},{size * q},{-size * q / 2}" for t, q in zip(TIMES, SHARES, strict=True)
+        )
+        (tmp_path / f"{name}.csv").write_text(f"t,a,b\n{rows}", encoding="utf-8")
+    (tmp_path / "w.csv").write_text("a,b\n0,0\n1,-0.5", encoding="utf-8")
+    lines = ["joint_limits:"]
+    for joint in ("a", "b"):
+        # the motion's peaks: 1.5 / 0.4 rad/s and 6 / 0.16 rad/s²
+        lines += [f"  {joint}:", "    max_velocity: 4.0", "    max_acceleration: 40.0"]
+    (tmp_path / "l.yaml").write_text("\n".join(lines), encoding="utf-8")
+    own = "--limits l.yaml --interpolation spline"
+    words = "are its angles in rad, and not in deg?"
+    err = run(f"verify rad.csv --unit deg {own}")[2]
+    assert err.startswith("trajopt: warning: rad.csv: joints move at most 1 deg, at 1.6 % of a")
+    assert err.endswith(words)
+    assert run(f"verify rad.csv --unit rad {own}")[2] == ""
+    assert run(f"verify deg.csv --unit deg {own}")[2] == ""
+    judged = f"w.csv --unit rad {own} --json --motion-unit"
+    err = run(f"judge rad.csv {judged} deg")[2]
+    assert "all joints move 0.0175 times as far as the waypoints; " + words in err
+    err = run(f"judge deg.csv {judged} rad")[2]
+    assert "move 57.3 times as far as the waypoints; are its angles in deg, and not in rad?" in err
+    assert "UnitWarning" not in err
+    assert run(f"judge deg.csv {judged} deg")[2] == ""
+    assert run(f"judge rad.csv {judged} rad")[2] == ""
+
+
 def test_numbers_without_a_header_are_named_and_shown_the_header_of_a_motion(run, tmp_path):
     (tmp_path / "m.csv").write_text("0,0,0\n0.1,0.5,0\n0.2,1,0\n", encoding="utf-8")
     code, _, err = run("verify m.csv --robot ur5e --unit rad")

@@ -27,7 +27,7 @@ from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import FallingVelocity, Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.core.units import mixed_units
+from trajopt.core.units import ANGLES, mixed_units
 from trajopt.explain import decomposition
 from trajopt.explain.decomposition import Explanation
 from trajopt.formats.motion import Motion
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
 Array = NDArray[np.float64]
+
+_SAME_RATIO_RTOL = 0.1  # of logarithms: from 38 to 86 is about 180 / pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +166,9 @@ def judge(
     waypoint that no joint misses by more is moved to where the motion passes: only where the motion
     is invalid without that and valid with it, which the name of the answer's `problem` says.
 
+    `UnitWarning` warns of a motion whose joints all move about 57.3 times as far as the waypoints,
+    or one 57.3th as far: its angles are probably in another unit.
+
     Args:
         problem: or the name of a built-in one, or a problem file.
         motion: a file of samples or polynomials, or an object (`trajopt.formats.motion`).
@@ -181,6 +186,7 @@ def judge(
     given = motion_of(motion, interpolation, unit, units).for_joints(asked.joint_names)
     _check_joints(given, asked.joints)
     given.check_units(asked)
+    _warn_of_other_unit(asked, given)
     _check_tolerance(asked, via_tolerance)
     trajectory = passing(asked, given.trajectory)
     strict = Judgement(given, asked, verify(asked, trajectory), trajectory, via_tolerance)
@@ -291,6 +297,23 @@ def as_executed(
     if not accelerations:
         certificate = certificate.without_acceleration()
     return Execution(motion, problem, certificate)
+
+
+def _warn_of_other_unit(problem: Problem, motion: Motion) -> None:
+    """Warn if every joint moves about 180 / pi times as far as its waypoints, or pi / 180."""
+    wanted = np.ptp(problem.waypoints, axis=0)
+    moved = np.ptp(motion.trajectory(motion.trajectory.breaks), axis=0)
+    logs = np.log(np.maximum(moved, np.finfo(float).tiny)[wanted > 0] / wanted[wanted > 0])
+    for unit, other in (("deg", "rad"), ("rad", "deg")):
+        ratio = ANGLES[unit] / ANGLES[other]
+        if problem.shared_unit() == "rad" and np.allclose(
+            logs, np.log(ratio), rtol=_SAME_RATIO_RTOL
+        ):
+            message = (
+                f"{motion.name}: all joints move {ratio:.3g} times as far as the waypoints; "
+                f"are its angles in {other}, and not in {unit}?"
+            )
+            warnings.warn(UnitWarning(message), stacklevel=3)
 
 
 def _warn_of_units(problem: Problem, positions: Array) -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 from cyclopts import Parameter
 
 from trajopt.benchmark.judgement import Execution, as_executed
@@ -21,6 +22,7 @@ from trajopt.cli.plan import print_worst
 from trajopt.core.arm_file import arm_files
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
+from trajopt.core.units import ANGLES
 from trajopt.formats.motion import ENDINGS, Motion, motion
 from trajopt.formats.samples import known_as
 from trajopt.judging.verification import Certificate
@@ -83,6 +85,8 @@ def _verify_motion(
         right = "joint_limits.yaml, a robot or a problem, whose limits the motion is to keep"
         raise InvalidInput("--limits", right)
     found = _executed(path, robot, interpolation)
+    if "deg" in (robot.unit or ""):
+        _warn_of_radians(found)
     if json:
         console.print_json(found.as_dict())
     else:
@@ -135,6 +139,17 @@ def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Executi
             "--acceleration 2.0, say, is one for every joint"
         )
     return as_executed(given.for_joints(names), limits, accelerations=judged, **described)
+
+
+def _warn_of_radians(found: Execution) -> None:
+    """Warn if the motion, read in degrees, would be slow enough in radians too."""
+    span = np.degrees(np.ptp(found.problem.waypoints, axis=0).max())
+    speed = found.certificate.velocity.value
+    if span <= 2 * np.pi and speed <= ANGLES["deg"]:
+        console.note(
+            f"warning: {found.motion.name}: joints move at most {span:.3g} deg, at "
+            f"{100 * speed:.2g} % of a velocity limit; are its angles in rad, and not in deg?"
+        )
 
 
 def _motion(
