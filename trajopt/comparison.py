@@ -12,7 +12,8 @@ process is a recorded trial, and the run goes on.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
@@ -25,7 +26,7 @@ from trajopt.benchmark.run.progress import Progress, Report, reporter
 from trajopt.benchmark.store.folder import Seen, Store, read
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration, Trial, now
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.problem import Problem
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.results import Results
@@ -77,6 +78,9 @@ def compare(
     Returns:
         The trials asked for; `kept` counts those that were there before.
 
+    Warns with `PlannerWarning` of a planner that uses its seed without `stochastic = True`, and of
+    a history that contradicts its answer.
+
     Raises:
         InvalidInput: The options of a planner cannot be seen.
         StoreError: The folder cannot be written.
@@ -94,7 +98,8 @@ def compare(
     store = Store(Path(folder).absolute())  # planners may change the working folder
     allowed = Allowance.of(jobs, executor, timeout, memory)
     loaded = [catalogue.given(problem) for problem in problems]
-    tasks = plan(loaded, [Configuration.given(planner) for planner in planners], seeds)
+    configurations = [Configuration.given(planner) for planner in planners]
+    tasks = plan(loaded, configurations, seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
     known = None if fresh else store.current(asked)
     if fresh:
@@ -118,9 +123,26 @@ def compare(
         store.restore(before, seen)
         known = _consolidated(store, asked, seen)
     trials = _marked(store, known)
+    for sentence in [*_run_once(configurations, seeds), *_histories_left_out(trials)]:
+        warnings.warn(PlannerWarning(sentence), stacklevel=2)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Results(trials, kept=kept)
+
+
+def _run_once(configurations: Sequence[Configuration], seeds: int) -> Iterator[str]:
+    """Yield a sentence per planner that uses its seed, but is not said to depend on it."""
+    for configuration in configurations:
+        if seeds > 1 and configuration.planner.may_be_stochastic:
+            label = configuration.entrant.label
+            yield f"{label} runs once: set `stochastic = True` if the seed matters, else False"
+
+
+def _histories_left_out(trials: Sequence[Trial]) -> Iterator[str]:
+    """Yield a sentence per planner whose histories contradict its answers."""
+    wrong = [trial for trial in trials if trial.solution.history_flaw]
+    for label, trial in {trial.label: trial for trial in wrong}.items():
+        yield f"{label}: a history is left out: {trial.solution.history_flaw}"
 
 
 def _done(store: Store, allowed: Allowance) -> set[str]:

@@ -10,7 +10,7 @@ import pytest
 
 from trajopt import compare
 from trajopt.benchmark.trial import Configuration, judge
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners.planner import Planner, Relation, adapted
@@ -49,7 +49,8 @@ def test_an_entry_point_may_be_a_function_that_plans_or_one_that_makes_a_planner
 
 
 def test_it_is_compared_beside_names(tmp_path):
-    results = compare([PROBLEM], ["ruckig-stop", stopping], tmp_path)
+    with pytest.warns(PlannerWarning, match="stopping runs once"):  # it takes a seed
+        results = compare([PROBLEM], ["ruckig-stop", stopping], tmp_path)
     assert set(results.trials()["planner"]) >= {"ruckig-stop", "stopping"}
 
 

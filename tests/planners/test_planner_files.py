@@ -9,7 +9,8 @@ import pytest
 
 from trajopt import InvalidInput, Limits, Problem, TrajoptError, UnknownName, compare
 from trajopt.benchmark.trial import Configuration
-from trajopt.planners.registry import load, named
+from trajopt.core.exceptions import PlannerWarning
+from trajopt.planners.registry import entries, load, named
 
 PROBLEM = Problem([[0.0], [1.0]], Limits([1.0], [2.0]))
 
@@ -156,3 +157,63 @@ def test_a_member_with_an_annotation_is_no_option(file):
     right = "write `stochastic = True` without its type"
     with pytest.raises(InvalidInput, match=f"planner Annotated: stochastic: expected .*{right}"):
         Configuration.of(load(f"{file}:Annotated"))
+
+
+DRAWN = """
+from dataclasses import dataclass
+
+import numpy as np
+from trajopt import Planner, Solution, Status
+from trajopt.planners.registry import load
+
+
+@dataclass(frozen=True)
+class Drawn(Planner):
+    def solve(self, problem, *, seed=0):
+        factor = 2 + np.random.default_rng(seed).random()
+        found = load("ruckig-stop").solve(problem)
+        history = np.array([[1.0, 9.0]])
+        return Solution(Status.SOLVED, found.trajectory.dilated(factor), history=history)
+
+
+@dataclass(frozen=True)
+class Fixed(Drawn):
+    stochastic = False
+
+    def solve(self, problem, *, seed=0):
+        return load("ruckig-stop").solve(problem, seed=seed)
+
+
+@dataclass(frozen=True)
+class Deaf(Planner):
+    def solve(self, problem, *, seed=0):
+        return load("ruckig-stop").solve(problem)
+
+
+def function(problem, *, seed=0):
+    return Drawn().solve(problem, seed=seed)
+
+
+function.stochastic = False
+"""
+
+
+def test_a_planner_that_runs_once_with_a_seed_and_a_history_left_out_are_said(file, tmp_path):
+    file.write_text(DRAWN, encoding="utf-8")
+    specs = [f"{file}:{name}" for name in ("Drawn", "Fixed", "Deaf", "function")]
+    with pytest.warns(PlannerWarning) as caught:
+        results = compare([PROBLEM], specs, tmp_path / "results", seeds=2)
+    assert len(results.items) == 5  # the reference joined
+    once, *histories = [str(one.message) for one in caught]
+    assert once == "Drawn runs once: set `stochastic = True` if the seed matters, else False"
+    assert len(histories) == 2
+    assert all(": a history is left out: it ends at 9 s, but the" in words for words in histories)
+    with pytest.warns(PlannerWarning, match="history") as caught:
+        compare([PROBLEM], specs, tmp_path / "results", seeds=1)
+    assert len(caught) == 2
+
+
+@pytest.mark.parametrize("name", entries())
+def test_no_planner_of_ours_reads_a_seed_that_it_says_does_not_matter(name):
+    entry = entries()[name]
+    assert entry.missing() or not entry.load().may_be_stochastic

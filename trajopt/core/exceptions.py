@@ -153,3 +153,7 @@ class UnitWarning(UserWarning):
 
 class FileNote(UserWarning):
     """A decision of a reader: columns that it left out, times that it counts from their first."""
+
+
+class PlannerWarning(UserWarning):
+    """A planner that probably does not run, or answer, as its author means it."""

@@ -17,6 +17,7 @@ or a function, whose keywords with their defaults are its options:
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 from abc import ABC, abstractmethod
@@ -24,6 +25,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass, make_dataclass, replace
 from enum import Enum
 from functools import cached_property, wraps
+from textwrap import dedent
 from types import FunctionType
 from typing import Any, TypeVar, cast, get_type_hints
 
@@ -109,6 +111,18 @@ class Planner(ABC):
         """True if it advances several seeds together."""
         return type(self).solve_batch is not Planner.solve_batch
 
+    @property
+    def may_be_stochastic(self) -> bool:
+        """True if `solve` uses the seed, and no class of the planner sets `stochastic`."""
+        if sum("stochastic" in vars(kind) for kind in type(self).__mro__) > 1:
+            return False
+        try:
+            source = ast.parse(dedent(inspect.getsource(type(self).solve)))
+        except (OSError, SyntaxError, TypeError):  # its source cannot be read
+            return False
+        names = (node.id for node in ast.walk(source) if isinstance(node, ast.Name))
+        return "seed" in names
+
     def relation(self, problem: Problem) -> Relation:
         """Return how its answers relate to the optimum of this problem."""
         return Relation.RESTRICTION
@@ -190,7 +204,11 @@ def of_function(function: Callable[..., Solution]) -> Planner:
             given["seed"] = seed
         return function(problem, **given)
 
-    members: dict[str, Any] = {"solve": solve, "__doc__": function.__doc__}
+    members: dict[str, Any] = {
+        "solve": solve,
+        "may_be_stochastic": takes_seed and not hasattr(function, "stochastic"),
+        "__doc__": function.__doc__,
+    }
     for member in _FUNCTION_ATTRIBUTES:
         if hasattr(function, member):
             value = getattr(function, member)
