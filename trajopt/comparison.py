@@ -13,7 +13,7 @@ process is a recorded trial, and the run goes on.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
@@ -98,8 +98,7 @@ def compare(
     store = Store(Path(folder).absolute())  # planners may change the working folder
     allowed = Allowance.of(jobs, executor, timeout, memory)
     loaded = [catalogue.given(problem) for problem in problems]
-    configurations = [Configuration.given(planner) for planner in planners]
-    tasks = plan(loaded, configurations, seeds)
+    tasks = plan(loaded, [Configuration.given(planner) for planner in planners], seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
     known = None if fresh else store.current(asked)
     if fresh:
@@ -123,26 +122,18 @@ def compare(
         store.restore(before, seen)
         known = _consolidated(store, asked, seen)
     trials = _marked(store, known)
-    for sentence in [*_run_once(configurations, seeds), *_histories_left_out(trials)]:
-        warnings.warn(PlannerWarning(sentence), stacklevel=2)
+    _warn_of_histories(trials)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
     return Results(trials, kept=kept)
 
 
-def _run_once(configurations: Sequence[Configuration], seeds: int) -> Iterator[str]:
-    """Yield a sentence per planner that uses its seed, but is not said to depend on it."""
-    for configuration in configurations:
-        if seeds > 1 and configuration.planner.may_be_stochastic:
-            label = configuration.entrant.label
-            yield f"{label} runs once: set `stochastic = True` if the seed matters, else False"
-
-
-def _histories_left_out(trials: Sequence[Trial]) -> Iterator[str]:
-    """Yield a sentence per planner whose histories contradict its answers."""
-    wrong = [trial for trial in trials if trial.solution.history_flaw]
-    for label, trial in {trial.label: trial for trial in wrong}.items():
-        yield f"{label}: a history is left out: {trial.solution.history_flaw}"
+def _warn_of_histories(trials: Sequence[Trial]) -> None:
+    """Warn of each planner with a history that contradicts its answer."""
+    wrong = {trial.label: trial for trial in trials if trial.solution.history_flaw}
+    for label, trial in wrong.items():
+        message = f"{label}: a history is left out: {trial.solution.history_flaw}"
+        warnings.warn(PlannerWarning(message), stacklevel=3)
 
 
 def _done(store: Store, allowed: Allowance) -> set[str]:

@@ -356,18 +356,15 @@ def test_a_log_in_another_unit_than_said_is_warned_of(run, tmp_path):
         lines += [f"  {joint}:", "    max_velocity: 4.0", "    max_acceleration: 40.0"]
     (tmp_path / "l.yaml").write_text("\n".join(lines), encoding="utf-8")
     own = "--limits l.yaml --interpolation spline"
-    words = "are its angles in rad, and not in deg?"
     err = run(f"verify rad.csv --unit deg {own}")[2]
-    assert err.startswith("trajopt: warning: rad.csv: joints move at most 1 deg, at 1.6 % of a")
-    assert err.endswith(words)
+    assert err.startswith("trajopt: warning: rad.csv moves 1 deg at 1.6 % of a velocity limit; ")
+    assert err.endswith("are its angles in rad, and not in deg?")
     assert run(f"verify rad.csv --unit rad {own}")[2] == ""
     assert run(f"verify deg.csv --unit deg {own}")[2] == ""
     judged = f"w.csv --unit rad {own} --json --motion-unit"
-    err = run(f"judge rad.csv {judged} deg")[2]
-    assert "all joints move 0.0175 times as far as the waypoints; " + words in err
-    err = run(f"judge deg.csv {judged} rad")[2]
-    assert "move 57.3 times as far as the waypoints; are its angles in deg, and not in rad?" in err
-    assert "UnitWarning" not in err
+    words = "times the waypoints: deg beside rad?"
+    assert f"warning: rad.csv spans 0.0175 {words}" in run(f"judge rad.csv {judged} deg")[2]
+    assert f"warning: deg.csv spans 57.3 {words}" in run(f"judge deg.csv {judged} rad")[2]
     assert run(f"judge deg.csv {judged} deg")[2] == ""
     assert run(f"judge rad.csv {judged} rad")[2] == ""
 

@@ -27,7 +27,7 @@ from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import FallingVelocity, Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.core.units import ANGLES, mixed_units
+from trajopt.core.units import mixed_units
 from trajopt.explain import decomposition
 from trajopt.explain.decomposition import Explanation
 from trajopt.formats.motion import Motion
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_SAME_RATIO_RTOL = 0.1  # of logarithms: from 38 to 86 is about 180 / pi
+_RAD_IN_DEG = (38, 86)  # about 180 / pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +166,8 @@ def judge(
     waypoint that no joint misses by more is moved to where the motion passes: only where the motion
     is invalid without that and valid with it, which the name of the answer's `problem` says.
 
-    `UnitWarning` warns of a motion whose joints all move about 57.3 times as far as the waypoints,
-    or one 57.3th as far: its angles are probably in another unit.
+    `UnitWarning` warns of a motion that moves about 57.3 times as far as the waypoints, or one
+    57.3th as far: its angles are probably in another unit.
 
     Args:
         problem: or the name of a built-in one, or a problem file.
@@ -239,14 +239,11 @@ def _as_passed(
     inside = np.clip(passed, low, high)
     miss = np.abs(passed - problem.waypoints).max(axis=1)
     moved = np.where(miss[:, None] <= via_tolerance, inside, problem.waypoints)
-    return Problem(
-        moved,
-        problem.limits,
-        name=f"{problem.name}, as passed within {via_tolerance:g} {problem.shared_unit()}",
-        source=problem.source,
-        joint_names=problem.joint_names,
-        joint_units=problem.joint_units,
-        falling_velocity=problem.falling_velocity,
+    tolerance = f"{via_tolerance:g} {problem.shared_unit()}"
+    return replace(
+        problem,
+        waypoints=moved,
+        name=f"{problem.name}, as passed within {tolerance}",
     )
 
 
@@ -300,20 +297,15 @@ def as_executed(
 
 
 def _warn_of_other_unit(problem: Problem, motion: Motion) -> None:
-    """Warn if every joint moves about 180 / pi times as far as its waypoints, or pi / 180."""
-    wanted = np.ptp(problem.waypoints, axis=0)
-    moved = np.ptp(motion.trajectory(motion.trajectory.breaks), axis=0)
-    logs = np.log(np.maximum(moved, np.finfo(float).tiny)[wanted > 0] / wanted[wanted > 0])
-    for unit, other in (("deg", "rad"), ("rad", "deg")):
-        ratio = ANGLES[unit] / ANGLES[other]
-        if problem.shared_unit() == "rad" and np.allclose(
-            logs, np.log(ratio), rtol=_SAME_RATIO_RTOL
-        ):
-            message = (
-                f"{motion.name}: all joints move {ratio:.3g} times as far as the waypoints; "
-                f"are its angles in {other}, and not in {unit}?"
-            )
-            warnings.warn(UnitWarning(message), stacklevel=3)
+    """Warn if the motion spans about 180 / pi times as much as the waypoints, or pi / 180."""
+    if problem.shared_unit() != "rad":
+        return
+    moved = motion.trajectory(motion.trajectory.breaks)
+    ratio = np.ptp(moved, axis=0).max() / np.ptp(problem.waypoints, axis=0).max()
+    low, high = _RAD_IN_DEG
+    if low < ratio < high or 1 / high < ratio < 1 / low:
+        message = f"{motion.name} spans {ratio:.3g} times the waypoints: deg beside rad?"
+        warnings.warn(UnitWarning(message), stacklevel=3)
 
 
 def _warn_of_units(problem: Problem, positions: Array) -> None:

@@ -142,13 +142,13 @@ def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Executi
 
 
 def _warn_of_radians(found: Execution) -> None:
-    """Warn if the motion, read in degrees, would be slow enough in radians too."""
+    """Warn if the motion, read in degrees, is so small that it would be slow in radians too."""
     span = np.degrees(np.ptp(found.problem.waypoints, axis=0).max())
     speed = found.certificate.velocity.value
     if span <= 2 * np.pi and speed <= ANGLES["deg"]:
         console.note(
-            f"warning: {found.motion.name}: joints move at most {span:.3g} deg, at "
-            f"{100 * speed:.2g} % of a velocity limit; are its angles in rad, and not in deg?"
+            f"warning: {found.motion.name} moves {span:.3g} deg at {100 * speed:.2g} % of a "
+            "velocity limit; are its angles in rad, and not in deg?"
         )
 
 

@@ -17,7 +17,7 @@ or a function, whose keywords with their defaults are its options:
 
 from __future__ import annotations
 
-import ast
+import dis
 import importlib
 import inspect
 from abc import ABC, abstractmethod
@@ -25,7 +25,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass, make_dataclass, replace
 from enum import Enum
 from functools import cached_property, wraps
-from textwrap import dedent
 from types import FunctionType
 from typing import Any, TypeVar, cast, get_type_hints
 
@@ -116,12 +115,8 @@ class Planner(ABC):
         """True if `solve` uses the seed, and no class of the planner sets `stochastic`."""
         if sum("stochastic" in vars(kind) for kind in type(self).__mro__) > 1:
             return False
-        try:
-            source = ast.parse(dedent(inspect.getsource(type(self).solve)))
-        except (OSError, SyntaxError, TypeError):  # its source cannot be read
-            return False
-        names = (node.id for node in ast.walk(source) if isinstance(node, ast.Name))
-        return "seed" in names
+        code = dis.Bytecode(inspect.unwrap(type(self).solve))
+        return any("seed" in step.argrepr.split(", ") for step in code)
 
     def relation(self, problem: Problem) -> Relation:
         """Return how its answers relate to the optimum of this problem."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import socket
+import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, Entrant, Trial
-from trajopt.core.exceptions import InvalidInput
+from trajopt.core.exceptions import InvalidInput, PlannerWarning
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Status
 from trajopt.explain.references import references
@@ -104,12 +105,18 @@ def plan(
 ) -> list[Task]:
     """Return a task per problem and planner with all its seeds; identical tasks once.
 
-    The references that a problem needs join the planners.
+    The references that a problem needs join the planners. `PlannerWarning` warns of a planner that
+    uses its seed, but does not say whether it is stochastic.
 
     Raises:
         InvalidInput: Two different planners have the same label.
     """
     _check_labels([configuration.entrant for configuration in configurations])
+    for configuration in configurations:
+        if seeds > 1 and configuration.planner.may_be_stochastic:
+            label = configuration.entrant.label
+            message = f"{label} runs once: set `stochastic = True` if the seed matters, else False"
+            warnings.warn(PlannerWarning(message), stacklevel=3)
     given = {configuration.entrant.name for configuration in configurations}
     joining: dict[str, Configuration] = {}
     tasks: dict[str, Task] = {}
