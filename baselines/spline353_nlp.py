@@ -1,9 +1,11 @@
-"""The best 3-5-3 spline with shared segment times, by SciPy's SLSQP.
+"""The best 3-5-3 spline with shared segment times, by a search over both ratios of the times.
 
-The variables are the logarithms of the three segment times. The inequalities are the exact peaks of
-every joint, so each limit holds at every instant. Only the ratios of the times matter
-(docs/mathematics.md, section 2): the initial guesses are the local minima of a grid over both
-ratios. The answer is dilated by its exact factor, which is 1 to rounding.
+A dilation meets all limits but those of position, so only the ratios of the times matter
+(docs/mathematics.md, section 2), and the shortest dilated duration is a function of two variables.
+It has kinks where two limits are active, so no derivative is used. The search begins at the local
+minima of a grid. Around each it draws candidates, keeps the shortest ones, and draws the next
+candidates as far apart as those, until they are equally short. Each candidate's peaks are exact, so
+each limit holds at every instant.
 
     from baselines.spline353_nlp import Spline353NLP
     solution = Spline353NLP().solve(problem)
@@ -17,30 +19,29 @@ from typing import Any
 
 import numpy as np
 
-from trajopt.core import polynomials
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.exceptions import InvalidInput
-from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.planners import spline353
 from trajopt.planners.planner import Planner, passing_once
 from trajopt.planners.rest_to_rest import stop_times
 
-_SLSQP_OPTIONS = {"ftol": 1e-15, "maxiter": 300}
-# Logarithms: how much shorter or longer than its initial guess a segment may become.
-_MAX_LOG_DECREASE = 12
-_MAX_LOG_INCREASE = 5
-# Step of the complex-step derivative: its error is of the order of the square.
-_COMPLEX_STEP = 1e-30
-# Fractions of the way back to times that keep the position limits.
-_FRACTIONS = np.exp2(np.arange(-40.0, 1.0))
-# Logarithms of the outer segment times over the middle one: the grid of initial guesses.
+# Logarithms of the outer segment times over the middle one, all in stop times: the grid.
 _LOG_RATIOS = np.linspace(-10.0, 10.0, 61)
+# Candidates of a round, and how many of the shortest the next round is drawn from.
+_CANDIDATES = 150
+_KEPT = 16
+# Factor on the distances between those: the region would else shrink before it has moved.
+_SPREAD = 1.4
+_MAX_ROUNDS = 300
+# The search ends where those are as short as the shortest, relative.
+_EQUAL_RTOL = 1e-12
 
 
 @dataclass(frozen=True)
 class Spline353NLP(Planner):
-    """The best 3-5-3 spline with shared times (SLSQP, limits at every instant)."""
+    """The best 3-5-3 spline with shared times (a search of both ratios, exact peaks)."""
 
     starts: int = 4
 
@@ -55,181 +56,107 @@ class Spline353NLP(Planner):
 
     @passing_once
     def solve(self, problem: Problem, *, seed: int = 0) -> Solution:
-        """Return the best of several local optima. `stats`: segment times, each guess's result."""
+        """Return the best of several local optima. `stats`: segment times, each start's duration.
+
+        The same answer whatever the seed.
+        """
         reason = spline353.infeasible(problem)
         if reason is not None:
             return Solution(Status.INFEASIBLE, message=reason)
-        spline = MovingSpline(problem)
-        guesses = initial_guesses(spline, self.starts)
-        optima = [_local_optimum(spline, guess) for guess in guesses]
-        durations = np.array([times.sum() for times, _ in optima])
-        best = int(durations.argmin())
-        times, _ = optima[best]
-        stats: dict[str, Any] = {
-            "start_status": [status for _, status in optima],
-            "start_duration": durations,
-            "segment_times": times,
-        }
+        spline = MovingSpline.of(problem)
+        unit = stop_times(problem)
+        optima = _local_optima(spline, unit, self.starts)
+        durations = np.array([times.sum() for times in optima])
+        times = optima[int(durations.argmin())]
+        stats: dict[str, Any] = {"start_duration": durations, "segment_times": times}
         return Solution(Status.SOLVED, spline353.trajectory(problem, times), stats=stats)
 
 
+@dataclass(frozen=True, eq=False)
 class MovingSpline:
     """The 3-5-3 spline of the joints that move, as a function of the segment times.
 
     Attributes:
-        limits: Of the moving joints.
         displacements: Of each joint over the three segments, `(joints, 3)`, rad.
-        orders: Highest derivative that is limited: 2, or 3 with jerk.
-        bounds: The limits of each derivative from velocity on, `(joints, 2)`.
+        limits: Of these joints.
         room: The position limits, seen from the second waypoint, `(joints, 2)`; None without any.
-        sizes: The largest displacement of each joint, `(joints,)`, rad.
-        stop_times: Of each segment, from rest to rest, `(3,)`, s.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self.limits = problem.limits.only(problem.moving)
-        self.displacements = problem.displacements.T[problem.moving]
-        self.orders = 3 if problem.has("jerk") else 2
-        rates = (self.limits.velocity, self.limits.acceleration, self.limits.jerk)
-        self.bounds = rates[: self.orders]
-        self.room = spline353.position_room(problem)
-        self.sizes = np.abs(self.displacements).max(axis=1)
-        self.stop_times = stop_times(problem)
+    displacements: Array
+    limits: Limits
+    room: Array | None
+
+    @classmethod
+    def of(cls, problem: Problem) -> MovingSpline:
+        """Return the spline of a problem with four waypoints that differ from their neighbours."""
+        return cls(
+            displacements=problem.displacements.T[problem.moving],
+            limits=problem.limits.only(problem.moving),
+            room=spline353.position_room(problem),
+        )
 
     def dilation(self, times: Array) -> Array:
         """The exact cheapest dilation of segment times `(…, 3)`, `(…)`."""
         return spline353.dilation(self.displacements, times[..., None, :], self.limits)
 
-    def excesses(self, times: Array) -> Array:
-        """Return how far any joint leaves its position limits, over its largest displacement.
-
-        For segment times `(…, 3)`: `(…)`, 0 within the limits.
-        """
+    def keeps_positions(self, times: Array) -> Bools:
+        """Return whether every joint keeps its position limits, of segment times `(…, 3)`."""
         if self.room is None:
-            return np.zeros(times.shape[:-1])
+            return np.ones(times.shape[:-1], dtype=bool)
         own_times = times[..., None, :]
         excess = spline353.position_excess(self.displacements, own_times, self.room)
-        return excess.max(axis=-1)
+        return np.equal(excess.max(axis=-1), 0)
 
-    def position(self, times: Array) -> Array:
-        """The quintic from the second waypoint on, on the unit interval, highest power first."""
-        controls = spline353.position_coefficients(self.displacements.T, times)
-        return polynomials.from_bernstein(np.array(controls))
+    def dilated(self, times: Array) -> tuple[Array, Array]:
+        """Return segment times `(…, 3)` dilated to the limits, and their sums, s.
 
-    def rates(self, times: Array) -> list[Array]:
-        """Velocity, acceleration (and jerk) over the quintic, on the unit interval."""
-        quintic = spline353.Quintic.between(self.displacements.T, times)
-        controls = (quintic.velocity(), quintic.acceleration(), quintic.jerk())
-        return [polynomials.from_bernstein(np.array(own)) for own in controls[: self.orders]]
-
-    def instants(self, times: Array) -> list[Array]:
-        """Possible peaks of each rate, and last of the position: `(instants, joints)` each."""
-        curves = [*self.rates(times), self.position(times)]
-        return [polynomials.critical_points(curve) for curve in curves]
-
-    def slack(self, times: Array, instants: list[Array]) -> Array:
-        """Return the slack of every limit at the instants, relative to it; 0 is at the limit.
-
-        Times may be complex: the imaginary part is then a derivative.
+        The sum is infinite where a position limit is broken.
         """
-        tables = []
-        for rate, bounds, at in zip(self.rates(times), self.bounds, instants, strict=False):
-            values = polynomials.evaluate(rate[:, None], at)
-            for side in bounds.T:
-                tables.append(1 - values / side)
-        if self.orders == 3:
-            # The cubics have the constant jerk 6 d/t³.
-            jerk = 6 * self.displacements / times**3
-            for side in self.limits.jerk.T:
-                share = jerk[:, ::2] / side[:, None]
-                tables.append(1 - share)
-        if self.room is not None:
-            curve = self.position(times)
-            position = polynomials.evaluate(curve[:, None], instants[-1])
-            for side, sign in zip(self.room.T, (-1, 1), strict=True):
-                limited = np.isfinite(side)
-                distance = side - position
-                inwards = sign * distance[:, limited]
-                tables.append(inwards / self.sizes[limited])
-        return np.concatenate([table.ravel() for table in tables])
-
-    def within(self, times: Array, inside: Array) -> Array:
-        """Move times towards those `inside` until they keep the position limits."""
-        if self.excesses(times) == 0:
-            return times
-        way = np.log(inside / times)
-        between = times * np.exp(_FRACTIONS[:, None] * way)
-        keeps = self.excesses(between) == 0
-        keeps[-1] = True
-        return between[keeps.argmax()]
+        kept = times * self.dilation(times)[..., None]
+        total = np.where(self.keeps_positions(times), kept.sum(axis=-1), np.inf)
+        return kept, total
 
 
-def initial_guesses(spline: MovingSpline, count: int) -> list[Array]:
-    """Return feasible segment times: the best local minima of a grid over both ratios."""
-    first, last = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
-    logarithms = np.stack([first, np.zeros_like(first), last], axis=-1)
-    times = spline.stop_times * np.exp(logarithms)
-    times *= spline.dilation(times)[..., None]
-    total = times.sum(axis=-1)
-    if spline.room is not None:
-        kept = spline.excesses(times) == 0
-        total = np.where(kept, total, np.inf)
-        if not kept.any():
-            longest = spline.stop_times.max()
-            times = spline353.keeping_times(
-                spline.displacements, spline.limits, spline.room, longest
-            )
-            return [times]
+def _local_optima(spline: MovingSpline, unit: Array, count: int) -> list[Array]:
+    """Return feasible segment times `(3,)`, s, of at most so many local optima, the best first.
+
+    Args:
+        spline: The spline.
+        unit: Time from rest to rest of each segment, s.
+        count: How many.
+    """
+    outer = np.meshgrid(_LOG_RATIOS, _LOG_RATIOS, indexing="ij")
+    points = np.stack(outer, axis=-1)
+    _, total = spline.dilated(_times(points, unit))
+    if spline.room is not None and not np.isfinite(total).any():
+        times = spline353.keeping_times(
+            spline.displacements, spline.limits, spline.room, unit.max()
+        )
+        return [times]
     padded = np.pad(total, 1, mode="edge")
     neighbours = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
     lowest = (total <= neighbours.min(axis=(2, 3))) & np.isfinite(total)
     by_duration = np.argsort(total[lowest])
-    return list(times[lowest][by_duration[:count]])
+    return [_narrowed(spline, unit, start) for start in points[lowest][by_duration[:count]]]
 
 
-def _local_optimum(spline: MovingSpline, guess: Array) -> tuple[Array, str]:
-    """Feasible segment times near a local optimum, and how SLSQP ended, from one initial guess."""
-    import scipy  # late: planners that are only listed need none of it
+def _narrowed(spline: MovingSpline, unit: Array, start: Array) -> Array:
+    """Return feasible segment times, s, of the local optimum near a point of the grid."""
+    rng = np.random.default_rng(0)
+    best = start
+    apart = (_LOG_RATIOS[1] - _LOG_RATIOS[0]) * np.eye(2)
+    for _ in range(_MAX_ROUNDS):
+        drawn = best + rng.standard_normal((_CANDIDATES, len(apart))) @ apart
+        points = np.vstack([best, drawn])
+        times, total = spline.dilated(_times(points, unit))
+        kept = np.argsort(total)[:_KEPT]
+        best = points[kept[0]]
+        if total[kept[-1]] <= total[kept[0]] * (1 + _EQUAL_RTOL):
+            break
+        apart = _SPREAD * (points[kept] - best) / np.sqrt(_KEPT)
+    return np.asarray(times[kept[0]])
 
-    unit = guess.mean()
-    start = np.log(guess / unit)
-    low = start - _MAX_LOG_DECREASE
-    high = start + _MAX_LOG_INCREASE
 
-    def duration(y: Array) -> float:
-        return float(np.exp(y).sum())
-
-    def slack(y: Array) -> Array:
-        times = unit * np.exp(y)
-        instants = spline.instants(times)
-        return spline.slack(times, instants)
-
-    def slope(y: Array) -> Array:
-        # A peak's instant changes its value by the square only: the instants stay.
-        times = unit * np.exp(y)
-        instants = spline.instants(times)
-        columns = []
-        for step in _COMPLEX_STEP * np.eye(3):
-            moved = times * np.exp(1j * step)
-            changed = spline.slack(moved, instants)
-            columns.append(changed.imag / _COMPLEX_STEP)
-        return np.stack(columns, axis=1)
-
-    with np.errstate(all="ignore"):
-        found = scipy.optimize.minimize(
-            duration,
-            start,
-            jac=np.exp,
-            method="SLSQP",
-            bounds=list(zip(low, high, strict=True)),
-            constraints={"type": "ineq", "fun": slack, "jac": slope},
-            options=_SLSQP_OPTIONS,
-        )
-    times = unit * np.exp(found.x)
-    if not np.isfinite(times).all():
-        return guess, str(found.message)
-    times = spline.within(times, guess)
-    times = times * spline.dilation(times)
-    if times.sum() > guess.sum():
-        times = guess
-    return times, str(found.message)
+def _times(points: Array, unit: Array) -> Array:
+    """Return segment times `(…, 3)`, s, of logarithms of both ratios `(…, 2)`."""
+    return unit * np.exp(np.insert(points, 1, 0.0, axis=-1))

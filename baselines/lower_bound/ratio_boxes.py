@@ -107,10 +107,8 @@ def prove(problem: Problem, within: float, deadline: float) -> Proved:
         within: Relative gap of both bounds at which to stop.
         deadline: Of `time.perf_counter`. The proof of the last gap reached is the answer.
     """
-    spline = MovingSpline(problem)
-    optimum = Spline353NLP().solve(problem).trajectory
-    assert optimum is not None
-    times = np.diff(optimum.waypoint_times)
+    spline = MovingSpline.of(problem)
+    times = Spline353NLP().solve(problem).stats["segment_times"]
     even = np.linspace(0, 1, _START_INSTANTS)
     proof = None
     reached = _FIRST_GAP
@@ -248,20 +246,19 @@ class Ratios:
         )
         tables = []
         orders = []
-        for order, bounds in enumerate(spline.bounds, start=1):
+        bounds = (spline.limits.velocity, spline.limits.acceleration, spline.limits.jerk)
+        for order, pairs in enumerate(bounds, start=1):
             rates = polynomials.derivative(_HERMITE, order)[:, None]
             basis = polynomials.evaluate(rates, instants[:, None])
             values = basis[:, None] * parts
-            for side in bounds.T:
+            for side in pairs.T:
                 finite = np.isfinite(side)
                 table = values[:, finite] / side[finite, None]
                 tables.append(_padded(table))
                 orders.append(order)
-        if spline.orders == 3:
-            for side in spline.bounds[2].T:
-                finite = np.isfinite(side)
-                tables.append(_cubes(spline.displacements[finite], side[finite]))
-                orders.append(3)
+                if order == 3:
+                    tables.append(_cubes(spline.displacements[finite], side[finite]))
+                    orders.append(order)
         for table in self._position_tables(instants, parts):
             tables.append(table)
             orders.append(0)
@@ -278,11 +275,12 @@ class Ratios:
             return
         basis = polynomials.evaluate(_HERMITE[:, None], instants[:, None])
         values = basis[:, None] * parts
+        sizes = np.abs(self.spline.displacements).max(axis=1)
         for side, sign in zip(room.T, (-1.0, 1.0), strict=True):
             finite = np.isfinite(side)
             beyond = values[:, finite].copy()
             beyond[..., 0] -= side[finite]
-            beyond *= sign / self.spline.sizes[finite, None]
+            beyond *= sign / sizes[finite, None]
             yield _padded(beyond)
 
     def _exchanged(self, rows: _Rows, points: Array, instants: Array) -> tuple[Array | None, Array]:
@@ -294,10 +292,8 @@ class Ratios:
         if not len(points):
             return None, instants
         times = self._times(points)
-        own_times = times[:, None, :]
-        displacements = self.spline.displacements
-        dilation = spline353.dilation(displacements, own_times, self.spline.limits)
-        inside = self.spline.excesses(times) == 0
+        dilation = self.spline.dilation(times)
+        inside = self.spline.keeps_positions(times)
         best = int(np.where(inside, dilation, np.inf).argmin())
         if inside[best] and dilation[best] < 1:
             return times[best] * dilation[best], instants
@@ -394,15 +390,15 @@ def proved_bound(problem: Problem, proof: RatioProof) -> float:
     """
     cutoff = proof.cutoff
     instants = proof.instants
-    usable = cutoff.shape == (1,) and bool(np.isfinite(cutoff).all() and (cutoff > 0).all())
-    usable = usable and bool(((instants >= 0) & (instants <= 1)).all())
     leaves = proof.leaves
-    bytes_only = (leaves >= 0) & (leaves <= 255) & (leaves == np.floor(leaves))
-    if not usable or not bytes_only.all() or len(instants) > 2 * _MAX_INSTANTS:
+    inside = (instants >= 0) & (instants <= 1)
+    bytes_only = np.isin(leaves, np.arange(256))
+    usable = inside.all() and bytes_only.all() and len(instants) <= 2 * _MAX_INSTANTS
+    if not usable or cutoff.shape != (1,) or not 0 < cutoff[0] < np.inf:
         raise InvalidInput("proof", "a cut-off, instants from 0 to 1, and leaves")
     try:
         with np.errstate(over="raise", under="raise", invalid="raise", divide="raise"):
-            holds = Ratios(MovingSpline(problem), float(cutoff[0])).check(proof)
+            holds = Ratios(MovingSpline.of(problem), float(cutoff[0])).check(proof)
     except FloatingPointError as error:
         raise InvalidInput("proof", "numbers within the range of arithmetic") from error
     if not holds:
@@ -412,7 +408,17 @@ def proved_bound(problem: Problem, proof: RatioProof) -> float:
 
 def _critical_instants(spline: MovingSpline, times: Array) -> Array:
     """Return the normalised instants of the quintic where a limit can be worst, `(instants,)`."""
-    points = [instants.ravel() for instants in spline.instants(times)]
+    parts = spline.displacements.T
+    quintic = spline353.Quintic.between(parts, times)
+    points = []
+    for controls in (
+        spline353.position_coefficients(parts, times),
+        quintic.velocity(),
+        quintic.acceleration(),
+        quintic.jerk(),
+    ):
+        curve = polynomials.from_bernstein(np.array(controls))
+        points.append(polynomials.critical_points(curve).ravel())
     return np.clip(np.concatenate(points), 0.0, 1.0)
 
 
@@ -427,7 +433,7 @@ def segment_times(spline: MovingSpline, total: float) -> tuple[Array, Array]:
     by_velocity = 3 * d / v
     by_acceleration = np.sqrt(6 * d / a)
     by_jerk = np.cbrt(6 * d / j)
-    outer = np.maximum(np.maximum(by_velocity, by_acceleration), by_jerk)
+    outer = np.max([by_velocity, by_acceleration, by_jerk], axis=0)
     outer[:, 1] = d[:, 1] / v[:, 0]
     low = outer.max(axis=0)
     others = low.sum() - low

@@ -11,7 +11,6 @@ import pytest
 from experiments import (
     certificates,
     commands,
-    explained,
     rivals,
 )
 from experiments.__main__ import questions
@@ -44,18 +43,6 @@ def test_certificates_count_what_is_closed():
 def test_random_problems_are_proved(tmp_path, capsys):
     certificates.sizes(waypoints=3, joints=2, seeds=1, output=tmp_path)
     assert "proved to 0.01 %: 2 of 2" in capsys.readouterr().out
-
-
-def test_explained_draws_both_decompositions(tmp_path, capsys):
-    explained.main(planner=("ruckig-stop", "unoptimised"), output=tmp_path)
-    table = pd.read_csv(tmp_path / "explained.csv").set_index("planner")
-    timing = 1 + table["timing_gap"]
-    route = 1 + table["route_gap"]
-    whole = 1 + table["gap"]
-    np.testing.assert_allclose(timing * route, whole, rtol=1e-9)
-    assert table["shape_gap"].notna().tolist() == [False, True]
-    assert {f.name for f in tmp_path.iterdir()} >= {"waterfalls.png", "waterfalls.svg"}
-    assert "ruckig-stop" in capsys.readouterr().out
 
 
 def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path):

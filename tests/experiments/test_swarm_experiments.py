@@ -173,22 +173,6 @@ def test_only_the_sparrows_care_where_the_origin_is():
     assert error("SSA", "far away") > 1e6 * error("SSA", "in its middle")
 
 
-def test_time_to_the_target_is_evaluations_times_their_cost():
-    hits = np.full((3, 2, 2, 2), np.nan)
-    hits[1, 0, 0] = [40, 60]  # 50
-    hits[1, 1, 0] = [10, np.nan]  # (10 + 100) / 1
-    gaps = np.ones((2, 2, 2))
-    race = outcome(["a", "b"], gaps, hits)
-    costs = pd.DataFrame({"alone (µs)": [2e6, 1.0]})
-    of_nlp = {"gap": [1e-6, 0.5], "seconds": [7.0, 8.0]}
-    solved = pd.DataFrame(of_nlp)
-    found = swarms.seconds(race, costs, solved)
-    assert found.tolist() == [
-        [100.0, np.inf, 7.0],
-        [220.0, np.inf, np.inf],
-    ]
-
-
 def test_the_fitness_is_all_that_the_swarms_pairs_differ_in():
     planners = swarms.entrants(60)
     for name in swarms.OPTIMISERS:
@@ -210,7 +194,6 @@ def test_quick_forms_resume(
     # Small where size shows nothing: intervals, boxes and batches are as many as it takes.
     monkeypatch.setattr(statistics, "bootstrap", partial(statistics.bootstrap, resamples=99))
     monkeypatch.setattr(issa_ablation, "PLACES", (0.0, 0.5))
-    monkeypatch.setattr(swarms, "BATCH", 2)
     experiment.main(output=tmp_path, quick=True)
     folder = tmp_path / "2-problems-2-seeds-100-evaluations"
     summary = pd.read_csv(folder / "summary.csv")
@@ -223,7 +206,6 @@ def test_quick_forms_resume(
         (races, "proved"),
         (issa_ablation, "biased"),
         (swarms, "nlp"),
-        (swarms, "speed"),
     ]
     first = capsys.readouterr().out
     for module, name in again:
