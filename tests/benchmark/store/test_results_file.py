@@ -3,6 +3,7 @@
 import json
 import re
 import textwrap
+import time
 import zlib
 from dataclasses import replace
 
@@ -232,6 +233,30 @@ def test_a_file_of_nothing_but_damaged_texts_is_refused_at_once(tmp_path):
     path.write_bytes(results_file.sealed(path.read_bytes()))
     with pytest.raises(StoreError, match="it does not start as a trial's text does"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("repeated", "words"),
+    [
+        (b"\0", "it does not start as a trial's text does"),
+        (trial_text.sealed({"id": "0" * 20, "problem": None}) + b"\0", "two of trial 0000"),
+    ],
+)
+def test_millions_of_texts_in_a_small_file_are_refused_at_once(tmp_path, repeated, words):
+    """Half a gigabyte that deflates to half a megabyte: to look at each text takes minutes."""
+    path = save(tmp_path / "x.h5", solved())
+    texts = repeated * (CHUNK // len(repeated) + 1)
+    stored = zlib.compress(texts[:CHUNK])
+    with h5py.File(path, "r+") as file:
+        data = file["texts"]
+        data.resize((2000 * CHUNK,))
+        for start in range(0, 2000 * CHUNK, CHUNK):
+            data.id.write_direct_chunk((start,), stored)
+    path.write_bytes(results_file.sealed(path.read_bytes()))
+    start = time.process_time()
+    with pytest.raises(StoreError, match=words):
+        read(path, ids=["0" * 19 + "1"])
+    assert time.process_time() - start < 2.0
 
 
 def test_one_damaged_text_under_a_right_seal_refuses_the_file(tmp_path):

@@ -13,7 +13,9 @@ The fastest trajectory, with plain h5py:
     fastest = PPoly(trajectory["coefficients"], trajectory["breaks"])
 
 This package reads nothing but `texts`, which must lie in the very file, in chunks whose size is
-known. So it takes no more memory than a text, whatever a stranger's file claims. The file ends
+known. So it takes no more memory than a text, whatever a stranger's file claims. The first text
+that states no identity, or that of another one, ends it: nobody can make a small file that takes
+minutes. The file ends
 with a seal: the mark `trajopt4` and the SHA-256 of all bytes before it, which HDF5 ignores.
 """
 
@@ -33,7 +35,7 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.store.document import Malformed, pack
 from trajopt.benchmark.store.fields import FIELDS, Kind, values
-from trajopt.benchmark.store.trial_text import MAX_BYTES, SCHEMA, WrongSchema
+from trajopt.benchmark.store.trial_text import MAX_BYTES, SCHEMA, WrongSchema, stated_id
 from trajopt.benchmark.trial import Trial
 
 _MARK = f"trajopt{SCHEMA}".encode()
@@ -137,11 +139,17 @@ def read(path: Path) -> Iterator[bytes]:
 
     with h5py.File(path, "r", locking=False) as file:
         rest = b""
+        known = set()
         for block in _blocks(h5py, file):
             *whole, rest = (rest + block).split(_END)
             if len(rest) > MAX_BYTES:
                 raise Malformed(f"texts: one has more than {MAX_BYTES / 1e6:g} MB")
-            yield from whole
+            for text in whole:
+                trial_id = stated_id(text)
+                if trial_id in known:
+                    raise Malformed(f"texts: two of trial {trial_id}")
+                known.add(trial_id)
+                yield text
     if rest:
         raise Malformed("texts: the last one has no end")
 

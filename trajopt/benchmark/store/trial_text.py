@@ -67,9 +67,15 @@ class WrongSchema(StoreError):
 
 
 def stated_id(text: bytes) -> str:
-    """Return the identity that a text states; a word for that where it states none."""
+    """Return the identity that a text states, without checking the rest."""
+    return _head(text)["id"].decode()
+
+
+def _head(text: bytes) -> re.Match[bytes]:
     found = _HEAD.match(text)
-    return found["id"].decode() if found else "unknown"
+    if found is None:
+        raise Malformed("it does not start as a trial's text does")
+    return found
 
 
 _STATED = re.compile(rb'^"(label|started|asked)": (".*"),$', re.MULTILINE)
@@ -90,9 +96,7 @@ def check(text: bytes) -> str:
         Malformed: The text is damaged, edited, or no trial's.
         WrongSchema: Another version wrote it.
     """
-    found = _HEAD.match(text)
-    if found is None:
-        raise Malformed("it does not start as a trial's text does")
+    found = _head(text)
     if int(found["schema"]) != SCHEMA:
         raise WrongSchema("a trial")
     body = memoryview(text)[found.start("body") :]
