@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from trajopt.benchmark.store.fields import FIELDS
+
 ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 MATHEMATICS = ROOT / "docs" / "mathematics.md"
 SOURCES = sorted(
     path
@@ -51,3 +54,9 @@ def test_every_file_that_a_docstring_names_exists(path):
     named = PATHS.findall(path.read_text(encoding="utf-8"))
     missing = [name for name in named if not (ROOT / name).is_file()]
     assert missing == []
+
+
+def test_the_page_of_files_lists_every_field_of_a_trial():
+    rows = [f"| `{f.name}` | {f.unit} | {f.meaning} |".replace("|  |", "| |") for f in FIELDS]
+    page = (DOCS / "files.md").read_text(encoding="utf-8")
+    assert "\n".join(rows) in page

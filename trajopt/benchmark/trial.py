@@ -108,6 +108,12 @@ class Trial:
         return self.certificate.dilation if self.certificate else None
 
     @property
+    def position_excess(self) -> float | None:
+        """The largest distance beyond a position limit, rad or m; None without such limits."""
+        worst = self.certificate.position if self.certificate else None
+        return max(0.0, worst.value) if worst else None
+
+    @property
     def feasible(self) -> bool | None:
         """True if the trajectory keeps every limit as claimed; None without one."""
         return self.certificate.feasible if self.certificate else None

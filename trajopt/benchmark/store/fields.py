@@ -1,19 +1,22 @@
 """Every field of a trial, declared once: its name, type, unit, meaning, and where it comes from.
 
-The trial's text, the columns of `results.h5`, tables and pages follow this list. To store another
-value, give `Trial` the attribute and add a line here.
+The trial's text, the columns of `results.h5`, frames, CSV files and pages follow this list. To
+store another value, give `Trial` the attribute and add a line here.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from operator import attrgetter
 from typing import Any, Literal
 
-from trajopt.benchmark.store.document import Malformed
+import numpy as np
+
+from trajopt.benchmark.store.document import Malformed, pack
 from trajopt.benchmark.trial import Trial
 
 Kind = Literal["line", "text", "time", "integer", "number", "object"]
@@ -73,6 +76,7 @@ _KINDS: dict[Kind, tuple[str, Callable[[Any], bool]]] = {
     "object": ("a JSON object", lambda value: isinstance(value, Mapping)),
 }
 
+_DTYPES = {"number": float, "integer": np.int64}
 
 FIELDS = (
     Field("id", "line", "", "identity: problem, planner, options, seed, code"),
@@ -94,6 +98,7 @@ FIELDS = (
     Field("certified_duration", "number", "s", "max(1, dilation) x claimed; NaN: beyond mending"),
     Field("lower_bound", "number", "s", "no trajectory is faster, as the planner proved"),
     Field("dilation", "number", "1", "exact cheapest time dilation that meets the limits"),
+    Field("position_excess", "number", "rad or m", "largest distance beyond a position limit"),
     Field("feasible", "number", "1", "1 if every limit is kept as claimed; NaN: no trajectory"),
     Field("evaluations", "number", "1", "objective evaluations", "solution.evaluations"),
     Field("setup_time", "number", "s", "wall time for building what later calls reuse"),
@@ -111,9 +116,26 @@ OWN_FIELDS = tuple(field for field in _NAMED if field.name in _ATTRIBUTES)
 """The fields that a trial's text states; the others follow from its problem, solution, verdict."""
 
 
-def values(trial: Trial) -> dict[str, Any]:
-    """Return the value of every field, by name."""
-    return {field.name: attrgetter(field.path or field.name)(trial) for field in FIELDS}
+def columns(trials: Sequence[Trial]) -> dict[str, Any]:
+    """Return the values of every field by name, one a trial.
+
+    Numbers are arrays, with NaN for a missing one. The others are texts: several in a field, one a
+    line; an object as JSON.
+    """
+    return {field.name: _column(field, trials) for field in FIELDS}
+
+
+def _column(field: Field, trials: Sequence[Trial]) -> Any:
+    items = list(map(attrgetter(field.path or field.name), trials))
+    if field.kind in _DTYPES:
+        return np.array(items, dtype=_DTYPES[field.kind])
+    return [_as_text(item) for item in pack(items)]
+
+
+def _as_text(plain: Any) -> str:
+    if isinstance(plain, list):
+        return "\n".join(plain)
+    return plain if isinstance(plain, str) else json.dumps(plain, ensure_ascii=False)
 
 
 def check(stated: Mapping[str, Any]) -> None:

@@ -22,7 +22,6 @@ with a seal: the mark `trajopt4` and the SHA-256 of all bytes before it, which H
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 import zlib
@@ -33,8 +32,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from trajopt.benchmark.store.document import Malformed, pack
-from trajopt.benchmark.store.fields import FIELDS, Kind, values
+from trajopt.benchmark.store import fields
+from trajopt.benchmark.store.document import Malformed
+from trajopt.benchmark.store.fields import FIELDS
 from trajopt.benchmark.store.trial_text import MAX_BYTES, SCHEMA, WrongSchema, stated_id
 from trajopt.benchmark.trial import Trial
 
@@ -57,13 +57,15 @@ def content(trials: Sequence[Trial], texts: Sequence[bytes]) -> bytes:
     import h5py  # late, here and below: takes long to import
 
     joined = b"".join(text + _END for text in texts)
-    rows = [values(trial) for trial in trials]
+    columns = fields.columns(trials)
     with h5py.File.in_memory(libver="v110") as file:
         file.attrs["schema"] = SCHEMA
         file.attrs["description"] = _DESCRIPTION
         for field in FIELDS:
-            column = _column(field.kind, [row[field.name] for row in rows])
-            filters = _FILTERS if len(rows) and column.dtype.kind != "O" else {}
+            column = columns[field.name]
+            if not isinstance(column, np.ndarray):
+                column = _texts(column)
+            filters = _FILTERS if len(trials) and column.dtype.kind != "O" else {}
             data = file.create_dataset(f"trials/{field.name}", data=column, **filters)
             data.attrs["units"] = field.unit
             data.attrs["description"] = field.meaning
@@ -90,23 +92,7 @@ def sealed(data: bytes) -> bytes:
     return data + _MARK + hashlib.sha256(data).digest()
 
 
-def _column(kind: Kind, items: list[Any]) -> NDArray[Any]:
-    """The values of a field, one a trial."""
-    if kind == "number":
-        return np.array(items, dtype=float)  # None becomes NaN
-    if kind == "integer":
-        return np.array(items, dtype=np.int64)
-    return _texts([_as_text(item) for item in pack(items)])
-
-
-def _as_text(plain: Any) -> str:
-    """A text; of several, one a line; of an object, JSON."""
-    if isinstance(plain, list):
-        return "\n".join(plain)
-    return plain if isinstance(plain, str) else json.dumps(plain)
-
-
-def _texts(texts: list[str]) -> NDArray[Any]:
+def _texts(texts: Sequence[str]) -> NDArray[Any]:
     """Texts of one length, which compress, unless one of them is much longer than the others."""
     import h5py
 

@@ -24,6 +24,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from trajopt.benchmark.store import fields
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
@@ -40,27 +41,6 @@ if TYPE_CHECKING:
 Target = Literal["optimum", "best 3-5-3"]
 Line = Any  # a row of `Results.summary()`: its columns are attributes
 
-TRIAL_COLUMNS: dict[str, Any] = {  # of `Results.trials()`, with their dtypes
-    "id": "str",
-    "problem": "str",
-    "digest": "str",
-    "group": "str",
-    "planner": "str",
-    "label": "str",
-    "seed": int,
-    "status": "str",
-    "message": "str",
-    "relation": "str",
-    "claimed_duration": float,
-    "certified_duration": float,
-    "lower_bound": float,
-    "feasible": bool,
-    "dilation": float,
-    "position_excess": float,
-    "evaluations": float,
-    "setup_time": float,
-    "solve_time": float,
-}
 _REFERENCE_COLUMNS: dict[str, Any] = {
     "duration": float,
     "kind": "str",
@@ -113,32 +93,22 @@ class Results:
     def trials(self) -> pd.DataFrame:
         """One row per trial; a number that does not exist is NaN.
 
-        Columns:
-            id: identity of the trial.
-            problem, digest: name of the problem, and SHA-256 of its numbers.
-            group: an arm, a paper or a random family; problems of one group are not independent.
-            planner, label: the planner, and its name with the options that differ from its
-                defaults.
-            seed: of the random stream.
-            status, message: the verdict, and why, if it is not `solved`.
-            relation: how the answer relates to the minimum-time problem.
-            claimed_duration: of the trajectory as returned, s.
-            certified_duration: the same times `max(1, dilation)`, s; NaN beyond mending.
-            lower_bound: no trajectory is faster, as the planner proved, s.
-            feasible: true if it keeps every limit as claimed.
-            dilation: the cheapest factor of time that keeps velocity, acceleration and jerk limits.
-            position_excess: largest distance beyond a position limit, rad; 0 within the limits,
-                NaN without a trajectory or such limits.
-            evaluations: of the objective.
-            setup_time: wall time for building what later calls reuse, s.
-            solve_time: wall time besides, s; a batch's divided by its runs.
+        Its columns are the fields of a trial (`benchmark.store.fields`, docs/files.md), and
+        `group`: an arm, a paper or a random family. Problems of one group are not independent.
+        `feasible` is false for a trial without a trajectory.
         """
         return self._trials.copy()
 
     @cached_property
     def _trials(self) -> pd.DataFrame:
-        rows = [_row(trial) for trial in self.items]
-        return pd.DataFrame(rows, columns=list(TRIAL_COLUMNS)).astype(TRIAL_COLUMNS)
+        columns = {}
+        for name, column in fields.columns(self.items).items():
+            numbers = isinstance(column, np.ndarray)
+            columns[name] = pd.Series(column, dtype=None if numbers else "str")
+        table = pd.DataFrame(columns)
+        table["feasible"] = table["feasible"] == 1
+        groups = [catalogue.group(trial.problem) for trial in self.items]
+        return table.assign(group=groups)
 
     def references(self) -> pd.DataFrame:
         """One row per problem, by its digest: the reference of its gaps.
@@ -368,32 +338,3 @@ class Results:
         below_reference = table["gap"] < -tolerance
         below_proof = table["certified_duration"] < table["proved"] * (1 - BUG_RTOL)
         return table[below_reference | below_proof]
-
-
-def _row(trial: Trial) -> dict[str, Any]:
-    certificate = trial.certificate
-    row = {
-        "id": trial.id,
-        "problem": trial.problem.name,
-        "digest": trial.problem.digest(),
-        "group": catalogue.group(trial.problem),
-        "planner": trial.planner,
-        "label": trial.label,
-        "seed": trial.seed,
-        "status": str(trial.status),
-        "message": trial.message,
-        "relation": trial.relation.name,
-        "claimed_duration": trial.claimed_duration,
-        "certified_duration": trial.certified_duration,
-        "lower_bound": trial.lower_bound,
-        "feasible": False,
-        "evaluations": trial.solution.evaluations,
-        "setup_time": trial.setup_time,
-        "solve_time": trial.solve_time,
-    }
-    if certificate:
-        row["feasible"] = certificate.feasible
-        row["dilation"] = certificate.dilation
-        if certificate.position:
-            row["position_excess"] = max(0.0, certificate.position.value)
-    return row

@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.benchmark.store.document import pack
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import StoreError
 from trajopt.views.analysis.results import Results
-from trajopt.views.export.tables import options_text
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,7 @@ def _described(experiment: _Experiment) -> dict[str, Any]:
         "maximization": False,
         "algorithm": {
             "name": first.label,
-            "info": options_text(first),
+            "info": json.dumps(pack(first.options), sort_keys=True, ensure_ascii=False),
         },
         "experiment_attributes": [{"provenance": provenance}],
         "run_attributes": ["seed"],

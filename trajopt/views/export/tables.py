@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pandas as pd
 
 from trajopt.benchmark.store import atomic
-from trajopt.benchmark.store.document import pack
-from trajopt.benchmark.trial import Trial
 from trajopt.planners.planner import backend
 from trajopt.views.analysis.results import Results
 
@@ -19,35 +16,16 @@ _MARKED = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠", "'"
 
 
 def table(results: Results) -> pd.DataFrame:
-    """Return `results.gaps()` (s) and the origin of each trial.
+    """Return `results.gaps()` (s), `started` as an instant, and a column per fact of provenance.
 
-    Further columns:
-        batch: runs solved together.
-        started: UTC.
-        options: all of them as JSON, NaN and infinity as `{"$float": "nan"}`.
-        provenance_*: the commit, the machine and the versions, empty where not installed.
+    Those are `provenance_commit`, `provenance_machine` and so on, empty where not installed.
     """
-    items = results.items
     trials = results.gaps()
-    trials["batch"] = pd.Series([trial.batch for trial in items], dtype=int)
-    started = [trial.started for trial in items]
-    instants = pd.to_datetime(started, utc=True, format="ISO8601")
-    trials["started"] = instants.as_unit("us")
-    trials["options"] = pd.Series([options_text(trial) for trial in items], dtype="str")
-    names: dict[str, None] = {}
-    for trial in items:
-        names |= dict.fromkeys(trial.provenance)
-    for name in names:
-        values = [str(trial.provenance.get(name, "")) for trial in items]
-        trials[f"provenance_{name}"] = pd.Series(values, dtype="str")
-    return trials
-
-
-def options_text(trial: Trial) -> str:
-    """All options as JSON, as the store writes them."""
-    as_json = json.dumps(dict(trial.options), default=str)
-    plain = json.loads(as_json)
-    return json.dumps(pack(plain), sort_keys=True, ensure_ascii=False)
+    instants = pd.to_datetime(trials["started"], utc=True, format="ISO8601")
+    trials["started"] = instants.dt.as_unit("us")
+    facts = pd.DataFrame([dict(trial.provenance) for trial in results.items], dtype="str")
+    facts = facts.fillna("").add_prefix("provenance_")
+    return trials.drop(columns="provenance").join(facts)
 
 
 def write_csv(results: Results, path: Path) -> None:
