@@ -461,6 +461,9 @@ def test_the_docstring_lists_the_columns(name):
 
 def test_trials_have_a_column_for_each_field_of_the_store():
     trials = Results(run("mine", 2.0)).trials()
+    (row,) = trials.to_dict("records")
+    assert row["relation"] == "RESTRICTION"
+    assert (row["options"], row["joint_names"], row["feasible"]) == ("{}", "", True)
     assert list(trials) == [*(field.name for field in FIELDS), "group"]
 
 

@@ -129,13 +129,14 @@ def _column(field: Field, trials: Sequence[Trial]) -> Any:
     items = list(map(attrgetter(field.path or field.name), trials))
     if field.kind in _DTYPES:
         return np.array(items, dtype=_DTYPES[field.kind])
-    return [_as_text(item) for item in pack(items)]
+    return [_as_text(item) for item in items]
 
 
-def _as_text(plain: Any) -> str:
+def _as_text(item: Any) -> str:
+    plain = item if isinstance(item, str) else pack(item)
     if isinstance(plain, list):
         return "\n".join(plain)
-    return plain if isinstance(plain, str) else json.dumps(plain, ensure_ascii=False)
+    return str(plain) if isinstance(plain, str) else json.dumps(plain, ensure_ascii=False)
 
 
 def check(stated: Mapping[str, Any]) -> None:

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.benchmark.store import fields
-from trajopt.benchmark.store.document import Malformed
+from trajopt.benchmark.store.document import Malformed, pack
 from trajopt.benchmark.store.fields import FIELDS
 from trajopt.benchmark.store.trial_text import MAX_BYTES, SCHEMA, WrongSchema, stated_id
 from trajopt.benchmark.trial import Trial
@@ -64,7 +64,7 @@ def content(trials: Sequence[Trial], texts: Sequence[bytes]) -> bytes:
         for field in FIELDS:
             column = columns[field.name]
             if not isinstance(column, np.ndarray):
-                column = _texts(column)
+                column = _texts(pack(column))
             filters = _FILTERS if len(trials) and column.dtype.kind != "O" else {}
             data = file.create_dataset(f"trials/{field.name}", data=column, **filters)
             data.attrs["units"] = field.unit
