@@ -470,3 +470,23 @@ def test_trials_have_a_column_for_each_field_of_the_store():
 def test_no_trials_have_an_empty_summary():
     assert Results([]).summary().empty
     assert Results([]).gaps().empty
+
+
+def test_of_tied_rows_the_optimum_is_first_and_then_the_name_decides():
+    named = {
+        "exact-jerk": (2.0,),
+        "b": (3.0 - 1e-8,),  # 3 s to six digits
+        "exact": (2.0 + 1e-9,),
+        "a": (3.0,),
+        "gives up": (-1.0,),
+        "certify": (2.0 - 1e-9,),
+        "faster": (1.9,),
+    }
+    trials = []
+    for name, durations in named.items():
+        trials += judge(Fixed(*durations), PROBLEM, [0], name)
+    expected = ["faster", "exact", "certify", "exact-jerk", "a", "b", "gives up"]
+    for given in (trials, trials[::-1]):
+        results = Results(given)
+        assert [line.label for line in results.lines()] == expected
+        assert results.planners().index.tolist() == expected

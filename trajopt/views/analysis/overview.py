@@ -16,7 +16,7 @@ from trajopt.benchmark.best_known.record import CLOSED_WITHIN
 from trajopt.core.solution import Status
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.gap_reference import OPTIMA
-from trajopt.views.analysis.pairwise import mean_ranks
+from trajopt.views.analysis.pairwise import best_first, mean_ranks
 
 
 def competing(trials: pd.DataFrame) -> pd.DataFrame:
@@ -58,13 +58,12 @@ def overview(gaps: pd.DataFrame) -> pd.DataFrame:
             is missing is worse than any.
         worst: gap of any solved trial, a ratio minus 1.
         rank: mean rank over all problems (`pairwise.mean_ranks`), NaN where it has none.
-        rank: mean rank over all problems (`pairwise.mean_ranks`), NaN where it has none.
         time: median wall time of a trial, s.
     """
     lines = {label: _line(runs) for label, runs in gaps.groupby("label", sort=False)}
     table = pd.DataFrame.from_dict(lines, orient="index")
     table["rank"] = mean_ranks(competing(gaps))
-    return table.rename_axis("label").sort_values("gap", kind="stable")
+    return best_first(table.rename_axis("label"), 1 + table["gap"])
 
 
 def _line(runs: pd.DataFrame) -> dict[str, Any]:

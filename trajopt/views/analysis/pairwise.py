@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from trajopt.explain.references import OPTIMUM
 from trajopt.views.analysis import statistics
 
 Array = NDArray[np.float64]
@@ -77,6 +78,18 @@ def medians(runs: pd.DataFrame) -> pd.DataFrame:
 def to_tie_digits(duration: float) -> float:
     """The duration rounded to `TIE_DIGITS` significant digits."""
     return float(f"{duration:.{TIE_DIGITS}g}")
+
+
+def best_first(table: pd.DataFrame, durations: pd.Series[float]) -> pd.DataFrame:
+    """Sort rows by durations; of those equal to `TIE_DIGITS` the optimum is first, then by label.
+
+    Args:
+        table: With a column or an index `label`.
+        durations: Of each row, s, or relative to the same one.
+    """
+    ties = durations.map(to_tie_digits)
+    labels = table.reset_index()["label"].replace(OPTIMUM, "")
+    return table.iloc[np.lexsort([labels, ties])]
 
 
 def _tie_durations(runs: pd.DataFrame) -> pd.Series[float]:

@@ -153,7 +153,7 @@ class Results:
         return table
 
     def summary(self) -> pd.DataFrame:
-        """One row per problem and planner with its options, by median certified duration.
+        """One row per problem and planner with its options, the best first.
 
         Columns:
             problem, digest, label: the problem, and the planner with its options.
@@ -208,7 +208,8 @@ class Results:
             "message": verdicts["message"],
         }
         lines = pd.DataFrame(columns, index=of_each.index).reset_index()
-        return lines.sort_values(["problem", "median"], ignore_index=True)
+        ordered = pairwise.best_first(lines, lines["median"])
+        return ordered.sort_values("problem", kind="stable", ignore_index=True)
 
     def planners(self) -> pd.DataFrame:
         """One row per planner with its options, by median gap; `overview` lists the columns."""
