@@ -68,6 +68,7 @@ def test_a_problem_without_published_times_says_so(run):
     [
         (["pmm-race"], "expected a problem that can be stated here, but its limits are Euclidean"),
         (["fang"], "no published problem is called 'fang'; known: "),
+        (["nope"], f"; known: {', '.join(sorted(literature.files()))}\n"),
         (["fang2020-task1", "--time-limit", "0"], "Must be > 0"),
     ],
 )

@@ -43,7 +43,7 @@ def show(results: Results, folder: Path) -> Path | None:
             row.relaxed,
             "none" if row.gap == inf else _percent(row.gap),
             _percent(row.worst),
-            f"{row.time:.3f}",
+            console.number(row.time, ".3f"),
         )
     console.OUT.print(table)
     for sentence in _why_failed(results):

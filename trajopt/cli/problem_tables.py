@@ -80,7 +80,8 @@ def _readings(trials: Sequence[Trial]) -> str:
 def _caption(lines: Sequence[Line], readings: str) -> str:
     first = lines[0]
     runs = max(line.runs for line in lines)
-    sentences = [f"Up to {runs} seeds. Durations are the verifier's: claimed × max(1, dilation)."]
+    seeds = f"Up to {runs} seeds. " if runs > 1 else ""
+    sentences = [f"{seeds}Durations are the verifier's: claimed × max(1, dilation)."]
     if first.kind is not None:
         sentences.append(_reference(first))
     if readings:

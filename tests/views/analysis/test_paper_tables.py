@@ -33,7 +33,7 @@ def test_the_planners_are_held_against_a_rival(tmp_path):
     results = made()
     assert latex.rival(results) == "near"
     heading, exact, near, far = cells(latex.planners(results, "near"))
-    assert heading == ["planner", "solved", "gap (%)", "worst (%)", "rank", "shorter", "p"]
+    assert heading == ["planner", "solved", "gap (%)", "worst (%)", "rank", "shorter", "p (Holm)"]
     assert exact == ["exact", "2 of 2", "0.00", "0.00", "1.00", "1.00", "1.000"]
     assert near == ["near", "3 of 3", "20.00", "20.00", "2.00", "--", "--"]
     # medians 2.65 and 6: 32.5 % and 50 %. One of two runs is shorter on the first, none on the
@@ -64,7 +64,7 @@ def test_one_problem_is_compared_over_runs():
         *run("c", 2.6),
     ]
     heading, row = cells(latex.tests(Results(items)))
-    assert heading == ["planner", "against", "ratio", "shorter", "95 %", "p", "Holm"]
+    assert heading == ["planner", "against", "ratio", "shorter", "95 %", "p", "p (Holm)"]
     # all 9 pairs of runs won: 2 of 20 ways to deal the ranks
     assert row[:4] == ["a", "b", f"{2.1 / 2.4:.4f}", "1.00"]
     assert row[-2:] == ["0.100", "0.100"]

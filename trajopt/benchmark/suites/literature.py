@@ -116,7 +116,7 @@ def published(name_or_path: str | Path) -> Published:
     known = files() | files_beyond()
     path = known.get(str(name_or_path), Path(name_or_path))
     if not path.is_file():
-        raise UnknownName("published problem", str(name_or_path), known)
+        raise UnknownName("published problem", str(name_or_path), files())
     try:
         return _published(path)
     except InvalidInput as error:

@@ -24,8 +24,8 @@ from trajopt.explain.references import PROOF, REFERENCES
 from trajopt.views.analysis import pairwise
 from trajopt.views.analysis.results import Results
 
-_PLANNERS = ("planner", "solved", "gap (\\%)", "worst (\\%)", "rank", "shorter", "$p$")
-_TESTS = ("planner", "against", "ratio", "shorter", "95 \\%", "$p$", "Holm")
+_PLANNERS = ("planner", "solved", "gap (\\%)", "worst (\\%)", "rank", "shorter", "$p$ (Holm)")
+_TESTS = ("planner", "against", "ratio", "shorter", "95 \\%", "$p$", "$p$ (Holm)")
 _OVER_PROBLEMS = ("better", "tied", "worse")
 _SUMMARY = (
     "planner",
@@ -175,7 +175,7 @@ def _cells(row: Any) -> list[str]:
     return [
         escaped(row.label),
         f"{row.solved} of {row.runs}",
-        f"{100 * row.kept:.0f}",
+        _NONE if np.isnan(row.median) else f"{100 * row.kept:.0f}",
         _median(row),
         _quartiles(row),
         _number(100 * row.gap, 2),
