@@ -80,7 +80,7 @@ def _readings(trials: Sequence[Trial]) -> str:
 def _caption(lines: Sequence[Line], readings: str) -> str:
     first = lines[0]
     runs = max(line.runs for line in lines)
-    seeds = f"Up to {runs} seeds. " if runs > 1 else ""
+    seeds = f"Up to {runs} seeds. " * (runs > 1)
     sentences = [f"{seeds}Durations are the verifier's: claimed × max(1, dilation)."]
     if first.kind is not None:
         sentences.append(_reference(first))

@@ -44,9 +44,10 @@ NONE = Cell("–")
 
 def cells(row: Any) -> dict[str, Cell]:
     """The cells of a row of `Results.summary()`."""
+    kept = Cell(f"{100 * row.kept:.0f} %", float(row.kept))
     return {
         "solved": Cell(f"{row.solved} of {row.runs}", row.solved / row.runs),
-        "kept": _kept(row),
+        "kept": kept if row.median > 0 else NONE,
         "median": _median(row),
         "quartiles": _quartiles(row),
         "gap": _gap(row.gap),
@@ -54,11 +55,6 @@ def cells(row: Any) -> dict[str, Cell]:
         "evaluations": _cell(row.evaluations, "{:.0f}"),
         "solve_time": _cell(row.solve_time, "{:.3f}"),
     }
-
-
-def _kept(row: Any) -> Cell:
-    """The share of runs that keep every limit as claimed; none where no run has a motion."""
-    return NONE if np.isnan(row.median) else Cell(f"{100 * row.kept:.0f} %", float(row.kept))
 
 
 def _median(row: Any) -> Cell:
