@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import linecache
 import platform
 import re
@@ -52,8 +53,7 @@ def fresh(tmp_path, monkeypatch):
         for name in [name for name in sys.modules if name.partition(".")[0] in own]:
             monkeypatch.delitem(sys.modules, name)
         importlib.invalidate_caches()
-        for cached in (provenance._sources, provenance._release):
-            cached.cache_clear()
+        provenance._release.cache_clear()
         return code_of(importlib.import_module(module).Mine()).digest
 
     own = {"stranger", "helper", "unrelated", "package"}
@@ -72,6 +72,24 @@ def test_an_edited_script_or_what_it_imports_is_another_code(tmp_path, fresh):
     second = fresh()
     module.write_text(source("second", "import helper"))
     assert len({first, second, fresh()}) == 3
+
+
+def test_a_module_that_was_edited_after_its_import_is_refused_until_it_is_reloaded(tmp_path, fresh):
+    module, helper = tmp_path / "stranger.py", tmp_path / "helper.py"
+    helper.write_text("def weight():\n    return 1\n")
+    module.write_text(source(imports="import helper"))
+    first = fresh()
+    planner = sys.modules["stranger"].Mine()
+    for edited in (helper, module):
+        edited.write_text(edited.read_text().replace("1", "2").replace("first", "second"))
+        with pytest.raises(InvalidInput, match=f"{edited.name}.* not edited after its import"):
+            code_of(planner)
+        bytecode = Path(importlib.util.cache_from_source(edited))
+        bytecode.unlink(missing_ok=True)  # files that change twice in a second look the same
+        reloaded = importlib.reload(sys.modules[edited.stem])
+        if edited is module:
+            planner = reloaded.Mine()
+        assert code_of(planner).digest != first
 
 
 def test_an_edited_module_anywhere_in_a_package_is_another_code(tmp_path, fresh):
@@ -98,8 +116,7 @@ def test_of_an_installed_planner_the_version_and_its_own_file_count(tmp_path, fr
     def digest():
         monkeypatch.delitem(sys.modules, "stranger", raising=False)
         importlib.invalidate_caches()
-        for cached in (provenance._sources, provenance._release):
-            cached.cache_clear()
+        provenance._release.cache_clear()
         return code_of(importlib.import_module("stranger").Mine())
 
     first = digest()

@@ -134,21 +134,14 @@ class Judgement(Execution):
 
     def as_dict(self) -> dict[str, Any]:
         """Return it for JSON: SI units, joints count from 1, None for what does not exist."""
-        return {
-            "motion": self.motion.name,
+        return super().as_dict() | {
             "problem": self.problem.name,
-            "interpolation": self.motion.interpolation,
             "via_tolerance": self.via_tolerance,
             "status": str(self.status),
             "claimed_duration": self.claimed_duration,
-            "certified_duration": self.certified_duration,
-            "feasible": self.certificate.feasible,
-            "dilation": self.certificate.dilation,
             "gap": self.gap,
             "waypoint_times": self.trajectory.waypoint_times.tolist(),
             "flaws": list(self.certificate.flaws),
-            "falling_velocity": self.excess and self.excess.as_dict(),
-            "certificate": self.certificate.as_dict(),
         }
 
 

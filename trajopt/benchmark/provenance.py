@@ -10,7 +10,8 @@ The digest covers, depending on where the code lies:
   use of their own module and of the functions around them.
 
 Code without a source, as `exec` and standard input make it, has a new digest in every process:
-its trials are never kept for the next run. This package belongs to every digest, since it judges:
+its trials are never kept for the next run. A module that was edited after its import is refused:
+other code would run than its source says. This package belongs to every digest, since it judges:
 its modules that can change a trial, not those that only show it.
 """
 
@@ -24,11 +25,9 @@ import linecache
 import os
 import platform
 import re
-import site
 import subprocess
 import sys
-import sysconfig
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
@@ -95,6 +94,7 @@ def provenance() -> dict[str, str]:
 
 def code_of(planner: Planner) -> Code:
     """The code that runs when this planner does: its own, its bases', its nested options', ours."""
+    linecache.checkcache()
     own = type(planner)
     parts: dict[str, str] = {}
     for cls in _classes(planner):
@@ -257,14 +257,9 @@ def _used(function: FunctionType) -> Iterator[Any]:
 
 def _names(code: CodeType) -> list[str]:
     """The global names in a function and in the functions within it."""
-    names = list(code.co_names)
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            names += _names(constant)
-    return names
+    return [name for own in _codes(code) for name in own.co_names]
 
 
-@cache
 def _sources(name: str) -> str:
     """A digest of the sources of a module: see the top of this file."""
     module = sys.modules[name]
@@ -276,14 +271,47 @@ def _sources(name: str) -> str:
         return _ours()
     release = " ".join(_release(name)).strip()
     if release and _is_installed(file):
+        _check_imported([file])
         return _sha(f"{release} {_sha(file.read_bytes())}")
-    if not package:
-        return _sha_of({path.name: path for path in _script(file)})
     sources: dict[str, Path] = {}
-    for folder in sys.modules[package].__path__:
-        root = Path(folder)
-        sources |= _named(_files(root), root)
+    if not package:
+        sources = {path.name: path for path in _script(file)}
+    else:
+        for folder in sys.modules[package].__path__:
+            root = Path(folder)
+            sources |= _named(_files(root), root)
+    _check_imported(sources.values())
     return _sha_of(sources)
+
+
+def _check_imported(files: Iterable[Path]) -> None:
+    """Raise `InvalidInput` if a function of a loaded module is not what its source file says.
+
+    Python has no record of the source that a module was imported from, so the file is compiled
+    again. Modules that pytest has rewritten are not checked.
+    """
+    paths = {str(file) for file in files if file.suffix == ".py"}
+    for module in list(sys.modules.values()):
+        path = getattr(module, "__file__", None)
+        if path not in paths or "@pytest_ar" in vars(module):
+            continue
+        written = set(_codes(compile(Path(path).read_bytes(), path, "exec", dont_inherit=True)))
+        for value in vars(module).values():
+            if not isinstance(value, type | FunctionType):
+                continue
+            for function in _functions(value).values():
+                code = function.__code__
+                if code.co_filename == path and code not in written:
+                    right = "a module that is not edited after its import: start Python anew"
+                    raise InvalidInput("planner", right, value=module.__name__, file=path)
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """The code of a module or function, and of the functions within it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
 
 
 @cache
@@ -361,9 +389,7 @@ def _file(module: ModuleType) -> Path | None:
 
 def _is_installed(file: Path) -> bool:
     """Return whether a file lies in a folder of installed packages."""
-    paths = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
-    paths += [*site.getsitepackages(), site.getusersitepackages()]
-    return any(file.is_relative_to(Path(path).resolve()) for path in paths)
+    return not {"site-packages", "dist-packages"}.isdisjoint(file.parts)
 
 
 class _Release(NamedTuple):
