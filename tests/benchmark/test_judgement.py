@@ -111,9 +111,9 @@ def test_the_optimum_has_no_gap_and_half_its_time_needs_twice_the_time():
     assert table["dilation"] == pytest.approx(2)
     assert table["certificate"]["acceleration"]["ratio"] == pytest.approx(4)
     assert table["gap"] == pytest.approx(0, abs=1e-6)
-    keys = "motion problem interpolation via_tolerance status claimed_duration certified_duration"
-    keys += " feasible dilation gap waypoint_times flaws falling_velocity certificate"
-    assert list(table) == keys.split()
+    keys = "motion problem interpolation via_tolerance status duration claimed_duration"
+    keys += " certified_duration feasible dilation gap waypoint_times flaws falling_velocity certificate"
+    assert set(table) == set(keys.split())
 
 
 def test_a_tolerance_is_another_problem_and_gains_nothing():
