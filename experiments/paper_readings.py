@@ -32,7 +32,6 @@ from experiments.paper.searches import (
     interval,
     running_times,
     stored,
-    tool_miss,
 )
 from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
@@ -78,30 +77,20 @@ def judged(
     }
 
 
-def apart(
+def alone(
     problem: Problem,
     read: Problem,
     times: Array,
 ) -> dict[str, object]:
-    """Claims of joints timed alone `(seeds, joints, 3)`, and the tool's misses of one run.
-
-    That run is the one whose slowest joint takes the median time.
-    """
+    """Claims of joints timed alone `(seeds, joints, 3)`, which pass no point together."""
     moving = moving_joints(times)
     displacements = read.displacements.T[moving]
     limits = problem.limits.only(moving)
     v, a, _ = spline353.limit_use(displacements, times[:, moving], limits)
     within = np.maximum(v, a).max(axis=1) <= 1 + 1e-6
-    longest = combined(times)["longest"]
-    median = np.argsort(longest)[len(longest) // 2]
-    at, nearest = tool_miss(suite.robot("six-axis"), read, times[median])
     return {
         "keeps limits": float(np.mean(within)),
         "passes together": False,
-        "miss at point 2 mm": at[1],
-        "miss at point 3 mm": at[2],
-        "nearest to point 2 mm": nearest[1],
-        "nearest to point 3 mm": nearest[2],
     }
 
 
@@ -117,13 +106,13 @@ def rows(
     published = running_times()[algorithm]
     if timing == "per-joint":
         values = combined(times)
-        alone = apart(problem, read, times)
+        apart = alone(problem, read, times)
     else:
         any_joint = np.flatnonzero(problem.moving)[0]
         values = {timing: times[:, any_joint].sum(axis=1)}
-        alone = {}
+        apart = {}
     for combination, seconds in values.items():
-        marks = alone
+        marks = apart
         if combination in ("segment-wise maximum", "shared"):
             marks = judged(problem, read, np.nanmax(times, axis=1))
         claimed = interval(seconds)

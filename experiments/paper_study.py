@@ -1,4 +1,4 @@
-"""Are the paper's tables, figures and claims reproduced at its own settings?
+"""Are the paper's tables and claims reproduced at its own settings?
 
     python -m experiments.paper_study                 # 50 seeds, 1000 iterations, two minutes
     python -m experiments.paper_study --quick         # a few seconds; says nothing
@@ -25,7 +25,6 @@ import numpy as np
 import pandas as pd
 
 from experiments.common.output import save_table
-from experiments.paper import figures as paper_figures
 from experiments.paper import searches as paper
 from experiments.paper.claims import claims, estimates, totals
 from experiments.paper.searches import (
@@ -45,7 +44,6 @@ from trajopt.planners.kinematics import Robot, cartesian_problem
 from trajopt.planners.registry import configured, load
 from trajopt.planners.swarm_planner import SwarmPlanner, Unoptimised
 from trajopt.views.analysis import statistics
-from trajopt.views.figures import plots
 
 SETTLED = 1.01  # times a run's own final duration
 TIMINGS = ("per-joint", "shared")
@@ -194,7 +192,7 @@ def main(
     quick: bool = False,
     output: Path = Path("results/paper_study"),
 ) -> None:
-    """Run the study, write its tables and figures, and print the claims."""
+    """Run the study, write its tables, and print the claims."""
     iterations = 1000
     if quick:
         seeds = 4
@@ -211,19 +209,8 @@ def main(
     tables["claims"] = claims(estimates(tables) | totals(found, problem))
     for name, table in tables.items():
         save_table(table, output / name)
-    draw(found, problem, output)
     columns = ["claim", "paper", "ours", "verdict"]
     print(tables["claims"][columns].to_string(index=False, float_format="{:.5g}".format))
-
-
-def draw(
-    found: Found,
-    problem: Problem,
-    output: Path,
-) -> None:
-    """The paper's figure 6."""
-    alone = {name: found[name, "per-joint"] for name in ALGORITHMS}
-    plots.save(paper_figures.joint_convergence(alone, problem), output / "figure6")
 
 
 if __name__ == "__main__":

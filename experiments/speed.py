@@ -5,15 +5,13 @@
 
 Each row is one way to do a task; `times the first` is its cost over that of the task's first row.
 The tasks: an evaluation of the 3-5-3 fitness within a search (only ours say what a candidate is
-compared with, so that its limits need no peaks; `[bench]` installs pygmo); the minimum time, with
-the error reached; and a verdict on a trajectory, exact, or sampled densely enough for the
-verifier's tolerance. CPU seconds are the least of several repeats. The table goes to `speed.csv`
-and `.md` in `--output`.
+compared with, so that its limits need no peaks); the minimum time, with the error reached; and a
+verdict on a trajectory, exact, or sampled densely enough for the verifier's tolerance. CPU seconds
+are the least of several repeats. The table goes to `speed.csv` and `.md` in `--output`.
 """
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -90,29 +88,23 @@ def side_by_side(
 # --- searches ---
 
 
-@dataclass(frozen=True)
-class Fitness:
-    """The 3-5-3 fitness of a problem, as PSO, SSA and ISSA have it: of `(m, 3)` segment times."""
-
-    task: SegmentTimes
-
-    @classmethod
-    def of(cls, problem: Problem) -> Fitness:
-        return cls(SegmentTimes.of(problem, load_swarm("pso")))
-
-    @property
-    def low(self) -> Array:
-        low: Array = self.task.low[0]
-        return low
-
-    @property
-    def high(self) -> Array:
-        high: Array = self.task.high[0]
-        return high
-
-    def __call__(self, candidates: Array) -> Array:
-        values: Array = self.task.fitness(candidates[None])[0]
-        return values
+def searches(
+    problem: Problem,
+    iterations: int,
+    repeats: int,
+) -> Iterator[Row]:
+    """CPU time per evaluation, the fitness included; and of the fitness alone."""
+    planners = {name: load_swarm(name) for name in ("pso", "ssa", "issa")}
+    objective = SegmentTimes.of(problem, planners["pso"])
+    ways = []
+    for runs in (1, SEEDS_TOGETHER):
+        for name, planner in planners.items():
+            search = _ours(objective, planner, runs, iterations)
+            ways.append(_counted(f"{name}, {runs} runs together", search))
+    ways.append(_counted("SciPy's DE, vectorised", _scipy(objective, iterations)))
+    for runs in (1, SEEDS_TOGETHER):
+        ways.append(_alone(objective, POPULATION * runs))
+    yield from side_by_side("evaluation of the 3-5-3 fitness", ways, "µs", repeats)
 
 
 def load_swarm(name: str) -> SwarmPlanner:
@@ -121,35 +113,13 @@ def load_swarm(name: str) -> SwarmPlanner:
     return planner
 
 
-def searches(
-    problem: Problem,
-    iterations: int,
-    repeats: int,
-) -> Iterator[Row]:
-    """CPU time per evaluation, the fitness included."""
-    task = "evaluation of the 3-5-3 fitness"
-    fitness = Fitness.of(problem)
-    ways = []
-    for runs in (1, SEEDS_TOGETHER):
-        for name in ("pso", "ssa", "issa"):
-            search = _ours(fitness, name, runs, iterations)
-            ways.append(_counted(f"{name}, {_in_words(runs)}", search))
-    ways.append(_counted("SciPy's DE, vectorised", _scipy(fitness, iterations)))
-    for runs in (1, SEEDS_TOGETHER):
-        ways.append(_alone(fitness, POPULATION * runs))
-    try:
-        ways.append(_counted("pygmo's PSO", _pygmo(fitness, iterations)))
-    except ModuleNotFoundError:
-        note = "not installed: pip install 'mintime[bench]'"
-        yield Row(task, "pygmo's PSO", np.nan, "µs", note)
-    yield from side_by_side(task, ways, "µs", repeats)
-
-
-def _alone(fitness: Fitness, candidates: int) -> Way:
+def _alone(objective: SegmentTimes, candidates: int) -> Way:
     """The fitness without a search, of candidates anywhere in the box."""
-    drawn = np.random.default_rng(0).uniform(fitness.low, fitness.high, (candidates, 3))
+    low, high = objective.box(1)
+    drawn = np.random.default_rng(0).uniform(low, high, (candidates, 3))
     note = f"{candidates} candidates a call"
-    return Way("the fitness alone", lambda: fitness(drawn), note, candidates)
+    fitness = partial(objective.fitness, drawn[None])
+    return Way("the fitness alone", fitness, note, candidates)
 
 
 def _counted(name: str, search: Callable[[], int]) -> Way:
@@ -158,34 +128,32 @@ def _counted(name: str, search: Callable[[], int]) -> Way:
     return Way(name, search, f"{evaluations} evaluations", evaluations)
 
 
-def _in_words(runs: int) -> str:
-    return "one run" if runs == 1 else f"{runs} runs together"
-
-
 def _ours(
-    fitness: Fitness,
-    name: str,
-    seeds: int,
+    objective: SegmentTimes,
+    planner: SwarmPlanner,
+    runs: int,
     iterations: int,
 ) -> Callable[[], int]:
     def search() -> int:
         found = minimise(
-            load_swarm(name).optimiser,
-            Compared(fitness.task.fitness),
-            *fitness.task.box(seeds),
-            range(seeds),
+            planner.optimiser,
+            Compared(objective.fitness),
+            *objective.box(runs),
+            range(runs),
             iterations=iterations,
         )
-        return found.evaluations * seeds
+        return found.evaluations * runs
 
     return search
 
 
-def _scipy(fitness: Fitness, iterations: int) -> Callable[[], int]:
+def _scipy(objective: SegmentTimes, iterations: int) -> Callable[[], int]:
+    low, high = objective.box(1)
+
     def search() -> int:
         found = differential_evolution(
-            lambda columns: fitness(columns.T),
-            np.column_stack([fitness.low, fitness.high]),
+            lambda columns: objective.fitness(columns.T[None])[0],
+            np.column_stack([low[0], high[0]]),
             maxiter=iterations,
             popsize=POPULATION // 3,  # per dimension
             tol=0.0,
@@ -196,34 +164,6 @@ def _scipy(fitness: Fitness, iterations: int) -> Callable[[], int]:
         )
         # vectorised calls count once each
         return POPULATION * (int(found.nit) + 1)
-
-    return search
-
-
-@dataclass
-class _PygmoProblem:
-    evaluate: Fitness
-
-    def fitness(self, x: Array) -> Array:
-        return self.evaluate(x[None])
-
-    def batch_fitness(self, flat: Array) -> Array:
-        return self.evaluate(flat.reshape(-1, 3))
-
-    def get_bounds(self) -> tuple[Array, Array]:
-        return self.evaluate.low, self.evaluate.high
-
-
-def _pygmo(fitness: Fitness, iterations: int) -> Callable[[], int]:
-    pygmo = importlib.import_module("pygmo")
-
-    def search() -> int:
-        swarm = pygmo.pso_gen(gen=iterations, seed=0)
-        swarm.set_bfe(pygmo.bfe())
-        problem = pygmo.problem(_PygmoProblem(fitness))
-        population = pygmo.population(problem, size=POPULATION, b=pygmo.bfe(), seed=0)
-        evolved = pygmo.algorithm(swarm).evolve(population)
-        return int(evolved.problem.get_fevals())
 
     return search
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.random import SeedSequence
 
-from experiments.paper.searches import ALGORITHMS, TOGETHER, Array, Runs, swarm
+from experiments.paper.searches import ALGORITHMS, Array, Runs, swarm
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.planners import spline353
 from trajopt.planners.registry import configured, load, options
-from trajopt.planners.swarm import Optimiser, minimise
 from trajopt.planners.swarm.optimiser import added
-from trajopt.planners.swarm_planner import SwarmPlanner
+from trajopt.planners.swarm_planner import Group, SegmentTimes, SwarmPlanner
 
 Excess = Callable[[Array, Array, Limits], Array]
 
@@ -27,74 +24,47 @@ class Fitness:
     """A fitness that `SwarmPlanner` does not offer: what counts as excess, and its weight.
 
     `excess` gives per joint by how much limits are broken, relative; with no `weight`, a candidate
-    with any ranks below all without. The box is in seconds, `None`: the planner's own.
+    with any ranks below all without. The box is in seconds.
     """
 
     excess: Excess
     weight: float | None = None
-    box: tuple[float, float] | None = None
+    box: tuple[float, float] = (0.008, 8.0)
 
-    def value(
-        self,
-        displacements: Array,
-        times: Array,
-        limits: Limits,
-        shared: bool,
-    ) -> Array:
-        """Of candidates `(…, 3)` for each joint `(…, joints)`, or for all together `(…, 1)`."""
+
+@dataclass(frozen=True, eq=False)
+class OtherGroup(Group):
+    """Joints with common segment times, and another fitness."""
+
+    fitness: Fitness
+
+    @classmethod
+    def like(cls, group: Group, fitness: Fitness) -> OtherGroup:
+        low, high = fitness.box
+        return cls(**vars(group) | {"low": low, "high": high}, fitness=fitness)
+
+    def penalty(self, times: Array) -> Array:
+        """The fitness of candidates `(N, 3)`, s: `(N,)`."""
         total = added(times)
-        over = self.excess(displacements, times, limits)
-        if shared:
-            over = over.sum(axis=-1, keepdims=True)
-        if self.weight is not None:
-            return np.asarray(total + self.weight * over)
+        over = self.fitness.excess(self.displacements, times[:, None], self.limits).sum(axis=-1)
+        if self.fitness.weight is not None:
+            return np.asarray(total + self.fitness.weight * over)
         return np.asarray(np.where(over > 0, 1e3 + over, total))
 
-
-def searched(
-    fitness: Fitness,
-    optimiser: Optimiser,
-    problem: Problem,
-    seeds: int,
-    iterations: int,
-    shared: bool,
-) -> Runs:
-    """Runs with another fitness, all joints together or each alone; `history` is the fitness's."""
-    joints = np.flatnonzero(problem.moving)
-    limits = problem.limits.only(joints)
-    displacements = problem.displacements.T[joints]
-    groups = [TOGETHER]
-    if not shared:
-        groups = joints.tolist()
-
-    def objective(x: Array) -> Array:
-        times = x.reshape(seeds, len(groups), -1, 3).swapaxes(1, 2)
-        value = fitness.value(displacements, times, limits, shared)
-        return value.swapaxes(1, 2).reshape(x.shape[:2])
-
-    runs = list(itertools.product(range(seeds), groups))
-    low, high = fitness.box or (0.008, 8.0)
-    result = minimise(
-        optimiser,
-        objective,
-        np.full(3, low),
-        np.full(3, high),
-        [_stream(seed, group) for seed, group in runs],
-        iterations=iterations,
-    )
-    times = np.full((seeds, problem.joints, 3), np.nan)
-    times[:, joints] = result.position.reshape(seeds, len(groups), 3)
-    histories = []
-    for run, history in zip(runs, result.histories, strict=True):
-        head = np.tile(np.array(run), (len(history), 1))
-        histories.append(np.column_stack([head, history]))
-    return Runs(times, np.concatenate(histories))
+    def penalty_below(self, times: Array, incumbent: Array) -> Array:
+        return self.penalty(times)
 
 
-def _stream(seed: int, group: int) -> SeedSequence:
-    if group == TOGETHER:
-        return SeedSequence(seed)
-    return SeedSequence(seed, spawn_key=(group,))
+@dataclass(frozen=True)
+class OtherSwarm(SwarmPlanner):
+    """A swarm with another fitness."""
+
+    other: Fitness = field(default_factory=lambda: Fitness(exact_excess))
+
+    def task(self, problem: Problem) -> SegmentTimes:
+        own = super().task(problem)
+        groups = tuple(OtherGroup.like(group, self.other) for group in own.groups)
+        return replace(own, groups=groups)
 
 
 def exact_excess(
@@ -230,16 +200,10 @@ class Reading:
         changes |= {"iterations": iterations, "timing": timing}
         planner = configured(planner, changes)
         assert isinstance(planner, SwarmPlanner)
-        if self.fitness is None:
-            return swarm(planner, problem, seeds)
-        return searched(
-            self.fitness,
-            planner.optimiser,
-            problem,
-            seeds,
-            iterations,
-            shared=timing == "shared",
-        )
+        if self.fitness is not None:
+            own = {option.name: getattr(planner, option.name) for option in fields(planner)}
+            planner = OtherSwarm(**own, other=self.fitness)
+        return swarm(planner, problem, seeds)
 
 
 FREE = 1e6  # times a limit: none

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from trajopt import Problem
 from trajopt.core import built_in
-from trajopt.planners import spline353
-from trajopt.planners.kinematics import Robot
 from trajopt.planners.planner import Planner
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
@@ -23,7 +21,6 @@ Array = NDArray[np.float64]
 ALGORITHMS = ("pso", "ssa", "issa")
 NAMES = {"pso": "PSO", "ssa": "SSA", "issa": "ISSA"}
 TOGETHER = -1  # instead of a joint's number: all joints at once
-MM = 1000.0  # per metre
 
 
 def reference(name: str) -> pd.DataFrame:
@@ -98,54 +95,6 @@ def swarm(
         histories.append(history)
         times.append(own_times)
     return Runs(np.array(times), np.concatenate(histories))
-
-
-def alone(
-    problem: Problem,
-    times: Array,
-    t: Array,
-) -> Array:
-    """Joint positions `(m, joints)` at `t` `(m,)` s, every joint on its own clock `(joints, 3)`.
-
-    All start together; a joint that has arrived waits.
-    """
-    start = problem.waypoints[0]
-    q = np.tile(start, (len(t), 1))
-    for joint in np.flatnonzero(problem.moving):
-        own = problem.only([joint])
-        trajectory = spline353.trajectory(own, times[joint])
-        q[:, joint] = trajectory(t)[:, 0]
-    return q
-
-
-def tool_miss(
-    robot: Robot,
-    problem: Problem,
-    times: Array,
-) -> tuple[Array, Array]:
-    """Distance of the tool from each Cartesian point, mm `(4,)`; joints timed alone.
-
-    First when the slowest joint passes that point, then the least of the whole motion (at 2001
-    instants).
-    """
-    points = _tool(robot, problem.waypoints)
-    arrivals = np.cumsum(times, axis=1)
-    slowest = np.nanmax(arrivals, axis=0)
-    passed = np.concatenate([[0.0], slowest])
-    instants = np.linspace(0.0, passed[-1], 2001)
-    # `(4, 3)` when each point is passed, and `(2001, 3)` throughout
-    at = _tool(robot, alone(problem, times, passed))
-    path = _tool(robot, alone(problem, times, instants))
-    misses = np.linalg.norm(at - points, axis=-1)
-    distances = np.linalg.norm(path[:, None] - points, axis=-1)
-    nearest = distances.min(axis=0)
-    return MM * misses, MM * nearest
-
-
-def _tool(robot: Robot, q: Array) -> Array:
-    """The tool's position at joint angles `(m, joints)`, `(m, 3)`, m."""
-    poses = robot.forward(q)
-    return poses[:, :3, 3]
 
 
 def interval(values: Sequence[float] | Array) -> statistics.Estimate:

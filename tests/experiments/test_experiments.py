@@ -40,11 +40,6 @@ def test_certificates_count_what_is_closed():
     assert (table["largest gap, %"] < 0.1).all()
 
 
-def test_random_problems_are_proved(tmp_path, capsys):
-    certificates.sizes(waypoints=3, joints=2, seeds=1, output=tmp_path)
-    assert "proved to 0.01 %: 2 of 2" in capsys.readouterr().out
-
-
 def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path):
     columns = {"a": [1.25, None], "b": ["x", None]}
     rows = pd.Index([1, 2], name="n")

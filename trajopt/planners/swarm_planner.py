@@ -95,7 +95,7 @@ class SwarmPlanner(Planner):
         if reason is not None:
             return [Solution(Status.INFEASIBLE, message=reason) for _ in seeds]
         merged, index = problem.merged()
-        task = SegmentTimes.of(merged, self)
+        task = self.task(merged)
         low, high = task.box(len(seeds))
         result = minimise(
             self.optimiser,
@@ -111,6 +111,10 @@ class SwarmPlanner(Planner):
             solution = self._solution(merged, task, result, times, histories)
             solutions.append(expanded(solution, index))
         return solutions
+
+    def task(self, problem: Problem) -> SegmentTimes:
+        """Return what the swarm minimises on a problem whose consecutive waypoints differ."""
+        return SegmentTimes.of(problem, self)
 
     def _solution(
         self,
