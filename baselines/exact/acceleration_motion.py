@@ -319,21 +319,12 @@ def _apart(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
         task,
         passages,
     )
-    start, first, last, end = own
-    whole = end - start
+    whole = own.end - own.start
     closest = np.maximum(_SLIVER * whole, DISTINCT_RTOL * passages[-1])
-    briefest = np.minimum(first - start, end - last)
-    # a longer ramp for a brief one
-    longer = _longer(own, task)
-    allowed = _allowed(_covering(longer, task), task)
-    is_brief = briefest <= closest
-    breaks = own.where(is_brief & allowed, longer)
-    # or the place of a waypoint, or of another joint's break
+    # the place of a waypoint, or of another joint's break
     shared = own.moved(ramps.share, closest[:, :1])
-    if shared is own:
-        return breaks
     allowed = _allowed(_covering(shared, task), task)
-    return breaks.where(allowed, shared)
+    return own.where(allowed, shared)
 
 
 def _stored(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
@@ -366,58 +357,6 @@ def _stored(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
         last,
         end,
     )
-
-
-def _longer(own: _Breaks, task: Task) -> _Breaks:
-    """One break only, where the briefer ramp is as long as the limits of the other one allow.
-
-    The profile of least acceleration would have both as steep, and the briefer one the briefer, the
-    more evenly velocity changes.
-    """
-    start, first, last, end = own
-    unit = task.unit
-    takes_time = end > start
-    t = (
-        np.where(
-            takes_time,
-            end - start,
-            unit,
-        )
-        / unit
-    )
-    step = task.w - task.u
-    even = step / t
-    # at the break: what velocity differs from its even change by
-    sums = task.u + task.w
-    bend = 2 * task.h / t - sums
-    low, high = task.a
-    is_first = first - start < end - last
-    is_up = bend >= 0
-    margin = np.where(
-        is_up == is_first,
-        even - low,
-        high - even,
-    )
-    # the other ramp's acceleration differs by bend over its time
-    other = np.divide(
-        np.abs(bend),
-        margin,
-        out=t.copy(),
-        where=margin > 0,
-    )
-    other = np.clip(
-        other,
-        t / 2,
-        t,
-    )
-    before_end = end - other * unit
-    after_start = start + other * unit
-    inner = np.where(
-        is_first,
-        before_end,
-        after_start,
-    )
-    return own._replace(first=inner, last=inner)
 
 
 def _covering(breaks: _Breaks, task: Task) -> _Profiles:
