@@ -5,15 +5,16 @@ Planners are paired by problem where there are several; on one problem their see
 
 from __future__ import annotations
 
-from math import isinf
 from typing import Any
 
 import pandas as pd
 
 from trajopt.cli import console
 from trajopt.cli.console import Grid
+from trajopt.views import cells
 from trajopt.views.analysis.pairwise import against
 from trajopt.views.analysis.results import Results
+from trajopt.views.cells import Cells
 
 _PAIRED_MEANING = (
     "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "
@@ -26,7 +27,6 @@ _SEEDS_MEANING = (
     "rows of this table. Shorter: chance that a run of it is shorter, with its 95 % interval. Left "
     "out are planners with a single run."
 )
-_SMALLEST_P = 0.001  # smaller ones are printed as `< 0.001`
 
 
 def show(results: Results, rival: str) -> None:
@@ -75,14 +75,15 @@ def _paired_table(rows: pd.DataFrame, rival: str) -> Grid:
             table.row("  both answer", 0)
         elif row.both < row.problems:
             counts = (row.both, row.both_better, row.both_tied, row.both_worse)
-            table.row("  both answer", *counts, *_ratio_and_p(row.both_ratio, row.both_holm))
+            table.row("  both answer", *counts, *_both(row))
     return table
 
 
 def paired_row(row: Any) -> list[object]:
     """Return the cells of a row of `pairwise.paired_tests`: problems, ratio, p and chance."""
+    own = cells.of_pair(row)
     counts = (row.problems, row.better, row.tied, row.worse)
-    return [*counts, *_ratio_and_p(row.ratio, row.holm), _effect(row)]
+    return [*counts, own["ratio"], own["holm"], _effect(own)]
 
 
 def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
@@ -96,25 +97,23 @@ def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
         title=title,
     )
     for row in rows.itertuples():
+        own = cells.of_pair(row)
         table.row(
             console.option_lines(row.Index),
             row.runs,
-            "none" if isinf(row.median) else f"{row.median:.4f}",
-            *_ratio_and_p(row.ratio, row.pvalue),
-            _probability(row.holm),
-            _effect(row),
+            cells.duration(row.median),
+            own["ratio"],
+            own["p"],
+            own["holm"],
+            _effect(own),
         )
     return table
 
 
-def _ratio_and_p(ratio: float, pvalue: float) -> tuple[str, str]:
-    return console.number(ratio, ".4f"), _probability(pvalue)
+def _both(row: Any) -> tuple[str, str]:
+    return cells.number(row.both_ratio), cells.probability(row.both_holm)
 
 
-def _probability(value: float) -> str:
-    return f"< {_SMALLEST_P}" if value < _SMALLEST_P else f"{value:.3f}"
-
-
-def _effect(row: Any) -> str:
-    """Format the probability of a shorter run, with its interval."""
-    return f"{row.chance:.2f} [{row.low:.2f}–{row.high:.2f}]"
+def _effect(own: Cells) -> str:
+    """The chance of a shorter run, with its interval."""
+    return f"{own['chance']} [{own['interval']}]"

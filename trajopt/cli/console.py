@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from math import isfinite, isinf, isnan
+from math import isfinite
 from typing import Any, TextIO
 
 from rich import progress as bars
@@ -121,17 +121,6 @@ def option_lines(label: str) -> Text:
     name, _, options = label.partition(":")
     lines = [name, *filter(None, options.split(","))]
     return Text(visible("\n  ".join(lines)))
-
-
-def number(
-    value: float | None,
-    form: str,
-    missing: str = "–",
-) -> str:
-    """Format a number; None and NaN are `missing`, and infinity is ∞."""
-    if value is None or isnan(value):
-        return missing
-    return "∞" if isinf(value) else format(value, form)
 
 
 def headline(

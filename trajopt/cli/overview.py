@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import inf, isfinite
 from pathlib import Path
 
 from trajopt.cli import console
 from trajopt.core.exceptions import MissingBackend
-from trajopt.views import report
+from trajopt.views import cells, report
 from trajopt.views.analysis.failures import failures, in_words
 from trajopt.views.analysis.results import Results
 
@@ -17,6 +16,7 @@ Problems: as supported. Relaxed: motions that break limits which their planner
 ignores.
 Gap: median over problems of the median gap to a known optimum (none: on half of
 them it has no answer). Worst: of any solved trial."""
+_CELLS = ("problems", "solved", "failed", "relaxed", "gap", "worst", "time")
 MAX_FAILURE_KINDS = 3  # shown of each planner
 
 
@@ -35,16 +35,9 @@ def show(results: Results, folder: Path) -> Path | None:
     numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
     table = console.table("planner", *numbers, numbers=numbers)
     for row in results.planners().itertuples():
-        table.row(
-            console.option_lines(row.Index),
-            row.problems,
-            f"{row.solved} of {row.trials}",
-            row.failed,
-            row.relaxed,
-            "none" if row.gap == inf else _percent(row.gap),
-            _percent(row.worst),
-            console.number(row.time, ".3f"),
-        )
+        own = cells.of_planner(row)
+        shown = (own[name] for name in _CELLS)
+        table.row(console.option_lines(row.Index), *shown)
     console.OUT.print(table)
     for sentence in _why_failed(results):
         console.paragraph(sentence)
@@ -69,7 +62,3 @@ def _why_failed(results: Results) -> Iterator[str]:
         if others:
             sentence += f"; {others} in other ways"
         yield sentence
-
-
-def _percent(gap: float) -> str:
-    return f"{100 * gap:+.2f}" if isfinite(gap) else ""

@@ -8,9 +8,10 @@ from math import isnan
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.cli.console import Grid
+from trajopt.views import cells
 from trajopt.views.analysis.results import Line, Results
-from trajopt.views.figures.style import dilated
 
+_CELLS = ("median", "quartiles", "gap", "kept", "evaluations", "solve_time")
 _READINGS = ("timing", "fitness")  # options for what the paper leaves open
 
 
@@ -39,24 +40,12 @@ def _comparison(lines: Sequence[Line]) -> Grid:
         title=title,
     )
     for line in lines:
-        cells = _without_duration(line) if isnan(line.median) else _durations(line)
-        table.row(console.option_lines(line.label), *cells, f"{line.solve_time:.3f}")
+        own = cells.of_summary(line)
+        if line.dilation > 1:
+            own["kept"] += f" {own['dilation']}"
+        shown = (own[name] for name in _CELLS)
+        table.row(console.option_lines(line.label), *shown)
     return table
-
-
-def _without_duration(line: Line) -> list[str]:
-    known = line.status if isnan(line.lower_bound) else f"≥ {line.lower_bound:.4f}"
-    return [known, "", "", "", ""]
-
-
-def _durations(line: Line) -> list[str]:
-    quartiles = f"{line.q1:.4f}–{line.q3:.4f}" if line.runs > 1 else ""
-    kept_limits = f"{line.kept:.0%}".replace("%", " %")
-    if line.dilation > 1:
-        kept_limits += f" {dilated(line.dilation)}"
-    gap = console.number(100 * line.gap, "+.2f", missing="")
-    evaluations = console.number(line.evaluations, ".0f", missing="")
-    return [f"{line.median:.4f}", quartiles, gap, kept_limits, evaluations]
 
 
 def _why_not_solved(line: Line) -> str:
@@ -83,27 +72,10 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
     seeds = f"Up to {runs} seeds. " * (runs > 1)
     sentences = [f"{seeds}Durations are the verifier's: claimed × max(1, dilation)."]
     if first.kind is not None:
-        sentences.append(_reference(first))
+        sentences.append(cells.reference(first))
     if readings:
         sentences.append(f"Reading: {readings}.")
     sentences.append(
         "Kept limits: share of runs that did as claimed; × the others' median dilation."
     )
     return "\n".join(sentences)
-
-
-def _reference(line: Line) -> str:
-    """Name the reference of the gaps, and how closely it is proved."""
-    known = "the best known, not proved (see --certify)"
-    if line.proved > 0:
-        within = 100 * (line.reference / line.proved - 1)
-        by = f", recorded: {line.recorded_proof}" if line.recorded_proof else ""
-        known = f"proved within {within:.3f} % (lower bound {line.proved:.6f} s{by})"
-    sentences = {
-        "exact": "Gap to the exact optimum, {:.6f} s: {}.",
-        "refined": "Gap to refined collocation, {:.6f} s, its own error below 0.01 %: {}.",
-        "relaxed": "Gap to the best known without some of the limits, {:.6f} s: {}.",
-        "lower bound": "Gap to a lower bound, {:.6f} s: {}.",
-        "best known": f"Gap to the best known, {line.recorded}, {{:.6f}} s: {{}}.",
-    }
-    return sentences[line.kind or "exact"].format(line.reference, known)

@@ -26,6 +26,7 @@ from trajopt.core.units import ANGLES
 from trajopt.formats.motion import ENDINGS, Motion, motion
 from trajopt.formats.samples import known_as
 from trajopt.judging.verification import Certificate
+from trajopt.views import cells
 
 MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are listed
 _JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
@@ -208,8 +209,8 @@ def _table(trials: Iterable[CheckedTrial]) -> Grid:
         table.row(
             trial.problem,
             console.option_lines(trial.planner),
-            console.number(trial.seed, "d"),
-            *(console.number(value, ".6f") for value in durations),
+            cells.number(trial.seed, "d"),
+            *(cells.number(value, ".6f") for value in durations),
             trial.status if trial.holds else console.alarm("DOES NOT HOLD"),
         )
     return table

@@ -6,8 +6,9 @@ from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
-from trajopt.views.figures.style import percent
+from trajopt.views import cells
 
 if TYPE_CHECKING:
     from trajopt.views.analysis.results import Results
@@ -21,7 +22,6 @@ _COLUMNS = {  # of the table, by their names in `Results.planners()`
     "gap": "median gap",
     "worst": "worst gap",
     "rank": "mean rank",
-    "duration": "duration (s)",
     "time": "computing (s)",
 }
 
@@ -31,7 +31,7 @@ def text(results: Results) -> str:
     if not results.items:
         return NOTHING
     gaps = results.planners()["gap"].head(MAX_PLANNERS)
-    best = [f"{label} {_gap(gap)}" for label, gap in gaps.items()]
+    best = [f"{label} {_percent(gap)}" for label, gap in gaps.items()]
     return "\n".join([_counts(results), f"Median gap: {', '.join(best)}", _USES])
 
 
@@ -39,22 +39,15 @@ def html(results: Results) -> str:
     """Return the counts over a table with a row per planner, the smallest median gap first."""
     if not results.items:
         return NOTHING
-    table = results.planners()
-    solved = table["solved"].astype(str) + " of " + table["trials"].astype(str)
+    rows = {}
+    for row in results.planners().itertuples():
+        own = cells.of_planner(row) | {"gap": _percent(row.gap), "worst": _percent(row.worst)}
+        rows[row.Index] = {heading: own[name] for name, heading in _COLUMNS.items()}
+    table = pd.DataFrame.from_dict(rows, orient="index")
     summary = results.summary()
     if summary["digest"].nunique() == 1:
-        table["duration"] = summary.set_index("label")["median"]
-    shown = table.assign(solved=solved).filter(list(_COLUMNS))
-    shown = shown.rename(columns=_COLUMNS).rename_axis(None)
-    forms = {
-        _COLUMNS["gap"]: _gap,
-        _COLUMNS["worst"]: _gap,
-        _COLUMNS["rank"]: "{:.2f}".format,
-        _COLUMNS["duration"]: "{:.4f}".format,
-        _COLUMNS["time"]: "{:.3f}".format,
-    }
-    rows = shown.to_html(formatters=forms, na_rep="–", border=0)
-    return f"<p>{escape(_counts(results))}</p>\n{rows}"
+        table["duration (s)"] = summary.set_index("label")["median"].map(cells.number)
+    return f"<p>{escape(_counts(results))}</p>\n{table.to_html(border=0)}"
 
 
 def _counts(results: Results) -> str:
@@ -68,8 +61,6 @@ def _counts(results: Results) -> str:
     return f"Results of {len(trials)} trials: {planners} planners on {said}, {solved} solved"
 
 
-def _gap(gap: float) -> str:
-    """Write a gap; infinite is that of a planner without an answer, NaN where nothing is known."""
-    if np.isnan(gap):
-        return "–"
-    return percent(gap) if np.isfinite(gap) else "no answer"
+def _percent(gap: float) -> str:
+    """A gap; infinite is that of a planner without an answer."""
+    return cells.percent(gap) if np.isfinite(gap) else cells.gap(gap)

@@ -31,7 +31,7 @@ def results() -> Results:
 def test_the_text_is_three_lines(results: Results) -> None:
     counts, gaps, uses = repr(results).splitlines()
     assert counts == "Results of 7 trials: 3 planners on 2 problems, 6 solved"
-    assert gaps == "Median gap: exact +0.00 %, mine +35.0 %, a<b no answer"
+    assert gaps == "Median gap: exact +0.00 %, mine +35.0 %, a<b none"
     for name in re.findall(r"(\w+)\(\)", uses):
         assert callable(getattr(results, name))
     assert repr(Results([])) == Results([])._repr_html_() == "Results of no trials"
@@ -43,7 +43,7 @@ def test_the_table_of_a_notebook_has_a_row_per_planner(results: Results) -> None
     cells = {label: re.findall(r"<td>(.*?)</td>", rest) for label, rest in rows}
     assert list(cells) == ["exact", "mine", "a&lt;b"]
     assert cells["mine"][:4] == ["2", "4 of 4", "+35.0 %", "+50.0 %"]
-    assert cells["a&lt;b"][:4] == ["1", "0 of 1", "no answer", "–"]
+    assert cells["a&lt;b"][:4] == ["1", "0 of 1", "none", "–"]
 
 
 def test_the_table_of_one_problem_has_durations() -> None:

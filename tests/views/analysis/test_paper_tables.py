@@ -34,11 +34,11 @@ def test_the_planners_are_held_against_a_rival(tmp_path):
     assert latex.rival(results) == "near"
     heading, exact, near, far = cells(latex.planners(results, "near"))
     assert heading == ["planner", "solved", "gap (%)", "worst (%)", "rank", "shorter", "p (Holm)"]
-    assert exact == ["exact", "2 of 2", "0.00", "0.00", "1.00", "1.00", "1.000"]
-    assert near == ["near", "3 of 3", "20.00", "20.00", "2.00", "--", "--"]
+    assert exact == ["exact", "2 of 2", "+0.00", "+0.00", "1.00", "1.00", "1.000"]
+    assert near == ["near", "3 of 3", "+20.00", "+20.00", "2.00", "--", "--"]
     # medians 2.65 and 6: 32.5 % and 50 %. One of two runs is shorter on the first, none on the
     # second; both problems are of one group, so that the signs of a test are one coin.
-    assert far == ["far", "3 of 3", "41.25", "50.00", "3.00", "0.25", "1.000"]
+    assert far == ["far", "3 of 3", "+41.25", "+50.00", "3.00", "0.25", "1.000"]
     latex.write(results, tmp_path, "far")
     written = (tmp_path / "planners.tex").read_text(encoding="utf-8")
     assert cells(written)[3][5:] == ["--", "--"]

@@ -36,7 +36,7 @@ class Mine(Planner):
 def mine(tmp_path, monkeypatch):
     """A planner in a script, imported anew as it is edited."""
     monkeypatch.syspath_prepend(tmp_path)
-    caches = [provenance._sources, provenance._ours]
+    caches = [provenance._ours]
 
     def written(slower):
         (tmp_path / "my_script.py").write_text(SOURCE.format(slower=slower))

@@ -63,7 +63,7 @@ def test_the_table_has_a_line_per_row_of_the_summary(tmp_path):
         label, solved, kept, *_ = cells
         assert as_printed(label) == re.sub(r"[\x00-\x1f]", " ", row.label)
         assert solved == f"{row.solved} of {row.runs}"
-        expected = "--" if np.isnan(row.median) else f"{100 * row.kept:.0f}"
+        expected = "--" if np.isnan(row.median) else f"{100 * row.kept:.0f} \\%"
         assert kept == expected
 
 
@@ -71,5 +71,5 @@ def test_durations_gaps_and_what_is_missing():
     # three segments of 2 s each, and none where no answer came
     (lost,) = run("lost", segment_time=-1.0)
     found = latex.summary(Results([*run(seeds=(0, 1)), lost]))
-    assert r" & 2 of 2 & 100 & 6.0000 & 6.0000--6.0000 & -- & " in found
+    assert r" & 2 of 2 & 100 \% & 6.0000 & 6.0000--6.0000 & -- & " in found
     assert r" & 0 of 1 & -- & failed & -- & -- & " in found

@@ -16,11 +16,11 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from trajopt.benchmark.store import atomic
 from trajopt.explain.references import PROOF, REFERENCES
+from trajopt.views import cells
 from trajopt.views.analysis import pairwise
 from trajopt.views.analysis.results import Results
 
@@ -30,14 +30,13 @@ _OVER_PROBLEMS = ("better", "tied", "worse")
 _SUMMARY = (
     "planner",
     "solved",
-    "kept limits (\\%)",
+    "kept limits",
     "median (s)",
     "quartiles (s)",
     "gap (\\%)",
     "time (s)",
 )
-SMALLEST_P = 0.001  # smaller ones are printed as less than it
-_NONE = "--"
+_SUMMARY_CELLS = ("solved", "kept", "median", "quartiles", "gap", "solve_time")
 _ESCAPED = {
     "\\": "\\textbackslash{}",
     "~": "\\textasciitilde{}",
@@ -46,6 +45,9 @@ _ESCAPED = {
     ">": "\\textgreater{}",
     "|": "\\textbar{}",
     "`": "\\textasciigrave{}",
+    "–": "--",
+    "≥": "$\\geq$",
+    "∞": "$\\infty$",
 }
 _ESCAPED |= {special: f"\\{special}" for special in "&%$#_{}"}
 
@@ -88,17 +90,11 @@ def planners(results: Results, against: str) -> str:
     rivals = pairwise.against(_pairs(results), against)
     table = results.planners().join(rivals[["chance", "holm"]])
     rows = []
-    for label, row in table.iterrows():
-        cells = [
-            escaped(str(label)),
-            f"{row['solved']:.0f} of {row['trials']:.0f}",
-            _percent(row["gap"]),
-            _percent(row["worst"]),
-            _number(row["rank"], 2),
-            _number(row["chance"], 2),
-            _probability(row["holm"]),
-        ]
-        rows.append(_row(cells))
+    for row in table.itertuples():
+        own = cells.of_planner(row)
+        shown = [own[name] for name in ("solved", "gap", "worst", "rank")]
+        met = [cells.number(row.chance, ".2f"), cells.probability(row.holm)]
+        rows.append(_row([row.Index, *shown, *met]))
     said = f"% shorter: chance that a run is shorter than one of {_plain(against)}; p: of that test"
     return "\n".join([said, _tabular(_PLANNERS, [rows])])
 
@@ -116,16 +112,8 @@ def tests(results: Results) -> str:
         if pair not in pairs.index:
             continue
         row = pairs.loc[pair]
-        cells = [
-            *map(escaped, pair),
-            *(f"{row[name]:.0f}" for name in counts),
-            _number(row.ratio, 4),
-            _number(row.chance, 2),
-            f"{row.low:.2f}--{row.high:.2f}",
-            _probability(row.pvalue),
-            _probability(row.holm),
-        ]
-        rows.append(_row(cells))
+        met = [f"{row[name]:.0f}" for name in counts]
+        rows.append(_row([*pair, *met, *cells.of_pair(row).values()]))
     first, second, *others = _TESTS
     return _tabular([first, second, *counts, *others], [rows], texts=2)
 
@@ -136,7 +124,7 @@ def summary(results: Results) -> str:
     for _, rows in results.summary().groupby("digest", sort=False):
         problem = escaped(rows["problem"].iloc[0])
         title = f"\\multicolumn{{{len(_SUMMARY)}}}{{l}}{{\\textit{{{problem}}}}} \\\\"
-        parts.append([title, *(_row(_cells(row)) for row in rows.itertuples())])
+        parts.append([title, *map(_summary_row, rows.itertuples())])
     return _tabular(_SUMMARY, parts)
 
 
@@ -150,7 +138,8 @@ def _pairs(results: Results) -> pd.DataFrame:
 def _tabular(headings: Sequence[str], parts: Sequence[Sequence[str]], texts: int = 1) -> str:
     """A `tabular` with a rule before each part; the first columns are texts."""
     alignment = "l" * texts + "r" * (len(headings) - texts)
-    lines = [f"\\begin{{tabular}}{{{alignment}}}", "\\toprule", _row(headings)]
+    heading = f"{' & '.join(headings)} \\\\"
+    lines = [f"\\begin{{tabular}}{{{alignment}}}", "\\toprule", heading]
     for rows in parts:
         lines += ["\\midrule", *rows]
     return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
@@ -167,49 +156,13 @@ def escaped(name: str) -> str:
     return said
 
 
-def _row(cells: Sequence[str]) -> str:
-    return f"{' & '.join(cells)} \\\\"
+def _row(texts: Sequence[str]) -> str:
+    return f"{' & '.join(map(escaped, texts))} \\\\"
 
 
-def _cells(row: Any) -> list[str]:
-    return [
-        escaped(row.label),
-        f"{row.solved} of {row.runs}",
-        _NONE if np.isnan(row.median) else f"{100 * row.kept:.0f}",
-        _median(row),
-        _quartiles(row),
-        _number(100 * row.gap, 2),
-        _number(row.solve_time, 3),
-    ]
-
-
-def _median(row: Any) -> str:
-    if not np.isnan(row.median):
-        return f"{row.median:.4f}"
-    if not np.isnan(row.lower_bound):
-        return f"$\\geq {row.lower_bound:.4f}$"
-    return escaped(row.status)
-
-
-def _quartiles(row: Any) -> str:
-    if row.runs == 1 or np.isnan(row.median):
-        return _NONE
-    return f"{row.q1:.4f}--{row.q3:.4f}"
-
-
-def _number(value: float, digits: int) -> str:
-    if np.isnan(value):
-        return _NONE
-    return f"${value:.{digits}f}$".replace("inf", "\\infty")
-
-
-def _percent(gap: float) -> str:
-    """A gap, %; infinite is that of a planner without an answer on half of the problems."""
-    return "none" if np.isinf(gap) else _number(100 * gap, 2)
-
-
-def _probability(value: float) -> str:
-    return f"$< {SMALLEST_P}$" if value < SMALLEST_P else _number(value, 3)
+def _summary_row(row: Any) -> str:
+    own = cells.of_summary(row)
+    return _row([row.label, *(own[name] for name in _SUMMARY_CELLS)])
 
 
 def _plain(name: str) -> str:

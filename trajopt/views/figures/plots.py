@@ -25,6 +25,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from trajopt.views import cells
 from trajopt.views.analysis.results import Line
 from trajopt.views.figures.style import (
     BLACK,
@@ -35,7 +36,6 @@ from trajopt.views.figures.style import (
     MARKERS,
     STYLE_SHEET,
     VERMILION,
-    percent,
     plain,
     power_of_ten,
     text,
@@ -163,14 +163,13 @@ def _dots(axes: Axes, rows: Sequence[Line]) -> None:
 def _columns(axes: Axes, rows: Sequence[Line], *, gaps: bool) -> None:
     """Median and gap as numbers, beside the chart."""
     medians = [f"{row.median:#.4g}" for row in rows]
-    cells = {"median (s)": medians}
+    columns = {"median (s)": medians}
     if gaps:
-        cells["gap"] = [percent(row.gap) for row in rows]
+        columns["gap"] = [cells.percent(row.gap) for row in rows]
     style: Look = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
     over: Look = {"xycoords": "axes fraction", "color": "0.3"}
     beside: Look = {"xycoords": axes.get_yaxis_transform(), "va": "center"}
-    columns = zip(cells.items(), _COLUMNS, strict=False)
-    for (heading, numbers), right in columns:
+    for (heading, numbers), right in zip(columns.items(), _COLUMNS, strict=False):
         axes.annotate(heading, (1, 1), (right, 6), **over, **style)
         for y, number in enumerate(numbers):
             axes.annotate(number, (1, y), (right, 0), **beside, **style)

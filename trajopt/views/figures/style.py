@@ -6,7 +6,7 @@ distinguish the same curves in grey. This module does not import Matplotlib.
 
 from __future__ import annotations
 
-from math import floor, log10
+from math import log10
 from typing import Any
 
 from trajopt.core.problem import LimitName
@@ -73,19 +73,6 @@ def headline(name: str, rest: str = "") -> str:
     if len(name) > room:
         return f"{name[: room - 1]}…{rest}"
     return f"{name}{rest}"
-
-
-def percent(gap: float) -> str:
-    """A gap (a ratio minus 1) with the sign it has: two decimals below 10 %, one above."""
-    digits = 2 if abs(gap) < 0.1 else 1
-    return f"{100 * gap:+.{digits}f} %".replace("-", "−")
-
-
-def dilated(ratio: float) -> str:
-    """A dilation above 1: four decimals, or three digits of what it exceeds 1 by."""
-    power = floor(log10(ratio - 1))
-    digits = max(4, 2 - power)
-    return f"×{ratio:.{digits}f}"
 
 
 def power_of_ten(value: float, _: object = None) -> str:

@@ -11,11 +11,11 @@ import pandas as pd
 
 from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
+from trajopt.views import cells
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.failures import last_line, reason, worst
 from trajopt.views.analysis.overview import competing, median_gap
 from trajopt.views.analysis.pairwise import mean_ranks
-from trajopt.views.figures.style import dilated, percent
 
 COLUMNS = {  # headings, with units, of the table of problems and planners
     "solved": "solved",
@@ -39,80 +39,14 @@ class Cell:
     value: float | None = None
 
 
-NONE = Cell("–")
-
-
-def cells(row: Any) -> dict[str, Cell]:
+def of_row(row: Any) -> dict[str, Cell]:
     """The cells of a row of `Results.summary()`."""
-    kept = Cell(f"{100 * row.kept:.0f} %", float(row.kept))
-    return {
-        "solved": Cell(f"{row.solved} of {row.runs}", row.solved / row.runs),
-        "kept": kept if row.median > 0 else NONE,
-        "median": _median(row),
-        "quartiles": _quartiles(row),
-        "gap": _gap(row.gap),
-        "dilation": _dilation(row.dilation),
-        "evaluations": _cell(row.evaluations, "{:.0f}"),
-        "solve_time": _cell(row.solve_time, "{:.3f}"),
-    }
-
-
-def _median(row: Any) -> Cell:
-    """The median certified duration, or the lower bound of what has no duration."""
-    if not np.isnan(row.median):
-        return Cell(f"{row.median:.4f}", float(row.median))
-    if not np.isnan(row.lower_bound):
-        return Cell(f"≥ {row.lower_bound:.4f}")
-    return NONE
-
-
-def _quartiles(row: Any) -> Cell:
-    if row.runs == 1 or np.isnan(row.median):
-        return NONE
-    spread = row.q3 - row.q1
-    return Cell(f"{row.q1:.4f}–{row.q3:.4f}", float(spread))
-
-
-def _gap(gap: float, unit: str = "") -> Cell:
-    if np.isnan(gap):
-        return NONE
-    if np.isinf(gap):
-        return Cell("no answer")
-    number = percent(gap).removesuffix(" %")
-    return Cell(number + unit, float(gap))
-
-
-def _cell(value: float, form: str) -> Cell:
-    if np.isnan(value):
-        return NONE
-    return Cell(form.format(value), float(value))
-
-
-def _dilation(ratio: float) -> Cell:
-    """The median dilation of those that broke a limit."""
-    if not ratio > 1:
-        return NONE
-    return Cell(dilated(ratio), float(ratio))
-
-
-def reference(row: Any) -> str:
-    """Say in a sentence what gaps are measured against, from a row of `Results.references()`."""
-    shortest = row["reference"]
-    proved = row["proved"]
-    known = "the best known, not proved"
-    if proved > 0:
-        within = 100 * (shortest / proved - 1)
-        by = f", {row['recorded_proof']}" if row["recorded_proof"] else ""
-        known = f"proved within {within:.3f} % (nothing is faster than {proved:.6f} s{by})"
-    kinds = {
-        "exact": f"the exact optimum, {shortest:.6f} s",
-        "refined": f"refined collocation, {shortest:.6f} s, its own error below 0.01 %",
-        "relaxed": f"the best known without some of the limits, {shortest:.6f} s, "
-        "so they may be overstated",
-        "lower bound": f"a lower bound, {shortest:.6f} s, so they may be overstated",
-        "best known": f"the best known, {row['recorded']}, {shortest:.6f} s",
-    }
-    return f"Gaps are to {kinds[row['kind']]}: {known}."
+    values = row._asdict() | {"solved": row.solved / row.runs, "quartiles": row.q3 - row.q1}
+    found = {}
+    for name, text in cells.of_summary(row).items():
+        value = values[name] if any(map(str.isdigit, text)) else None
+        found[name] = Cell(text, value)
+    return found
 
 
 def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
@@ -174,11 +108,11 @@ def over_all(runs: pd.DataFrame, rank: float) -> dict[str, Any]:
         "runs": len(tried),
         "solved": _share(solved),
         "kept": _share(tried["feasible"]),
-        "dilation": _dilation(broke_limits["dilation"].median()),
-        "gap": _gap(median_gap(tried), " %"),
-        "worst": _gap(tried["gap"].max(), " %"),
-        "rank": _cell(rank, "{:.2f}"),
-        "time": _cell(tried["solve_time"].median(), "{:.3f}"),
+        "dilation": cells.dilation(broke_limits["dilation"].median()),
+        "gap": cells.gap(median_gap(tried)),
+        "worst": cells.gap(tried["gap"].max()),
+        "rank": cells.number(rank, ".2f"),
+        "time": cells.number(tried["solve_time"].median(), ".3f"),
     }
 
 

@@ -15,6 +15,7 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, Problem
+from trajopt.views import cells
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.overview import competing, median_gap
 from trajopt.views.analysis.results import Results
@@ -96,7 +97,7 @@ class Page:
                 "name": row.problem,
                 "label": row.label,
                 "status": row.status,
-                "cells": lines.cells(row),
+                "cells": lines.of_row(row),
             }
             rows.append(line)
         return sorted(rows, key=lambda line: line["problem"])  # stable: the best stay first
@@ -113,7 +114,7 @@ class Page:
         sentences = []
         for digest in self.digests:
             known = digest in table.index
-            sentences.append(lines.reference(table.loc[digest]) if known else NO_REFERENCE)
+            sentences.append(cells.reference(table.loc[digest]) if known else NO_REFERENCE)
         return sentences
 
     @cached_property
@@ -127,7 +128,7 @@ class Page:
     @cached_property
     def critical(self) -> str:
         """The critical difference of mean ranks (Nemenyi), if there are ranks."""
-        ranked = [planner for planner in self.planners if planner["rank"].value]
+        ranked = [planner for planner in self.planners if planner["rank"] != cells.MISSING]
         if not ranked:
             return ""
         apart = statistics.critical_difference(len(self.problems), len(ranked))

@@ -9,10 +9,10 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from trajopt.benchmark.trial import Trial
+from trajopt.views import cells
 
 Cell = tuple[str, str]
 
@@ -71,7 +71,7 @@ def _over_problems(row: Any) -> dict[str, Any]:
     line["both"] = None
     if 0 < row.both < row.problems:
         counts = [row.both, row.both_better, row.both_tied, row.both_worse]
-        rest = [ratio(row.both_ratio), "", probability(row.both_holm)]
+        rest = [cells.number(row.both_ratio), "", cells.probability(row.both_holm)]
         line["both"] = {
             "real": bool(row.both_holm < SURE),
             "cells": [(str(text), "") for text in counts + rest],
@@ -80,51 +80,32 @@ def _over_problems(row: Any) -> dict[str, Any]:
 
 
 def _over_seeds(row: Any) -> dict[str, Any]:
-    medians = [duration(row.median), duration(row.rival_median)]
+    medians = [cells.duration(row.median), cells.duration(row.rival_median)]
     return _line(row, [row.runs, row.rival_runs, *medians])
 
 
 def _line(row: Any, first: Sequence[object]) -> dict[str, Any]:
     """Return a line: its first cells, the ratio, the chance of a shorter run, and p."""
-    texts = [*map(str, first), ratio(row.ratio)]
-    chance = (f"{row.chance:.2f}", f"[{row.low:.2f}–{row.high:.2f}]")
+    own = cells.of_pair(row)
+    texts = [*map(str, first), own["ratio"]]
+    chance = (own["chance"], f"[{own['interval']}]")
     return {
         "real": bool(row.holm < SURE),
         "whisker": [round(end, 4) for end in (row.chance, row.low, row.high)],
-        "cells": [*((text, "") for text in texts), chance, (probability(row.holm), "")],
+        "cells": [*((text, "") for text in texts), chance, (own["holm"], "")],
     }
-
-
-def duration(value: float) -> str:
-    """Write a median, s, unless half of the runs have no answer."""
-    return f"{value:.4f}" if np.isfinite(value) else "no answer"
-
-
-def ratio(value: float) -> str:
-    if np.isnan(value):
-        return "–"
-    if np.isinf(value):
-        return "∞"
-    return f"{value:.5f}" if value else "0"
-
-
-def probability(value: float) -> str:
-    return "< 0.001" if value < 0.001 else f"{value:.3g}"
 
 
 def times(table: pd.DataFrame, labels: Sequence[str]) -> dict[str, list[Cell]]:
     """Per search, by its place: expected evaluations to each target, and how many runs met it."""
     lines = {}
     for label, own in table.groupby(level="label"):
-        cells = []
-        for row in own.itertuples():
-            met = f"{row.successes} of {row.runs}"
-            cells.append((count(row.ert), met))
-        lines[str(labels.index(label))] = cells
+        place = str(labels.index(label))
+        lines[place] = [
+            (count(row.ert), f"{row.successes} of {row.runs}") for row in own.itertuples()
+        ]
     return lines
 
 
 def count(value: float) -> str:
-    if not np.isfinite(value):
-        return "∞"
-    return f"{value:,.0f}".replace(",", BETWEEN)
+    return cells.number(value, ",.0f").replace(",", BETWEEN)

@@ -1,0 +1,116 @@
+"""The cells of every table of trials, as text: of the terminal, a notebook, the report and LaTeX.
+
+A row is one of a frame of `Results`: of `summary`, `planners`, `paired` or `between_seeds`.
+"""
+
+from __future__ import annotations
+
+from math import floor, isinf, isnan, log10
+from typing import Any
+
+MISSING = "–"
+NO_ANSWER = "none"  # in place of an infinite gap or duration
+SMALLEST_P = 0.001  # smaller ones are less than it
+
+Cells = dict[str, str]
+
+
+def number(value: float | None, form: str = ".4f") -> str:
+    """A number; None and NaN are `MISSING`, and infinity is ∞."""
+    if value is None or isnan(value):
+        return MISSING
+    return "∞" if isinf(value) else format(value, form)
+
+
+def duration(value: float) -> str:
+    """A median, s, unless half of the runs have no answer."""
+    return NO_ANSWER if isinf(value) else number(value)
+
+
+def gap(value: float) -> str:
+    """A ratio minus 1, in %; infinite is that of a planner without an answer."""
+    return NO_ANSWER if isinf(value) else number(100 * value, "+.2f")
+
+
+def percent(gap: float) -> str:
+    """A ratio minus 1 in a sentence: two decimals below 10 %, one above."""
+    digits = 2 if abs(gap) < 0.1 else 1
+    return f"{100 * gap:+.{digits}f} %".replace("-", "−")
+
+
+def probability(value: float) -> str:
+    """A p-value."""
+    return f"< {SMALLEST_P}" if value < SMALLEST_P else number(value, ".3f")
+
+
+def dilation(ratio: float) -> str:
+    """A dilation above 1: four decimals, or three digits of what it exceeds 1 by."""
+    if not ratio > 1:
+        return MISSING
+    power = floor(log10(ratio - 1))
+    digits = max(4, 2 - power)
+    return f"×{ratio:.{digits}f}"
+
+
+def of_summary(row: Any) -> Cells:
+    """The cells of a problem and planner; without a duration its lower bound, or its status."""
+    moves = not isnan(row.median)
+    without = row.status if isnan(row.lower_bound) else f"≥ {row.lower_bound:.4f}"
+    several = moves and row.runs > 1
+    return {
+        "solved": f"{row.solved} of {row.runs}",
+        "kept": f"{100 * row.kept:.0f} %" if moves else MISSING,
+        "median": number(row.median) if moves else without,
+        "quartiles": f"{row.q1:.4f}–{row.q3:.4f}" if several else MISSING,
+        "gap": gap(row.gap),
+        "dilation": dilation(row.dilation),
+        "evaluations": number(row.evaluations, ".0f"),
+        "solve_time": number(row.solve_time, ".3f"),
+    }
+
+
+def of_planner(row: Any) -> Cells:
+    """The cells of a planner, over the problems that it supports."""
+    return {
+        "problems": str(row.problems),
+        "solved": f"{row.solved} of {row.trials}",
+        "failed": str(row.failed),
+        "relaxed": str(row.relaxed),
+        "gap": gap(row.gap),
+        "worst": gap(row.worst),
+        "rank": number(row.rank, ".2f"),
+        "time": number(row.time, ".3f"),
+    }
+
+
+def of_pair(row: Any) -> Cells:
+    """The cells of a planner against a rival: the ratio, the chance of a shorter run, and p."""
+    return {
+        "ratio": number(row.ratio),
+        "chance": number(row.chance, ".2f"),
+        "interval": f"{row.low:.2f}–{row.high:.2f}",
+        "p": probability(row.pvalue),
+        "holm": probability(row.holm),
+    }
+
+
+def reference(row: Any) -> str:
+    """Say what gaps are measured against, and how closely that is proved.
+
+    Args:
+        row: Has the columns of `Results.references()`.
+    """
+    shortest = f"{row.reference:.6f} s"
+    known = "the best known, not proved (--certify may prove it)"
+    if row.proved > 0:
+        within = 100 * (row.reference / row.proved - 1)
+        by = f", recorded: {row.recorded_proof}" if row.recorded_proof else ""
+        known = f"proved within {within:.3f} % (lower bound {row.proved:.6f} s{by})"
+    kinds = {
+        "exact": f"the exact optimum, {shortest}",
+        "refined": f"refined collocation, {shortest}, its own error below 0.01 %",
+        "relaxed": f"the best known without some of the limits, {shortest}",
+        "lower bound": f"a lower bound, {shortest}",
+        "best known": f"the best known, {row.recorded}, {shortest}",
+    }
+    return f"Gaps are to {kinds[row.kind]}: {known}."
