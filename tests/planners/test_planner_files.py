@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import json
 import sys
 
 import pytest
 
 from trajopt import InvalidInput, Limits, Problem, TrajoptError, UnknownName, compare
 from trajopt.benchmark.trial import Configuration
+from trajopt.cli import main
 from trajopt.core.exceptions import PlannerWarning
 from trajopt.planners.registry import entries, load, named
 
@@ -215,3 +217,31 @@ def test_a_planner_that_runs_once_with_a_seed_and_a_history_left_out_are_said(fi
 def test_no_planner_of_ours_reads_a_seed_that_it_says_does_not_matter(name):
     entry = entries()[name]
     assert entry.missing() or not entry.load().may_be_stochastic
+
+
+@pytest.mark.parametrize("command", ["plan", "explain"])
+def test_with_json_what_a_planner_prints_goes_to_standard_error(
+    file, tmp_path, capsys, monkeypatch, command
+):
+    monkeypatch.chdir(tmp_path)
+    text = 'print("imported")\n' + SOURCE.replace(
+        "        found =", '        print("asked")\n        found ='
+    )
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(SystemExit):
+        main([command, "one-joint", "--planner", f"{file}:Slow", "--json"])
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["planner"] == "Slow"
+    assert captured.err.startswith("imported\nasked\n")
+
+
+def test_a_name_that_is_given_is_the_label(file):
+    planner = load(f"{file}:Slow:factor=3")
+    given = {
+        "Ours (tripled)": "Ours (tripled)",
+        "exact": "exact:factor=3.0",  # never taken for the reference of this name
+    }
+    for name, label in given.items():
+        entrant = Configuration.given((name, planner)).entrant
+        assert (entrant.name, entrant.label) == (name, label)
+    assert Configuration.given(f"{file}:Slow:factor=3").entrant.label == "Slow:factor=3.0"

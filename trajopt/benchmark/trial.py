@@ -29,7 +29,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import Certificate, certified, verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible
-from trajopt.planners.registry import label, named
+from trajopt.planners.registry import entries, label, named
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,8 @@ OUT_OF_MEMORY = "out of memory"  # the message of a trial that had too little
 class Trial:
     """One planner's answer on one problem with one seed, and the verdict on it.
 
-    `planner` is its name, `label` the name with the options that differ from the registered ones.
+    `planner` is its name, `label` the name with the options that differ from the registered ones,
+    or the name that a user gave to a planner that is not registered.
     `status` and `message` are the verdict: the planner's own status, unless the verifier found
     what no dilation can mend, or no ignored limit broken by a relaxed answer. `solve_time` and
     `setup_time` are wall seconds without and for what later calls need not do again: importing what
@@ -211,8 +212,10 @@ class Configuration:
     entrant: Entrant
 
     @classmethod
-    def of(cls, planner: object, name: str = "") -> Configuration:
+    def of(cls, planner: object, name: str = "", shown: str = "") -> Configuration:
         """Configure a planner, or a function that plans; by default under its class's name.
+
+        `shown` is its label; by default its name with the options that differ from the defaults.
 
         Raises:
             InvalidInput: for what is no planner, or may have options that nobody sees.
@@ -224,18 +227,21 @@ class Configuration:
             key: plain(value, f"planner {name}, option {key}")
             for key, value in own.options().items()
         }
-        shown = harmless(label(name, own), lines=False)
+        shown = harmless(shown or label(name, own), lines=False)
         return cls(own, Entrant(name, shown, options, code_of(own)))
 
     @classmethod
     def given(cls, planner: object) -> Configuration:
-        """Configure a planner, a registered one by its name, or a pair of a name and a planner."""
+        """Configure a planner, a registered one by its name, or a pair of a name and a planner.
+
+        A name that is given is the label, without options, unless a registered planner has it.
+        """
         if isinstance(planner, str):
             name, loaded = named(planner)
             return cls.of(loaded, name)
         if isinstance(planner, tuple):
             name, own = planner
-            return cls.of(own, name)
+            return cls.of(own, name, "" if name in entries() else name)
         return cls.of(planner)
 
 

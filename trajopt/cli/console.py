@@ -12,7 +12,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, redirect_stdout, suppress
 from math import isfinite
 from typing import Any, TextIO
 
@@ -218,11 +218,9 @@ def table(*columns: str, numbers: Collection[str] = (), title: str | None = None
 
 @contextmanager
 def waiting(message: str) -> Iterator[None]:
-    """Show a spinner on standard error, if that is a terminal."""
-    if not ERR.is_terminal:
-        yield
-        return
-    with ERR.status(message, spinner="line"):
+    """Show a spinner on standard error, if that is a terminal; planners print there too."""
+    shown = ERR.status(message, spinner="line") if ERR.is_terminal else nullcontext()
+    with shown, redirect_stdout(sys.stderr):
         yield
 
 

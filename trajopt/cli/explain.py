@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -41,8 +41,10 @@ def explain(
     json: Json = False,
 ) -> int:
     """Say what a planner's gap is made of, and which limits hold it back."""
-    name, chosen = named(planner)
-    trial = explained_run(chosen, asked.problem(problem, robot, scaled=True), seed, name)
+    asked_for = asked.problem(problem, robot, scaled=True)
+    with console.waiting("running the planner"):
+        name, chosen = named(planner)
+        trial = explained_run(chosen, asked_for, seed, name)
     names = {
         "problem": trial.problem.name,
         "planner": trial.label,
@@ -71,7 +73,8 @@ def explain(
         console.paragraph(f"- {sentence}")
     for sentence in caveats([trial.problem]):
         console.paragraph(f"- {sentence}")
-    console.line(_drawn(figures))
+    pictures = ", ".join(figure.name for figure in figures if figure.suffix == ".png")
+    console.line(f"figures: {pictures} in {figures[0].parent}")
     return 0
 
 
@@ -91,13 +94,6 @@ def explained_run(
     trials = judge(planner, problem, seeds, name)
     trials.sort(key=lambda trial: trial.certified_duration or math.inf)
     return trials[(len(trials) - 1) // 2]
-
-
-def _drawn(figures: Sequence[Path]) -> str:
-    pictures = [figure.name for figure in figures if figure.suffix == ".png"]
-    names = ", ".join(pictures)
-    folder = figures[0].parent
-    return f"figures: {names} in {folder}"
 
 
 def _sentences(

@@ -85,13 +85,13 @@ def plan(
         check_target(out, force=force)
     asked_for = asked.problem(problem, robot, scaled=True)
     found = None
-    if planner is None:
-        with console.waiting(f"planning {asked_for.name}"):
+    with console.waiting(f"planning {asked_for.name}"):
+        if planner is None:
             found = best(asked_for, seed)
-        trial = found.trial
-    else:
-        name, chosen = named(planner)
-        trial = judge(chosen, asked_for, [seed], name)[0]
+            trial = found.trial
+        else:
+            name, chosen = named(planner)
+            trial = judge(chosen, asked_for, [seed], name)[0]
     table = _table(trial, problem, found)
     if not json:
         print_trial(trial, problem)

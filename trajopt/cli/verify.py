@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from math import tau
 from pathlib import Path
 from typing import Annotated
 
@@ -144,9 +145,9 @@ def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Executi
 
 def _warn_of_radians(found: Execution) -> None:
     """Warn if the motion, read in degrees, is so small that it would be slow in radians too."""
-    span = np.degrees(np.ptp(found.problem.waypoints, axis=0).max())
+    span = np.degrees(found.problem.largest_displacements.max())
     speed = found.certificate.velocity.value
-    if span <= 2 * np.pi and speed <= ANGLES["deg"]:
+    if span <= tau and speed <= ANGLES["deg"]:
         console.note(
             f"warning: {found.motion.name} moves {span:.3g} deg at {100 * speed:.2g} % of a "
             "velocity limit; are its angles in rad, and not in deg?"

@@ -58,7 +58,8 @@ def _counts(results: Results) -> str:
         said = problems.iloc[0]
     planners = trials["label"].nunique()
     solved = (trials["status"] == "solved").sum()
-    return f"Results of {len(trials)} trials: {planners} planners on {said}, {solved} solved"
+    counts = f"Results of {len(trials)} trials: {planners} planners on {said}, {solved} solved"
+    return ". ".join(filter(None, [counts, str(results.newest)]))
 
 
 def _percent(gap: float) -> str:

@@ -44,7 +44,7 @@ def test_a_planner_has_a_process_of_its_own_whose_clock_is_not_believed(
     trials = {trial.label + str(trial.seed): trial for trial in results.items}
     slow = trials["a0"]
     fast = trials["a1"]
-    other = trials["b:option=10"]
+    other = trials["b0"]
     for trial in (slow, fast, other):
         assert trial.message == "no"
         assert trial.solution.stats["process"] != os.getpid()

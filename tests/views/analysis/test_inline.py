@@ -37,6 +37,14 @@ def test_the_text_is_three_lines(results: Results) -> None:
     assert repr(Results([])) == Results([])._repr_html_() == "Results of no trials"
 
 
+def test_earlier_versions_that_are_left_out_are_counted(results: Results) -> None:
+    last, *others = reversed(results.items)
+    older = replace(last, options={"old": 1}, started="2020-01-01T00:00:00+00:00")
+    counts, *_ = repr(Results([older, last, *others])).splitlines()
+    left_out = "Left out: 1 trials of planners' earlier versions (a<b 1)."
+    assert counts == f"Results of 7 trials: 3 planners on 2 problems, 6 solved. {left_out}"
+
+
 def test_the_table_of_a_notebook_has_a_row_per_planner(results: Results) -> None:
     html = results._repr_html_()
     rows = re.findall(r"<tr>\s*<th>(.*?)</th>(.*?)</tr>", html, re.S)
