@@ -112,7 +112,6 @@ def test_it_runs_in_processes_of_its_own_and_its_code_is_its_identity(file, tmp_
 
 
 def test_an_edited_file_is_another_planner(file, tmp_path):
-
     before = Configuration.of(load(f"{file}:Slow")).entrant.code.digest
     (tmp_path / "beside_it.py").write_text("SLOWER = 7.0\n", encoding="utf-8")
     after = Configuration.of(load(f"{file}:Slow")).entrant.code.digest

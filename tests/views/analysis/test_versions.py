@@ -9,7 +9,6 @@ import pytest
 from trials import solved
 
 from trajopt import InvalidInput, Limits, Planner, Problem, compare
-from trajopt.benchmark import provenance
 from trajopt.benchmark.store import folder as store
 from trajopt.planners.registry import load
 from trajopt.views.analysis.results import Results
@@ -36,19 +35,16 @@ class Mine(Planner):
 def mine(tmp_path, monkeypatch):
     """A planner in a script, imported anew as it is edited."""
     monkeypatch.syspath_prepend(tmp_path)
-    caches = [provenance._ours]
 
     def written(slower):
         (tmp_path / "my_script.py").write_text(SOURCE.format(slower=slower))
         sys.modules.pop("my_script", None)
         importlib.invalidate_caches()
         shutil.rmtree(tmp_path / "__pycache__", ignore_errors=True)
-        caches[0].cache_clear()
         return importlib.import_module("my_script").Mine()
 
     yield written
     sys.modules.pop("my_script", None)
-    caches[0].cache_clear()
 
 
 def medians(results):
