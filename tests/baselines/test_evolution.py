@@ -125,20 +125,36 @@ def test_de_is_scipys_own(strategy):
     while len(ours) < 25:
         ours.append(run.send(sphere(4 * ours[-1])))
     differential_evolution(
-        theirs, [(0, 1)] * 3, init=random.random((20, 3)), maxiter=24, rng=random,
-        strategy=strategy, recombination=0.6, mutation=(0.5, 1),
-        vectorized=True, updating="deferred", polish=False, tol=0,
-    )  # fmt: skip
+        theirs,
+        [(0, 1)] * 3,
+        init=random.random((20, 3)),
+        maxiter=24,
+        rng=random,
+        strategy=strategy,
+        recombination=0.6,
+        mutation=(0.5, 1),
+        vectorized=True,
+        updating="deferred",
+        polish=False,
+        tol=0,
+    )
     np.testing.assert_allclose(ours, [x.T for x in theirs.x], rtol=0, atol=1e-12)
 
 
 def test_cmaes_is_the_librarys_own():
     random = Random(PCG64(3))
     strategy = cma.CMAEvolutionStrategy(
-        random.random(3), 0.2,
-        {"bounds": [[0] * 3, [1] * 3], "popsize": 12, "randn": lambda *s: random.standard_normal(s),
-         "verbose": -9, "seed": np.nan, "verb_log": 0},
-    )  # fmt: skip
+        random.random(3),
+        0.2,
+        {
+            "bounds": [[0] * 3, [1] * 3],
+            "popsize": 12,
+            "randn": lambda *s: random.standard_normal(s),
+            "verbose": -9,
+            "seed": np.nan,
+            "verb_log": 0,
+        },
+    )
     theirs = Recorded(lambda x: sphere(4 * x))
     strategy.optimize(theirs, maxfun=600)
     run = CMAES(12, sigma0=0.2).run(Random(PCG64(3)), 3)

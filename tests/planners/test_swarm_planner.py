@@ -171,9 +171,10 @@ def test_no_swarm_beats_the_best_353_and_pso_reaches_it():
     start = min(grid, key=lambda t: sampled_duration(SIX_AXIS, np.array(t, float), 11))
     found = minimize(
         lambda logs: sampled_duration(SIX_AXIS, np.exp([*logs, 0])),
-        np.log(np.array(start[:2]) / start[2]), method="Nelder-Mead",
+        np.log(np.array(start[:2]) / start[2]),
+        method="Nelder-Mead",
         options={"xatol": 1e-6, "fatol": 1e-9},
-    )  # fmt: skip
+    )
     for optimiser in (PSO(), SSA(), ISSA()):
         for fitness in ("penalty", "scaled"):
             planner = SwarmPlanner(optimiser, fitness=fitness, iterations=150)
@@ -413,10 +414,16 @@ def test_options_are_set_from_text():
 @pytest.mark.parametrize(
     "change",
     [
-        {"timing": "alone"}, {"fitness": "best"}, {"space": "hours"}, {"iterations": -1},
-        {"evaluations": 0}, {"upper": 0.0}, {"lower": 1.0}, {"upper": float("nan")},
+        {"timing": "alone"},
+        {"fitness": "best"},
+        {"space": "hours"},
+        {"iterations": -1},
+        {"evaluations": 0},
+        {"upper": 0.0},
+        {"lower": 1.0},
+        {"upper": float("nan")},
     ],
-)  # fmt: skip
+)
 def test_a_bad_option_is_named(change):
     with pytest.raises(InvalidInput, match=f"^{next(iter(change))} .*expected"):
         SwarmPlanner(**change)
