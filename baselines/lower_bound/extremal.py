@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.lower_bound import costates
-from baselines.lower_bound.costates import CELL_COLUMNS, Cut
+from baselines.lower_bound.costates import CELL_COLUMNS, Costates, Cut
 from baselines.lower_bound.relaxation import Relaxation
 from trajopt.core.arrays import Array, Bools
 
@@ -103,12 +103,11 @@ def violated(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
         x: Its variables.
         tolerance: Least violation of a row of cost 1; negative for rows that are nearly active.
     """
-    point = _points(relaxation, x)
     largest = np.full(relaxation.h.shape, tolerance)
     best: dict[tuple[int, int], Cut] = {}
-    for cells in families(point):
-        gains, costs = _values(point, cells)
-        shares = np.where(costs == 0, -np.inf, (gains - costs) / costs)
+    for cells in families(_points(relaxation, x)):
+        cells[1, ..., 1:] *= -1
+        shares, costs = _violations(relaxation, x, cells)
         for number in np.argwhere(shares > tolerance):
             mirrored, segment, joint = number.tolist()
             place = (segment, joint)
@@ -116,51 +115,31 @@ def violated(relaxation: Relaxation, x: Array, tolerance: float) -> list[Cut]:
             if violation > largest[place]:
                 largest[place] = violation
                 chosen = _with_width(cells[mirrored, segment, joint])
-                sign = -1 if mirrored else 1
-                chosen[:, 1:] *= sign / costs[mirrored, segment, joint]
+                chosen[:, 1:] /= costs[mirrored, segment, joint]
                 best[place] = Cut(segment, joint, chosen)
     return list(best.values())
 
 
-def _values(point: Point, cells: Array) -> tuple[Array, Array]:
-    """Return a row's left and right side at a point, `(2, segments, joints)` each.
+def _violations(relaxation: Relaxation, x: Array, cells: Array) -> tuple[Array, Array]:
+    """Return by how much a point violates rows, over their costs, and these costs.
 
-    At the exact switching times `p`, `dp + q dτ` and `dq + λ dτ` have one sign in each cell. This
-    only steers: the rows are computed exactly later.
+    Args:
+        relaxation: Whose limits count.
+        x: Its variables.
+        cells: Costates of all segments and joints, and of their mirror images, `(2, segments,
+            joints, cells, 7)`.
     """
-    _, p0, p1, p2, q0, q1, slope = np.moveaxis(cells, -1, 0)
-    w = _widths(cells)
-    zero = np.zeros_like(q0)
-    p = (p0, p1, p2)
-    q = (q0, q1, zero)
-    p_end = costates.value(p, w)
-    q_end = costates.value(q, w)
-
-    # [p α] + [q v] + λ h S
-    start = p0[..., 0] * point.a0 + q0[..., 0] * point.v0
-    end = p_end[..., -1] * point.a1 + q_end[..., -1] * point.v1
-    gains = end - start + slope[..., -1] * point.h
-
-    # ∫ p, ∫ (dp + q dτ) and ∫ (dq + λ dτ) over each cell, then the jumps between them
-    bending = (p1 + q0, 2 * p2 + q1, zero)
-    turning = (q1 + slope, zero, zero)
-    p_jumps = p0[..., 1:] - p_end[..., :-1]
-    q_jumps = q0[..., 1:] - q_end[..., :-1]
-    j_down = np.where(np.isinf(point.j_down), 0.0, point.j_down)
-    j_up = np.where(np.isinf(point.j_up), 0.0, point.j_up)
-    costs = _cost(costates.area(p, w), j_down, j_up)
-    costs += _cost(costates.area(bending, w), point.a_down, point.a_up)
-    costs += _cost(p_jumps, point.a_down, point.a_up)
-    costs += _cost(costates.area(turning, w), point.v_down, point.v_up)
-    costs += _cost(q_jumps, point.v_down, point.v_up)
-    return gains, costs
-
-
-def _cost(parts: Array, down: Array, up: Array) -> Array:
-    """Return the sum over cells of the costs of parts under a limit's two sides."""
-    upwards = np.maximum(parts, 0.0).sum(axis=-1)
-    downwards = np.maximum(-parts, 0.0).sum(axis=-1)
-    return up * upwards + down * downwards
+    shape = cells.shape[:3]
+    _, segments, joints = np.indices(shape).reshape(3, -1)
+    given = Costates(segments, joints, cells.reshape(-1, *cells.shape[3:]))
+    coefficients, bounds = costates.rows(relaxation, given)
+    values = x[relaxation.every_row_columns[segments, joints]]
+    terms = coefficients * values
+    # the right-hand side holds those of T and Q
+    costs = bounds - terms[:, 0] - terms[:, 2]
+    gains = terms.sum(axis=1) - terms[:, 0] - terms[:, 2]
+    shares = np.where(costs == 0, -np.inf, (gains - costs) / costs)
+    return shares.reshape(shape), costs.reshape(shape)
 
 
 def _widths(cells: Array) -> Array:

@@ -12,6 +12,7 @@ All values are in units that are powers of two, so scaling rounds nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -173,6 +174,16 @@ class Relaxation:
             columns[4] = self.velocity[segment, joint]
             columns[6] = self.before[segment, joint]
         return columns
+
+    @cached_property
+    def every_row_columns(self) -> Indices:
+        """The variables of all segments and joints, `(segments, joints, 7)`."""
+        return np.array(
+            [
+                [self.row_columns(segment, joint) for joint in range(self.joints)]
+                for segment in range(self.segments)
+            ]
+        )
 
     def total(self) -> Array:
         """Return the objective `Σ T`, `(variables,)`."""
