@@ -153,8 +153,8 @@ Start = TypeVar("Start")
 TimedT = TypeVar("TimedT", bound=Timed)
 
 
-def optima(
-    solve: Callable[[Start], TimedT],
+def optima_together(
+    solve: Callable[[Sequence[Start]], Sequence[TimedT]],
     starts: Iterable[Start],
     count: int,
     agreeing: int,
@@ -163,7 +163,8 @@ def optima(
     """Local optima: of `count` starts, of fewer that agree, of more while none has succeeded.
 
     Args:
-        solve: leads from a start to a local optimum.
+        solve: leads from some starts to a local optimum each: from as many as are missing for
+            agreement.
         starts: where to start from, in order.
         count: no more starts than these, unless all of them fail.
         agreeing: no more starts once so many share the shortest duration.
@@ -171,36 +172,6 @@ def optima(
 
     Returns:
         The optima in the order of their starts.
-    """
-
-    def solve_each(some: Sequence[Start]) -> list[TimedT]:
-        return [solve(start) for start in some]
-
-    return optima_together(
-        solve_each,
-        starts,
-        count,
-        agreeing,
-        rtol,
-    )
-
-
-def optima_together(
-    solve: Callable[[Sequence[Start]], Sequence[TimedT]],
-    starts: Iterable[Start],
-    count: int,
-    agreeing: int,
-    rtol: float = AGREEMENT_RTOL,
-) -> list[TimedT]:
-    """What `optima` returns, where several starts cost little more than one.
-
-    Args:
-        solve: leads from some starts to a local optimum each, at once: from as many as are missing
-            for agreement.
-        starts: as `optima` has them, and so on.
-        count: likewise.
-        agreeing: likewise.
-        rtol: likewise.
     """
     results: list[TimedT] = []
     remaining = iter(starts)

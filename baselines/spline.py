@@ -202,20 +202,8 @@ class _Instants:
     worth: Array
 
     @classmethod
-    def of_positions(cls, pieces: int, joints: int) -> _Instants:
-        """Without the ends of pieces, which mostly are waypoints."""
-        stay = (np.arange(_STAY) + 1) / (_STAY + 1)
-        between = (np.arange(_MOVE) + 0.5) / _MOVE
-        one = np.concatenate([stay, between])[:, None, None]
-        at = np.tile(one, (1, pieces, joints))
-        return cls(at, np.zeros_like(at))
-
-    @classmethod
-    def even(cls, pieces: int, joints: int, continuous: bool) -> _Instants:
-        """Evenly spread; a `continuous` rate is limited at the end of a piece, not at its start."""
-        stay = np.linspace(0.0, 1.0, _STAY)
-        if continuous:
-            stay = np.linspace(0.0, 1.0, 1 + _STAY)[1:]
+    def spread(cls, pieces: int, joints: int, stay: Array) -> _Instants:
+        """The same on every piece: those that `stay` `(_STAY,)`, and others evenly spread."""
         between = (np.arange(_MOVE) + 0.5) / _MOVE
         one = np.concatenate([stay, between])[:, None, None]
         at = np.tile(one, (1, pieces, joints))
@@ -430,20 +418,22 @@ def _exchange(
     rounds_without_gain = 0
     instants = []
     for order in range(1, motion.orders + 1):
-        continuous = order in spline_family.SMOOTH_ORDERS
-        even = _Instants.even(family.pieces, motion.joints, continuous)
-        instants.append(even)
+        stay = np.linspace(0.0, 1.0, _STAY)
+        if order in spline_family.SMOOTH_ORDERS:
+            # a continuous rate is limited at the end of a piece, not at its start
+            stay = np.linspace(0.0, 1.0, 1 + _STAY)[1:]
+        instants.append(_Instants.spread(family.pieces, motion.joints, stay))
     if motion.room is not None:
-        instants.append(_Instants.of_positions(family.pieces, motion.joints))
+        # without the ends of pieces, which mostly are waypoints
+        inner = np.linspace(0.0, 1.0, 2 + _STAY)[1:-1]
+        instants.append(_Instants.spread(family.pieces, motion.joints, inner))
     status = ""
     _, _, instants = motion.exchanged(times, controls, instants)
     for _ in range(most_rounds):
-        run = _solve_at(solver, motion, times, controls, instants)
-        status = run.status
-        if not run.success:
+        status, answer = _solve_at(solver, motion, times, controls, instants)
+        if answer is None:
             break
-        times = run.times
-        controls = run.controls
+        times, controls = answer
         dilation, excess, instants = motion.exchanged(times, controls, instants)
         feasible = dilation * times
         kept = excess < _POSITION_TOLERANCE
@@ -457,19 +447,9 @@ def _exchange(
             break
         if rounds_without_gain == _MAX_ROUNDS_WITHOUT_GAIN:
             break
-    if run.success and not best.duration < np.inf:
+    if answer is not None and not best.duration < np.inf:
         status = f"leaves a position limit after {most_rounds} rounds"
     return _Optimum(best.times, best.controls, status)
-
-
-@dataclass(frozen=True, eq=False)
-class _Round:
-    """The result of one run of IPOPT with limits at given instants."""
-
-    times: Array
-    controls: Array
-    status: str
-    success: bool
 
 
 def _solve_at(
@@ -478,8 +458,12 @@ def _solve_at(
     times: Array,
     controls: Array,
     instants: list[_Instants],
-) -> _Round:
-    """One NLP from these times and controls, its limits imposed at these instants."""
+) -> tuple[str, tuple[Array, Array] | None]:
+    """One NLP from these times and controls, its limits imposed at these instants.
+
+    Returns:
+        IPOPT's status, and the new times and controls; None where it failed.
+    """
     family = motion.family
     unit = float(times.mean())
     sizes = []
@@ -501,11 +485,11 @@ def _solve_at(
         constraint_bounds=_constraint_bounds(motion),
     )
     if run.status not in _ENDED or not np.isfinite(run.x).all():
-        return _Round(times, controls, run.status, success=False)
+        return run.status, None
     logs, moved = unflat(run.x, [y.shape, controls.shape])
     new_times = np.exp(logs) * unit
     joined = family.joined(moved * of_controls, new_times)
-    return _Round(new_times, joined, run.status, success=True)
+    return run.status, (new_times, joined)
 
 
 def _constraint_bounds(motion: _Motion) -> tuple[Array, Array]:

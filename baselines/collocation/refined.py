@@ -25,7 +25,7 @@ from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact, starting_points
 from baselines.exact.jerk import ExactJerk
 from baselines.exact.scaled import Scaled
-from baselines.ipopt import no_start_succeeded, optima
+from baselines.ipopt import no_start_succeeded, optima_together
 from baselines.sizes import announce, cells
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import LIMIT_NAMES, Problem
@@ -101,8 +101,8 @@ class CollocationRefined(Planner):
         setup_time = time.perf_counter() - began
 
         starts = _starts(grid, _MORE_STARTS * self.starts)
-        started = optima(
-            lambda nodes: _solved(grid, nodes),
+        started = optima_together(
+            lambda some: [_solved(grid, nodes) for nodes in some],
             starts,
             self.starts,
             agreeing=_AGREEING_STARTS,

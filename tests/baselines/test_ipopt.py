@@ -12,7 +12,6 @@ import pytest
 from baselines.ipopt import (
     flat,
     no_start_succeeded,
-    optima,
     optima_together,
     program,
     unflat,
@@ -91,7 +90,6 @@ class Ended:
     ],
 )
 def test_several_starts_and_more_while_all_fail(durations: list[float], solved: int) -> None:
-    assert len(optima(Ended, durations, count=3, agreeing=2)) == solved
     batches = []
 
     def solve(starts: Sequence[float]) -> list[Ended]:
@@ -109,5 +107,9 @@ def test_the_message_names_every_status_once() -> None:
 
 def test_what_agrees_is_the_callers_to_say() -> None:
     durations = [2.0, 2.0 + 1e-6, 2.0]
-    assert len(optima(Ended, durations, count=3, agreeing=2)) == 3
-    assert len(optima(Ended, durations, count=3, agreeing=2, rtol=1e-5)) == 2
+
+    def solve(starts: Sequence[float]) -> list[Ended]:
+        return [Ended(duration) for duration in starts]
+
+    assert len(optima_together(solve, durations, count=3, agreeing=2)) == 3
+    assert len(optima_together(solve, durations, count=3, agreeing=2, rtol=1e-5)) == 2
