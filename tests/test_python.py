@@ -59,6 +59,29 @@ def test_problems_are_equal_by_their_numbers() -> None:
     assert {PROBLEM, same, other} == {same, other}
 
 
+def test_limits_are_equal_by_their_numbers() -> None:
+    limits = Limits([10.0, 2.0], [1.0, 1.0], position=[[0.0, 1.0], [-1.0, 1.0]])
+    same = Limits([[-10.0, 10.0], 2.0], [1, 1], position=[[-0.0, 1.0], 1.0])
+    others = [
+        Limits([10.0, 2.0], [1.0, 1.0]),
+        Limits([10.0], [1.0]),
+        Limits([10.0, 2.0 + 1e-15], [1.0, 1.0], position=limits.position),
+    ]
+    assert same == limits
+    assert hash(same) == hash(limits)
+    assert limits not in [*others, "limits"]
+
+
+def test_errors_of_write_name_its_arguments(tmp_path: Path) -> None:
+    answer = trajopt.plan("one-joint")
+    with pytest.raises(InvalidInput, match=r"^path is .*m\.txt': expected a file ending in"):
+        trajopt.write(tmp_path / "m.txt", answer)
+    with pytest.raises(InvalidInput, match=r"^cycle is 10\.0: expected a shorter one"):
+        trajopt.write(tmp_path / "m.csv", answer, cycle=10.0)
+    with pytest.raises(InvalidInput, match=r"^points is 'breaks': expected left out for a \.png"):
+        trajopt.write(tmp_path / "m.png", answer, points="breaks")
+
+
 def test_reprs_are_one_short_line() -> None:
     answer = trajopt.plan(PROBLEM)
     judgement = trajopt.judge(

@@ -13,13 +13,13 @@ from trajopt.planners.registry import configured, entries, options
 # Largest relative change of a certified duration by other units: rounding, or a solver's tolerance.
 DEFAULT_RTOL = 1e-9
 RTOL = {
-    "exact-jerk": 1e-8,  # IPOPT's tolerance
+    "exact-jerk": 1e-8,  # its solver's tolerance
     "collocation-refined": 1e-7,  # IPOPT's tolerance, on a grid of its own making
 }
-# Planners whose answers depend on the unit of time, and why; none depends on the unit of length.
+# Planners whose answers depend on the unit of time, and why. That of length changes none of them.
 NOT_IN_TIME = {
     "unoptimised": "its option is a time of 2 s",
-    "ssa": "eq. 41 divides a difference of places by one of durations: a number is added to a time",
+    "ssa": "eq. 41 divides segment times by durations, and adds that ratio to a segment time",
     "issa": "eq. 41, as for ssa",
 }
 NOT_WITH_JERK = {

@@ -65,6 +65,23 @@ SHAPES = {
         "rad",
         "times count from 1714564800000000000 ns; left out: field.header.seq, field.header.stamp",
     ),
+    "a bag of ROS 2, its stamp in two columns": (
+        log(
+            "header.stamp.sec,header.stamp.nanosec,header.frame_id,position_0,position_1,"
+            "velocity_0,velocity_1,effort_0",
+            lambda n, t, q, v: [1714564800, f"{round(t * 10)}00000000", n, *q, *v, 0],
+        ),
+        "rad",
+        "times count from 1714564800.000000000 s; left out: header.frame_id, effort_0",
+    ),
+    "a bag of ROS 1, its stamp in two columns": (
+        log(
+            "Time,header.stamp.secs,header.stamp.nsecs,position_0,position_1".replace("Time,", ""),
+            lambda n, t, q, v: [12, f"{round(t * 10)}00000000", *q],
+        ),
+        "rad",
+        "times count from 12.000000000 s",
+    ),
     "UR's RTDE, a space between cells": (
         log(
             "timestamp actual_q_0 actual_q_1 actual_qd_0 actual_qd_1 actual_TCP_speed_0",

@@ -40,6 +40,8 @@ class Limits:
     acceleration are finite; `jerk` and `position` default to none (infinite), and may be infinite
     for some joints only.
 
+    Limits are equal if all their numbers are.
+
     Raises `InvalidInput` naming the key, joint and value.
     """
 
@@ -70,6 +72,15 @@ class Limits:
                 raise InvalidInput(f"limits.{name}", expected, value=len(pairs))
             _check_signs(name, pairs)
             self.__dict__[name] = frozen(pairs)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Limits):
+            return NotImplemented
+        theirs = other.by_name()
+        return all(np.array_equal(own, theirs[name]) for name, own in self.by_name().items())
+
+    def __hash__(self) -> int:
+        return hash(self.velocity.tobytes())
 
     @property
     def joints(self) -> int:

@@ -12,7 +12,8 @@ That is what `write` writes. Logs of other programs are read too:
   commanded ones are read.
 - A unit may stand in one column of a kind, or come from outside (`--unit deg,ms`).
 - Time may start anywhere; it is read exactly and counted from the first sample. Without a unit it
-  is in seconds, or in the unit in which its first value is a date from 2001 to 2100.
+  is in seconds, or in the unit in which its first value is a date from 2001 to 2100. A ROS stamp
+  may be in two columns, `header.stamp.sec` and `header.stamp.nanosec`.
 
 Columns of accelerations make a controller join the samples with quintic pieces
 (`trajopt.core.interpolation`).
@@ -64,16 +65,19 @@ _KINDS = {  # words of a heading that say what a column is, looked for in this o
     "accelerations": "accelerations?|acc|accel|qdd|ddq|qddot|q_ddot",
     "velocities": "velocity|velocities|vel|speeds?|qd|dq|qdot|q_dot",
     "positions": "positions?|pos|q|angles?",
-    "": "efforts?|torques?|tau|currents?|forces?|temperatures?|voltages?|frame_id|seq|status",
+    "": "efforts?|torques?|tau|currents?|forces?|temperatures?|voltages?|frame_id|seq|status"
+    "|nano_?secs?|nsecs?",
 }
 _PATTERNS = {
     kind: re.compile(rf"[_./ ]?(?<![a-z])({words})(?![a-z])", re.IGNORECASE)
     for kind, words in _KINDS.items()
 }
 _TIME_NAME = re.compile(
-    r"[%_]*(?:t|(?:.*[_./ ])?(?:times?|timestamp|stamp|time_from_start))(?:_(s|ms|us|ns))?",
+    r"[%_]*(?:t|(?:.*[_./ ])?(?:times?|timestamp|stamp|time_from_start))(?:_(s|ms|us|ns))?"
+    r"|.*stamp[_./ ]secs?",
     re.IGNORECASE,
 )
+_NANO = re.compile("n(?:ano)?(?=secs?$)")
 # Words for a commanded and for a measured signal; libfranka writes state.q_d[0] for the commanded.
 _COMMANDED = _marker("target|command(?:ed)?|cmd|desired|reference|setpoint", r"|(?<=q)_d(?=\[)")
 _MEASURED = _marker("actual|measured|feedback")
@@ -184,7 +188,8 @@ def _samples(
             right += f"; {READABLE}{_header(columns, table)}"
         raise InvalidInput(f"line {table.line}", right, value=error.value) from None
 
-    chosen = [time, *chain(*joints.values())]
+    clock = [time, *_nanoseconds(time, columns)]
+    chosen = [*clock, *chain(*joints.values())]
     rows: list[list[float]] = []
     elapsed = [0.0]
     start = Decimal()
@@ -192,6 +197,8 @@ def _samples(
     for line, cells, row in table.rows(read_columns):
         # Of times like 1.7e9 the difference keeps every digit.
         exact = Decimal(cells[time.index])
+        for own in clock[1:]:
+            exact += Decimal(cells[own.index]).scaleb(-9)
         if rows:
             elapsed.append(float(exact - start))
             if elapsed[-1] <= elapsed[-2]:
@@ -200,7 +207,7 @@ def _samples(
                 raise InvalidInput(key, right, value=float(exact))
         else:
             start = exact
-        rows.append(row[1:])
+        rows.append(row[len(clock) :])
     if len(rows) < 2:
         raise InvalidInput("samples", "at least two lines of numbers", value=len(rows))
     unit = time.unit or wanted.get("time") or _time_unit(float(start), elapsed)
@@ -223,6 +230,11 @@ def _samples(
         joint_units=tuple("m" if own in LENGTHS else "rad" for own in units[0]),
         **dict(zip(joints, parts, strict=True)),
     )
+
+
+def _nanoseconds(time: _Column, columns: Sequence[_Column]) -> list[_Column]:
+    """The column of nanoseconds beside a ROS stamp's column of whole seconds, if it is there."""
+    return [own for own in columns if own.name != time.name == _NANO.sub("", own.name)]
 
 
 def _time_unit(start: float, elapsed: Sequence[float]) -> str:
@@ -385,7 +397,8 @@ def _header(columns: Sequence[_Column], table: Table) -> str:
             name += f" [{own.unit or 'rad'}{rates[own.kind][0]}]"
         cells.append(name if names else f"joint_{own.index} [rad]")
     clock = times[0] if times else 0
-    cells[clock] = _heading_of_times([row[0] for _, _, row in table.rows([clock])])
+    if not _nanoseconds(columns[clock], columns):
+        cells[clock] = _heading_of_times([row[0] for _, _, row in table.rows([clock])])
     return ",".join(cells)
 
 

@@ -132,7 +132,13 @@ def write(
             f"expected an answer of trajopt.plan, got {shown(trial)}: "
             "plan(problem, planner) gives one, verified, and write(path, answer) writes it"
         )
-    target = path if isinstance(path, Target) else Target(Path(path), cycle, points)
+    if not isinstance(path, Target):
+        try:
+            return write(Target(Path(path), cycle, points), trial)
+        except InvalidInput as error:  # it names the command's option
+            key = error.key.replace("--out", "--path").removeprefix("--")
+            raise InvalidInput(key, error.expected, value=error.value) from None
+    target = path
     if target.executed:
         return _write_executed(target, trial)
     if target.path.suffix == ".h5":
