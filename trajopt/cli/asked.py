@@ -33,31 +33,16 @@ class Robot:
     """The flags that give waypoints of a file their limits.
 
     Attributes:
-        robot: A built-in arm's name.
-        urdf: A robot description.
-        limits: A `joint_limits.yaml`: it says what the others do not, or other values.
-        unit: Units of a file's columns whose header says none, like "deg" or "deg,mm,ms".
-        acceleration: Of joints that have no such limit, rad/s² (m/s²).
+        robot: Robot of the waypoints; see `trajopt list`.
+        urdf: URDF of the waypoints' robot: joint names, positions, velocities.
+        limits: MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them.
+        unit: Units where a header has none, like deg,mm,ms: of waypoints, else of the motion.
     """
 
-    robot: Annotated[str | None, Parameter(help="Robot of the waypoints; see `trajopt list`.")] = (
-        None
-    )
-    urdf: Annotated[
-        Path | None,
-        Parameter(help="URDF of the waypoints' robot: joint names, positions, velocities."),
-    ] = None
-    limits: Annotated[
-        Path | None,
-        Parameter(help="MoveIt's joint_limits.yaml: adds to the robot's limits, or replaces them."),
-    ] = None
-    unit: Annotated[
-        str | None,
-        Parameter(
-            help="Units where a header has none: deg or rad, or more, like deg,mm,ms. Of the "
-            "waypoints; of the motion where there are none."
-        ),
-    ] = None
+    robot: str | None = None
+    urdf: Path | None = None
+    limits: Path | None = None
+    unit: str | None = None
     acceleration: Annotated[
         float | None,
         number("Acceleration limit of joints without one, rad/s^2 (m/s^2).", above=0),

@@ -93,18 +93,12 @@ def verify(*problems: ProblemNames, registry: Registry = None, json: Json = Fals
 
 @app.command
 def propose(
-    source: Annotated[
-        Path, Parameter(help="Motion file, results folder, results.h5 or a trial's file.")
-    ],
-    problem: Annotated[
-        str | None, Parameter(help="That a motion file is about: name or file.")
-    ] = None,
+    source: Path,
+    problem: str | None = None,
     /,
     *,
-    method: Annotated[
-        str | None, Parameter(help="How a motion was planned; by default its file's name.")
-    ] = None,
-    submitter: Annotated[str, Parameter(help="Who planned it.")] = "",
+    method: str | None = None,
+    submitter: str = "",
     interpolation: InterpolationName = "auto",
     registry: Registry = None,
     json: Json = False,
@@ -112,6 +106,12 @@ def propose(
     """Judge a motion, or stored trials; write the record where they are better.
 
     No code runs but this package's. Exit code 0: something is better and written; 1: nothing is.
+
+    Args:
+        source: Motion file, results folder, results.h5 or a trial's file.
+        problem: That a motion file is about: name or file.
+        method: How a motion was planned; by default its file's name.
+        submitter: Who planned it.
     """
     where = _folder(registry)
     target = registry or records.folder_to_write()

@@ -6,8 +6,6 @@ import time
 from math import isfinite
 from typing import Annotated, Any, Literal
 
-from cyclopts import Parameter
-
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
 from trajopt.cli.parameters import MAX_SECONDS, Json, ProblemName, number
@@ -21,10 +19,7 @@ def certify(
     problem: ProblemName,
     *,
     robot: RobotFlags = NO_FLAGS,
-    family: Annotated[
-        Literal["free", "spline353"],
-        Parameter(help="Any trajectory, or the 3-5-3 spline with shared times."),
-    ] = "free",
+    family: Literal["free", "spline353"] = "free",
     within: Annotated[
         float, number("Relative distance of the two bounds at which to stop.")
     ] = 1e-4,
@@ -33,7 +28,11 @@ def certify(
     ] = 60.0,
     json: Json = False,
 ) -> int:
-    """Prove a lower bound on the minimum time."""
+    """Prove a lower bound on the minimum time.
+
+    Args:
+        family: Any trajectory, or the 3-5-3 spline with shared times.
+    """
     loaded = asked.problem(problem, robot, scaled=True)
     file = asked.file(problem)
     options = {

@@ -9,8 +9,6 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from trajopt import comparison
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.judgement import GivenMotion
@@ -39,21 +37,11 @@ MAX_PROBLEMS_WITH_TABLES = 12  # more problems get one page in place of a table 
 def compare(
     *problems: ProblemName,
     robot: RobotFlags = NO_FLAGS,
-    planner: Annotated[
-        list[str] | None,
-        Parameter(help="NAME or FILE.py:NAME, with :key=value,…, repeated; all by default."),
-    ] = None,
-    motion: Annotated[
-        list[Path] | None,
-        Parameter(
-            help="File of a motion to judge beside the planners (`trajopt judge`), repeated."
-        ),
-    ] = None,
+    planner: list[str] | None = None,
+    motion: list[Path] | None = None,
     motion_unit: MotionUnit = None,
     interpolation: InterpolationName = "auto",
-    suite: Annotated[
-        list[str] | None, Parameter(help="All problems of a suite; see `trajopt suite list`.")
-    ] = None,
+    suite: list[str] | None = None,
     seeds: Annotated[
         int,
         whole_number(
@@ -70,10 +58,8 @@ def compare(
             most=4096,
         ),
     ] = None,
-    output: Annotated[
-        Path, Parameter(help="Results folder; what is there already is kept.")
-    ] = Path("results"),
-    fresh: Annotated[bool, Parameter(help="Run everything again.")] = False,
+    output: Path = Path("results"),
+    fresh: bool = False,
     timeout: Annotated[
         float,
         number(
@@ -90,19 +76,22 @@ def compare(
             most=1e6,
         ),
     ] = None,
-    dask: Annotated[
-        str | None,
-        Parameter(help="Address or file of a Dask scheduler to run the trials on."),
-    ] = None,
-    certify: Annotated[
-        bool, Parameter(help="Prove lower bounds too: same as --planner certify.")
-    ] = False,
-    against: Annotated[
-        str | None,
-        Parameter(help="Planner to test all others against; it is run too."),
-    ] = None,
+    dask: str | None = None,
+    certify: bool = False,
+    against: str | None = None,
 ) -> int:
-    """Run planners on problems; print the table, store every trial, draw the figures."""
+    """Run planners on problems; print the table, store every trial, draw the figures.
+
+    Args:
+        planner: NAME or FILE.py:NAME, with :key=value,…, repeated; all by default.
+        motion: File of a motion to judge beside the planners (`trajopt judge`), repeated.
+        suite: All problems of a suite; see `trajopt suite list`.
+        output: Results folder; what is there already is kept.
+        fresh: Run everything again.
+        dask: Address or file of a Dask scheduler to run the trials on.
+        certify: Prove lower bounds too: same as --planner certify.
+        against: Planner to test all others against; it is run too.
+    """
     if not problems and not suite:
         right = "at least one problem file or built-in name (see `trajopt list`), or a --suite"
         raise InvalidInput("PROBLEM", right)

@@ -37,10 +37,14 @@ def explain(
         Seed | None,
         Parameter(help=f"Seed of a stochastic planner; by default its median run of {RUNS}."),
     ] = None,
-    output: Annotated[Path, Parameter(help="Folder for the figures.")] = Path("results/explain"),
+    output: Path = Path("results/explain"),
     json: Json = False,
 ) -> int:
-    """Say what a planner's gap is made of, and which limits hold it back."""
+    """Say what a planner's gap is made of, and which limits hold it back.
+
+    Args:
+        output: Folder for the figures.
+    """
     asked_for = asked.problem(problem, robot, scaled=True)
     with console.waiting("running the planner"):
         name, chosen = named(planner)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import beside
@@ -25,28 +23,20 @@ _NAMES = {
 
 
 def export(
-    folder: Annotated[
-        Path,
-        Parameter(help="Results folder of a comparison, or its results.h5."),
-    ],
+    folder: Path,
     *,
-    to: Annotated[
-        Literal["csv", "parquet", "ioh", "latex", "svg", "pdf"],
-        Parameter(
-            help="Trials as CSV or Parquet, convergence histories for IOHanalyzer, "
-            "tables for a paper in LaTeX, or the figures as SVG or PDF."
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        Parameter(help="File; for svg, pdf and latex a folder, for ioh a new one."),
-    ] = None,
-    against: Annotated[
-        str | None,
-        Parameter(help="With latex: planner that all others are tested against in planners.tex."),
-    ] = None,
+    to: Literal["csv", "parquet", "ioh", "latex", "svg", "pdf"],
+    out: Path | None = None,
+    against: str | None = None,
 ) -> int:
-    """Write the trials of a folder for other tools."""
+    """Write the trials of a folder for other tools.
+
+    Args:
+        folder: Results folder of a comparison, or its results.h5.
+        to: Trials as CSV or Parquet, histories for IOHanalyzer, tables in LaTeX, or the figures.
+        out: File; for svg, pdf and latex a folder, for ioh a new one.
+        against: With latex: planner that all others are tested against in planners.tex.
+    """
     with kinds.reading(folder, "results"):
         results = Results(folder)
     path = out or beside(folder, _NAMES[to])

@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from trajopt.benchmark import judgement
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.records import BETTER_RTOL
@@ -39,7 +37,7 @@ def judge(
         float,
         number("Rad by which any joint may miss a waypoint that counts as passed.", least=0),
     ] = 0.0,
-    output: Annotated[Path, Parameter(help="Folder for the figure.")] = Path("results/judge"),
+    output: Path = Path("results/judge"),
     json: Json = False,
 ) -> int:
     """Judge a motion that anyone planned: what it claims, what holds, and what it loses.
@@ -49,6 +47,9 @@ def judge(
     motion's header or --motion-unit says the motion's.
 
     Exit code 0: it keeps every limit and passes every waypoint; 1: it does not; 2: bad input.
+
+    Args:
+        output: Folder for the figure.
     """
     if Path(problem).suffix not in ENDINGS and motion.suffix in TABLES:
         motion_unit = motion_unit or robot.unit

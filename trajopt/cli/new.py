@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from trajopt.benchmark.store import atomic
 from trajopt.cli import asked, console
@@ -51,18 +48,20 @@ units.waypoints = "deg"             # "deg" or "rad"; ["deg", "m"], a unit per j
 
 
 def new(
-    name: Annotated[str, Parameter(help="The file; .toml is added if it has no ending.")] = (
-        "problem.toml"
-    ),
-    waypoints: Annotated[
-        str | None, Parameter(help="Waypoints to write with limits; by default an example's.")
-    ] = None,
+    name: str = ("problem.toml"),
+    waypoints: str | None = None,
     /,
     *,
     robot: RobotFlags = NO_FLAGS,
-    force: Annotated[bool, Parameter(help="Overwrite the file.")] = False,
+    force: bool = False,
 ) -> int:
-    """Write a problem file: of waypoints and limits, or a commented one to start from."""
+    """Write a problem file: of waypoints and limits, or a commented one to start from.
+
+    Args:
+        name: The file; .toml is added if it has no ending.
+        waypoints: Waypoints to write with limits; by default an example's.
+        force: Overwrite the file.
+    """
     path = Path(name)
     if not path.suffix:
         path = path.with_suffix(".toml")

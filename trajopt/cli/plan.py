@@ -34,20 +34,11 @@ Form = Literal["message", "goal"]
 def plan(
     problem: ProblemName,
     *,
-    planner: Annotated[
-        str | None,
-        Parameter(help="NAME or FILE.py:NAME, as `trajopt explain`; by default the best one."),
-    ] = None,
+    planner: str | None = None,
     robot: RobotFlags = NO_FLAGS,
     seed: Seed = 0,
-    out: Annotated[
-        Path | None,
-        Parameter(
-            help="Write the certified motion: .csv, .yaml (a ROS message), .json, .png, .svg, "
-            ".pdf; or the trial: .h5."
-        ),
-    ] = None,
-    force: Annotated[bool, Parameter(help="Overwrite the file of --out.")] = False,
+    out: Path | None = None,
+    force: bool = False,
     cycle: Annotated[
         float | None,
         number(
@@ -64,10 +55,7 @@ def plan(
             most=1e6,
         ),
     ] = None,
-    points: Annotated[
-        Points | None,
-        Parameter(help="Points at the motion's breaks (a message's), or every cycle (a CSV's)."),
-    ] = None,
+    points: Points | None = None,
     form: Annotated[
         Form,
         Parameter(name="--as", help="A message, or a FollowJointTrajectory goal of it."),
@@ -78,6 +66,12 @@ def plan(
 
     The problem is a built-in name, a problem file, or a file of waypoints (.csv, .txt, .npy,
     .json) with --robot, --urdf or --limits.
+
+    Args:
+        planner: NAME or FILE.py:NAME, as `trajopt explain`; by default the best one.
+        out: Write the certified motion: .csv, .yaml (ROS), .json, .png, .svg, .pdf; the trial: .h5.
+        force: Overwrite the file of --out.
+        points: Points at the motion's breaks (a message's), or every cycle (a CSV's).
     """
     target = None
     if out is not None:

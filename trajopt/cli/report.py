@@ -6,8 +6,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import beside, whole_number
 from trajopt.views import report as page
@@ -15,20 +13,20 @@ from trajopt.views.analysis.results import Results
 
 
 def report(
-    folder: Annotated[
-        Path,
-        Parameter(help="Results folder of a comparison, or its results.h5."),
-    ],
-    *others: Annotated[Path, Parameter(help="More of them, for one page about all.")],
-    out: Annotated[
-        Path | None,
-        Parameter(help="By default report.html in the folder; of several, in this folder."),
-    ] = None,
+    folder: Path,
+    *others: Path,
+    out: Path | None = None,
     trajectories: Annotated[
         int, whole_number("Problems shown with their trajectories.", least=0)
     ] = 60,
 ) -> int:
-    """Write one self-contained, interactive page about all trials of one or several folders."""
+    """Write one self-contained, interactive page about all trials of one or several folders.
+
+    Args:
+        folder: Results folder of a comparison, or its results.h5.
+        others: More of them, for one page about all.
+        out: By default report.html in the folder; of several, in this folder.
+    """
     place = Path("report.html") if others else beside(folder, "report.html")
     folders = (folder, *others)
     with console.waiting("writing the report"):

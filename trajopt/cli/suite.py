@@ -67,13 +67,17 @@ def show(
 @app.command
 def export(
     name: Name,
-    folder: Annotated[Path, Parameter(help="Folder; made if it is not there.")],
+    folder: Path,
     /,
     *,
     size: Size = None,
     json: Json = False,
 ) -> int:
-    """Write a suite's problems, a file each; files that differ from what is there are refused."""
+    """Write a suite's problems, a file each; files that differ from what is there are refused.
+
+    Args:
+        folder: Folder; made if it is not there.
+    """
     problems = {folder / f"{p.name}.toml": p for p in catalogue.problems(name, size)}
     texts = {file: problem.to_toml() for file, problem in problems.items()}
     missing = list(_missing(texts))

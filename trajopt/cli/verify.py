@@ -6,10 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from math import tau
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
 from trajopt.benchmark.judgement import Execution, as_executed
 from trajopt.benchmark.store.folder import is_trial
@@ -35,7 +33,7 @@ _NUMBERS = ("seed", "claimed s", "certified s", "dilation", "verdict")
 
 
 def verify(
-    path: Annotated[Path, Parameter(help="Results folder or results.h5; or a motion's file.")],
+    path: Path,
     *,
     robot: RobotFlags = NO_FLAGS,
     interpolation: InterpolationName = "auto",
@@ -49,6 +47,9 @@ def verify(
     A motion needs no waypoints: told are its peaks as a controller runs it, the slow-down that it
     needs, and how fast it may run at most. Where no joint has an acceleration limit, velocities
     and positions alone are judged, and a line says so.
+
+    Args:
+        path: Results folder or results.h5; or a motion's file.
     """
     if path.suffix in ENDINGS and not path.is_dir() and not is_trial(path):
         return _verify_motion(path, robot, interpolation, json)
