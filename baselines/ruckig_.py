@@ -29,14 +29,13 @@ from numpy.typing import NDArray
 from baselines.exact.rounded import Clock, assembled, clocks, through
 from baselines.linear_programs import LinearProgram
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import EPS, nearest
 from trajopt.planners.planner import Planner, backend, passing_once
 from trajopt.planners.rest_to_rest import stop_times
-
-Array = NDArray[np.float64]
 
 # One joint's breaks and coefficients, as `Trajectory.joined` takes them.
 Part = tuple[Array, Array]

@@ -19,16 +19,14 @@ from pathlib import Path
 import cyclopts
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from baselines.ipopt import AGREEMENT_RTOL
 from experiments.common.kept import kept
 from experiments.common.output import save_table
 from trajopt.benchmark.suites.random import random_problem
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.planners.registry import load
-
-Array = NDArray[np.float64]
 
 ABOVE_RTOL = 1e-9
 AGREEING = 2

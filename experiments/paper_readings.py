@@ -28,7 +28,6 @@ from experiments.paper.choices import READINGS, Reading
 from experiments.paper.searches import (
     ALGORITHMS,
     NAMES,
-    Array,
     interval,
     running_times,
     stored,
@@ -36,6 +35,7 @@ from experiments.paper.searches import (
 from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
+from trajopt.core.arrays import Array
 from trajopt.planners import spline353
 
 TIMINGS = ("per-joint", "shared")

@@ -30,7 +30,6 @@ from experiments.paper.claims import claims, estimates, totals
 from experiments.paper.searches import (
     ALGORITHMS,
     NAMES,
-    Array,
     Found,
     interval,
     percent_below,
@@ -39,6 +38,7 @@ from experiments.paper.searches import (
 from trajopt import Problem, Trajectory, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console
+from trajopt.core.arrays import Array
 from trajopt.planners import spline353
 from trajopt.planners.kinematics import Robot, cartesian_problem
 from trajopt.planners.registry import configured, load

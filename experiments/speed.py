@@ -22,20 +22,18 @@ from typing import NamedTuple
 import cyclopts
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 from scipy.optimize import differential_evolution
 
 from experiments.common.output import save_table
 from trajopt.benchmark.suites import catalogue
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.judging.verification import Tolerance, verify
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.planners.swarm import Compared, minimise
 from trajopt.planners.swarm_planner import SegmentTimes, SwarmPlanner
-
-Array = NDArray[np.float64]
 
 POPULATION = 30  # the paper's
 SEEDS_TOGETHER = 30  # as a comparison advances them

@@ -26,11 +26,8 @@ from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Indices = NDArray[np.intp]
+from trajopt.core.arrays import Array, Bools, Indices
 
 # Added to the diagonal entries of the times, in units of each time: at first, the factor between
 # two trials, and at most.

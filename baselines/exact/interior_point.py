@@ -14,10 +14,8 @@ from functools import cached_property
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from trajopt.core.arrays import Array, Bools
 
 MAX_ITERATIONS = 300
 # So many steps follow their rows to second order. Most programs have converged by then; the others

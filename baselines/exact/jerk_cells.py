@@ -13,18 +13,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact.cells import at_ends
 from baselines.exact.interior_point import MIN_KEPT_SLACK, ROW_AXES
 from baselines.exact.jerk_profiles import Limits, Profiles, Slopes
 from baselines.exact.scaled import Scaled
+from trajopt.core.arrays import Array, Bools
 
 if TYPE_CHECKING:
     from baselines.exact.jerk_step import Linear
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # Signs of the upper profile and of the lower one, which is seen mirrored.
 _SIGNS = np.array([1.0, -1.0])

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact.interior_point import begun, converged, descended
 from baselines.exact.jerk_cells import Cells, Rows
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum
+from trajopt.core.arrays import Array
 
-Array = NDArray[np.float64]
 Start = tuple[Array, Array, Array]  # segment times, inner waypoint velocities and accelerations
 
 # Tolerances where rounding stops the method, relative to its own.

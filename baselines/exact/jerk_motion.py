@@ -30,10 +30,9 @@ from baselines.exact.rounded import (
 )
 from baselines.exact.scaled import Scaled
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
-
-Array = NDArray[np.float64]
 
 # Evenly spaced pieces of a segment that are tried.
 _EVEN = (1, 4, 8)

@@ -25,10 +25,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from trajopt.core.arrays import Array, Bools
 
 _TINY = 1e-300  # instead of dividing by 0
 # Least acceleration of a rise to the velocity limit, relative to the acceleration limit.

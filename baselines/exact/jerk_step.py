@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact.cells import at_ends
 from baselines.exact.chain import Chain, Links, owners
 from baselines.exact.jerk_cells import Point, Rows
 from baselines.exact.jerk_profiles import ACCELERATIONS, TIME, VELOCITIES
-
-Array = NDArray[np.float64]
+from trajopt.core.arrays import Array
 
 
 class Linear:

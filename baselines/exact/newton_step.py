@@ -7,12 +7,10 @@ its two peaks in closed form; `exact.chain` solves for the rest.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact.cells import Point, Rows, at_ends, both_sides
 from baselines.exact.chain import Chain, Links
-
-Array = NDArray[np.float64]
+from trajopt.core.arrays import Array
 
 
 class Linear:

@@ -13,12 +13,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 
-Array = NDArray[np.float64]
 # Breaks further apart than this, relative to the duration, are two in any order of summation.
 DISTINCT_RTOL = 2 * BREAK_RTOL
 

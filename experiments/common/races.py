@@ -12,18 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from baselines.lower_bound.bound import certify
 from experiments.common.kept import Rows, chosen, kept
 from trajopt import Problem, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.suites.random import random_problem
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
-
-Array = NDArray[np.float64]
 
 TARGETS = {"1 %": 1e-2, "0.1 %": 1e-3, "0.01 %": 1e-4}
 

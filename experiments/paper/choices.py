@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.paper.searches import ALGORITHMS, Array, Runs, swarm
+from experiments.paper.searches import ALGORITHMS, Runs, swarm
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
+from trajopt.core.arrays import Array
 from trajopt.planners import spline353
 from trajopt.planners.registry import configured, load, options
 from trajopt.planners.swarm.optimiser import added

@@ -8,15 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from trajopt import Problem
 from trajopt.core import built_in
+from trajopt.core.arrays import Array
 from trajopt.planners.planner import Planner
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
-
-Array = NDArray[np.float64]
 
 ALGORITHMS = ("pso", "ssa", "issa")
 NAMES = {"pso": "PSO", "ssa": "SSA", "issa": "ISSA"}

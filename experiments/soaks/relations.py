@@ -27,9 +27,9 @@ from baselines.topp_ra import along
 from experiments.common.kept import Rows, apart, kept
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.random import random_problem
+from trajopt.core.arrays import Array
 from trajopt.planners.registry import named
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Check = tuple[str, float, float]  # kind, relative excess, tolerance
 Checks = Iterator[Check]

@@ -28,11 +28,12 @@ from typing import Any
 import cyclopts
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from experiments.soaks import runner
 from trajopt.benchmark import judgement
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.trajectory import Trajectory
@@ -41,7 +42,6 @@ from trajopt.formats.samples import Samples
 from trajopt.judging.passing import waypoint_times
 from trajopt.judging.verification import certified, verify
 
-Array = NDArray[np.float64]
 Phase = tuple[float, float | None, float]  # duration, acceleration (None: it continues), jerk
 
 FAMILIES = tomllib.loads((runner.DATA / "tricks.toml").read_text(encoding="utf-8"))

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import FallingVelocity, Limits, Problem
@@ -41,7 +42,6 @@ from trajopt.planners.planner import Planner
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, PPoly
 
-Array = NDArray[np.float64]
 
 _RAD_IN_DEG = (38, 86)  # about 180 / pi
 

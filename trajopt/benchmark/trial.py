@@ -19,9 +19,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.benchmark.provenance import Code, code_of, plain, provenance
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidTrajectory, MissingBackend, shown
 from trajopt.core.harmless import harmless
 from trajopt.core.problem import Problem
@@ -30,8 +30,6 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import Certificate, certified, verify
 from trajopt.planners.planner import Planner, Relation, adapted, check_visible
 from trajopt.planners.registry import entries, label, named
-
-Array = NDArray[np.float64]
 
 DEGREE_MAX = 100  # polynomial degree; finding roots takes memory by its square
 OUT_OF_MEMORY = "out of memory"  # the message of a trial that had too little

@@ -35,10 +35,10 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from numpy.typing import NDArray
 
 from trajopt.core import arm_file, files
 from trajopt.core.arm_file import Arm
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnitWarning
 from trajopt.core.files import check_keys, text_at
 from trajopt.core.problem import (
@@ -62,7 +62,6 @@ _KEYS = (
     "limits",
     "published",
 )
-Array = NDArray[np.float64]
 _UNIT_KEYS = ("waypoints", "limits")
 
 

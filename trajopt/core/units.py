@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
-
-Array = NDArray[np.float64]
 
 ANGLES = {"deg": pi / 180, "rad": 1.0}  # rad
 LENGTHS = {"m": 1.0, "mm": 1e-3}  # m

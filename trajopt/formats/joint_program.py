@@ -22,12 +22,12 @@ import numpy as np
 import scipy  # imports its parts, half a second, where they are first used
 from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Limits
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 _Inequalities = tuple["csr_array", Array]  # a matrix, and the right-hand side
 

@@ -18,13 +18,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import LimitName, Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats.joint_program import JointProgram
 from trajopt.formats.samples import Samples
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int_]
 
 MAX_LENGTHENING = 0.25  # share of the duration; with a longer motion the cycle is too long

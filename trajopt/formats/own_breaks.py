@@ -15,15 +15,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.files import check_keys
 from trajopt.core.numerals import is_number
 from trajopt.core.trajectory import Trajectory
 
-Array = NDArray[np.float64]
 Row = list[float]
 
 _KEYS = {"waypoint_times", "joints"}

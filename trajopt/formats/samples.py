@@ -6,15 +6,11 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trajopt.core import interpolation as between
+from trajopt.core.arrays import Array
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import check_joint_names, frozen
 from trajopt.core.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import files
 from trajopt.core.exceptions import FileNote, InvalidInput
@@ -44,8 +43,6 @@ from trajopt.formats.samples import Samples, known_as
 TIME = "time [s]"
 READABLE = "a header that is read: "
 """It introduces the header in an error."""
-
-Array = NDArray[np.float64]
 
 
 def _marker(words: str, further: str = "") -> re.Pattern[str]:

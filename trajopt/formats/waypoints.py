@@ -20,17 +20,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import files
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.problem import Problem, waypoint_table
 from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, mixed_units
 from trajopt.formats import csv_file
 from trajopt.formats.robot_limits import RobotLimits
 from trajopt.formats.samples import known_as
-
-Array = NDArray[np.float64]
 
 ENDINGS = (".csv", ".txt", ".npy", ".json")
 

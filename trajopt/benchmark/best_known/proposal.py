@@ -17,7 +17,6 @@ import numpy as np
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import (
     CLOSED_FORM,
-    Array,
     Origin,
     Record,
     evidence,
@@ -32,6 +31,7 @@ from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.folder import read as stored_trials
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidTrajectory, StoreError, TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory

@@ -17,17 +17,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.benchmark.store.document import check_table, json_lines, problem_of, problem_table
 from trajopt.core import files
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats import own_breaks
-
-Array = NDArray[np.float64]
 
 SCHEMA = 1
 CLOSED_WITHIN = 1e-3

@@ -25,8 +25,6 @@ from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 
-Array = NDArray[np.float64]
-
 _TRAJECTORY = ("breaks", "coefficients", "waypoint_times")
 _SOLUTION = ("status", "message", "lower_bound", "evaluations", "setup_time", "stats")
 _PROBLEM = ("name", "source", "joint_names", "digest", "waypoints", "limits")

@@ -9,12 +9,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.views.analysis import statistics
 from trajopt.views.figures.style import GAP_FLOOR
 
-Array = NDArray[np.float64]
 Curves = dict[str, tuple[Array, Array]]  # x and y of each planner
 
 POINTS = 160

@@ -17,10 +17,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.explain.references import OPTIMUM
 from trajopt.views.analysis import statistics
-
-Array = NDArray[np.float64]
 
 TIE_DIGITS = 6  # significant digits of a duration: those equal to so many are tied
 KEYS = ["planner", "against"]

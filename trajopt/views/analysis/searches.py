@@ -14,13 +14,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trajopt.benchmark.trial import Trial
+from trajopt.core.arrays import Array
 from trajopt.explain.references import BEST_353
 from trajopt.views.analysis import statistics
 
-Array = NDArray[np.float64]
 Cost = Literal["evaluations", "seconds"]
 
 TARGETS = (0.1, 0.01, 0.001, 0.0001)  # above the optimum or the best 3-5-3, relative

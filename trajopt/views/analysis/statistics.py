@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 
-Array = NDArray[np.float64]
 Values = Array | np.float64  # a number where the runs were the only axis
 
 EXACT_PAIRS = 50  # pairs that differ, up to which Wilcoxon's p is exact

@@ -19,14 +19,12 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.benchmark.store.document import pack
 from trajopt.benchmark.trial import Trial
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import StoreError
 from trajopt.views.analysis.results import Results
-
-Array = NDArray[np.float64]
 
 VERSION = "0.3.5"  # the format's; IOHanalyzer reads JSON from 0.3.3 on
 HEADER = "evaluations raw_y"

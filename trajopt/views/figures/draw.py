@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.trial import Trial
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import StoreError
 from trajopt.core.problem import LimitName
 from trajopt.core.trajectory import Trajectory
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from trajopt.benchmark.judgement import Judgement
     from trajopt.explain.decomposition import Explanation
 
-Array = NDArray[np.float64]
 Picture = tuple[str, Callable[[], "Figure"]]  # a file's name without suffix, and what draws it
 
 MOTIONS = 3  # so many planners' motions are drawn of a problem

@@ -9,14 +9,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.problem import LIMIT_ORDERS, LimitName, Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.views.figures.plots import Look, Picture, styled
 from trajopt.views.figures.style import BLACK, BLUE, GREY, VERMILION, text
 
-Array = NDArray[np.float64]
 Steps = Sequence[tuple[str, float]]  # the names of steps, and the duration after each, s
 
 _SAMPLES = 1500

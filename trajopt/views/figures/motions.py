@@ -10,15 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.views.figures.plots import Look, Picture, styled
 from trajopt.views.figures.sampling import curve
 from trajopt.views.figures.style import BLACK, BLUE, GREY, QUANTITIES, VERMILION, text
-
-Array = NDArray[np.float64]
 
 _LIMIT: Look = {"color": VERMILION, "ls": (0, (4, 2)), "lw": 0.8}
 _MOTION: Look = {"color": BLUE, "lw": 1.1}

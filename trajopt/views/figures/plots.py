@@ -23,8 +23,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.views import cells
 from trajopt.views.analysis.results import Line
 from trajopt.views.figures.style import (
@@ -41,7 +41,6 @@ from trajopt.views.figures.style import (
     text,
 )
 
-Array = NDArray[np.float64]
 Look = dict[str, Any]  # keywords of Matplotlib's artists
 
 _SHORT_DASHES = (0, (3, 2))

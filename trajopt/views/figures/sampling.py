@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.core import polynomials
+from trajopt.core.arrays import Array
 from trajopt.core.trajectory import Trajectory
 from trajopt.views.analysis import statistics
-
-Array = NDArray[np.float64]
 
 POINTS_PER_CURVE = 240
 FEWEST_PER_PIECE = 5

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.curves import POINTS, Curves, gap_shares, mean_shares, profile
@@ -22,7 +22,6 @@ from trajopt.views.report import pairwise as rivals
 from trajopt.views.report.packing import rounded
 from trajopt.views.report.page import Page, limit_kinds, suites_of
 
-Array = NDArray[np.float64]
 Curve = dict[str, Any]  # planner (its place), x, y or low, middle and high
 
 BAND_POINTS = 60

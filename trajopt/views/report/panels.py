@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trajopt.benchmark.trial import Trial
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.active_limits import Stretch, share_at_limits, stretches
@@ -19,8 +19,6 @@ from trajopt.views.figures.sampling import both_sides
 from trajopt.views.figures.style import QUANTITIES
 from trajopt.views.report import curves
 from trajopt.views.report.packing import rounded
-
-Array = NDArray[np.float64]
 
 POINTS = 200
 LONGEST = 3  # stretches at a limit that are named
