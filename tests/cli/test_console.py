@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from trajopt.benchmark.run.progress import Line, Progress
 from trajopt.cli import app, compare, console
-from trajopt.cli.console import LoggedProgress
 
 EVIL = "[red]evil[/red] \x1b]0;title\x07 $x_$ \\frac :smile: \u202e[/bold]"
 PROBLEM = f"""name = {json.dumps(EVIL)}
@@ -258,9 +258,9 @@ def test_commands_show_names_as_they_are(evil, capsys, monkeypatch, arguments):
 
 def test_a_log_gets_lines_with_the_time_left(capsys):
     clock = iter([0.0, 0.0, 4.0, 20.0, 21.0, 100.0])
-    advance = LoggedProgress(100, "trials", interval=10.0, clock=lambda: next(clock))
-    for count in (40, 10, 10, 1, 39):  # 40 were there already
-        advance(count)
+    line = Line(rewritten=False, clock=lambda: next(clock))
+    for finished in (40, 50, 60, 61, 100):  # 40 were there already
+        line(Progress(100, finished, kept=40))
     lines = capsys.readouterr().err.splitlines()
     assert lines == [
         "trajopt: 60 of 100 trials after 20 s, about 40 s left",  # 20 in 20 s, 40 to go
@@ -275,13 +275,13 @@ def test_progress_without_a_terminal_is_silent_at_first(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_progress_in_a_terminal_ends_without_a_trace(monkeypatch):
-    stream = io.StringIO()
-    monkeypatch.setattr(console, "ERR", Console(file=stream, force_terminal=True, width=80))
+def test_progress_in_a_terminal_is_a_line_that_is_rewritten(monkeypatch, capsys):
+    stream = Console(file=io.StringIO(), force_terminal=True)
+    monkeypatch.setattr(console, "ERR", stream)
     with console.progress(3) as advance:
-        advance(3)
-    assert "3/3" in stream.getvalue()
-    assert "left" in stream.getvalue()
+        for _ in range(3):
+            advance(1)
+    assert capsys.readouterr().err.endswith("\r3 of 3 trials after 0 s\n")
 
 
 def test_a_note_of_100_kb_is_one_line_of_a_screen(capsys):

@@ -109,7 +109,7 @@ def compare(
         rival = label_of(*named(against))
         contestants.append(against)
     elsewhere = cluster.executor(dask) if dask else nullcontext()
-    with console.trials() as progress, elsewhere as executor:
+    with elsewhere as executor:
         results = comparison.compare(
             loaded,
             contestants,
@@ -119,7 +119,7 @@ def compare(
             fresh=fresh,
             timeout=timeout,
             memory=memory,
-            progress=progress,
+            progress=console.progress_line(),
             executor=executor,
         )
     _show(results, loaded, output, rival)

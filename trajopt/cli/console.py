@@ -10,19 +10,17 @@ import codecs
 import json
 import os
 import sys
-import time
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, redirect_stdout, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from math import isfinite
 from typing import Any, TextIO
 
-from rich import progress as bars
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from trajopt.benchmark.run.progress import Progress
+from trajopt.benchmark.run.progress import Line, Progress
 
 
 class _Console(Console):
@@ -43,7 +41,6 @@ ERR = _Console(
     emoji=False,
 )
 
-_LOG_INTERVAL_S = 10.0  # between a log's lines of progress, where there is no terminal
 _MAX_NOTE_CHARACTERS = 1400
 _DEGRADE = "trajopt-degrade"  # the error handler's name among Python's codecs
 _ASCII = str.maketrans(
@@ -224,75 +221,23 @@ def waiting(message: str) -> Iterator[None]:
         yield
 
 
+def progress_line(what: str = "trials") -> Line:
+    """Return what shows progress on standard error: rewritten in a terminal, else line by line."""
+    return Line(what, rewritten=ERR.is_terminal)
+
+
 @contextmanager
 def progress(total: int, what: str = "trials") -> Iterator[Callable[[int], None]]:
-    """Show progress and the time left on standard error: a bar in a terminal, else lines.
+    """Show progress and the time left on standard error.
 
     Call the yielded function with the number just finished. The first call counts what was there
     before, which the estimate leaves out.
     """
-    if not ERR.is_terminal:
-        yield LoggedProgress(total, what)
-        return
-    columns = (
-        bars.TextColumn("{task.description}"),
-        bars.BarColumn(),
-        bars.MofNCompleteColumn(),
-        bars.TimeElapsedColumn(),
-        bars.TextColumn("left"),
-        bars.TimeRemainingColumn(),
-    )
-    with bars.Progress(
-        *columns,
-        console=ERR,
-        transient=True,
-        speed_estimate_period=600,
-    ) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda count: bar.advance(task, count)
+    line = progress_line(what)
+    counts: list[int] = []
 
+    def advance(count: int) -> None:
+        counts.append(count)
+        line(Progress(total, sum(counts), counts[0]))
 
-@contextmanager
-def trials() -> Iterator[Callable[[Progress], None]]:
-    """Show the progress of a comparison, which tells how many trials there are."""
-    finished = 0
-    advance: Callable[[int], None] | None = None
-    with ExitStack() as stack:
-
-        def show(state: Progress) -> None:
-            nonlocal advance, finished
-            advance = advance or stack.enter_context(progress(state.total))
-            advance(state.finished - finished)
-            finished = state.finished
-
-        yield show
-
-
-class LoggedProgress:
-    """Print lines of progress on standard error, at least `interval` seconds apart."""
-
-    def __init__(
-        self,
-        total: int,
-        what: str,
-        interval: float = _LOG_INTERVAL_S,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._total = total
-        self._what = what
-        self._interval = interval
-        self._clock = clock
-        self._began = clock()
-        self._said = self._began
-        self._finished = 0
-        self._there_already: int | None = None
-
-    def __call__(self, count: int) -> None:
-        self._finished += count
-        if self._there_already is None:
-            self._there_already = count
-        now = self._clock()
-        if now - self._said >= self._interval:
-            self._said = now
-            state = Progress(self._total, self._finished, self._there_already)
-            note(state.after(now - self._began, self._what))
+    yield advance

@@ -65,14 +65,13 @@ def made(seeds: int, folder: Path) -> Path:
         if not entry.load().on_request:
             planners.append(name)
     problems = [suite.load(name) for name in PROBLEMS]
-    with console.trials() as advance:
-        results = run.compare(
-            problems,
-            planners,
-            folder,
-            seeds=seeds,
-            progress=advance,
-        )
+    results = run.compare(
+        problems,
+        planners,
+        folder,
+        seeds=seeds,
+        progress=console.progress_line(),
+    )
     return report.write(
         results, folder / "report.html", command="python tests/views/report/screens.py"
     )

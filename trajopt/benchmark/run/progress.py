@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Any
 
 REWRITE_INTERVAL_S = 0.2
+LOG_INTERVAL_S = 10.0  # between lines where there is no terminal
 
 
 @dataclass(frozen=True)
@@ -51,27 +52,46 @@ def reporter(wanted: Report | bool | None) -> Report:
 
 
 class Line:
-    """Write progress on one line of standard error, and nothing where nothing is left to do."""
+    """Write progress on standard error, and nothing where nothing is left to do.
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    Args:
+        what: Of which there are so many.
+        rewritten: True for one line that is rewritten, False for a line now and then, as for a log.
+        clock: Seconds.
+    """
+
+    def __init__(
+        self,
+        what: str = "trials",
+        *,
+        rewritten: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._what = what
+        self._rewritten = rewritten
+        self._interval = REWRITE_INTERVAL_S if rewritten else LOG_INTERVAL_S
         self._clock = clock
         self._began = clock()
-        self._written = -REWRITE_INTERVAL_S
+        self._written = -self._interval if rewritten else 0.0
         self._length = 0
 
     def __call__(self, state: Progress) -> None:
         elapsed = self._clock() - self._began
-        ended = state.finished == state.total
+        ended = self._rewritten and state.finished == state.total
         begins_at_end = state.kept == state.total
-        too_early = elapsed - self._written < REWRITE_INTERVAL_S
+        too_early = elapsed - self._written < self._interval
         if begins_at_end or (too_early and not ended):
             return
-        self._show(state.after(elapsed), ended=ended)
+        self._show(state.after(elapsed, self._what), ended=ended)
         self._written = elapsed
 
     def _show(self, text: str, *, ended: bool) -> None:
-        line = text.ljust(self._length)
-        sys.stderr.write(f"\r{line}" + "\n" * ended)
+        if self._rewritten:
+            line = text.ljust(self._length)
+            said = f"\r{line}" + "\n" * ended
+        else:
+            said = f"trajopt: {text}\n"
+        sys.stderr.write(said)
         sys.stderr.flush()
         self._length = len(text)
 

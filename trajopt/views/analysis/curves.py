@@ -37,8 +37,8 @@ def profile(durations: pd.DataFrame) -> Curves:
         ratios = table / table.min(axis=1, keepdims=True)
     worst = ratios[np.isfinite(ratios)].max(initial=1.0)
     taus = np.geomspace(1, max(1.1, 1.02 * worst), POINTS)
-    x, shares = statistics.performance_profile(table, taus)
-    return {str(label): (x, y) for label, y in zip(durations, shares.T, strict=True)}
+    shares = statistics.performance_profile(table, taus)
+    return {str(label): (taus, y) for label, y in zip(durations, shares.T, strict=True)}
 
 
 def gap_shares(gaps: pd.DataFrame, labels: Sequence[str]) -> Curves:
@@ -68,7 +68,7 @@ def mean_shares(values: Mapping[str, Sequence[Array]], grid: Array) -> Curves:
     """Per planner the share of values up to each of the grid, as a mean over groups of values."""
     curves = {}
     for label, groups in values.items():
-        shares = [statistics.ecdf(own, grid)[1] for own in groups]
+        shares = [statistics.ecdf(own, grid) for own in groups]
         curves[label] = (grid, np.mean(shares, axis=0))
     return curves
 

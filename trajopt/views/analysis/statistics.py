@@ -31,7 +31,6 @@ EXACT_RUNS = 60  # runs of both samples together, up to which Mann and Whitney's
 MAX_BOOTSTRAP_VALUES = 10**6  # drawn at a time: they fit into memory
 END_MARGIN = 1e-12  # distance of a chance from 0 and 1, where its variance is 0
 QUARTILES = (0.25, 0.5, 0.75)
-FIVE_NUMBERS = (0, *QUARTILES, 1)
 
 
 @dataclass(frozen=True)
@@ -96,26 +95,15 @@ def median(values: ArrayLike) -> Values:
     return quantile(values, 0.5)
 
 
-def summary(gaps: ArrayLike) -> Array:
-    """Best, first quartile, median, third quartile and worst of gaps `(…, runs)`: `(…, 5)`."""
-    five = quantile(gaps, FIVE_NUMBERS)
-    return np.asarray(five)
-
-
-def ecdf(values: ArrayLike, at: ArrayLike | None = None) -> tuple[Array, Array]:
-    """Return `x` (`at`, or all steps) and the share of values `(runs,)` that are at most `x`.
+def ecdf(values: ArrayLike, at: ArrayLike) -> Array:
+    """Return the share of values `(runs,)` that are at most each of `at`.
 
     Runs without an answer never are: the share ends at the success rate, even at +inf.
     """
     runs = _costs("values", values)
-    finite = np.isfinite(runs)
-    answers = np.sort(runs[finite])
-    x = np.unique(answers)
-    if at is not None:
-        x = np.asarray(at, dtype=float)
-    counts = np.searchsorted(answers, x, side="right")
-    shares: Array = counts / runs.size
-    return x, shares
+    answers = np.sort(runs[np.isfinite(runs)])
+    shares: Array = np.searchsorted(answers, at, side="right") / runs.size
+    return shares
 
 
 def evaluations_to_target(histories: Sequence[ArrayLike], targets: ArrayLike) -> Array:
@@ -173,36 +161,17 @@ def expected_running_time(hits: ArrayLike, budgets: ArrayLike) -> Values:
     return np.asarray(ert)[()]
 
 
-def performance_profile(
-    costs: ArrayLike,
-    taus: ArrayLike | None = None,
-) -> tuple[Array, Array]:
+def performance_profile(costs: ArrayLike, taus: ArrayLike) -> Array:
     """Share of problems each solver solves within `tau` times the best (Dolan & Moré 2002).
 
-    `costs` `(problems, solvers)`, positive. Returns `taus` `(k,)` (by default, wherever a profile
-    steps) and shares `(k, solvers)`. A problem that none solved counts against all of them.
+    `costs` `(problems, solvers)`, positive. Returns shares `(taus, solvers)`. A problem that none
+    solved counts against all of them.
     """
     table = _costs("costs", costs)
     best = table.min(axis=1, keepdims=True)
     with np.errstate(invalid="ignore", over="ignore"):
         ratios = table / best
-    return _profile(ratios, taus)
-
-
-def data_profile(
-    evaluations: ArrayLike,
-    dimension: ArrayLike,
-    alphas: ArrayLike | None = None,
-) -> tuple[Array, Array]:
-    """Share of problems each solver solves in `alpha` simplex gradients (Moré & Wild 2009).
-
-    `evaluations` `(problems, solvers)` to the target; `dimension`, a number or `(problems,)`: a
-    simplex gradient is `dimension + 1` evaluations. Returns `alphas` and shares, as above.
-    """
-    table = _costs("evaluations", evaluations)
-    per_gradient = np.asarray(dimension) + 1
-    gradients = table.T / per_gradient
-    return _profile(gradients.T, alphas)
+    return np.stack([ecdf(column, taus) for column in ratios.T], axis=-1)
 
 
 def wilcoxon(a: ArrayLike, b: ArrayLike, groups: ArrayLike | None = None) -> Paired:
@@ -372,7 +341,6 @@ def mean_interval(shares: ArrayLike, groups: ArrayLike, confidence: float = 0.95
 def bootstrap(
     statistic: Callable[..., Values],
     *samples: ArrayLike,
-    paired: bool = False,
     confidence: float = 0.95,
     resamples: int = 9999,
     seed: int = 0,
@@ -380,7 +348,7 @@ def bootstrap(
     """`statistic(*samples)` with its percentile bootstrap interval (Efron & Tibshirani 1993, 13).
 
     Each sample is `(runs,)`; `statistic` maps samples `(k, runs)` to `(k,)`, as `median` and
-    `expected_running_time` do. Samples are drawn independently, or, if `paired`, run by run. Bounds
+    `expected_running_time` do. Samples are drawn independently. Bounds
     may be +inf; they are NaN if a sample has a single run, which says nothing of the spread.
     """
     arrays = [_costs("sample", sample) for sample in samples]
@@ -392,7 +360,6 @@ def bootstrap(
         found = _scipy().bootstrap(
             arrays,
             lambda *drawn, axis: statistic(*drawn),
-            paired=paired,
             vectorized=True,
             n_resamples=resamples,
             batch=max(1, MAX_BOOTSTRAP_VALUES // sum(sizes)),
@@ -468,15 +435,6 @@ def _exact_rank_sum(ranks: Array, n: int) -> float:
     at_least = chance[own:].sum()
     tail = min(at_most, at_least)
     return min(1.0, 2 * float(tail))
-
-
-def _profile(ratios: Array, at: ArrayLike | None) -> tuple[Array, Array]:
-    """Return the ECDF of each column of `(problems, solvers)`, at the same points."""
-    x = np.unique(ratios[np.isfinite(ratios)])
-    if at is not None:
-        x = np.asarray(at, dtype=float)
-    shares = [ecdf(column, x)[1] for column in ratios.T]
-    return x, np.stack(shares, axis=-1)
 
 
 def _curve(history: ArrayLike) -> Array:
