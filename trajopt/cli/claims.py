@@ -123,7 +123,8 @@ def _print(
     known: Known,
     judgements: list[JudgedClaim],
 ) -> None:
-    console.OUT.print(Text.assemble(console.bold(published.name), f": {published.source}"))
+    title = console.bold(published.name)
+    console.OUT.print(Text.assemble(title, f": {published.source}"))
     facts = {
         "reading": published.reading,
         "optimised": published.objective,
@@ -174,7 +175,9 @@ def _table(judgements: list[JudgedClaim]) -> Grid:
     table = console.table("method", *numbers, "verdict", numbers=numbers)
     for row, own in enumerate(judgements):
         ratios = (percent(column[row]) for column in columns.values())
-        table.row(own.claim.method, f"{own.claim.duration:g}", *ratios, _coloured(own.verdict))
+        claim = own.claim
+        verdict = _coloured(own.verdict)
+        table.row(claim.method, f"{claim.duration:g}", *ratios, verdict)
     return table
 
 

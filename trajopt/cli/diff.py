@@ -73,7 +73,10 @@ def _show_planners(old: Results, new: Results) -> None:
 
 def _show_unmatched(old: Path, new: Path, before: Results, after: Results) -> None:
     """Name the planners that only one of the results has."""
-    labels = {path: set(found.trials()["label"]) for path, found in ((old, before), (new, after))}
+    labels = {}
+    for path, found in ((old, before), (new, after)):
+        trials = found.trials()
+        labels[path] = set(trials["label"])
     for path, other in ((old, new), (new, old)):
         alone = sorted(labels[path] - labels[other])
         if alone:

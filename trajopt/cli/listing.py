@@ -156,5 +156,7 @@ def _arm_table(arms: Sequence[dict[str, Any]]) -> Grid:
         origins = [f"{kind} ({status})" for kind, status in arm["limits"].items()]
         if arm["falling_velocity"]:
             origins.append("constant velocity limits; the arm allows less near its position limits")
-        table.row(console.bold(arm["name"]), len(arm["joint_names"]), ", ".join(origins))
+        name = console.bold(arm["name"])
+        joints = len(arm["joint_names"])
+        table.row(name, joints, ", ".join(origins))
     return table

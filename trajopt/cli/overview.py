@@ -57,8 +57,10 @@ def _why_failed(results: Results) -> Iterator[str]:
     """Yield a sentence per planner with failed trials: the most frequent kinds of failure."""
     reasons = failures(results)
     for label, own in reasons.groupby(level="label", sort=False):
-        sentence = f"{label}: {own['count'].sum()} failed: {in_words(own.head(MAX_FAILURE_KINDS))}"
-        others = own["count"].iloc[MAX_FAILURE_KINDS:].sum()
+        counts = own["count"]
+        most = in_words(own.head(MAX_FAILURE_KINDS))
+        sentence = f"{label}: {counts.sum()} failed: {most}"
+        others = counts.iloc[MAX_FAILURE_KINDS:].sum()
         if others:
             sentence += f"; {others} in other ways"
         yield sentence

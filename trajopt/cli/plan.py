@@ -220,7 +220,8 @@ def print_durations(
         if value is not None:
             console.paragraph(f"  {name:<12}{value:.6f} s")
     if waypoint_times is not None:
-        console.paragraph(f"  waypoints   {', '.join(f'{t:.6g}' for t in waypoint_times)} s")
+        times = [f"{time:.6g}" for time in waypoint_times]
+        console.paragraph(f"  waypoints   {', '.join(times)} s")
 
 
 def print_worst(

@@ -53,7 +53,8 @@ def _why_not_solved(line: Line) -> str:
     message = rows[-1] if rows else ""
     if not isnan(line.lower_bound):
         return f"{line.label}: {message}"
-    count = f"{line.runs - line.solved} of {line.runs} runs " if line.runs > 1 else ""
+    missed = line.runs - line.solved
+    count = f"{missed} of {line.runs} runs " if line.runs > 1 else ""
     return f"{line.label}: {count}{line.status}: {message}"
 
 

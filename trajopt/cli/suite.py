@@ -153,14 +153,17 @@ def _print_list(rows: Sequence[dict[str, Any]]) -> None:
     console.OUT.print(table)
     console.paragraph("\nvelocity and acceleration are always limited")
     for row in rows:
-        console.OUT.print(Text.assemble(console.bold(row["name"]), ": ", row["description"]))
+        name = console.bold(row["name"])
+        console.OUT.print(Text.assemble(name, ": ", row["description"]))
 
 
 def _print_show(suite: Suite, rows: Sequence[dict[str, Any]]) -> None:
     sizes = ("joints", "waypoints")
     table = console.table("problem", *sizes, "also limited", "digest", numbers=sizes)
     for row in rows:
-        table.row(row["name"], row["joints"], row["waypoints"], _besides(row), row["digest"][:12])
+        digest = row["digest"][:12]
+        sizes = (row["joints"], row["waypoints"])
+        table.row(row["name"], *sizes, _besides(row), digest)
     console.OUT.print(table)
     count = "1 problem" if len(rows) == 1 else f"{len(rows)} problems"
     console.paragraph(f"{count}, version {suite.version}: {suite.description}")

@@ -220,4 +220,6 @@ def _table(trials: Iterable[CheckedTrial]) -> Grid:
 
 def _what_is_wrong(trial: CheckedTrial) -> str:
     name = f"{trial.planner} on {trial.problem}, seed {trial.seed}, trial {trial.id}"
-    return f"{name}: {'; '.join([*trial.differences, *filter(None, trial.flaws)])}"
+    flaws = filter(None, trial.flaws)
+    reasons = "; ".join([*trial.differences, *flaws])
+    return f"{name}: {reasons}"

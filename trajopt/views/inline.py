@@ -41,7 +41,9 @@ def html(results: Results) -> str:
         return NOTHING
     rows = {}
     for row in results.planners().itertuples():
-        own = cells.of_planner(row) | {"gap": _percent(row.gap), "worst": _percent(row.worst)}
+        own = cells.of_planner(row)
+        own["gap"] = _percent(row.gap)
+        own["worst"] = _percent(row.worst)
         rows[row.Index] = {heading: own[name] for name, heading in _COLUMNS.items()}
     table = pd.DataFrame.from_dict(rows, orient="index")
     summary = results.summary()

@@ -255,7 +255,9 @@ def _worst(name: str, table: Any, problem: Problem) -> Worst:
     _check_numbers(name, table.values())
     joint = table["joint"] - 1
     if joint not in range(problem.joints) or table["order"] not in range(3):
-        raise Malformed(f"certificate: {name}: joint {joint + 1:g}, order {table['order']:g}")
+        order = table["order"]
+        where = f"joint {joint + 1:g}, order {order:g}"
+        raise Malformed(f"certificate: {name}: {where}")
     return Worst(**{**table, "joint": joint})
 
 

@@ -137,8 +137,8 @@ def pairs_by_problem(runs: pd.DataFrame) -> pd.DataFrame:
         middle = {label: _median(values) for label, values in planners.items()}
         for a, b in combinations(sorted(planners), 2):
             chance = statistics.shorter_chance(planners[a], planners[b])
-            row = (digest, groups[digest], a, b, middle[a], middle[b], float(chance))
-            rows.append(row)
+            durations = (middle[a], middle[b])
+            rows.append((digest, groups[digest], a, b, *durations, float(chance)))
     return pd.DataFrame(rows, columns=_PROBLEM_COLUMNS)
 
 

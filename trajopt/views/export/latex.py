@@ -113,7 +113,8 @@ def tests(results: Results) -> str:
             continue
         row = pairs.loc[pair]
         met = [f"{row[name]:.0f}" for name in counts]
-        rows.append(_row([*pair, *met, *cells.of_pair(row).values()]))
+        own = cells.of_pair(row)
+        rows.append(_row([*pair, *met, *own.values()]))
     first, second, *others = _TESTS
     return _tabular([first, second, *counts, *others], [rows], texts=2)
 

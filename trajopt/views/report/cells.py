@@ -41,7 +41,9 @@ class Cell:
 
 def of_row(row: Any) -> dict[str, Cell]:
     """The cells of a row of `Results.summary()`."""
-    values = row._asdict() | {"solved": row.solved / row.runs, "quartiles": row.q3 - row.q1}
+    values = row._asdict()
+    values["solved"] = row.solved / row.runs
+    values["quartiles"] = row.q3 - row.q1
     found = {}
     for name, text in cells.of_summary(row).items():
         value = values[name] if any(map(str.isdigit, text)) else None

@@ -204,7 +204,8 @@ class Page:
         started = sorted(trial.started[:19] for trial in items)
         first_and_last = dict.fromkeys([started[0], started[-1]])
         kinds = Counter(self.kinds)
-        limits = "; ".join(f"{kind}: {count}" for kind, count in kinds.items())
+        counts = [f"{kind}: {count}" for kind, count in kinds.items()]
+        limits = "; ".join(counts)
         facts = [
             ("problems", f"{len(self.problems)} ({limits})"),
             ("planners", str(len(self.labels))),
