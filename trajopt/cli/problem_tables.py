@@ -43,8 +43,10 @@ def _comparison(lines: Sequence[Line]) -> Grid:
         own = cells.of_summary(line)
         if line.dilation > 1:
             own["kept"] += f" {own['dilation']}"
-        shown = (own[name] for name in _CELLS)
-        table.row(console.option_lines(line.label), *shown)
+        shown = [own[name] for name in _CELLS]
+        table.row(
+            console.option_lines(line.label), *("" if s == cells.MISSING else s for s in shown)
+        )
     return table
 
 

@@ -419,7 +419,7 @@ def test_planners_are_compared_on_every_suite_both_ways() -> None:
         "1",
         "3",
         "0",
-        "1.0000",
+        "1.00000",
         "0.62",
         "1.000",
     ]
@@ -693,7 +693,7 @@ def test_between_seeds_there_is_a_table_where_problems_are_few() -> None:
     line = found["paired"][other][str(mine)]
     # Every run of "mine" is the shorter: of C(6, 3) = 20 orders, 2 are as extreme.
     texts = [text for text, _ in line["cells"]]
-    assert texts == ["3", "3", "2.1000", "2.4000", "0.8750", "1.00", "0.100"]
+    assert texts == ["3", "3", "2.1000", "2.4000", "0.87500", "1.00", "0.100"]
     assert not found["paired"][page.labels.index("exact")]  # one run
 
 

@@ -46,8 +46,8 @@ def of_row(row: Any) -> dict[str, Cell]:
     values["quartiles"] = row.q3 - row.q1
     found = {}
     for name, text in cells.of_summary(row).items():
-        value = values[name] if any(map(str.isdigit, text)) else None
-        found[name] = Cell(text, value)
+        has_number = any(map(str.isdigit, text))
+        found[name] = Cell(text, values[name]) if has_number else Cell(cells.MISSING)
     return found
 
 

@@ -18,6 +18,7 @@ Cell = tuple[str, str]
 
 SURE = 0.05  # an adjusted p below it is called real
 BETWEEN = "\u202f"  # thousands
+RATIO = ".5f"
 
 
 def first(trials: Sequence[Trial], labels: Sequence[str]) -> int:
@@ -71,7 +72,7 @@ def _over_problems(row: Any) -> dict[str, Any]:
     line["both"] = None
     if 0 < row.both < row.problems:
         counts = [row.both, row.both_better, row.both_tied, row.both_worse]
-        rest = [cells.number(row.both_ratio), "", cells.probability(row.both_holm)]
+        rest = [cells.number(row.both_ratio, RATIO), "", cells.probability(row.both_holm)]
         line["both"] = {
             "real": bool(row.both_holm < SURE),
             "cells": [(str(text), "") for text in counts + rest],
@@ -87,7 +88,7 @@ def _over_seeds(row: Any) -> dict[str, Any]:
 def _line(row: Any, first: Sequence[object]) -> dict[str, Any]:
     """Return a line: its first cells, the ratio, the chance of a shorter run, and p."""
     own = cells.of_pair(row)
-    texts = [*map(str, first), own["ratio"]]
+    texts = [*map(str, first), cells.number(row.ratio, RATIO)]
     chance = (own["chance"], f"[{own['interval']}]")
     return {
         "real": bool(row.holm < SURE),
