@@ -50,7 +50,7 @@ def test_pso_finds_the_centre_of_every_ellipsoid(scale, centre):
 
 @pytest.mark.parametrize("optimiser", [SSA(), ISSA(), PRINTED, OTHER])
 def test_sparrows_come_close_to_the_centre_of_a_sphere(optimiser):
-    result = search(optimiser, 20, iterations=300)
+    result = search(optimiser, 20, iterations=400)
     assert np.median(result.fitness) < 1e-3
 
 
