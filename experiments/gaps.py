@@ -1,0 +1,81 @@
+"""How far from the best known motion does each planner end, suite by suite?
+
+    python -m experiments.gaps                       # every suite, some hours of CPU
+    python -m experiments.gaps --suite six-axis      # a quick look
+
+Every registered planner but `certify`, with its default options, on every problem of a suite that
+it supports; those that search at random run with `SEEDS` seeds. Gaps are to the best known motion
+of each problem. Trials are kept in `--output`, a folder per suite; a second run adds only what is
+missing. The table is `gaps.csv` and `gaps.md`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cyclopts
+import pandas as pd
+
+from experiments.common.output import save_table
+from trajopt import compare
+from trajopt.benchmark.suites import catalogue
+from trajopt.planners.registry import entries
+
+SEEDS = 3
+TIMEOUT = 120.0  # s, of a trial
+PERCENT = 100
+
+
+def planners() -> list[str]:
+    """The names of those that can run here; `certify` answers with another planner's motion."""
+    return [
+        name for name, entry in entries().items() if name != "certify" and entry.missing() is None
+    ]
+
+
+def cell(row: Any) -> str:
+    """Median gap and worst, in percent; and how many trials were solved, where some were not."""
+    if not row.trials:
+        return ""
+    if not row.solved:
+        return f"0 of {row.trials}"
+    text = f"{PERCENT * row.gap:z.2f} ({PERCENT * row.worst:z.2f})"
+    if row.solved < row.trials:
+        text += f"; {row.solved} of {row.trials}"
+    return text
+
+
+def main(
+    *,
+    suite: list[str] | None = None,
+    output: Path = Path("gaps"),
+    jobs: int = 2,
+) -> None:
+    """Run what is missing, then write and print the table.
+
+    Args:
+        suite: Names of suites; all if left out.
+        output: The folder.
+        jobs: Trials side by side.
+    """
+    columns = {}
+    for name in suite or catalogue.suites():
+        results = compare(
+            list(catalogue.problems(name)),
+            planners(),
+            output / name,
+            seeds=SEEDS,
+            jobs=jobs,
+            timeout=TIMEOUT,
+        )
+        table = results.planners()
+        cells = [cell(row) for row in table.itertuples()]
+        columns[name] = pd.Series(cells, index=table.index)
+    wide = pd.DataFrame(columns).reindex(planners()).rename_axis("planner").fillna("")
+    save_table(wide, output / "gaps")
+    print(wide.to_string())
+
+
+if __name__ == "__main__":
+    cyclopts.run(main)
