@@ -24,12 +24,10 @@ class Certify(Planner):
 
     Every kind of limit counts.
 
-    Args:
-        within: Relative gap of upper and lower bound at which to stop.
-        time_limit: Seconds, after which the bounds reached are the answer; building the model
-            counts.
-        family: `free` bounds every trajectory, `spline353` only the 3-5-3 splines with shared
-            times: then the bound stands in `stats` and is not the solution's `lower_bound`.
+    - `within`: relative gap of upper and lower bound at which to stop;
+    - `time_limit`: s, after which the bounds reached are the answer; building the model counts;
+    - `family`: `free` bounds every trajectory, `spline353` only the 3-5-3 splines with shared
+      times: then the bound stands in `stats` and is not the solution's `lower_bound`.
     """
 
     within: float = 1e-4

@@ -6,6 +6,7 @@ The pages are written into the source folder before Sphinx reads it, and are not
 from __future__ import annotations
 
 import csv
+import inspect
 import json
 import math
 import os
@@ -23,6 +24,8 @@ from trajopt.benchmark.best_known import record, records
 from trajopt.benchmark.suites import literature
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
+from trajopt.planners.registry import entries
+from trajopt.planners.swarm_planner import SwarmPlanner
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -252,24 +255,28 @@ def printed(*arguments: str) -> str:
 # --- planners ---
 
 
-def rows_by_planner() -> dict[str, list[dict[str, str]]]:
-    """Return the rows of the stored six-axis table by planner."""
-    found = defaultdict(list)
-    file = ROOT / "experiments" / "stored" / "six-axis.csv"
-    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line[:1] != "#"]
-    for row in csv.DictReader(lines):
-        found[row.get("planner", "")].append(row)
-    return found
+def stored_rows(name: str) -> dict[str, dict[str, str]]:
+    """Return the rows of a table in `experiments/stored`, by what their first cell names."""
+    file = ROOT / "experiments" / "stored" / f"{name}.csv"
+    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line[:2] != "# "]
+    return {row["planner"].strip("`"): row for row in csv.DictReader(lines)}
+
+
+def meaning(name: str) -> str:
+    """Return what the docstrings of a planner and of its optimiser say."""
+    planner = entries()[name].load()
+    parts: list[object] = [planner]
+    if isinstance(planner, SwarmPlanner):
+        parts = [SwarmPlanner, planner.optimiser]
+    return "\n\n".join(inspect.getdoc(part) or "" for part in parts)
 
 
 def planner_pages() -> None:
-    """Write a page per registered planner: what it is, its options, its limits, how to run it."""
-    measured = rows_by_planner()
+    """Write a page per registered planner: what it is, its settings, its gaps, how to run it."""
+    six_axis = stored_rows("six-axis")
+    gaps = stored_rows("gaps")
     index = []
-    listed = json.loads(printed("list", "--json"))
-    for described in listed["planners"]:
-        if not described["available"]:
-            continue
+    for described in json.loads(printed("list", "--json"))["planners"]:
         name = described["name"]
         options = [[f"`{key}`", f"`{value!r}`"] for key, value in described["options"].items()]
         knows = ", ".join(described["knows"]) or "none; the judge slows its motion down"
@@ -279,9 +286,11 @@ def planner_pages() -> None:
 
 Limits that it keeps: {knows}.
 
-## Options
+## Settings
 
 {table(["option", "default"], options) if options else "It has none."}
+
+{meaning(name)}
 
 ## Run it
 
@@ -291,8 +300,22 @@ trajopt compare --suite edges --planner {name}
 ```
 
 """
-        for row in measured.get(name, []):
-            cells = [[key, value] for key, value in row.items() if value]
+        if not described["available"]:
+            text += f"It is an extra: {described['missing']}. How far it ends from the optimum: "
+            text += "[rivals](../questions/index.md).\n\n"
+        if name in gaps:
+            cells = list(gaps[name].items())
+            suites = [[key, value] for key, value in cells[1:-1] if value]
+            text += f"""## Its gap on every suite
+
+Median gap to the best known motions and the largest, in %; and how many trials were solved, where some
+were not. Of code {gaps[name]["commit"]}.
+
+{table(["suite", "gap, %"], suites)}
+
+"""
+        if name in six_axis:
+            cells = [[key, value] for key, value in six_axis[name].items() if value]
             text += f"## On the six-axis problem\n\n{table(['', ''], cells)}\n\n"
         text += bibtex(slug(name), f"Planner {name} in mintime")
         write(DOCS / "planners" / f"{slug(name)}.md", text)
