@@ -5,8 +5,7 @@
 
 Every registered planner but `certify`, with its default options, on every problem of a suite that
 it supports; those that search at random run with `SEEDS` seeds. Gaps are to the best known motion
-of each problem. Trials are kept in `--output`, a folder per suite; a second run adds only what is
-missing. The table is `gaps.csv` and `gaps.md`.
+of each problem. Trials are kept in `--output`; a second run adds only what is missing. The table is `gaps.csv` and `gaps.md`.
 """
 
 from __future__ import annotations
@@ -64,7 +63,7 @@ def main(
         results = compare(
             list(catalogue.problems(name)),
             planners(),
-            output / name,
+            output,
             seeds=SEEDS,
             jobs=jobs,
             timeout=TIMEOUT,
