@@ -38,7 +38,7 @@ def kept(
     """
     done: set[Key] = set()
     if file.exists():
-        keys = pd.read_csv(file, usecols=columns, float_precision="round_trip")[[*columns]]
+        keys = pd.read_csv(file, usecols=columns)[[*columns]]
         done = set(keys.itertuples(index=False, name=None))
     missing = {key: cell for key, cell in cells.items() if key not in done}
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -51,7 +51,7 @@ def kept(
             if len(table):
                 table.to_csv(file, mode="a", header=not file.exists(), index=False)
             advance(1)
-    return pd.read_csv(file, float_precision="round_trip")
+    return pd.read_csv(file)
 
 
 def chosen(

@@ -113,11 +113,14 @@ commands, closed, file = json.loads(sys.argv[1])
 codes = []
 for arguments in commands:
     for descriptor in closed:
+        name = ("stdin", "stdout", "stderr")[descriptor]
+        if getattr(sys, name) is not None:
+            getattr(sys, name).close()
         try:
             os.close(descriptor)
         except OSError:
             pass
-        setattr(sys, ("stdin", "stdout", "stderr")[descriptor], None)
+        setattr(sys, name, None)
     try:
         main(arguments)
     except SystemExit as ended:

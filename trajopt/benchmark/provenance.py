@@ -206,7 +206,7 @@ def _has_source(function: FunctionType) -> bool:
     seen = set()
     while waiting:
         one = waiting.pop()
-        if not linecache.getlines(one.__code__.co_filename):
+        if not _has_lines(one):
             return False
         seen.add(one)
         for used in inspect.getclosurevars(one).nonlocals.values():
@@ -215,7 +215,18 @@ def _has_source(function: FunctionType) -> bool:
     return True
 
 
+def _has_lines(function: FunctionType) -> bool:
+    """Return whether Python can find the text of a function.
+
+    From Python 3.13 on, `<string>` has the text of `python -c`, whichever text was executed.
+    """
+    file = function.__code__.co_filename
+    return file != "<string>" and bool(linecache.getlines(file))
+
+
 def _source(function: FunctionType) -> str:
+    if not _has_lines(function):
+        return _unknown(function)
     try:
         return inspect.getsource(function)
     except OSError:
