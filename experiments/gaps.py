@@ -23,7 +23,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.planners.registry import entries
 
 SEEDS = 3
-TIMEOUT = 300.0  # s, of a trial
+TIMEOUT = 120.0  # s, of a trial
 PERCENT = 100
 
 
