@@ -35,14 +35,15 @@ def planners() -> list[str]:
 
 
 def cell(row: Any) -> str:
-    """Median gap and worst, in percent; and how many trials were solved, where some were not."""
-    if not row.trials:
+    """Median gap and worst, in percent; and how many answers there are, where some are missing."""
+    asked = row.trials - row.relaxed
+    if not asked:
         return ""
     if not row.solved:
-        return f"0 of {row.trials}"
+        return f"0 of {asked}"
     text = f"{PERCENT * row.gap:z.2f} ({PERCENT * row.worst:z.2f})"
-    if row.solved < row.trials:
-        text += f"; {row.solved} of {row.trials}"
+    if row.solved < asked:
+        text += f"; {row.solved} of {asked}"
     return text
 
 
