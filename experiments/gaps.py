@@ -1,12 +1,12 @@
-"""How far from the best known motion does each planner end, suite by suite?
+"""Which gap to the best known motion does each planner leave, suite by suite?
 
-    python -m experiments.gaps                       # every suite, an hour on two cores
+    python -m experiments.gaps                       # every suite, more than an hour on two cores
     python -m experiments.gaps --suite six-axis      # a quick look
 
-Every registered planner but `certify`, with its default options, on every problem of a suite that
-it supports; those that search at random run with `SEEDS` seeds. Gaps are to the best known motion
-of each problem. Trials are kept in `--output`; a second run adds only what is missing. The table is
-`gaps.csv` and `gaps.md`.
+It runs every registered planner but `certify`, with its default options, on every problem of a
+suite. Planners that search at random run with `SEEDS` seeds. A gap is to the problem's best known
+motion. The folder `--output` keeps the trials, and a second run adds only what is missing. Its
+files `gaps.csv` and `gaps.md` hold the table.
 """
 
 from __future__ import annotations
