@@ -308,8 +308,8 @@ trajopt compare --suite edges --planner {name}
             suites = [[key, value] for key, value in cells[1:-1] if value]
             text += f"""## Its gap on every suite
 
-Median gap to the best known motions and the largest, in %; and how many trials were solved, where some
-were not. Of code {gaps[name]["commit"]}.
+Median gap to the best known motions and the largest, in %. Where answers are missing it says
+how many there are. Of code {gaps[name]["commit"]}.
 
 {table(["suite", "gap, %"], suites)}
 
