@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,7 +16,7 @@ from trajopt import InvalidInput, Limits, Problem, Results, Solution, Status, Tr
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.curves import anytime, gap_shares, profile
-from trajopt.views.figures import draw
+from trajopt.views.figures import draw, plots, suite
 from trajopt.views.figures.style import GAP_FLOOR
 
 COLUMN_IN = 3.5
@@ -135,6 +136,24 @@ def test_a_planner_looks_the_same_in_every_figure(results: Results) -> None:
     assert len(set(first.values())) == 3
     for other in others:
         assert other.items() <= first.items()
+
+
+def test_the_convergence_of_a_search_has_the_colour_that_it_has_in_a_suite() -> None:
+    curve = (np.array([10.0, 20.0]), np.array([[4.0, 3.9], [4.5, 4.4], [5.0, 4.9]]))
+    order = ["a", "exact", "pso", "ssa"]
+    steps = {label: (np.array([1.0, 2.0]), np.array([0.5, 1.0])) for label in order}
+    suite_colours = colours(suite.profile(steps, order))
+    searches = {"ssa": curve, "pso": curve}
+    own = colours(plots.convergence(searches, order=order))
+    assert own == {label: suite_colours[label] for label in searches}
+
+
+def test_the_reader_s_own_style_counts(results: Results) -> None:
+    with matplotlib.rc_context({"font.size": 11, "axes.labelsize": 12.0}):
+        label = results.plot().axes[0].xaxis.label
+        assert label.get_fontsize() == 12
+    assert results.plot().axes[0].xaxis.label.get_fontsize() == 8
+    assert matplotlib.rcParams["font.size"] == matplotlib.rcParamsDefault["font.size"]
 
 
 def test_a_pdf_embeds_its_fonts_and_holds_no_pixels(results: Results, tmp_path: Path) -> None:

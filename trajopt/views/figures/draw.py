@@ -59,8 +59,13 @@ def draw(trials: Sequence[Trial], folder: Path) -> list[Path]:
     """
     files = []
     for own, name in _problems(trials):
-        files += _draw_problem(own, folder / name)
+        files += _draw_problem(own, folder / name, _order(trials))
     return files
+
+
+def _order(trials: Sequence[Trial]) -> list[str]:
+    """Return all planners in the order in which they have their colours."""
+    return sorted({trial.label for trial in trials})
 
 
 def of_suite(results: Results) -> Iterator[Picture]:
@@ -71,16 +76,17 @@ def of_suite(results: Results) -> Iterator[Picture]:
     """
     from trajopt.views.figures import suite
 
-    order = results.planners().index.tolist()
+    order = _order(results.items)
+    best_first = results.planners().index
     durations = medians(results.trials())
-    labels = [label for label in order if label in everywhere(durations)]
+    labels = [label for label in best_first if label in everywhere(durations)]
     yield "profile", partial(suite.profile, profile(durations[labels]), order)
     if shares := gap_shares(results.gaps(), labels):
         yield "gaps", partial(suite.gaps, shares, order)
     costs: tuple[Cost, ...] = ("seconds", "evaluations")
     for cost in costs:
         relative = results.over_optimum(cost)
-        ordered = {label: relative[label] for label in order if label in relative}
+        ordered = {label: relative[label] for label in best_first if label in relative}
         if ordered:
             yield f"anytime-{cost}", partial(suite.anytime, anytime(ordered), order, cost)
 
@@ -101,7 +107,7 @@ def write(results: Results, folder: Path, kind: Literal["svg", "pdf"]) -> None:
             for stem, picture in of_suite(results):
                 plots.write(picture(), folder / f"{stem}.{kind}")
         for own, name in _problems(trials):
-            for stem, picture in _pictures(own, every_motion=True):
+            for stem, picture in _pictures(own, _order(trials), every_motion=True):
                 plots.write(picture(), folder / name / f"{stem}.{kind}")
     except OSError as error:
         raise StoreError(f"{folder}: cannot be written: {error.strerror}") from error
@@ -161,13 +167,13 @@ def _problems(trials: Sequence[Trial]) -> Iterator[tuple[list[Trial], str]]:
     yield from zip(problems.values(), distinct_names(keys), strict=True)
 
 
-def _draw_problem(trials: Sequence[Trial], folder: Path) -> list[Path]:
+def _draw_problem(trials: Sequence[Trial], folder: Path, order: Sequence[str]) -> list[Path]:
     """Draw the figures of one problem, unless its stamp says that they show these trials.
 
     The stamp is a file beside the folder: a digest of the trials and of the files' names.
     """
     stamp = folder.with_name(f".{folder.name}.trials")
-    if stamp.is_file() and stamp.read_bytes() == _digest(trials, folder):
+    if stamp.is_file() and stamp.read_bytes() == _digest(trials, folder, order):
         return sorted(folder.glob("*.png"))
     from trajopt.views.figures import plots
 
@@ -175,7 +181,7 @@ def _draw_problem(trials: Sequence[Trial], folder: Path) -> list[Path]:
         earlier.unlink()  # the planners that are shown may be others
     files = []
     failed = False
-    for stem, picture in _pictures(trials):
+    for stem, picture in _pictures(trials, order):
         file = folder / f"{stem}.png"
         try:
             files.append(plots.write(picture(), file))
@@ -183,21 +189,23 @@ def _draw_problem(trials: Sequence[Trial], folder: Path) -> list[Path]:
             failed = True
             warnings.warn(f"{file}: not drawn: {error}", stacklevel=3)
     if not failed:
-        stamp.write_bytes(_digest(trials, folder))
+        stamp.write_bytes(_digest(trials, folder, order))
     return files
 
 
-def _digest(trials: Sequence[Trial], folder: Path) -> bytes:
-    """Return a digest of the trials' identities, starts and verdicts, and of the files' names."""
-    names = [file.name for file in folder.glob("*.png")]
+def _digest(trials: Sequence[Trial], folder: Path, order: Sequence[str]) -> bytes:
+    """Return a digest of the trials' identities, starts and verdicts, and of files and order."""
+    names = [*order, *(file.name for file in folder.glob("*.png"))]
     for trial in trials:
         names.append(f"{trial.id} {trial.label} {trial.started} {trial.status}")
     text = "\n".join(sorted(names))
     return sha256(text.encode()).digest()
 
 
-def _pictures(trials: Sequence[Trial], *, every_motion: bool = False) -> Iterator[Picture]:
-    """Yield the figures of one problem."""
+def _pictures(
+    trials: Sequence[Trial], order: Sequence[str], *, every_motion: bool = False
+) -> Iterator[Picture]:
+    """Yield the figures of one problem; planners have their colours in this order."""
     from trajopt.views.figures import plots
 
     title = headline(trials[0].problem.name)
@@ -207,7 +215,7 @@ def _pictures(trials: Sequence[Trial], *, every_motion: bool = False) -> Iterato
     if curves := _convergence(trials):
         best = histories(trials).best
         known = best if np.isfinite(best) else None
-        yield "convergence", partial(plots.convergence, curves, known, title)
+        yield "convergence", partial(plots.convergence, curves, known, title, order)
     gaps = {}
     several = False
     for label, runs in results.gaps().groupby("label", sort=False):

@@ -7,7 +7,8 @@ others chose (problems, planners and their options) are drawn as they are writte
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from io import BytesIO
 from itertools import cycle
 from math import inf, isnan
@@ -54,7 +55,17 @@ _GOLDEN = 0.618034  # multiples of it, modulo 1, spread evenly
 _LABEL_WIDTH = 30  # characters of a planner's label on one line
 _SUBDIVISIONS = (1, 1.5, 2, 3, 4, 5, 6, 8)  # ticks of a decade of durations
 
-styled = matplotlib.rc_context(STYLE_SHEET)  # the reader's own settings stay as they are
+
+@contextmanager
+def _style() -> Iterator[None]:
+    """Draw in the style of `STYLE_SHEET`, but for what the reader's own style has changed."""
+    usual = matplotlib.rcParamsDefault
+    ours = {key: own for key, own in STYLE_SHEET.items() if matplotlib.rcParams[key] == usual[key]}
+    with matplotlib.rc_context(ours):
+        yield
+
+
+styled = _style()  # the reader's settings stay as they are
 
 
 class Picture(Figure):
@@ -198,6 +209,7 @@ def convergence(
     curves: Mapping[str, tuple[Array, Array]],
     best: float | None = None,
     title: str = "",
+    order: Sequence[str] = (),
 ) -> Figure:
     """Best certified duration against evaluations: median and quartiles over seeds.
 
@@ -207,26 +219,20 @@ def convergence(
         best: the duration of the best 3-5-3, s; a second panel then shows how far above it the
             runs are, in %.
         title: over the figure.
+        order: all planners, which have their colours in this order.
     """
-    labels = {label: wrapped(label) for label in curves}
-    breaks = sum(label.count("\n") for label in labels.values())
-    legend = 0.5 + 0.17 * len(labels) + 0.11 * breaks  # inches
+    breaks = sum(wrapped(label).count("\n") for label in curves)
+    legend = 0.5 + 0.17 * len(curves) + 0.11 * breaks  # inches
     panels = 2 if best else 1
     height = max(2.2 * panels, 2.8, legend)
     figure = Picture(figsize=(7.2, height), layout="constrained")
     grid = figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0]
     above = grid[0]
     shade = min(0.18, 0.9 / len(curves))  # many bands would hide the curves
-    looks = zip(cycle(CURVES), cycle(DASHES), cycle(MARKERS), strict=False)
-    for (label, (spent, quartiles)), (colour, dash, marker) in zip(
-        curves.items(), looks, strict=False
-    ):
-        look = {
-            "marker": marker,
-            "ls": dash,
-            "color": colour,
-            "label": labels[label],
-        }
+    known = order or sorted(curves)
+    for label, (spent, quartiles) in curves.items():
+        marker = MARKERS[known.index(label) % len(MARKERS)]
+        look = planner_look(label, known) | {"marker": marker}
         band(above, spent, quartiles, shade, look)
         if best:
             excess = 100 * (quartiles / best - 1)
@@ -250,6 +256,16 @@ def convergence(
     keys = above.get_legend_handles_labels()
     figure.legend(*keys, loc="outside right upper", title="median and quartiles")
     return figure
+
+
+def planner_look(label: str, order: Sequence[str]) -> Look:
+    """Colour and dashes of a planner, the same in every figure of a comparison."""
+    place = order.index(label)
+    return {
+        "label": wrapped(label),
+        "color": CURVES[place % len(CURVES)],
+        "ls": DASHES[place % len(DASHES)],
+    }
 
 
 def band(

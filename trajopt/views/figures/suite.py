@@ -10,8 +10,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, PercentFormatter
 
 from trajopt.views.analysis.curves import Curves
-from trajopt.views.figures.plots import Look, Picture, band, log_percent, styled, wrapped
-from trajopt.views.figures.style import CURVES, DASHES, GAP_FLOOR, plain, power_of_ten
+from trajopt.views.figures.plots import (
+    Picture,
+    band,
+    log_percent,
+    planner_look,
+    styled,
+    wrapped,
+)
+from trajopt.views.figures.style import GAP_FLOOR, plain, power_of_ten
 
 WIDTH_IN = 3.5
 PANEL_IN = 2.2
@@ -59,7 +66,7 @@ def anytime(curves: Curves, order: Sequence[str], cost: str) -> Figure:
     shade = min(0.18, 0.9 / len(curves))
     for label, (spent, quartiles) in curves.items():
         drawn = np.maximum(quartiles, GAP_FLOOR)
-        band(axes, spent, drawn, shade, _look(label, order))
+        band(axes, spent, drawn, shade, planner_look(label, order))
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(power_of_ten))
     log_percent(axes.yaxis)
@@ -71,20 +78,10 @@ def anytime(curves: Curves, order: Sequence[str], cost: str) -> Figure:
 
 def _staircases(axes: Axes, curves: Curves, order: Sequence[str]) -> None:
     for label, (x, y) in curves.items():
-        axes.plot(x, y, drawstyle="steps-post", **_look(label, order))
+        axes.plot(x, y, drawstyle="steps-post", **planner_look(label, order))
     axes.set_ylim(0, 1.02)
     axes.yaxis.set_major_formatter(PercentFormatter(1, symbol=" %"))
     axes.set_ylabel("problems")
-
-
-def _look(label: str, order: Sequence[str]) -> Look:
-    """Colour and dashes of a planner, the same in every figure of a suite."""
-    place = order.index(label)
-    return {
-        "label": wrapped(label),
-        "color": CURVES[place % len(CURVES)],
-        "ls": DASHES[place % len(DASHES)],
-    }
 
 
 def _legend(figure: Figure) -> None:
