@@ -302,7 +302,7 @@ trajopt compare --suite edges --planner {name}
 """
         if not described["available"]:
             text += f"It is an extra: {described['missing']}. How far it ends from the optimum: "
-            text += "[rivals](../questions/index.md).\n\n"
+            text += "[rivals](../questions/index.md#how-far-are-other-peoples-planners-rivals).\n\n"
         if name in gaps:
             cells = list(gaps[name].items())
             suites = [[key, value] for key, value in cells[1:-1] if value]
