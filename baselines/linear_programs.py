@@ -145,35 +145,13 @@ class LinearProgram:
             return np.zeros(self.highs.getNumRow())
         return -np.array(ray)
 
-    def set_bounds(self, low: Array, high: Array) -> None:
-        """Replace the bounds of all variables."""
-        self.highs.changeColsBounds(
-            len(self.variables),
-            self.variables,
-            low,
-            high,
-        )
+    def basis(self) -> Any:
+        """The last basis: where a program with as many rows and variables can begin."""
+        return self.highs.getBasis()
 
-    def set_row(
-        self,
-        number: int,
-        columns: Any,
-        coefficients: Array,
-        bound: float,
-    ) -> None:
-        """Replace a row by a row `≤` with the same columns."""
-        for column, coefficient in zip(columns.tolist(), coefficients.tolist(), strict=True):
-            self.highs.changeCoeff(number, column, coefficient)
-        self.highs.changeRowBounds(
-            number,
-            -np.inf,
-            bound,
-        )
-
-    def drop_rows(self, numbers: Any) -> None:
-        """Remove rows; later rows move up."""
-        indices = numbers.astype(np.int32)
-        self.highs.deleteRows(len(indices), indices)
+    def begin_at(self, basis: Any) -> None:
+        """Begin the next minimum at the basis of another program."""
+        self.highs.setBasis(basis)
 
     def add_row(
         self,

@@ -27,8 +27,6 @@ from trajopt.core.arrays import Array, Indices
 # Programs after which a row without a multiplier is dropped, and between two looks for such rows.
 _MAX_IDLE_PROGRAMS = 40
 _PROGRAMS_PER_LOOK = 20
-# Factor by which a box may outgrow the units before the program is set up again.
-_OUTGROWN_FACTOR = 16.0
 # HiGHS takes a row for satisfied that is violated by less, in the row's unit.
 _VISIBLE_VIOLATION = 4 * TOLERANCE
 
@@ -89,7 +87,8 @@ class RowPool:
     def _set_up(self) -> None:
         """Make a new program in units that suit the box."""
         self.units = _farthest(self.box)
-        rows, self.row_units = self._in_units(self._program_rows())
+        every = joined([self.box_rows, *(self.found[number] for number in self.present)])
+        rows, self.row_units = self._in_units(every)
         used = rows.columns != self.relaxation.nothing
         numbers, _ = np.nonzero(used)
         places = (numbers, rows.columns[used])
@@ -102,9 +101,6 @@ class RowPool:
             above=rows.bounds,
         )
 
-    def _program_rows(self) -> Rows:
-        return joined([self.box_rows, *(self.found[number] for number in self.present)])
-
     def _in_units(self, rows: Rows) -> tuple[Rows, Array]:
         """Return rows in the program's units, and what each was divided by."""
         coefficients = rows.coefficients * self.units[rows.columns]
@@ -116,35 +112,14 @@ class RowPool:
             rows.bounds / row_units,
         ), row_units
 
-    def _single(self, row: Rows) -> tuple[tuple[Indices, Array, float], Array]:
-        """Return one row's columns, coefficients and bound for the program, and its unit."""
-        scaled, row_unit = self._in_units(row)
-        used = scaled.columns[0] != self.relaxation.nothing
-        bound = float(scaled.bounds[0])
-        return (
-            scaled.columns[0, used],
-            scaled.coefficients[0, used],
-            bound,
-        ), row_unit
-
     def enter(self, box: Box) -> None:
         """Ask about another box from now on."""
-        before = self._program_rows()
         self.box = box
         self.box_rows = self.relaxation.box_rows(box)
         self._renew_squares()
-        outgrown = np.abs(np.log2(_farthest(box) / self.units))
-        if outgrown.max() >= np.log2(_OUTGROWN_FACTOR):
-            self._set_up()
-            return
-        self.program.set_bounds(box.low / self.units, box.high / self.units)
-        after = self._program_rows()
-        differs = (before.coefficients != after.coefficients).any(axis=1)
-        differs |= before.bounds != after.bounds
-        for number in np.flatnonzero(differs).tolist():
-            entries, row_unit = self._single(after.single(number))
-            self.row_units[number] = row_unit[0]
-            self.program.set_row(number, *entries)
+        basis = self.program.basis()
+        self._set_up()
+        self.program.begin_at(basis)
 
     def _renew_squares(self) -> None:
         """Compute the rows of the square tangents again: they depend on the box."""
@@ -194,11 +169,10 @@ class RowPool:
 
     def _drop_idle(self) -> None:
         oldest = self.programs - _MAX_IDLE_PROGRAMS
-        kept = [self.used_at[number] >= oldest for number in self.present]
-        places = self.box_count + np.flatnonzero(np.logical_not(kept))
-        self.program.drop_rows(places)
-        self.row_units = np.delete(self.row_units, places)
-        self.present = [number for number, stays in zip(self.present, kept, strict=True) if stays]
+        kept = [number for number in self.present if self.used_at[number] >= oldest]
+        if len(kept) < len(self.present):
+            self.present = kept
+            self._set_up()
 
     def add(self, sources: Sequence[Source]) -> None:
         """Add the rows of sources of one kind."""
@@ -236,8 +210,13 @@ class RowPool:
 
     def _append(self, row: Rows) -> bool:
         """Append a row to the program; return whether HiGHS accepts its numbers."""
-        entries, row_unit = self._single(row)
-        accepted = self.program.add_row(*entries)
+        scaled, row_unit = self._in_units(row)
+        used = scaled.columns[0] != self.relaxation.nothing
+        accepted = self.program.add_row(
+            scaled.columns[0, used],
+            scaled.coefficients[0, used],
+            float(scaled.bounds[0]),
+        )
         if accepted:
             self.row_units = np.append(self.row_units, row_unit)
         return accepted

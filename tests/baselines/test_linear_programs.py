@@ -49,31 +49,15 @@ def test_the_minimum_and_the_multipliers_that_prove_it() -> None:
     assert answer.multipliers == pytest.approx([1.0, 1.0])
 
 
-def test_rows_are_added_replaced_and_dropped() -> None:
-    small = program(
-        [[-1.0]],
-        [-1.0],
-        [5.0],
-    )
+def test_a_row_is_added_and_another_program_begins_at_the_same_basis() -> None:
+    small = program([[-1.0]], [-1.0], [5.0])
     cost = np.ones(1)
     column = np.zeros(1, dtype=np.intp)
-    assert small.add_row(
-        column,
-        np.array([-1.0]),
-        -2.0,
-    )
+    assert small.add_row(column, np.array([-1.0]), -2.0)
     assert small.minimised(cost).value == pytest.approx(2.0)
-    small.set_row(
-        1,
-        column,
-        np.array([-1.0]),
-        -3.0,
-    )
-    assert small.minimised(cost).value == pytest.approx(3.0)
-    small.drop_rows(np.array([1]))
-    assert small.minimised(cost).value == pytest.approx(1.0)
-    small.set_bounds(np.array([1.5]), np.array([5.0]))
-    assert small.minimised(cost).value == pytest.approx(1.5)
+    other = program([[-1.0], [-1.0]], [-1.0, -3.0], [5.0])
+    other.begin_at(small.basis())
+    assert other.minimised(cost).value == pytest.approx(3.0)
 
 
 def test_a_ray_proves_that_no_point_satisfies_the_rows() -> None:
