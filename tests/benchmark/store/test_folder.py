@@ -245,8 +245,6 @@ def test_missing_backends_are_not_finished_but_are_read(tmp_path, trial):
         results.write(kept)
     assert results.finished() == {failed.id}
     assert {t.id for t in results.unanswered()} == {absent.id, crashed.id}
-    assert not results.has(absent.id)
-    assert results.has(failed.id)
     for found in (results.read(), read(results.consolidate()), read(tmp_path)):
         assert {t.status for t in found} == {Status.MISSING, Status.CRASHED, Status.FAILED}
     assert [t.status for t in read(tmp_path, {absent.id})] == [Status.MISSING]
@@ -291,7 +289,7 @@ def test_a_damaged_trial_is_not_finished_and_does_not_spoil_the_others(tmp_path,
     damaged(results.write(trial), how)
     results.write(other)
     assert results.finished() == {other.id}
-    assert not results.has(trial.id)
+    assert trial.id not in results.finished()
     words = rf"{trial.id}\.json: damaged.*; running its comparison again replaces it"
     for reading in (lambda: read(results.consolidate()), results.read, lambda: read(tmp_path)):
         with pytest.warns(DamagedFile, match=words):

@@ -89,10 +89,6 @@ class Store:
         files = [file for file in _trial_files(self.folder) if not _is_unanswered(file)]
         return {file.stem for file in files if _is_whole(file)}
 
-    def has(self, trial_id: str) -> bool:
-        """Return whether this trial is finished and its file whole."""
-        return _is_whole(self.path(trial_id))
-
     def write(self, trial: Trial) -> Path:
         """Store one finished trial; after this returns it survives a power cut.
 
