@@ -11,6 +11,7 @@ import sys
 import time
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -90,6 +91,25 @@ def test_a_module_that_was_edited_after_its_import_is_refused_until_it_is_reload
         if edited is module:
             planner = reloaded.Mine()
         assert code_of(planner).digest != first
+
+
+def test_a_module_that_an_import_hook_rewrites_is_taken_as_it_is(tmp_path, fresh, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    class Rewriting(SourceFileLoader):
+        def source_to_code(self, data, path):
+            text = data.decode().replace("return Sol", "assert seed >= 0; return Sol")
+            return super().source_to_code(text.encode(), path)
+
+    path = tmp_path / "stranger.py"
+    path.write_text(source())
+    spec = importlib.util.spec_from_file_location(
+        "stranger", path, loader=Rewriting("stranger", str(path))
+    )
+    sys.modules["stranger"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules["stranger"])
+    planner = sys.modules["stranger"].Mine()
+    assert code_of(planner).digest == fresh()
 
 
 def test_an_edited_module_anywhere_in_a_package_is_another_code(tmp_path, fresh):

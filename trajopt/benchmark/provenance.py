@@ -31,6 +31,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
+from importlib.machinery import SourceFileLoader
 from importlib.metadata import (
     PackageNotFoundError,
     distribution,
@@ -299,12 +300,13 @@ def _check_imported(files: Iterable[Path]) -> None:
     """Raise `InvalidInput` if a function of a loaded module is not what its source file says.
 
     Python has no record of the source that a module was imported from, so the file is compiled
-    again. Modules that pytest has rewritten are not checked.
+    again. Modules that an import hook rewrites, such as pytest's, are not checked.
     """
     paths = {str(file) for file in files if file.suffix == ".py"}
     for module in list(sys.modules.values()):
         path = getattr(module, "__file__", None)
-        if path not in paths or "@pytest_ar" in vars(module):
+        loader = getattr(module, "__loader__", None)
+        if path not in paths or type(loader) is not SourceFileLoader:
             continue
         written = set(_codes(compile(Path(path).read_bytes(), path, "exec", dont_inherit=True)))
         for value in vars(module).values():
