@@ -40,8 +40,6 @@ _STILL_RTOL = 1e-9
 _SHORT_PIECE_SHARE = 0.25
 # Shorter pieces are a single step, relative to the whole path.
 _INDIVISIBLE_RTOL = 1e-6
-# Steps so short that the solver's rounding of speeds is corrected, relative to the even step.
-_SHORT_STEP = 1e-2
 # Smaller coefficients of a piece count as 0, relative to the largest one.
 _STRAIGHT_RTOL = 1e-9
 # Samples of each piece's own timing.
@@ -348,31 +346,11 @@ def _path_speeds(
     data = algorithm.problem_data
     if data.sd_vec is None or not np.isfinite(data.sd_vec).all():
         return None, data.return_code.value
-    speeds = _smoothed(data.sd_vec, data.sdd_vec, grid.step)
+    speeds = np.asarray(data.sd_vec)
     sums = speeds[1:] + speeds[:-1]
     if (sums <= 0).any():
         return None, "the path comes to a standstill"
     return speeds, ""
-
-
-def _smoothed(
-    speeds: Array,
-    accelerations: Array,
-    step: Array,
-) -> Array:
-    """Replace the speeds on very short steps by those of the solver's own path acceleration.
-
-    The solver lowers some squared speeds by 1e-8, which is a large acceleration over such a step.
-    """
-    squared = speeds**2
-    short = np.flatnonzero(step < _SHORT_STEP)
-    for i in short[::-1]:
-        if 0 < i < len(step) - 1:
-            # x_i = x_(i+1) − 2 Δ u
-            gain = 2 * step[i] * accelerations[i]
-            before = squared[i + 1] - gain
-            squared[i] = max(0.0, before)
-    return np.sqrt(squared)
 
 
 def _constraint(grid: Grid, limits: Limits) -> Any:
