@@ -66,7 +66,8 @@ def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
         shares, *states = unflat(run.x, [times.shape, inner.shape, inner.shape])
         times = shares * scaled.stop
         duration = times.sum() if run.success else np.inf
-        optima.append(Optimum(duration, times, np.stack(states), run.status))
+        twice = np.array(2 * [states])
+        optima.append(Optimum(duration, np.array(2 * [times]), twice, run.status))
     return optima
 
 

@@ -162,6 +162,11 @@ class Cells:
                 break
         return point
 
+    def rows(self, times: Array, velocity: Array, acceleration: Array) -> Rows:
+        """The rows of these times and waypoint states, as `start` is given them."""
+        with np.errstate(all="ignore"):
+            return Rows(self, self._linked(times, velocity, acceleration))
+
     def _linked(self, times: Array, velocity: Array, acceleration: Array) -> Point:
         """The point of these times and waypoint states, its links met."""
         t = times[..., None]
@@ -265,6 +270,25 @@ class Rows:
     def of(self, some: Bools) -> Rows:
         """The rows of some of the starts."""
         return Rows(self.cells, self.point.of(some))
+
+    @property
+    def phases(self) -> Array:
+        """Ramp, hold and ramp to the peak from both ends, and the cruise, in the segment's time.
+
+        `(4, 2 ends, 2 sides, starts, segments, joints)`; negative where states are out of reach.
+        """
+        profiles = self.profiles
+        rises = profiles.rises
+        rise, fall = rises
+        peak = np.clip(0.0, -fall, rise)
+        return np.array(
+            [
+                self.cells.up / self.t * (rises - profiles.acceleration),
+                profiles.hold,
+                self.cells.down / self.t * (rises - np.array([peak, -peak])),
+                np.broadcast_to(profiles.cruise, rises.shape),
+            ]
+        )
 
     @cached_property
     def slopes(self) -> Slopes:

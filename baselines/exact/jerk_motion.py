@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from baselines.exact.acceleration_motion import covering
-from baselines.exact.cells import at_ends
-from baselines.exact.jerk_cells import Cells, Point, Rows
+from baselines.exact.jerk_cells import Cells
+from baselines.exact.jerk_structure import Settled, in_stored_time, settled, unsettled
 from baselines.exact.rounded import (
     DISTINCT_RTOL,
     NO_PIECES,
@@ -41,19 +41,21 @@ _SLIVERS = (1e-3, 1e-5, 1e-7, 0.0)
 _BRIEFEST_S = 2e-10  # and those that last no longer in any case
 # Or shorter than this share of a segment, where that is less.
 _BRIEFEST_RTOL = 1e-3
-# Segments shorter than this, relative to the mean stop time, are brief.
-_BRIEF = 1e-3
-# States are put on a limit that they miss by less than this, in units of the velocity that the
+# A break is left out where no limit is exceeded by more than this share.
+_EXCESS_RTOL = 3e-10
+_MISS_RTOL = 1e-14  # of velocities: what the end may be missed by
+# A phase vanishes where it keeps less than the first share of its length, in cells whose reach
+# leaves less than the second one: the first pair that serves.
+_VANISHING = ((0.5, 1.0), (0.2, 1.0), (0.2, 1e-7))
+# Dilations of the optimum as it is, tried when nothing else serves.
+_SLOWER = (1.0, *(1 + 1e-9 * np.arange(1, 10)), 1 + 1e-8, 1 + 1e-7, 1 + 1e-6)
+# Its states are put on a limit that they miss by less than this, in units of the velocity that the
 # segment allows: for limits of acceleration by the ramp to them, and for limits of velocity.
 _NEAR_LIMIT = 1e-11
 _NEAR_TOP = 1e-8
 # They also miss it by less than this share of the acceleration.
 _NEARBY = 1e-2
-# A break is left out where no limit is exceeded by more than this share.
-_EXCESS_RTOL = 3e-10
-_MISS_RTOL = 1e-14  # of velocities: what the end may be missed by
-# Dilations of the times, beyond 1, that are tried while the motion is certified later than that.
-_SLOWER = (*np.arange(1e-9, 1e-8, 1e-9), 1e-8, 1e-7, 1e-6)
+_ENOUGH = 1 + 1e-10  # certified duration, relative to the optimum's
 # A profile with a smaller share is left out.
 _ALONE = 1e-8
 _TINY = 1e-300  # instead of dividing by 0
@@ -67,6 +69,7 @@ class _Cells(NamedTuple):
         h: displacements.
         knots: of both profiles, since the segment's start, `(8, 2 sides, cells)`.
         levels: accelerations there, straight in between.
+        stored: knots of tight cells as they are stored, s, `(8, cells)`; not a number in others.
         share: of the upper profile.
         velocity: limits, low and high, `(2, cells)`.
         acceleration: likewise.
@@ -80,6 +83,7 @@ class _Cells(NamedTuple):
     h: Array
     knots: Array
     levels: Array
+    stored: Array
     share: Array
     velocity: Array
     acceleration: Array
@@ -95,12 +99,24 @@ class _Cells(NamedTuple):
     def accelerations(self, times: Array) -> Array:
         """Accelerations at times since the segments' starts, `(times, cells)`."""
         passed = (times[:, None, None] - self.knots[:-1]) / np.diff(self.knots, axis=0)
-        steps = np.diff(self.levels, axis=0) * np.clip(np.nan_to_num(passed), 0.0, 1.0)
+        steps = np.diff(self.levels, axis=0) * np.clip(
+            np.nan_to_num(passed),
+            0.0,
+            1.0,
+        )
         high, low = np.moveaxis(self.levels[0] + steps.sum(axis=1), 1, 0)
         inner = self.share * high + (1 - self.share) * low
         first, last = self.levels[[0, -1], 0]
-        inner = np.where(times > 0, inner, first)
-        return np.where(times < self.knots[-1, 0], inner, last)
+        inner = np.where(
+            times > 0,
+            inner,
+            first,
+        )
+        return np.where(
+            times < self.knots[-1, 0],
+            inner,
+            last,
+        )
 
 
 class _Fit(NamedTuple):
@@ -121,42 +137,55 @@ class Reachable(Scaled):
     """A problem without units, and the motions through given waypoint states."""
 
     def trajectory(self, times: Array, states: Array) -> Trajectory:
-        """The motion of these segment times and inner waypoint states.
+        """The motion of an optimum: of those without the phases that vanish, the certified one.
 
-        Where a segment is so brief that its breaks' rounding counts, the least slower one that is
-        certified the shortest.
+        Args:
+            times: of the segments, on the way to the optimum and there, `(2, segments)`.
+            states: of the inner waypoints likewise, `(2, 2, segments - 1, joints)`.
         """
         within = self.problem.without("position")
-        velocity, acceleration = states
-        claimed = self.unit * times.sum()
-        best = motion(self, times, states)
-        shortest = verify(within, best).certified_duration or np.inf
-        for slower in _SLOWER:
-            k = 1 + slower
-            if shortest <= k * claimed:
-                break
-            own = motion(self, k * times, np.stack([velocity / k, acceleration / k**2]))
+        enough = _ENOUGH * self.unit * times[-1].sum()
+        shortest = np.inf
+        for optimum in self._settled(times, states):
+            own = motion(self, optimum)
             certified = verify(within, own).certified_duration or np.inf
             if certified < shortest:
                 best = own
                 shortest = certified
+            if shortest <= enough:
+                break
         return best
 
+    def _settled(self, times: Array, states: Array) -> Iterator[Settled]:
+        """The optimum without the phases that vanish, and as it is."""
+        if self.r.all():
+            for most, near in _VANISHING:
+                yield settled(
+                    self,
+                    times,
+                    states,
+                    most,
+                    near,
+                )
+        velocity, acceleration = _at_limits(
+            self,
+            times[-1],
+            *states[-1],
+        )
+        put = np.array([[velocity, acceleration]])
+        for k in _SLOWER:
+            slower = np.array([k, k**2])[:, None, None]
+            yield unsettled(k * times, put / slower)
 
-def motion(scaled: Scaled, times: Array, states: Array) -> Trajectory:
-    """The motion of these segment times and inner waypoint states.
 
-    Args:
-        scaled: the problem without units.
-        times: of the segments, in its unit, `(segments,)`.
-        states: velocities and accelerations, `(2, segments - 1, joints)`.
-    """
-    passages = np.r_[0.0, np.cumsum(times * scaled.unit)]
-    rounded = np.diff(passages) / scaled.unit
-    velocity, acceleration = states
-    velocity = _in_rounded_times(times, rounded, velocity)
-    velocity, acceleration = _at_limits(scaled, rounded, velocity, acceleration)
-    cells = _cells(scaled, rounded, passages, velocity, acceleration)
+def motion(scaled: Scaled, optimum: Settled) -> Trajectory:
+    """The motion of an optimum in the units of its problem."""
+    passages = np.r_[0.0, np.cumsum(optimum.times * scaled.unit)]
+    cells = _cells(
+        scaled,
+        in_stored_time(scaled, optimum, passages),
+        passages,
+    )
     fits = iter(_fitted(cells, scaled.unit, DISTINCT_RTOL * passages[-1]))
     segments = []
     for k, clock in enumerate(clocks(passages, scaled.unit)):
@@ -176,23 +205,6 @@ def motion(scaled: Scaled, times: Array, states: Array) -> Trajectory:
             pieces.append((stored, part * scaled.units[-powers:, i, None]))
         segments.append(pieces)
     return assembled(scaled.problem, passages, segments)
-
-
-def _in_rounded_times(times: Array, rounded: Array, velocity: Array) -> Array:
-    """The velocities that pass a brief segment in its rounded time; of two the briefer decides.
-
-    The long neighbours hardly notice.
-    """
-    given = velocity
-    velocity = velocity.copy()
-    for k in np.argsort(-times):
-        if rounded[k] > 0 and times[k] < _BRIEF:
-            around = slice(
-                max(k - 1, 0),
-                k + 1,
-            )
-            velocity[around] = times[k] / rounded[k] * given[around]
-    return velocity
 
 
 def _at_limits(
@@ -255,55 +267,50 @@ def _at_limits(
     )
 
 
-def _cells(
-    scaled: Scaled,
-    times: Array,
-    passages: Array,
-    velocity: Array,
-    acceleration: Array,
-) -> _Cells:
-    """The combinations of extreme profiles, those of a segment one after another."""
+def _cells(scaled: Scaled, optimum: Settled, passages: Array) -> _Cells:
+    """The combinations of extreme profiles, those of a segment one after another.
+
+    Those of tight cells are profiles alone.
+    """
+    times = optimum.times
+    velocity, acceleration = optimum.states[:, None]
     t = np.where(
         times > 0,
         times,
         1.0,
     )[None]
-    mean = scaled.h / t[..., None]
-    at_waypoints = at_ends(velocity[None])
-    ends = (at_waypoints - mean) / t[..., None]
-    with np.errstate(all="ignore"):
-        rows = Rows(
-            Cells(scaled),
-            Point(
-                np.log(t),
-                ends,
-                velocity[None],
-                acceleration[None],
-            ),
-        )
+    rows = Cells(scaled).rows(t, velocity[:, 1:-1], acceleration[:, 1:-1])
     profiles = rows.profiles
     a, b = profiles.acceleration
     rise, fall = profiles.rises
-    between = np.clip(0.0, -fall, rise)
-    up = rows.cells.up / rows.t
-    down = rows.cells.down / rows.t
-    lengths = [
-        up * (rise - a),
-        profiles.hold[0],
-        down * (rise - between),
-        profiles.cruise,
-        down * (between + fall),
-        profiles.hold[1],
-    ]
+    peak = np.clip(
+        0.0,
+        -fall,
+        rise,
+    )
+    (ramp, _), (hold, last_hold), (release, pull), (cruise, _) = rows.phases
+    phases = np.array([ramp, hold, release, cruise, pull, last_hold])
     knots = np.cumsum(
-        np.maximum(lengths, 0.0),
+        np.maximum(
+            phases,
+            0.0,
+        ),
         axis=0,
     )
     whole = np.ones_like(knots[:1])
-    knots = np.concatenate([0 * whole, np.minimum(knots, 1.0), whole])
+    knots = np.concatenate(
+        [
+            0 * whole,
+            np.minimum(
+                knots,
+                1.0,
+            ),
+            whole,
+        ]
+    )
     # the sides are mirrored
     sides = np.array([1.0, -1.0])[:, None, None, None]
-    levels = sides * np.array([a, rise, rise, between, between, -fall, -fall, -b])
+    levels = sides * np.array([a, rise, rise, peak, peak, -fall, -fall, -b])
     high, low = np.maximum(
         rows.reach,
         0.0,
@@ -312,27 +319,64 @@ def _cells(
         high + low,
         _TINY,
     )
-    share = np.where(share < _ALONE, 0.0, share)
-    share = np.where(share > 1 - _ALONE, 1.0, share)
+    share = np.where(
+        share < _ALONE,
+        0.0,
+        share,
+    )
+    share = np.where(
+        share > 1 - _ALONE,
+        1.0,
+        share,
+    )
     # one profile alone has no other's knots
     knots = times[:, None] * np.where(
-        share == 1, knots[:, :1], np.where(share == 0, knots[:, 1:], knots)
+        share == 1,
+        knots[:, :1],
+        np.where(
+            share == 0,
+            knots[:, 1:],
+            knots,
+        ),
     )
+    knots = knots[:, :, 0]
+    levels = levels[:, :, 0]
+    segment, joint = optimum.cells
+    knots[:, :, segment, joint] = (optimum.knots - passages[segment])[:, None] / scaled.unit
+    stored = np.full(
+        knots[:, 0].shape,
+        np.nan,
+    )
+    stored[:, segment, joint] = optimum.knots
+    levels[:, :, segment, joint] = optimum.levels[:, None]
+    share[0, segment, joint] = 1.0
     signs = np.array([[-1.0], [1.0]])
-    jerk = signs / np.maximum(scaled.r, _TINY)
+    jerk = signs / np.maximum(
+        scaled.r,
+        _TINY,
+    )
     positions = np.abs(scaled.problem.waypoints[:, scaled.moving])
-    rounding = np.spacing(np.maximum(positions[:-1], positions[1:]))
+    rounding = np.spacing(
+        np.maximum(
+            positions[:-1],
+            positions[1:],
+        )
+    )
     segments, joints = scaled.h.shape
 
     def flat(table: Array) -> Array:
-        every = np.broadcast_to(table, (*table.shape[:-2], segments, joints))
+        every = np.broadcast_to(
+            table,
+            (*table.shape[:-2], segments, joints),
+        )
         return every.reshape(*every.shape[:-2], -1)
 
     return _Cells(
-        flat(at_waypoints[:, 0]),
+        flat(np.array([velocity[0, :-1], velocity[0, 1:]])),
         flat(scaled.h),
-        flat(knots[:, :, 0]),
-        flat(levels[:, :, 0]),
+        flat(knots),
+        flat(levels),
+        flat(stored),
         flat(share[0]),
         flat(scaled.v[:, None]),
         flat(scaled.a[:, None]),
@@ -347,18 +391,33 @@ def _fitted(cells: _Cells, unit: float, resolution: float) -> list[Pieces]:
     """The motion of fewest breaks that keeps the limits; else the one that breaks them least."""
     left = np.arange(len(cells.h))
     chosen: list[Pieces] = [NO_PIECES] * len(left)
-    least = np.full(len(left), np.inf)
+    least = np.full(
+        len(left),
+        np.inf,
+    )
     with np.errstate(all="ignore"):
-        for levels, stored, weigh in _grids(cells, unit, resolution):
+        for levels, stored in _grids(cells, unit, resolution):
             if not len(left):
                 break
-            fit = _through(cells.of(left), levels[:, left], stored[:, left], unit, weigh)
+            fit = _through(
+                cells.of(left),
+                levels[:, left],
+                stored[:, left],
+                unit,
+            )
             better = fit.excess < least[left]
             for cell in np.flatnonzero(better):
                 breaks = fit.stored[:, cell]
                 pieces = int((breaks < breaks[-1]).sum())
                 chosen[left[cell]] = (breaks[: pieces + 1], fit.cubics[:, :pieces, cell])
-            least[left] = np.minimum(least[left], np.where(better, fit.excess, np.inf))
+            least[left] = np.minimum(
+                least[left],
+                np.where(
+                    better,
+                    fit.excess,
+                    np.inf,
+                ),
+            )
             left = left[~(fit.excess <= _EXCESS_RTOL)]
     return chosen
 
@@ -367,36 +426,79 @@ def _grids(
     cells: _Cells,
     unit: float,
     resolution: float,
-) -> Iterator[tuple[Array, Array, bool]]:
-    """Accelerations and stored breaks (s) to try, the fewest first.
-
-    And whether changes of the accelerations count in them.
-    """
+) -> Iterator[tuple[Array, Array]]:
+    """Accelerations and stored breaks (s) to try, the fewest first."""
     t = (cells.end - cells.start) / unit
     for pieces in _EVEN:
-        local = np.linspace(np.zeros_like(t), t, pieces + 1)
-        stored = np.linspace(cells.start, cells.end, pieces + 1)
-        yield cells.accelerations(local), stored, False
+        local = np.linspace(
+            np.zeros_like(t),
+            t,
+            pieces + 1,
+        )
+        stored = np.linspace(
+            cells.start,
+            cells.end,
+            pieces + 1,
+        )
+        yield cells.accelerations(local), stored
     knots = np.sort(cells.knots.reshape(-1, len(t)), axis=0)
-    closest = np.maximum(resolution / unit, np.minimum(_BRIEFEST_S / unit, _BRIEFEST_RTOL * t))
-    (own,) = _apart(knots, closest, knots)
-    levels = cells.accelerations(own)
+    closest = np.maximum(
+        resolution / unit,
+        np.minimum(
+            _BRIEFEST_S / unit,
+            _BRIEFEST_RTOL * t,
+        ),
+    )
+    (own,) = _apart(
+        knots,
+        closest,
+        knots,
+    )
     ends = (cells.start, cells.end)
-    every = together(outwards(own, *ends, unit), *ends, resolution)
+    tight = np.repeat(
+        cells.stored,
+        2,
+        axis=0,
+    )
+    loose = np.isnan(tight)
+    levels = np.where(
+        loose,
+        cells.accelerations(own),
+        np.repeat(
+            cells.levels[:, 0],
+            2,
+            axis=0,
+        ),
+    )
+    every = together(
+        np.where(
+            loose,
+            outwards(
+                own,
+                *ends,
+                unit,
+            ),
+            tight,
+        ),
+        *ends,
+        resolution,
+    )
     for sliver in _SLIVERS:
-        far = np.maximum(sliver * t * unit, resolution)
-        stored, kept = _apart(every, far, every, levels)
-        yield kept, stored, False
-    yield kept, stored, True
-    # more breaks, where there are too few for both velocity and displacement
-    thirds = np.linspace(cells.start, cells.end, 4)[1:3]
-    between = cells.accelerations((thirds - cells.start) / unit)
-    more = np.concatenate([every, thirds])
-    order = np.argsort(more, axis=0, kind="stable")
-    breaks = np.take_along_axis(more, order, axis=0)
-    there = np.take_along_axis(np.concatenate([levels, between]), order, axis=0)
-    stored, kept = _apart(breaks, _SLIVERS[0] * t * unit, breaks, there)
-    yield kept, stored, False
+        far = np.where(
+            loose[0],
+            sliver * t * unit,
+            0.0,
+        )
+        stored, kept = _apart(
+            every,
+            np.maximum(
+                far,
+                resolution,
+            ),
+            every,
+            levels,
+        )
+        yield kept, stored
 
 
 def _apart(knots: Array, closest: Array, *tables: Array) -> list[Array]:
@@ -412,18 +514,42 @@ def _apart(knots: Array, closest: Array, *tables: Array) -> list[Array]:
     whole = np.ones_like(kept[:1])
     kept = np.concatenate([whole, kept, whole])
     order = np.argsort(~kept, axis=0, kind="stable")
-    left = np.take_along_axis(kept, order, axis=0)
+    left = np.take_along_axis(
+        kept,
+        order,
+        axis=0,
+    )
     left[-1] = False
-    return [np.where(left, np.take_along_axis(table, order, axis=0), table[-1]) for table in tables]
+    return [
+        np.where(
+            left,
+            np.take_along_axis(
+                table,
+                order,
+                axis=0,
+            ),
+            table[-1],
+        )
+        for table in tables
+    ]
 
 
-def _through(cells: _Cells, levels: Array, stored: Array, unit: float, weigh: bool) -> _Fit:
+def _through(cells: _Cells, levels: Array, stored: Array, unit: float) -> _Fit:
     """The motions with these breaks, near these accelerations."""
     lengths = np.diff(stored, axis=0) / unit
     inner = (stored > cells.start) & (stored < cells.end)
-    weights = np.where(inner, np.abs(levels) if weigh else 1.0, 0.0)
-    cubics = through(lengths, levels, cells.ends, cells.h, weights)
-    return _Fit(stored, cubics, _excess(cells, lengths, cubics))
+    cubics = through(
+        lengths,
+        levels,
+        cells.ends,
+        cells.h,
+        inner.astype(float),
+    )
+    return _Fit(
+        stored,
+        cubics,
+        _excess(cells, lengths, cubics),
+    )
 
 
 def _excess(cells: _Cells, lengths: Array, cubics: Array) -> Array:
@@ -431,16 +557,39 @@ def _excess(cells: _Cells, lengths: Array, cubics: Array) -> Array:
     cubic, square, linear, _ = cubics
     w = cells.ends[1]
     last = cubics[:, -1]
-    reached = polynomials.evaluate(polynomials.derivative(last), lengths[-1])
-    short = polynomials.evaluate(last, lengths[-1]) - cells.h
+    reached = polynomials.evaluate(
+        polynomials.derivative(last),
+        lengths[-1],
+    )
+    short = (
+        polynomials.evaluate(
+            last,
+            lengths[-1],
+        )
+        - cells.h
+    )
     fastest = np.abs(linear).max(axis=0) + np.abs(w)
-    further = np.maximum(np.abs(short) - cells.rounding, 0.0)
-    missed = np.maximum(np.abs(reached - w), further / lengths.sum(axis=0))
+    further = np.maximum(
+        np.abs(short) - cells.rounding,
+        0.0,
+    )
+    missed = np.maximum(
+        np.abs(reached - w),
+        further / lengths.sum(axis=0),
+    )
     jerk = 6 * cubic
     acceleration = 2 * square
-    changing = np.where(jerk == 0, np.inf, jerk)
+    changing = np.where(
+        jerk == 0,
+        np.inf,
+        jerk,
+    )
     # velocity where acceleration vanishes in a piece; where it does not, at the nearer end
-    when = np.clip(-acceleration / changing, 0.0, lengths)
+    when = np.clip(
+        -acceleration / changing,
+        0.0,
+        lengths,
+    )
     turning = linear + when * (acceleration + when * jerk / 2)
     worst = np.zeros_like(fastest)
     for values, (low, high) in (
@@ -449,5 +598,15 @@ def _excess(cells: _Cells, lengths: Array, cubics: Array) -> Array:
         (linear, cells.velocity),
         (turning, cells.velocity),
     ):
-        worst = np.maximum(worst, np.maximum(values.max(axis=0) / high, values.min(axis=0) / low))
-    return np.where(missed > _MISS_RTOL * fastest, 1 + missed / fastest, worst - 1)
+        worst = np.maximum(
+            worst,
+            np.maximum(
+                values.max(axis=0) / high,
+                values.min(axis=0) / low,
+            ),
+        )
+    return np.where(
+        missed > _MISS_RTOL * fastest,
+        1 + missed / fastest,
+        worst - 1,
+    )
