@@ -15,7 +15,7 @@ import pandas as pd
 
 from experiments.common.output import save_table
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.verification import proved
+from trajopt.benchmark.best_known.record_check import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.problem import Problem
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from experiments.common.output import save_table
 from experiments.paper.choices import READINGS, Reading
-from experiments.paper.searches import (
+from experiments.paper.kept_searches import (
     ALGORITHMS,
     NAMES,
     interval,

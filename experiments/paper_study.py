@@ -25,9 +25,8 @@ import numpy as np
 import pandas as pd
 
 from experiments.common.output import save_table
-from experiments.paper import searches as paper
-from experiments.paper.claims import claims, estimates, totals
-from experiments.paper.searches import (
+from experiments.paper import kept_searches as paper
+from experiments.paper.kept_searches import (
     ALGORITHMS,
     NAMES,
     Found,
@@ -35,6 +34,7 @@ from experiments.paper.searches import (
     percent_below,
     reference,
 )
+from experiments.paper.paper_claims import claims, estimates, totals
 from trajopt import Problem, Trajectory, verify
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import console

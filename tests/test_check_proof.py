@@ -16,7 +16,7 @@ from experiments.soaks.forgeries import changed, forgeries
 from trajopt import Limits, Problem
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import parsed
-from trajopt.benchmark.best_known.verification import proved
+from trajopt.benchmark.best_known.record_check import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import TrajoptError
 

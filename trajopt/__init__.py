@@ -6,7 +6,7 @@ TYPE_CHECKING = False  # not from `typing`: importing it takes time in which Ctr
 if TYPE_CHECKING:
     from typing import Any
 
-    from trajopt.benchmark.best import plan as plan
+    from trajopt.benchmark.best_planner import plan as plan
     from trajopt.benchmark.judgement import judge as judge
     from trajopt.comparison import compare as compare
     from trajopt.core.exceptions import InvalidInput as InvalidInput
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from trajopt.planners.planner import Planner as Planner
     from trajopt.planners.planner import Relation as Relation
     from trajopt.views.analysis.results import Results as Results
-    from trajopt.views.export.motion import write as write
+    from trajopt.views.export.motion_file import write as write
 
     __version__: str
 

@@ -21,8 +21,8 @@ from datetime import datetime
 from pathlib import Path
 
 from trajopt.benchmark.run import runner
-from trajopt.benchmark.run.plan import Allowance, missing, plan
 from trajopt.benchmark.run.progress import Progress, Report, reporter
+from trajopt.benchmark.run.tasks import Allowance, missing, plan
 from trajopt.benchmark.store.folder import Seen, Store, read
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration, Trial, now

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.paper.searches import ALGORITHMS, Runs, swarm
+from experiments.paper.kept_searches import ALGORITHMS, Runs, swarm
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.core.arrays import Array

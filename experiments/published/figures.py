@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from experiments.published.judged import Judged, optimised
-from trajopt.explain.claims import JudgedClaim, Verdict
+from trajopt.explain.verdicts import JudgedClaim, Verdict
 from trajopt.views.figures import plots, style
 
 _WIDTH = 6.8  # in

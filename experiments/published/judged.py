@@ -11,7 +11,7 @@ from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.benchmark.provenance import provenance
 from trajopt.benchmark.suites import literature
 from trajopt.benchmark.suites.literature import Published
-from trajopt.explain.claims import JudgedClaim, Known, judge, survey
+from trajopt.explain.verdicts import JudgedClaim, Known, judge, survey
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ import pandas as pd
 
 from experiments.published.judged import Judged, optimised, table
 from trajopt.benchmark.suites.literature import Published
-from trajopt.explain.claims import MEANINGS, Known, Verdict
-from trajopt.views import cells
+from trajopt.explain.verdicts import MEANINGS, Known, Verdict
+from trajopt.views import table_cells
 
 COMMAND = "python -m experiments.literature --output docs"
 
@@ -175,7 +175,7 @@ def _percent(value: float | None) -> str:
         return ""
     if abs(value) < 5e-3:
         return "0.00 %"
-    return cells.percent(value / 100)
+    return table_cells.percent(value / 100)
 
 
 def _markdown(rows: pd.DataFrame) -> str:

@@ -26,10 +26,10 @@ import cyclopts
 import numpy as np
 import pandas as pd
 
-from experiments.soaks import runner
+from experiments.soaks import soak_report
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import parsed
-from trajopt.benchmark.best_known.verification import proved
+from trajopt.benchmark.best_known.record_check import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import TrajoptError
 
@@ -42,7 +42,7 @@ PROBLEMS = ("six-axis", "jerk-limit", "position-limits")
 CLAIMED = 3.0
 """Of the best known duration: what each forgery asks to be believed."""
 
-_FILE = tomllib.loads((runner.DATA / "forgeries.toml").read_text(encoding="utf-8"))
+_FILE = tomllib.loads((soak_report.DATA / "forgeries.toml").read_text(encoding="utf-8"))
 FAMILIES = _FILE["families"]
 ATTACKS = _FILE["attacks"]
 _LEAF = [3, 0, 0, 0]
@@ -402,7 +402,7 @@ def main(*, script: bool = False, output: Path = Path("results/forgeries")) -> N
     false = rows["proved %"] > 100 * BELIEVED_ABOVE
     if script:
         false |= pd.Series([confirmed(forgery) for forgery in attempts])
-    runner.conclude(rows, false, output / "forgeries")
+    soak_report.conclude(rows, false, output / "forgeries")
 
 
 if __name__ == "__main__":

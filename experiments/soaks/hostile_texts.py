@@ -22,8 +22,8 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
-from experiments.soaks import runner
-from trajopt.benchmark.best_known import record, records, verification
+from experiments.soaks import soak_report
+from trajopt.benchmark.best_known import record, record_check, records
 from trajopt.benchmark.suites import literature
 from trajopt.core import built_in
 from trajopt.formats import arms, joint_trajectory
@@ -59,7 +59,7 @@ _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(\.\d+)?([eE][+-]?\d+)?")
 _NUMERIC_KEYS = re.compile(r"max_.*|min_.*|sec|nanosec|positions|velocities|accelerations")
 LONG = 60_000  # digits
 MAX_BYTES = 40_000_000  # largest crafted file
-TEXTS = tomllib.loads((runner.DATA / "hostile_texts.toml").read_text(encoding="utf-8"))
+TEXTS = tomllib.loads((soak_report.DATA / "hostile_texts.toml").read_text(encoding="utf-8"))
 ODD_NUMBERS: list[str] = [*TEXTS["odd_numbers"], "9" * LONG, "0x" + "f" * LONG]
 JUNK: list[str] = [*TEXTS["junk"], "[" * LONG]
 
@@ -144,7 +144,7 @@ def _arm(path: Path) -> object:
 
 
 def _recorded(path: Path) -> object:
-    return verification.proved(record.read(path)), motion(path)
+    return record_check.proved(record.read(path)), motion(path)
 
 
 # --- what an accident does ---

@@ -30,7 +30,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from experiments.soaks import runner
+from experiments.soaks import soak_report
 from trajopt.benchmark import judgement
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
@@ -44,7 +44,7 @@ from trajopt.judging.verification import certified, verify
 
 Phase = tuple[float, float | None, float]  # duration, acceleration (None: it continues), jerk
 
-FAMILIES = tomllib.loads((runner.DATA / "tricks.toml").read_text(encoding="utf-8"))
+FAMILIES = tomllib.loads((soak_report.DATA / "tricks.toml").read_text(encoding="utf-8"))
 CERTIFIED_BELOW = 1e-9  # relative to the optimum; rounding
 
 
@@ -740,7 +740,7 @@ def main(output: Path = Path("results/tricks")) -> None:
     """Judge every trick, write the table and print it."""
     rows = pd.DataFrame([judged(trick) for trick in tricks()])
     believed = rows["certified %"] < -100 * CERTIFIED_BELOW
-    runner.conclude(rows, believed, output / "tricks")
+    soak_report.conclude(rows, believed, output / "tricks")
 
 
 if __name__ == "__main__":

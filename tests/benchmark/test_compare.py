@@ -23,7 +23,7 @@ from trajopt import (
     Trajectory,
 )
 from trajopt import comparison as run
-from trajopt.benchmark.run.plan import Allowance, plan
+from trajopt.benchmark.run.tasks import Allowance, plan
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import OUT_OF_MEMORY, Configuration, unanswered
 from trajopt.planners.planner import Planner

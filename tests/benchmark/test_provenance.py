@@ -169,7 +169,7 @@ def test_of_a_checkout_only_what_can_change_a_trial_counts():
     assert all(map(provenance._decides, names))
     names = [
         "trajopt/cli/app.py",
-        "trajopt/views/report/page.py",
+        "trajopt/views/report/content.py",
         "trajopt/comparison.py",
     ]
     assert not any(map(provenance._decides, names))

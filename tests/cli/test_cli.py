@@ -22,7 +22,7 @@ from trajopt import Limits, Problem
 from trajopt import comparison as run
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.cli import app as cli
-from trajopt.cli import compare, overview, plan
+from trajopt.cli import compare, plan, suite_table
 from trajopt.cli.explain import RUNS, explained_run
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import entries, load, options
@@ -556,16 +556,16 @@ def test_of_many_kinds_of_failure_three_are_said(monkeypatch):
             "unit": ["rad", *[""] * 4],
         }
     ).set_index("label")
-    monkeypatch.setattr(overview, "failures", lambda results: frame)
-    (sentence,) = overview._why_failed(None)
+    monkeypatch.setattr(suite_table, "failures", lambda results: frame)
+    (sentence,) = suite_table._why_failed(None)
     assert sentence == "p:x=1: 35 failed: 9 a, worst 2.06 rad; 8 b; 7 c; 11 in other ways"
 
 
 def test_compare_with_nothing_solved_exits_1(trajopt, tmp_path, monkeypatch):
-    from trajopt.benchmark.run import plan
+    from trajopt.benchmark.run import tasks
     from trajopt.views.figures import draw as figures
 
-    monkeypatch.setattr(plan, "references", lambda problem: [])
+    monkeypatch.setattr(tasks, "references", lambda problem: [])
     monkeypatch.setattr(figures, "draw", lambda *a, **k: [])
     arguments = ("compare seven-waypoints --planner unoptimised --output", tmp_path)
     code, out, _ = trajopt(*arguments, "--jobs 1")

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from trajopt.benchmark.best import best
+from trajopt.benchmark.best_planner import best
 from trajopt.benchmark.store import folder as store
 from trajopt.cli import main
-from trajopt.cli.best import sentences
+from trajopt.cli.best_words import sentences
 from trajopt.core.problem import Limits, Problem
-from trajopt.views.export import motion
+from trajopt.views.export import motion_file
 
 
 def typed(arguments):
@@ -281,7 +281,7 @@ def test_what_cannot_be_written_is_one_line(trajopt, tmp_path, flags, words):
 
 
 def test_what_breaks_a_limit_as_executed_is_not_kept(trajopt, tmp_path, monkeypatch):
-    write = motion.joint_trajectory.write
+    write = motion_file.joint_trajectory.write
 
     def coarse(file, samples, *, goal):
         """The ends alone."""
@@ -291,7 +291,7 @@ def test_what_breaks_a_limit_as_executed_is_not_kept(trajopt, tmp_path, monkeypa
         less = type(samples)(names, samples.times[ends], samples.positions[ends], still)
         write(file, less, goal=goal)
 
-    monkeypatch.setattr(motion.joint_trajectory, "write", coarse)
+    monkeypatch.setattr(motion_file.joint_trajectory, "write", coarse)
     code, _, err = trajopt(OUT, "m.yaml")
     assert code == 2
     assert "m.yaml: not written: executed, " in err

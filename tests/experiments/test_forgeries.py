@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from baselines.lower_bound.bound import certify
+from baselines.lower_bound.certify import Certify
 from baselines.lower_bound.dual_check import LEAF, Proof, proved_bound
-from baselines.lower_bound.planner import Certify
 from experiments.soaks.forgeries import PROBLEMS, changed, forgeries, record, text
 from trajopt import InvalidInput, Limits, Problem, Solution, Status
 from trajopt.benchmark.best_known import records
 from trajopt.benchmark.best_known.record import parsed
-from trajopt.benchmark.best_known.verification import checked, proved
+from trajopt.benchmark.best_known.record_check import checked, proved
 from trajopt.benchmark.store import folder
-from trajopt.benchmark.store.verification import PROVED_AGAIN, verification
+from trajopt.benchmark.store.recheck import PROVED_AGAIN, verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.trial import judge
 from trajopt.cli.best_known import verify
@@ -161,7 +161,7 @@ def test_a_file_that_breaks_the_check_does_not_hold(tmp_path, monkeypatch):
     def breaks(*_):
         raise OverflowError("of whatever nobody thought of")
 
-    monkeypatch.setattr("trajopt.benchmark.best_known.verification.verify", breaks)
+    monkeypatch.setattr("trajopt.benchmark.best_known.record_check.verify", breaks)
     (difference,) = checked(records.file_of(load("six-axis"))).differences
     assert difference == (
         "record: it cannot be checked, OverflowError: of whatever nobody thought of"

@@ -8,8 +8,8 @@ import pytest
 
 from experiments import paper_readings, paper_study
 from experiments.paper import choices as paper_choices
-from experiments.paper import claims as paper_claims
-from experiments.paper import searches as paper
+from experiments.paper import kept_searches as paper
+from experiments.paper import paper_claims
 from experiments.paper.choices import READINGS, Fitness, OtherSwarm, exact_excess
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites import catalogue as suite

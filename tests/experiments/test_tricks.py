@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.soaks import runner
+from experiments.soaks import soak_report
 from experiments.soaks import tricks as families
 from experiments.soaks.tricks import Trick, least_time, rest_to_rest, tricks
 from trajopt.benchmark.trial import verdict
@@ -247,9 +247,9 @@ def test_what_is_printed_fits_a_terminal(tmp_path, capsys):
         tried.append(row)
     rows = pd.DataFrame(tried)
     first, *_ = rows["family"]
-    runner.conclude(rows, rows["family"] == "", tmp_path / "tricks")
+    soak_report.conclude(rows, rows["family"] == "", tmp_path / "tricks")
     with pytest.raises(SystemExit):
-        runner.conclude(rows, rows["family"] == first, tmp_path / "tricks")
+        soak_report.conclude(rows, rows["family"] == first, tmp_path / "tricks")
     printed = capsys.readouterr().out.splitlines()
     assert printed[0] == "tried won family"
     tables = printed[: 2 * rows["family"].nunique()]

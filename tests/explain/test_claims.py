@@ -5,9 +5,9 @@ import pytest
 
 from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.suites import literature
-from trajopt.explain import claims
-from trajopt.explain.claims import Claim, Known, Verdict, judge, survey
+from trajopt.explain import verdicts
 from trajopt.explain.references import Answer
+from trajopt.explain.verdicts import Claim, Known, Verdict, judge, survey
 from trajopt.planners.registry import load
 
 # One joint, 4 rad at V = 2, A = 1: it reaches the limit, 4/2 + 2/1 = 4 s.
@@ -46,12 +46,12 @@ def test_a_claim_stands_below_the_bound_below_the_best_or_above_it(duration, ver
     ],
 )
 def test_a_printed_digit_is_rounded_in_the_claim_s_favour(duration, rounding, verdict):
-    assert claims.verdict(Claim("m", duration, rounding), known()) is verdict
+    assert verdicts.verdict(Claim("m", duration, rounding), known()) is verdict
 
 
 def test_without_a_best_known_only_the_bound_speaks():
     nothing = known(best=None)
-    assert claims.verdict(Claim("m", 8.0), nothing) is Verdict.IMPOSSIBLE
+    assert verdicts.verdict(Claim("m", 8.0), nothing) is Verdict.IMPOSSIBLE
     judgement = judge(Claim("m", 12.0), nothing)
     assert judgement.verdict is Verdict.OPEN
     assert judgement.excess is None
@@ -60,7 +60,7 @@ def test_without_a_best_known_only_the_bound_speaks():
 
 @pytest.mark.parametrize("verdict", Verdict)
 def test_every_verdict_has_its_meaning(verdict):
-    assert claims.MEANINGS[verdict]
+    assert verdicts.MEANINGS[verdict]
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf])
@@ -84,7 +84,7 @@ def test_two_waypoints_are_the_closed_form_and_proved_by_it():
     assert found.bound_by == "closed form"
     assert found.stopping == pytest.approx(4.0)
     assert found.proved
-    assert claims.verdict(Claim("m", 3.99), found) is Verdict.IMPOSSIBLE
+    assert verdicts.verdict(Claim("m", 3.99), found) is Verdict.IMPOSSIBLE
 
 
 def test_the_best_of_a_family_stands_beside_a_claim(monkeypatch):
@@ -95,7 +95,7 @@ def test_the_best_of_a_family_stands_beside_a_claim(monkeypatch):
         trajectory = load("ruckig-search").solve(problem).trajectory  # 4 s
         return Answer(trajectory)
 
-    monkeypatch.setattr(claims, "asked", answer)
+    monkeypatch.setattr(verdicts, "asked", answer)
     found = survey(STRAIGHT, ["3-5-3"])
     # the first answer meets the closed form, so nobody else is asked
     assert asked == ["ruckig-search", "spline353-nlp"]
@@ -113,8 +113,8 @@ def test_the_optimum_under_the_source_s_own_peak_jerk():
 
 def test_a_peak_jerk_is_one_number_per_joint():
     with pytest.raises(InvalidInput, match="1 numbers, one per joint"):
-        claims.under_peak_jerk(STRAIGHT, [1.0, 2.0])
-    resting = claims.under_peak_jerk(STRAIGHT, [0.0])
+        verdicts.under_peak_jerk(STRAIGHT, [1.0, 2.0])
+    resting = verdicts.under_peak_jerk(STRAIGHT, [0.0])
     assert not resting.has("jerk")
 
 
@@ -151,5 +151,5 @@ def test_a_published_time_below_a_closed_form_bound_is_impossible():
     # At 2.5 °/s the three segments' longest ways are 46.5°, 140.4° and 40.81°.
     bound = (46.5 + 140.4 + 40.81) / 2.5
     found = Known(problem, None, "", bound, "closed form", bound, {})
-    assert claims.end_to_end_bound(problem) == pytest.approx(bound, rel=1e-9)
+    assert verdicts.end_to_end_bound(problem) == pytest.approx(bound, rel=1e-9)
     assert {judge(own, found).verdict for own in published.claims} == {Verdict.IMPOSSIBLE}

@@ -11,10 +11,10 @@ import pandas as pd
 
 from trajopt.cli import console
 from trajopt.cli.console import Grid
-from trajopt.views import cells
+from trajopt.views import table_cells
 from trajopt.views.analysis.pairwise import against
 from trajopt.views.analysis.results import Results
-from trajopt.views.cells import Cells
+from trajopt.views.table_cells import Cells
 
 _PAIRED_MEANING = (
     "Better, tied, worse: on how many problems. Ratio: median of its duration to the other's. "
@@ -81,7 +81,7 @@ def _paired_table(rows: pd.DataFrame, rival: str) -> Grid:
 
 def paired_row(row: Any) -> list[object]:
     """Return the cells of a row of `pairwise.paired_tests`: problems, ratio, p and chance."""
-    own = cells.of_pair(row)
+    own = table_cells.of_pair(row)
     counts = (row.problems, row.better, row.tied, row.worse)
     return [*counts, own["ratio"], own["holm"], _effect(own)]
 
@@ -97,11 +97,11 @@ def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
         title=title,
     )
     for row in rows.itertuples():
-        own = cells.of_pair(row)
+        own = table_cells.of_pair(row)
         table.row(
             console.option_lines(row.Index),
             row.runs,
-            cells.duration(row.median),
+            table_cells.duration(row.median),
             own["ratio"],
             own["p"],
             own["holm"],
@@ -111,7 +111,7 @@ def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
 
 
 def _both(row: Any) -> tuple[str, str]:
-    return cells.number(row.both_ratio), cells.probability(row.both_holm)
+    return table_cells.number(row.both_ratio), table_cells.probability(row.both_holm)
 
 
 def _effect(own: Cells) -> str:

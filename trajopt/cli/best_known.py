@@ -11,10 +11,10 @@ import cyclopts
 from cyclopts import Parameter
 
 from trajopt.benchmark import judgement
-from trajopt.benchmark.best_known import proposal, records, verification
+from trajopt.benchmark.best_known import proposal, record_check, records
 from trajopt.benchmark.best_known.proposal import Candidate, Outcome
 from trajopt.benchmark.best_known.record import CLOSED_WITHIN, Record, origin
-from trajopt.benchmark.best_known.verification import CheckedRecord
+from trajopt.benchmark.best_known.record_check import CheckedRecord
 from trajopt.benchmark.store.folder import is_trial
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console, kinds
@@ -80,7 +80,7 @@ def verify(*problems: ProblemNames, registry: Registry = None, json: Json = Fals
     checked = []
     with console.progress(len(files), "records") as advance:
         for file in files:
-            checked.append(verification.checked(file))
+            checked.append(record_check.checked(file))
             advance(1)
     holds = bool(checked) and not missing and all(own.holds for own in checked)
     if json:

@@ -15,8 +15,8 @@ from trajopt.cli import console, kinds
 from trajopt.cli.console import Grid
 from trajopt.cli.parameters import MAX_SECONDS, Json, number
 from trajopt.core.exceptions import InvalidInput
-from trajopt.explain.claims import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
-from trajopt.views import cells
+from trajopt.explain.verdicts import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
+from trajopt.views import table_cells
 
 _ZERO = 5e-5  # a ratio minus 1 that would be shown as 0.00 %
 _PUBLISHED_FIELDS = (
@@ -185,7 +185,7 @@ def percent(excess: float | None) -> str:
     """Format a ratio minus 1 with its sign; a dash for None."""
     if excess is None:
         return "–"
-    return "0.00 %" if abs(excess) < _ZERO else cells.percent(excess)
+    return "0.00 %" if abs(excess) < _ZERO else table_cells.percent(excess)
 
 
 def _coloured(verdict: Verdict) -> str | Text:

@@ -16,7 +16,7 @@ from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import against as versus
-from trajopt.cli import asked, console, overview, problem_tables
+from trajopt.cli import asked, console, problem_tables, suite_table
 from trajopt.cli.asked import NO_FLAGS, MotionUnit, RobotFlags
 from trajopt.cli.parameters import MAX_SECONDS, InterpolationName, ProblemName, number, whole_number
 from trajopt.comparison import Contestant
@@ -139,7 +139,7 @@ def _show(
         console.line(str(results.kept))
         console.paragraph()
     if len(problems) > MAX_PROBLEMS_WITH_TABLES:
-        page = overview.show(results, folder)
+        page = suite_table.show(results, folder)
         files = [f"{stored})"]
         if page is not None:
             files.append(f"report:  {page} ({count})")

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from trajopt.cli import console, kinds
 from trajopt.cli.against import paired_row
 from trajopt.core.exceptions import InvalidInput
-from trajopt.views import cells
+from trajopt.views import table_cells
 from trajopt.views.analysis.changes import SIGNIFICANCE, by_planner, changes
 from trajopt.views.analysis.results import Results
 
@@ -46,10 +46,10 @@ def diff(old: _Folder, new: _Folder) -> int:
             row.problem,
             console.option_lines(row.label),
             row.runs,
-            cells.number(row.old, ".6g"),
-            cells.number(row.new, ".6g"),
-            cells.number(100 * (row.ratio - 1), "+.3g"),
-            cells.number(row.holm, ".2g"),
+            table_cells.number(row.old, ".6g"),
+            table_cells.number(row.new, ".6g"),
+            table_cells.number(100 * (row.ratio - 1), "+.3g"),
+            table_cells.number(row.holm, ".2g"),
         )
     if len(moved):
         console.OUT.print(grid)

@@ -11,19 +11,19 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from trajopt.benchmark.best import Best, best
+from trajopt.benchmark.best_planner import Best, best
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
-from trajopt.cli.best import sentences
+from trajopt.cli.best_words import sentences
 from trajopt.cli.parameters import Json, ProblemName, Seed, number
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate, Worst
 from trajopt.planners.registry import named
-from trajopt.views.export import motion
-from trajopt.views.export.motion import Executed, Points, Target, peak
+from trajopt.views.export import motion_file
+from trajopt.views.export.motion_file import Executed, Points, Target, peak
 
 _CYCLE_S = 1e-3
 _MAX_ARGUMENT_BYTES = 131_072  # of one argument, in Linux
@@ -97,7 +97,7 @@ def plan(
         code = 1
     elif target is not None:
         units = asked.units(problem, robot)
-        executed = motion.write(replace(target, units=units), trial)
+        executed = motion_file.write(replace(target, units=units), trial)
         table["out"] = {"file": str(out)} | (executed.as_dict() if executed else {})
         if not json:
             console.paragraph(_written(target, trial, executed))

@@ -8,7 +8,7 @@ from math import isnan
 from trajopt.benchmark.trial import Trial
 from trajopt.cli import console
 from trajopt.cli.console import Grid
-from trajopt.views import cells
+from trajopt.views import table_cells
 from trajopt.views.analysis.results import Line, Results
 
 _CELLS = ("median", "quartiles", "gap", "kept", "evaluations", "solve_time")
@@ -40,12 +40,13 @@ def _comparison(lines: Sequence[Line]) -> Grid:
         title=title,
     )
     for line in lines:
-        own = cells.of_summary(line)
+        own = table_cells.of_summary(line)
         if line.dilation > 1:
             own["kept"] += f" {own['dilation']}"
         shown = [own[name] for name in _CELLS]
         table.row(
-            console.option_lines(line.label), *("" if s == cells.MISSING else s for s in shown)
+            console.option_lines(line.label),
+            *("" if s == table_cells.MISSING else s for s in shown),
         )
     return table
 
@@ -75,7 +76,7 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
     seeds = f"Up to {runs} seeds. " * (runs > 1)
     sentences = [f"{seeds}Durations are the verifier's: claimed × max(1, dilation)."]
     if first.kind is not None:
-        sentences.append(cells.reference(first))
+        sentences.append(table_cells.reference(first))
     if readings:
         sentences.append(f"Reading: {readings}.")
     sentences.append(

@@ -11,7 +11,7 @@ import numpy as np
 
 from trajopt.benchmark.judgement import Execution, as_executed
 from trajopt.benchmark.store.folder import is_trial
-from trajopt.benchmark.store.verification import CheckedTrial, Verification, verification
+from trajopt.benchmark.store.recheck import CheckedTrial, Verification, verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console, kinds
 from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
@@ -25,7 +25,7 @@ from trajopt.core.units import ANGLES
 from trajopt.formats.motion import ENDINGS, Motion, motion
 from trajopt.formats.samples import known_as
 from trajopt.judging.verification import Certificate
-from trajopt.views import cells
+from trajopt.views import table_cells
 
 MAX_TRIALS_LISTED = 200  # of more trials, only those that do not hold are listed
 _JUMP_SCALE = 100.0  # rad/s²: in place of accelerations that are not judged
@@ -211,8 +211,8 @@ def _table(trials: Iterable[CheckedTrial]) -> Grid:
         table.row(
             trial.problem,
             console.option_lines(trial.planner),
-            cells.number(trial.seed, "d"),
-            *(cells.number(value, ".6f") for value in durations),
+            table_cells.number(trial.seed, "d"),
+            *(table_cells.number(value, ".6f") for value in durations),
             trial.status if trial.holds else console.alarm("DOES NOT HOLD"),
         )
     return table

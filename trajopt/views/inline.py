@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from trajopt.views import cells
+from trajopt.views import table_cells
 
 if TYPE_CHECKING:
     from trajopt.views.analysis.results import Results
@@ -41,14 +41,14 @@ def html(results: Results) -> str:
         return NOTHING
     rows = {}
     for row in results.planners().itertuples():
-        own = cells.of_planner(row)
+        own = table_cells.of_planner(row)
         own["gap"] = _percent(row.gap)
         own["worst"] = _percent(row.worst)
         rows[row.Index] = {heading: own[name] for name, heading in _COLUMNS.items()}
     table = pd.DataFrame.from_dict(rows, orient="index")
     summary = results.summary()
     if summary["digest"].nunique() == 1:
-        table["duration (s)"] = summary.set_index("label")["median"].map(cells.number)
+        table["duration (s)"] = summary.set_index("label")["median"].map(table_cells.number)
     return f"<p>{escape(_counts(results))}</p>\n{table.to_html(border=0)}"
 
 
@@ -66,4 +66,4 @@ def _counts(results: Results) -> str:
 
 def _percent(gap: float) -> str:
     """A gap; infinite is that of a planner without an answer."""
-    return cells.percent(gap) if np.isfinite(gap) else cells.gap(gap)
+    return table_cells.percent(gap) if np.isfinite(gap) else table_cells.gap(gap)

@@ -10,7 +10,7 @@ import pytest
 
 from baselines.exact.acceleration import Exact
 from baselines.lower_bound.bound import Bound, certify
-from baselines.lower_bound.planner import Certify
+from baselines.lower_bound.certify import Certify
 from baselines.spline353_nlp import Spline353NLP
 from trajopt import InvalidInput, Limits, Problem, Status, verify
 from trajopt.benchmark.suites.catalogue import load

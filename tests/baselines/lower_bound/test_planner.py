@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baselines.lower_bound.planner import Certify
+from baselines.lower_bound.certify import Certify
 from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.core.solution import Status

@@ -10,16 +10,16 @@ from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound import costates, extremal
 from baselines.lower_bound.bound import certify
 from baselines.lower_bound.branching import prove
+from baselines.lower_bound.certify import Certify
 from baselines.lower_bound.dual_check import LOWER, RAISE, Proof, cuts, proved_bound
 from baselines.lower_bound.incumbent import incumbent
 from baselines.lower_bound.jerk_rows import Ramp, SquareTangent, ramp_row, square_rows
-from baselines.lower_bound.planner import Certify
 from baselines.lower_bound.relaxation import Box, Relaxation
 from baselines.lower_bound.row_pool import RowPool, Tangent
 from baselines.ruckig_ import RuckigStop, RuckigVia
 from trajopt import InvalidInput, Limits, Problem
 from trajopt.benchmark.store import folder
-from trajopt.benchmark.store.verification import verification
+from trajopt.benchmark.store.recheck import verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.trial import judge
 from trajopt.judging.verification import certified, verify

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.verification import checked, proved
+from trajopt.benchmark.best_known.record_check import checked, proved
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.judging.verification import verify
 

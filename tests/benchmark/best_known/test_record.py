@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from trajopt import Limits, Problem, Trajectory, verify
-from trajopt.benchmark.best_known import proposal, records, verification
+from trajopt.benchmark.best_known import proposal, record_check, records
 from trajopt.benchmark.best_known.proposal import Candidate
 from trajopt.benchmark.best_known.record import CLOSED_FORM, Origin, Record, evidence, read, text
 from trajopt.benchmark.suites import catalogue
@@ -99,7 +99,7 @@ def test_it_is_found_by_its_numbers_whatever_it_is_called(tmp_path):
 
 
 def test_what_is_true_holds(tmp_path):
-    checked = verification.checked(written(tmp_path, record()))
+    checked = record_check.checked(written(tmp_path, record()))
     assert checked.differences == ()
     assert checked.duration == pytest.approx(2.0, rel=1e-12)
     assert checked.lower_bound == pytest.approx(2.0, rel=1e-9)
@@ -118,7 +118,7 @@ def test_what_is_true_holds(tmp_path):
     ],
 )
 def test_what_is_not_true_does_not_hold(tmp_path, own, said):
-    checked = verification.checked(written(tmp_path, own))
+    checked = record_check.checked(written(tmp_path, own))
     assert any(said in difference for difference in checked.differences)
 
 
@@ -126,7 +126,7 @@ def test_a_motion_that_misses_does_not_hold(tmp_path):
     coefficients = motion().coefficients + 0.1
     elsewhere = replace(motion(), coefficients=coefficients)
     away = replace(record(), evidence=evidence(elsewhere, {}))
-    checked = verification.checked(written(tmp_path, away))
+    checked = record_check.checked(written(tmp_path, away))
     assert "misses the waypoint" in checked.differences[0]
     assert checked.duration is None
 
@@ -134,16 +134,16 @@ def test_a_motion_that_misses_does_not_hold(tmp_path):
 def test_a_file_under_another_problems_name_does_not_hold(tmp_path):
     file = written(tmp_path, record())
     other = file.rename(tmp_path / f"six-axis{catalogue.load('six-axis').digest()[:16]}.json")
-    (difference,) = verification.checked(other).differences
+    (difference,) = record_check.checked(other).differences
     assert difference.startswith("file: its name should end in")
 
 
 def test_a_proof_is_checked_anew(tmp_path):
     file = six_axis()
     own = read(file)
-    assert verification.checked(file).holds
+    assert record_check.checked(file).holds
     stronger = replace(own, lower_bound=own.lower_bound * (1 + 1e-6))
-    (difference,) = verification.checked(written(tmp_path, stronger)).differences
+    (difference,) = record_check.checked(written(tmp_path, stronger)).differences
     assert difference.startswith("lower bound: recorded")
 
 
@@ -158,7 +158,7 @@ def test_a_proof_with_another_number_proves_no_more(tmp_path, name):
         proof = {**own.proof, name: array}
         changed = replace(own, evidence=evidence(own.trajectory, proof))
         try:
-            proved = verification.proved(changed)
+            proved = record_check.proved(changed)
         except TrajoptError:
             continue
         assert proved <= own.duration
@@ -224,7 +224,7 @@ def test_what_is_no_json_of_ours_is_one_clear_error(tmp_path, content):
     file.write_bytes(content)
     with pytest.raises(InvalidInput, match=r"x\.json: record"):
         read(file)
-    assert not verification.checked(file).holds
+    assert not record_check.checked(file).holds
 
 
 # --- what is recorded ---
@@ -248,7 +248,7 @@ def test_every_recorded_file_is_one_and_lies_where_it_belongs():
 
 @pytest.mark.parametrize("file", SAMPLE, ids=lambda file: file.name)
 def test_what_is_recorded_holds(file):
-    assert verification.checked(file).differences == ()
+    assert record_check.checked(file).differences == ()
 
 
 def test_all_files_together_stay_small():
@@ -267,7 +267,7 @@ def test_the_first_motion_is_recorded_with_the_bound_in_closed_form(tmp_path):
     assert outcome.shorter
     assert outcome.after.bound.method == CLOSED_FORM
     file = proposal.write(outcome.after, tmp_path)
-    assert verification.checked(file).holds
+    assert record_check.checked(file).holds
     kept = records.find(PROBLEM, tmp_path)
     assert kept.duration == pytest.approx(2.2, rel=1e-9)
     assert kept.lower_bound == pytest.approx(BOUND, rel=1e-9)
@@ -295,7 +295,7 @@ def test_a_motion_below_what_is_proved_is_a_contradiction(tmp_path):
 def test_a_motion_that_breaks_a_limit_counts_as_long_as_its_slow_down(tmp_path):
     (outcome,) = proposal.outcomes([candidate(1.0)], tmp_path)
     assert outcome.duration == pytest.approx(2.0)
-    checked = verification.checked(proposal.write(outcome.after, tmp_path))
+    checked = record_check.checked(proposal.write(outcome.after, tmp_path))
     assert checked.holds
     assert checked.duration == pytest.approx(2.0)
 
@@ -313,7 +313,7 @@ def test_a_better_proof_is_kept_with_as_few_digits_as_it_needs(tmp_path):
     assert not outcome.shorter
     assert outcome.after.lower_bound == pytest.approx(own.lower_bound, rel=2e-6)
     file = proposal.write(outcome.after, tmp_path)
-    assert verification.checked(file).holds
+    assert record_check.checked(file).holds
     assert file.stat().st_size < 1.1 * six_axis().stat().st_size
 
 

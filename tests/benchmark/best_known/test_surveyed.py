@@ -9,7 +9,7 @@ from trajopt import Limits, Problem, Trajectory
 from trajopt.benchmark.best_known import proposal, records
 from trajopt.benchmark.best_known.record import CLOSED_FORM, Origin, Record, evidence
 from trajopt.benchmark.best_known.surveyed import with_record
-from trajopt.explain.claims import Known
+from trajopt.explain.verdicts import Known
 
 # 1 rad at 1 rad/s² from rest to rest: 2 s, bang-bang.
 PROBLEM = Problem([[0.0], [1.0]], Limits([5.0], [1.0]))

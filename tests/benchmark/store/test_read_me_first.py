@@ -8,7 +8,7 @@ from trials import assert_same, solved
 
 from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.folder import Store, read
-from trajopt.benchmark.store.verification import verification
+from trajopt.benchmark.store.recheck import verification
 
 
 def test_a_trial_is_one_json_text_that_reads_back_bit_for_bit():

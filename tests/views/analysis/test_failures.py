@@ -12,7 +12,7 @@ from trials import as_runs
 
 from trajopt import Limits, Problem, Status, Trajectory
 from trajopt.benchmark.trial import Configuration, Trial, judge, unanswered
-from trajopt.cli.overview import show
+from trajopt.cli.suite_table import show
 from trajopt.planners.swarm_planner import Unoptimised
 from trajopt.views import report
 from trajopt.views.analysis.failures import failures, in_words

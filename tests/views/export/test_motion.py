@@ -11,7 +11,7 @@ from trajopt import InvalidInput, Limits, Problem, StoreError
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import load
-from trajopt.views.export import motion as export
+from trajopt.views.export import motion_file as export
 
 PROBLEM = Problem(
     [[0, 0.1], [0.4, 0], [1, 0.3], [1.5, 1]],

@@ -13,7 +13,7 @@ from pictures import motion_of, overlaps, texts
 
 from trajopt.benchmark.suites import catalogue
 from trajopt.planners.registry import load
-from trajopt.views import cells
+from trajopt.views import table_cells
 from trajopt.views.figures import explanation, motions, plots, sampling, style
 
 LONG = "issa:fitness=scaled,timing=per-joint"
@@ -89,7 +89,7 @@ def test_gaps_keep_their_sign_and_status_is_said():
     rows[-1].gap = -0.0123
     shown = set(texts(plots.durations(rows)))
     assert {"+200.0 %", "−1.23 %", "unsupported"} <= shown
-    assert cells.percent(1.9048) == "+190.5 %"
+    assert table_cells.percent(1.9048) == "+190.5 %"
 
 
 @pytest.mark.parametrize(

@@ -26,12 +26,10 @@ from trajopt.explain.active_limits import share_at_limits
 from trajopt.formats.motion import motion
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
-from trajopt.views import cells, report
+from trajopt.views import report, table_cells
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.searches import histories
-from trajopt.views.report import curves, origin, packing
-from trajopt.views.report import page as content
-from trajopt.views.report import pairwise as rivals
+from trajopt.views.report import content, origin, packing, rivals, suite_curves
 from trajopt.views.report import panels as motions
 
 NASTY = "evil:note=</script><b>&"
@@ -335,7 +333,9 @@ def test_gaps_are_shares_of_problems_and_not_of_runs() -> None:
         *run("mine", None, on=two),
     ]
     page = content.page(Results(items))
-    (own,) = [c for c in curves.suites(page)[0]["ecdf"] if page.labels[c["planner"]] == "mine"]
+    (own,) = [
+        c for c in suite_curves.suites(page)[0]["ecdf"] if page.labels[c["planner"]] == "mine"
+    ]
     assert own["y"][-1] == 0.5  # five runs solve the one problem, the only one misses the other
 
 
@@ -358,7 +358,7 @@ def test_convergence_is_as_certified_and_endless_without_an_answer() -> None:
     best, runs = histories([slow, fast, lost])
     assert slow.certificate is not None
     assert np.isnan(best)
-    (band,) = curves.bands(runs, ["mine"])
+    (band,) = suite_curves.bands(runs, ["mine"])
     assert band["low"][-1] == pytest.approx((0.05 * slow.certificate.dilation + 3.0) / 2, rel=1e-5)
     assert band["middle"][-1] == pytest.approx(3.0)
     assert band["high"][-1] == np.inf
@@ -377,7 +377,7 @@ def test_searches_are_compared_with_the_best_353_and_every_lost_run_counts() -> 
         *run("quick", 4.0, on=other),
     ]
     page = content.page(Results(items))
-    suite = curves.suites(page)[0]
+    suite = suite_curves.suites(page)[0]
     assert suite["searched"] == 2
     curve = next(c for c in suite["times"] if page.labels[c["planner"]] == "mine")
     assert curve["y"][-1] == 0.25  # one of four runs came within 1 %
@@ -395,7 +395,7 @@ def test_what_a_search_costs_is_in_the_page_as_counted_by_hand() -> None:
         *run("mine", 3.0, 4.0, on=other),
     ]
     page = content.page(Results(items))
-    cells = curves.suites(page)[0]["ert"][str(page.labels.index("mine"))]
+    cells = suite_curves.suites(page)[0]["ert"][str(page.labels.index("mine"))]
     # The run without an answer left no count: charged 100, as the longest.
     assert cells == [("167", "3 of 5"), ("250", "2 of 5"), ("500", "1 of 5"), ("500", "1 of 5")]
     assert rivals.count(1234567.4) == "1\u202f234\u202f567"
@@ -410,7 +410,7 @@ def test_planners_are_compared_on_every_suite_both_ways() -> None:
         *run("other", None, on=problem("edge")),
     ]
     page = content.page(Results(items))
-    whole, part = curves.suites(page)
+    whole, part = suite_curves.suites(page)
     mine = page.labels.index("mine")
     other = page.labels.index("other")
     # 2.1 and 2.1 are tied; 2.0 and 2.2 against 2.1 even; on the edge only one has an answer.
@@ -430,13 +430,13 @@ def test_planners_are_compared_on_every_suite_both_ways() -> None:
 
 
 def test_ratios_and_probabilities_read_as_what_they_are() -> None:
-    assert [cells.number(v) for v in (1.00002, 0.0, np.inf, np.nan)] == [
+    assert [table_cells.number(v) for v in (1.00002, 0.0, np.inf, np.nan)] == [
         "1.0000",
         "0.0000",
         "∞",
         "–",
     ]
-    said = [cells.probability(v) for v in (1.0, 0.04996, 0.00099)]
+    said = [table_cells.probability(v) for v in (1.0, 0.04996, 0.00099)]
     assert said == ["1.000", "0.050", "< 0.001"]
 
 
@@ -462,7 +462,7 @@ def test_the_first_to_compare_with_answers_on_most_problems() -> None:
 
 
 def test_how_far_limits_are_missed_is_said_to_three_digits() -> None:
-    said = [cells.dilation(ratio) for ratio in (2.5, 1.03, 1.0000122, 1 + 4.6e-9)]
+    said = [table_cells.dilation(ratio) for ratio in (2.5, 1.03, 1.0000122, 1 + 4.6e-9)]
     assert said == ["×2.5000", "×1.0300", "×1.0000122", "×1.00000000460"]
 
 
@@ -473,7 +473,7 @@ def test_groups_are_families_of_names_and_kinds_of_limits() -> None:
         "random-zigzag-j1-w2-01",
     )
     plain = [problem(n, e) for n, e in (("random-zigzag-j1-w2-00", 1.0), ("random-smooth-1", 2.0))]
-    found = curves.groups({p.name: p for p in (jerky, *plain)})
+    found = suite_curves.groups({p.name: p for p in (jerky, *plain)})
     assert found == {
         "all problems": [jerky.name, *(p.name for p in plain)],
         "random-zigzag": [jerky.name, plain[0].name],
@@ -686,7 +686,7 @@ def test_between_seeds_there_is_a_table_where_problems_are_few() -> None:
         *run("other", 2.3, 2.4, None),
         *run("exact", 1.0),
     ]
-    (found,) = curves.between_seeds(content.page(Results(items)))
+    (found,) = suite_curves.between_seeds(content.page(Results(items)))
     page = content.page(Results(items))
     mine = page.labels.index("mine")
     other = page.labels.index("other")
@@ -712,7 +712,7 @@ def test_pairs_of_seeds_are_counted_before_they_are_resampled(
         *run("b", 2.0, 2.1, on=two),
     ]
     page = content.page(Results(items))
-    monkeypatch.setattr(curves, "SEED_PAIRS", 4)  # 3 on the first problem, 1 on the other
-    assert len(curves.between_seeds(page)) == 2
-    monkeypatch.setattr(curves, "SEED_PAIRS", 3)
-    assert curves.between_seeds(page) == []
+    monkeypatch.setattr(suite_curves, "SEED_PAIRS", 4)  # 3 on the first problem, 1 on the other
+    assert len(suite_curves.between_seeds(page)) == 2
+    monkeypatch.setattr(suite_curves, "SEED_PAIRS", 3)
+    assert suite_curves.between_seeds(page) == []

@@ -25,8 +25,8 @@ from trajopt.benchmark.best_known.record import (
     proof_of,
     text,
 )
+from trajopt.benchmark.best_known.record_check import proved
 from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.best_known.verification import proved
 from trajopt.benchmark.store import atomic
 from trajopt.benchmark.store.folder import read as stored_trials
 from trajopt.benchmark.suites import catalogue

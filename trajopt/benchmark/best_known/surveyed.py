@@ -9,11 +9,11 @@ from dataclasses import replace
 from math import inf
 from pathlib import Path
 
-from trajopt.benchmark.best_known import records, verification
+from trajopt.benchmark.best_known import record_check, records
 from trajopt.benchmark.best_known.record import Record
 from trajopt.benchmark.best_known.records import BETTER_RTOL
 from trajopt.core.exceptions import TrajoptError
-from trajopt.explain.claims import Known
+from trajopt.explain.verdicts import Known
 from trajopt.judging.verification import certified
 
 
@@ -52,7 +52,7 @@ def _with_bound(known: Known, record: Record) -> Known:
     if record.lower_bound <= threshold:
         return known
     try:
-        bound = verification.proved(record)
+        bound = record_check.proved(record)
     except TrajoptError:
         return known  # it proves nothing, or what checks it is not installed
     if bound <= threshold:

@@ -22,8 +22,8 @@ from types import FrameType
 from typing import Any, NamedTuple, NoReturn
 
 from trajopt.benchmark.run import answer, processes, solver
-from trajopt.benchmark.run.plan import Allowance
 from trajopt.benchmark.run.solver import Surroundings
+from trajopt.benchmark.run.tasks import Allowance
 from trajopt.benchmark.store.folder import Store, Written
 from trajopt.benchmark.trial import (
     OUT_OF_MEMORY,

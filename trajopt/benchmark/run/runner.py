@@ -18,8 +18,8 @@ import cloudpickle
 
 from trajopt.benchmark.run import answer, server
 from trajopt.benchmark.run.judge import Failure, Request, judge_here, record
-from trajopt.benchmark.run.plan import Allowance, Task
 from trajopt.benchmark.run.solver import Surroundings
+from trajopt.benchmark.run.tasks import Allowance, Task
 from trajopt.benchmark.store.folder import Store, Written
 from trajopt.benchmark.trial import answered, copied, now
 from trajopt.core.solution import Status

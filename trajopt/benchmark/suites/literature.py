@@ -25,7 +25,7 @@ from trajopt.core import built_in, numerals
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.files import check_keys, text_at, toml
 from trajopt.core.problem import Problem
-from trajopt.explain.claims import Claim
+from trajopt.explain.verdicts import Claim
 
 # Raise it whenever a file changes, or one is added.
 LITERATURE_VERSION = 1

@@ -20,7 +20,7 @@ import pandas as pd
 
 from trajopt.benchmark.store import atomic
 from trajopt.explain.references import PROOF, REFERENCES
-from trajopt.views import cells
+from trajopt.views import table_cells
 from trajopt.views.analysis import pairwise
 from trajopt.views.analysis.results import Results
 
@@ -91,9 +91,9 @@ def planners(results: Results, against: str) -> str:
     table = results.planners().join(rivals[["chance", "holm"]])
     rows = []
     for row in table.itertuples():
-        own = cells.of_planner(row)
+        own = table_cells.of_planner(row)
         shown = [own[name] for name in ("solved", "gap", "worst", "rank")]
-        met = [cells.number(row.chance, ".2f"), cells.probability(row.holm)]
+        met = [table_cells.number(row.chance, ".2f"), table_cells.probability(row.holm)]
         rows.append(_row([row.Index, *shown, *met]))
     said = f"% shorter: chance that a run is shorter than one of {_plain(against)}; p: of that test"
     return "\n".join([said, _tabular(_PLANNERS, [rows])])
@@ -113,7 +113,7 @@ def tests(results: Results) -> str:
             continue
         row = pairs.loc[pair]
         met = [f"{row[name]:.0f}" for name in counts]
-        own = cells.of_pair(row)
+        own = table_cells.of_pair(row)
         rows.append(_row([*pair, *met, *own.values()]))
     first, second, *others = _TESTS
     return _tabular([first, second, *counts, *others], [rows], texts=2)
@@ -162,7 +162,7 @@ def _row(texts: Sequence[str]) -> str:
 
 
 def _summary_row(row: Any) -> str:
-    own = cells.of_summary(row)
+    own = table_cells.of_summary(row)
     return _row([row.label, *(own[name] for name in _SUMMARY_CELLS)])
 
 

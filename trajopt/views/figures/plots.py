@@ -26,7 +26,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from trajopt.core.arrays import Array
-from trajopt.views import cells
+from trajopt.views import table_cells
 from trajopt.views.analysis.results import Line
 from trajopt.views.figures.style import (
     BLACK,
@@ -175,7 +175,7 @@ def _columns(axes: Axes, rows: Sequence[Line], *, gaps: bool) -> None:
     medians = [f"{row.median:#.4g}" for row in rows]
     columns = {"median (s)": medians}
     if gaps:
-        columns["gap"] = [cells.percent(row.gap) for row in rows]
+        columns["gap"] = [table_cells.percent(row.gap) for row in rows]
     style: Look = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
     over: Look = {"xycoords": "axes fraction", "color": "0.3"}
     beside: Look = {"xycoords": axes.get_yaxis_transform(), "va": "center"}

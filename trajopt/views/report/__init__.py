@@ -17,10 +17,7 @@ from trajopt.core.exceptions import InvalidInput, MissingBackend
 from trajopt.views.analysis.pairwise import TIE_DIGITS
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.searches import TARGETS
-from trajopt.views.report import cells as lines
-from trajopt.views.report import curves
-from trajopt.views.report import page as content
-from trajopt.views.report import pairwise as rivals
+from trajopt.views.report import content, lines, rivals, suite_curves
 from trajopt.views.report import panels as motions
 from trajopt.views.report.packing import packed, packed_json
 
@@ -60,8 +57,8 @@ def write(
     if not results.items:
         raise InvalidInput("results", "at least one trial")
     page = content.page(results)
-    suites = curves.suites(page)
-    seeds = curves.between_seeds(page)
+    suites = suite_curves.suites(page)
+    seeds = suite_curves.between_seeds(page)
     tables = {
         "suites": suites,
         "seeds": seeds,

@@ -17,7 +17,7 @@ from trajopt.views.analysis.versions import by_label
 from trajopt.views.figures.draw import median_run
 from trajopt.views.figures.sampling import both_sides
 from trajopt.views.figures.style import QUANTITIES
-from trajopt.views.report import curves
+from trajopt.views.report import suite_curves
 from trajopt.views.report.packing import rounded
 
 POINTS = 200
@@ -47,7 +47,7 @@ def panel(trials: Sequence[Trial], labels: Sequence[str], *, with_motions: bool)
         "limits": {name: getattr(problem.limits, name) for name in quantities},
         "source": problem.source,
         "best": best,
-        "convergence": curves.bands(runs, labels),
+        "convergence": suite_curves.bands(runs, labels),
         "motions": motions,
     }
 

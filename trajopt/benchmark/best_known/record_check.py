@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from trajopt.benchmark.best_known.record import CLOSED_FORM, Record, ending, read
-from trajopt.benchmark.store.verification import StoresProofs, foreign
+from trajopt.benchmark.store.recheck import StoresProofs, foreign
 from trajopt.core.exceptions import TrajoptError
 from trajopt.explain.references import PROOF
 from trajopt.judging.verification import verify

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from trajopt.benchmark.best import Best
 from trajopt.benchmark.best_known.records import BETTER_RTOL
+from trajopt.benchmark.best_planner import Best
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import LIMIT_NAMES
 from trajopt.explain.references import THROUGH_WAYPOINTS

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from trajopt.benchmark.trial import Trial
-from trajopt.views import cells
+from trajopt.views import table_cells
 
 Cell = tuple[str, str]
 
@@ -72,7 +72,11 @@ def _over_problems(row: Any) -> dict[str, Any]:
     line["both"] = None
     if 0 < row.both < row.problems:
         counts = [row.both, row.both_better, row.both_tied, row.both_worse]
-        rest = [cells.number(row.both_ratio, RATIO), "", cells.probability(row.both_holm)]
+        rest = [
+            table_cells.number(row.both_ratio, RATIO),
+            "",
+            table_cells.probability(row.both_holm),
+        ]
         line["both"] = {
             "real": bool(row.both_holm < SURE),
             "cells": [(str(text), "") for text in counts + rest],
@@ -81,14 +85,14 @@ def _over_problems(row: Any) -> dict[str, Any]:
 
 
 def _over_seeds(row: Any) -> dict[str, Any]:
-    medians = [cells.duration(row.median), cells.duration(row.rival_median)]
+    medians = [table_cells.duration(row.median), table_cells.duration(row.rival_median)]
     return _line(row, [row.runs, row.rival_runs, *medians])
 
 
 def _line(row: Any, first: Sequence[object]) -> dict[str, Any]:
     """Return a line: its first cells, the ratio, the chance of a shorter run, and p."""
-    own = cells.of_pair(row)
-    texts = [*map(str, first), cells.number(row.ratio, RATIO)]
+    own = table_cells.of_pair(row)
+    texts = [*map(str, first), table_cells.number(row.ratio, RATIO)]
     chance = (own["chance"], f"[{own['interval']}]")
     return {
         "real": bool(row.holm < SURE),
@@ -109,4 +113,4 @@ def times(table: pd.DataFrame, labels: Sequence[str]) -> dict[str, list[Cell]]:
 
 
 def count(value: float) -> str:
-    return cells.number(value, ",.0f").replace(",", BETWEEN)
+    return table_cells.number(value, ",.0f").replace(",", BETWEEN)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from experiments.paper.searches import ALGORITHMS, Found, percent_below, reference
+from experiments.paper.kept_searches import ALGORITHMS, Found, percent_below, reference
 from trajopt import Problem
 from trajopt.views.analysis import statistics
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
-from trajopt.views import cells
+from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.failures import last_line, reason, worst
 from trajopt.views.analysis.overview import competing, median_gap
@@ -45,9 +45,9 @@ def of_row(row: Any) -> dict[str, Cell]:
     values["solved"] = row.solved / row.runs
     values["quartiles"] = row.q3 - row.q1
     found = {}
-    for name, text in cells.of_summary(row).items():
+    for name, text in table_cells.of_summary(row).items():
         has_number = any(map(str.isdigit, text))
-        found[name] = Cell(text, values[name]) if has_number else Cell(cells.MISSING)
+        found[name] = Cell(text, values[name]) if has_number else Cell(table_cells.MISSING)
     return found
 
 
@@ -110,11 +110,11 @@ def over_all(runs: pd.DataFrame, rank: float) -> dict[str, Any]:
         "runs": len(tried),
         "solved": _share(solved),
         "kept": _share(tried["feasible"]),
-        "dilation": cells.dilation(broke_limits["dilation"].median()),
-        "gap": cells.gap(median_gap(tried)),
-        "worst": cells.gap(tried["gap"].max()),
-        "rank": cells.number(rank, ".2f"),
-        "time": cells.number(tried["solve_time"].median(), ".3f"),
+        "dilation": table_cells.dilation(broke_limits["dilation"].median()),
+        "gap": table_cells.gap(median_gap(tried)),
+        "worst": table_cells.gap(tried["gap"].max()),
+        "rank": table_cells.number(rank, ".2f"),
+        "time": table_cells.number(tried["solve_time"].median(), ".3f"),
     }
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from trajopt.cli import console
 from trajopt.core.exceptions import MissingBackend
-from trajopt.views import cells, report
+from trajopt.views import report, table_cells
 from trajopt.views.analysis.failures import failures, in_words
 from trajopt.views.analysis.results import Results
 
@@ -35,7 +35,7 @@ def show(results: Results, folder: Path) -> Path | None:
     numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
     table = console.table("planner", *numbers, numbers=numbers)
     for row in results.planners().itertuples():
-        own = cells.of_planner(row)
+        own = table_cells.of_planner(row)
         shown = (own[name] for name in _CELLS)
         table.row(console.option_lines(row.Index), *shown)
     console.OUT.print(table)

@@ -15,15 +15,14 @@ from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, Problem
-from trajopt.views import cells
+from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.overview import competing, median_gap
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
 from trajopt.views.figures.style import BLACK, CURVES
-from trajopt.views.report import cells as lines
-from trajopt.views.report import origin
+from trajopt.views.report import lines, origin
 
 NO_REFERENCE = "No reference: gaps are unknown."
 DASHES = ("solid", "7px,2px", "2px,2px", "8px,2px,2px,2px")
@@ -114,7 +113,7 @@ class Page:
         sentences = []
         for digest in self.digests:
             known = digest in table.index
-            sentences.append(cells.reference(table.loc[digest]) if known else NO_REFERENCE)
+            sentences.append(table_cells.reference(table.loc[digest]) if known else NO_REFERENCE)
         return sentences
 
     @cached_property
@@ -128,7 +127,7 @@ class Page:
     @cached_property
     def critical(self) -> str:
         """The critical difference of mean ranks (Nemenyi), if there are ranks."""
-        ranked = [planner for planner in self.planners if planner["rank"] != cells.MISSING]
+        ranked = [planner for planner in self.planners if planner["rank"] != table_cells.MISSING]
         if not ranked:
             return ""
         apart = statistics.critical_difference(len(self.problems), len(ranked))
