@@ -20,8 +20,6 @@ import pytest
 from trajopt import compare
 from trajopt.cli import main
 
-pytestmark = pytest.mark.pages
-
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 BY_CI = ("compare", "tests")  # the README's, by .ci/run

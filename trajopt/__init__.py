@@ -53,7 +53,7 @@ _MODULE = {
     "WrongType": "core.exceptions",
     "compare": "comparison",
     "judge": "benchmark.judgement",
-    "plan": "benchmark.best",
+    "plan": "benchmark.best_planner",
     "verify": "judging.verification",
     "write": "views.export.motion",
 }
