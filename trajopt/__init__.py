@@ -55,7 +55,7 @@ _MODULE = {
     "judge": "benchmark.judgement",
     "plan": "benchmark.best_planner",
     "verify": "judging.verification",
-    "write": "views.export.motion",
+    "write": "views.export.motion_file",
 }
 __all__ = sorted(_MODULE)
 
