@@ -147,6 +147,8 @@ class Reachable(Scaled):
         enough = _ENOUGH * self.unit * times[-1].sum()
         shortest = np.inf
         for optimum in self._settled(times, states):
+            if self.unit * optimum.times.sum() >= shortest:
+                continue  # none is certified below its own duration
             own = motion(self, optimum)
             certified = verify(within, own).certified_duration or np.inf
             if certified < shortest:
