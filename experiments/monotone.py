@@ -91,7 +91,7 @@ def main(problems: int = 300, starts: int = 4) -> None:
     for threshold in BEATEN:
         beaten = excess > threshold
         print(f"beaten by more than {threshold:.0e}: {beaten.sum()} of {len(frame)}")
-    print(f"lowest excess: {excess.min():.1e}")
+    print(f"excess: {excess.min():.1e} to {excess.max():.1e}")
     seconds = frame["seconds"]
     print(f"seconds: median {seconds.median():.2f}, mean {seconds.mean():.2f}")
 
