@@ -48,7 +48,7 @@ _MISS_RTOL = 1e-14  # of velocities: what the end may be missed by
 # leaves less than the second one: the first pair that serves.
 _VANISHING = ((0.5, 1.0), (0.2, 1.0), (0.2, 1e-7))
 # Dilations of the optimum as it is, tried when nothing else serves.
-_SLOWER = (1.0, *(1 + 1e-9 * np.arange(1, 10)), 1 + 1e-8, 1 + 1e-7, 1 + 1e-6)
+_SLOWER = 1 + np.array([0, 1e-9, 2e-9, 5e-9, 1e-8, 2e-8, 5e-8, 1e-7, 1e-6])
 # Its states are put on a limit that they miss by less than this, in units of the velocity that the
 # segment allows: for limits of acceleration by the ramp to them, and for limits of velocity.
 _NEAR_LIMIT = 1e-11
