@@ -106,9 +106,9 @@ def test_the_numbers_of_sentences_are_those_of_the_tables():
     scaling = stored(STORED / "scaling.csv")[1]
     heading = scaling[0]
     jerk = next(row for row in scaling if row[0] == "`exact-jerk`")
+    of_50 = jerk[heading.index("50")]
     of_300 = jerk[heading.index("300")]
-    assert float(jerk[heading.index("50")]) == pytest.approx(0.5, abs=0.05)
-    assert f"half a second for 50 waypoints × 7 joints and {of_300} s for 300" in text
+    assert f"takes {of_50} s for 50 waypoints × 7 joints and {of_300} s for 300" in text
     documented = next(
         row for row in stored(STORED / "rivals.csv")[1] if row[:2] == ["`toppra`", "documented"]
     )
