@@ -6,6 +6,10 @@ of twenty rows.
 
 from __future__ import annotations
 
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +24,7 @@ _SECOND_TOLERANCE = 1e-7
 # Rounding makes the simplex method go in circles now and then: it is stopped there.
 _MIN_ITERATIONS = 10_000
 _ITERATIONS_PER_ROW = 10
+_STANDARD_OUTPUT = 1
 
 
 class Answer(NamedTuple):
@@ -37,13 +42,31 @@ class Answer(NamedTuple):
     multipliers: Array
 
 
+@contextmanager
+def _no_banner() -> Iterator[None]:
+    """Keep off standard output what HiGHS 1.16 prints as it starts, before it takes options."""
+    if sys.stdout is None:  # it was closed
+        yield
+        return
+    sys.stdout.flush()
+    kept = os.dup(_STANDARD_OUTPUT)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), _STANDARD_OUTPUT)
+    try:
+        yield
+    finally:
+        os.dup2(kept, _STANDARD_OUTPUT)
+        os.close(kept)
+
+
 class LinearProgram:
     """A program inside HiGHS; each minimum starts from the basis of the last one."""
 
     def __init__(self, tolerance: float = TOLERANCE) -> None:
         """Start HiGHS with an absolute feasibility tolerance, primal and dual."""
         self.solver = backend("highspy")
-        self.highs = self.solver.Highs()
+        with _no_banner():
+            self.highs = self.solver.Highs()
         self.tolerance = tolerance
         self._set_options(output_flag=False, threads=1, presolve="off")
         self._set_tolerance(tolerance)

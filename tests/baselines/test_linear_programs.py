@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+from types import SimpleNamespace
+
+import highspy
 import numpy as np
 import pytest
 import scipy
 
+from baselines import linear_programs
 from baselines.linear_programs import LinearProgram
 from trajopt.core.exceptions import TrajoptError
 
@@ -96,3 +101,17 @@ def test_many_rows_may_take_many_iterations() -> None:
         np.full(2001, np.inf),
     ).minimised(np.ones(2001))
     assert answer.value == pytest.approx(1000.0, rel=1e-9)
+
+
+def test_what_highs_prints_as_it_starts_is_no_output(capfd, monkeypatch):
+    """HiGHS 1.16 says its version on standard output, where a command's JSON stands."""
+
+    class Loud(highspy.Highs):
+        def __init__(self):
+            os.write(1, b"Running HiGHS\n")
+            super().__init__()
+
+    monkeypatch.setattr(linear_programs, "backend", lambda name: SimpleNamespace(Highs=Loud))
+    LinearProgram()
+    print("an answer")
+    assert capfd.readouterr().out == "an answer\n"

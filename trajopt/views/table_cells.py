@@ -108,7 +108,7 @@ def reference(row: Any) -> str:
         known = f"proved within {within:.3f} % (lower bound {row.proved:.6f} s{by})"
     kinds = {
         "exact": f"the exact optimum, {shortest}",
-        "refined": f"refined collocation, {shortest}, its own error below 0.01 %",
+        "refined": f"refined collocation, {shortest}",
         "relaxed": f"the best known without some of the limits, {shortest}",
         "lower bound": f"a lower bound, {shortest}",
         "best known": f"the best known, {row.recorded}, {shortest}",

@@ -15,7 +15,7 @@ from trajopt.core.solution import Solution, Status
 from trajopt.planners.registry import load
 from trajopt.views.analysis.results import Results
 from trajopt.views.figures import draw, plots
-from trajopt.views.report import panels
+from trajopt.views.report import content, panels
 
 
 @pytest.fixture(scope="module")
@@ -199,3 +199,21 @@ def test_convergence_is_certified_in_the_report_as_in_the_figure():
     panel = panels.panel([trial], ["hasty"], with_motions=False)
     (band,) = panel["convergence"]
     np.testing.assert_allclose(band["middle"][-1], trial.certified_duration, rtol=1e-5)
+
+
+def test_searches_whose_median_never_has_an_answer_have_no_curve(trials, tmp_path, monkeypatch):
+    """Infinite curves have no logarithm: every file of the folder is written without them."""
+    infinite = np.full((3, 2), np.inf)
+    spent = np.array([1.0, 10.0])
+    monkeypatch.setattr(draw.sampling, "over_runs", lambda runs: (spent, infinite))
+    draw.write(Results(trials), tmp_path, "svg")
+    stems = {file.stem for file in (tmp_path / "one-joint").iterdir()}
+    assert "durations" in stems
+    assert "convergence" not in stems
+
+
+def test_a_planner_has_its_colour_of_the_figures_in_the_report(trials):
+    labels = sorted({trial.label for trial in trials})
+    for planner in content.page(Results(trials)).planners:
+        look = plots.planner_look(planner["label"], labels)
+        assert planner["colour"] == look["color"]

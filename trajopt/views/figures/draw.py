@@ -226,11 +226,13 @@ def _pictures(
 
 
 def _convergence(trials: Sequence[Trial]) -> dict[str, tuple[Array, Array]]:
-    """Return the curve of every search of the best 3-5-3."""
+    """Return the curve of every search of the best 3-5-3 whose median is ever certified."""
     found = histories(trials)
     curves = {}
     for label in searches([found]):
-        curves[label] = sampling.over_runs(found.runs[label])
+        spent, quartiles = sampling.over_runs(found.runs[label])
+        if np.isfinite(quartiles[1]).any():
+            curves[label] = spent, quartiles
     return curves
 
 

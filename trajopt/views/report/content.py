@@ -158,9 +158,10 @@ class Page:
         ranks = lines.ranks(self.gaps)
         runs = dict(list(self.gaps.groupby("label")))
         rows = []
-        for place, label in enumerate(self.labels):
+        order = sorted(self.labels)  # as figures have it
+        for label in self.labels:
             row = {"label": label, "options": self._options(label)}
-            row |= look(place)
+            row |= look(order.index(label))
             row |= lines.over_all(runs[label], ranks.get(label, np.nan))
             rows.append(row)
         return rows
