@@ -12,7 +12,7 @@ import yaml
 
 from trajopt.benchmark.best_planner import best
 from trajopt.benchmark.store import folder as store
-from trajopt.cli import main
+from trajopt.cli import main, plan
 from trajopt.cli.best_words import sentences
 from trajopt.core.problem import Limits, Problem
 from trajopt.views.export import motion_file
@@ -340,3 +340,20 @@ def test_a_csv_comes_out_in_the_unit_that_came_in(trajopt, tmp_path):
     assert (tmp_path / "n.csv").read_text().startswith("time [s],joint_1 [deg],joint_1 [deg/s]\n")
     # 1.6 rad less 90 degrees
     assert re.search(r"position +0\.0292 rad margin +1 ", out)
+
+
+def test_a_missing_yaml_package_is_said_before_anything_is_planned(trajopt, tmp_path, monkeypatch):
+    monkeypatch.setattr("trajopt.formats.yaml_file.yaml", None)
+    monkeypatch.setattr(plan, "judge", lambda *a: pytest.fail("it planned"))
+    code, _, err = trajopt("plan one-joint --planner exact --out m.yaml")
+    assert code == 2
+    assert 'pip install "mintime[ros]"' in err
+
+
+def test_verify_says_how_positions_alone_can_be_joined(trajopt, tmp_path):
+    (tmp_path / "m.csv").write_text("time [s],one [rad]\n0,0\n1,0.5\n2,0.6\n", encoding="utf-8")
+    limits = "joint_limits: {one: {max_velocity: 9, max_acceleration: 9}}"
+    (tmp_path / "l.yaml").write_text(limits, encoding="utf-8")
+    code, out, _ = trajopt("verify m.csv --limits l.yaml")
+    assert code == 1
+    assert "--interpolation spline" in " ".join(out.split())

@@ -18,6 +18,7 @@ from trajopt.cli.parameters import InterpolationName, Json, MotionFile, ProblemN
 from trajopt.cli.plan import print_durations, print_worst
 from trajopt.formats.motion import TABLES
 from trajopt.formats.waypoints import ENDINGS
+from trajopt.judging.verification import Certificate
 from trajopt.views.figures import draw
 
 _ADVICE = {
@@ -114,9 +115,7 @@ def _verdict(found: Judgement) -> Iterator[str]:
         pieces = len(found.trajectory.lengths)
         yield f"Executed with {pieces} {kind} pieces between its samples."
     if certificate.flaws:
-        yield f"No slow-down mends it: {'; '.join(certificate.flaws)}."
-        if kind in _ADVICE:
-            yield _ADVICE[kind]
+        yield from unmendable(certificate, kind)
     elif certificate.dilation > 1 and not certificate.feasible:
         yield f"Slowed down {certificate.dilation:.6f} times it keeps every limit."
     elif certificate.dilation < 1:
@@ -127,3 +126,10 @@ def _verdict(found: Judgement) -> Iterator[str]:
             f"{found.problem.shared_unit()}: "
             "judged, and compared, through the points that it passes."
         )
+
+
+def unmendable(certificate: Certificate, interpolation: str) -> Iterator[str]:
+    """Say what no slow-down mends, and what may be done."""
+    yield f"No slow-down mends it: {'; '.join(certificate.flaws)}."
+    if interpolation in _ADVICE:
+        yield _ADVICE[interpolation]

@@ -19,6 +19,7 @@ from trajopt.cli.best_words import sentences
 from trajopt.cli.parameters import Json, ProblemName, Seed, number
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
+from trajopt.formats import yaml_file
 from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate, Worst
 from trajopt.planners.registry import named
@@ -168,7 +169,10 @@ def check_target(
     Raises:
         InvalidInput: It is there already (and not `force`), is a folder, or its folder cannot be
             written or made.
+        MissingBackend: YAML needs a package that is not installed.
     """
+    if path.suffix in (".yaml", ".yml"):
+        yaml_file.check_installed()
     if path.is_dir():
         raise InvalidInput(key, "a file, not a folder", value=str(path))
     if path.exists() and not force:

@@ -16,6 +16,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.cli import asked, console, kinds
 from trajopt.cli.asked import NO_FLAGS, Robot, RobotFlags
 from trajopt.cli.console import Grid
+from trajopt.cli.judge import unmendable
 from trajopt.cli.parameters import InterpolationName, Json
 from trajopt.cli.plan import print_worst
 from trajopt.core.arm_file import arm_files
@@ -174,14 +175,14 @@ def _print_execution(found: Execution, limits: str) -> None:
     pieces = len(found.motion.trajectory.lengths)
     kind = found.motion.interpolation
     console.paragraph(f"Executed with {pieces} {kind} pieces, {certificate.duration:.6f} s.")
-    for sentence in _mended(certificate):
+    for sentence in _mended(certificate, kind):
         console.paragraph(sentence)
     print_worst(certificate, found.excess, found.problem)
 
 
-def _mended(certificate: Certificate) -> Iterator[str]:
+def _mended(certificate: Certificate, interpolation: str) -> Iterator[str]:
     if certificate.flaws:
-        yield f"No slow-down mends it: {'; '.join(certificate.flaws)}."
+        yield from unmendable(certificate, interpolation)
         return
     fastest = certificate.dilation * certificate.duration
     if certificate.feasible:

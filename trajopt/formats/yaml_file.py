@@ -15,7 +15,7 @@ from typing import Any
 
 try:
     import yaml
-except ImportError:  # `_check_installed` says so when a YAML file is read or written
+except ImportError:  # `check_installed` says so when a YAML file is read or written
     yaml = None
 
 from trajopt.core import files, numerals
@@ -67,7 +67,7 @@ def documents(path: Path, what: str) -> list[Any]:
     Raises:
         InvalidInput: It cannot be read, is not YAML, has a key twice or an alias.
     """
-    _check_installed()
+    check_installed()
     content = files.text(path, what, "YAML")
     try:
         found = list(_Documents(content))
@@ -81,12 +81,13 @@ def documents(path: Path, what: str) -> list[Any]:
 
 def text(table: Any) -> str:
     """Return a table as YAML."""
-    _check_installed()
+    check_installed()
     written: str = yaml.safe_dump(table, sort_keys=False, default_flow_style=None)
     return written
 
 
-def _check_installed() -> None:
+def check_installed() -> None:
+    """Raise `MissingBackend` where YAML can be neither read nor written."""
     if yaml is None:
         raise MissingBackend("pyyaml", "ros")
 
