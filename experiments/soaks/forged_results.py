@@ -116,7 +116,7 @@ def odd_json(text: bytes, rng: Rng) -> bytes:
     table = _mutated(_table(text), rng)
     try:
         return sealed(table if isinstance(table, dict) else {"id": table})
-    except UnicodeEncodeError:  # half a surrogate pair is no UTF-8; `odd_text` escapes it
+    except ValueError:  # not a number, or half a surrogate pair: `odd_text` writes both
         return odd_text(text, rng)
 
 
