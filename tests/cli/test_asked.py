@@ -56,6 +56,7 @@ def run(tmp_path, monkeypatch, capsys):
         "other.json": '{"a": [1, 2]}',
         "other.yaml": "services:\n  web: {image: nginx}\n",
         "script.py": "import numpy as np\n",
+        "page.md": "# A page\n\n```python\nimport numpy as np\n```\n",
         "empty.csv": "",
         "empty.toml": "",
     }
@@ -161,6 +162,7 @@ KINDS = {
     "other.json": "a JSON file of another kind",
     "other.yaml": "a YAML file of another kind",
     "script.py": "a Python file",
+    "page.md": "a Markdown file",
     "empty.csv": "an empty file",
     "empty.toml": "an empty file",
     "other.h5": "an HDF5 file",

@@ -33,6 +33,7 @@ _SIGNS = {
     r"""["'](breaks|coefficients)["']\s*:""": "a motion of polynomials",
     r"""["']waypoints["']\s*:|\A\s*\[\s*\[\s*[-\d.]""": "a JSON file of waypoints",
     r"\A\s*(\{|\[\s*[\"{\d-])": "a JSON file of another kind",
+    r"(?m)^```": "a Markdown file",
     r"(?m)^(import|from|def|class) \w": "a Python file",
     r"(?m)^\s*(way_?points?\b|\[limits|units\b|angle_unit)": "a problem file",
     r"(?m)^(\[[\w.\"' -]+\]|[\w.\"-]+\s*=)": "a TOML file of another kind",

@@ -17,7 +17,6 @@ from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, Problem
 from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
-from trajopt.views.analysis.overview import competing, median_gap
 from trajopt.views.analysis.results import Results
 from trajopt.views.analysis.versions import by_problem
 from trajopt.views.figures.draw import distinct_names
@@ -60,12 +59,8 @@ class Page:
 
     @cached_property
     def labels(self) -> list[str]:
-        """Planners by median gap, then name; a planner's rank here decides its look in the page."""
-        gaps = {}
-        for label, runs in self.gaps.groupby("label"):
-            gap = median_gap(competing(runs))
-            gaps[label] = np.inf if np.isnan(gap) else gap
-        return sorted(gaps, key=lambda label: (gaps[label], label))
+        """Planners by median gap, ties as in every table."""
+        return list(self.results.planners().index)
 
     @cached_property
     def problems(self) -> list[Problem]:
