@@ -15,6 +15,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib as mpl
 import pytest
 
 from trajopt import compare
@@ -73,6 +74,9 @@ def folder(tmp_path, monkeypatch, finished):
     """The files that the pages name."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("SHELL", "/bin/bash")  # what --install-completion writes for, and where
+    monkeypatch.setenv("MPLCONFIGDIR", mpl.get_cachedir())
+    monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
     shutil.copytree(DOCS / "examples" / "motions", tmp_path, dirs_exist_ok=True)
     shutil.copy("arm.toml", "my-robot.toml")
