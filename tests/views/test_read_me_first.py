@@ -10,7 +10,7 @@ from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import load
 from trajopt.views import report
 from trajopt.views.analysis.results import Results
-from trajopt.views.export import all_trials
+from trajopt.views.export import tables
 from trajopt.views.figures import draw
 
 
@@ -46,6 +46,6 @@ def test_a_report_is_one_page_that_opens_offline(trials, tmp_path):
 
 def test_an_export_is_what_other_programs_read(trials, tmp_path):
     file = tmp_path / "trials.csv"
-    all_trials.write(Results(trials), "csv", file)
+    tables.write_csv(Results(trials), file)
     table = pd.read_csv(file)
     assert table["label"].tolist() == ["exact", "unoptimised"]

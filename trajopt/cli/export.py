@@ -9,13 +9,12 @@ from trajopt.cli import console, kinds
 from trajopt.cli.parameters import beside
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.views.analysis.results import Results
-from trajopt.views.export import all_trials, ioh, latex
+from trajopt.views.export import latex, tables
 from trajopt.views.figures import draw
 
 _NAMES = {
     "csv": "trials.csv",
     "parquet": "trials.parquet",
-    "ioh": "ioh",
     "latex": "latex",
     "svg": "svg",
     "pdf": "pdf",
@@ -25,7 +24,7 @@ _NAMES = {
 def export(
     folder: Path,
     *,
-    to: Literal["csv", "parquet", "ioh", "latex", "svg", "pdf"],
+    to: Literal["csv", "parquet", "latex", "svg", "pdf"],
     out: Path | None = None,
     against: str | None = None,
 ) -> int:
@@ -33,27 +32,26 @@ def export(
 
     Args:
         folder: Results folder of a comparison, or its results.h5.
-        to: Trials as CSV or Parquet, histories for IOHanalyzer, tables in LaTeX, or the figures.
-        out: File; for svg, pdf and latex a folder, for ioh a new one.
+        to: Trials as CSV or Parquet, tables in LaTeX, or the figures.
+        out: File; for svg, pdf and latex a folder.
         against: With latex: planner that all others are tested against in planners.tex.
     """
     with kinds.reading(folder, "results"):
         results = Results(folder)
     path = out or beside(folder, _NAMES[to])
-    if against is not None:
-        latex.write(results, path, _rival(results, against, to))
-    elif to == "svg" or to == "pdf":
-        draw.write(results, path, to)
+    rival = "" if against is None else _rival(results, against, to)
+    if to == "csv":
+        tables.write_csv(results, path)
+    elif to == "parquet":
+        tables.write_parquet(results, path)
+    elif to == "latex":
+        latex.write(results, path, rival)
     else:
-        all_trials.write(results, to, path)
+        draw.write(results, path, to)
     trials = len(results.items)
     console.line(f"exported: {path} ({trials} trials)")
     if results.left_out:
         console.paragraph(results.newest)
-    if to == "ioh":
-        left_out = ioh.without_history(results)
-        if left_out:
-            console.line(f"without a history to plot, left out: {', '.join(left_out)}")
     return 0
 
 

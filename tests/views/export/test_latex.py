@@ -9,7 +9,7 @@ import pytest
 from test_tables import mixed, run
 
 from trajopt.views.analysis.results import Results
-from trajopt.views.export import all_trials, latex
+from trajopt.views.export import latex
 
 PRINTED = {
     "\\textbackslash{}": "\\",
@@ -45,7 +45,7 @@ def test_what_cannot_be_printed_is_a_space():
 
 def test_the_table_has_a_line_per_row_of_the_summary(tmp_path):
     results = Results(mixed())
-    all_trials.write(results, "latex", tmp_path)
+    latex.write(results, tmp_path)
     text = (tmp_path / "summary.tex").read_text(encoding="utf-8")
     lines = text.splitlines()
     assert lines[0] == r"\begin{tabular}{lrrrrrr}"

@@ -1,17 +1,15 @@
-"""Round trips of CSV and Parquet; IOHprofiler data by a reader written from its description."""
+"""Round trips of CSV and Parquet."""
 
 import csv
 import json
-import re
 import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from trials import as_runs
 
-from trajopt import InvalidInput, Limits, Problem, Relation, Solution, Status, StoreError
+from trajopt import Limits, Problem, Relation, Solution, Status
 from trajopt.benchmark.provenance import PACKAGES
 from trajopt.benchmark.trial import judge
 from trajopt.core.exceptions import MissingBackend
@@ -19,7 +17,7 @@ from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner
 from trajopt.planners.registry import load
 from trajopt.views.analysis.results import Results
-from trajopt.views.export import all_trials, ioh, tables
+from trajopt.views.export import tables
 
 WAYPOINTS = [[0.0, 0.1], [0.4, 0.0], [1.0, 0.3], [1.5, 1.0]]
 PROBLEM = Problem(WAYPOINTS, Limits([1, 2], [2, 3]), "two joints")
@@ -131,7 +129,7 @@ def read_csv(path, like):
 
 def test_csv_comes_back_as_the_frame_it_was(tmp_path, results):
     table = tables.table(results)
-    all_trials.write(results, "csv", tmp_path / "new" / "t.csv")
+    tables.write_csv(results, tmp_path / "new" / "t.csv")
     back = read_csv(tmp_path / "new" / "t.csv", table)
     pd.testing.assert_frame_equal(back, table, check_exact=True)
 
@@ -153,7 +151,7 @@ NASTY = [
 def test_no_spreadsheet_runs_a_cell_and_numbers_stay_numbers(tmp_path, name):
     problem = replace(PROBLEM, name=name)
     trials = [*run(name, problem=problem, segment_time=-1, message=name), *run("exact")]
-    all_trials.write(Results(trials), "csv", tmp_path / "t.csv")
+    tables.write_csv(Results(trials), tmp_path / "t.csv")
     with (tmp_path / "t.csv").open(newline="", encoding="utf-8") as file:
         head, *rows = csv.reader(file)
     numbers = set(tables.table(Results(trials)).select_dtypes("number"))
@@ -170,7 +168,7 @@ def test_no_spreadsheet_runs_a_cell_and_numbers_stay_numbers(tmp_path, name):
 def test_a_negative_number_is_no_formula(tmp_path):
     (faster,) = run(segment_time=2.0)
     (exact,) = run("exact", segment_time=3.0)
-    all_trials.write(Results([exact, faster]), "csv", tmp_path / "t.csv")
+    tables.write_csv(Results([exact, faster]), tmp_path / "t.csv")
     gaps = pd.read_csv(tmp_path / "t.csv")["gap"]
     assert gaps.tolist() == [0, pytest.approx(-1 / 3)]
     assert ",-0.333" in (tmp_path / "t.csv").read_text("utf-8")
@@ -179,7 +177,7 @@ def test_a_negative_number_is_no_formula(tmp_path):
 def test_parquet_comes_back_as_the_frame_it_was_types_included(tmp_path, results):
     pq = pytest.importorskip("pyarrow.parquet")
     table = tables.table(results)
-    all_trials.write(results, "parquet", tmp_path / "t.parquet")
+    tables.write_parquet(results, tmp_path / "t.parquet")
     pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "t.parquet"), table, check_exact=True)
     kinds = {f.name: str(f.type) for f in pq.read_schema(tmp_path / "t.parquet")}
     expected = {
@@ -221,8 +219,12 @@ def test_one_row_per_trial_with_its_gap_options_and_provenance(results):
 def test_no_trials_are_a_table_without_rows(tmp_path, to):
     if to == "parquet":
         pytest.importorskip("pyarrow")
-    all_trials.write(Results([]), to, tmp_path / "t")
-    back = pd.read_csv(tmp_path / "t") if to == "csv" else pd.read_parquet(tmp_path / "t")
+    write, read = {
+        "csv": (tables.write_csv, pd.read_csv),
+        "parquet": (tables.write_parquet, pd.read_parquet),
+    }[to]
+    write(Results([]), tmp_path / "t")
+    back = read(tmp_path / "t")
     assert len(back) == 0
     assert {"id", "gap", "options", "started"} <= set(back)
 
@@ -230,248 +232,5 @@ def test_no_trials_are_a_table_without_rows(tmp_path, to):
 def test_parquet_without_pyarrow_says_how_to_mend_it(tmp_path, results, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(MissingBackend, match=r"mintime\[parquet\]"):
-        all_trials.write(results, "parquet", tmp_path / "t.parquet")
+        tables.write_parquet(results, tmp_path / "t.parquet")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_an_unknown_format_is_refused(tmp_path, results):
-    with pytest.raises(InvalidInput, match="--to is 'xls': expected csv or parquet or ioh"):
-        all_trials.write(results, "xls", tmp_path / "t.xls")
-
-
-# IOHprofiler
-
-
-def read_ioh(folder):
-    """Runs by algorithm and function, from the published format alone.
-
-    Asserts what IOHanalyzer 0.1.8.2 takes for granted (R/readFiles.R; upload.R for the paths).
-    """
-    found = {}
-    for path in folder.rglob("*.*"):
-        inside = path.relative_to(folder).as_posix()
-        assert not re.search("zip|bz|gz|tar|xz|csv|txt", inside)
-    for path in folder.rglob("*.json"):
-        meta = json.loads(path.read_text("utf-8"), parse_constant=pytest.fail)
-        for scenario in meta["scenarios"]:
-            lines = (path.parent / scenario["path"]).read_text("utf-8").splitlines()
-            blocks = []
-            for line in lines:
-                if not any(c.isdigit() for c in line.split(" ")[0]):
-                    assert line == "evaluations raw_y"
-                    blocks.append([])
-                else:
-                    blocks[-1].append([float(x) for x in line.split(" ")])
-            spent = [[row[0] for row in b] for b in blocks]
-            assert all(s == sorted(set(s)) and s[0] == 1 for s in spent)
-            assert len({e for s in spent for e in s}) > 1
-            assert [s[-1] for s in spent] == [r["evals"] for r in scenario["runs"]]
-            key = meta["algorithm"]["name"], meta["function_name"]
-            assert key not in found
-            found[key] = meta, scenario, [np.array(b) for b in blocks]
-    return found
-
-
-def written(path, trials):
-    all_trials.write(Results(trials), "ioh", path / "ioh")
-    return read_ioh(path / "ioh")
-
-
-def curve(path, **options):
-    """A file with a single evaluation is not written."""
-    runs = as_runs([*run(**options), *run()])
-    ((_, scenario, blocks),) = written(path, runs).values()
-    assert len(scenario["runs"]) == len(blocks) == 2
-    return blocks[0].tolist(), scenario["runs"][0]
-
-
-@pytest.mark.parametrize("name", ["../../etc/x", "a/b", "$(id) $x$ \\frac", "a\nb\r", "=1", "ü①\0"])
-def test_names_are_text_and_never_part_of_a_path(tmp_path, name):
-    problem = replace(PROBLEM, name=name)
-    trials = [replace(t, label=name) for t in run(problem=problem)]
-    assert set(written(tmp_path / "deep", trials)) == {(name, name)}
-    files = [p.relative_to(tmp_path) for p in tmp_path.rglob("*") if p.is_file()]
-    assert sorted(f.as_posix() for f in files) == [
-        "deep/ioh/algorithm_1/IOHprofiler_f1.json",
-        "deep/ioh/algorithm_1/data_f1/IOHprofiler_f1_DIM3.dat",
-    ]
-
-
-# Files of IOHexperimenter 0.3.22: ioh.logger.Analyzer on BBOB's sphere.
-LOGGED = {
-    "version",
-    "suite",
-    "function_id",
-    "function_name",
-    "maximization",
-    "algorithm",
-    "experiment_attributes",
-    "attributes",
-    "scenarios",
-}
-
-
-def test_files_are_those_that_iohexperimenter_writes_but_for_names(tmp_path):
-    named = replace(OTHER, name="start.csv to target.zip")
-    written(tmp_path, [*run(), *run("pso:restart=1", problem=named)])
-    files = {p.relative_to(tmp_path / "ioh").as_posix() for p in tmp_path.rglob("*.*")}
-    assert {f for f in files if f.endswith(("json", "dat"))} == {
-        "algorithm_1/IOHprofiler_f2.json",
-        "algorithm_1/data_f2/IOHprofiler_f2_DIM3.dat",
-        "algorithm_2/IOHprofiler_f1.json",
-        "algorithm_2/data_f1/IOHprofiler_f1_DIM3.dat",
-    }
-
-
-def test_the_meta_file_has_the_keys_and_says_what_was_run(tmp_path):
-    trials = run(seeds=(4, 2), segment_time=0.5)
-    ((meta, scenario, _),) = written(tmp_path, trials).values()
-    assert set(meta) == LOGGED | {"run_attributes"}
-    assert (meta["maximization"], meta["function_name"]) == (False, "two joints")
-    assert (meta["algorithm"]["name"], meta["function_id"]) == ("mine:segment_time=0.5", 1)
-    assert json.loads(meta["algorithm"]["info"])["segment_time"] == 0.5
-    assert trials[0].provenance["mintime"] in meta["experiment_attributes"][0]["provenance"]
-    assert set(scenario) == {"dimension", "path", "runs"}
-    assert scenario["dimension"] == 3
-    assert [r["seed"] for r in scenario["runs"]] == [2, 4]
-    for r in scenario["runs"]:
-        assert set(r) == {"instance", "evals", "best", "seed"}
-        assert set(r["best"]) == {"evals", "y", "x"}
-        assert sum(r["best"]["x"]) == pytest.approx(trials[0].certified_duration, rel=1e-12)
-
-
-def test_a_history_is_its_first_row_each_improvement_and_the_last(tmp_path):
-    block, summary = curve(tmp_path)
-    assert block == [[1, INF], [3, 9], [8, 6], [10, 6]]
-    assert (
-        summary["evals"],
-        summary["best"]["evals"],
-        summary["best"]["y"],
-    ) == (10, 8, 6)
-
-
-def test_durations_are_dilated_as_the_answer_was(tmp_path):
-    (trial,) = run(segment_time=0.5)  # claims a quarter
-    # 15/8 h/T and 10/√3 h/T² against the limits of both joints
-    h = np.abs(np.diff(WAYPOINTS, axis=0)).max(axis=0)
-    k = max((15 / 8 * h / 0.5 / [1, 2]).max(), np.sqrt((10 / np.sqrt(3) * h / 0.25 / [2, 3]).max()))
-    assert k > 1.5
-    ((_, scenario, (block,)),) = written(tmp_path, [trial]).values()
-    np.testing.assert_allclose(
-        block[1:, 1],
-        np.array([9, 6, 6]) / 4 * k,
-        rtol=1e-9,
-    )
-    assert scenario["runs"][0]["best"]["y"] == block[-1, 1]
-
-
-@pytest.mark.parametrize("segment_time", [-1.0, 0.0])
-def test_a_run_that_certified_nothing_spent_its_evaluations_and_found_nothing(
-    tmp_path, segment_time
-):
-    failure = run(segment_time=segment_time)
-    runs = as_runs([*failure, *run()])
-    ((_, scenario, blocks),) = written(tmp_path, runs).values()
-    spent = [[1, INF], [10, INF]] if segment_time < 0 else [[1, INF]]  # a crash tells nothing
-    assert blocks[0].tolist() == spent
-    assert scenario["runs"][0]["best"] == {
-        "evals": 1,
-        "y": sys.float_info.max,
-        "x": [],
-    }
-    assert blocks[1][-1].tolist() == [10, 6]
-
-
-@pytest.mark.parametrize(
-    ("history", "evaluations", "expected"),
-    [
-        (((1, 6.0),), 1, [[1, 6]]),
-        (((1, 6.0),), None, [[1, 6]]),
-        (((0, 6.0),), None, [[1, 6]]),
-        (
-            ((3, 6.0),),
-            8,
-            [[1, INF], [3, 6], [8, 6]],
-        ),
-        (((3, 6.0),), 2, [[1, INF], [3, 6]]),
-        (
-            ((1, 9.0), (1, 8.0), (4, 7.0), (4, 6.0)),
-            4,
-            [[1, 8], [4, 6]],
-        ),
-        (
-            ((1, NAN), (2, NAN)),
-            2,
-            [[1, INF], [2, INF]],
-        ),
-        (
-            ((1.0, 20 / 3), (1e15, 6.0)),
-            None,
-            [[1, 20 / 3], [1e15, 6]],
-        ),
-        (
-            ((2, 9.0), (7, 8.0)),
-            7,
-            [[1, INF], [7, INF]],
-        ),  # not the answer's
-    ],
-)
-def test_odd_histories_keep_to_the_format(tmp_path, history, evaluations, expected):
-    block, summary = curve(tmp_path, history=history, evaluations=evaluations)
-    assert block == expected
-    assert summary["evals"] == expected[-1][0]
-
-
-def test_without_rows_a_history_is_a_run_that_found_nothing(tmp_path):
-    (trial,) = run()
-    trial = replace(trial, solution=replace(trial.solution, history=np.empty((0, 2))))
-    ((_, _, (block,)),) = written(tmp_path, [trial]).values()
-    assert block.tolist() == [[1, INF], [10, INF]]
-
-
-def test_searches_of_one_evaluation_are_left_out_and_named(tmp_path):
-    short = run("short", history=((1, 6.0),), evaluations=1, seeds=(0, 1))
-    found = written(tmp_path, [*short, *run()])
-    assert {name for name, _ in found} == {"mine"}
-    assert ioh.without_history(Results([*short, *run()])) == [short[0].label]
-    with pytest.raises(StoreError, match="no trial has a history of two evaluations"):
-        all_trials.write(Results(short), "ioh", tmp_path / "none")
-
-
-def test_planners_without_histories_are_left_out_and_named(tmp_path):
-    one, other = as_runs([*run(), *run(problem=OTHER, history=None)])
-    trials = [one, *run("exact", history=None), other]
-    assert set(written(tmp_path, trials)) == {("mine", "two joints")}
-    assert ioh.without_history(Results(trials)) == [trials[1].label]
-    with pytest.raises(StoreError, match="no trial has a history"):
-        all_trials.write(Results(trials[1:]), "ioh", tmp_path / "none")
-    assert [p.name for p in tmp_path.iterdir()] == ["ioh"]
-
-
-def test_a_folder_with_files_in_it_stays_as_it_is(tmp_path):
-    (tmp_path / "full").mkdir()
-    (tmp_path / "full" / "notes").write_text("")
-    (tmp_path / "file").write_text("")
-    for path in (tmp_path / "full", tmp_path / "file", tmp_path / "file" / "ioh"):
-        with pytest.raises(StoreError, match=path.name):
-            all_trials.write(Results(run()), "ioh", path)
-    assert [p.name for p in (tmp_path / "full").iterdir()] == ["notes"]
-    assert {p.name for p in tmp_path.iterdir()} == {"full", "file"}
-
-
-def test_names_that_look_alike_do_not_collide(tmp_path):
-    same = Problem(WAYPOINTS, Limits([1, 2], [7, 7]), "two-joints")
-    long = [
-        Problem(
-            WAYPOINTS,
-            Limits([1, 2], [n, n]),
-            "x" * 300 + str(n),
-        )
-        for n in (4, 5)
-    ]
-    names = ["a:b", "a_b", "ä:b"]
-    trials = [t for n in names for p in (PROBLEM, same, *long) for t in run(n, problem=p)]
-    found = written(tmp_path, trials)
-    assert len(found) == 12
-    numbers = {name: meta["function_id"] for (_, name), (meta, _, _) in found.items()}
-    assert sorted(numbers.values()) == [1, 2, 3, 4]
