@@ -15,7 +15,7 @@ from typing import Any
 
 try:
     import yaml
-except ImportError:  # `check_installed` says so when a YAML file is read or written
+except ImportError:  # `check_installed` raises an error
     yaml = None
 
 from trajopt.core import files, numerals

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 NOTHING = "Results of no trials"
 MAX_PLANNERS = 4  # named in a line of text
 _USES = "Tables: planners(), summary(), gaps(), trials(), paired(). Figures: plot()."
-_COLUMNS = {  # of the table, by their names in `Results.planners()`
+_COLUMNS = {  # columns of the table, by their names in `Results.planners()`
     "problems": "problems",
     "solved": "solved",
     "gap": "median gap",

@@ -86,7 +86,7 @@ def test_shares_count_each_problem_once() -> None:
     rows = [("p", 0.01), ("p", 0.03), ("q", np.nan), ("r", 0.0)]
     gaps = pd.DataFrame(rows, columns=["digest", "gap"]).assign(label="a", reference=1.0)
     x, y = gap_shares(gaps, ["a"])["a"]
-    assert y[0] == pytest.approx(1 / 3)  # of the three problems one within GAP_FLOOR
+    assert y[0] == pytest.approx(1 / 3)  # one of three problems is within GAP_FLOOR
     assert x[0] == pytest.approx(GAP_FLOOR)
     assert set(np.round(y[(x > 1) & (x < 3)], 9)) == {0.5}  # half of p's runs too
     assert y[-1] == pytest.approx(2 / 3)

@@ -25,7 +25,7 @@ try:
     import jinja2
     from markupsafe import Markup
     from plotly.offline import get_plotlyjs
-except ImportError:  # `write` says so
+except ImportError:  # `write` raises an error
     jinja2 = None  # type: ignore[assignment]
 
 TRAJECTORIES = 60  # problems whose trajectories are in the page: each takes up to 150 kB
