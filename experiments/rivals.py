@@ -6,40 +6,40 @@
 Every rival runs twice on the six-axis problem, `jerk-limit` and the 42 problems of eleven arms: as
 its authors' example has it (one try), and with the effort that each of them gets, the best of
 twelve settings (`baselines/third_party`). What is certified stands beside the best known motion.
-Written to `--output`: `trials.csv`, to which a second run adds only what is missing, and the table
-`rivals`.
+
+The folder `--output` keeps the trials, and a second run adds only what is missing. Its files
+`rivals.csv` and `rivals.md` hold the table.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import cyclopts
-import pandas as pd
 
-from experiments.common.kept import kept
 from experiments.common.output import save_table
-from experiments.families import cell, certified
+from experiments.common.spread import compared, spread
 from trajopt import Problem
-from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import catalogue
-from trajopt.planners.registry import entries, load
 
-# By planner: as its authors' example has it, and with the effort of all.
+# By row: as the planner's authors' example has it, and with the effort of all.
 RIVALS = {
-    "toppra": ("toppra:knots=uniform,ends=not-a-knot", "toppra"),
-    "copp": ("copp:tries=1", "copp"),
-    "drake-toppra": ("drake-toppra:tries=1", "drake-toppra"),
-    "drake-kto": ("drake-kto:tries=1", "drake-kto"),
-    "totg": ("totg:tries=1", "totg"),
-    "minsnap": ("minsnap:tries=1", "minsnap"),
-    "ruckig-search": ("ruckig-stop", "ruckig-search"),
+    "toppra, documented": "toppra:knots=uniform,ends=not-a-knot",
+    "toppra, effort": "toppra",
+    "copp, documented": "copp:tries=1",
+    "copp, effort": "copp",
+    "drake-toppra, documented": "drake-toppra:tries=1",
+    "drake-toppra, effort": "drake-toppra",
+    "drake-kto, documented": "drake-kto:tries=1",
+    "drake-kto, effort": "drake-kto",
+    "totg, documented": "totg:tries=1",
+    "totg, effort": "totg",
+    "minsnap, documented": "minsnap:tries=1",
+    "minsnap, effort": "minsnap",
+    "ruckig-search, documented": "ruckig-stop",
+    "ruckig-search, effort": "ruckig-search",
 }
-MODES = ("documented", "effort")
 GROUPS = ("six-axis", "jerk-limit", "4 waypoints", "8 waypoints", "16 waypoints", "jerk limits")
 
 
@@ -54,43 +54,6 @@ def problems() -> Iterator[tuple[str, Problem]]:
         yield group, problem
 
 
-def trials(problem: Problem) -> list[dict[str, Any]]:
-    """Every rival that knows the problem's kinds of limits and is installed, both ways."""
-    best = certified(problem, records.answer(problem))
-    rows = []
-    for planner, specs in RIVALS.items():
-        if entries()[planner].missing() is not None:
-            continue
-        for mode, spec in zip(MODES, specs, strict=True):
-            rival = load(spec)
-            if rival.unsupported(problem) is not None:
-                continue
-            began = time.process_time()
-            solution = rival.solve(problem)
-            row = {
-                "planner": planner,
-                "mode": mode,
-                "seconds": certified(problem, solution),
-                "best known": best,
-                "answer": solution.stats.get("spline", solution.message),
-                "cpu": time.process_time() - began,
-            }
-            rows.append(row)
-    return rows
-
-
-def gaps(table: pd.DataFrame) -> pd.DataFrame:
-    """Median gap in percent, lowest, highest and how many are solved, by planner and mode."""
-    gap = 100 * (table["seconds"] / table["best known"] - 1)
-    grouped = gap.groupby([table["planner"], table["mode"], table["group"]])
-    cells = grouped.agg(["median", "min", "max", "count", "size"])
-    texts = [cell(row) for row in cells.itertuples(index=False)]
-    wide = pd.Series(texts, index=cells.index).unstack("group")
-    rows = [(planner, mode) for planner in RIVALS for mode in MODES]
-    known = [row for row in rows if row in wide.index]
-    return wide.loc[known, [group for group in GROUPS if group in wide.columns]].fillna("–")
-
-
 def main(*problem: str, output: Path = Path("results/rivals")) -> None:
     """Run what is missing, then write and print the table.
 
@@ -98,13 +61,14 @@ def main(*problem: str, output: Path = Path("results/rivals")) -> None:
         problem: Names of problems; all 44 if none is given.
         output: The folder.
     """
-    cells = {}
-    for group, own in problems():
-        if not problem or own.name in problem:
-            cells[group, own.name] = partial(trials, own)
-    table = gaps(kept(output / "trials.csv", ["group", "problem"], cells))
-    save_table(table, output / "rivals")
-    print(table.to_string())
+    chosen = [(group, own) for group, own in problems() if not problem or own.name in problem]
+    trials = compared(chosen, RIVALS.items(), output)
+    table = spread(trials, ["planner"])
+    rows = [row for row in RIVALS if row in table.index]
+    groups = [group for group in GROUPS if group in table]
+    shown = table.loc[rows, groups].fillna("–")
+    save_table(shown, output / "rivals")
+    print(shown.to_string())
 
 
 if __name__ == "__main__":

@@ -8,13 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import (
-    certificates,
-    commands,
-    rivals,
-)
+from experiments import certificates, commands, families, rivals
 from experiments.__main__ import questions
 from experiments.common.output import save_table
+from experiments.common.spread import spread
 from experiments.soaks import forgeries, tricks
 from trajopt import Limits, Problem
 from trajopt.benchmark.suites.catalogue import load
@@ -105,28 +102,38 @@ def test_commands_are_compared_by_their_medians(tmp_path):
     assert written["task"].tolist() == ["main job", "second run", "list"]
 
 
-def test_the_table_of_rivals_says_how_many_are_solved():
+def test_a_spread_says_how_many_answer():
     rows = [
-        ("8 waypoints", "a", "toppra", "documented", np.nan, 2.0),
-        ("8 waypoints", "b", "toppra", "documented", 2.2, 2.0),
-        ("8 waypoints", "a", "toppra", "effort", 2.2, 2.0),
-        ("8 waypoints", "b", "toppra", "effort", 2.4, 2.0),
-        ("six-axis", "six-axis", "toppra", "effort", 3.0, 2.0),
-        ("8 waypoints", "a", "ruckig-search", "effort", np.nan, 2.0),
+        ("8 waypoints", "documented", np.nan),
+        ("8 waypoints", "documented", 0.1),
+        ("8 waypoints", "effort", 0.1),
+        ("8 waypoints", "effort", 0.2),
+        ("six-axis", "effort", 0.5),
+        ("8 waypoints", "nothing", np.nan),
     ]
-    columns = ["group", "problem", "planner", "mode", "seconds", "best known"]
-    table = rivals.gaps(pd.DataFrame(rows, columns=columns))
+    table = spread(pd.DataFrame(rows, columns=["group", "planner", "gap"]), ["planner"])
     of_arms = table["8 waypoints"]
-    assert of_arms["toppra", "documented"] == "10.0 (10.0 to 10.0; 1 of 2)"
-    assert of_arms["toppra", "effort"] == "15.0 (10.0 to 20.0; 2)"
-    assert of_arms["ruckig-search", "effort"] == "none of 1"
-    assert list(table["six-axis"]) == ["–", "50.0", "–"]
+    assert of_arms["documented"] == "10.0 (10.0 to 10.0; 1 of 2)"
+    assert of_arms["effort"] == "15.0 (10.0 to 20.0; 2)"
+    assert of_arms["nothing"] == "none of 1"
+    assert list(table["six-axis"].fillna("–")) == ["–", "50.0", "–"]
 
 
-def test_rivals_are_run_as_documented_and_with_effort():
-    rows = pd.DataFrame(rivals.trials(load("six-axis")))
-    best = rows.pivot(index="planner", columns="mode", values="seconds")
-    assert {"toppra", "ruckig-search"} <= set(best.index)
-    assert (best["effort"] <= best["documented"]).all()
-    known = rows["best known"].min()
-    assert best["effort"].min() > known * (1 - 1e-9)
+def test_rivals_are_run_as_documented_and_with_effort(tmp_path):
+    rivals.main("six-axis", output=tmp_path)
+    table = pd.read_csv(tmp_path / "rivals.csv", index_col="planner")
+    gap = table["six-axis"]
+    assert gap["toppra, effort"] <= gap["toppra, documented"]
+    # stopping everywhere, and the waypoints' velocities searched for
+    assert 0 <= gap["ruckig-search, effort"] < 1 < gap["ruckig-search, documented"]
+
+
+def test_families_lie_within_each_other(tmp_path, monkeypatch):
+    """A spline of a higher degree holds those of a lower one with the same knots."""
+    groups = [("six-axis", load("six-axis")), ("published", load("jerk-limit"))]
+    monkeypatch.setattr(families, "problems", lambda random: groups)
+    families.main(output=tmp_path)
+    table = pd.read_csv(tmp_path / "families.csv").set_index(["jerk", "planner"])
+    for jerk, group in ((False, "six-axis"), (True, "published")):
+        gap = table.loc[jerk, group]
+        assert 0 < gap["septic, 7-7-7"] < gap["quintic, 5-5-5"] < gap["3-5-3"]
