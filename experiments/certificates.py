@@ -15,7 +15,7 @@ import pandas as pd
 
 from experiments.common.output import save_table
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record_check import proved
+from trajopt.benchmark.store.recheck import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.problem import Problem
 
@@ -30,7 +30,7 @@ def recorded(suite: str, problem: Problem) -> dict[str, object]:
     }
     if record is None:
         return row
-    gap = record.duration / proved(record) - 1
+    gap = record.duration / proved(record.trial) - 1
     return row | {"closed": record.closed, "gap": gap}
 
 

@@ -20,7 +20,7 @@ import matplotlib as mpl
 import numpy as np
 from sphinx.application import Sphinx
 
-from trajopt.benchmark.best_known import record, records
+from trajopt.benchmark.best_known import records
 from trajopt.benchmark.suites import literature
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
@@ -103,7 +103,7 @@ def limits_table(problem: Problem) -> str:
 
 def problem_page(file: Path) -> list[str]:
     """Write one problem's page; return its row of the index."""
-    known = record.read(file)
+    known = records.read(file)
     problem = known.problem
     name = problem.name
     within = f"{100 * known.proved_within:.3g}"

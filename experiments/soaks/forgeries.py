@@ -4,9 +4,9 @@
     python -m experiments.soaks.forgeries --script    # a minute: check_proof.py is asked too
 
 Each is an honest record whose proof was changed, or replaced, by what some rounding, some unit or
-some careless reading might let pass. Its text is what a stranger could submit. *Proved* is what the
-check makes of it, in percent above the best known duration: more than 0 is a false bound. What is
-refused proves nothing; *refused* says why. Exit code 1 if a forgery is believed.
+some careless reading might let pass. Its file is sealed, as a stranger could submit it. *Proved* is
+what the check makes of it, in percent above the best known duration: more than 0 is a false bound.
+What is refused proves nothing; *refused* says why. Exit code 1 if a forgery is believed.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import json
 import re
 import subprocess
 import sys
+import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
@@ -28,8 +29,8 @@ import pandas as pd
 
 from experiments.soaks import soak_report
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record import parsed
-from trajopt.benchmark.best_known.record_check import proved
+from trajopt.benchmark.store import trial_text
+from trajopt.benchmark.store.recheck import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import TrajoptError
 
@@ -52,6 +53,7 @@ _NO_NUMBERS = f"NaN Infinity -Infinity 1e999 1{400 * '0'} true null 1e308 5e-324
 _RAW = "raw:"
 # A key that stands in the file once more.
 _AGAIN = "again:"
+_PROOF = "proof_"
 
 
 @dataclass(frozen=True)
@@ -84,25 +86,47 @@ def forgeries(problem: str) -> list[Forgery]:
                 family=title,
                 name=f"{problem}: {name}",
                 text=text(said),
-                duration=honest["duration"],
+                duration=duration(honest),
             )
             found.append(forged)
     return found
 
 
 def record(problem: str) -> Said:
-    """Read the record of a built-in problem."""
+    """Read what a built-in problem's record states, with its proof's tables by their names."""
     file = records.file_of(catalogue.load(problem))
     assert file is not None
     said: Said = json.loads(file.read_text(encoding="utf-8"))
-    return said
+    stats = said["solution"].pop("stats")
+    proof = {name.removeprefix(_PROOF): array["$array"] for name, array in stats.items()}
+    return said | {"proof": proof}
 
 
 def text(said: Said) -> str:
-    """As JSON, with what is no JSON where it is asked for."""
-    plain = json.dumps(said)
-    plain = re.sub(f'"{_RAW}([^"]*)"', r"\1", plain)
-    return plain.replace(_AGAIN, "")
+    """As a sealed text, with what is no JSON where it is asked for."""
+    stats = {}
+    for name, rows in said["proof"].items():
+        again = _AGAIN if name.startswith(_AGAIN) else ""
+        own = again + _PROOF + name.removeprefix(_AGAIN)
+        stats[own] = {"$array": rows, "dtype": "<f8", "shape": _shape(rows)}
+    stated = {name: said[name] for name in said.keys() - {"schema", "sha256", "proof"}}
+    stated |= {"solution": said["solution"] | {"stats": stats}}
+    plain = trial_text.sealed({"id": said["id"]} | stated).decode()
+    plain = re.sub(f'"{_RAW}([^"]*)"', r"\1", plain).replace(_AGAIN, "")
+    *_, body = plain.split("\n", 3)
+    return trial_text.seal(body.encode()).decode()
+
+
+def _shape(rows: Any) -> list[int]:
+    """The shape of a table; of rows of other lengths, their number alone."""
+    lengths = {len(row) for row in rows if isinstance(row, list)}
+    return [len(rows), *lengths] if len(lengths) == 1 else [len(rows)]
+
+
+def duration(said: Said) -> float:
+    """The best known duration that a record states, s."""
+    certificate = said["certificate"]
+    return float(max(1, certificate["dilation"]) * certificate["duration"])
 
 
 # --- building blocks ---
@@ -111,8 +135,8 @@ def text(said: Said) -> str:
 def changed(honest: Said, **tables: Any) -> Said:
     """The honest proof with other tables, asked about three times the best known duration."""
     said = deepcopy(honest)
-    cutoff = CLAIMED * said["duration"]
-    said["lower_bound"] = cutoff
+    cutoff = CLAIMED * duration(said)
+    said["solution"]["lower_bound"] = cutoff
     said["proof"]["cutoff"] = [cutoff]
     said["proof"].update(tables)
     return said
@@ -311,15 +335,18 @@ def short_tables(honest: Said) -> Iterator[Named]:
     yield "cells in one row", changed(honest, cells=np.ravel([first, *others]).tolist())
     yield "no proof", changed(honest) | {"proof": {}}
     closed = changed(honest) | {"proof": {}}
-    closed["bound"] = closed["bound"] | {"method": "closed form"}
+    closed["options"]["bound"]["method"] = "closed form"
     yield "a bound in closed form that is none", closed
 
 
 def keys_twice(honest: Said) -> Iterator[Named]:
-    for name in ("lower_bound", "duration", "proof", "trajectory"):
+    for name in ("lower_bound", "trajectory", "message"):
         said = changed(honest)
-        said[_AGAIN + name] = said[name]
+        said["solution"][_AGAIN + name] = said["solution"][name]
         yield f"{name} twice", said
+    said = changed(honest)
+    said[_AGAIN + "solution"] = said["solution"]
+    yield "solution twice", said
     for name in ("multipliers", "units", "cells"):
         units = [2.0**-1022 for _ in honest["proof"]["units"]]
         units[0] = 2.0**30
@@ -364,12 +391,24 @@ SCRIPT = Path(__file__).parents[2] / "docs" / "examples" / "best-known" / "check
 BELIEVED_ABOVE = 1e-9  # relative to the best known duration
 
 
+def believed(content: str) -> float:
+    """Return the bound that a record's file proves, s.
+
+    Raises:
+        TrajoptError: The file is refused.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "forged.json"
+        file.write_text(content, encoding="utf-8")
+        return proved(records.read(file).trial)
+
+
 def judged(forgery: Forgery) -> dict[str, object]:
     """Check a forgery: percent above the best known duration, or the reason of refusal."""
     bound = None
     refused = ""
     try:
-        bound = proved(parsed(forgery.text))
+        bound = believed(forgery.text)
     except TrajoptError as error:
         refused = str(error)
     above = None if bound is None else 100 * (bound / forgery.duration - 1)

@@ -23,11 +23,12 @@ import numpy as np
 import yaml
 
 from experiments.soaks import soak_report
-from trajopt.benchmark.best_known import record, record_check, records
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.judgement import motion_of
+from trajopt.benchmark.store.recheck import proved
 from trajopt.benchmark.suites import literature
 from trajopt.core import built_in
 from trajopt.formats import arms, joint_trajectory
-from trajopt.formats.motion import motion
 from trajopt.planners.kinematics import Robot
 
 Rng = np.random.Generator
@@ -144,7 +145,7 @@ def _arm(path: Path) -> object:
 
 
 def _recorded(path: Path) -> object:
-    return record_check.proved(record.read(path)), motion(path)
+    return proved(records.read(path).trial), motion_of(path)
 
 
 # --- what an accident does ---

@@ -61,7 +61,7 @@ def test_the_forgeries_experiment_says_what_is_believed(tmp_path, monkeypatch, c
     unproved = table["proved %"].isna()
     refused = table["refused"].notna()
     assert (unproved == refused).all()
-    monkeypatch.setattr(forgeries, "proved", lambda _: 2.0)
+    monkeypatch.setattr(forgeries, "believed", lambda _: 2.0)
     with pytest.raises(SystemExit, match="1"):
         forgeries.main(output=tmp_path)
 

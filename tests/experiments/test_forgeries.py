@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from baselines.lower_bound.bound import certify
 from baselines.lower_bound.certify import Certify
 from baselines.lower_bound.dual_check import LEAF, Proof, proved_bound
-from experiments.soaks.forgeries import PROBLEMS, changed, forgeries, record, text
+from experiments.soaks import forgeries as module
+from experiments.soaks.forgeries import PROBLEMS, changed, duration, forgeries, record, text
 from trajopt import InvalidInput, Limits, Problem, Solution, Status
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record import parsed
-from trajopt.benchmark.best_known.record_check import checked, proved
-from trajopt.benchmark.store import folder
+from trajopt.benchmark.store import folder, trial_text
 from trajopt.benchmark.store.recheck import PROVED_AGAIN, verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.trial import judge
@@ -34,7 +33,7 @@ FORGERIES = {forgery.name: forgery for problem in PROBLEMS for forgery in forger
 def believed(content):
     """Bound that a record's text proves, s; −∞ where it is refused."""
     try:
-        return proved(parsed(content))
+        return module.believed(content)
     except TrajoptError:
         return -np.inf
 
@@ -46,7 +45,7 @@ def test_no_forgery_is_believed_and_the_honest_proof_is(problem):
         if name.startswith(problem):
             assert believed(forgery.text) <= forgery.duration * (1 + ABOVE), name
     honest = believed(text(own))
-    assert honest >= own["lower_bound"] * (1 - 1e-12)
+    assert honest >= own["solution"]["lower_bound"] * (1 - 1e-12)
 
 
 @pytest.mark.parametrize(
@@ -69,8 +68,8 @@ def test_no_forgery_is_believed_and_the_honest_proof_is(problem):
     ],
 )
 def test_a_refusal_says_what_would_be_right(name, right):
-    with pytest.raises(InvalidInput, match=right):
-        proved(parsed(FORGERIES[f"six-axis: {name}"].text))
+    with pytest.raises(TrajoptError, match=right):
+        module.believed(FORGERIES[f"six-axis: {name}"].text)
 
 
 # --- what Hypothesis changes in honest proofs ---
@@ -137,7 +136,7 @@ def test_no_mutated_proof_proves_more_than_is_true(problem, changes):
             rows = said["proof"][name]
             said["proof"][name] = mutated(rows, *change)
     bound = believed(text(said))
-    assert bound <= said["duration"] * (1 + ABOVE)
+    assert bound <= duration(said) * (1 + ABOVE)
 
 
 # --- one forgery among others ---
@@ -151,26 +150,24 @@ def test_a_forged_file_does_not_hold_and_the_others_are_checked(tmp_path, capsys
     (tmp_path / honest.name).write_bytes(honest.read_bytes())
     assert verify(registry=tmp_path) == 1
     said = " ".join(capsys.readouterr().out.split())
-    assert said.endswith(
-        "4 records checked: motions verified exactly, bounds proved again without "
-        "a solver; 3 do not hold."
-    )
+    assert "4 trials verified anew; 3 do not hold what was recorded." in said
 
 
 def test_a_file_that_breaks_the_check_does_not_hold(tmp_path, monkeypatch):
     def breaks(*_):
         raise OverflowError("of whatever nobody thought of")
 
-    monkeypatch.setattr("trajopt.benchmark.best_known.record_check.verify", breaks)
-    (difference,) = checked(records.file_of(load("six-axis"))).differences
+    monkeypatch.setattr("trajopt.benchmark.trial.verify", breaks)
+    (difference,) = records.checked(records.file_of(load("six-axis"))).differences
     assert difference == (
         "record: it cannot be checked, OverflowError: of whatever nobody thought of"
     )
 
 
 def test_a_forged_trial_is_not_proved_again(tmp_path, monkeypatch):
-    own = parsed(FORGERIES["six-axis: units of 2^30 s and 2^-1022 rad"].text)
-    stats = {"proof": "proved", **own.proof_stats}
+    text = FORGERIES["six-axis: units of 2^30 s and 2^-1022 rad"].text
+    own = trial_text.read(text.encode())
+    stats = {"proof": "proved", **own.solution.stats}
     forged = Solution(Status.INVALID, None, "without a motion", own.lower_bound, stats=stats)
     monkeypatch.setattr(Certify, "solve", lambda *_, **__: forged)
     (trial,) = judge(Certify(time_limit=1e-3), own.problem, [0], "certify")
@@ -198,7 +195,7 @@ def test_a_bound_on_some_trajectories_is_none_on_all(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("name", "value"), [("proof_cells", "x"), ("proof_cels", [1.0])])
 def test_what_is_no_table_of_a_proof_is_refused(name, value):
-    stats = parsed(text(HONEST["six-axis"])).proof_stats
+    stats = records.find(load("six-axis")).trial.solution.stats
     with pytest.raises(InvalidInput, match=f"stats, {name}: expected"):
         Proof.stored({**stats, name: value})
 

@@ -9,13 +9,12 @@ import zipfile
 import numpy as np
 import pytest
 
-from trajopt.benchmark.best_known import record
 from trajopt.benchmark.suites import literature
 from trajopt.core import arm_file, files
 from trajopt.core.exceptions import InvalidInput, UnknownName, shown
 from trajopt.core.problem import Problem
-from trajopt.formats import arms, joint_limits, joint_trajectory, own_breaks, urdf, waypoints
-from trajopt.formats.motion import motion
+from trajopt.formats import arms, joint_limits, joint_trajectory, urdf, waypoints
+from trajopt.formats.motion import check_work, motion
 from trajopt.planners.kinematics import Robot
 
 LONGEST_S = 1.0  # of CPU
@@ -29,7 +28,6 @@ READERS = {
     "joint_limits.yaml": joint_limits.read,
     "message.yaml": motion,
     "motion.json": motion,
-    "record.json": record.read,
     "motion.csv": motion,
     "waypoints.csv": waypoints.read,
     "waypoints.json": waypoints.read,
@@ -171,7 +169,7 @@ def test_a_joint_may_have_any_name(tmp_path):
     assert read.joints["010"] == {"velocity": (-0.1, 0.1)}
 
 
-@pytest.mark.parametrize("name", ["motion.json", "record.json", "waypoints.json"])
+@pytest.mark.parametrize("name", ["motion.json", "waypoints.json"])
 def test_a_key_twice_in_json(tmp_path, name):
     assert "the key a is there twice" in refused(tmp_path, name, '[{"a": 1, "b": 2, "a": 3}]')
 
@@ -185,7 +183,6 @@ def message(**changes):
     return {**MESSAGE, "points": [first, second | changes]}
 
 
-OWN_BREAKS = {"waypoint_times": [0, 1], "joints": [[[0, 1]]]}
 POLYNOMIALS = {"breaks": [0, 1], "coefficients": [[[1]]]}
 
 
@@ -201,7 +198,6 @@ POLYNOMIALS = {"breaks": [0, 1], "coefficients": [[[1]]]}
         ("motion.json", {"goal": {"trajectory": MESSAGE, "gaol": 1}}, "gaol is 1: expected the"),
         ("motion.json", POLYNOMIALS | {"unit": "deg"}, "unit is 'deg': expected one of the keys"),
         ("motion.json", POLYNOMIALS | {"joint_name": ["a"]}, "expected the key joint_names"),
-        ("motion.json", {"trajectory": OWN_BREAKS | {"unit": 1}}, "trajectory.unit is 1"),
         ("waypoints.json", {"waypoints": [[1]], "units": "deg"}, "units is 'deg': expected the"),
     ],
 )
@@ -291,13 +287,7 @@ def test_polynomials_that_are_too_much_work(tmp_path):
     high = {"breaks": [0, 1], "coefficients": [[[1]]] * 5001}
     assert "at most degree 100" in refused(tmp_path, "motion.json", json.dumps(high))
     with pytest.raises(InvalidInput, match="400000 pieces of degree 7 for 6 joints"):
-        own_breaks.check_work(8, 400_000, 6)
-    many = {
-        "waypoint_times": [0, 1],
-        "joints": [[[0, 1], *[[0.5, 1]] * 40_000]] * 40,
-    }
-    with pytest.raises(InvalidInput, match="expected fewer pieces"):
-        own_breaks.trajectory(many)
+        check_work(8, 400_000, 6)
 
 
 def npy(tmp_path, shape, kind="<f8"):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record import Record
+from trajopt.benchmark.best_known.records import Record
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration, Trial, judge, run
 from trajopt.core.exceptions import TrajoptError

@@ -11,16 +11,18 @@ against passes the same points.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trajopt.benchmark.best_known import records
+from trajopt.benchmark.store.folder import is_trial, recorded
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, UnitWarning
@@ -32,7 +34,7 @@ from trajopt.core.units import mixed_units
 from trajopt.explain import decomposition
 from trajopt.explain.decomposition import Explanation
 from trajopt.formats.motion import Motion
-from trajopt.formats.motion import motion as motion_of
+from trajopt.formats.motion import motion as read_motion
 from trajopt.formats.samples import Samples
 from trajopt.judging.falling_velocity import Excess, excess
 from trajopt.judging.passing import waypoint_times
@@ -124,8 +126,8 @@ class Judgement(Execution):
         """Split the gap into its parts with the references; None without a certified duration."""
         if not self.certificate.valid:
             return None
-        recorded = records.answer(self.problem)
-        return decomposition.explain(self.problem, None, self.trajectory, recorded)
+        known = records.answer(self.problem)
+        return decomposition.explain(self.problem, None, self.trajectory, known)
 
     @property
     def gap(self) -> float | None:
@@ -164,7 +166,7 @@ def judge(
 
     Args:
         problem: or the name of a built-in one, or a problem file.
-        motion: a file of samples or polynomials, or an object (`trajopt.formats.motion`).
+        motion: a file of samples or polynomials, or an object (`motion_of`).
         interpolation: what joins samples; by default what their controller does.
         via_tolerance: rad, of each joint: a miss that counts as passing. It must be less than half
             of any segment, or one instant might pass two waypoints.
@@ -190,6 +192,22 @@ def judge(
     if not certificate.valid:  # the tolerance does not help
         return strict
     return replace(strict, problem=moved, certificate=certificate, tolerance_needed=True)
+
+
+def motion_of(
+    motion: str | Path | Motion | Samples | Trajectory | PPoly | BSpline,
+    interpolation: Interpolation = "auto",
+    unit: str | None = None,
+    joint_units: Mapping[str, str] = MappingProxyType({}),
+) -> Motion:
+    """Return the motion of a trial's file too, else what `trajopt.formats.motion` reads."""
+    if not isinstance(motion, str | Path) or not is_trial(Path(motion)):
+        return read_motion(motion, interpolation, unit, joint_units)
+    (trial,) = recorded(Path(motion))
+    if trial.solution.trajectory is None:
+        raise InvalidInput("motion", "a trial with a trajectory", file=str(motion))
+    own = read_motion(trial.solution.trajectory, interpolation)
+    return replace(own, name=Path(motion).name, joint_names=trial.problem.joint_names)
 
 
 def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:

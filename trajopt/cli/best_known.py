@@ -11,14 +11,15 @@ import cyclopts
 from cyclopts import Parameter
 
 from trajopt.benchmark import judgement
-from trajopt.benchmark.best_known import proposal, record_check, records
+from trajopt.benchmark.best_known import proposal, records
 from trajopt.benchmark.best_known.proposal import Candidate, Outcome
-from trajopt.benchmark.best_known.record import CLOSED_WITHIN, Record, origin
-from trajopt.benchmark.best_known.record_check import CheckedRecord
+from trajopt.benchmark.best_known.records import CLOSED_WITHIN, Origin, Record
 from trajopt.benchmark.store.folder import is_trial
+from trajopt.benchmark.store.recheck import CheckedTrial, Verification
 from trajopt.benchmark.suites import catalogue
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import InterpolationName, Json
+from trajopt.cli.verify import report
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.formats.motion import ENDINGS
@@ -38,6 +39,7 @@ _WIDE = 100
 _NAME_WIDTH = 20
 # Problems, beyond which only those are told that have something better.
 _MANY = 12
+_NONE = ("nothing is recorded for its numbers",)
 
 Registry = Annotated[
     Path | None,
@@ -72,23 +74,19 @@ def verify(*problems: ProblemNames, registry: Registry = None, json: Json = Fals
     """
     where = _folder(registry)
     files = records.files(where)
-    missing: list[str] = []
+    checked = []
     if problems:
         asked = {problem.name: records.file_of(problem, where) for problem in _asked(problems)}
         files = [file for file in asked.values() if file is not None]
         missing = [name for name, file in asked.items() if file is None]
-    checked = []
+        checked = [CheckedTrial("", name, "no record", differences=_NONE) for name in missing]
     with console.progress(len(files), "records") as advance:
         for file in files:
-            checked.append(record_check.checked(file))
+            checked.append(records.checked(file))
             advance(1)
-    holds = bool(checked) and not missing and all(own.holds for own in checked)
-    if json:
-        rows = [own.as_dict() for own in checked]
-        console.print_json({"holds": holds, "missing": missing, "records": rows})
-    else:
-        _print_checked(checked, missing)
-    return 0 if holds else 1
+    found = Verification(tuple(checked))
+    report(found, json)
+    return 0 if found.holds else 1
 
 
 @app.command
@@ -127,7 +125,7 @@ def propose(
     written = {}
     for outcome in outcomes:
         if outcome.after is not None:
-            written[outcome.problem.digest()] = proposal.write(outcome.after, target)
+            written[outcome.problem.digest()] = records.write(outcome.after, target)
     if json:
         rows = [_outcome_row(own, written.get(own.problem.digest())) for own in outcomes]
         console.print_json({"outcomes": rows})
@@ -235,22 +233,6 @@ def _print_suites(known: Mapping[str, Record | None]) -> None:
     )
 
 
-# --- verify ---
-
-
-def _print_checked(checked: Sequence[CheckedRecord], missing: Sequence[str]) -> None:
-    for own in checked:
-        for difference in own.differences:
-            console.paragraph(f"{own.file}: DOES NOT HOLD: {difference}")
-    for name in missing:
-        console.paragraph(f"{name}: nothing is recorded for its numbers")
-    wrong = sum(not own.holds for own in checked)
-    console.paragraph(
-        f"{len(checked)} records checked: motions verified exactly, bounds proved again without a "
-        f"solver; {wrong} do not hold."
-    )
-
-
 # --- propose ---
 
 
@@ -273,7 +255,7 @@ def _of_motion(
     if own is None:
         right = "a problem of a suite (`trajopt suite list`): only those have records"
         raise InvalidInput("PROBLEM", right, value=problem)
-    by = origin(method or source.name, "", proposal.today(), submitter, prefix="--")
+    by = Origin(method or source.name, "", proposal.today(), submitter)
     with kinds.reading(source, "motion"):
         judged = judgement.judge(own, source, interpolation=interpolation)
     if judged.certified_duration is None:

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from trajopt import comparison
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.judgement import GivenMotion
+from trajopt.benchmark.judgement import GivenMotion, motion_of
 from trajopt.benchmark.run import dask as cluster
 from trajopt.benchmark.run.processes import cpus
 from trajopt.benchmark.suites import catalogue
@@ -23,7 +23,6 @@ from trajopt.comparison import Contestant
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.problem import Problem
-from trajopt.formats.motion import motion as motion_of
 from trajopt.judging.falling_velocity import caveats
 from trajopt.planners.registry import entries, named
 from trajopt.planners.registry import label as label_of

@@ -60,18 +60,17 @@ def verify(
             right = f"a motion's file ({', '.join(ENDINGS)}) with limits and --interpolation"
             raise InvalidInput("PATH", right, value=str(path))
         found = verification(path)
-    if json:
-        rows = [trial.as_dict() for trial in found.trials]
-        console.print_json(
-            {
-                "holds": found.holds,
-                "summary": found.summary(),
-                "trials": rows,
-            }
-        )
-    else:
-        _print(found)
+    report(found, json)
     return 0 if found.holds else 1
+
+
+def report(found: Verification, json: bool) -> None:
+    """Print which trials hold, and what does not."""
+    if not json:
+        _print(found)
+        return
+    rows = [trial.as_dict() for trial in found.trials]
+    console.print_json({"holds": found.holds, "summary": found.summary(), "trials": rows})
 
 
 def _verify_motion(
@@ -220,7 +219,11 @@ def _table(trials: Iterable[CheckedTrial]) -> Grid:
 
 
 def _what_is_wrong(trial: CheckedTrial) -> str:
-    name = f"{trial.planner} on {trial.problem}, seed {trial.seed}, trial {trial.id}"
+    name = f"{trial.planner} on {trial.problem}" if trial.problem else trial.planner
+    if trial.seed is not None:
+        name += f", seed {trial.seed}"
+    if trial.id:
+        name += f", trial {trial.id}"
     flaws = filter(None, trial.flaws)
     reasons = "; ".join([*trial.differences, *flaws])
     return f"{name}: {reasons}"

@@ -102,9 +102,14 @@ def parsed_json(said: str) -> Any:
             bound.
     """
     check_bounds(said)
-    found = standard_json.loads(said, object_pairs_hook=_once, parse_constant=_no_number)
+    found = strict_json(said)
     _check_depth(found)
     return found
+
+
+def strict_json(said: str) -> Any:
+    """Parse a JSON text of any size; raises as `parsed_json` does."""
+    return standard_json.loads(said, object_pairs_hook=_once, parse_constant=_no_number)
 
 
 def toml(path: Path, what: str, number: Callable[[str], Any] = float) -> dict[str, Any]:

@@ -53,6 +53,9 @@ THROUGH_WAYPOINTS = "ruckig-search"
 PROOF = "certify"
 """The planner whose lower bound is proved."""
 
+BEST_KNOWN = "best-known"
+"""The planner that a best known answer names; `PROOF` checks its bound."""
+
 
 def references(problem: Problem) -> list[str]:
     """The planners whose shortest certified answer is a problem's best known optimum."""

@@ -3,7 +3,6 @@
 - `.csv`, `.txt`: samples, with a header of names and units (`trajopt.formats.samples_csv`);
 - `.json`, `.yaml`: a `trajectory_msgs/JointTrajectory` (`trajopt.formats.joint_trajectory`);
 - `.json` with `breaks` and `coefficients`: polynomials, as `plan --out motion.json` writes them;
-- `.json` of data/best_known: polynomials, each joint's on its own breaks;
 - in Python also a `Trajectory`, `Samples`, and SciPy's `PPoly` and `BSpline`.
 """
 
@@ -16,12 +15,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
 from trajopt.core import files
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.interpolation import Interpolation
+from trajopt.core.numerals import is_number
 from trajopt.core.problem import Problem, check_joint_names
 from trajopt.core.trajectory import Trajectory
-from trajopt.formats import joint_trajectory, own_breaks, samples_csv
+from trajopt.formats import joint_trajectory, samples_csv
 from trajopt.formats.samples import Samples, known_as
 
 if TYPE_CHECKING:
@@ -31,7 +34,7 @@ ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
 TABLES = (".csv", ".txt")
 _RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
 _POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names")
-# Further keys of files that `plan` writes, and of data/best_known.
+# Further keys of files that `plan` writes.
 _TRIAL_KEYS = (
     "certificate",
     "certified_duration",
@@ -48,17 +51,8 @@ _TRIAL_KEYS = (
     "status",
     "waypoint_times",
 )
-_RECORD_KEYS = (
-    "bound",
-    "duration",
-    "joint_names",
-    "lower_bound",
-    "motion",
-    "problem",
-    "proof",
-    "schema",
-    "trajectory",
-)
+MAX_COEFFICIENTS = 101
+_MAX_WORK = 5e7  # polynomials, times the square of their coefficients (at least 10)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +186,7 @@ def _read(
             motion = _of_samples(path.name, samples, interpolation)
         else:
             motion = _in_file(path, interpolation)
-        own_breaks.check_work(*motion.trajectory.coefficients.shape)
+        check_work(*motion.trajectory.coefficients.shape)
     except InvalidInput as error:
         raise error.in_file(str(path)) from None
     except InvalidTrajectory as error:
@@ -215,22 +209,47 @@ def _in_file(path: Path, interpolation: Interpolation) -> Motion:
 
 def _has_polynomials(table: Any) -> bool:
     """Return whether a JSON table holds polynomials; a message does not."""
-    if not isinstance(table, Mapping):
-        return False
-    return "coefficients" in table or own_breaks.is_said(table.get("trajectory"))
+    return isinstance(table, Mapping) and "coefficients" in table
 
 
 def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]]:
     """The trajectory and the joints' names of a table of polynomials."""
-    if own_breaks.is_said(table.get("trajectory")):
-        files.check_keys("", table, _RECORD_KEYS)
-        return own_breaks.trajectory(table["trajectory"]), files.names_at(table, "joint_names")
     known = (*_POLYNOMIAL_KEYS, *_TRIAL_KEYS)
     files.check_keys("", table, known, ("breaks", "coefficients"))
-    breaks = own_breaks.array("breaks", table["breaks"], _RIGHT)
-    coefficients = own_breaks.array("coefficients", table["coefficients"], _RIGHT)
+    breaks = _array("breaks", table)
+    coefficients = _array("coefficients", table)
     if breaks.ndim != 1 or coefficients.ndim != 3 or 0 in coefficients.shape or not breaks.size:
         shapes = f"{breaks.shape} and {coefficients.shape}"
         raise InvalidInput("breaks and coefficients", _RIGHT, value=shapes)
-    own_breaks.check_work(*coefficients.shape)
+    check_work(*coefficients.shape)
     return Trajectory(breaks, coefficients, breaks[[0, -1]]), files.names_at(table, "joint_names")
+
+
+def _array(key: str, table: Mapping[str, Any]) -> Array:
+    """Return nested lists of finite numbers as an array; texts and truth values are refused.
+
+    Raises:
+        InvalidInput: They are none, or of several lengths.
+    """
+    try:
+        found = np.array(table[key], dtype=object)
+    except ValueError:  # of several lengths
+        found = np.array(None)
+    if not found.ndim or not all(map(is_number, found.flat)):
+        raise InvalidInput(key, _RIGHT, value=table[key])
+    return found.astype(float)
+
+
+def check_work(rows: int, pieces: int, joints: int) -> None:
+    """Refuse polynomials that take more than seconds, or gigabytes, to judge.
+
+    Raises:
+        InvalidInput: There are more than a motion of 83,000 samples and six joints has.
+    """
+    if rows > MAX_COEFFICIENTS:
+        right = f"polynomials of at most degree {MAX_COEFFICIENTS - 1}"
+        raise InvalidInput("trajectory", right, value=rows - 1)
+    if max(rows, 10) ** 2 * pieces * joints > _MAX_WORK:
+        right = "fewer pieces, or polynomials of a lower degree"
+        counts = f"{pieces} pieces of degree {rows - 1} for {joints} joints"
+        raise InvalidInput("trajectory", right, value=counts)

@@ -80,7 +80,8 @@ said = json.load(
     parse_constant=refuse,
     object_pairs_hook=unique,
 )
-claimed, proof = said["lower_bound"], said["proof"]
+claimed, stats = said["solution"]["lower_bound"], said["solution"]["stats"]
+proof = {name.removeprefix("proof_"): table["$array"] for name, table in stats.items()}
 points = separate(said["problem"]["waypoints"])
 limits = said["problem"]["limits"]
 pairs = [limits.get(name, [[None, None]] * len(points[0])) for name in LIMITS]
@@ -111,7 +112,7 @@ def farthest(time, j, sign):
     return min(reach, v * (time - rise))
 
 
-if not proof and said["bound"]["method"] == "closed form":
+if not proof:
     total = [sum(x) for x in zip(*way, strict=True)]
     alone = any(farthest(claimed, j, total[j] > 0) <= abs(total[j]) for j in range(N))
     cruising = sum(max(abs(h) / V[j][h > 0] for j, h in enumerate(row)) for row in way)

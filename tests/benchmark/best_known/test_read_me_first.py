@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from trials import forged
+
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record_check import checked, proved
+from trajopt.benchmark.store.recheck import proved, verification
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.judging.verification import verify
 
@@ -18,14 +20,16 @@ def test_a_record_has_a_motion_and_a_bound_below_it():
 
 def test_its_bound_is_proved_again_without_a_solver():
     record = records.find(PROBLEM)
-    assert proved(record) >= record.lower_bound * (1 - 1e-12)
+    assert proved(record.trial) >= record.lower_bound * (1 - 1e-12)
 
 
-def test_a_file_that_claims_less_than_its_motion_takes_does_not_hold(tmp_path):
+def test_a_record_is_a_trials_text_and_a_forged_one_does_not_hold(tmp_path):
     honest = records.file_of(PROBLEM)
-    assert not checked(honest).differences
-    record = records.find(PROBLEM)
-    forged = tmp_path / honest.name
-    text = honest.read_text(encoding="utf-8")
-    forged.write_text(text.replace(str(record.duration), str(record.duration / 2), 1))
-    assert checked(forged).differences
+    assert verification(honest).holds
+
+    def claim_half(table):
+        table["certificate"]["duration"] /= 2
+
+    file = tmp_path / honest.name
+    file.write_bytes(forged(honest.read_bytes(), claim_half))
+    assert not verification(file).holds

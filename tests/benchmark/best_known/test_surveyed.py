@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trajopt import Limits, Problem, Trajectory
-from trajopt.benchmark.best_known import proposal, records
-from trajopt.benchmark.best_known.record import CLOSED_FORM, Origin, Record, evidence
+from trajopt import Limits, Problem, Solution, Status, Trajectory
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.records import CLOSED_FORM, Origin, made
 from trajopt.benchmark.best_known.surveyed import with_record
 from trajopt.explain.verdicts import Known
 
@@ -28,15 +28,8 @@ def bang_bang():
 
 
 def written(folder, *, lower_bound=OPTIMUM, origin=BOUND):
-    record = Record(
-        PROBLEM,
-        OPTIMUM,
-        lower_bound,
-        motion=MOTION,
-        bound=origin,
-        evidence=evidence(bang_bang(), {}),
-    )
-    proposal.write(record, folder)
+    solution = Solution(Status.SOLVED, bang_bang(), lower_bound=lower_bound)
+    records.write(made(PROBLEM, solution, MOTION, origin), folder)
     return folder
 
 
@@ -72,9 +65,7 @@ def test_a_recorded_bound_counts_for_what_its_proof_proves(tmp_path):
     assert with_record(computed(), boasting).lower_bound == pytest.approx(OPTIMUM, rel=1e-9)
 
 
-def test_a_recorded_bound_without_a_proof_does_not_count(tmp_path):
+def test_a_recorded_bound_without_a_proof_counts_in_closed_form(tmp_path):
     certify = Origin("certify", "0.1.0", "2026-11-22")
-    unproved = written(tmp_path, origin=certify)
-    known = with_record(computed(), unproved)
-    assert known.lower_bound == 1.5
-    assert known.bound_by == "certify"
+    unproved = written(tmp_path, lower_bound=2.4, origin=certify)
+    assert with_record(computed(), unproved).lower_bound == pytest.approx(OPTIMUM, rel=1e-9)

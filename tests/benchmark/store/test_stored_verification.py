@@ -226,7 +226,7 @@ def test_an_edited_text_is_refused(tmp_path):
     """A weaker bound is true too, but the text was edited: the seal is wrong."""
     path = Store(tmp_path).write(solved())
     text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace('"lower_bound": 0.25', '"lower_bound": 0.24'), encoding="utf-8")
+    path.write_text(text.replace('"lower_bound":0.25', '"lower_bound":0.24'), encoding="utf-8")
     with pytest.raises(OSError, match=r"its checksum differs"):
         verification(path)
 

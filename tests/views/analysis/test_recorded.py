@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from trajopt import Limits, Problem, Relation, Solution, Status, Trajectory
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record import Origin, Record
+from trajopt.benchmark.best_known.records import Origin, made
 from trajopt.benchmark.trial import judge
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.gap_reference import improvements
@@ -64,11 +62,9 @@ def recorded(monkeypatch):
 
     def known(duration, bound):
         by = Origin("theirs", "1.0", "2026-11-22")
-        record = Record(PROBLEM, duration, bound, by, by, evidence="{}")
+        record = made(PROBLEM, Fixed(duration, bound).solve(PROBLEM), by, by)
         own = {PROBLEM.digest(): record}
         monkeypatch.setattr(records, "find", lambda problem: own.get(problem.digest()))
-        motion = SimpleNamespace(duration=duration)
-        monkeypatch.setattr(records, "answer", lambda problem: motion)
 
     return known
 

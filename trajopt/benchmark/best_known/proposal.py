@@ -7,45 +7,39 @@ without a solver.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record import (
-    CLOSED_FORM,
-    Origin,
-    Record,
-    evidence,
-    origin,
-    parsed,
-    proof_of,
-    text,
-)
-from trajopt.benchmark.best_known.record_check import proved
-from trajopt.benchmark.best_known.records import BETTER_RTOL
-from trajopt.benchmark.store import atomic
+from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM, Origin, Record
+from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.store.folder import read as stored_trials
+from trajopt.benchmark.store.recheck import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.arrays import Array
-from trajopt.core.exceptions import InvalidTrajectory, StoreError, TrajoptError
+from trajopt.core.exceptions import InvalidTrajectory, TrajoptError
 from trajopt.core.problem import Problem
+from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
-from trajopt.formats import own_breaks
+from trajopt.explain.references import BEST_KNOWN
 from trajopt.judging.verification import verify
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
+Stats = Mapping[str, Any]
+
+_PROOF = "proof_"  # names of a proof's arrays among a solution's stats begin like this
 # Digits of a proof's numbers, fewest first: whatever they are, it proves something.
 _PROOF_DIGITS = (5, 6, 7, 9, 12)
 _START_DIGITS = 12
 # Bound that a proof may lose by rounding its numbers, relative.
 _PROOF_RTOL = 1e-5
 # Arrays of a proof that stay exact: its units and its question.
-_EXACT = ("units", "cutoff")
+_EXACT = ("proof_units", "proof_cutoff")
 # Duration that a motion may lose by writing it briefly, relative: little beside `BETTER_RTOL`.
 _KEPT_RTOL = 0.1 * BETTER_RTOL
 
@@ -58,13 +52,13 @@ class Candidate:
         problem: That it is about.
         origin: Where it comes from.
         trajectory: None where there is only a proof.
-        proof: Arrays by name, as a record has them; empty where there is only a motion.
+        proof: Arrays by name, as a solution's stats have them; empty where there is only a motion.
     """
 
     problem: Problem
     origin: Origin
     trajectory: Trajectory | None = None
-    proof: Mapping[str, Array] | None = None
+    proof: Stats = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +104,30 @@ def of_trials(path: Path, submitter: str = "") -> Iterator[Candidate]:
     """
     for trial in stored_trials(path):
         problem = suite_problem(trial.problem)
-        proof = proof_of(trial.solution.stats)
+        proof = _proof(trial.solution.stats)
         trajectory = trial.solution.trajectory
-        if problem is not None and (trajectory is not None or proof):
+        if problem is None:
+            continue
+        if trial.planner == BEST_KNOWN:
+            record = records.of_trial(trial)
+            yield Candidate(problem, record.motion, trajectory)
+            yield Candidate(problem, record.bound, None, proof)
+        elif trajectory is not None or proof:
             yield Candidate(problem, _origin(trial, submitter), trajectory, proof)
+
+
+def _proof(stats: Stats) -> dict[str, Array]:
+    """The arrays of a proof among a solution's stats."""
+    found = {}
+    for name, value in stats.items():
+        if name.startswith(_PROOF) and isinstance(value, np.ndarray):
+            found[name] = np.asarray(value, dtype=float)
+    return found
 
 
 def _origin(trial: Trial, submitter: str) -> Origin:
     version = trial.provenance.get("planner_version", "")
-    return origin(trial.label, version, trial.started[:10], submitter)
+    return Origin(trial.label, version, trial.started[:10], submitter)
 
 
 def suite_problem(problem: Problem) -> Problem | None:
@@ -152,8 +161,9 @@ def _outcome(candidates: Sequence[Candidate], where: Path) -> Outcome:
     shortest = _shortest(candidates)
     duration = None
     if shortest is not None:
-        duration = shortest.duration
-        record = _with_motion(problem, before, shortest)
+        duration, candidate, trajectory = shortest
+        if before is None or duration < before.duration * (1 - BETTER_RTOL):
+            record = _with_motion(before, candidate, _brief_motion(problem, trajectory, duration))
     if record is not None:
         for candidate in candidates:
             record = _with_proof(record, candidate)
@@ -162,53 +172,45 @@ def _outcome(candidates: Sequence[Candidate], where: Path) -> Outcome:
     return Outcome(problem, before, after, duration)
 
 
-class _Motion(NamedTuple):
-    """A motion as it was planned, its certified duration, s, and where it comes from."""
-
-    trajectory: Trajectory
-    duration: float
-    origin: Origin
-
-
-def _shortest(candidates: Sequence[Candidate]) -> _Motion | None:
-    """Return the candidates' motion of the shortest certified duration."""
+def _shortest(candidates: Sequence[Candidate]) -> tuple[float, Candidate, Trajectory] | None:
+    """Return the shortest certified duration, s, its candidate and the motion."""
     best = None
     for candidate in candidates:
         trajectory = candidate.trajectory
         if trajectory is None:
             continue
-        try:
-            duration = verify(candidate.problem, trajectory).certified_duration
-        except InvalidTrajectory:
-            continue
-        if duration is not None and (best is None or duration < best.duration):
-            best = _Motion(trajectory, duration, candidate.origin)
+        duration = _certified(candidate.problem, trajectory)
+        if duration is not None and (best is None or duration < best[0]):
+            best = duration, candidate, trajectory
     return best
 
 
-def _with_motion(
-    problem: Problem,
-    before: Record | None,
-    motion: _Motion,
-) -> Record:
-    """The record with a motion, where that is better."""
+def _certified(problem: Problem, trajectory: Trajectory) -> float | None:
+    """The certified duration, s; None where no dilation mends the motion."""
+    try:
+        return verify(problem, trajectory).certified_duration
+    except InvalidTrajectory:
+        return None
+
+
+def _brief_motion(problem: Problem, trajectory: Trajectory, duration: float) -> Trajectory:
+    """The motion in as few numbers as keep its certified duration."""
+    brief = own_breaks.trajectory(own_breaks.table(trajectory, own_breaks.SAME_RTOL))
+    now = _certified(problem, brief)
+    is_kept = now is not None and now <= duration * (1 + _KEPT_RTOL)
+    return brief if is_kept else trajectory
+
+
+def _with_motion(before: Record | None, candidate: Candidate, trajectory: Trajectory) -> Record:
+    """The record with a motion; the first one has the bound in closed form."""
+    problem = candidate.problem
+    origin = candidate.origin
     if before is None:
-        return Record(
-            problem=problem,
-            duration=motion.duration,
-            lower_bound=end_to_end_bound(problem),
-            motion=motion.origin,
-            bound=replace(motion.origin, method=CLOSED_FORM, submitter=""),
-            evidence=evidence(motion.trajectory, {}, rtol=0.0),
-        )
-    if motion.duration >= before.duration * (1 - BETTER_RTOL):
-        return before
-    return replace(
-        before,
-        duration=motion.duration,
-        motion=motion.origin,
-        evidence=evidence(motion.trajectory, before.proof, rtol=0.0),
-    )
+        bound = replace(origin, method=CLOSED_FORM, submitter="")
+        first = Solution(Status.SOLVED, trajectory, lower_bound=end_to_end_bound(problem))
+        return records.made(problem, first, origin, bound)
+    solution = replace(before.trial.solution, trajectory=trajectory)
+    return records.made(problem, solution, origin, before.bound)
 
 
 def _with_proof(record: Record, candidate: Candidate) -> Record:
@@ -229,17 +231,19 @@ def _with_proof(record: Record, candidate: Candidate) -> Record:
     return exact
 
 
-def _proving(record: Record, candidate: Candidate, proof: Mapping[str, Array]) -> Record | None:
+def _proving(record: Record, candidate: Candidate, proof: Stats) -> Record | None:
     """The record with another proof and what that proves; None where it proves nothing."""
-    stated = evidence(record.trajectory, proof, rtol=0.0)
-    other = replace(record, evidence=stated, bound=candidate.origin)
+    solution = replace(record.trial.solution, stats=proof)
+    options = {**record.trial.options, "bound": asdict(candidate.origin)}
+    trial = replace(record.trial, solution=solution, options=options)
     try:
-        return replace(other, lower_bound=proved(other))
+        bound = proved(trial)
     except TrajoptError:
         return None
+    return records.of_trial(replace(trial, solution=replace(solution, lower_bound=bound)))
 
 
-def _rounded(proof: Mapping[str, Array], digits: int) -> dict[str, Array]:
+def _rounded(proof: Stats, digits: int) -> dict[str, Array]:
     """The proof with fewer digits; whole numbers, and what it counts in, as they are."""
     found = {}
     for name, array in proof.items():
@@ -248,10 +252,10 @@ def _rounded(proof: Mapping[str, Array], digits: int) -> dict[str, Array]:
         if name in _EXACT:
             whole[...] = True
         found[name] = np.where(whole, array, brief)
-    cells = proof.get("cells")
+    cells = proof.get("proof_cells")
     if cells is not None and cells.ndim == 2:
         # starts of narrow cells: rounding must leave them a width
-        found["cells"][:, 0] = _brief(cells[:, 0], _START_DIGITS)
+        found["proof_cells"][:, 0] = _brief(cells[:, 0], _START_DIGITS)
     return found
 
 
@@ -267,26 +271,3 @@ def _check_order(record: Record) -> None:
             f"{name}: a motion of {record.duration:.9g} s ({record.motion}) is briefer than the "
             f"proved {record.lower_bound:.9g} s ({record.bound}): one of them is wrong"
         )
-
-
-def write(record: Record, where: Path) -> Path:
-    """Write a record, as briefly as its motion keeps its certified duration; returns the file.
-
-    Raises:
-        StoreError: The file cannot be written, or its motion would not be what it was.
-    """
-    file = records.file_of(record.problem, where) or where / record.file_name
-    content = _content(record)
-    atomic.write(file, content.encode())
-    return file
-
-
-def _content(record: Record) -> str:
-    """The file's text, read back and verified."""
-    for rtol in (*own_breaks.SAME_RTOLS, 0.0):
-        brief = replace(record, evidence=evidence(record.trajectory, record.proof, rtol))
-        back = parsed(text(brief))
-        duration = verify(back.problem, back.trajectory).certified_duration
-        if duration is not None and duration <= record.duration * (1 + _KEPT_RTOL):
-            return text(replace(brief, duration=duration))
-    raise StoreError(f"{record.problem.name}: its motion is another one when it is read again")

@@ -1,18 +1,202 @@
-"""Find the records' files, and a problem's record by the problem's numbers."""
+"""Records: the best known motion of a problem, and a proved lower bound, in a file.
+
+A record is a trial's text, as the files of a results folder are. The trial is that of `BEST_KNOWN`:
+its solution is the best known motion with the highest lower bound and the proof of that, and its
+options state where the two come from. The motion is stated joint by joint
+(`trajopt.benchmark.store.own_breaks`). A record is found by the problem's numbers.
+"""
 
 from __future__ import annotations
 
+import re
+from dataclasses import asdict, dataclass, replace
+from datetime import date
 from functools import lru_cache
 from pathlib import Path
 
-from trajopt.benchmark.best_known.record import Record, ending, read
+from trajopt.benchmark.provenance import provenance
+from trajopt.benchmark.store import atomic, recheck, trial_text
+from trajopt.benchmark.store import folder as store
+from trajopt.benchmark.store.recheck import PROVED_AGAIN, CheckedTrial
+from trajopt.benchmark.trial import Trial, verdict
 from trajopt.core import built_in
+from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
-from trajopt.explain.references import Answer
+from trajopt.core.solution import Solution
+from trajopt.core.trajectory import Trajectory
+from trajopt.explain.references import BEST_KNOWN, Answer
 from trajopt.judging.verification import certified
+from trajopt.planners.planner import Relation
+
+CLOSED_WITHIN = 1e-3
+"""A best known duration this close to its proved lower bound leaves no question open."""
+
+CLOSED_FORM = "closed form"
+"""The method of a bound without a stored proof: `rest_to_rest.end_to_end_bound`."""
 
 BETTER_RTOL = 1e-6
 """A duration is an improvement if it is shorter by more than this, relative."""
+
+_MAX_TEXT_LENGTH = 300  # characters of a line
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The source of a motion or a bound.
+
+    Attributes:
+        method: The planner with its options, or whatever its submitter calls it.
+        version: Of that planner's package; may be empty.
+        date: On which it was recorded, ISO 8601.
+        submitter: Who sent it; empty where this project computed it.
+    """
+
+    method: str
+    version: str
+    date: str
+    submitter: str = ""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            is_line = isinstance(value, str) and value.isprintable()
+            if not is_line or len(value) > _MAX_TEXT_LENGTH:
+                right = f"one printable line of at most {_MAX_TEXT_LENGTH} characters"
+                raise InvalidInput(name, right, value=value)
+        if not self.method.strip():
+            raise InvalidInput("method", "a name")
+        try:
+            date.fromisoformat(self.date)
+        except ValueError:
+            raise InvalidInput("date", "a date like 2026-11-22", value=self.date) from None
+
+    def __str__(self) -> str:
+        name = " ".join(filter(None, [self.method, self.version]))
+        return ", ".join(filter(None, [name, self.submitter, self.date]))
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """The best known motion and bound of a problem.
+
+    Attributes:
+        trial: The trial that states everything.
+        duration: Certified, of `trajectory`, s.
+        lower_bound: No motion is faster, s.
+        trajectory: As it was planned: certified, it may take longer.
+        motion: Where the trajectory comes from.
+        bound: Where the lower bound comes from.
+    """
+
+    trial: Trial
+    duration: float
+    lower_bound: float
+    trajectory: Trajectory
+    motion: Origin
+    bound: Origin
+
+    @property
+    def problem(self) -> Problem:
+        """Two problems are the same where their numbers are."""
+        return self.trial.problem
+
+    @property
+    def proved_within(self) -> float:
+        """By how much the duration may exceed the optimum, as a ratio minus 1."""
+        return self.duration / self.lower_bound - 1
+
+    @property
+    def closed(self) -> bool:
+        """True if the duration is proved to be optimal within `CLOSED_WITHIN`."""
+        return self.proved_within < CLOSED_WITHIN
+
+    @property
+    def file_name(self) -> str:
+        name = re.sub(r"[^\w-]", "_", self.problem.name, flags=re.ASCII)
+        return name + ending(self.problem)
+
+
+def ending(problem: Problem) -> str:
+    """Return how the file name of a problem's record ends, whatever the problem is called."""
+    return f".{problem.digest()[:16]}.json"
+
+
+# --- a record and its trial ---
+
+
+def made(problem: Problem, solution: Solution, motion: Origin, bound: Origin) -> Record:
+    """Return the record of a motion and a lower bound, judged now.
+
+    Raises:
+        InvalidInput: The motion has no certified duration.
+    """
+    status, message, certificate = verdict(problem, solution)
+    trial = Trial(
+        problem=problem,
+        planner=BEST_KNOWN,
+        label=BEST_KNOWN,
+        options={"motion": asdict(motion), "bound": asdict(bound)},
+        seed=0,
+        relation=Relation.SAME,
+        status=status,
+        message=message,
+        solution=solution,
+        certificate=certificate,
+        setup_time=0.0,
+        solve_time=0.0,
+        batch=1,
+        started=f"{motion.date}T00:00:00+00:00",
+        provenance={"mintime": provenance()["mintime"]},
+    )
+    return of_trial(trial)
+
+
+def of_trial(trial: Trial) -> Record:
+    """Return the record that a trial states.
+
+    Raises:
+        InvalidInput: It states none.
+    """
+    duration = trial.certified_duration
+    lower_bound = trial.lower_bound
+    trajectory = trial.solution.trajectory
+    if trial.planner != BEST_KNOWN or not duration or not lower_bound or trajectory is None:
+        right = f"a trial of {BEST_KNOWN}, with a certified motion and a lower bound"
+        raise InvalidInput("record", right, value=trial.label)
+    try:
+        motion, bound = (Origin(**trial.options[name]) for name in ("motion", "bound"))
+    except (KeyError, TypeError):
+        right = "motion and bound: each with method, version, date and submitter"
+        raise InvalidInput("options", right, value=dict(trial.options)) from None
+    return Record(trial, duration, lower_bound, trajectory, motion, bound)
+
+
+# --- files ---
+
+
+def read(file: Path) -> Record:
+    """Read a record; `checked` computes again what it states.
+
+    Raises:
+        TrajoptError: The file holds none; names the file.
+    """
+    try:
+        if not store.is_trial(file):
+            raise InvalidInput("record", "a sealed text, as `trajopt best-known propose` writes it")
+        (trial,) = store.recorded(file)
+        return of_trial(trial)
+    except InvalidInput as error:
+        raise error.in_file(str(file)) from None
+
+
+def write(record: Record, where: Path) -> Path:
+    """Write a record into a folder, in place of the problem's record there; returns the file.
+
+    Raises:
+        StoreError: The file cannot be written.
+    """
+    file = file_of(record.problem, where) or where / record.file_name
+    atomic.write(file, trial_text.write(record.trial, brief=True))
+    return file
 
 
 def folder() -> Path:
@@ -35,25 +219,14 @@ def files(where: Path | None = None) -> list[Path]:
 def file_of(problem: Problem, where: Path | None = None) -> Path | None:
     """Return the file of a problem's record, or None."""
     place = where or folder()
-    changed = place.stat().st_mtime_ns if place.is_dir() else 0
-    return _files_by_ending(place, changed).get(ending(problem))
-
-
-@lru_cache(maxsize=8)
-def _files_by_ending(where: Path, changed: int) -> dict[str, Path]:
-    """Every record's file by the end of its name; `changed` is when the folder last was."""
-    found = {}
-    for file in reversed(files(where)):
-        _, *digest = file.name.rsplit(".", maxsplit=2)
-        found[f".{'.'.join(digest)}"] = file
-    return found
+    return next(place.glob(f"*{ending(problem)}"), None)
 
 
 def find(problem: Problem, where: Path | None = None) -> Record | None:
     """Return the record of a problem, or None.
 
     Raises:
-        InvalidInput: Its file cannot be read.
+        TrajoptError: Its file cannot be read.
     """
     file = file_of(problem, where)
     if file is None:
@@ -75,3 +248,22 @@ def answer(problem: Problem) -> Answer:
     if record is None:
         return Answer(None, "nothing is recorded for these numbers")
     return Answer(certified(problem, record.trajectory), str(record.motion))
+
+
+# --- the check ---
+
+
+def checked(file: Path) -> CheckedTrial:
+    """Compute again what a record states; a file that cannot be checked does not hold."""
+    try:
+        record = read(file)
+        (found,) = recheck.checked([record.trial])
+    except Exception as error:  # the other files are checked all the same
+        reason = f"record: it cannot be checked, {type(error).__name__}: {error}"
+        return CheckedTrial(file.name, differences=(reason,))
+    differences = list(found.differences)
+    if not differences and found.bound != PROVED_AGAIN:
+        differences.append(f"lower bound: {found.bound}")
+    if not file.name.endswith(ending(record.problem)):
+        differences.append(f"file: its name should end in {ending(record.problem)}")
+    return replace(found, id=file.name, differences=tuple(differences))

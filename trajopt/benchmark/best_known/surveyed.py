@@ -9,9 +9,9 @@ from dataclasses import replace
 from math import inf
 from pathlib import Path
 
-from trajopt.benchmark.best_known import record_check, records
-from trajopt.benchmark.best_known.record import Record
-from trajopt.benchmark.best_known.records import BETTER_RTOL
+from trajopt.benchmark.best_known import records
+from trajopt.benchmark.best_known.records import BETTER_RTOL, Record
+from trajopt.benchmark.store.recheck import proved
 from trajopt.core.exceptions import TrajoptError
 from trajopt.explain.verdicts import Known
 from trajopt.judging.verification import certified
@@ -52,7 +52,7 @@ def _with_bound(known: Known, record: Record) -> Known:
     if record.lower_bound <= threshold:
         return known
     try:
-        bound = record_check.proved(record)
+        bound = proved(record.trial)
     except TrajoptError:
         return known  # it proves nothing, or what checks it is not installed
     if bound <= threshold:

@@ -7,8 +7,7 @@ in arrays of numbers, and for no limit in limits.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from enum import Enum
 from math import isfinite
 from numbers import Integral, Real
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.trial import well_formed
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.files import check_keys
@@ -117,12 +117,16 @@ def _unpacked_array(value: Mapping[str, Any]) -> NDArray[Any]:
 # --- solutions ---
 
 
-def packed_solution(solution: Solution) -> dict[str, Any]:
-    """Return a planner's answer in JSON's terms; raises `TypeError` as `pack` does."""
+def packed_solution(solution: Solution, *, brief: bool = False) -> dict[str, Any]:
+    """Return a planner's answer in JSON's terms; raises `TypeError` as `pack` does.
+
+    Brief: its trajectory is stated joint by joint (`own_breaks`).
+    """
     table = {name: pack(getattr(solution, name)) for name in _SOLUTION}
     table["trajectory"] = None
     if solution.trajectory is not None:
-        table["trajectory"] = trajectory_table(solution.trajectory)
+        as_table = own_breaks.table if brief else trajectory_table
+        table["trajectory"] = as_table(solution.trajectory)
     table["history"] = pack(solution.history)
     return table
 
@@ -151,6 +155,9 @@ def solution_of(table: Any) -> Solution:
 def _trajectory(table: Any) -> Trajectory | None:
     if table is None:
         return None
+    if "joints" in table:
+        check_table("trajectory", table, ("waypoint_times", "joints"))
+        return own_breaks.trajectory(table)
     check_table("trajectory", table, _TRAJECTORY)
     arrays = [np.array(table[name], dtype=float) for name in _TRAJECTORY]
     return Trajectory(*arrays)
@@ -237,7 +244,7 @@ def _pairs(name: str, rows: Any) -> list[Any]:
     return pairs
 
 
-# --- tables and texts ---
+# --- tables ---
 
 
 def check_table(
@@ -252,22 +259,3 @@ def check_table(
     if value.keys() == set(required):
         return
     check_keys(f"{key}: ", value, {*required, *optional}, required)
-
-
-def json_lines(value: Any) -> Iterator[str]:
-    """JSON with a line for each key and for each row of numbers."""
-    if isinstance(value, dict) and value:
-        yield "{\n"
-        for number, (key, item) in enumerate(value.items()):
-            yield ",\n" if number else ""
-            yield f"{json.dumps(key, ensure_ascii=False)}: "
-            yield from json_lines(item)
-        yield "\n}"
-    elif isinstance(value, list) and value and isinstance(value[0], list):
-        yield "[\n"
-        for number, item in enumerate(value):
-            yield ",\n" if number else ""
-            yield from json_lines(item)
-        yield "\n]"
-    else:
-        yield json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))

@@ -8,7 +8,7 @@ reader refuses (a wrong checksum, identity or digest) is a damaged file.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -21,6 +21,7 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial, verdict
 from trajopt.core.exceptions import TrajoptError
 from trajopt.core.problem import Problem
+from trajopt.explain.references import BEST_KNOWN, PROOF
 from trajopt.judging.verification import RATIO_KINDS, WORST_KINDS, Certificate
 from trajopt.planners.planner import Relation
 from trajopt.planners.registry import configured, entries
@@ -30,6 +31,7 @@ DURATION_RTOL = 1e-9  # between a recorded duration and the computed one
 CERTIFICATE_RTOL = 1e-6  # between a certificate's uses of limits
 CERTIFICATE_ATOL = 1e-8  # between its misses: rad, rad/s, rad/s^2
 BOUND_RTOL = 1e-6  # by which rounding may lift a proof above a certified duration
+PROOF_RTOL = 1e-12  # between two checks of a proof: the order of sums may differ
 
 PROVED_AGAIN = "proved again"
 NOT_RECHECKED = "not rechecked"
@@ -122,7 +124,14 @@ def verification(path: Path | str) -> Verification:
             folder is a trial that does not hold.
     """
     damaged: list[Damaged] = []
-    trials = list(recorded(Path(path), damaged.append))
+    found = checked(list(recorded(Path(path), damaged.append)))
+    for error in damaged:
+        found.append(CheckedTrial(error.path.stem, differences=(str(error),)))
+    return Verification(tuple(found))
+
+
+def checked(trials: Sequence[Trial]) -> list[CheckedTrial]:
+    """Compute trials again; a bound must not exceed what is certified of its problem."""
     anew = [verdict(trial.problem, trial.solution) for trial in trials]
     shortest: dict[str, float] = {}
     for trial, (_, _, certificate) in zip(trials, anew, strict=True):
@@ -130,13 +139,11 @@ def verification(path: Path | str) -> Verification:
         duration = certificate.certified_duration if certificate else None
         if duration is not None and duration < known:
             shortest[trial.digest] = duration
-    checked = []
+    found = []
     for trial, (status, _, certificate) in zip(trials, anew, strict=True):
         best = shortest[trial.digest]
-        checked.append(_checked(trial, str(status), certificate, best))
-    for error in damaged:
-        checked.append(CheckedTrial(error.path.stem, differences=(str(error),)))
-    return Verification(tuple(checked))
+        found.append(_checked(trial, str(status), certificate, best))
+    return found
 
 
 def _checked(
@@ -148,7 +155,7 @@ def _checked(
     """A trial beside its computed verdict, and the shortest certified duration of its problem."""
     stated = trial.certificate
     bound, unproved = _rechecked(trial)
-    differences = [*_changed(trial, status, certificate), *foreign(trial.problem)]
+    differences = [*_changed(trial, status, certificate), *_foreign(trial.problem)]
     if trial.lower_bound is not None and trial.lower_bound > shortest * (1 + BOUND_RTOL):
         lower = f"{trial.lower_bound:.9g} s"
         differences.append(f"lower bound: {lower}, but {shortest:.9g} s is certified")
@@ -220,7 +227,7 @@ def _said(value: Any) -> str:
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
-def foreign(problem: Problem) -> list[str]:
+def _foreign(problem: Problem) -> list[str]:
     """Say whether a problem of a built-in name has other numbers than the built-in one."""
     digests = _built_in(problem.name)
     if not digests or problem.digest() in digests:
@@ -253,23 +260,42 @@ def _rechecked(trial: Trial) -> tuple[str, list[str]]:
     if trial.lower_bound is not None and planner.relation(trial.problem) is Relation.RESTRICTION:
         return NOT_PROVED, [f"lower bound: {trial.label} bounds some trajectories only"]
     try:
-        proved = planner.stored_bound(trial.problem, trial.solution.stats)
+        now = _proved(planner, trial)
     except TrajoptError as error:
         return NOT_PROVED, [f"lower bound: {error}"]
-    if proved is None:
-        proved = end_to_end_bound(trial.problem)
-    if _close(proved, bound, rtol=DURATION_RTOL, atol=0.0):
+    if _close(now, bound, rtol=PROOF_RTOL, atol=0.0):
         return PROVED_AGAIN, []
-    return NOT_PROVED, [_difference("lower bound", proved, bound)]
+    return NOT_PROVED, [_difference("lower bound", now, bound)]
+
+
+def proved(trial: Trial) -> float:
+    """Return the lower bound that a trial's proof gives, s, without a solver.
+
+    Raises:
+        TrajoptError: The proof is damaged, or what checks it is not installed.
+    """
+    planner = _planner(trial)
+    if planner is None:
+        raise TrajoptError(f"lower bound of {trial.label}: nothing installed here checks its proof")
+    return _proved(planner, trial)
+
+
+def _proved(planner: StoresProofs, trial: Trial) -> float:
+    """The bound of the stored proof; in closed form where none is stored."""
+    bound = planner.stored_bound(trial.problem, trial.solution.stats)
+    return end_to_end_bound(trial.problem) if bound is None else bound
 
 
 def _planner(trial: Trial) -> StoresProofs | None:
     """The trial's planner with its options, where it is installed and stores proofs."""
-    entry = entries().get(trial.planner)
+    name, options = trial.planner, trial.options
+    if name == BEST_KNOWN:
+        name, options = PROOF, {}
+    entry = entries().get(name)
     if entry is None or entry.missing():
         return None
     try:
-        planner = configured(entry.load(), trial.options, trial.planner)
+        planner = configured(entry.load(), options, name)
     except TrajoptError:
         return None
     return planner if isinstance(planner, StoresProofs) else None

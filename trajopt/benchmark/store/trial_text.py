@@ -55,6 +55,7 @@ _HEAD = re.compile(
     rb'"sha256": "(?P<sha256>[0-9a-f]{64})",\n'
     rb'(?P<body>"id": "(?P<id>[0-9a-f]{20})",\n)'
 )
+_ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 _ESCAPE = re.compile(r"(?<!\\)(?:\\\\)*\\[ubfr]")  # escapes of control characters
 
 
@@ -106,8 +107,8 @@ def check(text: bytes) -> str:
     return stated_id(text)
 
 
-def write(trial: Trial) -> bytes:
-    """Return the trial's text.
+def write(trial: Trial, *, brief: bool = False) -> bytes:
+    """Return the trial's text; brief: its trajectory is stated joint by joint.
 
     Raises:
         TypeError, ValueError: No text can hold the trial.
@@ -121,7 +122,7 @@ def write(trial: Trial) -> bytes:
     table["certificate"] = None
     if trial.certificate is not None and trial.solution.trajectory is not None:
         table["certificate"] = _certificate_table(trial.certificate)
-    table["solution"] = packed_solution(trial.solution)
+    table["solution"] = packed_solution(trial.solution, brief=brief)
     text = sealed(table)
     read(text)  # refuses a text that cannot be read back
     return text
@@ -129,11 +130,13 @@ def write(trial: Trial) -> bytes:
 
 def sealed(table: Mapping[str, Any]) -> bytes:
     """Return the text of what a trial states, `id` first, with its seal."""
-    lines = []
-    for name, value in table.items():
-        said = json.dumps(value, ensure_ascii=False, allow_nan=False)
-        lines.append(f'"{name}": {said}')
-    body = (",\n".join(lines) + "\n}\n").encode()
+    lines = [f'"{name}": {_ENCODER.encode(value)}' for name, value in table.items()]
+    body = ",\n".join(lines) + "\n}\n"
+    return seal(body.encode())
+
+
+def seal(body: bytes) -> bytes:
+    """Return the whole text, for all of it after its checksum."""
     digest = hashlib.sha256(body).hexdigest()
     head = f'{{\n"schema": "trajopt-{SCHEMA}",\n"sha256": "{digest}",\n'
     return head.encode() + body
@@ -179,7 +182,7 @@ def row(text: bytes) -> dict[str, Any]:
     if said.count(",") > files.MAX_VALUES:
         raise Malformed(f"it has more than {files.MAX_VALUES} values")
     _check_characters(said)
-    table: dict[str, Any] = json.loads(said, parse_constant=_refuse)
+    table: dict[str, Any] = files.strict_json(said)
     return table
 
 
@@ -189,10 +192,6 @@ def _check_characters(said: str) -> None:
     escaped = "\\" in said and _ESCAPE.search(said)
     if escaped or harmless(lines, lines=False) != lines:
         raise Malformed("a text with control characters")
-
-
-def _refuse(constant: str) -> None:
-    raise Malformed(f"{constant} is no number of JSON")
 
 
 def _problem(table: Any) -> Problem:

@@ -14,8 +14,7 @@ from math import inf, isnan, nan
 from typing import Literal
 
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.best_known.record import CLOSED_FORM
-from trajopt.benchmark.best_known.records import BETTER_RTOL
+from trajopt.benchmark.best_known.records import BETTER_RTOL, CLOSED_FORM
 from trajopt.benchmark.trial import Trial
 from trajopt.core.problem import Problem
 from trajopt.explain.references import PROOF, REFERENCES

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from trajopt.benchmark.best_known.record import CLOSED_WITHIN
+from trajopt.benchmark.best_known.records import CLOSED_WITHIN
 from trajopt.core.solution import Status
 from trajopt.views.analysis import statistics
 from trajopt.views.analysis.gap_reference import OPTIMA
