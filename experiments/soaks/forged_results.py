@@ -8,7 +8,6 @@ forger would. Corrupted: bits, blocks or the end of a `results.h5` are changed, 
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import tempfile
@@ -27,7 +26,7 @@ from experiments.soaks import said
 from experiments.soaks.said import ESCAPES
 from trajopt.benchmark.store.folder import DamagedFile, Store
 from trajopt.benchmark.store.results_file import sealed as sealed_file
-from trajopt.benchmark.store.trial_text import sealed
+from trajopt.benchmark.store.trial_text import seal, sealed
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import named
@@ -102,13 +101,13 @@ def odd_text(text: bytes, rng: Rng) -> bytes:
     place = int(rng.integers(2, len(lines) - 2))
     name, _, _ = lines[place].partition(b": ")
     lines[place] = name + b": " + _drawn(odd, rng) + b","
-    return _sealed_lines(lines)
+    return resealed(b"\n".join(lines))
 
 
-def _sealed_lines(lines: list[bytes]) -> bytes:
-    """Lines of a text with the SHA-256 of those after the second."""
-    digest = hashlib.sha256(b"\n".join(lines[3:])).hexdigest()
-    return b"\n".join([*lines[:2], f'"sha256": "{digest}",'.encode(), *lines[3:]])
+def resealed(text: bytes) -> bytes:
+    """A text whose lines after the checksum were changed, sealed again."""
+    *_, body = text.split(b"\n", 3)
+    return seal(body)
 
 
 def odd_json(text: bytes, rng: Rng) -> bytes:
@@ -147,7 +146,7 @@ def odd_number(text: bytes, rng: Rng) -> bytes:
     found = list(re.finditer(rb"-?\d+\.\d+", text))
     place = found[int(rng.integers(len(found)))]
     changed = text[: place.start()] + _drawn(odd, rng) + text[place.end() :]
-    return _sealed_lines(changed.split(b"\n"))
+    return resealed(changed)
 
 
 def deep(text: bytes, rng: Rng) -> bytes:
@@ -155,7 +154,7 @@ def deep(text: bytes, rng: Rng) -> bytes:
     depth = int(rng.choice([50, 900, 100_000]))
     options = b"[" * depth + b"]" * depth
     changed = re.sub(rb'"options": .*', b'"options": {"x": ' + options + b"},", text)
-    return _sealed_lines(changed.split(b"\n"))
+    return resealed(changed)
 
 
 def high_degree(text: bytes, rng: Rng) -> bytes:

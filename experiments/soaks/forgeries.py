@@ -15,12 +15,12 @@ import json
 import re
 import subprocess
 import sys
-import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 import cyclopts
@@ -28,8 +28,8 @@ import numpy as np
 import pandas as pd
 
 from experiments.soaks import soak_report
+from experiments.soaks.forged_results import resealed
 from trajopt.benchmark.best_known import records
-from trajopt.benchmark.store import trial_text
 from trajopt.benchmark.store.recheck import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.core.exceptions import TrajoptError
@@ -53,6 +53,9 @@ _NO_NUMBERS = f"NaN Infinity -Infinity 1e999 1{400 * '0'} true null 1e308 5e-324
 _RAW = "raw:"
 # A key that stands in the file once more.
 _AGAIN = "again:"
+_TWICE = (
+    "solution.lower_bound solution.trajectory solution.status certificate.duration problem.limits"
+)
 _PROOF = "proof_"
 
 
@@ -86,7 +89,7 @@ def forgeries(problem: str) -> list[Forgery]:
                 family=title,
                 name=f"{problem}: {name}",
                 text=text(said),
-                duration=duration(honest),
+                duration=honest["certificate"]["duration"],
             )
             found.append(forged)
     return found
@@ -106,27 +109,12 @@ def text(said: Said) -> str:
     """As a sealed text, with what is no JSON where it is asked for."""
     stats = {}
     for name, rows in said["proof"].items():
-        again = _AGAIN if name.startswith(_AGAIN) else ""
-        own = again + _PROOF + name.removeprefix(_AGAIN)
-        stats[own] = {"$array": rows, "dtype": "<f8", "shape": _shape(rows)}
-    stated = {name: said[name] for name in said.keys() - {"schema", "sha256", "proof"}}
-    stated |= {"solution": said["solution"] | {"stats": stats}}
-    plain = trial_text.sealed({"id": said["id"]} | stated).decode()
-    plain = re.sub(f'"{_RAW}([^"]*)"', r"\1", plain).replace(_AGAIN, "")
-    *_, body = plain.split("\n", 3)
-    return trial_text.seal(body.encode()).decode()
-
-
-def _shape(rows: Any) -> list[int]:
-    """The shape of a table; of rows of other lengths, their number alone."""
-    lengths = {len(row) for row in rows if isinstance(row, list)}
-    return [len(rows), *lengths] if len(lengths) == 1 else [len(rows)]
-
-
-def duration(said: Said) -> float:
-    """The best known duration that a record states, s."""
-    certificate = said["certificate"]
-    return float(max(1, certificate["dilation"]) * certificate["duration"])
+        shape = np.array(rows, dtype=object).shape
+        stats[_PROOF + name] = {"$array": rows, "dtype": "<f8", "shape": shape}
+    stated = said | {"solution": said["solution"] | {"stats": stats}}
+    del stated["proof"]
+    plain = re.sub(f'"{_RAW}([^"]*)"', r"\1", json.dumps(stated, indent=0))
+    return resealed(plain.replace(_AGAIN, "").encode()).decode()
 
 
 # --- building blocks ---
@@ -135,7 +123,7 @@ def duration(said: Said) -> float:
 def changed(honest: Said, **tables: Any) -> Said:
     """The honest proof with other tables, asked about three times the best known duration."""
     said = deepcopy(honest)
-    cutoff = CLAIMED * duration(said)
+    cutoff = CLAIMED * said["certificate"]["duration"]
     said["solution"]["lower_bound"] = cutoff
     said["proof"]["cutoff"] = [cutoff]
     said["proof"].update(tables)
@@ -340,22 +328,17 @@ def short_tables(honest: Said) -> Iterator[Named]:
 
 
 def keys_twice(honest: Said) -> Iterator[Named]:
-    for name in ("lower_bound", "trajectory", "message"):
+    for key in _TWICE.split():
+        part, name = key.split(".")
         said = changed(honest)
-        said["solution"][_AGAIN + name] = said["solution"][name]
-        yield f"{name} twice", said
-    said = changed(honest)
-    said[_AGAIN + "solution"] = said["solution"]
-    yield "solution twice", said
+        said[part][_AGAIN + name] = said[part][name]
+        yield f"{key} twice", said
     for name in ("multipliers", "units", "cells"):
         units = [2.0**-1022 for _ in honest["proof"]["units"]]
         units[0] = 2.0**30
         said = one_leaf(honest, units=units)
         said["proof"][_AGAIN + name] = said["proof"][name]
         yield f"{name} twice", said
-    said = changed(honest)
-    said["problem"][_AGAIN + "limits"] = said["problem"]["limits"]
-    yield "limits twice", said
 
 
 def others(honest: Said) -> Iterator[Named]:
@@ -397,10 +380,10 @@ def believed(content: str) -> float:
     Raises:
         TrajoptError: The file is refused.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "forged.json"
-        file.write_text(content, encoding="utf-8")
-        return proved(records.read(file).trial)
+    with NamedTemporaryFile("w", suffix=".json", encoding="utf-8") as file:
+        file.write(content)
+        file.flush()
+        return proved(records.read(Path(file.name)).trial)
 
 
 def judged(forgery: Forgery) -> dict[str, object]:

@@ -37,8 +37,8 @@ LATE = (
 BRIEF = {
     "waypoint_times": [0.0, 2.0],
     "joints": [
-        [[0.0, 0.5, 0.0, 0.0], [1.0, -0.5]],
-        [[0.0, 0.2]],
+        [[0.0, 0.0, 0.5, 0.0, 0.0], [1.0, 0.0, -0.5]],
+        [[0.0, 0.0, 0.0, 0.0, 0.2]],
         [[0.0, 0.0, 0.0, 0.0, 0.3], [0.5, 1.0]],
     ],
 }
@@ -133,7 +133,7 @@ def changed(path, value):
         changed(["joints", 0], []),
         changed(["joints", 0, 0], []),
         changed(["joints", 0, 0], [0.0]),
-        changed(["joints", 0, 1], [1.0, 1.0, 1.0, 1.0, 1.0]),
+        changed(["joints", 0, 1], [1.0, *[1.0] * 6]),
         changed(["joints", 0, 1], [1.0, None]),
         changed(["joints", 0, 1], [1.0, "x"]),
         changed(["joints", 0, 1, 0], 0.0),

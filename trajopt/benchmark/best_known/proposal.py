@@ -22,12 +22,11 @@ from trajopt.benchmark.store.recheck import proved
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Trial
 from trajopt.core.arrays import Array
-from trajopt.core.exceptions import InvalidTrajectory, TrajoptError
+from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.explain.references import BEST_KNOWN
-from trajopt.judging.verification import verify
 from trajopt.planners.rest_to_rest import end_to_end_bound
 
 Stats = Mapping[str, Any]
@@ -157,60 +156,49 @@ def outcomes(candidates: Iterable[Candidate], where: Path) -> Iterator[Outcome]:
 def _outcome(candidates: Sequence[Candidate], where: Path) -> Outcome:
     problem = candidates[0].problem
     before = records.find(problem, where)
+    found = [_with_motion(before, candidate) for candidate in candidates]
+    motions = [record for record in found if record is not None]
+    shortest = min(motions, key=lambda record: record.duration, default=None)
     record = before
-    shortest = _shortest(candidates)
-    duration = None
-    if shortest is not None:
-        duration, candidate, trajectory = shortest
-        if before is None or duration < before.duration * (1 - BETTER_RTOL):
-            record = _with_motion(before, candidate, _brief_motion(problem, trajectory, duration))
+    if shortest and (not before or shortest.duration < before.duration * (1 - BETTER_RTOL)):
+        record = _brief_motion(shortest)
     if record is not None:
         for candidate in candidates:
             record = _with_proof(record, candidate)
         _check_order(record)
     after = None if record is before else record
-    return Outcome(problem, before, after, duration)
+    return Outcome(problem, before, after, shortest.duration if shortest else None)
 
 
-def _shortest(candidates: Sequence[Candidate]) -> tuple[float, Candidate, Trajectory] | None:
-    """Return the shortest certified duration, s, its candidate and the motion."""
-    best = None
-    for candidate in candidates:
-        trajectory = candidate.trajectory
-        if trajectory is None:
-            continue
-        duration = _certified(candidate.problem, trajectory)
-        if duration is not None and (best is None or duration < best[0]):
-            best = duration, candidate, trajectory
-    return best
+def _with_motion(before: Record | None, candidate: Candidate) -> Record | None:
+    """The record with another motion; None without a certified duration.
 
-
-def _certified(problem: Problem, trajectory: Trajectory) -> float | None:
-    """The certified duration, s; None where no dilation mends the motion."""
+    The first motion of a problem has the bound in closed form.
+    """
+    problem = candidate.problem
+    origin = candidate.origin
+    if candidate.trajectory is None:
+        return None
+    bound = replace(origin, method=CLOSED_FORM, submitter="")
+    solution = Solution(Status.SOLVED, lower_bound=end_to_end_bound(problem))
+    if before is not None:
+        bound = before.bound
+        solution = before.trial.solution
     try:
-        return verify(problem, trajectory).certified_duration
-    except InvalidTrajectory:
+        whole = replace(solution, trajectory=candidate.trajectory)
+        return records.made(problem, whole, origin, bound)
+    except InvalidInput:
         return None
 
 
-def _brief_motion(problem: Problem, trajectory: Trajectory, duration: float) -> Trajectory:
-    """The motion in as few numbers as keep its certified duration."""
-    brief = own_breaks.trajectory(own_breaks.table(trajectory, own_breaks.SAME_RTOL))
-    now = _certified(problem, brief)
-    is_kept = now is not None and now <= duration * (1 + _KEPT_RTOL)
-    return brief if is_kept else trajectory
-
-
-def _with_motion(before: Record | None, candidate: Candidate, trajectory: Trajectory) -> Record:
-    """The record with a motion; the first one has the bound in closed form."""
-    problem = candidate.problem
-    origin = candidate.origin
-    if before is None:
-        bound = replace(origin, method=CLOSED_FORM, submitter="")
-        first = Solution(Status.SOLVED, trajectory, lower_bound=end_to_end_bound(problem))
-        return records.made(problem, first, origin, bound)
-    solution = replace(before.trial.solution, trajectory=trajectory)
-    return records.made(problem, solution, origin, before.bound)
+def _brief_motion(record: Record) -> Record:
+    """The record with its motion in as few numbers as keep its certified duration."""
+    table = own_breaks.table(record.trajectory, own_breaks.SAME_RTOL)
+    brief = Candidate(record.problem, record.motion, own_breaks.trajectory(table))
+    found = _with_motion(record, brief)
+    if found is None or found.duration > record.duration * (1 + _KEPT_RTOL):
+        return record
+    return found
 
 
 def _with_proof(record: Record, candidate: Candidate) -> Record:

@@ -3,10 +3,11 @@
 In reading order:
 
 - `fields`: every field of a trial, declared once;
+- `own_breaks`: a trajectory joint by joint, as records state it;
 - `document`: values, solutions and problems in JSON's terms;
 - `trial_text`: a trial as one sealed JSON text, and back;
 - `atomic`: files that exist whole or not at all;
 - `results_file`: `results.h5`, with a column per field and the trials' texts;
 - `folder`: the results folder, and the one reader of folders, `results.h5` and texts;
-- `verification`: everything that a text states, computed again.
+- `recheck`: everything that a text states, computed again.
 """

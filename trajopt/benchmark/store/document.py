@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from trajopt.benchmark.store import own_breaks
 from trajopt.benchmark.trial import well_formed
+from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.files import check_keys
 from trajopt.core.harmless import harmless
@@ -197,51 +198,30 @@ def problem_of(table: Any) -> Problem:
     """Return the problem that `problem_table` wrote.
 
     Raises:
-        InvalidInput: The table holds no problem, or another digest than that of its numbers.
+        ValueError, TypeError: The table holds no problem, or another digest than its numbers'.
     """
     check_table("problem", table, _PROBLEM, optional=["joint_units"])
-    names = _names("joint_names", table["joint_names"])
-    units = _names("joint_units", table.get("joint_units", []))
-    name, source = _names("name and source", [table["name"], table["source"]])
-    limits = _limits(table["limits"])
-    problem = Problem(table["waypoints"], limits, name, source, names, units)
+    joint_names = table["joint_names"]
+    joint_units = table.get("joint_units", [])
+    for text in (table["name"], table["source"], *joint_names, *joint_units):
+        if not isinstance(text, str):
+            raise Malformed(f"problem: expected text, found {text!r:.80}")
+    limits = Limits(**{name: _pairs(name, rows) for name, rows in table["limits"].items()})
+    problem = Problem(
+        table["waypoints"], limits, table["name"], table["source"], joint_names, joint_units
+    )
     if table["digest"] != problem.digest():
         right = f"{problem.digest()}, that of its numbers"
         raise InvalidInput("problem.digest", right, value=table["digest"])
     return problem
 
 
-def _names(key: str, value: Any) -> list[str]:
-    right = "a list of names"
-    if not isinstance(value, list):
-        raise InvalidInput(f"problem.{key}", right, value=value)
-    for name in value:
-        if not isinstance(name, str):
-            raise InvalidInput(f"problem.{key}", right, value=name)
-    return value
-
-
-def _limits(table: Any) -> Limits:
-    required = ("velocity", "acceleration")
-    optional = [name for name in LIMIT_NAMES if name not in required]
-    check_table("problem.limits", table, required, optional)
-    return Limits(**{name: _pairs(name, rows) for name, rows in table.items()})
-
-
-def _pairs(name: str, rows: Any) -> list[Any]:
+def _pairs(name: str, rows: Any) -> Array:
     """Pairs of limits; null is no limit."""
-    right = "a pair [low, high] per joint"
-    if not isinstance(rows, list):
-        raise InvalidInput(f"problem.limits.{name}", right)
-    pairs = []
-    for row in rows:
-        if not isinstance(row, list) or len(row) != 2:
-            raise InvalidInput(f"problem.limits.{name}", right, value=row)
-        low, high = row
-        low = -np.inf if low is None else low
-        high = np.inf if high is None else high
-        pairs.append([low, high])
-    return pairs
+    if not isinstance(rows, list) or {np.shape(row) for row in rows} != {(2,)}:
+        raise Malformed(f"problem.limits.{name}: expected a pair [low, high] per joint")
+    pairs = np.array(rows, dtype=float)
+    return np.where(np.isnan(pairs), [-np.inf, np.inf], pairs)
 
 
 # --- tables ---

@@ -26,9 +26,8 @@ Row = list[float]
 SAME_RTOL = 1e-12
 """Difference up to which a coefficient continues the piece before, relative.
 
-To the joint's range of positions, over the mean time of a segment to the power of the derivative.
+To the joint's largest position, over the mean time of a segment to the power of the derivative.
 """
-_EPS = float(np.finfo(float).eps)
 
 
 def table(trajectory: Trajectory, rtol: float = 0.0) -> dict[str, Any]:
@@ -38,19 +37,14 @@ def table(trajectory: Trajectory, rtol: float = 0.0) -> dict[str, Any]:
         trajectory: Any.
         rtol: `SAME_RTOL`, or 0: only coefficients that continue to the last bit are left out.
     """
-    segments = len(trajectory.waypoint_times) - 1
-    unit = trajectory.duration / segments
+    unit = trajectory.duration / (len(trajectory.waypoint_times) - 1)
+    powers = np.arange(len(trajectory.coefficients) - 1, -1, -1)
     joints = []
-    for joint in range(trajectory.joints):
-        own = trajectory.coefficients[:, :, joint]
-        coefficients = _without_leading_zeros(own)
-        allowed = _allowed(coefficients, unit, rtol)
-        rows = _rows(trajectory.breaks, coefficients, allowed)
+    for coefficients in np.moveaxis(trajectory.coefficients, 2, 0):
+        largest = np.abs(coefficients[-1]).max()
+        rows = _rows(trajectory.breaks, coefficients, rtol * largest / unit**powers)
         joints.append(rows)
-    return {
-        "waypoint_times": trajectory.waypoint_times.tolist(),
-        "joints": joints,
-    }
+    return {"waypoint_times": trajectory.waypoint_times.tolist(), "joints": joints}
 
 
 def trajectory(said: Mapping[str, Any]) -> Trajectory:
@@ -66,26 +60,6 @@ def trajectory(said: Mapping[str, Any]) -> Trajectory:
     check_work(highest, pieces, len(joints))
     parts = [_joint(rows, times[-1]) for rows in joints]
     return Trajectory.joined(parts, times)
-
-
-def _without_leading_zeros(coefficients: Array) -> Array:
-    """Of as low a degree as all pieces have."""
-    constant = len(coefficients) - 1
-    used = np.flatnonzero(coefficients.any(axis=1))
-    first = used[0] if len(used) else constant
-    return coefficients[first:]
-
-
-def _allowed(coefficients: Array, unit: float, rtol: float) -> Array:
-    """By how much each coefficient may differ where a piece goes on, highest power first."""
-    positions = coefficients[-1]
-    degree = len(coefficients) - 1
-    powers = np.arange(degree, -1, -1)
-    allowed = rtol * np.ptp(positions) / unit**powers
-    if rtol > 0:
-        # a coordinate is known to some units in its last place
-        allowed[-1] += 4 * _EPS * np.abs(positions).max()
-    return np.asarray(allowed)
 
 
 def _rows(breaks: Array, coefficients: Array, allowed: Array) -> list[Row]:
