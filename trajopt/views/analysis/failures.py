@@ -7,7 +7,8 @@ in_words(table.loc["toppra"])           # the line of one planner
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
 from trajopt.views.analysis.overview import competing
 from trajopt.views.analysis.results import Results
+from trajopt.views.analysis.versions import by
 
 COLUMNS = ["label", "kind", "count", "worst", "unit"]
 
@@ -31,13 +33,23 @@ _FLAW = re.compile(r".+ at \S+ s: (?P<what>.+) by (?P<size>\S+) (?P<unit>\S+)")
 _NUMBER = re.compile(r"(?<![\w.+−-])[-−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w-])")  # not of 3-5-3
 
 
-@dataclass(frozen=True)
-class Reason:
+class Reason(NamedTuple):
     """The kind of one trial's failure, and by how much (NaN and no unit where there is no size)."""
 
     kind: str
     size: float = np.nan
     unit: str = ""
+
+
+class Failure(NamedTuple):
+    """Trials of a planner that failed for one kind of reason, and the worst of their reasons."""
+
+    trials: Sequence[Trial]
+    worst: Reason
+
+    def __str__(self) -> str:
+        """Say the kind, and the largest size if it has one."""
+        return f"{self.worst.kind}{worst(self.worst.size, self.worst.unit)}"
 
 
 def failures(results: Results) -> pd.DataFrame:
@@ -54,19 +66,25 @@ def failures(results: Results) -> pd.DataFrame:
     """
     trials = results.trials()
     status = competing(trials)["status"]
-    failed = status.index[status != str(Status.SOLVED)]
+    failed = [results.items[rank] for rank in status.index[status != str(Status.SOLVED)]]
     rows = []
-    for rank in failed:
-        trial = results.items[rank]
-        found = reason(trial)
-        kind = found.kind if found.unit else f"{trial.status}: {found.kind}"
-        rows.append((trial.label, kind.removesuffix(": "), 1, found.size, found.unit))
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    table = table.astype({"worst": float, "count": int})
-    groups = table.groupby(["label", "kind", "unit"], sort=False, as_index=False)
-    counted = groups.agg({"count": "sum", "worst": "max"})[COLUMNS]
-    ordered = counted.sort_values("count", ascending=False, kind="stable")
-    return ordered.sort_values("label", kind="stable").set_index("label")
+    for own in grouped(failed):
+        first = own.trials[0]
+        kind, size, unit = own.worst
+        said = kind if unit else f"{first.status}: {kind}"
+        rows.append((first.label, said.removesuffix(": "), len(own.trials), size, unit))
+    table = pd.DataFrame(rows, columns=COLUMNS).astype({"worst": float, "count": int})
+    return table.sort_values("label", kind="stable").set_index("label")
+
+
+def grouped(trials: Iterable[Trial]) -> list[Failure]:
+    """Group trials by planner, status and kind of reason, the most frequent first."""
+    found = []
+    for own in by(trials, lambda trial: (trial.label, trial.status, reason(trial).kind)).values():
+        reasons = [reason(trial) for trial in own]
+        largest = max(reasons, key=lambda one: one.size)
+        found.append(Failure(own, largest))
+    return sorted(found, key=lambda own: -len(own.trials))
 
 
 def in_words(reasons: pd.DataFrame) -> str:

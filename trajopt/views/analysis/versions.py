@@ -14,9 +14,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import TypeVar
 
 from trajopt.benchmark.trial import Trial
 
+K = TypeVar("K")
 Version = tuple[str, str, str]  # planner, options and code
 
 
@@ -51,16 +53,17 @@ class Newest:
 
 def by_problem(trials: Iterable[Trial]) -> dict[str, list[Trial]]:
     """Return each problem's trials, by its digest."""
-    return _grouped(trials, lambda trial: trial.problem.digest())
+    return by(trials, lambda trial: trial.problem.digest())
 
 
 def by_label(trials: Iterable[Trial]) -> dict[str, list[Trial]]:
     """Return each planner's trials, by its name with its options."""
-    return _grouped(trials, lambda trial: trial.label)
+    return by(trials, lambda trial: trial.label)
 
 
-def _grouped(trials: Iterable[Trial], key: Callable[[Trial], str]) -> dict[str, list[Trial]]:
-    groups: dict[str, list[Trial]] = {}
+def by(trials: Iterable[Trial], key: Callable[[Trial], K]) -> dict[K, list[Trial]]:
+    """Return the trials of each value of a key, in their order."""
+    groups: dict[K, list[Trial]] = {}
     for trial in trials:
         own = groups.setdefault(key(trial), [])
         own.append(trial)

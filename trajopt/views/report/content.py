@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from trajopt.benchmark.suites import catalogue as suite
@@ -150,14 +149,12 @@ class Page:
     @cached_property
     def planners(self) -> list[dict[str, Any]]:
         """One line per planner: over all its runs, and over the problems."""
-        ranks = lines.ranks(self.gaps)
-        runs = dict(list(self.gaps.groupby("label")))
         rows = []
         order = sorted(self.labels)  # as figures have it
-        for label in self.labels:
-            row = {"label": label, "options": self._options(label)}
-            row |= look(order.index(label))
-            row |= lines.over_all(runs[label], ranks.get(label, np.nan))
+        for line in self.results.planners().itertuples():
+            row = {"label": line.Index, "options": self._options(line.Index)}
+            row |= look(order.index(line.Index))
+            row |= lines.over_all(line)
             rows.append(row)
         return rows
 

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from trajopt.benchmark.trial import Trial
 from trajopt.core.solution import Status
 from trajopt.views import table_cells
 from trajopt.views.analysis import statistics
-from trajopt.views.analysis.failures import last_line, reason, worst
-from trajopt.views.analysis.overview import competing, median_gap
-from trajopt.views.analysis.pairwise import mean_ranks
+from trajopt.views.analysis.failures import Failure, grouped, last_line
 
 COLUMNS = {  # headings, with units, of the table of problems and planners
     "solved": "solved",
@@ -56,27 +53,18 @@ def failures(trials: Sequence[Trial]) -> list[dict[str, Any]]:
 
     The most frequent come first.
     """
-    kinds: dict[tuple[str, str, str], list[Trial]] = {}
-    for trial in trials:
-        if trial.status is Status.SOLVED:
-            continue
-        kind = (trial.label, str(trial.status), reason(trial).kind)
-        own = kinds.setdefault(kind, [])
-        own.append(trial)
-    rows = [_failure(own) for own in kinds.values()]
-    return sorted(rows, key=lambda row: -int(row["count"]))
+    return [_failure(own) for own in grouped(t for t in trials if t.status is not Status.SOLVED)]
 
 
-def _failure(trials: Sequence[Trial]) -> dict[str, Any]:
+def _failure(failure: Failure) -> dict[str, Any]:
     """Return the line of trials that failed for one kind of reason.
 
     A flaw is given with its worst size; another reason as it is written, if all trials agree.
     """
+    trials = failure.trials
     first = trials[0]
     message = _clipped(first.message.strip(), MESSAGE_LENGTH)
-    found = [reason(trial) for trial in trials]
-    sizes = [own.size for own in found]
-    said = found[0].kind + worst(np.max(sizes), found[0].unit)
+    said = str(failure)
     lines = {last_line(trial) for trial in trials}
     if len(lines) == 1:
         said = lines.pop()
@@ -100,37 +88,28 @@ def _clipped(text: str, length: int) -> str:
     return f"…{text[-length:]}"
 
 
-def over_all(runs: pd.DataFrame, rank: float) -> dict[str, Any]:
-    """One planner's line, over the problems that it supports."""
-    tried = competing(runs)
-    solved = tried["status"] == str(Status.SOLVED)
-    broke_limits = tried[solved & ~tried["feasible"]]
+def over_all(row: Any) -> dict[str, Any]:
+    """The cells of a row of `Results.planners()`; shares are of the runs that count."""
+    runs = row.solved + row.failed
+    kept = round(row.kept * row.solved) if row.solved else 0
+    own = table_cells.of_planner(row)
     return {
-        "problems": tried["digest"].nunique(),
-        "runs": len(tried),
-        "solved": _share(solved),
-        "kept": _share(tried["feasible"]),
-        "dilation": table_cells.dilation(broke_limits["dilation"].median()),
-        "gap": table_cells.gap(median_gap(tried)),
-        "worst": table_cells.gap(tried["gap"].max()),
-        "rank": table_cells.number(rank, ".2f"),
-        "time": table_cells.number(tried["solve_time"].median(), ".3f"),
+        "problems": row.problems,
+        "runs": runs,
+        "solved": _share(row.solved, runs),
+        "kept": _share(kept, runs),
+        "dilation": table_cells.dilation(row.dilation),
+        **{name: own[name] for name in ("gap", "worst", "rank", "time")},
     }
 
 
-def _share(outcomes: pd.Series[bool]) -> dict[str, Any]:
+def _share(count: int, runs: int) -> dict[str, Any]:
     """A share with Wilson's 95 % interval."""
-    if not len(outcomes):
+    if not runs:
         return {"text": "–", "interval": "–", "value": np.nan}
-    found = statistics.success_rate(outcomes.to_numpy())
+    found = statistics.success_rate(np.arange(runs) < count)
     return {
         "text": f"{100 * found.value:.0f} %",
         "interval": f"{100 * found.low:.0f}–{100 * found.high:.0f}",
         "value": found.value,
     }
-
-
-def ranks(runs: pd.DataFrame) -> dict[str, float]:
-    """Mean ranks of the planners that compete on every problem."""
-    found = mean_ranks(competing(runs))
-    return dict(zip(found.index, found.tolist(), strict=True))
