@@ -7,7 +7,8 @@
 Every subset of the four ingredients (none is SSA, all is ISSA), and ISSA with one other choice of
 those on which public sparrow codes differ, race for the 3-5-3 times at equal evaluation budgets.
 Then objectives with their minimum at many places of many boxes show what draws to the origin.
-Written to `--output`: `summary`, `against-issa`, `against-ssa`, `ingredients`, `origin`.
+`--output` keeps the trials, and holds the tables `summary`, `against-issa`, `against-ssa`,
+`ingredients`, `optima` and `origin`.
 """
 
 from __future__ import annotations
@@ -26,7 +27,6 @@ import pandas as pd
 from baselines.evolution import CMAES
 from experiments.common import races
 from experiments.common.kept import Rows, kept
-from experiments.common.output import save_table
 from trajopt.core.arrays import Array
 from trajopt.planners.swarm import ISSA, PSO, SSA, Optimiser, minimise
 from trajopt.planners.swarm_planner import SwarmPlanner
@@ -107,13 +107,13 @@ def ingredients(outcome: races.Outcome) -> pd.DataFrame:
     Ratios are geometric means over problems of median gaps (over the eight settings of the other
     three too, for `overall`, on whose logarithms, one pair per problem, the test is).
     """
-    logs = dict(zip(outcome.names, np.log(outcome.medians), strict=True))
+    logs = np.log(outcome.medians)
     rows = []
     for one in INGREDIENTS:
         others = [name for name in INGREDIENTS if name != one]
         without = subsets(others)
-        on = np.array([logs[subset(_with(one, some))] for some in without])
-        off = np.array([logs[subset(some)] for some in without])
+        on = logs.loc[[subset(_with(one, some)) for some in without]].to_numpy()
+        off = logs.loc[[subset(some) for some in without]].to_numpy()
         difference = on - off
         ratio = np.exp(difference.mean(axis=1))
         overall = statistics.bootstrap(races.mean, difference.mean(axis=0))
@@ -209,37 +209,15 @@ def main(
         problems = 1
         seeds = 2
         evaluations = 100
-    outcome = races.run(
-        entrants(evaluations),
-        races.problems(problems),
-        seeds,
-        evaluations,
-        output,
-    )
-    spent = min(evaluations // 2, 2000)
-    bias = origin(seeds, spent, output)
-    report(outcome, bias, output)
-
-
-def report(
-    outcome: races.Outcome,
-    bias: pd.DataFrame,
-    output: Path,
-) -> None:
-    """Write the tables, and print those of the race."""
-    stem = output / outcome.stem
+    outcome = races.run(entrants(evaluations), races.problems(problems), seeds, output)
     tables = {
         "summary": races.summary(outcome),
         "ingredients": ingredients(outcome),
         "against-issa": races.against(outcome, "issa"),
         "against-ssa": races.against(outcome, "ssa"),
     }
-    for name, table in tables.items():
-        save_table(table, stem / name)
-    save_table(outcome.proof, stem / "optima")
-    save_table(bias, stem / "origin")
-    for table in tables.values():
-        print(table.to_string(float_format="{:.4g}".format))
+    bias = origin(seeds, min(evaluations // 2, 2000), output)
+    races.report(tables | {"optima": outcome.proof, "origin": bias}, output)
 
 
 if __name__ == "__main__":

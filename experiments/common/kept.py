@@ -54,16 +54,6 @@ def kept(
     return pd.read_csv(file)
 
 
-def chosen(
-    table: pd.DataFrame,
-    columns: Sequence[str],
-    keys: Iterable[Key],
-) -> pd.DataFrame:
-    """Return the rows of these cells, in their order: the file may hold others too."""
-    wanted = pd.DataFrame(list(keys), columns=[*columns])
-    return wanted.merge(table)
-
-
 def apart(
     cells: Iterable[Cell],
     *,

@@ -1,147 +1,111 @@
 """Races on the 3-5-3 segment times: equal budgets, shared seeds, gaps to the proved optimum.
 
-A cell is one entrant on one problem, all its seeds. An interrupted race goes on where it stopped.
+A race is a comparison: its folder keeps the trials, and an interrupted race goes on where it
+stopped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from baselines.lower_bound.bound import certify
-from experiments.common.kept import Rows, chosen, kept
-from trajopt import Problem, verify
+from experiments.common.output import save_table
+from trajopt import Problem, Results, compare
 from trajopt.benchmark.suites import catalogue as suite
 from trajopt.benchmark.suites.random import random_problem
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import TrajoptError
-from trajopt.planners.swarm_planner import SwarmPlanner
-from trajopt.views.analysis import statistics
+from trajopt.planners.planner import Planner
+from trajopt.planners.registry import load
+from trajopt.views.analysis import pairwise, searches, statistics
 
 TARGETS = {"1 %": 1e-2, "0.1 %": 1e-3, "0.01 %": 1e-4}
+FIRST = "six-axis"
+PROOF = "certify:family=spline353,within=1e-6,time_limit=20"
+JOBS = 2
+ROUNDING_RTOL = 1e-9  # of a certified duration
 
 
 def problems(random: int) -> list[Problem]:
     """The six-axis problem, then `random_problem(seed, waypoints=4)` for the first seeds."""
     drawn = [random_problem(seed, waypoints=4) for seed in range(random)]
-    return [suite.load("six-axis"), *drawn]
+    return [suite.load(FIRST), *drawn]
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Result of a race: `gaps` `(problems, entrants, seeds)`, +inf without a valid answer.
+    """Result of a race.
 
-    They are certified durations over the proved lower bound, less 1, and where they are below the
-    `proof`'s own width, that width: differences within it mean nothing. `hits`
-    `(targets, problems, entrants, seeds)` are evaluations to each target, NaN where never.
+    Attributes:
+        runs: A row per run: `label` of the entrant, `problem`, `digest` and `group` (each problem
+            is its own), `certified_duration` (s) and its `gap` to the proved lower bound, +inf
+            without a valid answer. A gap below the proof's own width counts as that width.
+        histories: Each entrant's histories over the lower bound, as of `searches.over_best`.
+        proof: The lower bound (s) and its width, relative, by the problem's name.
     """
 
-    names: list[str]
+    runs: pd.DataFrame
+    histories: Mapping[str, Sequence[Array]]
     proof: pd.DataFrame
-    gaps: Array
-    hits: Array
-    evaluations: int
 
     @property
-    def title(self) -> str:
-        problems, _, seeds = self.gaps.shape
-        return f"{problems} problems, {seeds} seeds, {self.evaluations} evaluations"
-
-    @property
-    def stem(self) -> str:
-        """The title as a folder's name."""
-        return self.title.replace(", ", "-").replace(" ", "-")
-
-    @property
-    def medians(self) -> Array:
-        """Over the seeds, `(entrants, problems)`."""
-        return np.asarray(statistics.median(self.gaps)).T
+    def medians(self) -> pd.DataFrame:
+        """Median gaps over the seeds, an entrant per row, a problem per column."""
+        gaps = self.runs.groupby(["label", "problem"])["gap"].median().unstack("problem")
+        return gaps.loc[list(self.histories)]
 
 
 def run(
-    entrants: Mapping[str, SwarmPlanner],
+    entrants: Mapping[str, Planner],
     field: Sequence[Problem],
     seeds: int,
-    evaluations: int,
     folder: Path,
 ) -> Outcome:
-    """Compute every cell that `folder` does not have yet; return all of them.
+    """Compare the entrants on problems, and prove the best 3-5-3 of each.
 
     Raises:
         TrajoptError: a run is below the proved bound: a bug, never a result.
     """
-    problems = {(problem.name,): partial(proved, problem) for problem in field}
-    proofs = kept(folder / "optima.csv", ["problem"], problems)
-    optima = chosen(proofs, ["problem"], problems)
-    cells = {}
-    for problem, bound in zip(field, optima["lower_bound"], strict=True):
-        for name, planner in entrants.items():
-            cells[problem.name, name] = partial(measured, problem, planner, seeds, bound)
-    columns = ["problem", "entrant"]
-    file = folder / f"runs-{seeds}-seeds-{evaluations}-evaluations.csv"
-    rows = chosen(kept(file, columns, cells), columns, cells)
-    lowest = rows["gap"].min()
-    if lowest < 0:
-        raise TrajoptError(f"a run is below the proved bound: relative gap {lowest:.2g}")
-    shape = (len(field), len(entrants), seeds)
-    gaps = rows["gap"].to_numpy().reshape(shape)
-    widths = optima["width"].to_numpy()
-    hits = rows[list(TARGETS)].to_numpy().T
-    return Outcome(
-        list(entrants),
-        optima,
-        gaps=np.maximum(gaps, widths[:, None, None]),
-        hits=hits.reshape(-1, *shape),
-        evaluations=evaluations,
-    )
+    contestants = [*entrants.items(), ("proof", load(PROOF))]
+    return outcome(compare(field, contestants, folder, seeds=seeds, jobs=JOBS), list(entrants))
 
 
-def proved(problem: Problem) -> Rows:
-    """Bounds on the best 3-5-3 (s), their relative width, how they ended, seconds spent."""
-    bound = certify(problem, "spline353", within=1e-6, time_limit=20.0)
-    row = {
-        "joints": problem.joints,
-        "lower_bound": bound.lower_bound,
-        "upper_bound": bound.upper_bound,
-        "width": bound.upper_bound / bound.lower_bound - 1,
-        "status": bound.status,
-        "seconds": bound.solve_time,
-    }
-    return [row]
-
-
-def measured(
-    problem: Problem,
-    planner: SwarmPlanner,
-    seeds: int,
-    bound: float,
-) -> pd.DataFrame:
-    """A row per seed: the gap to a lower bound (s), and evaluations to each target."""
-    histories = []
-    gaps = []
-    for solution in planner.solve_batch(problem, range(seeds)):
-        assert solution.trajectory is not None
-        history = np.asarray(solution.history)
-        histories.append(history)
-        duration = verify(problem, solution.trajectory).certified_duration
-        if duration is None or np.isnan(history[-1, 1]):
-            gaps.append(np.inf)
-        else:
-            gaps.append(duration / bound - 1)
-    gap_targets = np.array(list(TARGETS.values()))
-    targets = bound * (1 + gap_targets)
-    hits = statistics.evaluations_to_target(histories, targets)
-    columns = {
-        "seed": range(seeds),
-        "gap": gaps,
-        **dict(zip(TARGETS, hits, strict=True)),
-    }
-    return pd.DataFrame(columns)
+def outcome(results: Results, entrants: Sequence[str]) -> Outcome:
+    """Return the outcome of a comparison in which `proof` bounds every problem."""
+    proofs = {}
+    for trial in results.items:
+        if trial.planner == "proof":
+            stats = trial.solution.stats
+            proofs[trial.problem.name] = (stats["lower_bound"], stats["proved_within"])
+    rows = []
+    histories: dict[str, list[Array]] = {name: [] for name in entrants}
+    for trial in results.items:
+        if trial.planner not in entrants:
+            continue
+        bound, width = proofs[trial.problem.name]
+        history = trial.certified_history / [1.0, bound]
+        if len(history) == 1:
+            history[0, 1] = (trial.certified_duration or np.nan) / bound
+        histories[trial.planner].append(history)
+        _, answer = history[-1]
+        if answer < 1 - ROUNDING_RTOL:
+            raise TrajoptError(f"{trial.label} is below the proved bound: {answer - 1:.2g} of it")
+        row = {
+            "label": trial.planner,
+            "problem": trial.problem.name,
+            "digest": trial.digest,
+            "group": trial.digest,
+            "certified_duration": answer * bound,
+            "gap": np.inf if np.isnan(answer) else max(answer - 1, width),
+        }
+        rows.append(row)
+    columns = ["lower bound s", "width"]
+    proof = pd.DataFrame.from_dict(proofs, orient="index", columns=columns)
+    return Outcome(pd.DataFrame(rows), histories, proof.rename_axis("problem"))
 
 
 def summary(outcome: Outcome) -> pd.DataFrame:
@@ -150,76 +114,50 @@ def summary(outcome: Outcome) -> pd.DataFrame:
     Gap quartiles are of the medians per problem. Success rates and expected evaluations are over
     all runs of all problems.
     """
-    table = gaps(outcome.medians)
-    table.index = pd.Index(outcome.names, name="entrant")
-    for target, hits in zip(TARGETS, outcome.hits, strict=True):
-        by_entrant = hits.swapaxes(0, 1).reshape(len(outcome.names), -1)
-        table[f"success {target}"] = np.isfinite(by_entrant).mean(axis=1)
-        spent = statistics.expected_running_time(by_entrant, outcome.evaluations)
-        table[f"evaluations to {target}"] = np.asarray(spent)
-    return table
-
-
-def gaps(medians: Array) -> pd.DataFrame:
-    """Return the gap on the first problem and the quartiles over problems, %.
-
-    Args:
-        medians: Gaps, ratios minus 1, `(entrants, problems)`.
-    """
-    quartiles = np.asarray(statistics.quantile(medians, [0.25, 0.5, 0.75]))
-    columns = {
-        "six-axis median gap (%)": medians[:, 0],
-        "first quartile (%)": quartiles[:, 0],
-        "median gap (%)": quartiles[:, 1],
-        "third quartile (%)": quartiles[:, 2],
-    }
-    return 100 * pd.DataFrame(columns)
-
-
-def against(outcome: Outcome, reference: str) -> pd.DataFrame:
-    """Every other entrant compared with `reference`, as `compared` does."""
-    pairs = [(name, reference) for name in outcome.names if name != reference]
-    return compared(outcome, pairs)
+    medians = outcome.medians
+    first = outcome.runs[outcome.runs["problem"] == FIRST].groupby("label")["gap"].median()
+    quartiles = statistics.quantile(medians, statistics.QUARTILES)
+    names = ["first quartile (%)", "median gap (%)", "third quartile (%)"]
+    table = 100 * pd.DataFrame(quartiles, medians.index, names)
+    table.insert(0, "six-axis median gap (%)", 100 * first)
+    costs = searches.running_times(outcome.histories, list(TARGETS.values()))
+    for name, target in TARGETS.items():
+        own = costs.xs(target, level="target")
+        table[f"success {name}"] = own["successes"] / own["runs"]
+        table[f"evaluations to {name}"] = own["ert"].where(own["ert"] > 0)  # 0: none are counted
+    return table.rename_axis("entrant")
 
 
 def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame:
     """A row per `(entrant, reference)`; "shorter" is the chance that a run of the entrant is.
 
-    Over problems: Wilcoxon's test of the pairs of median gaps, one pair per problem, and the mean
-    over problems of that chance (all seeds against all). On the six-axis problem: the same test,
-    paired by seed. Holm's family is a column.
+    Over problems: Wilcoxon's test of the pairs of medians, one pair per problem, and the mean over
+    problems of that chance (all seeds against all). On the six-axis problem: Mann and Whitney's
+    test over the seeds. Holm's family is a column.
     """
-    rows = [_compared(outcome, *pair) for pair in pairs]
-    index = pd.MultiIndex.from_tuples(pairs, names=["entrant", "reference"])
-    table = pd.DataFrame(rows, index)
-    for head in ("p", "six-axis p"):
-        place = list(table).index(head) + 1
-        adjusted = statistics.holm(table[head])
-        table.insert(place, f"{head} (Holm)", adjusted)
-    return table
+    runs = outcome.runs
+    over_problems = pairwise.paired_tests(pairwise.pairs_by_problem(runs)).loc[pairs]
+    over_seeds = pairwise.between_seeds(runs[runs["problem"] == FIRST]).loc[pairs]
+    columns = {"better": "better", "tied": "equal", "worse": "worse", "pvalue": "p"}
+    table = over_problems[list(columns)].rename(columns=columns)
+    table["p (Holm)"] = statistics.holm(table["p"])
+    table["shorter"] = over_problems["chance"]
+    table["six-axis p"] = over_seeds["pvalue"]
+    table["six-axis p (Holm)"] = statistics.holm(table["six-axis p"])
+    return table.rename_axis(["entrant", "reference"])
 
 
-def _compared(
-    outcome: Outcome,
-    entrant: str,
-    reference: str,
-) -> dict[str, float]:
-    own = outcome.names.index(entrant)
-    other = outcome.names.index(reference)
-    a = outcome.gaps[:, own]
-    b = outcome.gaps[:, other]
-    medians = outcome.medians
-    over_problems = statistics.wilcoxon(medians[own], medians[other])
-    chances = np.asarray(statistics.shorter_chance(a, b))
-    six_axis = statistics.wilcoxon(a[0], b[0])
-    return {
-        "better": over_problems.wins,
-        "equal": over_problems.ties,
-        "worse": over_problems.losses,
-        "p": over_problems.pvalue,
-        "shorter": chances.mean(),
-        "six-axis p": six_axis.pvalue,
-    }
+def against(outcome: Outcome, reference: str) -> pd.DataFrame:
+    """Every other entrant compared with `reference`, as `compared` does."""
+    pairs = [(name, reference) for name in outcome.histories if name != reference]
+    return compared(outcome, pairs)
+
+
+def report(tables: Mapping[str, pd.DataFrame], folder: Path) -> None:
+    """Write the tables, and print them."""
+    for name, table in tables.items():
+        save_table(table, folder / name)
+        print(f"{name}:\n{table.to_string(float_format='{:.4g}'.format)}")
 
 
 def mean(values: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments.common.kept import apart, chosen, kept
+from experiments.common.kept import apart, kept
 
 COLUMNS = ["problem", "seed"]
 
@@ -30,8 +30,6 @@ def test_a_cell_is_computed_once(tmp_path):
     }
     both = kept(file, COLUMNS, cells)
     assert both["problem"].tolist() == ["a", "a", "b"]
-    in_order = chosen(both, COLUMNS, cells)
-    assert in_order["problem"].tolist() == ["b", "a", "a"]
 
 
 def test_what_is_interrupted_is_computed_again(tmp_path):

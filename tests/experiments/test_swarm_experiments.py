@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from functools import partial
+from math import comb
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from experiments import issa_ablation, swarms
 from experiments.common import races
-from trajopt import Limits, Problem, Solution, Status, verify
+from trajopt import Limits, Problem
 from trajopt.core.exceptions import TrajoptError
-from trajopt.planners import spline353
 from trajopt.planners.swarm import SSA
 from trajopt.planners.swarm_planner import SwarmPlanner
 from trajopt.views.analysis import statistics
@@ -28,85 +27,78 @@ LIMITS = Limits([1.0], [2.0])
 PROBLEM = Problem([[0.0], [1.0], [0.5], [2.0]], LIMITS, "one")
 
 
-def full_speed(problem):
-    """A bound without a solver: every segment at full speed (the limits are per joint)."""
-    speed = np.abs(problem.limits.velocity).max(axis=1)
-    ways = np.abs(problem.displacements)
-    slowest = (ways / speed).max(axis=1)
-    return [{"lower_bound": slowest.sum(), "width": 1e-6}]
+def trial(name, problem, curve, **stats):
+    """A run as far as a race looks at it: evaluations, and the best duration by then."""
+    _, duration = curve[-1]
+    return SimpleNamespace(
+        planner=name,
+        label=name,
+        problem=SimpleNamespace(name=problem),
+        digest=problem,
+        certified_history=np.array(curve, dtype=float),
+        certified_duration=duration,
+        solution=SimpleNamespace(stats=stats),
+    )
 
 
-def outcome(names, gaps, hits=None):
-    problems = [f"p{number}" for number in range(len(gaps))]
-    proof = pd.DataFrame({"problem": problems, "width": 1e-6})
-    if hits is None:
-        hits = np.full((3, *gaps.shape), np.nan)
-    return races.Outcome(names, proof, gaps, hits, 100)
+def outcome(runs):
+    """The outcome of runs by entrant and problem, whose lower bounds are 2 s."""
+    items = []
+    for name, by_problem in runs.items():
+        for problem, curves in by_problem.items():
+            items += [trial(name, problem, curve) for curve in curves]
+    for problem in {item.digest for item in items}:
+        items.append(trial("proof", problem, [[0, 2.0]], lower_bound=2.0, proved_within=1e-6))
+    return races.outcome(SimpleNamespace(items=items), list(runs))
 
 
-def crowd():
+def crowd(gaps):
+    """The outcome of answers with these gaps, by entrant: `(problems, seeds)`."""
+    runs = {}
+    for name, table in gaps.items():
+        problems = [races.FIRST, *(f"p{number}" for number in range(1, len(table)))]
+        curves = [[[[100, 2 * (1 + gap)]] for gap in row] for row in table]
+        runs[name] = dict(zip(problems, curves, strict=True))
+    return outcome(runs)
+
+
+def three():
     """Gaps of three entrants on 6 problems, 4 seeds: the second always best, the third worst."""
-    of_problems = 0.01 * np.arange(1, 7)
-    of_seeds = 1e-4 * np.arange(4)
-    base = of_problems[:, None] + of_seeds
-    return np.stack([base, 0.5 * base, 100 * base], axis=1)
+    base = 0.01 * np.arange(1, 7)[:, None] + 1e-4 * np.arange(4)
+    return crowd({"a": base, "b": 0.5 * base, "c": 10 * base})
 
 
-def test_a_run_below_the_proof_is_an_error(tmp_path, monkeypatch):
-    proof = {"lower_bound": 1e3, "width": 1e-6}
-    monkeypatch.setattr(races, "proved", lambda problem: [proof])
-    planner = SwarmPlanner(evaluations=300)
-    with pytest.raises(TrajoptError, match="below the proved bound"):
-        races.run({"a": planner}, [PROBLEM], 2, 300, tmp_path)
+def test_a_run_below_the_proof_is_an_error():
+    with pytest.raises(TrajoptError, match="a is below the proved bound"):
+        outcome({"a": {"six-axis": [[[9, 1.0]]]}})
 
 
-def test_gaps_are_of_certified_durations_and_no_answer_is_infinite():
-    slowly = np.array([9.0, 9.0, 9.0])
-    too_fast = np.array([0.1, 0.1, 0.1])
-    slow = spline353.trajectory(PROBLEM, slowly)
-    fast = spline353.trajectory(PROBLEM, too_fast)
-    certified = verify(PROBLEM, fast).certified_duration
-    assert certified is not None
-    answers = [
-        (slow, [[5, 28.0], [9, 27.0]]),
-        (fast, [[9, 0.3]]),
-        (slow, [[9, np.nan]]),
-    ]
-    found = []
-    for trajectory, curve in answers:
-        solution = Solution(Status.SOLVED, trajectory, history=np.array(curve))
-        found.append(solution)
-    planner: Any = SimpleNamespace(solve_batch=lambda problem, seeds: found)
-    bound = 27 / 1.005
-    rows = races.measured(PROBLEM, planner, 3, bound)
-    gaps = [0.005, certified / bound - 1, np.inf]
-    assert rows["gap"].tolist() == pytest.approx(gaps)
-    hits = [9, 9, np.nan]
-    assert rows["1 %"].tolist() == pytest.approx(hits, nan_ok=True)
-    assert rows["0.1 %"].isna().tolist() == [True, False, True]
+def test_no_answer_is_infinite_and_the_width_of_the_proof_the_smallest_gap():
+    curves = [[[9, 2.01]], [[9, np.nan]], [[9, 2.0]]]
+    gaps = outcome({"a": {"six-axis": curves}}).runs["gap"]
+    assert gaps.tolist() == pytest.approx([0.005, np.inf, 1e-6])
 
 
-def test_the_proof_holds_the_optimum():
+def test_a_race_proves_the_best_spline_and_keeps_its_trials(tmp_path, monkeypatch):
     """One joint, equal limits: the bound is below what a swarm finds, and close to it."""
+    monkeypatch.setattr(races, "JOBS", 0)
     planner = SwarmPlanner(evaluations=3000, fitness="scaled")
-    (proof,) = races.proved(PROBLEM)
-    history = planner.solve(PROBLEM).history
-    assert proof["status"] == "proved"
-    assert 0 <= proof["width"] <= 1.1e-6
-    rows = races.measured(PROBLEM, planner, 1, 1.0)
-    (duration,) = rows["gap"] + 1
-    assert history is not None
-    assert duration == pytest.approx(history[-1, 1])
-    assert 0 <= duration / proof["lower_bound"] - 1 < 1e-2
+    for _ in range(2):
+        race = races.run({"swarm": planner}, [PROBLEM], 1, tmp_path)
+        assert race.proof["width"]["one"] <= 1.1e-6
+        assert 1e-6 <= race.runs["gap"][0] < 1e-2
+        monkeypatch.setattr(SwarmPlanner, "solve_batch", pytest.fail)
+    history = race.histories["swarm"][0]
+    bound = race.proof["lower bound s"]["one"]
+    assert history[-1] * [1, bound] == pytest.approx([3000, race.runs["certified_duration"][0]])
 
 
 def test_wilcoxon_and_the_chance_of_a_shorter_run_by_hand():
-    race = outcome(["a", "b", "c"], crowd())
-    table = races.against(race, "a")
+    table = races.against(three(), "a")
     counts = table[["better", "equal", "worse"]].to_numpy()
     assert counts.tolist() == [[6, 0, 0], [0, 0, 6]]
     over_problems = 2 / 2**6
-    over_seeds = 2 / 2**4
+    over_seeds = 2 / comb(8, 4)
     expected = {
         "p": over_problems,
         "p (Holm)": 2 * over_problems,
@@ -118,17 +110,18 @@ def test_wilcoxon_and_the_chance_of_a_shorter_run_by_hand():
 
 
 def test_summary_by_hand():
-    gaps = crowd()
-    hits = np.full((3, *gaps.shape), np.nan)
-    hits[0, :, 1] = 10.0  # always
-    hits[0, :3, 0] = 50.0  # on half of the problems
-    race = outcome(["a", "b", "c"], gaps, hits)
-    table = races.summary(race)
-    ratios = np.array([1.0, 0.5, 100.0])
+    ratios = np.array([1.0, 0.5, 10.0])
+    table = races.summary(three())
     np.testing.assert_allclose(table["six-axis median gap (%)"], 1.015 * ratios)
     np.testing.assert_allclose(table["median gap (%)"], 3.515 * ratios)
-    rates = table["success 1 %"]
-    assert rates.tolist() == [0.5, 1.0, 0.0]
+
+
+def test_expected_evaluations_by_hand():
+    half = {"six-axis": 2 * [[[50, 2.01], [100, 2.01]]], "other": 2 * [[[100, 3.0]]]}
+    always = {problem: [[[10, 2.001], [100, 2.001]]] for problem in half}
+    never = {problem: [[[100, np.nan]]] for problem in half}
+    table = races.summary(outcome({"half": half, "always": always, "never": never}))
+    assert table["success 1 %"].tolist() == [0.5, 1.0, 0.0]
     assert table["evaluations to 1 %"].tolist() == [150.0, 10.0, np.inf]
 
 
@@ -136,14 +129,11 @@ def test_an_ingredient_is_worth_what_it_multiplies_the_gap_by():
     factors = (0.5, 1.0, 3.0, 0.9)
     worth = dict(zip(issa_ablation.INGREDIENTS, factors, strict=True))
     base = np.array([[0.01, 0.01], [0.07, 0.07]])
-    names = []
-    gaps = []
+    gaps = {}
     for some in issa_ablation.subsets(issa_ablation.INGREDIENTS):
-        names.append(issa_ablation.subset(some))
         own = [worth[name] for name in some]
-        gaps.append(np.prod(own) * base)
-    race = outcome(names, np.stack(gaps, axis=1))
-    table = issa_ablation.ingredients(race)
+        gaps[issa_ablation.subset(some)] = np.prod(own) * base
+    table = issa_ablation.ingredients(crowd(gaps))
     for column in ("alone", "to the others", "overall", "low", "high"):
         assert table[column].tolist() == pytest.approx(factors)
 
@@ -179,10 +169,10 @@ def test_the_fitness_is_all_that_the_swarms_pairs_differ_in():
         scaled = planners[f"{name} scaled"]
         assert replace(scaled, fitness="penalty") == planners[f"{name} penalty"]
     paired = itertools.chain(*swarms.pairs())
-    assert set(paired) == set(planners)
+    assert {*paired, swarms.NLP} == set(planners)
 
 
-@pytest.mark.parametrize(("experiment", "table"), [(issa_ablation, "origin"), (swarms, "nlp")])
+@pytest.mark.parametrize(("experiment", "table"), [(issa_ablation, "origin"), (swarms, "compared")])
 def test_quick_forms_resume(
     experiment,
     table,
@@ -190,25 +180,18 @@ def test_quick_forms_resume(
     capsys,
     monkeypatch,
 ):
-    monkeypatch.setattr(races, "proved", full_speed)
-    # Small where size shows nothing: intervals, boxes and batches are as many as it takes.
+    # Small where size shows nothing: intervals, boxes and proofs are as many as it takes.
+    monkeypatch.setattr(races, "JOBS", 0)
+    monkeypatch.setattr(races, "PROOF", "certify:family=spline353,within=1.0")
     monkeypatch.setattr(statistics, "bootstrap", partial(statistics.bootstrap, resamples=99))
     monkeypatch.setattr(issa_ablation, "PLACES", (0.0, 0.5))
     experiment.main(output=tmp_path, quick=True)
-    folder = tmp_path / "2-problems-2-seeds-100-evaluations"
-    summary = pd.read_csv(folder / "summary.csv")
+    summary = pd.read_csv(tmp_path / "summary.csv")
     gaps = summary["median gap (%)"].dropna()
     assert (gaps > 0).all()
-    written = {file.name for file in folder.iterdir()}
-    assert {f"{table}.csv", f"{table}.md", "summary.md"} <= written
-    again = [
-        (races, "measured"),
-        (races, "proved"),
-        (issa_ablation, "biased"),
-        (swarms, "nlp"),
-    ]
+    written = {file.name for file in tmp_path.iterdir()}
+    assert {f"{table}.csv", f"{table}.md", "summary.md", "results.h5"} <= written
     first = capsys.readouterr().out
-    for module, name in again:
-        monkeypatch.setattr(module, name, lambda *_: pytest.fail("done twice"))
+    monkeypatch.setattr(issa_ablation, "biased", lambda *_: pytest.fail("done twice"))
     experiment.main(output=tmp_path, quick=True)
     assert capsys.readouterr().out == first
