@@ -42,7 +42,7 @@ class Outcome:
 
     Attributes:
         runs: A row per run: `label` of the entrant, `problem`, `digest` and `group` (each problem
-            is its own), `certified_duration` (s) and its `gap` to the proved lower bound, +inf
+            is its own), and the `gap` of its certified duration to the proved lower bound, +inf
             without a valid answer. A gap below the proof's own width counts as that width.
         histories: Each entrant's histories over the lower bound, as of `searches.over_best`.
         proof: The lower bound (s) and its width, relative, by the problem's name.
@@ -99,7 +99,6 @@ def outcome(results: Results, entrants: Sequence[str]) -> Outcome:
             "problem": trial.problem.name,
             "digest": trial.digest,
             "group": trial.digest,
-            "certified_duration": answer * bound,
             "gap": np.inf if np.isnan(answer) else max(answer - 1, width),
         }
         rows.append(row)
@@ -131,11 +130,12 @@ def summary(outcome: Outcome) -> pd.DataFrame:
 def compared(outcome: Outcome, pairs: Sequence[tuple[str, str]]) -> pd.DataFrame:
     """A row per `(entrant, reference)`; "shorter" is the chance that a run of the entrant is.
 
-    Over problems: Wilcoxon's test of the pairs of medians, one pair per problem, and the mean over
+    Over problems: Wilcoxon's test of ratios of median gaps, one per problem, and the mean over
     problems of that chance (all seeds against all). On the six-axis problem: Mann and Whitney's
     test over the seeds. Holm's family is a column.
     """
-    runs = outcome.runs
+    # gaps are compared: they differ in digits in which durations are tied
+    runs = outcome.runs.assign(certified_duration=outcome.runs["gap"])
     over_problems = pairwise.paired_tests(pairwise.pairs_by_problem(runs)).loc[pairs]
     over_seeds = pairwise.between_seeds(runs[runs["problem"] == FIRST]).loc[pairs]
     columns = {"better": "better", "tied": "equal", "worse": "worse", "pvalue": "p"}

@@ -7,7 +7,7 @@ import pytest
 
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop
-from experiments import monotone
+from experiments.known_optima import end_to_end, one_way
 from trajopt import Limits, Problem, Status, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
@@ -53,8 +53,8 @@ def test_two_waypoints_equal_ruckig(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_one_way_in_one_joint_is_ruckigs_from_end_to_end(seed: int) -> None:
-    problem = monotone.drawn(seed)
-    assert solved(problem).duration == pytest.approx(monotone.reference(problem), rel=1e-9)
+    problem = one_way(seed)
+    assert solved(problem).duration == pytest.approx(end_to_end(problem), rel=1e-9)
 
 
 ASYMMETRIC = Problem(
