@@ -49,7 +49,8 @@ class Failure(NamedTuple):
 
     def __str__(self) -> str:
         """Say the kind, and the largest size if it has one."""
-        return f"{self.worst.kind}{worst(self.worst.size, self.worst.unit)}"
+        kind, size, unit = self.worst
+        return kind + worst(size, unit)
 
 
 def failures(results: Results) -> pd.DataFrame:
@@ -89,11 +90,8 @@ def grouped(trials: Iterable[Trial]) -> list[Failure]:
 
 def in_words(reasons: pd.DataFrame) -> str:
     """Write some rows of `failures`, such as one planner's, as a line."""
-    parts = []
-    for row in reasons.itertuples():
-        words = f"{row.count} {row.kind}"
-        parts.append(words + worst(row.worst, row.unit))
-    return "; ".join(parts)
+    rows = reasons.itertuples()
+    return "; ".join(f"{row.count} {row.kind}{worst(row.worst, row.unit)}" for row in rows)
 
 
 def worst(size: float, unit: str) -> str:
