@@ -204,6 +204,23 @@ def test_progress_is_shown_where_somebody_looks(monkeypatch: pytest.MonkeyPatch)
     assert seen == [state]
 
 
+def test_a_swapped_call_of_judge_says_the_order(tmp_path: Path) -> None:
+    for name in ("theirs.csv", "theirs.yaml"):
+        with pytest.raises(InvalidInput, match=r"theirs.*: expected .*: judge\(problem, motion\)$"):
+            trajopt.judge(tmp_path / name, "six-axis")
+
+
+def test_python_errors_name_arguments_not_options(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("t,a,b\n0,0,0\n0.5,1,1\n", encoding="utf-8")
+    problem = trajopt.Problem([[0, 0], [1, 1]], trajopt.Limits([1, 1], [1, 1]))
+    for unit in (None, "grad"):
+        with pytest.raises(InvalidInput) as caught:
+            trajopt.judge(problem, log, unit=unit)
+        assert "unit=" in str(caught.value)
+        assert "--" not in str(caught.value)
+
+
 def test_a_notebook_shows_progress_as_one_output(monkeypatch: pytest.MonkeyPatch) -> None:
     outputs: list[str] = []
 
@@ -261,7 +278,9 @@ class Returned(Planner):
 def test_one_problem_and_one_planner_need_no_list(tmp_path):
     results = trajopt.compare(PROBLEM, "ruckig-stop", tmp_path)
     assert {trial.planner for trial in results.items} >= {"ruckig-stop"}
-    with pytest.raises(InvalidInput, match="kind is 'profile': expected no problem beside it"):
+    with pytest.raises(
+        InvalidInput, match="problem is 'one': expected left out beside kind='profile'"
+    ):
         results.plot("one", kind="profile")
 
 

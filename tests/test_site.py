@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import re
 import runpy
@@ -32,6 +33,19 @@ def test_an_example_runs_and_draws(script, tmp_path, monkeypatch):
     runpy.run_path(str(script), run_name="__main__")
     assert plt.get_fignums()
     plt.close("all")
+
+
+def test_the_notebook_runs_without_a_warning(tmp_path, monkeypatch):
+    """Warnings are errors here."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
+    mpl.use("Agg")
+    cells = json.loads((DOCS / "notebook.ipynb").read_text(encoding="utf-8"))["cells"]
+    names = {"__name__": "__main__"}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+    assert len(names["results"].items) == 4 + 1 + 3  # planners, the reference, seeds of ISSA
 
 
 def goal(duration):

@@ -133,6 +133,4 @@ def _percent(value: float) -> str:
     """A ratio minus 1; NaN is an empty cell."""
     if pd.isna(value):
         return ""
-    if abs(value) < 5e-3:
-        return "0.00 %"
     return table_cells.percent(value / 100)

@@ -61,6 +61,7 @@ def test_on_one_problem_seeds_are_compared(capsys):
     assert " ".join(row(out, "fast")) == "5 3.0000 0.2308 0.008 0.008 1.00 [0.64–1.00]"
     assert "\nonce" not in out
     assert "Mann and Whitney" in out
+    assert "Not tested against slow:first=11.0: once." in out
 
 
 def test_over_problems_all_and_where_both_answer(capsys):
@@ -83,7 +84,10 @@ def test_without_spread_there_is_nothing_to_compare(capsys):
     first = judge(Quintic(1.0), PROBLEM, [0], "a")
     second = judge(Quintic(2.0), PROBLEM, [0], "b")
     words = shown(capsys, first + second, "a").split()
-    assert "it takes two planners with several runs" in " ".join(words)
+    assert " ".join(words) == (
+        "Not tested against a: b:first=2.0. On one problem runs are compared, which takes several "
+        "of both planners. Give more problems, or a --suite."
+    )
 
 
 def test_against_runs_that_planner_too(capsys, tmp_path, monkeypatch):

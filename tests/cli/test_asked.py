@@ -57,6 +57,7 @@ def run(tmp_path, monkeypatch, capsys):
         "other.yaml": "services:\n  web: {image: nginx}\n",
         "script.py": "import numpy as np\n",
         "page.md": "# A page\n\n```python\nimport numpy as np\n```\n",
+        "page.html": "<!DOCTYPE html><html><body><svg></svg></body></html>",
         "empty.csv": "",
         "empty.toml": "",
     }
@@ -163,6 +164,7 @@ KINDS = {
     "other.yaml": "a YAML file of another kind",
     "script.py": "a Python file",
     "page.md": "a Markdown file",
+    "page.html": "an HTML page",
     "empty.csv": "an empty file",
     "empty.toml": "an empty file",
     "other.h5": "an HDF5 file",
@@ -227,6 +229,20 @@ def test_a_file_of_the_right_kind_keeps_its_own_error(run):
     assert "no.toml: problem: expected a problem file that exists" in run("plan no.toml")[2]
 
 
+def test_a_problem_and_a_motion_in_the_wrong_order(run):
+    code, _, err = run("judge cell.toml motion.csv")
+    assert code == 2
+    assert err.startswith("trajopt: motion.csv is a CSV of a motion; expected a problem file")
+    assert err.endswith("; `trajopt judge MOTION PROBLEM` takes the motion first\n")
+
+
+def test_a_problem_is_no_suite(run):
+    code, _, err = run("compare --suite robots-ur5e-w4")
+    assert code == 2
+    right = "the name of a suite; this is a problem's, which goes without --suite"
+    assert err == f"trajopt: suite is 'robots-ur5e-w4': expected {right}\n"
+
+
 def test_a_toml_file_with_a_byte_order_mark_is_read(run):
     Path("cell.toml").write_bytes(b"\xef\xbb\xbf" + PROBLEM.encode())
     assert Problem.from_toml("cell.toml").waypoints.tolist() == [[0.0], [1.0]]
@@ -261,6 +277,59 @@ def test_a_motion_and_its_waypoints_have_units_of_their_own(run):
         assert "--motion-unit is 'deg': expected no such flag with motion.yaml" in err
 
 
+LOG = "time,q0,q1,mode,q0_Tq,q1_Tq\n0,0,0,auto,1,2\n0.5,1,1,auto,1,2\n1,2,2,auto,1,2\n"
+RENAMED = (
+    "rename the columns of log.csv: time [s],one [rad],two [rad],mode [-],q0_Tq [-],q1_Tq [-]\n"
+)
+
+
+@pytest.mark.parametrize("limits", ["--urdf robot.urdf --acceleration 2", "--limits robot.yaml"])
+def test_a_log_is_shown_the_joints_of_the_limits(run, limits):
+    """A torque is no position, nor is a column of texts."""
+    Path("log.csv").write_text(LOG, encoding="utf-8")
+    Path("robot.urdf").write_text(TWO_JOINTS, encoding="utf-8")
+    entry = "{max_velocity: 1, max_acceleration: 2}"
+    Path("robot.yaml").write_text(f"joint_limits:\n  one: {entry}\n  two: {entry}\n")
+    Path("w.csv").write_text("one,two\n0,0\n2,2\n", encoding="utf-8")
+    for line in (f"verify log.csv {limits}", f"judge log.csv w.csv {limits}"):
+        code, _, err = run(line)
+        assert (code, err.count("\n")) == (2, 1)
+        assert err.startswith("trajopt: log.csv: header: expected the unit of angles: --")
+        assert err.endswith(RENAMED)
+    _, header = RENAMED.strip().split(": ")
+    Path("log.csv").write_text(header + LOG[LOG.index("\n") :], encoding="utf-8")
+    code, out, err = run(f"verify log.csv {limits} --interpolation spline --json")
+    assert "log.csv: left out: mode, q0_Tq, q1_Tq\n" in err
+    assert json.loads(out)["duration"] == 1
+
+
+def test_columns_by_number_need_limits_with_an_order(run):
+    """`judge` takes them beside the same limits, because the waypoints give the order."""
+    Path("log.csv").write_text("t,q0 [rad],q1 [rad]\n0,0,0\n0.5,1,1\n", encoding="utf-8")
+    Path("w.csv").write_text("two,one\n0,0\n1,1\n", encoding="utf-8")
+    entry = "{max_velocity: 1, max_acceleration: 2}"
+    Path("robot.yaml").write_text(f"joint_limits:\n  one: {entry}\n  two: {entry}\n")
+    assert run("judge log.csv w.csv --limits robot.yaml")[::2] == (1, "")
+    assert run("verify log.csv --limits robot.yaml") == (
+        2,
+        "",
+        "trajopt: log.csv: joint_names is ['q0', 'q1']: expected joints of robot.yaml (it says no "
+        "order): one, two; rename them\n",
+    )
+
+
+def test_a_note_goes_with_the_error_that_follows_it(run):
+    Path("robot.urdf").write_text(TWO_JOINTS, encoding="utf-8")
+    Path("limits.yaml").write_text(f"{LIMITS}  twoo: {{max_velocity: 1}}\n", encoding="utf-8")
+    Path("w.csv").write_text("one,two\n0,0\n1,1\n", encoding="utf-8")
+    code, _, err = run(f"plan w.csv {ROBOT}")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "acceleration limit is missing: expected one for two; " in err
+    note = "limits.yaml: left out, as robot.urdf has no such joint: twoo (perhaps two)\n"
+    assert err.endswith(f"for all of them; {note}")
+    assert run(f"plan w.csv {ROBOT} --acceleration 2")[::2] == (0, f"trajopt: {note}")
+
+
 @pytest.mark.parametrize("name", ["left_joint_1", "joint_0", "two"])
 def test_a_message_has_the_robots_names(run, name):
     Path("motion.yaml").write_text(MESSAGE.replace("[one]", f"[{name}]"), encoding="utf-8")
@@ -268,7 +337,7 @@ def test_a_message_has_the_robots_names(run, name):
         code, _, err = run(f"{line} {ROBOT}")
         assert (code, err.count("\n")) == (2, 1)
         assert f"motion.yaml: joint_names is ['{name}']: expected " in err
-        assert err.endswith("one\n")
+        assert err.endswith("one; rename them\n")
 
 
 def test_a_namespace_of_a_message_is_no_other_name(run):

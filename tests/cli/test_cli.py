@@ -780,6 +780,21 @@ def test_a_mailed_results_file_alone_is_reported_and_exported(trajopt, tmp_path)
     assert b"<svg" in (tmp_path / "svg" / "one-joint" / "durations.svg").read_bytes()
 
 
+def test_export_takes_a_planner_of_a_file_as_compare_does(trajopt, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    source = "from trajopt.planners.registry import load\n"
+    source += "def slow_one(problem):\n    return load('ruckig-stop').solve(problem)\n"
+    (tmp_path / "exported_planner.py").write_text(source, encoding="utf-8")
+    compared = "compare one-joint --planner exact --planner ./exported_planner.py:slow_one"
+    assert trajopt(compared, "--output", tmp_path / "own")[0] == 0
+    exported = "export own --to latex --against ./exported_planner.py:"
+    assert trajopt(f"{exported}slow_one")[0] == 0
+    table = (tmp_path / "own" / "latex" / "planners.tex").read_text(encoding="utf-8")
+    assert "than one of slow_one" in table
+    assert trajopt(f"{exported}nobody")[0] == 2
+
+
 def test_report_of_nothing_exits_2(trajopt, tmp_path):
     code, _, err = trajopt("report", tmp_path)
     assert (code, err.count("\n")) == (2, 1)

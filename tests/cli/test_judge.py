@@ -229,7 +229,7 @@ def test_metres_and_angles_of_a_motion_are_not_confused(run, tmp_path):
         ("judge slow.csv p.toml --via-tolerance -1", "via-tolerance"),
         ("judge slow.csv p.toml --interpolation quintic", "no accelerations"),
         ("verify slow.csv", "--limits: expected joint_limits.yaml, a robot or a problem"),
-        ("verify slow.csv --limits ur5e", "joint is 'a'"),
+        ("verify slow.csv --limits ur5e", "slow.csv: joint_names is ['a', 'b']"),
         ("verify slow.csv --limits nothing", "nothing"),
         ("verify results --limits p.toml", "PATH is 'results': expected a motion's"),
     ],

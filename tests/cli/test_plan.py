@@ -191,7 +191,12 @@ def test_position_limits_that_the_relaxation_leaves_go_to_the_next_planner():
     assert found.trial.planner == "collocation-refined"
     assert found.trial.certificate.valid
     assert found.relaxed < found.trial.certified_duration
-    assert "the best known under fewer limits" in " ".join(sentences(found))
+    text = " ".join(sentences(found))
+    assert "the best known under fewer limits" in text
+    proved = f"Proved: every motion takes at least {found.proved:.4f} s, "
+    least = re.search(f"{re.escape(proved)}([0-9.]+) % less", text)[1]
+    duration = found.trial.certified_duration
+    assert float(least) == pytest.approx(100 * (duration - found.proved) / duration, rel=1e-2)
 
 
 # --- new ---
@@ -318,7 +323,7 @@ def test_a_goal_and_the_line_that_sends_it(trajopt, tmp_path):
     assert "--stdin < long.json" in trajopt(plan, "long.json", cycles)[1]
     code, out, err = trajopt(plan, "goal.csv")
     assert (code, out) == (2, "")
-    assert "--as is 'goal.csv': expected left out, or goal for a file ending in .yaml" in err
+    assert "--as is 'goal': expected left out for goal.csv; a goal's file ends in .yaml" in err
 
 
 def test_a_csv_comes_out_in_the_unit_that_came_in(trajopt, tmp_path):

@@ -205,9 +205,9 @@ def test_a_refusal_shows_a_header_that_is_read(tmp_path, text, unit, said):
         assert refused.startswith(f"{path}: ")
         assert len(refused.splitlines()) == 1
         if wrong == "grad":
-            assert "--unit is 'grad'" in refused
+            assert "unit= is 'grad'" in refused
             continue
-        header = re.search("a header that is read: (.*)", refused)[1]
+        header = re.search("rename the columns of log.csv: (.*)", refused)[1]
         separator = ";" if ";" in text else " " if "," not in text else ","
         body = text.splitlines()[1:]
         path.write_text("\n".join([header.replace(",", separator), *body]), encoding="utf-8")
@@ -230,6 +230,9 @@ def test_numbered_columns_are_the_robots_joints_in_their_order(tmp_path):
     assert ordered.joint_units == ("rad", "m")
     with pytest.raises(InvalidInput, match="expected the joints a, b, c"):
         found.for_joints(["a", "b", "c"])
+    path.write_text("clock,A1,A2\n0,0,0\n1,9,1\n", encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"log\.csv: time \[ms\],turn \[rad\],rail \[rad\]"):
+        motion(path, unit="deg", joint_units={"turn": "rad", "rail": "rad"})
     path.write_text("t,q0,q2\n0,0,0\n1,90,10\n", encoding="utf-8")
     with pytest.raises(InvalidInput, match="expected the joints turn, rail"):
         motion(path, unit="deg,s").for_joints(["turn", "rail"])
@@ -270,7 +273,7 @@ def test_waypoints_of_tables_and_other_programs(tmp_path, text, unit):
 
 @pytest.mark.parametrize("text", ["grad", "deg,rad", "deg;mm", "5", "deg,"])
 def test_units_that_are_none_are_refused(text):
-    with pytest.raises(InvalidInput, match="--unit is"):
+    with pytest.raises(InvalidInput, match="unit= is"):
         asked(text)
 
 
@@ -333,7 +336,8 @@ def test_a_log_in_degrees_and_milliseconds_is_verified_and_judged(run, tmp_path)
     code, _, err = run("verify log.csv --robot ur5e")
     assert code == 2
     assert (
-        "expected the unit of angles: --unit deg or --unit rad; a header that is read: time" in err
+        "expected the unit of angles: --unit deg or --unit rad; rename the columns of log.csv: "
+        "time [ms],shoulder_pan_joint [rad],shoulder_lift_joint [rad]," in err
     )
     code, _, err = run("verify log.csv --robot ur5e --unit deg")
     assert (code, "times is 'steps of 100': expected a unit in the heading" in err) == (2, True)
@@ -391,10 +395,10 @@ def test_numbers_without_a_header_are_named_and_shown_the_header_of_a_motion(run
     code, _, err = run("verify m.csv --robot ur5e --unit rad")
     assert code == 2
     assert "m.csv is a CSV of waypoints; expected a motion: a CSV with a column of times" in err
-    assert err.endswith("a header that is read: time [s],joint_1 [rad],joint_2 [rad]")
+    assert err.endswith("rename the columns of m.csv: time [s],joint_1 [rad],joint_2 [rad]")
     (tmp_path / "m.csv").write_text("0,0,0\n0.1,0.5,0\n0.1,1,0\n", encoding="utf-8")
     code, _, err = run("verify m.csv --robot ur5e --unit rad")
-    assert (code, "a header that is read" in err) == (2, False)
+    assert (code, "rename" in err) == (2, False)
     assert "m.csv is a CSV of waypoints; expected a motion" in err
 
 

@@ -97,7 +97,7 @@ def test_degrees_by_flag_and_a_prismatic_joint_in_metres(tmp_path):
 def test_degrees_taken_for_radians_are_warned_of(tmp_path):
     robot = arms.named("ur5e")
     path = written(tmp_path, "a.csv", "0,0,0,0,0,0\n90,0,0,0,0,0\n")
-    said = pytest.warns(UnitWarning, match=r"a\.csv: .*degrees beside radians; say --unit deg")
+    said = pytest.warns(UnitWarning, match=r"a\.csv: .*degrees beside radians; say unit=deg")
     with said, pytest.raises(InvalidInput, match=r"inside limits\.position"):
         waypoints.problem(path, robot)
     with warnings.catch_warnings():
@@ -151,7 +151,7 @@ def test_a_unit_said_twice_must_be_the_same(tmp_path):
     path = written(tmp_path, "a.csv", "one [deg],two [deg]\n0,0\n1,1\n")
     problem = waypoints.problem(path, TWO, "deg")
     assert problem.waypoints[1, 0] == pytest.approx(np.pi / 180)
-    with pytest.raises(InvalidInput, match="--unit is 'rad'"):
+    with pytest.raises(InvalidInput, match="unit= is 'rad'"):
         waypoints.problem(path, TWO, "rad")
 
 

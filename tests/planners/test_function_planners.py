@@ -155,5 +155,5 @@ def test_a_planner_that_says_it_knows_a_limit_must_keep_it():
     )
     check_planner(careless, [narrow])
     careless.knows = ("velocity", "acceleration", "position")
-    with pytest.raises(ContractError, match="invalid on 'narrow'"):
+    with pytest.raises(ContractError, match="on 'narrow': invalid"):
         check_planner(careless, [narrow])

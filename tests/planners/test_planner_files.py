@@ -122,7 +122,7 @@ def test_an_edited_file_is_another_planner(file, tmp_path):
     ("name", "error", "words"),
     [
         ("slwo", UnknownName, "no planner of .*own_planners.py is called 'slwo'; did you mean"),
-        ("", UnknownName, "is called ''; known: Annotated, Slow, Unrelated, exact, made, "),
+        ("", InvalidInput, "own_planners.py:NAME, where NAME is one of Slow, slow, exact, ready, "),
         ("SLOW", UnknownName, "did you mean '[Ss]low'"),
         ("number", TrajoptError, "'number' cannot be loaded: planner is 'int': expected a planner"),
         ("Unrelated", TrajoptError, "planner is 'Unrelated': expected a planner: an object of"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field, replace
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -134,6 +135,37 @@ class Thawed(Undecorated):
 class SolveAlone:
     def solve(self, problem, *, seed=0):
         return Quintic().solve(problem)
+
+
+@dataclass(frozen=True)
+class Raising(Quintic):
+    """Raises in a line of its own, and in one of another package."""
+
+    through_numpy: bool = False
+
+    def solve(self, problem, *, seed=0):
+        if self.through_numpy:
+            np.linalg.inv(np.zeros((1, 1)))
+        return {}["nothing"]
+
+
+@pytest.mark.parametrize(
+    ("planner", "error", "line"),
+    [
+        (Raising(), "KeyError: 'nothing'", 'return {}["nothing"]'),
+        (
+            Raising(through_numpy=True),
+            "LinAlgError: Singular matrix",
+            "np.linalg.inv(np.zeros((1, 1)))",
+        ),
+    ],
+)
+def test_an_exception_is_a_breach_with_its_line(planner, error, line):
+    lines = Path(__file__).read_text(encoding="utf-8").splitlines()
+    (number,) = [n for n, text in enumerate(lines, 1) if text.strip() == line]
+    with pytest.raises(ContractError) as caught:
+        check_planner(planner)
+    assert str(caught.value) == f"on 'one joint': {error} ({__file__}, line {number})"
 
 
 @pytest.mark.parametrize("planner", [Unoptimised(), Quintic(), Quintic(0.3), OneJointStops()])
@@ -311,7 +343,7 @@ class Remembering(Quintic):
 
 
 BROKEN = [
-    (Remembering(), "history on 'one joint': it ends at .* s, but the trajectory takes"),
+    (Remembering(), "on 'one joint': history: it ends at .* s, but the trajectory takes"),
     (Undecorated(), "its options are no fields"),
     (Quintic, r"expected an object, Quintic\(\)"),
     (object(), "planner is 'object': expected a planner: an object of a class derived from"),
@@ -321,21 +353,21 @@ BROKEN = [
     (Forgetful(), "its options do not survive pickling"),
     (Hollow(), "option nothing has no value"),
     (Secretive(), "planner Secretive: table cannot be seen: expected a frozen dataclass"),
-    (VagueRelation(), "relation on 'one joint' is not a Relation"),
-    (EmptyReason(), "unsupported on 'one joint' is neither None nor a reason"),
-    (TrueReason(), "unsupported on 'one joint' is neither None nor a reason"),
-    (Bare(), "solve on 'one joint' returns no Solution"),
-    (Empty(), "solved on 'one joint' without a trajectory"),
-    (Silent(), "failed on 'one joint' without a message"),
+    (VagueRelation(), "on 'one joint': relation is not a Relation"),
+    (EmptyReason(), "on 'one joint': unsupported is neither None nor a reason"),
+    (TrueReason(), "on 'one joint': unsupported is neither None nor a reason"),
+    (Bare(), "on 'one joint': solve returns no Solution"),
+    (Empty(), "on 'one joint': solved without a trajectory"),
+    (Silent(), "on 'one joint': failed without a message"),
     (Moody(), "differs between two calls: set `stochastic = True` if the seed matters"),
-    (Tired(), "solve on 'one joint' differs for the same seed"),
-    (ThroughTheAir(), "invalid on 'one joint': joint 1 at 3 s: velocity jumps by 0.5 rad/s"),
-    (Elsewhere(), "invalid on 'one joint': .*misses the waypoint"),
-    (TooFewTimes(), "invalid on 'one joint': 3 waypoint times; the problem has 4"),
-    (FirstJointOnly(), "invalid on 'reversal': 1 joints; the problem has 2"),
-    (ShortBatch(), "solve_batch on 'one joint' returns another number of solutions"),
-    (OtherBatch(), "solve_batch on 'one joint' differs from solve"),
-    (FailingBatch(), "solve_batch on 'one joint' differs from solve"),
+    (Tired(), "on 'one joint': solve differs for the same seed"),
+    (ThroughTheAir(), "on 'one joint': invalid: joint 1 at 3 s: velocity jumps by 0.5 rad/s"),
+    (Elsewhere(), "on 'one joint': invalid: .*misses the waypoint"),
+    (TooFewTimes(), "on 'one joint': invalid: 3 waypoint times; the problem has 4"),
+    (FirstJointOnly(), "on 'reversal': invalid: 1 joints; the problem has 2"),
+    (ShortBatch(), "on 'one joint': solve_batch returns another number of solutions"),
+    (OtherBatch(), "on 'one joint': solve_batch differs from solve"),
+    (FailingBatch(), "on 'one joint': solve_batch differs from solve"),
 ]
 
 
@@ -357,7 +389,7 @@ def test_a_relaxation_may_break_what_it_ignores_if_it_says_so():
             return replace(super().solve(problem), status=Status(self.status), message="sorry")
 
     check_planner(Relaxed())
-    with pytest.raises(ContractError, match="invalid on 'one joint'"):
+    with pytest.raises(ContractError, match="on 'one joint': invalid"):
         check_planner(Relaxed(status="solved"))
 
     @dataclass(frozen=True)

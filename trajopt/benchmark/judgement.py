@@ -177,7 +177,9 @@ def judge(
             tolerance is too large.
     """
     asked = catalogue.given(problem)
-    units = dict(zip(asked.joint_labels, asked.joint_units, strict=False))
+    units = dict(zip(asked.joint_labels, asked.joint_units, strict=False)) or dict.fromkeys(
+        asked.joint_names, "rad"
+    )
     given = motion_of(motion, interpolation, unit, units).for_joints(asked.joint_names)
     _check_joints(given, asked.joints)
     given.check_units(asked)
@@ -315,8 +317,10 @@ def _warn_of_other_unit(problem: Problem, motion: Motion) -> None:
     ratio = np.ptp(moved, axis=0).max() / np.ptp(problem.waypoints, axis=0).max()
     low, high = _RAD_IN_DEG
     if low < ratio < high or 1 / high < ratio < 1 / low:
-        message = f"{motion.name} spans {ratio:.3g} times the waypoints: deg beside rad?"
-        warnings.warn(UnitWarning(message), stacklevel=3)
+        warnings.warn(
+            UnitWarning(f"{motion.name} spans {ratio:.3g} times the waypoints: deg beside rad?"),
+            stacklevel=3,
+        )
 
 
 def _warn_of_units(problem: Problem, positions: Array) -> None:

@@ -24,8 +24,7 @@ _PAIRED_MEANING = (
 )
 _SEEDS_MEANING = (
     "Ratio: of the medians. p: Mann and Whitney's, over runs; Holm: the same, adjusted for the "
-    "rows of this table. Shorter: chance that a run of it is shorter, with its 95 % interval. Left "
-    "out are planners with a single run."
+    "rows of this table. Shorter: chance that a run of it is shorter, with its 95 % interval."
 )
 
 
@@ -36,46 +35,35 @@ def show(results: Results, rival: str) -> None:
         results: Trials of one problem or of several.
         rival: A planner's name with the options that differ from its defaults.
     """
-    problems = results.trials()["digest"].nunique()
-    one_problem = problems == 1
-    pairs = results.between_seeds() if one_problem else results.paired()
-    rows = against(pairs, rival)
-    if rows.empty:
-        console.paragraph(_nothing_to_compare(rival, one_problem))
-    elif one_problem:
-        console.OUT.print(_seeds_table(rows, rival))
-        console.paragraph(_SEEDS_MEANING)
-    else:
-        console.OUT.print(_paired_table(rows, rival))
-        console.paragraph(_PAIRED_MEANING)
+    trials = results.trials()
+    one_problem = trials["digest"].nunique() == 1
+    rows = against(results.between_seeds() if one_problem else results.paired(), rival)
+    others = sorted(set(trials["label"]) - {rival, *rows.index})
+    if len(rows):
+        console.OUT.print(_seeds_table(rows, rival) if one_problem else _paired_table(rows, rival))
+        console.paragraph(_SEEDS_MEANING if one_problem else _PAIRED_MEANING)
+    if others and one_problem:
+        console.paragraph(
+            f"Not tested against {rival}: {', '.join(others)}. On one problem runs are compared, "
+            "which takes several of both planners. Give more problems, or a --suite."
+        )
+    elif rows.empty:
+        console.paragraph(f"Against {rival}: no other planner was run on a problem it supports.")
     console.paragraph()
-
-
-def _nothing_to_compare(rival: str, one_problem: bool) -> str:
-    if not one_problem:
-        return f"Against {rival}: no other planner was run on a problem that it supports."
-    return (
-        f"Against {rival}: on one problem planners are compared over seeds, "
-        "and it takes two planners with several runs. Give more problems, or a --suite."
-    )
 
 
 def _paired_table(rows: pd.DataFrame, rival: str) -> Grid:
     numbers = ("problems", "better", "tied", "worse", "ratio", "p", "shorter")
     title = f"Against {rival}, problem by problem"
-    table = console.table(
-        "planner",
-        *numbers,
-        numbers=numbers,
-        title=title,
-    )
+    table = console.table("planner", numbers=numbers, title=title)
     for row in rows.itertuples():
         table.row(console.option_lines(row.Index), *paired_row(row))
         if row.both == 0:
             table.row("  both answer", 0)
         elif row.both < row.problems:
             counts = (row.both, row.both_better, row.both_tied, row.both_worse)
-            table.row("  both answer", *counts, *_both(row))
+            pvalue = table_cells.probability(row.both_holm)
+            table.row("  both answer", *counts, table_cells.number(row.both_ratio), pvalue)
     return table
 
 
@@ -90,12 +78,7 @@ def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
     numbers = ("runs", "median s", "ratio", "p", "Holm", "shorter")
     runs = rows["rival_runs"].iloc[0]
     title = f"Against {rival} ({runs} runs)"
-    table = console.table(
-        "planner",
-        *numbers,
-        numbers=numbers,
-        title=title,
-    )
+    table = console.table("planner", numbers=numbers, title=title)
     for row in rows.itertuples():
         own = table_cells.of_pair(row)
         table.row(
@@ -108,10 +91,6 @@ def _seeds_table(rows: pd.DataFrame, rival: str) -> Grid:
             _effect(own),
         )
     return table
-
-
-def _both(row: Any) -> tuple[str, str]:
-    return table_cells.number(row.both_ratio), table_cells.probability(row.both_holm)
 
 
 def _effect(own: Cells) -> str:

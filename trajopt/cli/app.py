@@ -132,7 +132,7 @@ def main(arguments: list[str] | None = None) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except (TrajoptError, cyclopts.CycloptsError, OSError) as error:
-        console.note(_words(error))
+        console.show_held(_words(error))
         sys.exit(2)
     except KeyboardInterrupt:
         print(file=sys.stderr)
@@ -157,6 +157,7 @@ def _run(arguments: list[str] | None) -> int:
             print_error=False,
             result_action="return_value",
         )
+    console.show_held()
     return code
 
 
@@ -170,7 +171,7 @@ def _show_warning(
 ) -> None:
     own_package = category.__module__.partition(".")[0] == "trajopt"
     if issubclass(category, FileNote):
-        console.note(message)
+        console.HELD.append(str(message))
     elif own_package:
         console.note(f"warning: {message}")
     elif not issubclass(category, RuntimeWarning):  # NumPy's: what overflows the verifier refuses

@@ -118,7 +118,7 @@ def problem(
         own = robot_limits(name_or_path, robot)
         planned = own.scaled() if scaled else own
         if planned is not own:
-            console.note(
+            console.HELD.append(
                 f"{robot.limits}: planned with {100 * own.velocity_scaling:g} % of the velocity "
                 f"and {100 * own.acceleration_scaling:g} % of the acceleration limits, its default "
                 "scaling factors; write 1.0 there for all of them"
@@ -133,7 +133,7 @@ def problem(
 def note_factors(own: RobotLimits, robot: Robot) -> None:
     """Say that scaling factors do not count where a motion is judged."""
     if own.scaled() is not own:
-        console.note(
+        console.HELD.append(
             f"{robot.limits}: its default scaling factors (velocity {own.velocity_scaling:g}, "
             f"acceleration {own.acceleration_scaling:g}) are not applied, they are no limits of "
             "the robot; for the scaled limits multiply max_velocity and max_acceleration there"
@@ -143,7 +143,7 @@ def note_factors(own: RobotLimits, robot: Robot) -> None:
 def note_acceleration(robot: Robot, *, completed: Collection[str]) -> None:
     """Say where --acceleration has no effect, as it completed the limits of no joint."""
     if robot.acceleration is not None and not completed:
-        console.note(
+        console.HELD.append(
             f"--acceleration {robot.acceleration:g} has no effect: every joint has an acceleration "
             "limit already; lower ones go into a joint_limits.yaml behind --limits"
         )
@@ -156,7 +156,7 @@ def reading_motion(path: Path) -> Iterator[None]:
         with kinds.reading(path, "motion"):
             yield
     except TrajoptError as error:
-        raise TrajoptError(str(error).replace("--unit", "--motion-unit")) from None
+        raise TrajoptError(str(error).replace("unit=", "--motion-unit ")) from None
 
 
 def check_motion_unit(unit: str | None, motions: Sequence[Path], flag: str) -> None:

@@ -170,7 +170,7 @@ def _row(problem: Problem, record: Record | None, where: Path) -> dict[str, Any]
         "proved_within": record.proved_within,
         "motion": vars(record.motion),
         "bound": vars(record.bound),
-        "file": str(records.file_of(problem, where)),
+        "file": records.file_of(problem, where),
     }
 
 
@@ -211,7 +211,7 @@ def _in_lines(name: str) -> str:
 def _print_suites(known: Mapping[str, Record | None]) -> None:
     """Print how many problems are closed in each suite; a problem counts in all its suites."""
     numbers = ("problems", "closed", "open", "none", "median within %", "largest within %")
-    table = console.table("suite", *numbers, numbers=numbers)
+    table = console.table("suite", numbers=numbers)
     for name in catalogue.suites():
         digests = [problem.digest() for problem in catalogue.problems(name)]
         found = [known[digest] for digest in digests]
@@ -291,7 +291,7 @@ def _outcome_row(outcome: Outcome, file: Path | None) -> dict[str, Any]:
         "recorded_lower_bound": before.lower_bound if before else None,
         "new_duration": after.duration if after else None,
         "new_lower_bound": after.lower_bound if after else None,
-        "file": str(file) if file else None,
+        "file": file,
     }
 
 

@@ -34,7 +34,6 @@ def certify(
         family: Any trajectory, or the 3-5-3 spline with shared times.
     """
     loaded = asked.problem(problem, robot, scaled=True)
-    file = asked.file(problem)
     options = {
         "family": family,
         "within": within,
@@ -47,7 +46,7 @@ def certify(
         raise TrajoptError(proof.message)
     table = {
         "problem": loaded.name,
-        "problem_file": None if file is None else str(file),
+        "problem_file": asked.file(problem),
         "family": family,
         "lower_bound": proof.stats["lower_bound"],
         "upper_bound": proof.stats["upper_bound"],

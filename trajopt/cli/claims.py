@@ -18,7 +18,6 @@ from trajopt.core.exceptions import InvalidInput
 from trajopt.explain.verdicts import MEANINGS, JudgedClaim, Known, Verdict, judge, survey
 from trajopt.views import table_cells
 
-_ZERO = 5e-5  # a ratio minus 1 that would be shown as 0.00 %
 _PUBLISHED_FIELDS = (
     "source",
     "doi",
@@ -147,18 +146,15 @@ def _print(
 
 
 def _known(known: Known) -> list[str]:
-    sentences = []
+    name = "proved optimum" if known.proved else "best known"
+    best = "none" if known.best is None else f"{known.best:.6g} s"
     proof = f"no motion is faster than {known.lower_bound:.6g} s ({known.bound_by})"
-    if known.best is None:
-        sentences.append(f"best known: none ({known.best_by}); {proof}")
-    elif known.proved:
-        sentences.append(f"optimum: {known.best:.6g} s ({known.best_by}), proved; {proof}")
-    else:
-        sentences.append(f"best known: {known.best:.6g} s ({known.best_by}); {proof}")
-    sentences.append(f"stopping at every waypoint: {known.stopping:.6g} s")
-    for family, best in known.best_of_family.items():
-        sentences.append(f"best {family}: {best:.6g} s")
-    return sentences
+    families = known.best_of_family.items()
+    return [
+        f"{name}: {best} ({known.best_by}); {proof}",
+        f"stopping at every waypoint: {known.stopping:.6g} s",
+        *(f"best {family}: {duration:.6g} s" for family, duration in families),
+    ]
 
 
 def _table(judgements: list[JudgedClaim]) -> Grid:
@@ -183,9 +179,7 @@ def _table(judgements: list[JudgedClaim]) -> Grid:
 
 def percent(excess: float | None) -> str:
     """Format a ratio minus 1 with its sign; a dash for None."""
-    if excess is None:
-        return "–"
-    return "0.00 %" if abs(excess) < _ZERO else table_cells.percent(excess)
+    return table_cells.MISSING if excess is None else table_cells.percent(excess)
 
 
 def _coloured(verdict: Verdict) -> str | Text:

@@ -41,6 +41,9 @@ ERR = _Console(
     emoji=False,
 )
 
+HELD: list[str] = []
+"""Notes of readers: they are shown once everything is read."""
+
 _MAX_NOTE_CHARACTERS = 1400
 _DEGRADE = "trajopt-degrade"  # the error handler's name among Python's codecs
 _ASCII = str.maketrans(
@@ -143,9 +146,20 @@ def line(text: object) -> None:
     )
 
 
+def show_held(*error: str) -> None:
+    """Print the notes of readers; an error takes them along on its line."""
+    lines = ["; ".join([*error, *HELD])] if error else HELD
+    for text in lines:
+        note(text)
+    HELD.clear()
+
+
 def note(text: object) -> None:
-    """Print one line on standard error, shortened in the middle to what a screen holds."""
-    words = " ".join(visible(text).split())
+    """Print one line on standard error, shortened in the middle to what a screen holds.
+
+    An argument in Python, as `unit=deg`, is an option here.
+    """
+    words = " ".join(visible(text).replace("unit=", "--unit ").split())
     if len(words) > _MAX_NOTE_CHARACTERS:
         half = _MAX_NOTE_CHARACTERS // 2
         words = f"{words[:half]} … {words[-half:]}"
@@ -157,7 +171,7 @@ def note(text: object) -> None:
 
 
 def print_json(table: Any) -> None:
-    """Print one JSON object and nothing else; infinity and NaN are null."""
+    """Print one JSON object and nothing else; infinity and NaN are null, paths are texts."""
     print(
         json.dumps(
             _finite(table),
@@ -191,7 +205,8 @@ def table(*columns: str, numbers: Collection[str] = (), title: str | None = None
 
     Args:
         columns: Headings, from the left.
-        numbers: The headings of columns that are aligned to the right and never folded.
+        numbers: The headings of columns that are aligned to the right and never folded: further
+            columns, unless `columns` has them.
         title: Printed above the table.
     """
     made = Grid(
@@ -201,7 +216,7 @@ def table(*columns: str, numbers: Collection[str] = (), title: str | None = None
         title_justify="left",
     )
     made.title = None if title is None else markup(title)
-    for column in columns:
+    for column in dict.fromkeys((*columns, *numbers)):
         if column in numbers:
             made.add_column(
                 markup(column),
@@ -216,6 +231,7 @@ def table(*columns: str, numbers: Collection[str] = (), title: str | None = None
 @contextmanager
 def waiting(message: str) -> Iterator[None]:
     """Show a spinner on standard error, if that is a terminal; planners print there too."""
+    show_held()
     shown = ERR.status(message, spinner="line") if ERR.is_terminal else nullcontext()
     with shown, redirect_stdout(sys.stderr):
         yield
@@ -223,6 +239,7 @@ def waiting(message: str) -> Iterator[None]:
 
 def progress_line(what: str = "trials") -> Line:
     """Return what shows progress on standard error: rewritten in a terminal, else line by line."""
+    show_held()
     return Line(what, rewritten=ERR.is_terminal)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import pandas as pd
 from cyclopts import Parameter
 
 from trajopt.cli import console, kinds
@@ -40,7 +41,7 @@ def diff(old: _Folder, new: _Folder) -> int:
         raise InvalidInput(str(new), f"a problem and planner that {old} has too")
     moved = table[table["moved"]]
     numbers = ("runs", "old s", "new s", "change %", "p")
-    grid = console.table("problem", "planner", *numbers, numbers=numbers)
+    grid = console.table("problem", "planner", numbers=numbers)
     for row in moved.itertuples():
         grid.row(
             row.problem,
@@ -53,17 +54,27 @@ def diff(old: _Folder, new: _Folder) -> int:
         )
     if len(moved):
         console.OUT.print(grid)
-    console.paragraph(f"{len(moved)} of {len(table)} medians moved. {_MEANING}")
+    console.paragraph(f"{len(moved)} of {len(table)} medians moved.{_largest(table)} {_MEANING}")
     if table["problem"].nunique() > 1:
         _show_planners(before, after)
     _show_unmatched(old, new, before, after)
     return int((moved["ratio"] > 1).any())
 
 
+def _largest(table: pd.DataFrame) -> str:
+    """Name the median that differs most; empty where all are equal."""
+    differences = table["ratio"] - 1
+    row = table.loc[differences.abs().idxmax()]
+    if row["ratio"] == 1:
+        return ""
+    change = table_cells.number(100 * (row["ratio"] - 1), "+.3g")
+    return f" Largest difference: {change} %, {row['label']} on {row['problem']}."
+
+
 def _show_planners(old: Results, new: Results) -> None:
     """Print a line per planner: its new medians against its old ones, over the problems."""
     numbers = ("problems", "shorter", "tied", "longer", "ratio", "p", "chance")
-    grid = console.table("planner", *numbers, numbers=numbers)
+    grid = console.table("planner", numbers=numbers)
     for row in by_planner(old, new).itertuples():
         grid.row(console.option_lines(row.Index), *paired_row(row))
     console.paragraph()
@@ -73,10 +84,7 @@ def _show_planners(old: Results, new: Results) -> None:
 
 def _show_unmatched(old: Path, new: Path, before: Results, after: Results) -> None:
     """Name the planners that only one of the results has."""
-    labels = {}
-    for path, found in ((old, before), (new, after)):
-        trials = found.trials()
-        labels[path] = set(trials["label"])
+    labels = {old: set(before.trials()["label"]), new: set(after.trials()["label"])}
     for path, other in ((old, new), (new, old)):
         alone = sorted(labels[path] - labels[other])
         if alone:

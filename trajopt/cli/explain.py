@@ -70,8 +70,7 @@ def explain(
         )
         figures = draw.explain(trial, found, output)
     if json:
-        files = {"figures": [str(figure) for figure in figures]}
-        console.print_json(names | found.as_dict() | files)
+        console.print_json(names | found.as_dict() | {"figures": figures})
         return 0
     for sentence in _sentences(trial, found, median=seed is None and chosen.stochastic):
         console.paragraph(f"- {sentence}")
@@ -158,7 +157,7 @@ def _family(found: Explanation, step: dict[str, float]) -> str:
 
 
 def _percent(gap: float | None) -> str:
-    return "–" if gap is None else f"{100 * gap:.2f} %"
+    return "–" if gap is None else f"{100 * gap:z.2f} %"
 
 
 def _share_at_limits(problem: Problem, found: Explanation) -> str:

@@ -8,6 +8,8 @@ from typing import Literal
 from trajopt.cli import console, kinds
 from trajopt.cli.parameters import beside
 from trajopt.core.exceptions import InvalidInput, UnknownName
+from trajopt.planners.registry import label as label_of
+from trajopt.planners.registry import named
 from trajopt.views.analysis.results import Results
 from trajopt.views.export import latex, tables
 from trajopt.views.figures import draw
@@ -65,6 +67,7 @@ def _rival(results: Results, against: str, to: str) -> str:
     if to != "latex":
         raise InvalidInput("--against", "left out, unless it is --to latex", value=against)
     labels = results.planners().index
-    if against not in labels:
-        raise UnknownName("planner of these trials", against, labels)
-    return against
+    label = label_of(*named(against)) if ".py:" in against else against
+    if label not in labels:
+        raise UnknownName("planner of these trials", label, labels)
+    return label

@@ -20,6 +20,7 @@ _LOOKED_AT = 1 << 16  # bytes from the beginning
 _SIGNS = {
     r"\A\s*\Z": "an empty file",
     r"\A\x89HDF": "an HDF5 file",
+    r"(?i)\A\s*<(!doctype )?html\b": "an HTML page",
     r"\A(\x89PNG|\xff\xd8\xff|GIF8|%PDF)|<svg\b": "a picture",
     r"\A\x93NUMPY": "a NumPy array",
     r"\0": "a binary file",
@@ -75,6 +76,7 @@ _WANTED = {
 # Advice for files of known kinds that are in the wrong place.
 _PLACES = {
     "a URDF": "a URDF goes behind --urdf",
+    "a CSV of a motion": "`trajopt judge MOTION PROBLEM` takes the motion first",
     "a joint_limits.yaml": (
         "`trajopt verify MOTION --limits FILE` judges a motion by its limits alone"
     ),

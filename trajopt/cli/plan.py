@@ -99,7 +99,7 @@ def plan(
     elif target is not None:
         units = asked.units(problem, robot)
         executed = motion_file.write(replace(target, units=units), trial)
-        table["out"] = {"file": str(out)} | (executed.as_dict() if executed else {})
+        table["out"] = {"file": out} | (executed.as_dict() if executed else {})
         if not json:
             console.paragraph(_written(target, trial, executed))
         if target.goal and not json:
@@ -153,8 +153,7 @@ def _table(
     found: Best | None,
 ) -> dict[str, Any]:
     """Return the trial for JSON, with the problem's file."""
-    file = asked.file(problem)
-    names = {"problem": trial.problem.name, "problem_file": file and str(file)}
+    names = {"problem": trial.problem.name, "problem_file": asked.file(problem)}
     return names | trial.as_dict() | (found.as_dict() if found else {})
 
 

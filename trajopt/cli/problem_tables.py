@@ -33,12 +33,7 @@ def show(results: Results) -> None:
 def _comparison(lines: Sequence[Line]) -> Grid:
     numbers = ("median s", "quartiles s", "gap %", "kept limits", "evals", "time s")
     title = f"{lines[0].problem}: certified durations"
-    table = console.table(
-        "planner",
-        *numbers,
-        numbers=numbers,
-        title=title,
-    )
+    table = console.table("planner", numbers=numbers, title=title)
     for line in lines:
         own = table_cells.of_summary(line)
         if line.dilation > 1:

@@ -86,12 +86,11 @@ def export(
         file.write_bytes(texts[file].encode())
     if json:
         digests = {str(file): problem.digest() for file, problem in problems.items()}
-        written = [str(file) for file in missing]
         console.print_json(
             {
                 "suite": name,
                 "files": digests,
-                "written": written,
+                "written": missing,
             }
         )
         return 0

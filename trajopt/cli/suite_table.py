@@ -33,7 +33,7 @@ def show(results: Results, folder: Path) -> Path | None:
         page = None
         console.note(f"no report: {error}")
     numbers = ("problems", "solved", "failed", "relaxed", "gap %", "worst %", "time s")
-    table = console.table("planner", *numbers, numbers=numbers)
+    table = console.table("planner", numbers=numbers)
     for row in results.planners().itertuples():
         own = table_cells.of_planner(row)
         shown = (own[name] for name in _CELLS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from math import tau
 from pathlib import Path
@@ -23,7 +23,7 @@ from trajopt.core.arm_file import arm_files
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.interpolation import Interpolation
 from trajopt.core.units import ANGLES
-from trajopt.formats.motion import ENDINGS, Motion, motion
+from trajopt.formats.motion import ENDINGS, motion
 from trajopt.formats.samples import known_as
 from trajopt.judging.verification import Certificate
 from trajopt.views import table_cells
@@ -87,7 +87,8 @@ def _verify_motion(
     if not limits:
         right = "joint_limits.yaml, a robot or a problem, whose limits the motion is to keep"
         raise InvalidInput("--limits", right)
-    found = _executed(path, robot, interpolation)
+    with kinds.reading(path, "motion"):
+        found = _executed(path, robot, interpolation)
     if "deg" in (robot.unit or ""):
         _warn_of_radians(found)
     if json:
@@ -111,8 +112,9 @@ def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Executi
             with kinds.reading(robot.limits, "limits"):
                 problem = catalogue.load(name)
             asked.note_acceleration(robot, completed=())
-            units = dict(zip(problem.joint_labels, problem.joint_units, strict=False))
-            given = _motion(path, interpolation, robot.unit, units)
+            stated = zip(problem.joint_labels, problem.joint_units, strict=False)
+            units = dict(stated) or dict.fromkeys(problem.joint_names, "rad")
+            given = motion(path, interpolation, robot.unit, units)
             return as_executed(
                 given.for_joints(problem.joint_names),
                 problem.limits,
@@ -121,13 +123,14 @@ def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Executi
             )
         robot = replace(robot, robot=name, limits=None)
     own = asked.robot_limits(path.name, robot)
-    given = _motion(path, interpolation, robot.unit, own.units)
+    given = motion(path, interpolation, robot.unit, {**dict.fromkeys(own.joints, ""), **own.units})
     names = known_as(
         given.joint_names, own.joint_names, ordered=own.ordered and not given.of_message
     )
     names = names or own.names_of(given.trajectory.joints)
-    if given.of_message and not set(names) & set(own.joints):
-        right = f"joints of {own.source}: {', '.join(own.joints)}"
+    if not set(names) <= set(own.joints):
+        order = "" if own.ordered else " (it says no order)"
+        right = f"joints of {own.source}{order}: {', '.join(own.joints)}; rename them"
         raise InvalidInput("joint_names", right, value=list(names), file=given.name)
     asked.note_factors(own, robot)
     asked.note_acceleration(robot, completed=own.completed.intersection(names))
@@ -137,7 +140,7 @@ def _executed(path: Path, robot: Robot, interpolation: Interpolation) -> Executi
     whole = own if judged else own.with_acceleration(_JUMP_SCALE)
     limits = whole.limits(names)
     if not judged:
-        console.note(
+        console.HELD.append(
             f"{own.source}: no acceleration limits, so accelerations are not judged; "
             "--acceleration 2.0, say, is one for every joint"
         )
@@ -153,16 +156,6 @@ def _warn_of_radians(found: Execution) -> None:
             f"warning: {found.motion.name} moves {span:.3g} deg at {100 * speed:.2g} % of a "
             "velocity limit; are its angles in rad, and not in deg?"
         )
-
-
-def _motion(
-    path: Path,
-    interpolation: Interpolation,
-    unit: str | None,
-    joint_units: Mapping[str, str],
-) -> Motion:
-    with kinds.reading(path, "motion"):
-        return motion(path, interpolation, unit, joint_units)
 
 
 def _print_execution(found: Execution, limits: str) -> None:
@@ -205,7 +198,7 @@ def _print(found: Verification) -> None:
 
 
 def _table(trials: Iterable[CheckedTrial]) -> Grid:
-    table = console.table("problem", "planner", *_NUMBERS, numbers=_NUMBERS)
+    table = console.table("problem", "planner", numbers=_NUMBERS)
     for trial in trials:
         durations = (trial.claimed_duration, trial.certified_duration, trial.dilation)
         table.row(

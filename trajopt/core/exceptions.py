@@ -91,13 +91,13 @@ class InvalidInput(TrajoptError, ValueError):
         return f"{text}: expected {shortened(self.expected, _LONGEST_HINT)}"
 
     def in_file(self, file: str) -> InvalidInput:
-        """Return this error with the name of its file."""
+        """Return this error with the name of its file, unless it names one."""
         return InvalidInput(
             self.key,
             self.expected,
             value=self.value,
             joint=self.joint,
-            file=file,
+            file=self.file or file,
         )
 
 

@@ -83,7 +83,7 @@ def stretched(coefficients: Array, length: Array | float) -> Array:
     return coefficients * factors
 
 
-def shifted(coefficients: Array, offset: Array) -> Array:
+def shifted(coefficients: Array, offset: Array | float) -> Array:
     """Coefficients of `p(offset + t)` (Taylor shift), one offset per polynomial."""
     shifted = np.array(coefficients)
     rows = len(shifted)

@@ -14,6 +14,7 @@ ANGLES = {"deg": pi / 180, "rad": 1.0}  # rad
 LENGTHS = {"m": 1.0, "mm": 1e-3}  # m
 UNITS = ANGLES | LENGTHS
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}  # s
+UNIT = "unit="  # the key of an error; a command says --unit in its place
 _BY_KIND = {"angle": ANGLES, "length": LENGTHS, "time": TIMES}
 
 # Usual ranges of an arm's numbers, by which `mixed_units` distinguishes degrees from radians.
@@ -28,7 +29,7 @@ _FAST_SEGMENT_S = 0.05  # at full velocity; faster segments suggest different un
 
 
 def asked(text: str | None) -> dict[str, str]:
-    """Return the units of an option like `--unit deg,mm,ms`, by "angle", "length" and "time".
+    """Return the units of an option like `unit="deg,mm,ms"`, by "angle", "length" and "time".
 
     Raises:
         InvalidInput: A unit is unknown, or there are two of a kind.
@@ -38,7 +39,7 @@ def asked(text: str | None) -> dict[str, str]:
         kinds = [kind for kind, units in _BY_KIND.items() if unit in units and kind not in found]
         if not kinds:
             right = "deg or rad; with a comma also m or mm, and s, ms, us or ns for times"
-            raise InvalidInput("--unit", right, value=text)
+            raise InvalidInput(UNIT, right, value=text)
         found[kinds[0]] = unit
     return found
 
@@ -63,12 +64,17 @@ def completed(
         kind = "length" if slide else "angle"
         asked_for = wanted.get(kind)
         if own and asked_for not in (own, None):
-            raise InvalidInput("--unit", f"left out, or {own} as the file says", value=asked_for)
+            raise contradicted(own, asked_for)
         units = [unit for unit in _BY_KIND[kind] if unit in said]
         if not own and len(units) > 1:
             raise InvalidInput("header", "a unit in every column, or one for all of a kind")
         found.append(own or next(iter(units), asked_for))
     return found
+
+
+def contradicted(own: str, asked_for: str | None) -> InvalidInput:
+    """Return the error of a unit that is asked for where the file has its own."""
+    return InvalidInput(UNIT, f"left out, or {own} as the file says", value=asked_for)
 
 
 def mixed_units(waypoints: Array, velocity: Array, acceleration: Array) -> str | None:

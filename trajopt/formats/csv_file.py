@@ -10,6 +10,7 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 from trajopt.core import files, numerals
 from trajopt.core.exceptions import InvalidInput
@@ -17,6 +18,7 @@ from trajopt.core.exceptions import InvalidInput
 Line = tuple[int, str]  # its number in the file, and its text
 
 _MAX_COLUMNS = 2000
+_LOOKED_AT = 100  # lines, for columns of text
 _LONGEST_HEADING = 1000  # characters
 _INDEX = re.compile(r"|#|no|idx|index|unnamed: 0", re.IGNORECASE)
 # A word, perhaps with a unit in brackets behind it: "elbow [deg]".
@@ -53,6 +55,12 @@ class Table:
         """Return whether the first column is an index of rows, as pandas writes it."""
         first, *others = self.headings
         return any(others) and _INDEX.fullmatch(first) is not None
+
+    def texts(self) -> set[int]:
+        """Return the columns without a number in the first lines."""
+        rows = (cells for _, cells, _ in islice(self.rows(()), _LOOKED_AT))
+        columns = enumerate(zip(*rows, strict=True))
+        return {index for index, cells in columns if not any(map(_is_number, cells))}
 
     def rows(self, columns: Sequence[int]) -> Iterator[tuple[int, list[str], list[float]]]:
         """Yield each line's number, its cells, and the numbers in these columns.

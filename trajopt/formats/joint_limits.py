@@ -119,8 +119,9 @@ def _unwrapped(table: Any) -> Any:
 
 
 def _limits(table: Any, source: str) -> RobotLimits:
-    said = table.get("joint_limits") if isinstance(table, Mapping) else None
-    factors = isinstance(table, Mapping) and not table.keys().isdisjoint(_SCALINGS)
+    table = table if isinstance(table, Mapping) else {}
+    said = table.get("joint_limits")
+    factors = not table.keys().isdisjoint(_SCALINGS)
     if factors and said is None:
         said = {}
     if not isinstance(said, Mapping):
@@ -147,9 +148,7 @@ def _limits(table: Any, source: str) -> RobotLimits:
 
 def _scaling(table: Mapping[str, Any], key: str) -> float:
     """A scaling factor; by default 1."""
-    if key not in table:
-        return 1.0
-    factor = yaml_file.number(table[key])
+    factor = yaml_file.number(table.get(key, 1.0))
     if factor is None or not 0 < factor <= 1:
         raise InvalidInput(key, "a number above 0, at most 1", value=table[key])
     return factor

@@ -64,7 +64,7 @@ def read(path: Path) -> Samples:
     try:
         return from_message(_table(path))
     except InvalidInput as error:
-        raise error.in_file(error.file or str(path)) from None
+        raise error.in_file(str(path)) from None
 
 
 def write(path: Path, samples: Samples, *, goal: bool = False) -> None:

@@ -95,7 +95,7 @@ class Motion:
             return self
         names = known_as(self.joint_names, joint_names, ordered=not self.of_message)
         if sorted(names) != sorted(joint_names):
-            right = f"the joints {', '.join(joint_names)}"
+            right = f"the joints {', '.join(joint_names)}; rename them"
             raise InvalidInput("joint_names", right, value=list(self.joint_names), file=self.name)
         order = [names.index(name) for name in joint_names]
         trajectory = self.trajectory
@@ -161,10 +161,6 @@ def _of_samples(name: str, samples: Samples, interpolation: Interpolation) -> Mo
     return Motion(name, trajectory, kind, samples.joint_names, samples.joint_units)
 
 
-def _of_message(name: str, samples: Samples, interpolation: Interpolation) -> Motion:
-    return replace(_of_samples(name, samples, interpolation), of_message=True)
-
-
 def _check_nothing_to_join(interpolation: Interpolation) -> None:
     if interpolation != "auto":
         right = "auto: these are polynomials, there is nothing to interpolate"
@@ -195,25 +191,22 @@ def _read(
 
 
 def _in_file(path: Path, interpolation: Interpolation) -> Motion:
-    if path.suffix != ".json":
-        return _of_message(path.name, joint_trajectory.read(path), interpolation)
-    table = files.json(path, "motion")
-    if not _has_polynomials(table):
-        return _of_message(path.name, joint_trajectory.from_message(table), interpolation)
+    table = files.json(path, "motion") if path.suffix == ".json" else None
+    stated = _stated(table) if isinstance(table, Mapping) else None
+    if stated is None:
+        samples = joint_trajectory.read(path)
+        return replace(_of_samples(path.name, samples, interpolation), of_message=True)
     _check_nothing_to_join(interpolation)
-    trajectory, names = _stated(table)
+    trajectory, names = stated
     if names:
         check_joint_names(names, trajectory.joints)
     return Motion(path.name, trajectory, "polynomial", tuple(names))
 
 
-def _has_polynomials(table: Any) -> bool:
-    """Return whether a JSON table holds polynomials; a message does not."""
-    return isinstance(table, Mapping) and "coefficients" in table
-
-
-def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]]:
-    """The trajectory and the joints' names of a table of polynomials."""
+def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]] | None:
+    """The trajectory and the joints' names of a table of polynomials; None for a message."""
+    if "coefficients" not in table:
+        return None
     known = (*_POLYNOMIAL_KEYS, *_TRIAL_KEYS)
     files.check_keys("", table, known, ("breaks", "coefficients"))
     breaks = _array("breaks", table)

@@ -65,7 +65,7 @@ class OnCycle:
 
     def at_breaks(self, joint_names: Sequence[str]) -> Samples:
         """The fewest points that reproduce the motion."""
-        return _samples(joint_names, self._times(self.breaks), self.states)
+        return Samples(tuple(joint_names), self._times(self.breaks), *self.states)
 
     def at_cycles(self, joint_names: Sequence[str]) -> Samples:
         """A point every cycle; these reproduce the motion too."""
@@ -76,15 +76,11 @@ class OnCycle:
         states = np.stack([motion(times, order) for order in orders])
         # At breaks the states are exact, without the rounding of an evaluation.
         states[:, self.breaks] = self.states
-        return _samples(joint_names, times, states)
+        return Samples(tuple(joint_names), times, *states)
 
     def _times(self, cycles: Indices) -> Array:
         """s, as decimal fractions: 0.3, not 0.30000000000000004."""
         return np.round(cycles * self.cycle, TIME_DECIMALS)
-
-
-def _samples(joint_names: Sequence[str], times: Array, states: Array) -> Samples:
-    return Samples(tuple(joint_names), times, *states)
 
 
 def moved(problem: Problem, trajectory: Trajectory, cycle: float) -> OnCycle:

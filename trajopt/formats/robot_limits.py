@@ -12,7 +12,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
@@ -69,7 +68,7 @@ class RobotLimits:
         Raises:
             InvalidInput: The other source has joints, but none of these.
         """
-        if other.joints and not set(self.joints) & set(other.joints):
+        if other.joints and self.joints.keys().isdisjoint(other.joints):
             names = ", ".join(self.joints)
             found = ", ".join(other.joints)
             raise InvalidInput("joints", f"some of {names}", value=found, file=other.source)
@@ -89,15 +88,15 @@ class RobotLimits:
         )
 
     def _note_left_out(self, other: RobotLimits) -> None:
-        left_out = [name for name in other.joints if name not in self.joints]
         free = [name for name in self.joints if name not in other.joints]
-        for joint, name in enumerate(left_out):
+        left_out = []
+        for name in other.joints:
             close = nearest(name, free)
-            left_out[joint] = f"{name} (perhaps {close})" if close else name
+            if name not in self.joints:
+                left_out.append(f"{name} (perhaps {close})" if close else name)
         if left_out:
-            names = ", ".join(left_out)
-            message = f"{other.source}: left out, as {self.source} has no such joint: {names}"
-            warnings.warn(FileNote(message), stacklevel=3)
+            message = f"{other.source}: left out, as {self.source} has no such joint: "
+            warnings.warn(FileNote(message + ", ".join(left_out)), stacklevel=3)
 
     def scaled(self) -> RobotLimits:
         """Return the limits to plan with: multiplied by the scaling factors."""
@@ -113,8 +112,7 @@ class RobotLimits:
                     factor = factors[kind]
                     own[kind] = (factor * low, factor * high)
             joints[name] = own
-        said = [f"{kind} times {factor:g}" for kind, factor in factors.items()]
-        shares = ", ".join(said)
+        shares = ", ".join(f"{kind} times {factor:g}" for kind, factor in factors.items())
         return replace(
             self,
             joints=joints,
@@ -141,15 +139,12 @@ class RobotLimits:
             InvalidInput: A joint is unknown, or has no velocity or acceleration limit.
         """
         bounds = [self._bounds(name) for name in joint_names]
-        pairs: dict[str, list[Bounds]] = {}
-        for kind in LIMIT_NAMES:
-            pairs[kind] = [own.get(kind, _UNLIMITED) for own in bounds]
+        pairs = {kind: [own.get(kind, _UNLIMITED) for own in bounds] for kind in LIMIT_NAMES}
         for kind in _REQUIRED:
             own = zip(joint_names, pairs[kind], strict=True)
             absent = [name for name, pair in own if not np.isfinite(pair).all()]
             if absent:
-                off = all(kind in self.joints[name] for name in absent)
-                raise _absent(kind, absent, self.source, off=off)
+                raise self._absent(kind, absent)
         return Limits(**pairs)
 
     def described(self, joint_names: Sequence[str]) -> dict[str, Any]:
@@ -184,29 +179,22 @@ class RobotLimits:
             return self.joints[name]
         known = ", ".join(self.joints)
         right = f"one of the joints of {self.source}: {known}"
-        close = get_close_matches(name, self.joints, n=1)
+        close = nearest(name, self.joints)
         if close:
-            right = f"a joint of {self.source}, perhaps {close[0]}"
+            right = f"a joint of {self.source}, perhaps {close}"
         raise InvalidInput("joint", right, value=name)
 
-
-def _absent(
-    kind: LimitName,
-    joint_names: Sequence[str],
-    source: str,
-    *,
-    off: bool,
-) -> InvalidInput:
-    """An error that says how to add a limit that a problem needs."""
-    names = ", ".join(joint_names)
-    key = f"{kind} limit is switched off (has_{kind}_limits: false)"
-    if not off:
+    def _absent(self, kind: LimitName, joint_names: Sequence[str]) -> InvalidInput:
+        """An error that says how to add a limit that a problem needs."""
+        names = ", ".join(joint_names)
         key = f"{kind} limit is missing"
-    right = (
-        f"one for {names}; add --limits joint_limits.yaml with, under joint_limits: "
-        f"{joint_names[0]}:, has_{kind}_limits: true and max_{kind}: a number (per joint)"
-    )
-    if kind == "acceleration":
-        right += ", or --acceleration with a number for all of them"
-        key += " (a URDF has none)" if source.endswith(".urdf") else ""
-    return InvalidInput(key, right, file=source)
+        if all(kind in self.joints[name] for name in joint_names):
+            key = f"{kind} limit is switched off (has_{kind}_limits: false)"
+        right = (
+            f"one for {names}; add --limits joint_limits.yaml with, under joint_limits: "
+            f"{joint_names[0]}:, has_{kind}_limits: true and max_{kind}: a number (per joint)"
+        )
+        if kind == "acceleration":
+            right += ", or --acceleration with a number for all of them"
+            key += " (a URDF has none)" if self.source.endswith(".urdf") else ""
+        return InvalidInput(key, right, file=self.source)

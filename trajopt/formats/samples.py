@@ -83,8 +83,8 @@ def known_as(
     stems = {match[1] for match in numbered if match}
     numbers = [int(match[2]) for match in numbered if match]
     first = min(numbers, default=2)
-    in_order = ordered and first < 2 and numbers == list(range(first, first + len(known)))
-    return tuple(known if in_order and len(stems) == 1 else own)
+    in_order = ordered and first < 2 and numbers == list(range(first, first + len(own)))
+    return tuple(known if in_order and len(stems) == 1 and len(own) == len(known) else own)
 
 
 def _without_namespace(names: Sequence[str]) -> list[str]:

@@ -7,10 +7,11 @@ That is what `write` writes. Logs of other programs are read too:
 
 - The unit, or else a word of the name says which of the three a column is: `elbow_velocity`, `dq1`,
   `actual_qd_0`, `field.velocity0`, `/joint_states/elbow/velocity`. A name without such a word is
-  that of a position, unless other columns have one. Further columns are left out.
+  that of a position, unless other columns have one or no line has a number there. Further columns
+  are left out.
 - Of joints that are there twice, as commanded (`target_q_0`) and as measured (`actual_q_0`), the
   commanded ones are read.
-- A unit may stand in one column of a kind, or come from outside (`--unit deg,ms`).
+- A unit may stand in one column of a kind, or come from outside (`unit="deg,ms"`).
 - Time may start anywhere; it is read exactly and counted from the first sample. Without a unit it
   is in seconds, or in the unit in which its first value is a date from 2001 to 2100. A ROS stamp
   may be in two columns, `header.stamp.sec` and `header.stamp.nanosec`.
@@ -35,14 +36,22 @@ import numpy as np
 
 from trajopt.core import files
 from trajopt.core.exceptions import FileNote, InvalidInput
-from trajopt.core.units import ANGLES, LENGTHS, TIMES, UNITS, asked, completed
+from trajopt.core.units import (
+    ANGLES,
+    LENGTHS,
+    TIMES,
+    UNITS,
+    asked,
+    completed,
+    contradicted,
+)
 from trajopt.formats import csv_file
 from trajopt.formats.csv_file import Table
 from trajopt.formats.samples import Samples, known_as
 
 TIME = "time [s]"
-READABLE = "a header that is read: "
-"""It introduces the header in an error."""
+READABLE = "rename the columns"
+"""It introduces a header that is read, in an error."""
 
 
 def _marker(words: str, further: str = "") -> re.Pattern[str]:
@@ -58,12 +67,15 @@ _FIELDS = ("positions", "velocities", "accelerations")
 _TIME = "time"
 _BARE = "bare"  # a name alone, until all columns are known
 _ACTUAL = "actual"  # measured, where other columns say what was commanded
+_OTHER = (
+    "efforts?|torques?|trq|tq|tau|currents?|forces?|temperatures?|voltages?|frame_id|seq|status"
+    "|nano_?secs?|nsecs?"
+)
 _KINDS = {  # words of a heading that say what a column is, looked for in this order
     "accelerations": "accelerations?|acc|accel|qdd|ddq|qddot|q_ddot",
     "velocities": "velocity|velocities|vel|speeds?|qd|dq|qdot|q_dot",
-    "positions": "positions?|pos|q|angles?",
-    "": "efforts?|torques?|tau|currents?|forces?|temperatures?|voltages?|frame_id|seq|status"
-    "|nano_?secs?|nsecs?",
+    "positions": rf"positions?|pos|angles?|q(?!.*[_./ ](?:{_OTHER}))",
+    "": _OTHER,
 }
 _PATTERNS = {
     kind: re.compile(rf"[_./ ]?(?<![a-z])({words})(?![a-z])", re.IGNORECASE)
@@ -177,13 +189,14 @@ def _samples(
         time, joints = _chosen(columns)
         units = _units(joints, wanted, joint_units)
         if time.unit not in (None, wanted.get("time", time.unit)):
-            right = f"left out, or {time.unit} as the file says"
-            raise InvalidInput("--unit", right, value=wanted["time"])
+            raise contradicted(time.unit, wanted["time"])
     except InvalidInput as error:
         right = error.expected
-        if _may_have_times(table, columns):
-            right += f"; {READABLE}{_header(columns, table)}"
-        raise InvalidInput(f"line {table.line}", right, value=error.value) from None
+        first = (row[0] for _, _, row in table.rows([0]))
+        # A column has times, or the first one rises, as times do.
+        if any(own.kind == _TIME for own in columns) or (np.diff(list(first)) > 0).all():
+            right += f"; {READABLE} of {name}: {_header(columns, table, list(joint_units))}"
+        raise InvalidInput(error.key, right, value=error.value) from None
 
     clock = [time, *_nanoseconds(time, columns)]
     chosen = [*clock, *chain(*joints.values())]
@@ -209,8 +222,8 @@ def _samples(
         raise InvalidInput("samples", "at least two lines of numbers", value=len(rows))
     unit = time.unit or wanted.get("time") or _time_unit(float(start), elapsed)
     notes = [f"times count from {start} {unit}"] if start else []
-    others = set(range(len(columns))) - set(read_columns)
-    left_out = [columns[index].name or f"column {index + 1}" for index in sorted(others)]
+    others = (column for column in columns if column not in chosen)
+    left_out = [column.name or f"column {column.index + 1}" for column in others]
     if any(own.kind == _ACTUAL for own in columns):
         notes.append("what was commanded is read, not what was measured")
     if left_out:
@@ -236,14 +249,18 @@ def _nanoseconds(time: _Column, columns: Sequence[_Column]) -> list[_Column]:
 
 def _time_unit(start: float, elapsed: Sequence[float]) -> str:
     """The unit of times whose heading says none."""
-    for unit, size in TIMES.items():
-        if _EPOCH_S[0] <= start * size <= _EPOCH_S[1]:
-            return unit
     step = float(np.median(np.diff(elapsed)))
-    if step >= _LONG_STEP:
-        right = f"a unit in the heading, like {TIME} or time [ms], or --unit deg,ms"
+    since = _unit_since_1970(start)
+    if not since and step >= _LONG_STEP:
+        right = f"a unit in the heading, like {TIME} or time [ms], or unit=deg,ms"
         raise InvalidInput("times", right, value=f"steps of {step:g}")
-    return "s"
+    return since or "s"
+
+
+def _unit_since_1970(time: float) -> str:
+    """The unit in which this is a date from 2001 to 2100; empty if there is none."""
+    low, high = _EPOCH_S
+    return next((unit for unit, size in TIMES.items() if low <= time * size <= high), "")
 
 
 def _columns(table: Table) -> list[_Column]:
@@ -251,9 +268,13 @@ def _columns(table: Table) -> list[_Column]:
     found = [_column(index, cell) for index, cell in enumerate(table.headings)]
     if table.indexed:
         found[0] = replace(found[0], kind="")
-    named = [own for own in found if own.kind == "positions" and own.key != own.name]
-    bare = "" if named else "positions"
-    return _commanded([replace(own, kind=bare) if own.kind == _BARE else own for own in found])
+    named = any(own.kind == "positions" and own.key != own.name for own in found)
+    texts = table.texts()
+    for own in found:
+        if own.kind == _BARE:
+            kind = "" if named or own.index in texts else "positions"
+            found[own.index] = replace(own, kind=kind)
+    return _commanded(found)
 
 
 def _commanded(columns: list[_Column]) -> list[_Column]:
@@ -270,14 +291,6 @@ def _commanded(columns: list[_Column]) -> list[_Column]:
             own = replace(own, name=name) if kept else replace(own, kind=_ACTUAL)
         found.append(own)
     return found
-
-
-def _may_have_times(table: Table, columns: Sequence[_Column]) -> bool:
-    """Return whether a column has times, or else the first one rises, as times do."""
-    if any(own.kind == _TIME for own in columns):
-        return True
-    first = [row[0] for _, _, row in table.rows([0])]
-    return bool((np.diff(first) > 0).all())
 
 
 def _column(index: int, cell: str) -> _Column:
@@ -374,26 +387,31 @@ def _units(
         completed_units = completed([column.unit for column in columns], slides, known)
         for unit, slide in zip(completed_units, slides, strict=True):
             if unit is None and not slide:
-                raise InvalidInput("header", "the unit of angles: --unit deg or --unit rad")
+                raise InvalidInput("header", "the unit of angles: unit=deg or unit=rad")
             row.append(unit or "m")
         found.append(row)
     return found
 
 
-def _header(columns: Sequence[_Column], table: Table) -> str:
-    """A header that is read, made of this one."""
+def _header(columns: Sequence[_Column], table: Table, known: Sequence[str]) -> str:
+    """A header that is read, made of this one; `known` are the robot's joints."""
     rates = dict(zip(_FIELDS, _RATES, strict=True))
-    names = _joints(columns)
-    times = [own.index for own in columns if own.kind == _TIME]
+    clock = next((own.index for own in columns if own.kind == _TIME), 0)
+    read = list(columns)
+    read[clock] = replace(columns[clock], kind=_TIME)
+    names = _joints(read)
+    joints = list(dict.fromkeys(names.values())) or [f"joint_{own.index}" for own in read[1:]]
+    robots = dict(zip(joints, known_as(joints, known), strict=True))
     cells = []
-    for own in columns:
+    for own in read:
         name = names.get(own.name, names.get(own.key, own.name))
         if name and own.kind in ("", _ACTUAL):
             name += " [-]"  # an unknown unit: it is left out
-        elif own.kind in rates and name in names:
-            name += f" [{own.unit or 'rad'}{rates[own.kind][0]}]"
-        cells.append(name if names else f"joint_{own.index} [rad]")
-    clock = times[0] if times else 0
+        elif own.kind in rates and name in robots:
+            name = f"{robots[name]} [{own.unit or 'rad'}{rates[own.kind][0]}]"
+        cells.append(name)
+    if not names:
+        cells[1:] = [f"{name} [rad]" for name in robots.values()]
     if not _nanoseconds(columns[clock], columns):
         cells[clock] = _heading_of_times([row[0] for _, _, row in table.rows([clock])])
     return ",".join(cells)
@@ -401,10 +419,8 @@ def _header(columns: Sequence[_Column], table: Table) -> str:
 
 def _heading_of_times(times: Sequence[float]) -> str:
     """A heading with the largest unit in which these are times since 1970, or a log's steps."""
-    start = times[0] if times else 0.0
-    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    for unit, size in TIMES.items():
-        since = _EPOCH_S[0] <= start * size <= _EPOCH_S[1]
-        if since or (start * size < _EPOCH_S[0] and step * size < _LONG_STEP):
-            return f"time [{unit}]"
-    return TIME
+    if len(times) < 2:
+        return TIME
+    step = np.median(np.diff(times))
+    short = next((unit for unit, size in TIMES.items() if step * size < _LONG_STEP), "ns")
+    return f"time [{_unit_since_1970(times[0]) or short}]"

@@ -8,7 +8,7 @@ Cells are separated by commas, semicolons, tabs or spaces; lines that start with
 is a list of rows, or an object with `waypoints` and, if known, `joint_names` and `unit`.
 
 A prismatic joint is in metres: the robot says which joints slide, and a header may say [m] or [mm].
-"deg" as `--unit` or as `unit` is of the angles only.
+"deg" as the argument `unit` or as the key `unit` is of the angles only.
 """
 
 from __future__ import annotations
@@ -25,7 +25,15 @@ from trajopt.core import files
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import FileNote, InvalidInput, UnitWarning
 from trajopt.core.problem import Problem, waypoint_table
-from trajopt.core.units import ANGLES, LENGTHS, UNITS, asked, completed, mixed_units
+from trajopt.core.units import (
+    ANGLES,
+    LENGTHS,
+    UNITS,
+    asked,
+    completed,
+    contradicted,
+    mixed_units,
+)
 from trajopt.formats import csv_file
 from trajopt.formats.robot_limits import RobotLimits
 from trajopt.formats.samples import known_as
@@ -88,8 +96,6 @@ def problem(path: Path, robot: RobotLimits, unit: str | None = None) -> Problem:
     try:
         return _problem(waypoints, robot, unit, path)
     except InvalidInput as error:
-        if error.file is not None:
-            raise
         raise error.in_file(str(path)) from None
 
 
@@ -120,7 +126,7 @@ def _problem(waypoints: Waypoints, robot: RobotLimits, unit: str | None, path: P
         angles = written.only(turning)
         mixed = mixed_units(angles.waypoints, angles.limits.velocity, angles.limits.acceleration)
         if mixed:
-            message = f"{path}: {mixed}; say --unit deg if they are"
+            message = f"{path}: {mixed}; say unit=deg if they are"
             warnings.warn(UnitWarning(message), stacklevel=4)
     described = robot.described(names)
     if not turning.all():
@@ -143,12 +149,11 @@ def _units(
     """Each column's unit: its header's, else that of other columns, or None for a bare angle.
 
     Raises:
-        InvalidInput: The header, `--unit` and the robot contradict each other.
+        InvalidInput: The header, `unit` and the robot contradict each other.
     """
     own_angle = waypoints.angle_unit
     if own_angle and wanted.setdefault("angle", own_angle) != own_angle:
-        right = f"left out, or {own_angle} as the file says"
-        raise InvalidInput("--unit", right, value=wanted["angle"])
+        raise contradicted(own_angle, wanted["angle"])
     stated = waypoints.units or [None] * len(names)
     if len(stated) != len(names):
         right = f"{len(names)} units, one per joint"
@@ -186,9 +191,7 @@ def _read_csv(path: Path) -> Waypoints:
     if table.indexed:
         warnings.warn(FileNote(f"{path.name}: left out: column 1"), stacklevel=2)
     rows = [row for _, _, row in table.rows(columns)]
-    if not any(names):
-        return Waypoints(waypoint_table(rows))
-    return Waypoints(waypoint_table(rows), tuple(names), tuple(units))
+    return Waypoints(waypoint_table(rows), tuple(filter(None, names)), tuple(units))
 
 
 def _read_npy(path: Path) -> Waypoints:

@@ -75,16 +75,13 @@ def _missing_package(error: Exception) -> str:
 
 def _shadow(package: str) -> str:
     """Name a folder that hides a package of ours, if one does: `baselines` is a frequent name."""
-    root = Path(__file__).resolve().parents[2]
-    ours = root / package
+    ours = Path(__file__).resolve().parents[2] / package
     found = importlib.util.find_spec(package)
-    if found is None or not ours.is_dir():
+    if found is None or found.origin is None or not ours.is_dir():
         return ""
-    locations = found.submodule_search_locations or ()
-    folders = [Path(folder).resolve() for folder in locations]
-    if ours in folders:
+    hiding = Path(found.origin.removesuffix("/__init__.py")).resolve()
+    if hiding == ours:
         return ""
-    hiding = folders[0] if folders else found.origin
     return f"{hiding} hides our package {package}; rename it, or run elsewhere"
 
 
@@ -130,6 +127,9 @@ def in_file(file: Path, name: str) -> Entry:
     members = vars(module)
     if name not in members:
         own = [key for key in members if getattr(members[key], "__module__", "") == path.stem]
+        if not name:
+            right = f"{file}:NAME, where NAME is one of {', '.join(own)}"
+            raise InvalidInput("planner", right, value=str(file))
         raise UnknownName(f"planner of {file}", name, own)
     return entry
 
@@ -236,18 +236,16 @@ def _converted(key: str, given: Any, hint: Any) -> Any:
         raise InvalidInput(key, " or ".join(map(repr, choices)), value=value)
     kinds = get_args(hint) if origin in (Union, UnionType) else (hint,)
     for kind in kinds:
-        if kind is float and _is_whole(value) and abs(value) < _LARGEST_FLOAT:
+        if isinstance(value, bool) and kind is not bool:
+            continue
+        if kind is float and isinstance(value, int) and abs(value) < _LARGEST_FLOAT:
             return float(value)
-        if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
+        if isinstance(value, kind):
             return value
     if isinstance(given, str) and str in kinds:
         return given
     names = [kind.__name__ for kind in kinds]
     raise InvalidInput(key, " or ".join(names), value=value)
-
-
-def _is_whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _read(text: str) -> Any:

@@ -10,6 +10,7 @@ It prints what it checked, and raises where the contract is not kept.
 from __future__ import annotations
 
 import pickle
+import traceback
 from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any
@@ -55,10 +56,13 @@ def check_planner(planner: object, problems: Iterable[Problem] | None = None) ->
     own = _checked_object(planner)
     print(f"{type(own).__name__}: options {own.options()}, survives pickling")
     for problem in problems or examples():
-        found = _check_on(own, problem)
+        try:
+            found = _check_on(own, problem)
+        except Exception as error:
+            breach = str(error) if isinstance(error, ContractError) else _raised(error)
+            raise ContractError(f"on {problem.name!r}: {breach}") from error
         print(f"  {problem.name}: {found}")
-    optimum = 2.0  # rest to rest over 1.5 rad at 1 rad/s and 2 rad/s²: 1.5/1 + 1/2
-    _check_never_beats(own, examples()[0], optimum)
+    _check_never_beats(own)
 
 
 def examples() -> list[Problem]:
@@ -102,12 +106,11 @@ def _checked_object(planner: object) -> Planner:
 
 def _check_on(planner: Planner, problem: Problem) -> str:
     """Check one problem, and return in words what came out."""
-    where = f" on {problem.name!r}"
     relation = planner.relation(problem)
-    _require(isinstance(relation, Relation), f"relation{where} is not a Relation")
+    _require(isinstance(relation, Relation), "relation is not a Relation")
     reason = planner.unsupported(problem)
     is_reason = isinstance(reason, str) and reason != ""
-    _require(reason is None or is_reason, f"unsupported{where} is neither None nor a reason")
+    _require(reason is None or is_reason, "unsupported is neither None nor a reason")
     if reason is not None:
         return f"unsupported: {reason}"
     solutions = [planner.solve(problem, seed=seed) for seed in _SEEDS]
@@ -115,51 +118,47 @@ def _check_on(planner: Planner, problem: Problem) -> str:
     if planner.stochastic:
         again = planner.solve(problem, seed=_SEEDS[0])
     for solution in (*solutions, again):
-        _require(isinstance(solution, Solution), f"solve{where} returns no Solution")
+        _require(isinstance(solution, Solution), "solve returns no Solution")
     between = "between two calls: set `stochastic = True` if the seed matters"
     if planner.stochastic:
         between = "for the same seed"
-    _require(_equal(solutions[0], again), f"solve{where} differs {between}")
+    _require(_equal(solutions[0], again), f"solve differs {between}")
     unknown = [kind for kind in LIMIT_NAMES if problem.has(kind) and kind not in planner.knows]
-    found = []
-    for solution in solutions:
-        may_relax = relation is Relation.RELAXATION
-        keeps_word = may_relax or solution.status is not Status.RELAXED
-        _require(keeps_word, f"relaxed{where}, which is not what its relation says")
-        verdict = _check_solution(solution, problem, where, excused=bool(unknown))
-        found.append(verdict)
+    verdict = ""
+    for solution in reversed(solutions):
+        keeps_word = solution.status is not Status.RELAXED or relation is Relation.RELAXATION
+        _require(keeps_word, "relaxed, which is not what its relation says")
+        verdict = _check_solution(solution, problem, excused=bool(unknown))
     if planner.batched:
         together = planner.solve_batch(problem, list(_SEEDS))
         complete = len(together) == len(solutions)
-        _require(complete, f"solve_batch{where} returns another number of solutions")
-        equal = all(map(_equal, solutions, together))
-        _require(equal, f"solve_batch{where} differs from solve")
+        _require(complete, "solve_batch returns another number of solutions")
+        _require(all(map(_equal, solutions, together)), "solve_batch differs from solve")
     if unknown:
-        return f"{found[0]} (it does not know {' and '.join(unknown)} limits)"
-    return found[0]
+        return f"{verdict} (it does not know {' and '.join(unknown)} limits)"
+    return verdict
 
 
 def _check_solution(
     solution: Solution,
     problem: Problem,
-    where: str,
     excused: bool,
 ) -> str:
     """Return the verdict; a planner that does not know a limit is `excused` from flaws."""
     status = solution.status
     flaw = solution.history_flaw
-    _require(not flaw, f"history{where}: {flaw}")
+    _require(not flaw, f"history: {flaw}")
     if solution.trajectory is None and status in (Status.SOLVED, Status.RELAXED):
-        raise ContractError(f"{status}{where} without a trajectory")
+        raise ContractError(f"{status} without a trajectory")
     if solution.trajectory is None or status is not Status.SOLVED:
-        _require(bool(solution.message), f"{status}{where} without a message")
+        _require(bool(solution.message), f"{status} without a message")
         return f"{status}: {solution.message}"
     try:
         certificate = verify(problem, solution.trajectory)
     except InvalidTrajectory as error:
-        raise ContractError(f"invalid{where}: {error}") from error
+        raise ContractError(f"invalid: {error}") from error
     flaws = "; ".join(certificate.flaws)
-    _require(certificate.valid or excused, f"invalid{where}: {flaws}")
+    _require(certificate.valid or excused, f"invalid: {flaws}")
     if not certificate.valid:
         return f"beyond mending: {flaws}"
     claimed = "as claimed"
@@ -168,15 +167,24 @@ def _check_solution(
     return f"certified {certificate.certified_duration:.6g} s, {claimed}"
 
 
-def _check_never_beats(planner: Planner, problem: Problem, optimum: float) -> None:
+def _raised(error: Exception) -> str:
+    """Name an exception of a planner, and the last line outside of other packages."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = (frame for frame in reversed(frames) if "site-packages" not in frame.filename)
+    last = next(own, frames[-1])
+    return f"{type(error).__name__}: {error} ({last.filename}, line {last.lineno})"
+
+
+def _check_never_beats(planner: Planner) -> None:
+    problem = examples()[0]
+    optimum = 2.0  # rest to rest over 1.5 rad at 1 rad/s and 2 rad/s²: 1.5/1 + 1/2
     if planner.relation(problem) is Relation.RELAXATION:
         return
     trajectory = planner.solve(problem).trajectory
     if trajectory is None:
         return
     certified = verify(problem, trajectory).certified_duration
-    shortest = optimum * (1 - _BEATEN_RTOL)
-    if certified is not None and certified < shortest:
+    if certified is not None and certified < optimum * (1 - _BEATEN_RTOL):
         raise ContractError(
             f"certified {certified} s where the optimum is {optimum} s: a bug in the verifier"
         )
@@ -188,11 +196,8 @@ def _equal(one: Solution, other: Solution) -> bool:
     b = other.trajectory
     if a is None or b is None:
         return one.status is other.status and a is b
-    return (
-        np.array_equal(a.breaks, b.breaks)
-        and np.array_equal(a.coefficients, b.coefficients)
-        and np.array_equal(a.waypoint_times, b.waypoint_times)
-    )
+    parts = ("breaks", "coefficients", "waypoint_times")
+    return all(np.array_equal(getattr(a, part), getattr(b, part)) for part in parts)
 
 
 def _require(condition: bool, breach: str) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 MISSING = "–"
 NO_ANSWER = "none"  # in place of an infinite gap or duration
+_ZERO = 5e-5  # a ratio minus 1 that is 0.00 %
 SMALLEST_P = 0.001  # smaller ones are less than it
 
 Cells = dict[str, str]
@@ -29,11 +30,13 @@ def duration(value: float) -> str:
 
 def gap(value: float) -> str:
     """A ratio minus 1, in %; infinite is that of a planner without an answer."""
-    return NO_ANSWER if isinf(value) else number(100 * value, "+.2f")
+    return NO_ANSWER if isinf(value) else number(100 * value, "+z.2f")
 
 
 def percent(gap: float) -> str:
-    """A ratio minus 1 in a sentence: two decimals below 10 %, one above."""
+    """A ratio minus 1 in a sentence: two decimals below 10 %, one above; 0.00 % without a sign."""
+    if abs(gap) < _ZERO:
+        return "0.00 %"
     digits = 2 if abs(gap) < 0.1 else 1
     return f"{100 * gap:+.{digits}f} %".replace("-", "−")
 
@@ -101,7 +104,7 @@ def reference(row: Any) -> str:
         row: Has the columns of `Results.references()`.
     """
     shortest = f"{row.reference:.6f} s"
-    known = "the best known, not proved (--certify may prove it)"
+    known = "the best known, not proved (the planner certify may prove it)"
     if row.proved > 0:
         within = 100 * (row.reference / row.proved - 1)
         by = f", recorded: {row.recorded_proof}" if row.recorded_proof else ""

@@ -138,9 +138,10 @@ def test_the_command_shows_what_moved(
     assert moved.rstrip().endswith("2 of 5")
     assert "+22.7" in moved
     assert "luck" not in moved
+    assert "Largest difference: +22.7 %, slower on" in summary.replace("\n", " ")
     assert f"Only in {a}: gone." in summary.replace("\n", "")
     assert said(capsys, "diff", a, a)[:2] == (0, said(capsys, "diff", a, a)[1])
-    assert "0 of 6 medians moved" in said(capsys, "diff", a, a)[1]
+    assert "0 of 6 medians moved. A median" in said(capsys, "diff", a, a)[1]
     other = stored(tmp_path / "c", [*run("else", 1.0)])
     code, _, err = said(capsys, "diff", a, other)
     assert (code, err.count("\n")) == (2, 1)

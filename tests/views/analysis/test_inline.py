@@ -31,7 +31,7 @@ def results() -> Results:
 def test_the_text_is_three_lines(results: Results) -> None:
     counts, gaps, uses = repr(results).splitlines()
     assert counts == "Results of 7 trials: 3 planners on 2 problems, 6 solved"
-    assert gaps == "Median gap: exact +0.00 %, mine +35.0 %, a<b none"
+    assert gaps == "Median gap: exact 0.00 %, mine +35.0 %, a<b none"
     for name in re.findall(r"(\w+)\(\)", uses):
         assert callable(getattr(results, name))
     assert repr(Results([])) == Results([])._repr_html_() == "Results of no trials"
@@ -41,7 +41,8 @@ def test_earlier_versions_that_are_left_out_are_counted(results: Results) -> Non
     last, *others = reversed(results.items)
     older = replace(last, options={"old": 1}, started="2020-01-01T00:00:00+00:00")
     counts, *_ = repr(Results([older, last, *others])).splitlines()
-    left_out = "Left out: 1 trials of planners' earlier versions (a<b 1)."
+    left_out = "Left out, as the planner's code changed since: trials of a<b (1). "
+    left_out += "`trajopt diff OLD NEW` compares two versions, a folder each."
     assert counts == f"Results of 7 trials: 3 planners on 2 problems, 6 solved. {left_out}"
 
 

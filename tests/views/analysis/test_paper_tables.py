@@ -49,6 +49,21 @@ def test_the_planners_are_held_against_a_rival(tmp_path):
     ]
 
 
+def test_both_tables_say_for_how_many_tests_p_is_adjusted():
+    """Two rivals of one planner, and all three pairs."""
+    results = made()
+    assert "% p: of that test, adjusted for the 2 tests here; " in latex.planners(results, "near")
+    assert latex.tests(results).startswith("% Holm: p adjusted for the 3 tests here; ")
+
+
+def test_ranks_that_no_planner_has_are_no_column():
+    results = Results([*run("exact", 2.0), *run("near", 2.4, 2.4), *run("near", 4, problem=OTHER)])
+    text = latex.planners(results, "near")
+    heading, *_ = cells(text)
+    assert heading == ["planner", "solved", "gap (%)", "worst (%)", "shorter", "p (Holm)"]
+    assert "% no mean rank: fewer than three planners were run on every problem" in text
+
+
 def test_every_pair_has_a_line_once():
     heading, *rows = cells(latex.tests(made()))
     assert heading[:5] == ["planner", "against", "better", "tied", "worse"]

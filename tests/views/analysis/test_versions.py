@@ -69,7 +69,8 @@ def test_every_reader_follows_the_code_as_compare_does(tmp_path, mine, capsys):
             assert runs == (4 if slower == 5 else 2)  # of this version, all there are
             assert median == pytest.approx(own[1], rel=0.5)
     assert str(Results(folder).newest) == (
-        "Left out: 2 trials of planners' earlier versions (Mine 2)."
+        "Left out, as the planner's code changed since: trials of Mine (2). "
+        "`trajopt diff OLD NEW` compares two versions, a folder each."
     )
     assert len(store.read(folder)) == 7  # nothing is lost
 

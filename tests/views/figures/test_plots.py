@@ -92,6 +92,13 @@ def test_gaps_keep_their_sign_and_status_is_said():
     assert table_cells.percent(1.9048) == "+190.5 %"
 
 
+def test_a_gap_that_rounds_to_zero_has_no_minus():
+    assert table_cells.percent(-4.9e-5) == table_cells.percent(4.9e-5) == "0.00 %"
+    assert table_cells.percent(-5.1e-5) == "−0.01 %"
+    assert table_cells.gap(-4.9e-5) == table_cells.gap(4.9e-5) == "+0.00"
+    assert table_cells.gap(-5.1e-5) == "-0.01"
+
+
 @pytest.mark.parametrize(
     ("kind", "words"),
     [

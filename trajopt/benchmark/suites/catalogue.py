@@ -24,6 +24,7 @@ from trajopt.benchmark.suites import edges, families, literature, robots
 from trajopt.core import built_in
 from trajopt.core.exceptions import InvalidInput, UnknownName
 from trajopt.core.problem import Problem, check_problem
+from trajopt.formats.motion import ENDINGS
 from trajopt.planners.kinematics import Robot
 
 PAPER_PROBLEM = "six-axis"
@@ -78,8 +79,14 @@ def given(problem: object) -> Problem:
 
     Raises:
         WrongType: It is neither a problem nor a name or path.
+        InvalidInput: It is a motion's path, or the file's own errors.
     """
     if isinstance(problem, str | Path):
+        if Path(problem).suffix in ENDINGS:
+            right = (
+                "a problem's name or file (.toml); a motion goes behind it: judge(problem, motion)"
+            )
+            raise InvalidInput("problem", right, value=str(problem))
         return load(str(problem))
     return check_problem(problem)
 
@@ -213,6 +220,9 @@ def problems(name: str, size: int | None = None) -> list[Problem]:
         InvalidInput: The size is below 1.
     """
     known = suites()
+    if name not in known and name in {listed.problem.name for listed in every_problem().values()}:
+        right = "the name of a suite; this is a problem's, which goes without --suite"
+        raise InvalidInput("suite", right, value=name)
     if name not in known:
         raise UnknownName("suite", name, known)
     return known[name].problems(size)

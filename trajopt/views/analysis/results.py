@@ -251,7 +251,8 @@ class Results:
         lines = self.lines()
         names = list(dict.fromkeys(line.problem for line in lines))
         if problem is not None and kind is not None:
-            raise InvalidInput("kind", "no problem beside it: it is a figure of all", value=kind)
+            right = f"left out beside kind={kind!r}, which is a figure of all problems"
+            raise InvalidInput("problem", right, value=problem)
         if problem is None and (kind is not None or len(names) > 1):
             pictures = dict(draw.of_suite(self))
             if kind is not None and kind not in pictures:

@@ -46,9 +46,11 @@ class Newest:
         """Say in a sentence which trials are left out, if any are."""
         if not self.left_out:
             return ""
-        count = sum(self.left_out.values())
-        labels = [f"{label} {own}" for label, own in sorted(self.left_out.items())]
-        return f"Left out: {count} trials of planners' earlier versions ({', '.join(labels)})."
+        labels = [f"{label} ({own})" for label, own in sorted(self.left_out.items())]
+        return (
+            f"Left out, as the planner's code changed since: trials of {', '.join(labels)}. "
+            "`trajopt diff OLD NEW` compares two versions, a folder each."
+        )
 
 
 def by_problem(trials: Iterable[Trial]) -> dict[str, list[Trial]]:

@@ -24,7 +24,12 @@ from trajopt.views import table_cells
 from trajopt.views.analysis import pairwise
 from trajopt.views.analysis.results import Results
 
-_PLANNERS = ("planner", "solved", "gap (\\%)", "worst (\\%)", "rank", "shorter", "$p$ (Holm)")
+_PLANNERS = {
+    "solved": "solved",
+    "gap": "gap (\\%)",
+    "worst": "worst (\\%)",
+    "rank": "rank",
+}
 _TESTS = ("planner", "against", "ratio", "shorter", "95 \\%", "$p$", "$p$ (Holm)")
 _OVER_PROBLEMS = ("better", "tied", "worse")
 _SUMMARY = (
@@ -85,18 +90,26 @@ def planners(results: Results, against: str) -> str:
     """A line per planner: solved, gaps, mean rank; chance of a shorter run than a rival's, and p.
 
     p is of Wilcoxon's test over the problems, or on one problem of Mann and Whitney's over runs,
-    adjusted for the rows of this table (Holm 1979).
+    adjusted for the rows of this table (Holm 1979). Without any mean rank the table has none.
     """
     rivals = pairwise.against(_pairs(results), against)
     table = results.planners().join(rivals[["chance", "holm"]])
+    said = [
+        f"% shorter: chance that a run is shorter than one of {_plain(against)}",
+        f"% p: of that test, adjusted for the {len(rivals)} tests here; in tests.tex for all",
+    ]
+    headings = dict(_PLANNERS)
+    if table["rank"].isna().all():
+        del headings["rank"]
+        said += ["% no mean rank: fewer than three planners were run on every problem"]
     rows = []
     for row in table.itertuples():
         own = table_cells.of_planner(row)
-        shown = [own[name] for name in ("solved", "gap", "worst", "rank")]
+        shown = [own[name] for name in headings]
         met = [table_cells.number(row.chance, ".2f"), table_cells.probability(row.holm)]
         rows.append(_row([row.Index, *shown, *met]))
-    said = f"% shorter: chance that a run is shorter than one of {_plain(against)}; p: of that test"
-    return "\n".join([said, _tabular(_PLANNERS, [rows])])
+    columns = ("planner", *headings.values(), "shorter", "$p$ (Holm)")
+    return "\n".join([*said, _tabular(columns, [rows])])
 
 
 def tests(results: Results) -> str:
@@ -116,7 +129,10 @@ def tests(results: Results) -> str:
         own = table_cells.of_pair(row)
         rows.append(_row([*pair, *met, *own.values()]))
     first, second, *others = _TESTS
-    return _tabular([first, second, *counts, *others], [rows], texts=2)
+    said = (
+        f"% Holm: p adjusted for the {len(rows)} tests here; in planners.tex for those of one rival"
+    )
+    return f"{said}\n{_tabular([first, second, *counts, *others], [rows], texts=2)}"
 
 
 def summary(results: Results) -> str:

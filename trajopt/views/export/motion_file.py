@@ -64,8 +64,8 @@ class Target:
             raise InvalidInput("--points", right, value=self.points)
 
         if self.goal and self.path.suffix not in (".json", *MESSAGES):
-            right = "left out, or goal for a file ending in .yaml, .yml or .json"
-            raise InvalidInput("--as", right, value=str(self.path))
+            right = f"left out for {self.path.name}; a goal's file ends in .yaml, .yml or .json"
+            raise InvalidInput("--as", right, value="goal")
 
     @property
     def executed(self) -> bool:

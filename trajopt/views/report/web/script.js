@@ -15,7 +15,7 @@
     return element;
   };
   const option = (text, value) => make("option", text, { value });
-  const signed = (value, digits) => value.toFixed(digits).replace("-", "−");
+  const signed = (value, digits) => value.toFixed(digits).replace(/^-(?=[0.]*$)/, "").replace("-", "−");
   const broken = (error) => { $("broken").hidden = false; $("broken").textContent = `This page is incomplete: ${error}`; };
 
   if (typeof DecompressionStream === "undefined") {
