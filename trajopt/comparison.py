@@ -23,7 +23,7 @@ from pathlib import Path
 from trajopt.benchmark.run import runner
 from trajopt.benchmark.run.progress import Progress, Report, reporter
 from trajopt.benchmark.run.tasks import Allowance, missing, plan
-from trajopt.benchmark.store.folder import Seen, Store, read
+from trajopt.benchmark.store.folder import Seen, Store, ignored
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration, Trial, now
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
@@ -100,13 +100,8 @@ def compare(
     loaded = [catalogue.given(problem) for problem in problems]
     tasks = plan(loaded, [Configuration.given(planner) for planner in planners], seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
-    known = None if fresh else store.current(asked)
-    if fresh:
-        done = set()
-    elif known is None:
-        done = asked & _done(store, allowed)
-    else:
-        done = {t.id for t in known if not t.runs_again or allowed.would_stop(t)}
+    stored = [] if fresh else store.read(asked, damaged=ignored)
+    done = {t.id for t in stored if not t.runs_again or allowed.would_stop(t)}
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
     report = reporter(progress)
@@ -118,10 +113,11 @@ def compare(
             finished += len(task.seeds)
             seen.add(written)
             report(Progress(len(asked), finished, len(done)))
-    if waiting or known is None:
+    if waiting or not store.is_current():
         store.restore(before, seen)
-        known = _consolidated(store, asked, seen)
-    trials = _marked(store, known)
+        store.consolidate(seen)
+    known = {trial.id: trial for trial in stored if trial.id in done} | seen.trials
+    trials = _marked(store, [known[trial_id] for trial_id in sorted(known)])
     _warn_of_histories(trials)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
@@ -136,26 +132,6 @@ def _warn_of_histories(trials: Sequence[Trial]) -> None:
         warnings.warn(PlannerWarning(message), stacklevel=3)
 
 
-def _done(store: Store, allowed: Allowance) -> set[str]:
-    """Return the identities of trials that would end no better if they ran again."""
-    stopped = {trial.id for trial in store.unanswered() if allowed.would_stop(trial)}
-    return store.finished() | stopped
-
-
-def _consolidated(
-    store: Store,
-    asked: set[str],
-    seen: Seen,
-) -> list[Trial]:
-    """Collect all trials of the folder in `results.h5`; return those asked for, sorted."""
-    file = store.consolidate(seen)
-    trials = [trial for trial_id, trial in seen.trials.items() if trial_id in asked]
-    others = asked - seen.trials.keys()
-    if others:
-        trials += read(file, others)
-    return sorted(trials, key=lambda trial: trial.id)
-
-
 def _marked(store: Store, trials: Sequence[Trial]) -> Sequence[Trial]:
     """Mark trials that would be hidden, since the folder holds a later version of their planner.
 
@@ -166,13 +142,13 @@ def _marked(store: Store, trials: Sequence[Trial]) -> Sequence[Trial]:
         when = trial.asked or trial.started
         last[trial.label] = max(when, last.get(trial.label, ""))
     later = set()
-    for trial_id, other in store.others({trial.id for trial in trials}).items():
+    for trial_id, other in store.versions({trial.id for trial in trials}).items():
         when = other["asked"] or other["started"]
         if when > last.get(other["label"], when):  # texts in UTC and ISO 8601 sort by time
             later.add(trial_id)
     if not later:
         return trials
-    everything = [*trials, *read(store.results, later)]
+    everything = [*trials, *store.read(later)]
     shown = {trial.id for trial in newest(everything).trials}
     marked = [replace(trial, asked=now()) for trial in trials if trial.id not in shown]
     if not marked:

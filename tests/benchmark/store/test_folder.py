@@ -19,7 +19,7 @@ from trials import assert_same, solved
 from trajopt import Solution, Status, StoreError
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.store import results_file
-from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, read, recorded
+from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, ignored, read, recorded
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +32,11 @@ def files(folder):
 
 
 # --- atomic writing ---
+
+
+def finished(store):
+    """The identities of the trials that need not run again."""
+    return {trial.id for trial in store.read(damaged=ignored) if not trial.runs_again}
 
 
 def test_no_temporary_file_is_left(tmp_path, trial):
@@ -82,18 +87,23 @@ def test_a_crash_while_consolidating_keeps_the_old_results(tmp_path, trial, monk
     assert sorted(p.name for p in tmp_path.iterdir()) == ["results.h5", "trials"]
 
 
-def test_a_folder_is_read_from_results_h5_only_while_that_holds_every_trial(tmp_path, trial):
-    """No trial file is opened where `results.h5` is younger than all of them."""
+def test_a_folder_is_read_from_its_trials_whatever_results_h5_says(tmp_path, trial):
     results = Store(tmp_path)
     path = results.write(trial)
     results.consolidate()
-    before = path.stat()
+    assert results.is_current()
     path.write_bytes(b"damaged")
-    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert [found.id for found in read(tmp_path)] == [trial.id]
-    path.write_bytes(b"damaged")
+    assert not results.is_current()
     with pytest.warns(DamagedFile, match=path.name):
         assert read(tmp_path) == []
+
+
+def test_a_damaged_results_h5_is_not_current(tmp_path, trial):
+    results = Store(tmp_path)
+    results.write(trial)
+    file = results.consolidate()
+    file.write_bytes(file.read_bytes()[:-1])
+    assert not results.is_current()
 
 
 def test_the_file_is_synced_before_it_is_renamed_and_the_folder_after(tmp_path, trial, monkeypatch):
@@ -243,11 +253,11 @@ def test_missing_backends_are_not_finished_but_are_read(tmp_path, trial):
     crashed = replace(trial, seed=8, status=Status.CRASHED, solution=Solution(Status.CRASHED))
     for kept in (absent, failed, crashed):
         results.write(kept)
-    assert results.finished() == {failed.id}
-    assert {t.id for t in results.unanswered()} == {absent.id, crashed.id}
+    assert finished(results) == {failed.id}
+    assert {t.id for t in results.read() if t.runs_again} == {absent.id, crashed.id}
     for found in (results.read(), read(results.consolidate()), read(tmp_path)):
         assert {t.status for t in found} == {Status.MISSING, Status.CRASHED, Status.FAILED}
-    assert [t.status for t in read(tmp_path, {absent.id})] == [Status.MISSING]
+    assert [t.status for t in results.read({absent.id})] == [Status.MISSING]
 
 
 def test_the_backend_s_answer_replaces_its_absence_and_is_never_replaced_by_it(tmp_path, trial):
@@ -258,11 +268,11 @@ def test_the_backend_s_answer_replaces_its_absence_and_is_never_replaced_by_it(t
     results.write(absent_of(trial))  # a run elsewhere, without the backend, into this folder
     for found in (
         results.read(),
-        read(tmp_path, {trial.id}),
+        results.read({trial.id}),
         read(results.consolidate()),
     ):
         assert [t.status for t in found] == [Status.SOLVED]
-    assert results.finished() == {trial.id}
+    assert finished(results) == {trial.id}
 
 
 def damaged(path, how):
@@ -288,8 +298,8 @@ def test_a_damaged_trial_is_not_finished_and_does_not_spoil_the_others(tmp_path,
     other = replace(trial, seed=4)
     damaged(results.write(trial), how)
     results.write(other)
-    assert results.finished() == {other.id}
-    assert trial.id not in results.finished()
+    assert finished(results) == {other.id}
+    assert trial.id not in finished(results)
     words = rf"{trial.id}\.json: damaged.*; running its comparison again replaces it"
     for reading in (lambda: read(results.consolidate()), results.read, lambda: read(tmp_path)):
         with pytest.warns(DamagedFile, match=words):
@@ -327,7 +337,7 @@ def test_a_trial_under_another_s_name_is_not_finished(tmp_path, trial):
     other = replace(trial, seed=4)
     content = results.write(trial).read_bytes()
     results.write(other).write_bytes(content)
-    assert results.finished() == {trial.id}
+    assert finished(results) == {trial.id}
 
 
 ANOTHER = "written by another version of trajopt; run again into another folder"
@@ -356,7 +366,7 @@ def test_a_folder_of_another_version_is_refused_in_words_and_left_as_it_is(tmp_p
     before = files(tmp_path)
     results = Store(tmp_path)
     with pytest.raises(StoreError, match=ANOTHER):
-        results.finished()
+        finished(results)
     with pytest.raises(StoreError):
         read(tmp_path)
     assert files(tmp_path) == before
@@ -501,6 +511,6 @@ def test_killed_writers_lose_nothing_they_reported(tmp_path):
             promised |= {line.strip() for line in process.stdout if line.endswith("\n")}
             process.stdout.close()
             process.wait()
-        assert promised <= Store(tmp_path).finished()
+        assert promised <= finished(Store(tmp_path))
         assert promised <= {t.id for t in read(tmp_path)}
     assert promised <= {t.id for t in read(Store(tmp_path).consolidate())}

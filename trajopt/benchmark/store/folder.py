@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from trajopt.benchmark.store import atomic, results_file, trial_text
+from trajopt.benchmark.store.document import Malformed
 from trajopt.benchmark.store.trial_text import WrongSchema
 from trajopt.benchmark.trial import Trial
 from trajopt.core import files
@@ -53,6 +54,10 @@ def _warn(error: Damaged) -> None:
     warnings.warn(str(error), DamagedFile, stacklevel=2)
 
 
+def ignored(error: Damaged) -> None:
+    """What is damaged runs again, or is told by whoever reads it."""
+
+
 class Written(NamedTuple):
     """A trial's file, its stamp, and its text."""
 
@@ -75,19 +80,6 @@ class Store:
         """The file of one trial; one without an answer has another name."""
         ending = _UNANSWERED if unanswered else _FINISHED
         return self.folder / "trials" / f"{trial_id}{ending}"
-
-    def finished(self) -> set[str]:
-        """Return the identities of the trials that need not run again.
-
-        Trials without an answer and damaged files are not among them.
-
-        Raises:
-            StoreError: Another version filled this folder.
-        """
-        with _reading(self.results):
-            results_file.check_schema(self.results)
-        files = [file for file in _trial_files(self.folder) if not _is_unanswered(file)]
-        return {file.stem for file in files if _is_whole(file)}
 
     def write(self, trial: Trial) -> Path:
         """Store one finished trial; after this returns it survives a power cut.
@@ -195,49 +187,37 @@ class Store:
             stacklevel=2,
         )
 
-    def current(self, ids: Collection[str]) -> list[Trial] | None:
-        """Return the trials with these identities from `results.h5`, if it need not be rebuilt.
-
-        None where a trial file is younger, where one is not in it, or where it cannot be read.
-        """
-        if not self._is_current():
-            return None
-        try:
-            stored = list(recorded(self.results, ids=ids))
-        except StoreError:
-            return None
-        return stored if len(stored) == len(ids) else None
-
-    def _is_current(self) -> bool:
-        """Return whether `results.h5` is younger than every trial file."""
+    def is_current(self) -> bool:
+        """Return whether `results.h5` is whole, and younger than every trial file."""
         trials = self.folder / "trials"
         try:
             built = self.results.stat().st_mtime_ns
             changes = [path.stat().st_mtime_ns for path in (trials, *trials.iterdir())]
-        except OSError:
+            results_file.check_seal(self.results)
+        except (OSError, ValueError):
             return False
         return max(changes) < built
 
-    def others(self, ids: Collection[str]) -> dict[str, dict[str, str]]:
-        """Return the `version` of each of the other trials in `results.h5`, by their identities."""
-        if {_id(file) for file in _trial_files(self.folder)} <= set(ids):
-            return {}
+    def versions(self, ids: Collection[str]) -> dict[str, dict[str, str]]:
+        """Return the `version` of each trial by its identity, but for those with these `ids`."""
         found = {}
-        with _reading(self.results):
-            for text in results_file.read(self.results):
-                trial_id = trial_text.stated_id(text)
-                if trial_id not in ids:
-                    found[trial_id] = trial_text.version(text)
+        for path in _trial_files(self.folder):
+            if _id(path) not in ids:
+                for version in _each([path], trial_text.version, ignored):
+                    found[_id(path)] = version
         return found
 
-    def unanswered(self) -> list[Trial]:
-        """Return the trials that ended without an answer, for reasons that may be gone."""
-        files = [file for file in _trial_files(self.folder) if _is_unanswered(file)]
-        return list(_each(files, trial_text.read, _warn))
+    def read(self, ids: Collection[str] | None = None, damaged: OnDamage = _warn) -> list[Trial]:
+        """Return the stored trials, all or those with these `ids`, each from its own file.
 
-    def read(self) -> list[Trial]:
-        """Return the stored trials, each from its own file; warns of damaged ones."""
-        return list(_each(_trial_files(self.folder), trial_text.read, _warn))
+        Raises:
+            StoreError: Another version filled this folder.
+        """
+        with _reading(self.results):
+            results_file.check_schema(self.results)
+        files = _trial_files(self.folder)
+        asked = [file for file in files if ids is None or _id(file) in ids]
+        return list(_each(asked, trial_text.read, damaged))
 
 
 class Seen:
@@ -293,30 +273,19 @@ def save(path: Path, trial: Trial) -> Path:
     return path
 
 
-def read(path: Path | str, ids: Collection[str] | None = None) -> list[Trial]:
+def read(path: Path | str) -> list[Trial]:
     """Return the trials of a results folder, of a `results.h5`, or of one trial's text.
 
-    All of them, or those with these `ids`. Certificates are the recorded ones. A folder is read
-    from its `results.h5` where that holds every trial file as it is.
+    Certificates are the recorded ones.
 
     Raises:
         StoreError: The file is missing, damaged, or from another version; a damaged file in a
             folder is left out with a warning (`DamagedFile`).
     """
-    source = Path(path)
-    if ids is None and source.is_dir():
-        named = {_id(file) for file in _trial_files(source)}
-        whole = Store(source).current(named) if named else None
-        if whole is not None:
-            return whole
-    return list(recorded(source, _warn, ids))
+    return list(recorded(Path(path)))
 
 
-def recorded(
-    path: Path,
-    damaged: OnDamage = _warn,
-    ids: Collection[str] | None = None,
-) -> Iterator[Trial]:
+def recorded(path: Path, damaged: OnDamage = _warn) -> Iterator[Trial]:
     """Yield the trials of a path, each from its own text; raises as `read` does.
 
     A damaged file in a folder goes to `damaged`. A damaged text in a `results.h5` refuses that
@@ -326,17 +295,13 @@ def recorded(
         listed = _trial_files(path)
         if not listed:
             raise StoreError(f"{path}: expected a results folder with trials/*.json in it")
-        for file in listed:
-            if ids is None or _id(file) in ids:
-                yield from _each([file], trial_text.read, damaged)
+        yield from _each(listed, trial_text.read, damaged)
     elif is_trial(path):
         with _reading(path):
             yield trial_text.read(_load(path))
     else:
         with _reading(path):
-            for text in results_file.read(path):
-                if ids is None or trial_text.stated_id(text) in ids:
-                    yield trial_text.read(text)
+            yield from map(trial_text.read, results_file.read(path))
 
 
 def is_trial(path: Path) -> bool:
@@ -353,7 +318,11 @@ def _each(files: list[Path], use: Callable[[bytes], T], damaged: OnDamage) -> It
     for path in files:
         try:
             with _reading(path):
-                found = use(_load(path))
+                text = _load(path)
+                stated = trial_text.stated_id(text)
+                if stated != _id(path):
+                    raise Malformed(f"it holds trial {stated}")
+                found = use(text)
         except Damaged as error:
             damaged(error)
         else:
@@ -381,16 +350,6 @@ def _is_unanswered(path: Path) -> bool:
 
 def _id(path: Path) -> str:
     return path.name.split(".")[0]
-
-
-def _is_whole(path: Path) -> bool:
-    """Return whether the file holds a whole text of the trial in its name."""
-    try:
-        return trial_text.check(_load(path)) == _id(path)
-    except WrongSchema:
-        raise WrongSchema(str(path)) from None
-    except (OSError, ValueError):
-        return False
 
 
 @contextmanager

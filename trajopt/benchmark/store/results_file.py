@@ -120,7 +120,7 @@ def read(path: Path) -> Iterator[bytes]:
         WrongSchema: Another version wrote the file.
         Exception: Any other error means that the file is damaged, or not ours.
     """
-    _check_seal(path)
+    check_seal(path)
     import h5py
 
     with h5py.File(path, "r", locking=False) as file:
@@ -175,7 +175,7 @@ def _blocks(h5py: Any, file: Any) -> Iterator[bytes]:
         yield block[: len(data) - start]
 
 
-def _check_seal(path: Path) -> None:
+def check_seal(path: Path) -> None:
     """Compute the seal anew: HDF5 never sees a file that was damaged."""
     with path.open("rb") as stream:
         stated = _own_seal(path, stream)
