@@ -23,6 +23,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.soaks import said
+from experiments.soaks.hostile_texts import changed
 from experiments.soaks.said import ESCAPES
 from trajopt.benchmark.store.folder import DamagedFile, Store
 from trajopt.benchmark.store.results_file import sealed as sealed_file
@@ -38,18 +39,6 @@ FileCraft = Callable[[h5py.File, Rng, Path], None]
 Craft = Any  # one of the two
 
 SECRET = "what-only-this-machine-knows"
-LONGEST_BLOCK = 4096  # bytes
-
-ODD_TEXTS = (
-    b"\xff\xfe",
-    b"\xed\xa0\x80",
-    b"\0",
-    b"",
-    b"[" * 100_000,
-    b"1e999",
-    b"nan",
-    b"null",
-)
 ODD_VALUES: tuple[Any, ...] = (
     None,
     True,
@@ -73,10 +62,6 @@ ODD_VALUES: tuple[Any, ...] = (
     "\ud800",
     *ESCAPES,
 )
-ODD_INTEGERS = (-1, 0, 1, 2**62, -(2**62))
-ODD_FLOATS = (np.nan, np.inf, -np.inf, -1.0, 0.0, 1e308, 5e-324)
-
-
 PLANNERS = ("pso:iterations=20,population=5", "unoptimised", "ruckig-stop", "toppra")
 
 
@@ -94,14 +79,8 @@ def template(folder: Path) -> Path:
 
 
 def odd_text(text: bytes, rng: Rng) -> bytes:
-    """An odd value in place of some text, number or name."""
-    odd = [escape.encode() + b"x" for escape in ESCAPES]
-    odd += ODD_TEXTS
-    lines = text.split(b"\n")
-    place = int(rng.integers(2, len(lines) - 2))
-    name, _, _ = lines[place].partition(b": ")
-    lines[place] = name + b": " + _drawn(odd, rng) + b","
-    return resealed(b"\n".join(lines))
+    """What an accident does to any text, and a seal over it."""
+    return resealed(changed(text, rng))
 
 
 def resealed(text: bytes) -> bytes:
@@ -115,7 +94,7 @@ def odd_json(text: bytes, rng: Rng) -> bytes:
     table = _mutated(_table(text), rng)
     try:
         return sealed(table if isinstance(table, dict) else {"id": table})
-    except ValueError:  # not a number, or half a surrogate pair: `odd_text` writes both
+    except ValueError:  # not a number, or half a surrogate pair: no text has it
         return odd_text(text, rng)
 
 
@@ -137,16 +116,6 @@ def _mutated(value: Any, rng: Rng) -> Any:
         changed[place] = _mutated(value[place], rng)
         return changed
     return _drawn(ODD_VALUES, rng)
-
-
-def odd_number(text: bytes, rng: Rng) -> bytes:
-    """Another number in place of one, or a word of which JavaScript makes one."""
-    odd = [str(number).encode() for number in (*ODD_INTEGERS, *ODD_FLOATS)]
-    odd += [b"NaN", b"-Infinity", b"1" * 5000, b"0." + b"1" * 60_000]
-    found = list(re.finditer(rb"-?\d+\.\d+", text))
-    place = found[int(rng.integers(len(found)))]
-    changed = text[: place.start()] + _drawn(odd, rng) + text[place.end() :]
-    return resealed(changed)
 
 
 def deep(text: bytes, rng: Rng) -> bytes:
@@ -281,7 +250,7 @@ TEXT_CRAFTS: tuple[TextCraft, ...] = (
     odd_text,
     odd_json,
     odd_json,
-    odd_number,
+    odd_text,
     deep,
     high_degree,
     odd_schema,
@@ -342,32 +311,10 @@ def _crafted_file(
 # --- what a disk does to a file ---
 
 
-def corrupted(
-    folder: Path,
-    work: Path,
-    rng: Rng,
-) -> Path:
+def corrupted(folder: Path, work: Path, rng: Rng) -> Path:
     """A `results.h5` with bits flipped, a block overwritten, moved or cut off."""
-    data = bytearray((folder / "results.h5").read_bytes())
-    places = rng.integers(len(data), size=2)
-    start, end = np.sort(places).tolist()
-    end = min(end, start + LONGEST_BLOCK)
-    length = end - start
-    match int(rng.integers(5)):
-        case 0:
-            bit = int(rng.integers(8))
-            data[start] ^= 1 << bit
-        case 1:
-            data[start:end] = bytes(length)
-        case 2:
-            data[start:end] = rng.bytes(length)
-        case 3:
-            del data[start:]
-        case 4:
-            other = int(rng.integers(len(data) - length))
-            data[start:end] = data[other : other + length]
     path = work / "results.h5"
-    path.write_bytes(data)
+    path.write_bytes(changed((folder / "results.h5").read_bytes(), rng))
     return path
 
 

@@ -1,8 +1,8 @@
 """Text files that a stranger crafted, or an accident changed, of every format that is read.
 
-`mutated` changes a file that is shipped (a bit, a span, a line, a number, a key); `crafted` makes
-one that no reader may take. `nonsense` says, by parsers that are not this project's own, what was
-wrong with a file that was taken all the same.
+`mutated` changes a file that is shipped (a bit, a span, a block, a line, a number, a key);
+`crafted` makes one that no reader may take. `nonsense` says, by parsers that are not this project's
+own, what was wrong with a file that was taken all the same.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ _OCTAL = re.compile(r"[+-]?0\d+", re.ASCII)
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(\.\d+)?([eE][+-]?\d+)?")
 _NUMERIC_KEYS = re.compile(r"max_.*|min_.*|sec|nanosec|positions|velocities|accelerations")
 LONG = 60_000  # digits
+LONGEST_SPAN = 200  # bytes
+LONGEST_BLOCK = 4096  # bytes
 MAX_BYTES = 40_000_000  # largest crafted file
 TEXTS = tomllib.loads((soak_report.DATA / "hostile_texts.toml").read_text(encoding="utf-8"))
 ODD_NUMBERS: list[str] = [*TEXTS["odd_numbers"], "9" * LONG, "0x" + "f" * LONG]
@@ -150,7 +152,11 @@ def _recorded(path: Path) -> object:
 
 def mutated(kind: Format, rng: Rng) -> bytes:
     """A shipped file with one change, or with two."""
-    content = _drawn(kind.shipped, rng)
+    return changed(_drawn(kind.shipped, rng), rng)
+
+
+def changed(content: bytes, rng: Rng) -> bytes:
+    """A file's content after one change, or after two."""
     for _ in range(1 + int(rng.random() < 0.2)):
         change = _drawn(_CHANGES, rng)
         content = change(content, rng) or b" "
@@ -170,7 +176,7 @@ def _cut(content: bytes, rng: Rng) -> bytes:
 def _span(content: bytes, rng: Rng) -> bytes:
     """A span is removed, repeated or moved."""
     start, end, other = np.sort(rng.integers(len(content) + 1, size=3)).tolist()
-    end = min(end, start + 200)
+    end = min(end, start + LONGEST_SPAN)
     span = content[start:end]
     removed = content[:start] + content[end:]
     return [
@@ -178,6 +184,14 @@ def _span(content: bytes, rng: Rng) -> bytes:
         removed[:other] + span + removed[other:],
         content[:end] + span + content[end:],
     ][int(rng.integers(3))]
+
+
+def _block(content: bytes, rng: Rng) -> bytes:
+    """A block is overwritten, by zeros or by noise."""
+    start, end = np.sort(rng.integers(len(content) + 1, size=2)).tolist()
+    end = min(end, start + LONGEST_BLOCK)
+    written = [bytes(end - start), rng.bytes(end - start)]
+    return content[:start] + written[int(rng.integers(2))] + content[end:]
 
 
 def _line(content: bytes, rng: Rng) -> bytes:
@@ -216,7 +230,7 @@ def _key(content: bytes, rng: Rng) -> bytes:
     return bytes(changed)
 
 
-_CHANGES = (_bit, _cut, _span, _line, _junk, _number, _number, _key, _key)
+_CHANGES = (_bit, _cut, _span, _block, _line, _junk, _number, _number, _key, _key)
 
 
 # --- what a stranger crafts ---
