@@ -13,17 +13,17 @@ import re
 import tempfile
 import warnings
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import h5py
 import numpy as np
 import pandas as pd
 
 from experiments.soaks import said
-from experiments.soaks.hostile_texts import changed
+from experiments.soaks.hostile_texts import changed, drawn
 from experiments.soaks.said import ESCAPES
 from trajopt.benchmark.store.folder import DamagedFile, Store
 from trajopt.benchmark.store.results_file import sealed as sealed_file
@@ -32,7 +32,6 @@ from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import judge
 from trajopt.planners.registry import named
 
-T = TypeVar("T")
 Rng = np.random.Generator
 TextCraft = Callable[[bytes, Rng], bytes]
 FileCraft = Callable[[h5py.File, Rng, Path], None]
@@ -115,7 +114,7 @@ def _mutated(value: Any, rng: Rng) -> Any:
         changed = [*value]
         changed[place] = _mutated(value[place], rng)
         return changed
-    return _drawn(ODD_VALUES, rng)
+    return drawn(ODD_VALUES, rng)
 
 
 def deep(text: bytes, rng: Rng) -> bytes:
@@ -141,15 +140,10 @@ def high_degree(text: bytes, rng: Rng) -> bytes:
 
 def odd_schema(text: bytes, rng: Rng) -> bytes:
     values = [b'"3"', b"4", b'"trajopt-3"', b'"trajopt-99999999999"', b'"\x1b[31m"', b"[4]"]
-    return text.replace(b'"trajopt-4"', _drawn(values, rng), 1)
+    return text.replace(b'"trajopt-4"', drawn(values, rng), 1)
 
 
 # --- what a forger does to `results.h5` ---
-
-
-def _drawn(values: Sequence[T], rng: Rng) -> T:
-    place = int(rng.integers(len(values)))
-    return values[place]
 
 
 def _replaced(file: h5py.File, **what: Any) -> None:
@@ -172,7 +166,7 @@ def another_type(file: h5py.File, rng: Rng, secret: Path) -> None:
         np.array([file.ref] * 4, dtype=h5py.ref_dtype),
         np.zeros(4, dtype="V5"),
     ]
-    _replaced(file, data=_drawn(values, rng))
+    _replaced(file, data=drawn(values, rng))
 
 
 def another_shape(file: h5py.File, rng: Rng, secret: Path) -> None:
@@ -185,7 +179,7 @@ def another_shape(file: h5py.File, rng: Rng, secret: Path) -> None:
         np.concatenate([values, values]),
         values[0],
     ]
-    data = _drawn(changed, rng)
+    data = drawn(changed, rng)
     chunked = isinstance(data, np.ndarray) and data.ndim == 1
     _replaced(file, data=data, **(_CHUNKED if chunked else {}))
 
@@ -193,7 +187,7 @@ def another_shape(file: h5py.File, rng: Rng, secret: Path) -> None:
 def huge_fill(file: h5py.File, rng: Rng, secret: Path) -> None:
     """A terabyte of which the file holds nothing."""
     sizes = [1 << int(rng.integers(10, 28)), *_CHUNKED["chunks"]]
-    _replaced(file, shape=(1 << 40,), dtype="u1", chunks=(_drawn(sizes, rng),), compression=1)
+    _replaced(file, shape=(1 << 40,), dtype="u1", chunks=(drawn(sizes, rng),), compression=1)
 
 
 def bomb(file: h5py.File, rng: Rng, secret: Path) -> None:
@@ -201,7 +195,7 @@ def bomb(file: h5py.File, rng: Rng, secret: Path) -> None:
     (chunk,) = _CHUNKED["chunks"]
     size = 2000 * chunk
     _replaced(file, shape=(size,), dtype="u1", **_CHUNKED)
-    byte = _drawn([b"\0", b" ", b"["], rng)
+    byte = drawn([b"\0", b" ", b"["], rng)
     stored = zlib.compress(byte * chunk)
     for start in range(0, size, chunk):
         file["texts"].id.write_direct_chunk((start,), stored)

@@ -1,10 +1,10 @@
 """Can a crafted or damaged file crash a command, or pass as a good one?
 
-    python -m experiments.soaks.hostile_inputs            # 2000 mutated and 600 crafted, 15 min
+    python -m experiments.soaks.hostile_inputs            # 2000 mutated and 600 crafted, 2 min
     python -m experiments.soaks.hostile_inputs --quick    # 200 and 60
 
-Mutated: files that are shipped, of every format that is read, with bits, spans, lines, numbers or
-keys changed. Crafted: what no reader may take. Every fifth is a results file
+Mutated: files that are shipped, of every format that is read, with bits, spans, blocks, lines,
+numbers or keys changed. Crafted: what no reader may take. Every fifth is a results file
 (`experiments.soaks.forged_results`), the others are text (`hostile_texts`). Each is read in a
 child process by the command that a user would type. The promise: no traceback, one line of
 error of at most 1500 characters, no escape sequence, 10 s of CPU and 500 MB at most, and no

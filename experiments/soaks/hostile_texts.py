@@ -152,13 +152,13 @@ def _recorded(path: Path) -> object:
 
 def mutated(kind: Format, rng: Rng) -> bytes:
     """A shipped file with one change, or with two."""
-    return changed(_drawn(kind.shipped, rng), rng)
+    return changed(drawn(kind.shipped, rng), rng)
 
 
 def changed(content: bytes, rng: Rng) -> bytes:
     """A file's content after one change, or after two."""
     for _ in range(1 + int(rng.random() < 0.2)):
-        change = _drawn(_CHANGES, rng)
+        change = drawn(_CHANGES, rng)
         content = change(content, rng) or b" "
     return content
 
@@ -203,7 +203,7 @@ def _line(content: bytes, rng: Rng) -> bytes:
 
 def _junk(content: bytes, rng: Rng) -> bytes:
     place = int(rng.integers(len(content) + 1))
-    junk = _drawn(JUNK, rng)
+    junk = drawn(JUNK, rng)
     return content[:place] + _bytes(junk) + content[place:]
 
 
@@ -212,8 +212,8 @@ def _number(content: bytes, rng: Rng) -> bytes:
     found = list(_NUMBER.finditer(text))
     if not found:
         return content
-    match = _drawn(found, rng)
-    odd: str = _drawn(ODD_NUMBERS, rng)
+    match = drawn(found, rng)
+    odd: str = drawn(ODD_NUMBERS, rng)
     changed: str = text[: match.start()] + odd + text[match.end() :]
     return changed.encode("utf-8", "surrogateescape")
 
@@ -223,7 +223,7 @@ def _key(content: bytes, rng: Rng) -> bytes:
     words = list(re.finditer(rb"[a-z_]{4,}", content))
     if not words:
         return content
-    match = _drawn(words, rng)
+    match = drawn(words, rng)
     place = match.start() + int(rng.integers(1, len(match[0]) - 1))
     changed = bytearray(content)
     changed[place : place + 2] = changed[place : place + 2][::-1]
@@ -241,19 +241,20 @@ def crafted(ending: str, rng: Rng) -> bytes:
     size = int(10 ** rng.uniform(3, 7.3))
     match int(rng.integers(4)):
         case 0:
-            return _repeated(_drawn(TEXTS["anywhere"], rng), size)
+            return _repeated(drawn(TEXTS["anywhere"], rng), size)
         case 1:
             return rng.bytes(size)
         case 2:
-            begin, repeated, end = _drawn(TEXTS["placed"][ending], rng)
+            begin, repeated, end = drawn(TEXTS["placed"][ending], rng)
             middle = _repeated(repeated, size)
             return _bytes(begin) + middle + _bytes(end)
         case _:
-            whole: str = _drawn(TEXTS["whole"][ending], rng)
+            whole: str = drawn(TEXTS["whole"][ending], rng)
             return _bytes(whole)
 
 
-def _drawn(values: Sequence[T], rng: Rng) -> T:
+def drawn(values: Sequence[T], rng: Rng) -> T:
+    """One of some values."""
     return values[int(rng.integers(len(values)))]
 
 
