@@ -8,33 +8,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from experiments import certificates, commands, families, rivals
+from experiments import commands, families, rivals
 from experiments.__main__ import questions
 from experiments.common.output import save_table
 from experiments.common.spread import spread
 from experiments.soaks import forgeries, tricks
-from trajopt import Limits, Problem
 from trajopt.benchmark.suites.catalogue import load
 
 
 def test_every_experiment_asks_a_question_in_a_line():
     asked = questions()
-    assert {"experiments.certificates", "experiments.soaks.tricks"} <= set(asked)
+    assert {"experiments.families", "experiments.soaks.tricks"} <= set(asked)
     for line in asked.values():
         assert line.endswith((".", "?"))
-
-
-def test_certificates_count_what_is_closed():
-    chosen = [("one", load("one-joint")), ("other", load("reversal"))]
-    limits = Limits([1.0], [2.0])
-    unknown = Problem([[0.0], [1.2345]], limits)
-    chosen.append(("other", unknown))
-    rows = pd.DataFrame([certificates.recorded(*pair) for pair in chosen])
-    table = certificates.counted(rows)
-    assert list(table.index) == ["one", "other", "all"]
-    assert table["closed"].tolist() == [1, 1, 2]
-    assert table["without a record"].tolist() == [0, 1, 1]
-    assert (table["largest gap, %"] < 0.1).all()
 
 
 def test_a_saved_table_leaves_blank_what_is_not_there(tmp_path):
