@@ -100,8 +100,9 @@ def compare(
     loaded = [catalogue.given(problem) for problem in problems]
     tasks = plan(loaded, [Configuration.given(planner) for planner in planners], seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
-    stored = [] if fresh else store.read(asked, damaged=ignored)
-    done = {t.id for t in stored if not t.runs_again or allowed.would_stop(t)}
+    stored = [] if fresh else store.read(damaged=ignored)
+    ended = {t.id for t in stored if not t.runs_again or allowed.would_stop(t)}
+    done = asked & ended
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
     report = reporter(progress)
@@ -117,7 +118,8 @@ def compare(
         store.restore(before, seen)
         store.consolidate(seen)
     known = {trial.id: trial for trial in stored if trial.id in done} | seen.trials
-    trials = _marked(store, [known[trial_id] for trial_id in sorted(known)])
+    others = [trial for trial in stored if trial.id not in asked]
+    trials = _marked(store, [known[trial_id] for trial_id in sorted(known)], others)
     _warn_of_histories(trials)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
@@ -132,24 +134,12 @@ def _warn_of_histories(trials: Sequence[Trial]) -> None:
         warnings.warn(PlannerWarning(message), stacklevel=3)
 
 
-def _marked(store: Store, trials: Sequence[Trial]) -> Sequence[Trial]:
+def _marked(store: Store, trials: Sequence[Trial], others: Sequence[Trial]) -> Sequence[Trial]:
     """Mark trials that would be hidden, since the folder holds a later version of their planner.
 
     The report shows the newest version of each planner: the version asked for last.
     """
-    last: dict[str, str] = {}
-    for trial in trials:
-        when = trial.asked or trial.started
-        last[trial.label] = max(when, last.get(trial.label, ""))
-    later = set()
-    for trial_id, other in store.versions({trial.id for trial in trials}).items():
-        when = other["asked"] or other["started"]
-        if when > last.get(other["label"], when):  # texts in UTC and ISO 8601 sort by time
-            later.add(trial_id)
-    if not later:
-        return trials
-    everything = [*trials, *store.read(later)]
-    shown = {trial.id for trial in newest(everything).trials}
+    shown = {trial.id for trial in newest([*trials, *others]).trials}
     marked = [replace(trial, asked=now()) for trial in trials if trial.id not in shown]
     if not marked:
         return trials

@@ -209,8 +209,7 @@ def test_a_proof_with_another_number_proves_no_more(name):
 @pytest.mark.parametrize(
     ("path", "value", "named"),
     [
-        (["options", "motion", "date"], "yesterday", "date"),
-        (["options", "motion", "method"], " ", "method"),
+        (["options", "motion", "date"], 20261122, "date"),
         (["options", "motion", "submitter"], "a" * 301, "submitter"),
         (["options", "motion"], [], "options"),
         (["options"], {}, "options"),

@@ -257,7 +257,6 @@ def test_missing_backends_are_not_finished_but_are_read(tmp_path, trial):
     assert {t.id for t in results.read() if t.runs_again} == {absent.id, crashed.id}
     for found in (results.read(), read(results.consolidate()), read(tmp_path)):
         assert {t.status for t in found} == {Status.MISSING, Status.CRASHED, Status.FAILED}
-    assert [t.status for t in results.read({absent.id})] == [Status.MISSING]
 
 
 def test_the_backend_s_answer_replaces_its_absence_and_is_never_replaced_by_it(tmp_path, trial):
@@ -268,7 +267,6 @@ def test_the_backend_s_answer_replaces_its_absence_and_is_never_replaced_by_it(t
     results.write(absent_of(trial))  # a run elsewhere, without the backend, into this folder
     for found in (
         results.read(),
-        results.read({trial.id}),
         read(results.consolidate()),
     ):
         assert [t.status for t in found] == [Status.SOLVED]

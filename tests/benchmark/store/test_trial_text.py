@@ -13,7 +13,7 @@ from trials import PROBLEM, assert_same, forged, solved
 
 from trajopt import Limits, Problem, Solution, Status, StoreError
 from trajopt.benchmark.store import trial_text
-from trajopt.benchmark.store.document import Malformed, pack, unpack
+from trajopt.benchmark.store.document import pack, unpack
 from trajopt.benchmark.store.fields import SEED_MAX, columns
 from trajopt.benchmark.store.folder import Store, read
 from trajopt.benchmark.trial import judge, trial_id
@@ -250,12 +250,6 @@ def test_every_field_has_a_value_in_every_trial(trial):
     found = columns([trial, blank])
     assert found["planner"] == ["stopping"] * 2
     assert np.isnan(found["certified_duration"]).tolist() == [False, True]
-    assert trial_text.version(trial_text.write(trial))["label"] == found["label"][0]
-
-
-def test_a_text_without_a_line_for_its_label_has_no_version():
-    with pytest.raises(Malformed, match="expected a line for each"):
-        trial_text.version(b"{}")
 
 
 # --- a stranger's text ---

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import asdict, dataclass, replace
-from datetime import date
 from functools import lru_cache
 from pathlib import Path
 
@@ -62,12 +61,6 @@ class Origin:
             if not is_line or len(value) > _MAX_TEXT_LENGTH:
                 right = f"one printable line of at most {_MAX_TEXT_LENGTH} characters"
                 raise InvalidInput(name, right, value=value)
-        if not self.method.strip():
-            raise InvalidInput("method", "a name")
-        try:
-            date.fromisoformat(self.date)
-        except ValueError:
-            raise InvalidInput("date", "a date like 2026-11-22", value=self.date) from None
 
     def __str__(self) -> str:
         name = " ".join(filter(None, [self.method, self.version]))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -198,26 +198,15 @@ class Store:
             return False
         return max(changes) < built
 
-    def versions(self, ids: Collection[str]) -> dict[str, dict[str, str]]:
-        """Return the `version` of each trial by its identity, but for those with these `ids`."""
-        found = {}
-        for path in _trial_files(self.folder):
-            if _id(path) not in ids:
-                for version in _each([path], trial_text.version, ignored):
-                    found[_id(path)] = version
-        return found
-
-    def read(self, ids: Collection[str] | None = None, damaged: OnDamage = _warn) -> list[Trial]:
-        """Return the stored trials, all or those with these `ids`, each from its own file.
+    def read(self, damaged: OnDamage = _warn) -> list[Trial]:
+        """Return the stored trials, each from its own file.
 
         Raises:
             StoreError: Another version filled this folder.
         """
         with _reading(self.results):
             results_file.check_schema(self.results)
-        files = _trial_files(self.folder)
-        asked = [file for file in files if ids is None or _id(file) in ids]
-        return list(_each(asked, trial_text.read, damaged))
+        return list(_each(_trial_files(self.folder), trial_text.read, damaged))
 
 
 class Seen:

@@ -79,34 +79,6 @@ def _head(text: bytes) -> re.Match[bytes]:
     return found
 
 
-_STATED = re.compile(rb'^"(label|started|asked)": (".*"),$', re.MULTILINE)
-
-
-def version(text: bytes) -> dict[str, str]:
-    """Return the `label` of a trial and when it was `started` and `asked`, without reading all."""
-    stated = {name.decode(): json.loads(value) for name, value in _STATED.findall(text)}
-    if len(stated) < 3:
-        raise Malformed("label, started and asked: expected a line for each")
-    return stated
-
-
-def check(text: bytes) -> str:
-    """Check the seal without reading the rest; returns the stated identity.
-
-    Raises:
-        Malformed: The text is damaged, edited, or no trial's.
-        WrongSchema: Another version wrote it.
-    """
-    found = _head(text)
-    if int(found["schema"]) != SCHEMA:
-        raise WrongSchema("a trial")
-    body = memoryview(text)[found.start("body") :]
-    digest = hashlib.sha256(body).hexdigest()
-    if digest.encode() != found["sha256"]:
-        raise Malformed("its checksum differs: it was damaged or edited")
-    return stated_id(text)
-
-
 def write(trial: Trial, *, brief: bool = False) -> bytes:
     """Return the trial's text; brief: its trajectory is stated joint by joint.
 
@@ -171,13 +143,18 @@ def read(text: bytes) -> Trial:
 
 
 def row(text: bytes) -> dict[str, Any]:
-    """Return what a whole text states, by name, unchecked.
+    """Return what a whole text states, by name; its seal is checked, its values are not.
 
     A text nested deeper than the interpreter's stack is a `RecursionError`, here or in `unpack`.
     """
-    check(text)
+    found = _head(text)
+    if int(found["schema"]) != SCHEMA:
+        raise WrongSchema("a trial")
     if len(text) > MAX_BYTES:
         raise Malformed(f"it has more than {MAX_BYTES / 1e6:g} MB")
+    digest = hashlib.sha256(memoryview(text)[found.start("body") :]).hexdigest()
+    if digest.encode() != found["sha256"]:
+        raise Malformed("its checksum differs: it was damaged or edited")
     said = text.decode()
     if said.count(",") > files.MAX_VALUES:
         raise Malformed(f"it has more than {files.MAX_VALUES} values")
