@@ -13,7 +13,7 @@ process is a recorded trial, and the run goes on.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import replace
@@ -23,7 +23,7 @@ from pathlib import Path
 from trajopt.benchmark.run import runner
 from trajopt.benchmark.run.progress import Progress, Report, reporter
 from trajopt.benchmark.run.tasks import Allowance, missing, plan
-from trajopt.benchmark.store.folder import Seen, Store, ignored
+from trajopt.benchmark.store.folder import Store
 from trajopt.benchmark.suites import catalogue
 from trajopt.benchmark.trial import Configuration, Trial, now
 from trajopt.core.exceptions import InvalidInput, PlannerWarning
@@ -100,26 +100,24 @@ def compare(
     loaded = [catalogue.given(problem) for problem in problems]
     tasks = plan(loaded, [Configuration.given(planner) for planner in planners], seeds)
     asked = {trial_id for task in tasks for trial_id in task.ids.values()}
-    stored = [] if fresh else store.read(damaged=ignored)
+    seen = store.seen()
+    stored = seen.trials.values()
     ended = {t.id for t in stored if not t.runs_again or allowed.would_stop(t)}
-    done = asked & ended
+    done = set() if fresh else asked & ended
     waiting = [batch for task in tasks for batch in missing(task, done)]
     finished = len(done)
     report = reporter(progress)
     report(Progress(len(asked), finished, len(done)))
-    before = store.stamps() if waiting else {}
-    seen = Seen()
     with closing(runner.run(waiting, store, allowed, executor)) as run:
         for task, written in run:
             finished += len(task.seeds)
             seen.add(written)
             report(Progress(len(asked), finished, len(done)))
     if waiting or not store.is_current():
-        store.restore(before, seen)
+        store.restore(seen)
         store.consolidate(seen)
-    known = {trial.id: trial for trial in stored if trial.id in done} | seen.trials
-    others = [trial for trial in stored if trial.id not in asked]
-    trials = _marked(store, [known[trial_id] for trial_id in sorted(known)], others)
+    own = [seen.trials[trial_id] for trial_id in sorted(asked & seen.trials.keys())]
+    trials = _marked(store, own, seen.trials.values())
     _warn_of_histories(trials)
     starts = [datetime.fromisoformat(trial.started) for trial in trials if trial.id in done]
     kept = Kept(len(starts), len(trials), min(starts)) if starts else None
@@ -134,12 +132,12 @@ def _warn_of_histories(trials: Sequence[Trial]) -> None:
         warnings.warn(PlannerWarning(message), stacklevel=3)
 
 
-def _marked(store: Store, trials: Sequence[Trial], others: Sequence[Trial]) -> Sequence[Trial]:
+def _marked(store: Store, trials: Sequence[Trial], every: Iterable[Trial]) -> Sequence[Trial]:
     """Mark trials that would be hidden, since the folder holds a later version of their planner.
 
     The report shows the newest version of each planner: the version asked for last.
     """
-    shown = {trial.id for trial in newest([*trials, *others]).trials}
+    shown = {trial.id for trial in newest(every).trials}
     marked = [replace(trial, asked=now()) for trial in trials if trial.id not in shown]
     if not marked:
         return trials

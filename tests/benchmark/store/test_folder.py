@@ -19,7 +19,7 @@ from trials import assert_same, solved
 from trajopt import Solution, Status, StoreError
 from trajopt.benchmark.store import folder as store
 from trajopt.benchmark.store import results_file
-from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, ignored, read, recorded
+from trajopt.benchmark.store.folder import DamagedFile, Store, atomic, read, recorded
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def files(folder):
 
 def finished(store):
     """The identities of the trials that need not run again."""
-    return {trial.id for trial in store.read(damaged=ignored) if not trial.runs_again}
+    return {trial.id for trial in store.seen().trials.values() if not trial.runs_again}
 
 
 def test_no_temporary_file_is_left(tmp_path, trial):
@@ -271,6 +271,28 @@ def test_the_backend_s_answer_replaces_its_absence_and_is_never_replaced_by_it(t
     ):
         assert [t.status for t in found] == [Status.SOLVED]
     assert finished(results) == {trial.id}
+
+
+def test_what_another_run_finishes_meanwhile_is_not_restored(tmp_path, trial):
+    results = Store(tmp_path)
+    results.write(absent_of(trial))
+    seen = results.seen()
+    results.write(trial)
+    results.restore(seen)
+    assert files(tmp_path) == [f"trials/{trial.id}.json"]
+
+
+def test_what_others_remove_or_change_is_written_again(tmp_path, trial):
+    results = Store(tmp_path)
+    removed = results.write(trial)
+    changed = results.write(replace(trial, seed=4))
+    texts = [removed.read_bytes(), changed.read_bytes()]
+    seen = results.seen()
+    removed.unlink()
+    changed.write_bytes(texts[0])
+    with pytest.warns(DamagedFile, match="removed or changed 2 trials during the run; they are"):
+        results.restore(seen)
+    assert [removed.read_bytes(), changed.read_bytes()] == texts
 
 
 def damaged(path, how):

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -54,8 +54,8 @@ def _warn(error: Damaged) -> None:
     warnings.warn(str(error), DamagedFile, stacklevel=2)
 
 
-def ignored(error: Damaged) -> None:
-    """What is damaged runs again, or is told by whoever reads it."""
+def _pass(error: Damaged) -> None:
+    """What is damaged runs again; whoever reads the folder is warned."""
 
 
 class Written(NamedTuple):
@@ -151,38 +151,16 @@ class Store:
         texts = [text for _, text in pairs]
         return results_file.content(trials, texts)
 
-    def stamps(self) -> dict[Path, Stamp | None]:
-        """Return the stamps of finished trials: a changed file has another one."""
-        files = _trial_files(self.folder)
-        return {path: _stamp(path) for path in files if not _is_unanswered(path)}
-
-    def restore(self, before: Mapping[Path, Stamp | None], seen: Seen) -> None:
-        """Write again what others have removed or changed since this run began, and warn.
-
-        A trial that this run did not make is taken from `results.h5`, if that has it.
-        """
-        lost = seen.lost(before)
-        if not lost:
-            return
-        known = {path: text for path, text in lost.items() if text is not None}
-        if len(known) < len(lost):
-            with suppress(StoreError), _reading(self.results):
-                for text in results_file.read(self.results):
-                    known.setdefault(self.path(trial_text.stated_id(text)), text)
+    def restore(self, seen: Seen) -> None:
+        """Write again what others have removed or changed since it was seen, and warn."""
         # another run, or another worker, may have found the same
-        bad = set()
-        for path in lost:
-            if path not in known or not _holds(path, known[path]):
-                bad.add(path)
+        bad = {path: text for path, text in seen.lost().items() if not _holds(path, text)}
         if not bad:
             return
-        restored = known.keys() & bad
-        atomic.write_all({path: known[path] for path in restored})
-        others = len(bad) - len(restored)
-        again = f"; {others} of them are lost, and run again" if others else ""
+        atomic.write_all(bad)
         warnings.warn(
             f"{self.folder}: a planner or another program removed or changed {len(bad)} trials "
-            f"during the run; {len(restored)} are written again{again}",
+            "during the run; they are written again",
             DamagedFile,
             stacklevel=2,
         )
@@ -198,19 +176,28 @@ class Store:
             return False
         return max(changes) < built
 
-    def read(self, damaged: OnDamage = _warn) -> list[Trial]:
-        """Return the stored trials, each from its own file.
+    def seen(self) -> Seen:
+        """Return the stored trials as they are now, but for damaged files.
 
         Raises:
             StoreError: Another version filled this folder.
         """
         with _reading(self.results):
             results_file.check_schema(self.results)
-        return list(_each(_trial_files(self.folder), trial_text.read, damaged))
+        found = Seen()
+        for path in _trial_files(self.folder):
+            stamp = _stamp(path)
+            for trial, text in _each([path], _both, _pass):
+                found.keep(Written(path, stamp, text), trial)
+        return found
+
+    def read(self) -> list[Trial]:
+        """Return the stored trials, each from its own file; warns of damaged ones."""
+        return list(_each(_trial_files(self.folder), trial_text.read, _warn))
 
 
 class Seen:
-    """The trials that this run has stored: their files need not be read again.
+    """The trials that a run has found or stored: their files need not be read again.
 
     Attributes:
         trials: By their identities.
@@ -218,40 +205,29 @@ class Seen:
 
     def __init__(self) -> None:
         self.trials: dict[str, Trial] = {}
-        self._written: dict[Path, Written] = {}
+        self._written: dict[str, Written] = {}
 
     def add(self, written: Iterable[Written]) -> None:
         """Keep what has been stored."""
         for one in written:
-            trial = trial_text.read(one.text)
-            self.trials[trial.id] = trial
-            self._written[one.path] = one
+            self.keep(one, trial_text.read(one.text))
+
+    def keep(self, one: Written, trial: Trial) -> None:
+        """Keep a file, and the trial in it."""
+        self.trials[trial.id] = trial
+        self._written[trial.id] = one
 
     def read(self, path: Path) -> tuple[Trial, bytes] | None:
         """Return the trial in a file, and its text; None, with a warning, if it is damaged."""
-        if path in self._written:
-            text = self._written[path].text
-            return self.trials[trial_text.stated_id(text)], text
+        known = self._written.get(_id(path))
+        if known and known.path == path and known.stamp == _stamp(path):
+            return self.trials[_id(path)], known.text
+        return next(_each([path], _both, _warn), None)
 
-        def both(text: bytes) -> tuple[Trial, bytes]:
-            return trial_text.read(text), text
-
-        found = _each([path], both, _warn)
-        return next(found, None)
-
-    def lost(self, before: Mapping[Path, Stamp | None]) -> dict[Path, bytes | None]:
-        """Return the files that somebody else has removed or changed, and their texts, if known.
-
-        Those of this run since it wrote them, and those that were there `before`.
-        """
-        lost: dict[Path, bytes | None] = {}
-        for path, stamp in before.items():
-            if path not in self._written and _stamp(path) != stamp:
-                lost[path] = None
-        for path, one in self._written.items():
-            if _stamp(path) != one.stamp:
-                lost[path] = one.text
-        return lost
+    def lost(self) -> dict[Path, bytes]:
+        """Return the files that somebody else has removed or changed, and their texts."""
+        written = self._written.values()
+        return {one.path: one.text for one in written if _stamp(one.path) != one.stamp}
 
 
 def save(path: Path, trial: Trial) -> Path:
@@ -333,6 +309,10 @@ def _trial_files(folder: Path) -> list[Path]:
     return [file for file in files if not _is_unanswered(file) or _id(file) not in done]
 
 
+def _both(text: bytes) -> tuple[Trial, bytes]:
+    return trial_text.read(text), text
+
+
 def _is_unanswered(path: Path) -> bool:
     return path.name.endswith(_UNANSWERED)
 
@@ -372,6 +352,8 @@ def _load(path: Path) -> bytes:
 
 def _holds(path: Path, text: bytes) -> bool:
     """Return whether a file holds the same answer and verdict, at any time and speed."""
+    if _is_unanswered(path) and path.with_name(f"{_id(path)}{_FINISHED}").exists():
+        return True  # another run has finished it
     try:
         return _verdict(_load(path)) == _verdict(text)
     except Exception:
