@@ -17,6 +17,7 @@ from trajopt.benchmark.trial import Trial, judge
 from trajopt.planners.planner import Planner
 from trajopt.views.analysis.curves import anytime, gap_shares, profile
 from trajopt.views.figures import draw, plots, suite
+from trajopt.views.figures.sampling import bounded
 from trajopt.views.figures.style import GAP_FLOOR
 
 COLUMN_IN = 3.5
@@ -180,3 +181,21 @@ def test_plot_draws_a_suite(results: Results) -> None:
         results.plot(kind="pie")
     with pytest.raises(InvalidInput, match="one of problem 0, problem 1"):
         results.plot("problem 7")
+
+
+def test_a_band_is_endless_where_a_quarter_of_the_runs_has_no_answer() -> None:
+    """Two of three runs answer: the median does too, and the upper quartile is infinite."""
+    never = np.array([[1.0, np.nan], [10.0, np.nan]])
+    runs = [never, np.array([[1.0, 1.2]]), np.array([[1.0, 1.3]])]
+    curves = anytime({"a": runs, "b": [np.array([[1.0, 6.0]])]})
+    _, (low, middle, high) = bounded(curves)["a"]
+    assert middle == pytest.approx(30.0)
+    assert low == pytest.approx(25.0)
+    assert high == pytest.approx(500.0)  # the largest of all curves
+    _, unanswered = bounded(
+        {"a": curves["a"], "never": (np.array([1.0]), np.full((3, 1), np.inf))}
+    )["never"]
+    assert np.isinf(unanswered).all()
+    figure = suite.anytime(curves, ["a", "b"], "seconds")
+    band, _ = figure.axes[0].collections
+    assert band.get_datalim(figure.axes[0].transData).y1 == pytest.approx(500.0)

@@ -28,6 +28,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from trajopt.core.arrays import Array
 from trajopt.views import table_cells
 from trajopt.views.analysis.results import Line
+from trajopt.views.figures.sampling import bounded
 from trajopt.views.figures.style import (
     BLACK,
     BLUE,
@@ -230,7 +231,7 @@ def convergence(
     above = grid[0]
     shade = min(0.18, 0.9 / len(curves))  # many bands would hide the curves
     known = order or sorted(curves)
-    for label, (spent, quartiles) in curves.items():
+    for label, (spent, quartiles) in bounded(curves).items():
         marker = MARKERS[known.index(label) % len(MARKERS)]
         look = planner_look(label, known) | {"marker": marker}
         band(above, spent, quartiles, shade, look)
@@ -310,18 +311,14 @@ def gap_distribution(gaps: Mapping[str, Array], title: str = "") -> Figure:
         gaps: every planner's on one problem, ratios minus 1; NaN where a run has none.
         title: over the figure.
     """
-    groups = {}
-    for label, own in sorted(gaps.items()):
-        groups[label] = 100 * own[~np.isnan(own)]
+    groups = {label: 100 * own[~np.isnan(own)] for label, own in sorted(gaps.items())}
     several = [label for label, runs in groups.items() if len(runs) > 1]
     labels = sorted(several, key=lambda label: float(np.median(groups[label])))
     values = [groups[label] for label in labels]
     best = min(runs.min() for runs in values)
-    rows = [wrapped(label) for label in labels]
-    figure, (left, right) = _row_chart(rows, panels=2)
+    figure, (left, right) = _row_chart([wrapped(label) for label in labels], panels=2)
     _strips(left, values)
-    above_best = [np.maximum(runs - best, GAP_FLOOR) for runs in values]
-    _strips(right, above_best)
+    _strips(right, [np.maximum(runs - best, GAP_FLOOR) for runs in values])
     run = Line2D([], [], label="one run", **_RUN)
     box = Patch(label="quartiles and range", **_BOX)
     lines = _once(left, groups)
@@ -341,9 +338,7 @@ def _once(axes: Axes, groups: Mapping[str, Array]) -> list[Line2D]:
     lines = []
     for label, runs in groups.items():
         if len(runs) == 1 and low <= runs[0] <= high:
-            name = wrapped(label)
-            line = axes.axvline(runs[0], ls=next(dashes), label=name, **look)
-            lines.append(line)
+            lines.append(axes.axvline(runs[0], ls=next(dashes), label=wrapped(label), **look))
     return lines
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.trajectory import Trajectory
 from trajopt.views.analysis import statistics
+from trajopt.views.analysis.curves import Curves
 
 POINTS_PER_CURVE = 240
 FEWEST_PER_PIECE = 5
@@ -65,11 +66,20 @@ def over_runs(runs: Sequence[Array], points: int = 120) -> tuple[Array, Array]:
         Evaluations `(points,)` and quartiles `(3, points)`. A run without an answer counts as
         infinitely long: a quartile is +inf until enough runs have one.
     """
-    end = 1.0
-    for run in runs:
-        spent, _ = run[-1]
-        end = max(end, spent)
-    grid = np.geomspace(1.0, end, points)
-    evaluations = np.unique(grid.round())
-    quartiles = statistics.quartiles_over_runs(runs, evaluations)
-    return evaluations, quartiles
+    end = max(1.0, *(run[-1, 0] for run in runs))
+    evaluations = np.unique(np.geomspace(1.0, end, points).round())
+    return evaluations, statistics.quartiles_over_runs(runs, evaluations)
+
+
+def bounded(curves: Mapping[str, tuple[Array, Array]]) -> Curves:
+    """Return curves of quartiles whose upper one is drawn wherever there is a median.
+
+    Where more than a quarter of the runs have no answer, the upper quartile is infinite: a band is
+    drawn up to the largest number of all curves there.
+    """
+    top = max(np.max(q, where=np.isfinite(q), initial=0.0) for _, q in curves.values())
+    found = {}
+    for label, (spent, (low, middle, high)) in curves.items():
+        endless = np.isfinite(middle) & np.isinf(high)
+        found[label] = (spent, np.array([low, middle, np.where(endless, top, high)]))
+    return found

@@ -18,6 +18,7 @@ from trajopt.views.figures.plots import (
     styled,
     wrapped,
 )
+from trajopt.views.figures.sampling import bounded
 from trajopt.views.figures.style import GAP_FLOOR, plain, power_of_ten
 
 WIDTH_IN = 3.5
@@ -64,7 +65,7 @@ def anytime(curves: Curves, order: Sequence[str], cost: str) -> Figure:
     """
     figure, axes = _column(list(curves))
     shade = min(0.18, 0.9 / len(curves))
-    for label, (spent, quartiles) in curves.items():
+    for label, (spent, quartiles) in bounded(curves).items():
         drawn = np.maximum(quartiles, GAP_FLOOR)
         band(axes, spent, drawn, shade, planner_look(label, order))
     axes.set_xscale("log")

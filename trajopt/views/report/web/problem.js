@@ -144,7 +144,7 @@ const fill = async (details) => {
   drawDurations(runs, p);  // both are there first: a chart is as wide as its column
   if (searched) {
     const best = () => (found.best === null ? [] : [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: found.best, y1: found.best, line: { color: tone("ink"), width: 1, dash: "4px,2px" } }]);
-    draw(searched, () => [found.convergence.flatMap((c) => band(c)), { xaxis: evaluations(), yaxis: axis("best certified duration (s)", LOG), shapes: best() }]);
+    draw(searched, () => [bands(found.convergence), { xaxis: evaluations(), yaxis: axis("best certified duration (s)", LOG), shapes: best() }]);
   }
   if (!found.motions.length) {
     panel.append(make("p", "Its trajectories are not in this page.", { class: "note" }));

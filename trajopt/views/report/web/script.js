@@ -117,15 +117,19 @@
   };
   const redraw = () => { for (const [element, make] of drawn) draw(element, make); };
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  const band = (curve, axes = {}) => {
-    const k = curve.planner, whole = { meta: k, visible: !hidden.has(k), hoverinfo: "skip", ...axes };
-    const from = Math.max(0, curve.high.findIndex((v) => v !== null));  // endless until then
-    const edge = { mode: "lines", line: { width: 0, shape: "hv" }, x: curve.x.slice(from) };
-    return [
-      { ...edge, y: curve.low.slice(from), ...whole },
-      { ...edge, y: curve.high.slice(from), fill: "tonexty", fillcolor: `${inked(planners[k].colour)}22`, ...whole },
-      { ...look(k, { shape: "hv" }), x: curve.x, y: curve.middle, ...axes },
-    ];
+  const bands = (curves) => {
+    const top = Math.max(...curves.flatMap((curve) => [...curve.low, ...curve.middle, ...curve.high]));
+    return curves.flatMap((curve) => {
+      const k = curve.planner, whole = { meta: k, visible: !hidden.has(k), hoverinfo: "skip" };
+      const from = Math.max(0, curve.middle.findIndex((v) => v !== null));  // half have no answer before
+      const edge = { mode: "lines", line: { width: 0, shape: "hv" }, x: curve.x.slice(from) };
+      const high = curve.high.slice(from).map((v) => v ?? top);  // endless where a quarter has none
+      return [
+        { ...edge, y: curve.low.slice(from), ...whole },
+        { ...edge, y: high, fill: "tonexty", fillcolor: `${inked(planners[k].colour)}22`, ...whole },
+        { ...look(k, { shape: "hv" }), x: curve.x, y: curve.middle },
+      ];
+    });
   };
   const steps = (curve) => ({ ...look(curve.planner, { shape: "hv" }), x: curve.x, y: curve.y });
   const share = () => axis("share", { range: [-0.02, 1.03], tickformat: ".0%" });
@@ -145,7 +149,7 @@
     for (const figure of all(".searches")) figure.hidden = !suite.convergence.length;
     if (!suite.convergence.length) return;
     draw($("times"), () => [whole().times.map(steps), { xaxis: evaluations(), yaxis: share() }]);
-    draw($("convergence"), () => [whole().convergence.flatMap((c) => band(c)), { xaxis: evaluations(), yaxis: axis("duration over the best 3-5-3", LOG) }]);
+    draw($("convergence"), () => [bands(whole().convergence), { xaxis: evaluations(), yaxis: axis("duration over the best 3-5-3", LOG) }]);
   };
 
   // ---- tables of a suite: what a search costs, and planners against one of them --------------
