@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PPoly
 
 import trajopt
-from trajopt.benchmark.judgement import GivenMotion, as_executed
+from trajopt.benchmark.judgement import GivenMotion, as_executed, motion_of
+from trajopt.benchmark.store import trial_text
 from trajopt.core.exceptions import InvalidInput, InvalidTrajectory
 from trajopt.core.problem import Limits, Problem
-from trajopt.core.solution import Status
+from trajopt.core.solution import Solution, Status
 from trajopt.core.trajectory import Trajectory
 from trajopt.formats.motion import motion
 from trajopt.formats.samples import Samples
@@ -257,3 +260,31 @@ def test_a_tolerance_that_mends_nothing_changes_nothing():
     assert judged.problem is UNIT
     assert not judged.tolerance_needed
     assert any("velocity jumps" in flaw for flaw in judged.certificate.flaws)
+
+
+# --- a trial's file ---
+
+
+@pytest.mark.parametrize("brief", [False, True])
+def test_a_trials_file_is_a_motion(tmp_path, brief):
+    own = trajopt.plan("one-joint", "ruckig-stop")
+    file = tmp_path / "trial.json"
+    file.write_bytes(trial_text.write(own, brief=brief))
+    found = motion_of(file)
+    assert (found.name, found.interpolation) == ("trial.json", "polynomial")
+    t = np.linspace(0, own.claimed_duration, 20)
+    np.testing.assert_allclose(found.trajectory(t), own.solution.trajectory(t), atol=1e-12)
+    judged = trajopt.judge("one-joint", file)
+    assert judged.certified_duration == pytest.approx(own.certified_duration, rel=1e-9)
+    with pytest.raises(InvalidInput, match="interpolation"):
+        motion_of(file, "linear")
+
+
+def test_a_trials_file_without_a_trajectory_is_no_motion(tmp_path):
+    own = trajopt.plan("one-joint", "ruckig-stop")
+    nothing = Solution(Status.FAILED, message="gave up")
+    failed = replace(own, status=Status.FAILED, solution=nothing, certificate=None)
+    file = tmp_path / "trial.json"
+    file.write_bytes(trial_text.write(failed))
+    with pytest.raises(InvalidInput, match="a trial with a trajectory"):
+        motion_of(file)

@@ -299,6 +299,31 @@ def test_what_is_no_trial_is_refused_though_it_is_sealed(trial, change, words):
         trial_text.read(forged(text, change))
 
 
+@pytest.mark.parametrize(
+    ("seed", "words"),
+    [
+        (b'3,\n"seed":3', "the key seed is there twice"),
+        (b"NaN", "NaN is no number of JSON"),
+        (b"9" * 60_000, "digits"),
+        (b"[" * 100_000, "recursion|Expecting"),
+    ],
+)
+def test_what_is_no_json_is_refused_though_it_is_sealed(trial, seed, words):
+    _, _, _, body = trial_text.write(trial).split(b"\n", 3)
+    changed = body.replace(b'"seed": 3', b'"seed": ' + seed)
+    assert changed != body
+    with pytest.raises((ValueError, RecursionError), match=words):
+        trial_text.read(trial_text.seal(changed))
+
+
+def test_a_trajectory_stated_joint_by_joint_comes_back(trial):
+    text = trial_text.write(trial, brief=True)
+    assert b'"joints":[[' in text
+    assert b'"breaks":' not in text
+    back = trial_text.read(text)
+    assert_same(back.solution.trajectory, trial.solution.trajectory)
+
+
 def test_every_flipped_bit_is_found(trial):
     text = trial_text.write(trial)
     rng = np.random.default_rng(0)
