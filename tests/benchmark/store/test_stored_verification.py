@@ -45,6 +45,8 @@ def wrong_worst(trial, **changes):
         (lambda t: wrong_worst(t, value=1.0), "certificate's velocity"),
         (lambda t: replace(t, certificate=replace(t.certificate, dilation=1.0)), "dilation"),
         (lambda t: replace(t, certificate=replace(t.certificate, flaws=("x",))), "certified"),
+        (lambda t: replace(t, certificate=None), "feasible: recorded none"),
+        (lambda t: replace(t, certificate=replace(t.certificate, duration=9.0)), "duration"),
     ],
 )
 def test_a_false_record_is_named(tmp_path, change, name):

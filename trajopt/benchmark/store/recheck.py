@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -132,82 +132,69 @@ def verification(path: Path | str) -> Verification:
 
 def checked(trials: Sequence[Trial]) -> list[CheckedTrial]:
     """Compute trials again; a bound must not exceed what is certified of its problem."""
-    anew = [verdict(trial.problem, trial.solution) for trial in trials]
+    anew = []
     shortest: dict[str, float] = {}
-    for trial, (_, _, certificate) in zip(trials, anew, strict=True):
-        known = shortest.setdefault(trial.digest, np.inf)
-        duration = certificate.certified_duration if certificate else None
-        if duration is not None and duration < known:
-            shortest[trial.digest] = duration
-    found = []
-    for trial, (status, _, certificate) in zip(trials, anew, strict=True):
-        best = shortest[trial.digest]
-        found.append(_checked(trial, str(status), certificate, best))
-    return found
+    for trial in trials:
+        status, message, certificate = verdict(trial.problem, trial.solution)
+        now = replace(trial, status=status, message=message, certificate=certificate)
+        duration = np.inf if now.certified_duration is None else now.certified_duration
+        shortest[now.digest] = min(duration, shortest.get(now.digest, np.inf))
+        anew.append(now)
+    pairs = zip(trials, anew, strict=True)
+    return [_checked(then, now, shortest[now.digest]) for then, now in pairs]
 
 
-def _checked(
-    trial: Trial,
-    status: str,
-    certificate: Certificate | None,
-    shortest: float,
-) -> CheckedTrial:
+def _checked(then: Trial, now: Trial, shortest: float) -> CheckedTrial:
     """A trial beside its computed verdict, and the shortest certified duration of its problem."""
-    stated = trial.certificate
-    bound, unproved = _rechecked(trial)
-    differences = [*_changed(trial, status, certificate), *_foreign(trial.problem)]
-    if trial.lower_bound is not None and trial.lower_bound > shortest * (1 + BOUND_RTOL):
-        lower = f"{trial.lower_bound:.9g} s"
+    stated = then.certificate
+    bound, unproved = _rechecked(then)
+    differences = [*_changed(then, now), *_foreign(then.problem)]
+    if then.lower_bound is not None and then.lower_bound > shortest * (1 + BOUND_RTOL):
+        lower = f"{then.lower_bound:.9g} s"
         differences.append(f"lower bound: {lower}, but {shortest:.9g} s is certified")
     return CheckedTrial(
-        id=trial.id,
-        problem=trial.problem.name,
-        planner=trial.label,
-        seed=trial.seed,
-        status=status,
-        claimed_duration=trial.claimed_duration,
-        certified_duration=certificate.certified_duration if certificate else None,
-        recorded_claim=stated.duration if stated else trial.claimed_duration,
-        recorded_duration=trial.certified_duration,
-        dilation=certificate.dilation if certificate else None,
-        lower_bound=trial.lower_bound,
+        id=then.id,
+        problem=then.problem.name,
+        planner=then.label,
+        seed=then.seed,
+        status=str(now.status),
+        claimed_duration=now.claimed_duration,
+        certified_duration=now.certified_duration,
+        recorded_claim=stated.duration if stated else then.claimed_duration,
+        recorded_duration=then.certified_duration,
+        dilation=now.dilation,
+        lower_bound=then.lower_bound,
         bound=bound,
-        flaws=certificate.flaws if certificate else (trial.message,),
+        flaws=now.certificate.flaws if now.certificate else (then.message,),
         differences=(*differences, *unproved),
     )
 
 
-def _changed(trial: Trial, status: str, certificate: Certificate | None) -> list[str]:
+def _changed(then: Trial, now: Trial) -> list[str]:
     """Name the recorded values that differ from the computed ones."""
-    stated = trial.certificate
     found = []
-    if trial.status != status:
-        found.append(_difference("status", status, trial.status))
-    if trial.label.partition(":")[0] != trial.planner:
-        found.append(_difference("label", trial.planner, trial.label))
-    if certificate is None or stated is None:
-        if certificate is not stated:
-            found.append("certificate: recorded or computed, but not both")
-        return found
-    if certificate.feasible != stated.feasible:
-        found.append(_difference("feasible", certificate.feasible, stated.feasible))
-    for name in ("duration", "certified_duration", "dilation"):
-        now = getattr(certificate, name)
-        then = getattr(stated, name)
-        if not _close(now, then, rtol=DURATION_RTOL, atol=0.0):
-            found.append(_difference(name, now, then))
+    if then.label.partition(":")[0] != then.planner:
+        found.append(_difference("label", then.planner, then.label))
+    for name in ("status", "feasible", "certified_duration", "dilation"):
+        new = getattr(now, name)
+        old = getattr(then, name)
+        if not _close(new, old, rtol=DURATION_RTOL, atol=0.0):
+            found.append(_difference(name, new, old))
+    claim = getattr(then.certificate, "duration", then.claimed_duration)
+    if not _close(then.claimed_duration, claim, rtol=DURATION_RTOL, atol=0.0):
+        found.append(_difference("duration", then.claimed_duration, claim))
     for kind in WORST_KINDS:
         rtol = CERTIFICATE_RTOL if kind in RATIO_KINDS else 0.0
         atol = 0.0 if kind in RATIO_KINDS else CERTIFICATE_ATOL
-        new = _worst_value(certificate, kind)
-        old = _worst_value(stated, kind)
+        new = _worst_value(now.certificate, kind)
+        old = _worst_value(then.certificate, kind)
         if not _close(new, old, rtol=rtol, atol=atol):
             found.append(_difference(f"certificate's {kind}", new, old))
     return found
 
 
-def _worst_value(certificate: Certificate, kind: str) -> float | None:
-    worst = getattr(certificate, kind)
+def _worst_value(certificate: Certificate | None, kind: str) -> float | None:
+    worst = getattr(certificate, kind, None)
     return worst.value if worst else None
 
 
