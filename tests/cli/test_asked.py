@@ -126,7 +126,11 @@ def test_new_writes_the_problem_of_waypoints(run):
     assert written.waypoints.tolist() == [[0.0], [1.0]]
     assert written.limits.acceleration.tolist() == [[-2.0, 2.0]]
     assert written.limits.position.tolist() == [[-3.0, 3.0]]
-    assert "a file that is not there yet" in run(f"new written w.csv {ROBOT}")[2]
+    right = "a file that is not there yet, or --force to overwrite it"
+    assert (
+        run(f"new written w.csv {ROBOT}")[2]
+        == f"trajopt: NAME is 'written.toml': expected {right}\n"
+    )
     words = "and behind it the waypoints that the limits are for"
     assert words in run("new w.csv --robot ur5e")[2]
     assert "waypoints are missing: expected a file" in run("new mine --robot ur5e")[2]
@@ -225,7 +229,10 @@ def test_a_file_of_the_right_kind_keeps_its_own_error(run):
     Path("cell.toml").write_text(PROBLEM + "waypoint = 3\n", encoding="utf-8")
     assert "cell.toml: waypoint is 3: expected the key waypoints" in run("plan cell.toml")[2]
     Path("cell.toml").write_text(PROBLEM + "= 3\n", encoding="utf-8")
-    assert "cell.toml: problem is 'Invalid statement (at line 4" in run("plan cell.toml")[2]
+    assert (
+        "cell.toml: problem cannot be read (Invalid statement (at line 4"
+        in run("plan cell.toml")[2]
+    )
     assert "no.toml: problem: expected a problem file that exists" in run("plan no.toml")[2]
 
 

@@ -222,7 +222,10 @@ def test_metres_and_angles_of_a_motion_are_not_confused(run, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ("judge none.csv p.toml", "none.csv: samples is 'No such file or directory'"),
+        (
+            "judge none.csv p.toml",
+            "none.csv: samples cannot be read (No such file or directory): expected",
+        ),
         ("judge slow.csv none.toml", "none.toml"),
         ("judge slow.csv six-axis", "joints is 2: expected 6"),
         ("judge slow.csv p.toml --via-tolerance 1", "via_tolerance is 1.0"),

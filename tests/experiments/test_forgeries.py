@@ -150,7 +150,7 @@ def test_a_forged_file_does_not_hold_and_the_others_are_checked(tmp_path, capsys
     (tmp_path / honest.name).write_bytes(honest.read_bytes())
     assert verify(registry=tmp_path) == 1
     said = " ".join(capsys.readouterr().out.split())
-    assert "4 trials verified anew; 3 do not hold what was recorded." in said
+    assert "Trials verified anew: 4; 3 do not hold what was recorded." in said
 
 
 def test_a_file_that_breaks_the_check_does_not_hold(tmp_path, monkeypatch):

@@ -180,7 +180,8 @@ def _active_limits(problem: Problem, found: Explanation) -> str:
         return "It reaches limits, but no single one of them is worth any time."
     costly.sort(key=_saving, reverse=True)
     held = ", ".join(_said(problem, interval) for interval in costly[:3])
-    return f"Held back by {held}: saved with 1 % more, by {found.notes['worth']}."
+    how = found.notes["worth"]
+    return f"Held back by {held}. In brackets: what 1 % more of that limit would save, by {how}."
 
 
 def _longest(intervals: Iterable[ActiveLimit]) -> list[ActiveLimit]:

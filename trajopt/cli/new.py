@@ -67,7 +67,7 @@ def new(
         path = path.with_suffix(".toml")
     if path.suffix != ".toml":
         right = "a problem file (.toml), and behind it the waypoints that the limits are for"
-        raise InvalidInput("new", right, value=name)
+        raise InvalidInput("NAME", right, value=name)
     if waypoints is None and robot.said:
         right = f"a file of them, for the limits: trajopt new {path} waypoints.csv …"
         raise InvalidInput("waypoints are missing", right)
@@ -79,7 +79,7 @@ def new(
     check_target(
         path,
         force=force,
-        key="new",
+        key="NAME",
     )
     whole = _HEAD.format(file=path) + text
     atomic.write(path, lambda temporary: temporary.write_text(whole, encoding="utf-8"))

@@ -73,7 +73,7 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
     if first.kind is not None:
         sentences.append(table_cells.reference(first))
     if readings:
-        sentences.append(f"Reading: {readings}.")
+        sentences.append(f"Reading of the paper: {readings}.")
     sentences.append(
         "Kept limits: share of runs that did as claimed; × the others' median dilation."
     )

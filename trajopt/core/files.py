@@ -82,7 +82,8 @@ def unreadable(path: Path, what: str, kind: str, error: Exception) -> InvalidInp
     reason = getattr(error, "strerror", None) or str(error)
     if isinstance(error, RecursionError):
         reason = TOO_DEEP
-    return InvalidInput(what, f"a readable {kind} file", value=reason, file=str(path))
+    key = f"{what} cannot be read ({reason})"
+    return InvalidInput(key, f"a readable {kind} file", file=str(path))
 
 
 def json(path: Path, what: str) -> Any:

@@ -211,7 +211,7 @@ def test_bounds_are_proved_again_from_what_their_planner_stored(
     found = verification(path)
     assert found.trials[0].bound == said
     assert found.holds == (said != "not proved")
-    assert not said or f"1 lower bounds: 1 {said}." in found.summary()
+    assert not said or f"Lower bounds: 1 {said}." in found.summary()
 
 
 @pytest.mark.parametrize("bound", ["1.9", [1.9], np.array([1.9, 2.0])])

@@ -105,14 +105,15 @@ class Verification:
         """Summarise the result, a sentence a line."""
         wrong = sum(not t.holds for t in self.trials)
         count = len(self.trials)
-        lines = [f"{count} trials verified anew; {wrong} do not hold what was recorded."]
+        said = f"{wrong} do not hold" if wrong else "all hold"
+        lines = [f"Trials verified anew: {count}; {said} what was recorded."]
         if not self.answered:
             lines.append("No trial has a certified duration or a lower bound: nothing holds.")
         bounds = [t.bound for t in self.trials if t.bound]
         counts = [f"{count} {word}" for word, count in Counter(bounds).items()]
         if counts:
             words = ", ".join(counts)
-            lines.append(f"{len(bounds)} lower bounds: {words}.")
+            lines.append(f"Lower bounds: {words}.")
         return lines
 
 
