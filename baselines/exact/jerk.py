@@ -4,7 +4,7 @@ No discretisation. For one joint over one segment of time `T`, between two state
 acceleration), the displacements that the limits allow fill an interval `[D_lo, D_up]`, whose ends
 are the profiles of `exact.jerk_profiles`, in closed form with their derivatives. So segment times
 and the waypoints' states are the only variables of a small program, which an interior-point method
-made for it solves (`exact.jerk_descent`). Jerk enters by its inverse: an unlimited one is 0, and
+made for it solves (`exact.interior_point`). Jerk enters by its inverse: an unlimited one is 0, and
 the profiles are then those of section 3.
 
     from baselines.exact.jerk import ExactJerk
@@ -17,23 +17,23 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact
 from baselines.exact.cells import Cells, Rows
-from baselines.exact.interior_point import begun, descended, near
+from baselines.exact.interior_point import begun, converged, descended, near
+from baselines.exact.jerk_cells import Cells as JerkCells
+from baselines.exact.jerk_cells import Rows as JerkRows
+from baselines.exact.jerk_cells import Start
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.planners.planner import passing_once
-
-if TYPE_CHECKING:
-    from baselines.exact.jerk_descent import Start
 
 # Times `starts`: how many are tried where all have failed so far.
 MAX_STARTS_FACTOR = 3
@@ -43,6 +43,8 @@ STOPPING_DILATION = 1.05
 MAX_START_DILATION = 2.0
 RELAXED_DILATION = 1.1
 RELAXED_GAP = 1e-2  # of the optimum without jerk limits, relative to its duration
+# Tolerances where rounding stops the method, relative to its own.
+ACCEPTED = 100.0
 # Time of a start, proportional to segments times moving joints. It includes failing starts.
 SECONDS = 0.03
 SECONDS_PER_CELL = 2e-3
@@ -84,18 +86,14 @@ class ExactJerk(SeveralStarts):
         # late: planners that are only listed need none of it
         from baselines.exact.jerk_motion import Reachable
 
+        solve = _minimised
         if self.solver == "ipopt":
-            from baselines.exact.jerk_by_ipopt import minimised
-        else:
-            from baselines.exact.jerk_descent import minimised
+            from baselines.exact.jerk_by_ipopt import minimised as solve
 
         announce("exact-jerk", problem, self._seconds(problem))
         scaled = Reachable(problem)
-
-        def solve_from(starts: Sequence[Start]) -> list[Optimum]:
-            return minimised(scaled, starts)
-
-        return self.best_of(scaled, solve_from, _starts(scaled, MAX_STARTS_FACTOR * self.starts))
+        starts = _starts(scaled, MAX_STARTS_FACTOR * self.starts)
+        return self.best_of(scaled, partial(solve, scaled), starts)
 
     def _seconds(self, problem: Problem) -> float:
         """About how long it will take."""
@@ -126,3 +124,22 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
     for _ in range(count):
         slower = rng.uniform(STOPPING_DILATION, MAX_START_DILATION, segments)
         yield slower * scaled.stop, at_rest, at_rest
+
+
+def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
+    """The local optimum near each start."""
+    cells = JerkCells(scaled, kinds=2)
+    columns = zip(*starts, strict=True)
+    # a method that diverges overflows: it has not converged
+    with np.errstate(all="ignore"):
+        start = cells.start(*map(np.array, columns))
+        iterate = descended(begun(JerkRows(cells, start)), converged)
+        accepted = converged(iterate, ACCEPTED)
+    point = iterate.state.rows.point
+    optima = []
+    for k, good in enumerate(accepted.tolist()):
+        times = np.exp(point.log[k])
+        states = np.array([point.velocity[k], point.acceleration[k]])
+        status = "Converged" if good else "Not_Converged"
+        optima.append(Optimum(times.sum() if good else np.inf, times, states, status))
+    return optima

@@ -42,6 +42,9 @@ _MIN_SHRUNK_SLACK = 0.03
 START_BARRIER_RTOL = 0.1
 
 
+Start = tuple[Array, Array, Array]  # segment times, inner waypoint velocities and accelerations
+
+
 class Point(NamedTuple):
     """The unknowns of every start, or a step of them.
 
@@ -71,10 +74,7 @@ class Point(NamedTuple):
     def of(self, some: Bools) -> Point:
         """The point of some of the starts."""
         return Point(
-            self.log[some],
-            self.ends[:, some],
-            self.velocity[some],
-            self.acceleration[some],
+            self.log[some], self.ends[:, some], self.velocity[some], self.acceleration[some]
         )
 
 
@@ -118,11 +118,7 @@ class Cells:
         slowest = np.maximum(r1, r2)
         # jerk and acceleration allow A in a time T, or J T where that is less
         self.gentlest = np.minimum(a1, a2)
-        self.slowest = np.where(
-            slowest > 0,
-            slowest,
-            np.finfo(float).tiny,
-        )
+        self.slowest = np.where(slowest > 0, slowest, np.finfo(float).tiny)
 
     def start(self, times: Array, velocity: Array, acceleration: Array) -> Point:
         """A point whose cells are within reach: slower, or where that is not enough off its links.
@@ -134,29 +130,14 @@ class Cells:
         """
         slower = np.ones((len(times), 1, 1))
         for _ in range(_MAX_DILATIONS):
-            point = self._linked(
-                slower[..., 0] * times,
-                velocity / slower,
-                acceleration,
-            )
+            point = self._linked(slower[..., 0] * times, velocity / slower, acceleration)
             short = self._short(point, _MIN_SLACK)
             if not short.any():
                 return point
             some = np.asarray(short.any(axis=(1, 2)))[:, None, None]
-            slower = np.where(
-                some,
-                _DILATION * slower,
-                slower,
-            )
+            slower = np.where(some, _DILATION * slower, slower)
         for _ in range(_MAX_SHRINKINGS):
-            point = point._replace(
-                ends=np.where(
-                    short,
-                    _SHRINKING,
-                    1.0,
-                )
-                * point.ends
-            )
+            point = point._replace(ends=np.where(short, _SHRINKING, 1.0) * point.ends)
             short &= self._short(point, _MIN_SHRUNK_SLACK)
             if not short.any():
                 break
@@ -171,20 +152,12 @@ class Cells:
         """The point of these times and waypoint states, its links met."""
         t = times[..., None]
         ends = (at_ends(velocity) - self.h / t) / t
-        return Point(
-            np.log(times),
-            ends,
-            velocity,
-            acceleration,
-        )
+        return Point(np.log(times), ends, velocity, acceleration)
 
     def _short(self, point: Point, least: float) -> Bools:
         """Which cells leave less than this share of what jerk and acceleration allow."""
         rows = Rows(self, point)
-        room = np.minimum(
-            self.gentlest,
-            rows.t / self.slowest,
-        )
+        room = np.minimum(self.gentlest, rows.t / self.slowest)
         short = rows.reach < least * room
         short |= ~rows.profiles.reachable
         return np.asarray(short.any(axis=0))
@@ -223,9 +196,7 @@ class Rows:
         )
         waypoints = at_ends(acceleration)
         profiles = Profiles(
-            point.ends[:, None] * cells.signs,
-            waypoints[:, None] * cells.signs * _ENDS,
-            limits,
+            point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * _ENDS, limits
         )
         # the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
         ramps = cells.falling * acceleration
@@ -305,8 +276,4 @@ class Rows:
         missing = velocity - self.mean - self.t * self.point.ends
         size = np.abs(velocity) + np.abs(self.mean)
         is_rounding = np.abs(missing) <= _ROUNDING_RTOL * size
-        return np.where(
-            is_rounding,
-            0.0,
-            missing / self.t,
-        )
+        return np.where(is_rounding, 0.0, missing / self.t)

@@ -1,614 +1,420 @@
-"""The jerk-limited motion through given waypoint states, between stored breaks (mathematics, 4).
+"""The jerk-limited motion through given waypoint states (mathematics, section 4).
 
-In each segment a joint may take any convex combination of its two extreme profiles that covers the
-displacement. Its acceleration is straight between breaks: evenly spaced ones, the same for all
-joints, where the limits leave room for that, else those of its profiles. What a trajectory stores
-are times since its start, rounded, so the breaks are rounded first, and the least change of the
-accelerations at the inner ones makes up for what that costs.
+In a segment a joint may take any convex combination of its two extreme profiles that covers the
+displacement. A trajectory stores its breaks as times since its start, after half a minute to
+4e-15 s. So breaks are rounded first. The motion has the accelerations of that combination at the
+breaks and is straight between them: so it keeps the limits of jerk and acceleration wherever the
+breaks are.
+
+All joints of a segment share its breaks. Where two even ones serve, a joint needs no others; else
+it needs those at which its profiles change their jerk. The barrier leaves phases that take no time
+at the optimum. Such a phase shares a longer piece with the next one: of the velocity that may cost
+as little as jerk gains in 7e-6 of the longest ramp.
+
+What the breaks cost is made up for: first by the velocities at the waypoints, each as its briefer
+segment would have it, then by a smooth change of acceleration.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from baselines.exact.acceleration_motion import covering
 from baselines.exact.jerk_cells import Cells
-from baselines.exact.jerk_structure import Settled, in_stored_time, settled, unsettled
-from baselines.exact.rounded import (
-    DISTINCT_RTOL,
-    NO_PIECES,
-    Pieces,
-    assembled,
-    clocks,
-    outwards,
-    through,
-    together,
-)
+from baselines.exact.rounded import NO_PIECES, assembled, clocks, integrated, later
 from baselines.exact.scaled import Scaled
-from trajopt.core import polynomials
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
 from trajopt.judging.verification import verify
 
-# Evenly spaced pieces of a segment that are tried.
-_EVEN = (1, 4, 8)
-# Pieces of a profile that are left out where the limits allow it, as shares of a segment.
-_SLIVERS = (1e-3, 1e-5, 1e-7, 0.0)
-_BRIEFEST_S = 2e-10  # and those that last no longer in any case
-# Or shorter than this share of a segment, where that is less.
-_BRIEFEST_RTOL = 1e-3
-# A break is left out where no limit is exceeded by more than this share.
-_EXCESS_RTOL = 3e-10
-_MISS_RTOL = 1e-14  # of velocities: what the end may be missed by
-# A phase vanishes where it keeps less than the first share of its length, in cells whose reach
-# leaves less than the second one: the first pair that serves.
-_VANISHING = ((0.5, 1.0), (0.2, 1.0), (0.2, 1e-7))
-# Dilations of the optimum as it is, tried when nothing else serves.
-_SLOWER = 1 + np.array([0, 1e-9, 2e-9, 5e-9, 1e-8, 2e-8, 5e-8, 1e-7, 1e-6])
-# Its states are put on a limit that they miss by less than this, in units of the velocity that the
-# segment allows: for limits of acceleration by the ramp to them, and for limits of velocity.
-_NEAR_LIMIT = 1e-11
-_NEAR_TOP = 1e-8
-# They also miss it by less than this share of the acceleration.
-_NEARBY = 1e-2
-_ENOUGH = 1 + 1e-10  # certified duration, relative to the optimum's
-# A profile with a smaller share is left out.
-_ALONE = 1e-8
-_TINY = 1e-300  # instead of dividing by 0
-
-
-class _Cells(NamedTuple):
-    """The combinations of extreme profiles, a cell on the last axis.
-
-    Attributes:
-        ends: velocities at the start and at the end, `(2, cells)`.
-        h: displacements.
-        knots: of both profiles, since the segment's start, `(8, 2 sides, cells)`.
-        levels: accelerations there, straight in between.
-        stored: knots of tight cells as they are stored, s, `(8, cells)`; not a number in others.
-        share: of the upper profile.
-        velocity: limits, low and high, `(2, cells)`.
-        acceleration: likewise.
-        jerk: likewise.
-        rounding: of the waypoints.
-        start: of the segment, s.
-        end: of the segment, s.
-    """
-
-    ends: Array
-    h: Array
-    knots: Array
-    levels: Array
-    stored: Array
-    share: Array
-    velocity: Array
-    acceleration: Array
-    jerk: Array
-    rounding: Array
-    start: Array
-    end: Array
-
-    def of(self, some: NDArray[np.intp]) -> Self:
-        """Some of the cells."""
-        return type(self)(*(table[..., some] for table in self))
-
-    def accelerations(self, times: Array) -> Array:
-        """Accelerations at times since the segments' starts, `(times, cells)`."""
-        passed = (times[:, None, None] - self.knots[:-1]) / np.diff(self.knots, axis=0)
-        steps = np.diff(self.levels, axis=0) * np.clip(
-            np.nan_to_num(passed),
-            0.0,
-            1.0,
-        )
-        high, low = np.moveaxis(self.levels[0] + steps.sum(axis=1), 1, 0)
-        inner = self.share * high + (1 - self.share) * low
-        first, last = self.levels[[0, -1], 0]
-        inner = np.where(
-            times > 0,
-            inner,
-            first,
-        )
-        return np.where(
-            times < self.knots[-1, 0],
-            inner,
-            last,
-        )
-
-
-class _Fit(NamedTuple):
-    """Motions of some cells.
-
-    Attributes:
-        stored: breaks, s, those after the segment's end repeat it, `(pieces + 1, cells)`.
-        cubics: position coefficients, `(4, pieces, cells)`.
-        excess: the share by which they pass a limit.
-    """
-
-    stored: Array
-    cubics: Array
-    excess: Array
+EVEN = 2  # evenly spaced inner breaks of a segment
+# Share of a limit. A joint that exceeds one by more needs breaks of its own.
+EXCESS_RTOL = 3e-11
+# An extreme profile with a smaller share is left out.
+MIN_SHARE = 1e-11
+# The longest phase that a longer piece may leave out, in units of the longest ramp.
+BRIEF_RTOL = 7e-6
+# A break is left out where the phase before it is this much briefer than what may move.
+NEGLIGIBLE = 0.025
+# Displacement that a dip below a velocity limit may cost, relative to that at the limit.
+DIP_RTOL = 1e-12
+# Room for the rounding of velocities, relative to them: it takes some of a brief segment's jerk.
+ROUNDING_RTOL = 1e-14
+MAX_ROUNDING_SHARE = 1e-3
+MENDINGS = 2  # the second one mends the rounding of the first
+# Dilations that are tried, which differ by how they are rounded, and a certified duration that is
+# short enough: relative to the optimum's.
+DILATIONS = 1 + 1e-10 * np.arange(6)
+ENOUGH = 1 + 1e-9
+TINY = 1e-300  # instead of dividing by 0
 
 
 class Reachable(Scaled):
     """A problem without units, and the motions through given waypoint states."""
 
     def trajectory(self, times: Array, states: Array) -> Trajectory:
-        """The motion of an optimum: of those without the phases that vanish, the certified one.
+        """The motion of an optimum: the one certified shortest of some that differ by rounding.
 
         Args:
-            times: of the segments, on the way to the optimum and there, `(2, segments)`.
-            states: of the inner waypoints likewise, `(2, 2, segments - 1, joints)`.
+            times: of the segments, `(segments,)`.
+            states: velocities and accelerations at inner waypoints, `(2, segments - 1, joints)`.
         """
         within = self.problem.without("position")
-        enough = _ENOUGH * self.unit * times[-1].sum()
         shortest = np.inf
-        for optimum in self._settled(times, states):
-            if self.unit * optimum.times.sum() >= shortest:
-                continue  # none is certified below its own duration
-            own = motion(self, optimum)
-            certified = verify(within, own).certified_duration or np.inf
+        for k in DILATIONS:
+            slower = np.array([k, k**2])[:, None, None]
+            motion = self._motion(k * times, states / slower)
+            certified = verify(within, motion).certified_duration or np.inf
             if certified < shortest:
-                best = own
+                best = motion
                 shortest = certified
-            if shortest <= enough:
+            if certified <= ENOUGH * self.unit * times.sum():
                 break
         return best
 
-    def _settled(self, times: Array, states: Array) -> Iterator[Settled]:
-        """The optimum without the phases that vanish, and as it is."""
-        if self.r.all():
-            for most, near in _VANISHING:
-                yield settled(
-                    self,
-                    times,
-                    states,
-                    most,
-                    near,
-                )
-        velocity, acceleration = _at_limits(
-            self,
-            times[-1],
-            *states[-1],
-        )
-        put = np.array([[velocity, acceleration]])
-        for k in _SLOWER:
-            slower = np.array([k, k**2])[:, None, None]
-            yield unsettled(k * times, put / slower)
+    def _motion(self, times: Array, states: Array) -> Trajectory:
+        passages = np.append(0.0, np.cumsum(times * self.unit))
+        whole_states = np.pad(states, ((0, 0), (1, 1), (0, 0)))
+        with np.errstate(all="ignore"):
+            breaks, velocity, cubics = _fitted(self, times, passages, whole_states)
+        jerky = self.r.any(axis=0)
+        segments = []
+        for k, clock in enumerate(clocks(passages, self.unit)):
+            used = np.diff(breaks[:, k]) > 0
+            stored = breaks[np.append(True, used), k]
+            pieces = []
+            for i in range(len(jerky)):
+                own = (stored, cubics[:, used, k, i])
+                if clock.length <= 0:
+                    own = NO_PIECES
+                elif not jerky[i]:
+                    ends = velocity[k : k + 2, i]
+                    own = covering(self.h[k, i], ends, self.v[:, i], self.a[:, i], clock)
+                powers = len(own[1])
+                pieces.append((own[0], own[1] * self.units[-powers:, i, None]))
+            segments.append(pieces)
+        return assembled(self.problem, passages, segments)
 
 
-def motion(scaled: Scaled, optimum: Settled) -> Trajectory:
-    """The motion of an optimum in the units of its problem."""
-    passages = np.r_[0.0, np.cumsum(optimum.times * scaled.unit)]
-    cells = _cells(
-        scaled,
-        in_stored_time(scaled, optimum, passages),
-        passages,
-    )
-    fits = iter(_fitted(cells, scaled.unit, DISTINCT_RTOL * passages[-1]))
-    segments = []
-    for k, clock in enumerate(clocks(passages, scaled.unit)):
-        pieces = []
-        for i, jerky in enumerate(scaled.r.any(axis=0)):
-            stored, part = next(fits)
-            if not jerky and clock.length > 0:
-                cell = k * len(scaled.units[0]) + i
-                stored, part = covering(
-                    cells.h[cell],
-                    cells.ends[:, cell],
-                    scaled.v[:, i],
-                    scaled.a[:, i],
-                    clock,
-                )
-            powers = len(part)
-            pieces.append((stored, part * scaled.units[-powers:, i, None]))
-        segments.append(pieces)
-    return assembled(scaled.problem, passages, segments)
-
-
-def _at_limits(
-    scaled: Scaled,
-    times: Array,
-    velocity: Array,
-    acceleration: Array,
-) -> tuple[Array, Array]:
-    """Return the states, those that hardly differ from a limit put on it.
-
-    The velocity that such a ramp gains is the square of the difference.
-
-    So is what acceleration differs from 0 by where a joint cruises through a waypoint.
-    """
-    briefer = np.minimum(
-        times[:-1],
-        times[1:],
-    )[:, None]
-    slowest = np.maximum(
-        scaled.r.max(axis=0),
-        _TINY,
-    )
-    a1, a2 = scaled.a
-    v1, v2 = scaled.v
-    # change of the states that the limits allow in the briefer segment
-    room = np.minimum(
-        np.minimum(a2, -a1),
-        briefer / slowest,
-    )
-    fast = np.minimum(
-        np.minimum(v2, -v1),
-        room * briefer,
-    )
-    # a ramp to the limit gains the velocity (A − a)² r / 2
-    near = np.sqrt(_NEAR_LIMIT * fast / slowest)
-    near = np.minimum(near, _NEARBY * room)
-    acceleration = np.where(
-        a2 - acceleration <= near,
-        a2,
-        acceleration,
-    )
-    acceleration = np.where(
-        acceleration - a1 <= near,
-        a1,
-        acceleration,
-    )
-    steady = acceleration**2 * slowest <= _NEAR_TOP * fast
-    steady &= np.abs(acceleration) <= _NEARBY * room
-    at_high = steady & (v2 - velocity <= _NEAR_TOP * fast)
-    at_low = steady & (velocity - v1 <= _NEAR_TOP * fast)
-    velocity = np.where(
-        at_high,
-        v2,
-        np.where(at_low, v1, velocity),
-    )
-    return velocity, np.where(
-        at_high | at_low,
-        0.0,
-        acceleration,
-    )
-
-
-def _cells(scaled: Scaled, optimum: Settled, passages: Array) -> _Cells:
-    """The combinations of extreme profiles, those of a segment one after another.
-
-    Those of tight cells are profiles alone.
-    """
-    times = optimum.times
-    velocity, acceleration = optimum.states[:, None]
-    t = np.where(
-        times > 0,
-        times,
-        1.0,
-    )[None]
-    rows = Cells(scaled).rows(t, velocity[:, 1:-1], acceleration[:, 1:-1])
-    profiles = rows.profiles
-    a, b = profiles.acceleration
-    rise, fall = profiles.rises
-    peak = np.clip(
-        0.0,
-        -fall,
-        rise,
-    )
-    (ramp, _), (hold, last_hold), (release, pull), (cruise, _) = rows.phases
-    phases = np.array([ramp, hold, release, cruise, pull, last_hold])
-    knots = np.cumsum(
-        np.maximum(
-            phases,
-            0.0,
-        ),
-        axis=0,
-    )
-    whole = np.ones_like(knots[:1])
-    knots = np.concatenate(
-        [
-            0 * whole,
-            np.minimum(
-                knots,
-                1.0,
-            ),
-            whole,
-        ]
-    )
-    # the sides are mirrored
-    sides = np.array([1.0, -1.0])[:, None, None, None]
-    levels = sides * np.array([a, rise, rise, peak, peak, -fall, -fall, -b])
-    high, low = np.maximum(
-        rows.reach,
-        0.0,
-    )
-    share = low / np.maximum(
-        high + low,
-        _TINY,
-    )
-    share = np.where(
-        share < _ALONE,
-        0.0,
-        share,
-    )
-    share = np.where(
-        share > 1 - _ALONE,
-        1.0,
-        share,
-    )
-    # one profile alone has no other's knots
-    knots = times[:, None] * np.where(
-        share == 1,
-        knots[:, :1],
-        np.where(
-            share == 0,
-            knots[:, 1:],
-            knots,
-        ),
-    )
-    knots = knots[:, :, 0]
-    levels = levels[:, :, 0]
-    segment, joint = optimum.cells
-    knots[:, :, segment, joint] = (optimum.knots - passages[segment])[:, None] / scaled.unit
-    stored = np.full(
-        knots[:, 0].shape,
-        np.nan,
-    )
-    stored[:, segment, joint] = optimum.knots
-    levels[:, :, segment, joint] = optimum.levels[:, None]
-    share[0, segment, joint] = 1.0
-    signs = np.array([[-1.0], [1.0]])
-    jerk = signs / np.maximum(
-        scaled.r,
-        _TINY,
-    )
-    positions = np.abs(scaled.problem.waypoints[:, scaled.moving])
-    rounding = np.spacing(
-        np.maximum(
-            positions[:-1],
-            positions[1:],
-        )
-    )
-    segments, joints = scaled.h.shape
-
-    def flat(table: Array) -> Array:
-        every = np.broadcast_to(
-            table,
-            (*table.shape[:-2], segments, joints),
-        )
-        return every.reshape(*every.shape[:-2], -1)
-
-    return _Cells(
-        flat(np.array([velocity[0, :-1], velocity[0, 1:]])),
-        flat(scaled.h),
-        flat(knots),
-        flat(levels),
-        flat(stored),
-        flat(share[0]),
-        flat(scaled.v[:, None]),
-        flat(scaled.a[:, None]),
-        flat(jerk[:, None]),
-        flat(rounding / scaled.units[-1]),
-        flat(passages[:-1, None]),
-        flat(passages[1:, None]),
-    )
-
-
-def _fitted(cells: _Cells, unit: float, resolution: float) -> list[Pieces]:
-    """The motion of fewest breaks that keeps the limits; else the one that breaks them least."""
-    left = np.arange(len(cells.h))
-    chosen: list[Pieces] = [NO_PIECES] * len(left)
-    least = np.full(
-        len(left),
-        np.inf,
-    )
-    with np.errstate(all="ignore"):
-        for levels, stored in _grids(cells, unit, resolution):
-            if not len(left):
-                break
-            fit = _through(
-                cells.of(left),
-                levels[:, left],
-                stored[:, left],
-                unit,
-            )
-            better = fit.excess < least[left]
-            for cell in np.flatnonzero(better):
-                breaks = fit.stored[:, cell]
-                pieces = int((breaks < breaks[-1]).sum())
-                chosen[left[cell]] = (breaks[: pieces + 1], fit.cubics[:, :pieces, cell])
-            least[left] = np.minimum(
-                least[left],
-                np.where(
-                    better,
-                    fit.excess,
-                    np.inf,
-                ),
-            )
-            left = left[~(fit.excess <= _EXCESS_RTOL)]
-    return chosen
-
-
-def _grids(
-    cells: _Cells,
-    unit: float,
-    resolution: float,
-) -> Iterator[tuple[Array, Array]]:
-    """Accelerations and stored breaks (s) to try, the fewest first."""
-    t = (cells.end - cells.start) / unit
-    for pieces in _EVEN:
-        local = np.linspace(
-            np.zeros_like(t),
-            t,
-            pieces + 1,
-        )
-        stored = np.linspace(
-            cells.start,
-            cells.end,
-            pieces + 1,
-        )
-        yield cells.accelerations(local), stored
-    knots = np.sort(cells.knots.reshape(-1, len(t)), axis=0)
-    closest = np.maximum(
-        resolution / unit,
-        np.minimum(
-            _BRIEFEST_S / unit,
-            _BRIEFEST_RTOL * t,
-        ),
-    )
-    (own,) = _apart(
-        knots,
-        closest,
-        knots,
-    )
-    ends = (cells.start, cells.end)
-    tight = np.repeat(
-        cells.stored,
-        2,
-        axis=0,
-    )
-    loose = np.isnan(tight)
-    levels = np.where(
-        loose,
-        cells.accelerations(own),
-        np.repeat(
-            cells.levels[:, 0],
-            2,
-            axis=0,
-        ),
-    )
-    every = together(
-        np.where(
-            loose,
-            outwards(
-                own,
-                *ends,
-                unit,
-            ),
-            tight,
-        ),
-        *ends,
-        resolution,
-    )
-    for sliver in _SLIVERS:
-        far = np.where(
-            loose[0],
-            sliver * t * unit,
-            0.0,
-        )
-        stored, kept = _apart(
-            every,
-            np.maximum(
-                far,
-                resolution,
-            ),
-            every,
-            levels,
-        )
-        yield kept, stored
-
-
-def _apart(knots: Array, closest: Array, *tables: Array) -> list[Array]:
-    """The tables without knots that follow or precede too closely; the last one repeats.
+def _fitted(
+    scaled: Scaled, times: Array, passages: Array, states: Array
+) -> tuple[Array, Array, Array]:
+    """The motion with the fewest breaks that serve.
 
     Args:
-        knots: in order, `(knots, cells)`.
-        closest: how near is too near.
-        tables: of the knots' shape.
+        scaled: the problem.
+        times: of the segments, `(segments,)`.
+        passages: when the waypoints are passed, as it is stored, s, `(segments + 1,)`.
+        states: velocities and accelerations there, `(2, segments + 1, joints)`.
+
+    Returns:
+        Breaks, s, `(breaks, segments)`, where the end of a segment repeats; velocities at the
+        waypoints; position coefficients `(4, pieces, segments, joints)`.
     """
-    gaps = np.diff(knots, axis=0)
-    kept = (gaps[:-1] > closest) & (knots[-1] - knots[1:-1] > closest)
-    whole = np.ones_like(kept[:1])
-    kept = np.concatenate([whole, kept, whole])
-    order = np.argsort(~kept, axis=0, kind="stable")
-    left = np.take_along_axis(
-        kept,
-        order,
-        axis=0,
+    limits = _Limits.of(scaled, passages)
+    states = _without_dips(limits, states)
+    velocity, acceleration = states
+    profiles = _Profiles.of(scaled, limits, times, states)
+    spare, turns = _spared(limits, scaled.h, acceleration)
+    needs_own = np.zeros_like(scaled.h, dtype=bool)
+    while True:
+        breaks = _breaks(profiles, limits, needs_own)
+        since = limits.since(breaks)
+        lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
+        passed = since[0] / limits.times
+
+        levels = profiles.accelerations(since, acceleration)
+        chords = acceleration[:-1] + passed * np.diff(acceleration, axis=0)
+        levels += spare * (chords - levels) + turns[:-1] + passed * np.diff(turns, axis=0)
+        # what each cell would add to the velocities at its ends
+        slow, short = _missing(lengths, levels, velocity, scaled.h)
+        added = short / limits.times
+        weights = needs_own * limits.weights
+        agreed = velocity + _agreed(added - slow, added, weights)
+        levels = _mended(lengths, passed, levels, agreed, scaled.h)
+
+        excess = np.where(needs_own | ~limits.jerky, 0.0, _excess(scaled, lengths, levels, agreed))
+        worst = excess.max(axis=1, keepdims=True)
+        more = (excess == worst) & (worst > EXCESS_RTOL)
+        if not more.any():
+            cubics, *_ = integrated(lengths, levels, agreed[:-1])
+            return breaks, agreed, cubics
+        needs_own |= more
+
+
+class _Limits(NamedTuple):
+    """When the segments start and end, and what the limits allow in them.
+
+    Attributes:
+        start: s since the motion's start, `(segments,)`.
+        end: likewise.
+        unit: of the motion's own times, s.
+        times: of the segments, in `unit`; 1 where that is rounded to 0, `(segments, 1)`.
+        fastest: velocity limits, low and high, `(2, joints)`.
+        r: inverse jerk limits, the slower of both sides, `(joints,)`.
+        jerky: which joints have jerk limits.
+        gained: the acceleration that jerk allows in the time, at most its limit.
+        ramp: the longest time with the same jerk, `(segments, joints)`.
+        weights: how much a waypoint's state matters to a cell, `(segments, joints)`.
+    """
+
+    start: Array
+    end: Array
+    unit: float
+    times: Array
+    fastest: Array
+    r: Array
+    jerky: Bools
+    gained: Array
+    ramp: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, scaled: Scaled, passages: Array) -> Self:
+        start = passages[:-1]
+        end = passages[1:]
+        rounded = (end - start)[:, None] / scaled.unit
+        times = np.where(rounded > 0, rounded, 1.0)
+        slowest, steepest = np.abs([scaled.v, scaled.a]).min(axis=1)
+        r = scaled.r.max(axis=0)
+        gained = np.minimum(steepest, times / r)
+        squares = np.minimum(np.minimum(slowest, steepest * times) * r, times**2)
+        weights = (rounded > 0) / (times * gained) ** 2
+        jerky = r > 0
+        ramp = np.sqrt(squares)
+        unit = scaled.unit
+        return cls(start, end, unit, times, scaled.v, r, jerky, gained, ramp, weights)
+
+    def since(self, breaks: Array) -> Array:
+        """Breaks `(breaks, segments)` counted from both ends, `(2, breaks, segments, 1)`."""
+        return np.array([breaks - self.start, self.end - breaks])[..., None] / self.unit
+
+
+class _Profiles(NamedTuple):
+    """The extreme profiles of every cell, from both ends to the peak between them.
+
+    Attributes:
+        lengths: of ramp, hold and ramp, `(3, 2 ends, 2 sides, segments, joints)`.
+        levels: accelerations at the end, at the hold and at the peak, of the same shape.
+        shares: of both profiles in the motion, `(2 sides, segments, joints)`.
+        ends: of these phases, s since the motion's start, of the shape of the lengths.
+    """
+
+    lengths: Array
+    levels: Array
+    shares: Array
+    ends: Array
+
+    @classmethod
+    def of(cls, scaled: Scaled, limits: _Limits, times: Array, states: Array) -> Self:
+        """The profiles of these times between waypoint states `(2, segments + 1, joints)`.
+
+        Where rounding changed a segment's time, each phase keeps its share, and no ramp of jerk
+        gets briefer.
+        """
+        rows = Cells(scaled).rows(times[None], *states[:, None, 1:-1])
+        rises = rows.profiles.rises[:, :, 0]
+        at_ends = rows.profiles.acceleration[:, :, 0]
+        rise, fall = rises
+        peak = np.clip(0.0, -fall, rise)
+        # the end is seen backwards, and the lower profile mirrored
+        flips = np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
+        levels = np.array([flips * at_ends, flips * rises, [peak, peak]]) * flips[:, 0]
+        high, low = np.maximum(rows.reach[:, 0], 0.0)
+        share = low / np.maximum(high + low, TINY)
+        shares = np.array([share, 1 - share])
+        shares[shares < MIN_SHARE] = 0.0
+        shares[shares > 1 - MIN_SHARE] = 1.0
+        # the end is passed backwards
+        places = [np.array([limits.start, -limits.end])[:, None, :, None] + 0 * rises]
+        for length in np.maximum(rows.phases[:3, :, :, 0], 0.0) * limits.times * limits.unit:
+            places.append(later(places[-1], length))
+        lengths = np.diff(places, axis=0) / limits.unit
+        return cls(lengths, levels, shares, flips * np.array(places[1:]))
+
+    def breaks(self, limits: _Limits) -> Array:
+        """The ends of phases within segments, s, or not a number, `(12, segments, joints)`."""
+        within = (self.ends > limits.start[:, None]) & (self.ends < limits.end[:, None])
+        breaks = np.where(within & (self.shares > 0), self.ends, np.nan)
+        return breaks.reshape(-1, *self.shares.shape[1:])
+
+    def accelerations(self, since: Array, at_ends: Array) -> Array:
+        """Accelerations at times since both ends, `(times, segments, joints)`.
+
+        Args:
+            since: `(2 ends, times, segments, 1)`.
+            at_ends: at the waypoints, `(segments + 1, joints)`.
+        """
+        after = since[:, :, None]
+        ramp, hold, release = self.lengths[:, :, None]
+        first, held, peak = self.levels[:, :, None]
+        halves = first - peak + _share(after, ramp) * (held - first)
+        halves += _share(after - ramp - hold, release) * (peak - held)
+        profiles = peak[0] + halves.sum(axis=0)
+        inner = (self.shares * profiles).sum(axis=1)
+        inner = np.where(since[0] > 0, inner, at_ends[:-1])
+        return np.where(since[1] > 0, inner, at_ends[1:])
+
+
+def _share(after: Array, length: Array) -> Array:
+    """The share of a phase that is over, so long after its start."""
+    return np.where(length > 0, np.clip(after / length, 0.0, 1.0), after >= 0)
+
+
+def _without_dips(limits: _Limits, states: Array) -> Array:
+    """The states, those that are at a velocity limit but for a brief ramp put on it."""
+    velocity, acceleration = states
+    low, high = limits.fastest
+    limit = np.where(velocity > 0, high, low)
+    size = np.abs(limit)
+    briefer = np.minimum(
+        np.append(limits.times, limits.times[-1:], axis=0),
+        np.append(limits.times[:1], limits.times, axis=0),
     )
-    left[-1] = False
-    return [
-        np.where(
-            left,
-            np.take_along_axis(
-                table,
-                order,
-                axis=0,
-            ),
-            table[-1],
-        )
-        for table in tables
+    # a dip of velocity d takes the time sqrt(r d)
+    deepest = (DIP_RTOL * size * briefer / np.sqrt(limits.r)) ** (2 / 3)
+    dip = np.abs(limit - velocity)
+    ramp = limits.r * acceleration**2 / 2
+    on_limit = limits.jerky & (np.maximum(dip, ramp) <= deepest)
+    return np.array([np.where(on_limit, limit, velocity), np.where(on_limit, 0.0, acceleration)])
+
+
+def _spared(limits: _Limits, h: Array, acceleration: Array) -> tuple[Array, Array]:
+    """The share of a cell's jerk that the rounding of velocities may take, and what it needs.
+
+    Returns:
+        By how much a cell's acceleration approaches a straight one, `(segments, joints)`, and by
+        how much the waypoints' change, so that a straight one leaves that room.
+    """
+    mean = np.abs(h) / limits.times
+    spare = ROUNDING_RTOL * mean / (limits.gained * limits.times)
+    spare = np.minimum(spare, MAX_ROUNDING_SHARE)
+    most = (1 - spare) * limits.times / limits.r
+    steps = np.diff(acceleration, axis=0)
+    beyond = (steps - np.clip(steps, -most, most)) / 2
+    return spare, _agreed(beyond, -beyond, limits.weights)
+
+
+def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
+    """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
+    agreed = np.zeros((len(weights) + 1, weights.shape[1]))
+    wanted = weights[1:] * at_start[1:] + weights[:-1] * at_end[:-1]
+    agreed[1:-1] = wanted / np.maximum(weights[1:] + weights[:-1], TINY)
+    return agreed
+
+
+def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
+    """The breaks of all joints of a segment, s, `(breaks, segments)`, where its end repeats."""
+    start = limits.start
+    end = limits.end
+    own = np.where(needs_own, profiles.breaks(limits), np.nan)
+    brief = np.broadcast_to(BRIEF_RTOL * limits.ramp * limits.unit, own.shape)
+    even = np.linspace(start, end, EVEN + 2)[1:-1]
+    wanted = np.concatenate([even, _rows(own)])
+    briefs = np.concatenate([0 * even, _rows(brief)])
+    most = np.isfinite(wanted).sum(axis=0).max()
+    order = np.argsort(wanted, axis=0)[:most]
+    wanted = np.take_along_axis(wanted, order, axis=0)
+    briefs = np.take_along_axis(briefs, order, axis=0)
+    # breaks move away from the ends, at most a part of the widest gap
+    placed = np.where(np.isnan(wanted), end, wanted)
+    gaps = np.diff(np.concatenate([start[None], placed, end[None]]), axis=0)
+    early = np.arange(len(wanted))[:, None] < gaps.argmax(axis=0)
+    farthest = gaps.max(axis=0) / 4
+    found = [
+        start[None],
+        _apart(np.where(early, wanted, np.nan), briefs, start, 1.0, farthest),
+        _apart(np.where(early, np.nan, wanted)[::-1], briefs[::-1], end, -1.0, farthest),
+        end[None],
     ]
+    breaks = np.sort(np.concatenate(found), axis=0)
+    most = np.isfinite(breaks).sum(axis=0).max()
+    return np.where(np.isnan(breaks), end, breaks)[:most]
 
 
-def _through(cells: _Cells, levels: Array, stored: Array, unit: float) -> _Fit:
-    """The motions with these breaks, near these accelerations."""
-    lengths = np.diff(stored, axis=0) / unit
-    inner = (stored > cells.start) & (stored < cells.end)
-    cubics = through(
-        lengths,
-        levels,
-        cells.ends,
-        cells.h,
-        inner.astype(float),
-    )
-    return _Fit(
-        stored,
-        cubics,
-        _excess(cells, lengths, cubics),
-    )
+def _rows(table: Array) -> Array:
+    """A table `(…, segments, joints)` as rows `(rows, segments)`."""
+    return table.swapaxes(-1, -2).reshape(-1, table.shape[-2])
 
 
-def _excess(cells: _Cells, lengths: Array, cubics: Array) -> Array:
-    """The largest share by which a motion passes its limits of jerk, acceleration and velocity."""
-    cubic, square, linear, _ = cubics
-    w = cells.ends[1]
-    last = cubics[:, -1]
-    reached = polynomials.evaluate(
-        polynomials.derivative(last),
-        lengths[-1],
-    )
-    short = (
-        polynomials.evaluate(
-            last,
-            lengths[-1],
-        )
-        - cells.h
-    )
-    fastest = np.abs(linear).max(axis=0) + np.abs(w)
-    further = np.maximum(
-        np.abs(short) - cells.rounding,
-        0.0,
-    )
-    missed = np.maximum(
-        np.abs(reached - w),
-        further / lengths.sum(axis=0),
-    )
-    jerk = 6 * cubic
-    acceleration = 2 * square
-    changing = np.where(
-        jerk == 0,
-        np.inf,
-        jerk,
-    )
-    # velocity where acceleration vanishes in a piece; where it does not, at the nearer end
-    when = np.clip(
-        -acceleration / changing,
-        0.0,
-        lengths,
-    )
-    turning = linear + when * (acceleration + when * jerk / 2)
-    worst = np.zeros_like(fastest)
-    for values, (low, high) in (
-        (jerk, cells.jerk),
-        (acceleration, cells.acceleration),
-        (linear, cells.velocity),
-        (turning, cells.velocity),
-    ):
-        worst = np.maximum(
-            worst,
-            np.maximum(
-                values.max(axis=0) / high,
-                values.min(axis=0) / low,
-            ),
-        )
-    return np.where(
-        missed > _MISS_RTOL * fastest,
-        1 + missed / fastest,
-        worst - 1,
-    )
+def _apart(wanted: Array, briefs: Array, origin: Array, sign: float, farthest: Array) -> Array:
+    """Breaks without those of phases too brief for a piece of their own, `(breaks, segments)`.
+
+    A break a time `d` after the one before would cost the motion `½ J d x` of its velocity, if the
+    piece ended a time `x` after that instead: with `x = brief² / d` it moves that far.
+
+    Args:
+        wanted: breaks in the order of their distance from the origin, s; some not a number.
+        briefs: the longest phase of each that may be lost, s.
+        origin: the first break, s, `(segments,)`.
+        sign: 1 forwards in time, -1 backwards.
+        farthest: how far a break may move, s, `(segments,)`.
+    """
+    last = origin
+    following = np.full_like(origin, np.nan)
+    found = []
+    for time, brief in zip(wanted, briefs, strict=True):
+        reached = sign * (time - following) >= 0
+        found.append(np.where(reached, following, np.nan))
+        last = np.where(reached, following, last)
+        following[reached] = np.nan
+        ahead = sign * (time - last)
+        longer = brief**2 / ahead
+        moved = last + sign * np.maximum(ahead, np.minimum(longer, farthest))
+        chosen = np.where(longer > ahead, moved, time)
+        needed = ahead * farthest > NEGLIGIBLE * brief**2
+        nearer = needed & ~(sign * (chosen - following) >= 0)
+        following = np.where(nearer, chosen, following)
+    return np.array([*found, following])
+
+
+def _missing(lengths: Array, levels: Array, velocity: Array, h: Array) -> tuple[Array, Array]:
+    """What motions of these accelerations miss of their last velocity and of their displacement."""
+    _, reached, travelled = integrated(lengths, levels, velocity[:-1])
+    return velocity[1:] - reached, h - travelled
+
+
+def _mended(lengths: Array, passed: Array, levels: Array, velocity: Array, h: Array) -> Array:
+    """Accelerations with which nothing is missing, `(breaks, segments, joints)`.
+
+    They change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`.
+
+    Args:
+        lengths: of the pieces, `(pieces, segments, 1)`.
+        passed: the share `x` of the segment's time that has passed, `(breaks, segments, 1)`.
+        levels: accelerations, `(breaks, segments, joints)`.
+        velocity: at the waypoints.
+        h: displacements.
+    """
+    even = passed * (1 - passed)
+    odd = even * (1 - 2 * passed)
+    none = np.zeros_like(passed[0])
+    _, even_gain, even_way = integrated(lengths, even, none)
+    _, odd_gain, odd_way = integrated(lengths, odd, none)
+    size = even_gain * odd_way - odd_gain * even_way
+    for _ in range(MENDINGS):
+        slow, short = _missing(lengths, levels, velocity, h)
+        evenly = (slow * odd_way - odd_gain * short) / size
+        oddly = (even_gain * short - even_way * slow) / size
+        levels = levels + evenly * even + oddly * odd
+    return levels
+
+
+def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> Array:
+    """The largest share by which a motion exceeds a limit, `(segments, joints)`."""
+    first = levels[:-1]
+    jerk = np.where(lengths > 0, np.diff(levels, axis=0) / lengths, 0.0)
+    gained = np.cumsum(lengths * (first + levels[1:]) / 2, axis=0)
+    before = velocity[:-1] + np.concatenate([np.zeros_like(gained[:1]), gained[:-1]])
+    # velocity where acceleration vanishes in a piece; where it does not, at its nearer end
+    when = np.where(jerk == 0, 0.0, np.clip(-first / jerk, 0.0, lengths))
+    turning = before + when * (first + when * jerk / 2)
+    limits = np.array([[-1.0], [1.0]]) / scaled.r
+    shares = [
+        (values / limit).max(axis=0)
+        for values, both in ((jerk, limits), (levels, scaled.a), (turning, scaled.v))
+        for limit in both
+    ]
+    return np.nan_to_num(np.max(shares, axis=0) - 1, nan=np.inf)

@@ -138,51 +138,7 @@ def apart(knots: Array, end: float, closest: float) -> Array:
     return np.concatenate([times[:1], apart, times[-1:]])
 
 
-def outwards(local: Array, start: Array, end: Array, unit: float) -> Array:
-    """Breaks as a trajectory stores them, s, such that only the longest piece gets briefer.
-
-    Args:
-        local: from 0 to the segments' ends, which the last ones repeat, `(breaks, cells)`.
-        start: of the segments, s since the motion's start, `(cells,)`.
-        end: likewise.
-        unit: of `local`, s.
-    """
-    times = np.where(
-        local < local[-1],
-        start + local * unit,
-        end,
-    )
-    lengths = (
-        np.diff(
-            local,
-            axis=0,
-        )
-        * unit
-    )
-    longest = lengths.argmax(axis=0)
-    for k, length in enumerate(lengths):
-        times[k + 1] = np.where(
-            k < longest,
-            _later(
-                times[k],
-                length,
-            ),
-            times[k + 1],
-        )
-    for k in reversed(range(len(lengths))):
-        earlier = -_later(
-            -times[k + 1],
-            lengths[k],
-        )
-        times[k] = np.where(
-            k > longest,
-            earlier,
-            times[k],
-        )
-    return times
-
-
-def _later(times: Array, lengths: Array) -> Array:
+def later(times: Array, lengths: Array) -> Array:
     """The first times that are later by at least these lengths."""
     later = times + lengths
     return np.where(
@@ -192,39 +148,6 @@ def _later(times: Array, lengths: Array) -> Array:
             np.inf,
         ),
         later,
-    )
-
-
-def together(stored: Array, start: Array, end: Array, resolution: float) -> Array:
-    """Stored breaks, those that a trajectory takes as one at one place.
-
-    Args:
-        stored: s, `(breaks, cells)`.
-        start: of the segments, s since the motion's start, `(cells,)`.
-        end: likewise.
-        resolution: breaks no further apart are one, s.
-    """
-    order = np.argsort(
-        stored,
-        axis=None,
-    )
-    times = stored.ravel()[order]
-    first = np.append(
-        True,
-        np.diff(times) > resolution,
-    )
-    places = np.empty_like(times)
-    places[order] = times[first][np.cumsum(first) - 1]
-    places = places.reshape(stored.shape)
-    places = np.where(
-        np.abs(places - start) <= resolution,
-        start,
-        places,
-    )
-    return np.where(
-        np.abs(places - end) <= resolution,
-        end,
-        places,
     )
 
 

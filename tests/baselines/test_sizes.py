@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.collocation import refined, uniform
-from baselines.exact import acceleration, jerk, jerk_descent
+from baselines.exact import acceleration, jerk
 from trajopt import Limits, Problem
 from trajopt.planners.planner import Planner
 
@@ -33,7 +33,7 @@ def stop_at_the_solver(monkeypatch):
     monkeypatch.setattr(uniform, "transcription", begun)
     monkeypatch.setattr(refined, "transcription", begun)
     monkeypatch.setattr(acceleration, "_minimised", begun)
-    monkeypatch.setattr(jerk_descent, "minimised", begun)
+    monkeypatch.setattr(jerk, "_minimised", begun)
 
 
 PLANNERS = [
