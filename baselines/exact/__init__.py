@@ -5,9 +5,8 @@ In reading order:
 - `several_starts`: what both planners share, the best of several local optima.
 - `scaled`: a problem without units.
 - `acceleration`, `acceleration_profiles`, `cells`, `newton_step`: velocity and acceleration limits.
-- `jerk`, `jerk_profiles`, `jerk_cells`, `jerk_step`, `jerk_descent`: jerk limits too.
+- `jerk`, `jerk_profiles`, `jerk_cells`, `jerk_step`: jerk limits too.
 - `interior_point`, `chain`, `crossover`: the method of both, its Newton steps, active limits.
-- `jerk_structure`: the phases of an optimum under jerk limits that take time.
 - `acceleration_motion`, `jerk_motion`, `rounded`: the motion of an optimum between stored breaks.
 - `by_ipopt`, `jerk_by_ipopt`: the optima of sections 3 and 4 by IPOPT, an independent check.
 - `one_sided_jerk`: why limits of jerk on one side only have no optimum.

@@ -42,9 +42,8 @@ MAX_STARTS_FACTOR = 3
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 2.0
 RELAXED_DILATION = 1.1
-RELAXED_GAP = 1e-2  # of the optimum without jerk limits, relative to its duration
-# Tolerances where rounding stops the method, relative to its own.
-ACCEPTED = 100.0
+RELAXED_GAP = 1e-2  # relative to the duration of the optimum without jerk limits
+ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
 # Time of a start, proportional to segments times moving joints. It includes failing starts.
 SECONDS = 0.03
 SECONDS_PER_CELL = 2e-3

@@ -64,9 +64,11 @@ class Reachable(Scaled):
         within = self.problem.without("position")
         shortest = np.inf
         for k in DILATIONS:
-            slower = np.array([k, k**2])[:, None, None]
-            motion = self._motion(k * times, states / slower)
-            certified = verify(within, motion).certified_duration or np.inf
+            powers = np.array([k, k**2])
+            slower = states / powers[:, None, None]
+            motion = self._motion(k * times, slower)
+            certificate = verify(within, motion)
+            certified = certificate.certified_duration or np.inf
             if certified < shortest:
                 best = motion
                 shortest = certified
@@ -82,8 +84,9 @@ class Reachable(Scaled):
         jerky = self.r.any(axis=0)
         segments = []
         for k, clock in enumerate(clocks(passages, self.unit)):
-            used = np.diff(breaks[:, k]) > 0
-            stored = breaks[np.append(True, used), k]
+            own_breaks = breaks[:, k]
+            used = np.diff(own_breaks) > 0
+            stored = own_breaks[np.append(True, used)]
             pieces = []
             for i in range(len(jerky)):
                 own = (stored, cubics[:, used, k, i])
@@ -92,8 +95,9 @@ class Reachable(Scaled):
                 elif not jerky[i]:
                     ends = velocity[k : k + 2, i]
                     own = covering(self.h[k, i], ends, self.v[:, i], self.a[:, i], clock)
-                powers = len(own[1])
-                pieces.append((own[0], own[1] * self.units[-powers:, i, None]))
+                stored_own, part = own
+                units = self.units[-len(part) :, i, None]
+                pieces.append((stored_own, part * units))
             segments.append(pieces)
         return assembled(self.problem, passages, segments)
 
@@ -126,18 +130,20 @@ def _fitted(
         passed = since[0] / limits.times
 
         levels = profiles.accelerations(since, acceleration)
-        chords = acceleration[:-1] + passed * np.diff(acceleration, axis=0)
-        levels += spare * (chords - levels) + turns[:-1] + passed * np.diff(turns, axis=0)
-        # what each cell would add to the velocities at its ends
+        straight = _straight(acceleration, passed)
+        levels += spare * (straight - levels) + _straight(turns, passed)
         slow, short = _missing(lengths, levels, velocity, scaled.h)
+        # a cell that misses nothing would have that much more velocity at its ends
         added = short / limits.times
         weights = needs_own * limits.weights
         agreed = velocity + _agreed(added - slow, added, weights)
         levels = _mended(lengths, passed, levels, agreed, scaled.h)
 
-        excess = np.where(needs_own | ~limits.jerky, 0.0, _excess(scaled, lengths, levels, agreed))
+        excess = _excess(scaled, lengths, levels, agreed)
+        excess[needs_own | ~limits.jerky] = 0.0
         worst = excess.max(axis=1, keepdims=True)
-        more = (excess == worst) & (worst > EXCESS_RTOL)
+        is_worst = excess == worst
+        more = is_worst & (worst > EXCESS_RTOL)
         if not more.any():
             cubics, *_ = integrated(lengths, levels, agreed[:-1])
             return breaks, agreed, cubics
@@ -145,7 +151,7 @@ def _fitted(
 
 
 class _Limits(NamedTuple):
-    """When the segments start and end, and what the limits allow in them.
+    """The segments as they are stored, and the motion that limits allow in them.
 
     Attributes:
         start: s since the motion's start, `(segments,)`.
@@ -177,19 +183,31 @@ class _Limits(NamedTuple):
         end = passages[1:]
         rounded = (end - start)[:, None] / scaled.unit
         times = np.where(rounded > 0, rounded, 1.0)
-        slowest, steepest = np.abs([scaled.v, scaled.a]).min(axis=1)
+        slowest = np.abs(scaled.v).min(axis=0)
+        steepest = np.abs(scaled.a).min(axis=0)
         r = scaled.r.max(axis=0)
         gained = np.minimum(steepest, times / r)
-        squares = np.minimum(np.minimum(slowest, steepest * times) * r, times**2)
-        weights = (rounded > 0) / (times * gained) ** 2
-        jerky = r > 0
-        ramp = np.sqrt(squares)
-        unit = scaled.unit
-        return cls(start, end, unit, times, scaled.v, r, jerky, gained, ramp, weights)
+        faster = np.minimum(slowest, steepest * times)
+        ramp = np.sqrt(np.minimum(faster * r, times**2))
+        takes_time = rounded > 0
+        weights = takes_time / (times * gained) ** 2
+        return cls(
+            start,
+            end,
+            scaled.unit,
+            times,
+            scaled.v,
+            r,
+            r > 0,
+            gained,
+            ramp,
+            weights,
+        )
 
     def since(self, breaks: Array) -> Array:
         """Breaks `(breaks, segments)` counted from both ends, `(2, breaks, segments, 1)`."""
-        return np.array([breaks - self.start, self.end - breaks])[..., None] / self.unit
+        since = np.array([breaks - self.start, self.end - breaks])
+        return since[..., None] / self.unit
 
 
 class _Profiles(NamedTuple):
@@ -221,23 +239,34 @@ class _Profiles(NamedTuple):
         peak = np.clip(0.0, -fall, rise)
         # the end is seen backwards, and the lower profile mirrored
         flips = np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
-        levels = np.array([flips * at_ends, flips * rises, [peak, peak]]) * flips[:, 0]
+        levels = np.array(
+            [
+                flips * at_ends,
+                flips * rises,
+                [peak, peak],
+            ]
+        )
         high, low = np.maximum(rows.reach[:, 0], 0.0)
         share = low / np.maximum(high + low, TINY)
         shares = np.array([share, 1 - share])
         shares[shares < MIN_SHARE] = 0.0
         shares[shares > 1 - MIN_SHARE] = 1.0
         # the end is passed backwards
-        places = [np.array([limits.start, -limits.end])[:, None, :, None] + 0 * rises]
-        for length in np.maximum(rows.phases[:3, :, :, 0], 0.0) * limits.times * limits.unit:
+        origins = np.array([limits.start, -limits.end])
+        places = [origins[:, None, :, None] + 0 * rises]
+        phases = np.maximum(rows.phases[:3, :, :, 0], 0.0)
+        for length in phases * limits.times * limits.unit:
             places.append(later(places[-1], length))
         lengths = np.diff(places, axis=0) / limits.unit
-        return cls(lengths, levels, shares, flips * np.array(places[1:]))
+        ends = flips * np.array(places[1:])
+        return cls(lengths, flips[:, 0] * levels, shares, ends)
 
     def breaks(self, limits: _Limits) -> Array:
         """The ends of phases within segments, s, or not a number, `(12, segments, joints)`."""
-        within = (self.ends > limits.start[:, None]) & (self.ends < limits.end[:, None])
-        breaks = np.where(within & (self.shares > 0), self.ends, np.nan)
+        after_start = self.ends > limits.start[:, None]
+        before_end = self.ends < limits.end[:, None]
+        wanted = after_start & before_end & (self.shares > 0)
+        breaks = np.where(wanted, self.ends, np.nan)
         return breaks.reshape(-1, *self.shares.shape[1:])
 
     def accelerations(self, since: Array, at_ends: Array) -> Array:
@@ -250,7 +279,8 @@ class _Profiles(NamedTuple):
         after = since[:, :, None]
         ramp, hold, release = self.lengths[:, :, None]
         first, held, peak = self.levels[:, :, None]
-        halves = first - peak + _share(after, ramp) * (held - first)
+        halves = first - peak
+        halves = halves + _share(after, ramp) * (held - first)
         halves += _share(after - ramp - hold, release) * (peak - held)
         profiles = peak[0] + halves.sum(axis=0)
         inner = (self.shares * profiles).sum(axis=1)
@@ -260,7 +290,13 @@ class _Profiles(NamedTuple):
 
 def _share(after: Array, length: Array) -> Array:
     """The share of a phase that is over, so long after its start."""
-    return np.where(length > 0, np.clip(after / length, 0.0, 1.0), after >= 0)
+    share = np.clip(after / length, 0.0, 1.0)
+    return np.where(length > 0, share, after >= 0)
+
+
+def _straight(at_waypoints: Array, passed: Array) -> Array:
+    """The straight lines between values at the waypoints, `(breaks, segments, joints)`."""
+    return at_waypoints[:-1] + passed * np.diff(at_waypoints, axis=0)
 
 
 def _without_dips(limits: _Limits, states: Array) -> Array:
@@ -269,16 +305,17 @@ def _without_dips(limits: _Limits, states: Array) -> Array:
     low, high = limits.fastest
     limit = np.where(velocity > 0, high, low)
     size = np.abs(limit)
-    briefer = np.minimum(
-        np.append(limits.times, limits.times[-1:], axis=0),
-        np.append(limits.times[:1], limits.times, axis=0),
-    )
+    before = np.append(limits.times[:1], limits.times, axis=0)
+    after = np.append(limits.times, limits.times[-1:], axis=0)
+    briefer = np.minimum(before, after)
     # a dip of velocity d takes the time sqrt(r d)
     deepest = (DIP_RTOL * size * briefer / np.sqrt(limits.r)) ** (2 / 3)
     dip = np.abs(limit - velocity)
     ramp = limits.r * acceleration**2 / 2
     on_limit = limits.jerky & (np.maximum(dip, ramp) <= deepest)
-    return np.array([np.where(on_limit, limit, velocity), np.where(on_limit, 0.0, acceleration)])
+    put = np.where(on_limit, limit, velocity)
+    steady = np.where(on_limit, 0.0, acceleration)
+    return np.array([put, steady])
 
 
 def _spared(limits: _Limits, h: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -289,11 +326,12 @@ def _spared(limits: _Limits, h: Array, acceleration: Array) -> tuple[Array, Arra
         how much the waypoints' change, so that a straight one leaves that room.
     """
     mean = np.abs(h) / limits.times
-    spare = ROUNDING_RTOL * mean / (limits.gained * limits.times)
-    spare = np.minimum(spare, MAX_ROUNDING_SHARE)
+    needed = ROUNDING_RTOL * mean / (limits.gained * limits.times)
+    spare = np.minimum(needed, MAX_ROUNDING_SHARE)
     most = (1 - spare) * limits.times / limits.r
     steps = np.diff(acceleration, axis=0)
-    beyond = (steps - np.clip(steps, -most, most)) / 2
+    allowed = np.clip(steps, -most, most)
+    beyond = (steps - allowed) / 2
     return spare, _agreed(beyond, -beyond, limits.weights)
 
 
@@ -301,7 +339,8 @@ def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
     """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
     agreed = np.zeros((len(weights) + 1, weights.shape[1]))
     wanted = weights[1:] * at_start[1:] + weights[:-1] * at_end[:-1]
-    agreed[1:-1] = wanted / np.maximum(weights[1:] + weights[:-1], TINY)
+    both = weights[1:] + weights[:-1]
+    agreed[1:-1] = wanted / np.maximum(both, TINY)
     return agreed
 
 
@@ -310,7 +349,8 @@ def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
     start = limits.start
     end = limits.end
     own = np.where(needs_own, profiles.breaks(limits), np.nan)
-    brief = np.broadcast_to(BRIEF_RTOL * limits.ramp * limits.unit, own.shape)
+    longest = BRIEF_RTOL * limits.ramp * limits.unit
+    brief = np.broadcast_to(longest, own.shape)
     even = np.linspace(start, end, EVEN + 2)[1:-1]
     wanted = np.concatenate([even, _rows(own)])
     briefs = np.concatenate([0 * even, _rows(brief)])
@@ -321,12 +361,15 @@ def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
     # breaks move away from the ends, at most a part of the widest gap
     placed = np.where(np.isnan(wanted), end, wanted)
     gaps = np.diff(np.concatenate([start[None], placed, end[None]]), axis=0)
-    early = np.arange(len(wanted))[:, None] < gaps.argmax(axis=0)
+    numbers = np.arange(len(wanted))[:, None]
+    early = numbers < gaps.argmax(axis=0)
     farthest = gaps.max(axis=0) / 4
+    from_start = np.where(early, wanted, np.nan)
+    from_end = np.where(early, np.nan, wanted)
     found = [
         start[None],
-        _apart(np.where(early, wanted, np.nan), briefs, start, 1.0, farthest),
-        _apart(np.where(early, np.nan, wanted)[::-1], briefs[::-1], end, -1.0, farthest),
+        _apart(from_start, briefs, start, 1.0, farthest),
+        _apart(from_end[::-1], briefs[::-1], end, -1.0, farthest),
         end[None],
     ]
     breaks = np.sort(np.concatenate(found), axis=0)
@@ -362,7 +405,8 @@ def _apart(wanted: Array, briefs: Array, origin: Array, sign: float, farthest: A
         following[reached] = np.nan
         ahead = sign * (time - last)
         longer = brief**2 / ahead
-        moved = last + sign * np.maximum(ahead, np.minimum(longer, farthest))
+        length = np.maximum(ahead, np.minimum(longer, farthest))
+        moved = last + sign * length
         chosen = np.where(longer > ahead, moved, time)
         needed = ahead * farthest > NEGLIGIBLE * brief**2
         nearer = needed & ~(sign * (chosen - following) >= 0)
@@ -371,7 +415,7 @@ def _apart(wanted: Array, briefs: Array, origin: Array, sign: float, farthest: A
 
 
 def _missing(lengths: Array, levels: Array, velocity: Array, h: Array) -> tuple[Array, Array]:
-    """What motions of these accelerations miss of their last velocity and of their displacement."""
+    """The velocity and the displacement that motions of these accelerations miss at their end."""
     _, reached, travelled = integrated(lengths, levels, velocity[:-1])
     return velocity[1:] - reached, h - travelled
 
@@ -393,28 +437,37 @@ def _mended(lengths: Array, passed: Array, levels: Array, velocity: Array, h: Ar
     none = np.zeros_like(passed[0])
     _, even_gain, even_way = integrated(lengths, even, none)
     _, odd_gain, odd_way = integrated(lengths, odd, none)
+    # both equations by Cramer's rule
     size = even_gain * odd_way - odd_gain * even_way
     for _ in range(MENDINGS):
         slow, short = _missing(lengths, levels, velocity, h)
-        evenly = (slow * odd_way - odd_gain * short) / size
-        oddly = (even_gain * short - even_way * slow) / size
-        levels = levels + evenly * even + oddly * odd
+        evenly = slow * odd_way - odd_gain * short
+        oddly = even_gain * short - even_way * slow
+        change = evenly * even + oddly * odd
+        levels = levels + change / size
     return levels
 
 
 def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> Array:
     """The largest share by which a motion exceeds a limit, `(segments, joints)`."""
     first = levels[:-1]
-    jerk = np.where(lengths > 0, np.diff(levels, axis=0) / lengths, 0.0)
-    gained = np.cumsum(lengths * (first + levels[1:]) / 2, axis=0)
-    before = velocity[:-1] + np.concatenate([np.zeros_like(gained[:1]), gained[:-1]])
+    steps = np.diff(levels, axis=0)
+    jerk = np.where(lengths > 0, steps / lengths, 0.0)
+    gains = lengths * (first + steps / 2)
+    before = velocity[:-1] + np.cumsum(gains, axis=0) - gains
     # velocity where acceleration vanishes in a piece; where it does not, at its nearer end
-    when = np.where(jerk == 0, 0.0, np.clip(-first / jerk, 0.0, lengths))
+    when = np.clip(-first / jerk, 0.0, lengths)
+    when[jerk == 0] = 0.0
     turning = before + when * (first + when * jerk / 2)
-    limits = np.array([[-1.0], [1.0]]) / scaled.r
-    shares = [
-        (values / limit).max(axis=0)
-        for values, both in ((jerk, limits), (levels, scaled.a), (turning, scaled.v))
-        for limit in both
+    signs = np.array([[-1.0], [1.0]])
+    kinds = [
+        (jerk, signs / scaled.r),
+        (levels, scaled.a),
+        (turning, scaled.v),
     ]
-    return np.nan_to_num(np.max(shares, axis=0) - 1, nan=np.inf)
+    shares = []
+    for values, (low, high) in kinds:
+        shares.append((values / low).max(axis=0))
+        shares.append((values / high).max(axis=0))
+    excess = np.max(shares, axis=0) - 1
+    return np.nan_to_num(excess, nan=np.inf)

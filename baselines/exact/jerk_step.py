@@ -34,13 +34,25 @@ class Linear:
             matrix[v, TIME] += pull[v]
         links = Links(rows.steep - point.ends, rows.missing)
         own_states = self._own_states(rows, links)
-        at_waypoints = self._at_waypoints(rows, multipliers, weights)
-        cells = np.moveaxis(matrix, (0, 1), (-2, -1))
+        at_waypoints = self._at_waypoints(
+            rows,
+            multipliers,
+            weights,
+        )
+        cells = np.moveaxis(
+            matrix,
+            (0, 1),
+            (-2, -1),
+        )
         cells = cells + (own_states.swapaxes(-1, -2) @ at_waypoints @ own_states).sum(axis=3)
         self.rows = rows
         self.own_states = own_states
         self.at_waypoints = at_waypoints
-        self.chain = Chain(rows.times, links, cells)
+        self.chain = Chain(
+            rows.times,
+            links,
+            cells,
+        )
 
     @staticmethod
     def _own_states(rows: Rows, links: Links) -> Array:
@@ -52,7 +64,13 @@ class Linear:
         owned = owners(rows.times)
         own_time = owned * rows.t
         states = np.zeros((*rows.steep.shape, 2, 2, 5))
-        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
+        for end, (v, a) in enumerate(
+            zip(
+                VELOCITIES,
+                ACCELERATIONS,
+                strict=True,
+            )
+        ):
             states[..., end, 0, TIME] = -own_time[end] * links.slope[end]
             states[..., end, 0, v] = own_time[end]
             states[..., end, 1, a] = owned[end]
@@ -69,7 +87,11 @@ class Linear:
         va = pressed[0] - pressed[1]
         aa = of_acceleration + pressed * ramps + multiplier * rows.cells.falling
         entries = [at_ends(table) for table in (vv, va, va, aa.sum(axis=0))]
-        last = np.moveaxis(np.array(entries), (0, 1), (-1, -2))
+        last = np.moveaxis(
+            np.array(entries),
+            (0, 1),
+            (-1, -2),
+        )
         return last.reshape(*last.shape[:-1], 2, 2)
 
     @property
@@ -90,7 +112,11 @@ class Linear:
         """The Newton step to these multipliers, and by how much it changes every row."""
         rows = self.rows
         log, cells, velocity = self.chain.step(self._gradient(aim))
-        by_variable = np.moveaxis(cells, -1, 0)
+        by_variable = np.moveaxis(
+            cells,
+            -1,
+            0,
+        )
         accelerations = by_variable[list(ACCELERATIONS)]
         acceleration = accelerations[1, :, :-1]
         change = np.zeros_like(aim)
@@ -99,7 +125,12 @@ class Linear:
         faster = np.array([-velocity, velocity])
         change[2, ..., :-1, :] = np.array([-acceleration, acceleration])
         change[3, ..., :-1, :] = faster - rows.ramps * acceleration
-        step = Point(log, by_variable[list(VELOCITIES)], velocity, acceleration)
+        step = Point(
+            log,
+            by_variable[list(VELOCITIES)],
+            velocity,
+            acceleration,
+        )
         return step, change
 
     def bending(self, step: Point) -> Array:
@@ -128,11 +159,26 @@ class Linear:
                 at_ends(of_acceleration[1] - of_acceleration[0] - pressed),
             ]
         )
-        by_state = np.moveaxis(states, (0, 1), (-1, -2))
-        velocity = np.moveaxis(rows.t * rows.missing, 0, -1)
+        by_state = np.moveaxis(
+            states,
+            (0, 1),
+            (-1, -2),
+        )
+        velocity = np.moveaxis(
+            rows.t * rows.missing,
+            0,
+            -1,
+        )
         by_state = by_state + self.at_waypoints[..., 0] * velocity[..., None]
         own = (by_state[..., None, :] @ self.own_states)[..., 0, :]
-        return np.asarray(np.moveaxis(of_reach, 0, -1) + own.sum(axis=3))
+        return np.asarray(
+            np.moveaxis(
+                of_reach,
+                0,
+                -1,
+            )
+            + own.sum(axis=3)
+        )
 
 
 def _reach(table: Array) -> Array:

@@ -199,7 +199,6 @@ def through(
     acceleration: Array,
     velocities: Array | tuple[float, float],
     h: Array | float,
-    weights: Array | float = 1.0,
 ) -> Array:
     """The motions of such accelerations at the breaks, mended to end with their velocity at `h`.
 
@@ -211,7 +210,6 @@ def through(
         acceleration: at the breaks, straight in between, `(pieces + 1, …)`.
         velocities: at the start and at the end, `(2, …)`.
         h: displacements, `(…)`.
-        weights: what a change counts in, at the breaks, `(pieces + 1, …)`.
 
     Returns:
         Position coefficients `(4, pieces, …)`; not finite where a piece has no length.
@@ -226,19 +224,14 @@ def through(
     )
     gained = (at[2:] - at[:-2]) / 2
     centroid = (at[:-2] + at[1:-1] + at[2:]) / 3
-    scale = np.broadcast_to(
-        weights,
-        acceleration.shape,
-    )[1:-1]
-    faster = scale * gained
-    further = faster * (1 - centroid)
+    further = gained * (1 - centroid)
     # the changes that cost displacement alone
     squares = np.maximum(
-        (faster**2).sum(axis=0),
+        (gained**2).sum(axis=0),
         _TINY,
     )
-    shared = (further * faster).sum(axis=0) / squares
-    alone = further - shared * faster
+    shared = (further * gained).sum(axis=0) / squares
+    alone = further - shared * gained
     squares_alone = (alone**2).sum(axis=0)
     independent = squares_alone > _RANK_RTOL * squares
     mended = acceleration.copy()
@@ -259,7 +252,7 @@ def through(
             ),
             0.0,
         )
-        mended[1:-1] += scale * (faster * (slow / squares) + alone * by_displacement)
+        mended[1:-1] += gained * (slow / squares) + alone * by_displacement
     coefficients, _, _ = integrated(
         lengths,
         mended,
