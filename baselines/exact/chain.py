@@ -264,11 +264,7 @@ class Chain:
 
     def _velocities(self, log: Array, cells: Array) -> Array:
         """Change of the waypoints' velocities as each end of a cell has it."""
-        ends = np.moveaxis(
-            cells[..., 1 :: self.orders],
-            -1,
-            0,
-        )
+        ends = cells[..., 1 :: self.orders].transpose(3, 0, 1, 2)
         slope, missing = self.links
         changes = ends - slope * log[..., None] - missing
         return self.times[..., None] * changes

@@ -62,6 +62,7 @@ class Reachable(Scaled):
             states: velocities and accelerations at inner waypoints, `(2, segments - 1, joints)`.
         """
         within = self.problem.without("position")
+        enough = ENOUGH * self.unit * times.sum()
         shortest = np.inf
         for k in DILATIONS:
             powers = np.array([k, k**2])
@@ -72,7 +73,7 @@ class Reachable(Scaled):
             if certified < shortest:
                 best = motion
                 shortest = certified
-            if certified <= ENOUGH * self.unit * times.sum():
+            if shortest <= enough:
                 break
         return best
 

@@ -39,11 +39,7 @@ class Linear:
             multipliers,
             weights,
         )
-        cells = np.moveaxis(
-            matrix,
-            (0, 1),
-            (-2, -1),
-        )
+        cells = matrix.transpose(2, 3, 4, 0, 1)
         cells = cells + (own_states.swapaxes(-1, -2) @ at_waypoints @ own_states).sum(axis=3)
         self.rows = rows
         self.own_states = own_states
@@ -87,11 +83,7 @@ class Linear:
         va = pressed[0] - pressed[1]
         aa = of_acceleration + pressed * ramps + multiplier * rows.cells.falling
         entries = [at_ends(table) for table in (vv, va, va, aa.sum(axis=0))]
-        last = np.moveaxis(
-            np.array(entries),
-            (0, 1),
-            (-1, -2),
-        )
+        last = np.array(entries).transpose(2, 3, 4, 1, 0)
         return last.reshape(*last.shape[:-1], 2, 2)
 
     @property
@@ -112,11 +104,7 @@ class Linear:
         """The Newton step to these multipliers, and by how much it changes every row."""
         rows = self.rows
         log, cells, velocity = self.chain.step(self._gradient(aim))
-        by_variable = np.moveaxis(
-            cells,
-            -1,
-            0,
-        )
+        by_variable = cells.transpose(3, 0, 1, 2)
         accelerations = by_variable[list(ACCELERATIONS)]
         acceleration = accelerations[1, :, :-1]
         change = np.zeros_like(aim)
@@ -159,26 +147,11 @@ class Linear:
                 at_ends(of_acceleration[1] - of_acceleration[0] - pressed),
             ]
         )
-        by_state = np.moveaxis(
-            states,
-            (0, 1),
-            (-1, -2),
-        )
-        velocity = np.moveaxis(
-            rows.t * rows.missing,
-            0,
-            -1,
-        )
+        by_state = states.transpose(2, 3, 4, 1, 0)
+        velocity = (rows.t * rows.missing).transpose(1, 2, 3, 0)
         by_state = by_state + self.at_waypoints[..., 0] * velocity[..., None]
         own = (by_state[..., None, :] @ self.own_states)[..., 0, :]
-        return np.asarray(
-            np.moveaxis(
-                of_reach,
-                0,
-                -1,
-            )
-            + own.sum(axis=3)
-        )
+        return np.asarray(of_reach.transpose(1, 2, 3, 0) + own.sum(axis=3))
 
 
 def _reach(table: Array) -> Array:

@@ -111,11 +111,7 @@ class Linear:
         solved = self.chain.step(_by_cell(by_s, by_x))
 
         # back: p from s and x
-        ends = np.moveaxis(
-            solved.cells[..., 1:],
-            -1,
-            0,
-        )
+        ends = solved.cells[..., 1:].transpose(3, 0, 1, 2)
         x = both_sides(ends)
         s = solved.log[..., None]
         peaks = by_p / self.pp - self.peak_s * s - (self.peak_x * x).sum(axis=0)
