@@ -335,4 +335,4 @@ def _sentences(outcome: Outcome) -> Iterator[str]:
     if after is not None and outcome.tighter:
         bound = f"{after.lower_bound:.9g} s ({after.bound.method})"
         within = 100 * after.proved_within
-        yield f"no motion is briefer than {bound}: the optimum is proved within {within:.3g} %."
+        yield f"every motion takes at least {bound}: the optimum is proved within {within:.3g} %."
