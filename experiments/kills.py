@@ -1,21 +1,25 @@
-"""Is anything lost or torn when a run is killed? `kill -9` at random moments of every phase.
+"""Is anything lost or torn when a run is killed? `kill -9` at random moments.
 
     python -m experiments.kills               # 200 kills, about ten minutes
     python -m experiments.kills --quick       # 5
 
-A child process runs a small sweep and tells each step to a pipe. A moment is drawn within a phase
-(start-up until the first trial, solving, writing a trial, consolidating) of an uninterrupted run;
-the child is killed then, the phase in which it died is what its last words say. After that every
-trial that it told to be kept must be there and equal to the reference, every file whole, and
-resuming must end as the reference does. One row per kill goes to `kills.csv` in `--output` as soon
-as it is known; running again does only what is missing. Needs POSIX.
+A child process runs a small sweep. Every call with which it or a judge of it changes a file for
+good (a sync, a rename, a removal) is slowed and told, so that a random moment falls between any two
+of them. The child is killed then. After that as many trials must be there as it had reported, every
+file whole and equal to the reference, and resuming must end as the reference does. One row per kill
+goes to `kills.csv` in `--output` as soon as it is known; running again does only what is missing.
+Needs POSIX.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
+import subprocess
+import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -25,15 +29,20 @@ import numpy as np
 import pandas as pd
 
 from experiments.common.kept import kept
-from experiments.common.killed import PHASES, Child, sweep
 from experiments.common.output import save_table
+from trajopt import compare
 from trajopt.benchmark.store.folder import read
 from trajopt.benchmark.trial import Trial
-from trajopt.core.exceptions import StoreError
+from trajopt.core.exceptions import StoreError, TrajoptError
+from trajopt.planners.registry import named
 
+PROBLEMS = ("one-joint", "six-axis")
+SPECS = ("ruckig-stop", "unoptimised", "exact:starts=1", "pso:iterations=20")
+STEPS = ["solving", "fsync", "replace", "unlink", "end"]
+TIMEOUT_S = 60.0
 FAULTS = ["lost", "torn", "different", "run again", "unequal"]
 
-# Worker processes; half the trials and a results.h5 are there already; workers are killed as well.
+# Judges; half the trials and a results.h5 are there already; the judges are killed as well.
 SETTINGS = [
     (0, False, True),
     (0, True, True),
@@ -82,95 +91,163 @@ def reference(output: Path) -> Answers:
     return answers(trials)
 
 
-def started(
-    output: Path,
-    name: str,
+# What every process of the child runs first: the calls of `os` are slowed and told.
+_SITE = """
+import os
+import time
+
+
+def tell(word):
+    os.write(1, f"{time.monotonic():.6f} {word}\\n".encode())  # whole or not at all
+
+
+def slowed(name):
+    call = getattr(os, name)
+
+    def own(*arguments, **keywords):
+        tell(name)
+        time.sleep(0.02)
+        try:
+            return call(*arguments, **keywords)
+        finally:
+            tell("solving")
+
+    return own
+
+
+for name in ("fsync", "replace", "unlink"):
+    setattr(os, name, slowed(name))
+"""
+_PROGRAM = """
+import sys
+from pathlib import Path
+
+from experiments.kills import sweep
+from sitecustomize import tell
+
+sweep(Path(sys.argv[1]), jobs=int(sys.argv[2]), progress=lambda own: tell(own.finished))
+tell("end")
+"""
+Word = tuple[float, str]  # seconds since the child began, and a step or a number of trials
+
+
+def sweep(folder: Path, seeds: int = 8, **options: Any) -> list[Trial]:
+    """22 trials in a second: two problems, four planners, one of them with eight seeds."""
+    planners = [named(spec) for spec in SPECS]
+    return list(compare(PROBLEMS, planners, folder, seeds=seeds, **options).items)
+
+
+def told(
+    folder: Path,
     jobs: int,
-    half: bool,
-) -> tuple[Path, Child]:
-    """A child at work in a new folder, empty or with half of the trials and their `results.h5`."""
+    seconds: float | None = None,
+    *,
+    workers_too: bool = True,
+) -> list[Word]:
+    """Run the sweep in a process group of its own; return what all of it told until it ended.
+
+    Args:
+        folder: Of the trials.
+        jobs: Of the comparison.
+        seconds: When it is killed; never if left out.
+        workers_too: True to kill the whole group; else its judges end by themselves.
+
+    Raises:
+        TrajoptError: It failed by itself.
+        TimeoutExpired: A process lives on after the runner was killed.
+    """
+    site = folder.parent / "site"
+    site.mkdir(exist_ok=True)
+    (site / "sitecustomize.py").write_text(_SITE)
+    began = time.monotonic()
+    child = subprocess.Popen(
+        [sys.executable, "-c", _PROGRAM, str(folder.absolute()), str(jobs)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(site.absolute()), *sys.path])},
+    )
+    try:
+        out, _ = child.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        kill = os.killpg if workers_too else os.kill
+        kill(child.pid, signal.SIGKILL)
+        out, _ = child.communicate(timeout=TIMEOUT_S)
+    if child.returncode not in (0, -signal.SIGKILL):
+        code = child.returncode
+        raise TrajoptError(f"the child ended by itself, with exit code {code}")
+    lines = [line.split() for line in out.decode().splitlines()]
+    return [(float(when) - began, word) for when, word in lines]
+
+
+def prepared(output: Path, name: str, half: bool) -> Path:
+    """A new folder, empty or with half of the trials and their `results.h5`."""
     folder = output / name
     shutil.rmtree(folder, ignore_errors=True)
     if half:
         sweep(output / "half", seeds=4)
         shutil.copytree(output / "half", folder)
-    return folder, Child(folder, jobs)
+    return folder
 
 
 @cache
-def uninterrupted(
-    output: Path,
-    jobs: int,
-    half: bool,
-) -> Child:
-    """A child that was left alone: it knows how long its phases take."""
-    folder, child = started(output, "timeline", jobs, half)
-    while child.listen():
-        pass
-    child.bury()
+def uninterrupted(output: Path, jobs: int, half: bool) -> tuple[float, float]:
+    """When a child that is left alone tells its first word and its last, s."""
+    folder = prepared(output, "timeline", half)
+    words = told(folder, jobs)
     shutil.rmtree(folder)
-    return child
+    return min(words)[0], max(words)[0]
 
 
 def attempt(output: Path, number: int) -> list[dict[str, Any]]:
     """Kill a run at the moment that this number draws, look, resume it, look again: one row."""
-    wanted = PHASES[number % 4]
-    setting = number // 4 % len(SETTINGS)
-    jobs, half, workers_too = SETTINGS[setting]
-    lengths = uninterrupted(output, jobs, half).lengths(wanted)
-    rng = np.random.default_rng([1, number])
-    turn = int(rng.integers(len(lengths)))
-    part = float(rng.uniform())
-    folder, child = started(output, f"kill-{number}", jobs, half)
+    jobs, half, workers_too = SETTINGS[number % len(SETTINGS)]
+    first, last = uninterrupted(output, jobs, half)
+    moment = np.random.default_rng([1, number]).uniform(first, last)
+    folder = prepared(output, f"kill-{number}", half)
     stored = _trials(folder.glob("trials/*.json"))
-    try:
-        moment = child.entered(wanted, turn + 1) + part * lengths[turn]
-        left = moment - time.monotonic()
-        time.sleep(max(0.0, left))
-        child.kill(workers_too)
-        told = {word.trial for word in child.words if word.trial}
-        promised = stored | told
-        lived = child.died - child.words[0].time
-        row: dict[str, Any] = {
-            "jobs": jobs,
-            "half": half,
-            "workers too": workers_too,
-            "wanted": wanted,
-            "hit": child.hit,
-            "promised": len(promised),
-            "moment (s)": round(lived, 4),
-        }
-        row |= faults(folder, promised, stored, reference(output))
-    finally:
-        child.bury()
+    words = told(folder, jobs, moment, workers_too=workers_too)
+    promised = max([int(word) for _, word in words if word.isdigit()], default=len(stored))
+    row: dict[str, Any] = {
+        "jobs": jobs,
+        "half": half,
+        "workers too": workers_too,
+        "hit": hit([own for own in words if own[0] <= moment]),
+        "promised": promised,
+        "moment (s)": round(moment, 4),
+    }
+    row |= faults(folder, promised, stored, reference(output))
     if not any(row[fault] for fault in FAULTS):
         shutil.rmtree(folder)
     return [row]
 
 
+def hit(words: Sequence[Word]) -> str:
+    """Return the step in which the child was at its last word."""
+    _, last = max(words, default=(0.0, "solving"))
+    return "solving" if last.isdigit() else last
+
+
 def faults(
     folder: Path,
-    promised: set[str],
+    promised: int,
     stored: set[str],
     expected: Answers,
 ) -> dict[str, Any]:
     """Count the faults that a killed run left, and those of resuming it.
 
-    `promised` are the trials that it told to be kept, `stored` those that `results.h5` had before.
+    `promised` is how many trials it reported, `stored` are those that `results.h5` had before.
     """
     temporaries = list(folder.rglob(".*.tmp"))
     whole, torn = _whole(folder)
     old = whole.pop(folder / "results.h5", {})
     kept = _trials(whole)
-    lost = (promised - kept) | (stored - old.keys())
+    gone = (stored - kept) | (stored - old.keys())
     different: set[str] = set()
     for found in (old, *whole.values()):
         different |= {i for i in found if found[i] != expected.get(i)}
 
-    written = {}
-    for file in whole:
-        if file.stem in promised:
-            written[file] = file.stat().st_mtime_ns
+    written = {file: file.stat().st_mtime_ns for file in whole}
     resumed = answers(sweep(folder))
     again = [file for file, when in written.items() if file.stat().st_mtime_ns != when]
 
@@ -182,7 +259,7 @@ def faults(
         "temporaries": len(temporaries),
         "torn": len(torn),
         "different": len(different),
-        "lost": len(lost),
+        "lost": max(promised - len(kept), len(gone)),
         "run again": len(again),
         "unequal": len(unequal),
         "note": "; ".join(torn),
@@ -208,14 +285,14 @@ def _whole(folder: Path) -> tuple[dict[Path, Answers], list[str]]:
 
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Per phase hit: kills, of them those that left half-written temporaries, trials, faults."""
+    """Per step hit: kills, of them those that left half-written temporaries, trials, faults."""
     leaving = rows["temporaries"] > 0
     counted = rows.assign(kills=1, temporaries=leaving)
     columns = ["kills", "temporaries", "promised", *FAULTS]
     sums = counted.groupby("hit")[columns].sum()
-    summary = sums.reindex(PHASES, fill_value=0)
+    summary = sums.reindex(STEPS, fill_value=0)
     summary.loc["all"] = summary.sum()
-    return summary.rename_axis("phase hit")
+    return summary.rename_axis("step hit")
 
 
 def main(
@@ -223,12 +300,12 @@ def main(
     output: Path = Path("results/kills"),
     quick: bool = False,
 ) -> None:
-    """Kill that often and print the table; `kills-by-phase.csv` and `.md` in `output` too."""
+    """Kill that often and print the table; `kills-by-step.csv` and `.md` in `output` too."""
     if quick:
         tries = min(tries, 5)
     cells = {(number,): partial(attempt, output, number) for number in range(tries)}
     summary = table(kept(output / "kills.csv", ["kill"], cells))
-    save_table(summary, output / "kills-by-phase")
+    save_table(summary, output / "kills-by-step")
     print(summary.to_string())
 
 

@@ -15,30 +15,32 @@ from trajopt.benchmark.store.folder import Store, read
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL and process groups")
 
 
-def test_five_kills_in_every_phase_lose_and_tear_nothing(tmp_path, capsys, monkeypatch):
-    uninterrupted = kills.uninterrupted
-
-    # Half a folder of trials changes little of how long a phase takes: one run to learn from.
-    def empty(output, jobs, half):
-        return uninterrupted(output, jobs, False)
-
-    monkeypatch.setattr(kills, "uninterrupted", empty)
+def test_five_kills_lose_and_tear_nothing(tmp_path, capsys, monkeypatch):
+    # when a child tells its first words and has finished some trials: no run to learn from
+    monkeypatch.setattr(kills, "uninterrupted", lambda *_: (0.4, 1.4))
     kills.main(output=tmp_path, quick=True)
     rows = pd.read_csv(tmp_path / "kills.csv")
     assert (rows[kills.FAULTS] == 0).all(axis=None), rows.to_string()
     assert len(rows) == 5
-    *wanted, _ = kills.PHASES
-    assert set(rows["wanted"]) == set(wanted)
-    assert set(rows["hit"]) <= set(kills.PHASES)
+    assert set(rows["hit"]) <= set(kills.STEPS)
     assert rows["promised"].between(0, 22).all()
     assert not list(tmp_path.glob("kill-*"))
     monkeypatch.setattr(kills, "attempt", pytest.fail)
     kills.main(output=tmp_path, quick=True)
-    table = pd.read_csv(tmp_path / "kills-by-phase.csv", index_col="phase hit")
-    assert list(table.index) == [*kills.PHASES, "all"]
-    *by_phase, every = table["kills"]
-    assert every == sum(by_phase) == 5
-    assert capsys.readouterr().out.count("consolidating") == 2
+    table = pd.read_csv(tmp_path / "kills-by-step.csv", index_col="step hit")
+    assert list(table.index) == [*kills.STEPS, "all"]
+    *by_step, every = table["kills"]
+    assert every == sum(by_step) == 5
+    assert capsys.readouterr().out.count("replace") == 2
+
+
+def test_the_child_tells_every_step_and_how_many_trials_are_kept(tmp_path):
+    words = [word for _, word in kills.told(tmp_path / "run", jobs=0)]
+    assert set(words) - {str(number) for number in range(23)} == set(kills.STEPS)
+    assert words[-1] == "end"
+    assert "22" in words
+    # each of 22 trials and results.h5 is renamed into place once
+    assert words.count("replace") == 23
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +95,7 @@ def test_harm_is_noticed(
     if place.is_dir():
         place = min(place.iterdir())
     harm(place)
-    found = kills.faults(folder, set(reference), set(reference), reference)
+    found = kills.faults(folder, len(reference), set(reference), reference)
     counted = {fault: found[fault] for fault in kills.FAULTS}
     assert {fault: count for fault, count in counted.items() if count} == expected
     assert bool(found["note"]) == ("torn" in expected)
