@@ -14,10 +14,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cyclopts
 import numpy as np
@@ -42,15 +41,7 @@ REPEATS = 3  # of long tasks; of short ones ten times as many
 _SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6}
 
 
-@dataclass(frozen=True)
-class Row:
-    """One way to do a task: `unit` says what is counted, `note` what it reached or lacks."""
-
-    task: str
-    way: str
-    cost: float
-    unit: str
-    note: str = ""
+Row = dict[str, Any]  # task, way, cost, unit (what is counted), note (what it reached or lacks)
 
 
 class Way(NamedTuple):
@@ -80,7 +71,7 @@ def side_by_side(
             least[number] = min(least[number], spent)
     for way, seconds in zip(ways, least, strict=True):
         cost = seconds / way.times / _SECONDS[unit]
-        yield Row(task, way.name, cost, unit, way.note)
+        yield {"task": task, "way": way.name, "cost": cost, "unit": unit, "note": way.note}
 
 
 # --- searches ---
@@ -248,7 +239,7 @@ def main(
     ]
     if intervals:
         rows += optima(loaded, intervals, repeats)
-    table = pd.DataFrame([asdict(row) for row in rows])
+    table = pd.DataFrame(rows)
     first = table.groupby("task")["cost"].transform("first")
     table["times the first"] = table["cost"] / first
     save_table(table, output / "speed")

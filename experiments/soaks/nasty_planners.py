@@ -22,7 +22,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import chdir, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ def rows(
 ) -> Iterator[dict[str, Any]]:
     """Compare these planners in this folder; yield a row per planner."""
     folder.mkdir()
-    with printed(folder / "terminal") as terminal, working_in(folder):
+    with printed(folder / "terminal") as terminal, chdir(folder):
         trials, warned = outcome([*OTHERS, *group.items()])
     rest = answers([one for one in trials if one.planner not in group])
     for name, planner in group.items():
@@ -134,17 +134,6 @@ def printed(file: Path) -> Iterator[Path]:
                 os.close(old)
 
 
-@contextmanager
-def working_in(folder: Path) -> Iterator[None]:
-    """This folder is the working folder meanwhile."""
-    before = os.getcwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
 def table(groups: Sequence[Sequence[str]] = ()) -> pd.DataFrame:
     """A row per planner: of all, each compared alone, or of these, those of a group together."""
     with tempfile.TemporaryDirectory() as place:
@@ -152,7 +141,7 @@ def table(groups: Sequence[Sequence[str]] = ()) -> pd.DataFrame:
         found = planners(folder)
         alone = folder / "alone"
         alone.mkdir()
-        with working_in(alone):
+        with chdir(alone):
             expected = answers(outcome(OTHERS)[0])
         made: list[dict[str, Any]] = []
         groups = groups or [[name] for name in found]
