@@ -4,11 +4,11 @@
     python -m experiments.kills --quick       # 5
 
 A child process runs a small sweep. Every call with which it or a judge of it changes a file for
-good (a sync, a rename, a removal) is slowed and told, so that a random moment falls between any two
-of them. The child is killed then. After that as many trials must be there as it had reported, every
-file whole and equal to the reference, and resuming must end as the reference does. One row per kill
-goes to `kills.csv` in `--output` as soon as it is known; running again does only what is missing.
-Needs POSIX.
+good (a sync, a rename, a removal) is slowed and told. The child is killed soon after a random one
+of its words, so at any step and between any two. After that as many trials must be there as it had
+reported, every file whole and equal to the reference, and resuming must end as the reference does.
+One row per kill goes to `kills.csv` in `--output` as soon as it is known; running again does only
+what is missing. Needs POSIX.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ PROBLEMS = ("one-joint", "six-axis")
 SPECS = ("ruckig-stop", "unoptimised", "exact:starts=1", "pso:iterations=20")
 STEPS = ["solving", "fsync", "replace", "unlink", "end"]
 TIMEOUT_S = 60.0
+DELAY_S = 0.05
 FAULTS = ["lost", "torn", "different", "run again", "unequal"]
 
 # Judges; half the trials and a results.h5 are there already; the judges are killed as well.
@@ -128,7 +129,7 @@ from sitecustomize import tell
 sweep(Path(sys.argv[1]), jobs=int(sys.argv[2]), progress=lambda own: tell(own.finished))
 tell("end")
 """
-Word = tuple[float, str]  # seconds since the child began, and a step or a number of trials
+Word = tuple[float, str]  # on the machine's clock, s, and a step or a number of trials
 
 
 def sweep(folder: Path, seeds: int = 8, **options: Any) -> list[Trial]:
@@ -140,16 +141,18 @@ def sweep(folder: Path, seeds: int = 8, **options: Any) -> list[Trial]:
 def told(
     folder: Path,
     jobs: int,
-    seconds: float | None = None,
+    words: int | None = None,
+    delay: float = 0.0,
     *,
     workers_too: bool = True,
-) -> list[Word]:
-    """Run the sweep in a process group of its own; return what all of it told until it ended.
+) -> tuple[list[Word], float]:
+    """Run the sweep in a process group of its own; return all that it told, and when it was killed.
 
     Args:
         folder: Of the trials.
         jobs: Of the comparison.
-        seconds: When it is killed; never if left out.
+        words: It is killed after so many words; never if left out.
+        delay: So long after them, s.
         workers_too: True to kill the whole group; else its judges end by themselves.
 
     Raises:
@@ -159,25 +162,28 @@ def told(
     site = folder.parent / "site"
     site.mkdir(exist_ok=True)
     (site / "sitecustomize.py").write_text(_SITE)
-    began = time.monotonic()
     child = subprocess.Popen(
         [sys.executable, "-c", _PROGRAM, str(folder.absolute()), str(jobs)],
         stdout=subprocess.PIPE,
+        bufsize=0,  # a line leaves all that follows to `communicate`
         stderr=subprocess.DEVNULL,
         start_new_session=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join([str(site.absolute()), *sys.path])},
     )
-    try:
-        out, _ = child.communicate(timeout=seconds)
-    except subprocess.TimeoutExpired:
+    lines = []
+    killed = np.inf
+    if words is not None and child.stdout is not None:
+        lines = [child.stdout.readline() for _ in range(words)]
+        time.sleep(delay)
         kill = os.killpg if workers_too else os.kill
+        killed = time.monotonic()
         kill(child.pid, signal.SIGKILL)
-        out, _ = child.communicate(timeout=TIMEOUT_S)
+    rest, _ = child.communicate(timeout=TIMEOUT_S)
     if child.returncode not in (0, -signal.SIGKILL):
         code = child.returncode
         raise TrajoptError(f"the child ended by itself, with exit code {code}")
-    lines = [line.split() for line in out.decode().splitlines()]
-    return [(float(when) - began, word) for when, word in lines]
+    told = [line.split() for line in [*lines, *rest.splitlines()] if line]
+    return [(float(when), word.decode()) for when, word in told], killed
 
 
 def prepared(output: Path, name: str, half: bool) -> Path:
@@ -191,30 +197,31 @@ def prepared(output: Path, name: str, half: bool) -> Path:
 
 
 @cache
-def uninterrupted(output: Path, jobs: int, half: bool) -> tuple[float, float]:
-    """When a child that is left alone tells its first word and its last, s."""
-    folder = prepared(output, "timeline", half)
-    words = told(folder, jobs)
+def uninterrupted(output: Path, jobs: int, half: bool) -> int:
+    """How many words a child that is left alone tells."""
+    folder = prepared(output, "uninterrupted", half)
+    words, _ = told(folder, jobs)
     shutil.rmtree(folder)
-    return min(words)[0], max(words)[0]
+    return len(words)
 
 
 def attempt(output: Path, number: int) -> list[dict[str, Any]]:
     """Kill a run at the moment that this number draws, look, resume it, look again: one row."""
     jobs, half, workers_too = SETTINGS[number % len(SETTINGS)]
-    first, last = uninterrupted(output, jobs, half)
-    moment = np.random.default_rng([1, number]).uniform(first, last)
+    draw = np.random.default_rng([1, number])
+    after = draw.integers(uninterrupted(output, jobs, half))
+    delay = draw.uniform(0.0, DELAY_S)
     folder = prepared(output, f"kill-{number}", half)
     stored = _trials(folder.glob("trials/*.json"))
-    words = told(folder, jobs, moment, workers_too=workers_too)
+    words, killed = told(folder, jobs, int(after), delay, workers_too=workers_too)
     promised = max([int(word) for _, word in words if word.isdigit()], default=len(stored))
     row: dict[str, Any] = {
         "jobs": jobs,
         "half": half,
         "workers too": workers_too,
-        "hit": hit([own for own in words if own[0] <= moment]),
+        "hit": hit([own for own in words if own[0] <= killed]),
         "promised": promised,
-        "moment (s)": round(moment, 4),
+        "after": after,
     }
     row |= faults(folder, promised, stored, reference(output))
     if not any(row[fault] for fault in FAULTS):
