@@ -35,6 +35,20 @@ def test_the_trapezoid_has_both_ends():
     assert solution.stats["proof"] == "proved"
 
 
+def test_position_limits_under_jerk_limits_are_proved_by_rows_searched_for():
+    # at the limit the jerk jumps: with the rows of `extremal.py` alone 13 % stay open
+    position = [[0, 1], [-0.5, 0.6]]
+    problem = Problem(
+        [[0, 0], [1, -0.5], [0.4, 0.6]],
+        Limits([1, 1], [2, 2], jerk=[20, 20], position=position),
+    )
+    planner = Certify(within=2e-3, time_limit=20.0)
+    solution = planner.solve(problem)
+    assert solution.stats["proof"] == "proved"
+    assert solution.lower_bound > 3.19
+    assert planner.stored_bound(problem, solution.stats) == solution.lower_bound
+
+
 def test_a_bound_of_splines_is_not_a_bound_of_every_trajectory():
     planner = Certify(family="spline353", within=1e-2, time_limit=20.0)
     # one way with waypoints on it: the trapezoid of 1.5/1 + 1/2 s passes them, a 3-5-3 is slower
