@@ -92,7 +92,7 @@ def reference(output: Path) -> Answers:
     return answers(trials)
 
 
-# What every process of the child runs first: the calls of `os` are slowed and told.
+# Every process of the child runs this first: it slows and tells three calls of `os`.
 _SITE = """
 import os
 import time
@@ -198,7 +198,7 @@ def prepared(output: Path, name: str, half: bool) -> Path:
 
 @cache
 def uninterrupted(output: Path, jobs: int, half: bool) -> int:
-    """How many words a child that is left alone tells."""
+    """Count the words of a child that is left alone."""
     folder = prepared(output, "uninterrupted", half)
     words, _ = told(folder, jobs)
     shutil.rmtree(folder)
