@@ -305,3 +305,18 @@ def test_overflows_of_a_command_are_no_warnings_of_numpy(tmp_path):
     assert code in (0, 1)
     assert out.startswith(b"{")
     assert err == b""
+
+
+def test_a_traceback_ends_in_the_last_line_of_ones_own_code():
+    text = """Traceback (most recent call last):
+  File "/home/me/mine.py", line 19, in solve
+    return np.linalg.inv(matrix)
+  File "/env/lib/python3.11/site-packages/numpy/linalg/_linalg.py", line 609, in inv
+    raise LinAlgError("Singular matrix")
+numpy.linalg.LinAlgError: Singular matrix
+"""
+    last = "numpy.linalg.LinAlgError: Singular matrix"
+    assert console.last_line(text) == f"{last} (mine.py, line 19)"
+    assert console.last_line(text.replace("/home/me/", "/site-packages/")) == last
+    assert console.last_line("it takes 4 waypoints\n") == "it takes 4 waypoints"
+    assert console.last_line("") == ""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
@@ -45,6 +46,8 @@ HELD: list[str] = []
 """Notes of readers: they are shown once everything is read."""
 
 _MAX_NOTE_CHARACTERS = 1400
+# A line of a traceback that names a file and a line in it, outside of installed packages.
+_PLACE = re.compile(r'^ *File "(?!.*site-packages)(?:.*/)?(.+)"(, line \d+)', re.M)
 _DEGRADE = "trajopt-degrade"  # the error handler's name among Python's codecs
 _ASCII = str.maketrans(
     {
@@ -121,6 +124,13 @@ def option_lines(label: str) -> Text:
     name, _, options = label.partition(":")
     lines = [name, *filter(None, options.split(","))]
     return Text(visible("\n  ".join(lines)))
+
+
+def last_line(message: str) -> str:
+    """Return the last line; of a traceback with the place of the last code outside of packages."""
+    *_, last = message.strip().splitlines() or [""]
+    places = _PLACE.findall(message)
+    return f"{last} ({''.join(places[-1])})" if places else last
 
 
 def headline(

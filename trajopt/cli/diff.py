@@ -63,8 +63,7 @@ def diff(old: _Folder, new: _Folder) -> int:
 
 def _largest(table: pd.DataFrame) -> str:
     """Name the median that differs most; empty where all are equal."""
-    differences = table["ratio"] - 1
-    row = table.loc[differences.abs().idxmax()]
+    row = table.loc[(table["ratio"] - 1).abs().idxmax()]
     if row["ratio"] == 1:
         return ""
     change = table_cells.number(100 * (row["ratio"] - 1), "+.3g")

@@ -7,11 +7,11 @@ import shlex
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from trajopt.benchmark.best_planner import Best, best
+from trajopt.benchmark.best_planner import best
 from trajopt.benchmark.trial import Trial, judge
 from trajopt.cli import asked, console
 from trajopt.cli.asked import NO_FLAGS, RobotFlags
@@ -87,7 +87,8 @@ def plan(
         else:
             name, chosen = named(planner)
             trial = judge(chosen, asked_for, [seed], name)[0]
-    table = _table(trial, problem, found)
+    names = {"problem": trial.problem.name, "problem_file": asked.file(problem)}
+    table = names | trial.as_dict() | (found.as_dict() if found else {})
     if not json:
         print_trial(trial, problem)
         for sentence in sentences(found) if found else ():
@@ -113,9 +114,7 @@ def _cycle(cycle: float | None, rate: float | None) -> float:
     """Return the control cycle, s, rounded to nanoseconds."""
     if cycle is not None and rate is not None:
         raise InvalidInput("--rate", "--cycle or --rate, not both", value=rate)
-    seconds = cycle or _CYCLE_S
-    if rate is not None:
-        seconds = 1 / rate
+    seconds = 1 / rate if rate else cycle or _CYCLE_S
     return max(round(seconds, 9), 1e-6)
 
 
@@ -145,16 +144,6 @@ def _sending(path: Path) -> str:
     if path.stat().st_size < _MAX_ARGUMENT_BYTES:
         return f'{command} "$(cat {file})"'
     return f"{command} --stdin < {file}"
-
-
-def _table(
-    trial: Trial,
-    problem: str,
-    found: Best | None,
-) -> dict[str, Any]:
-    """Return the trial for JSON, with the problem's file."""
-    names = {"problem": trial.problem.name, "problem_file": asked.file(problem)}
-    return names | trial.as_dict() | (found.as_dict() if found else {})
 
 
 def check_target(
@@ -189,7 +178,7 @@ def print_trial(trial: Trial, problem: str) -> None:
     where = "" if problem == trial.problem.name else f" ({problem})"
     console.headline(trial.label, f" on {trial.problem.name}{where}: ", trial.status)
     if trial.message:
-        console.paragraph(trial.message.strip().splitlines()[-1])
+        console.paragraph(console.last_line(trial.message))
     certified = trial.certified_trajectory
     print_durations(
         trial.claimed_duration,

@@ -47,8 +47,7 @@ def _comparison(lines: Sequence[Line]) -> Grid:
 
 
 def _why_not_solved(line: Line) -> str:
-    rows = line.message.strip().splitlines()
-    message = rows[-1] if rows else ""
+    message = console.last_line(line.message)
     if not isnan(line.lower_bound):
         return f"{line.label}: {message}"
     missed = line.runs - line.solved

@@ -217,6 +217,4 @@ def _what_is_wrong(trial: CheckedTrial) -> str:
         name += f", seed {trial.seed}"
     if trial.id:
         name += f", trial {trial.id}"
-    flaws = filter(None, trial.flaws)
-    reasons = "; ".join([*trial.differences, *flaws])
-    return f"{name}: {reasons}"
+    return f"{name}: {'; '.join([*trial.differences, *filter(None, trial.flaws)])}"
