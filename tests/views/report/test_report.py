@@ -596,16 +596,12 @@ def test_facts_that_differ_between_trials_are_all_told() -> None:
     assert facts["python"] == one.provenance["python"]
 
 
-def test_the_head_names_the_commit_or_says_that_there_are_several() -> None:
-    def by(commit: str) -> Trial:
-        (trial,) = run("mine", 2.0)
-        return replace(trial, provenance=trial.provenance | {"commit": commit})
-
-    one = by("0123456789abcdef-dirty")
-    other = by("fedcba9876543210")
-    assert ", commit 0123456789-dirty;" in content.page(Results(as_runs([one, one]))).brief
-    assert ", 2 commits (see below);" in content.page(Results(as_runs([one, other]))).brief
-    assert "commit" not in content.page(Results([by("")])).brief
+def test_the_head_names_the_version_and_the_facts_every_commit() -> None:
+    (one,) = run("mine", 2.0)
+    other = replace(one, provenance=one.provenance | {"commit": "fedcba9876543210"})
+    page = content.page(Results(as_runs([one, other])))
+    assert f"; mintime {one.provenance['mintime']}; " in page.brief
+    assert "fedcba9876543210 (1 trials)" in dict(page.facts)["commit"]
 
 
 def test_the_command_runs_the_same_comparison_again() -> None:

@@ -164,14 +164,11 @@ class Page:
 
     @cached_property
     def brief(self) -> str:
-        """Seeds, versions, machine and day in a line."""
-        items = self.results.items
+        """Seeds, version, machine and day in a line."""
         facts = dict(self.facts)
-        release = origin.release(items)
-        machine = facts.get("machine", "")
-        first = min(trial.started for trial in items)
-        day = first[:10]
-        return f"Seeds {self.seeds}; {release}; {machine}; {day}."
+        told = [f"mintime {facts.get('mintime', '')}", facts.get("machine", "")]
+        first = min(trial.started for trial in self.results.items)
+        return f"Seeds {self.seeds}; {'; '.join(told)}; {first[:10]}."
 
     @property
     def seeds(self) -> str:

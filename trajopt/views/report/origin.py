@@ -152,30 +152,6 @@ def again(trial: Trial, problem: str) -> tuple[str, str]:
     return command, ""
 
 
-def release(items: Sequence[Trial]) -> str:
-    """The package's version and commit, or how many commits there are."""
-    versions: dict[str, None] = {}
-    commits = set()
-    for trial in items:
-        version = trial.provenance.get("mintime", "")
-        commit = trial.provenance.get("commit", "")
-        versions[version] = None
-        if commit:
-            commits.add(commit)
-    told = f"mintime {', '.join(versions)}"
-    if len(commits) > 1:
-        return f"{told}, {len(commits)} commits (see below)"
-    for name in commits:
-        told += f", {_commit(name)}"
-    return told
-
-
-def _commit(name: str) -> str:
-    """A commit by its first ten digits, and whether the checkout was changed."""
-    changed = "-dirty" if name.endswith("-dirty") else ""
-    return f"commit {name[:10]}{changed}"
-
-
 def _counted(values: Counter[str]) -> str:
     if len(values) == 1:
         return next(iter(values))
