@@ -46,7 +46,7 @@ MAX_ROUNDING_SHARE = 1e-3
 MENDINGS = 2  # the second one mends the rounding of the first
 # Dilations that are tried, which differ by how they are rounded, and a certified duration that is
 # short enough: relative to the optimum's.
-DILATIONS = 1 + 1e-10 * np.arange(6)
+DILATIONS = 1 + 1e-10 * np.arange(20)
 ENOUGH = 1 + 1e-9
 TINY = 1e-300  # instead of dividing by 0
 
