@@ -15,8 +15,9 @@ the profiles are then those of section 3.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -24,13 +25,14 @@ import numpy as np
 from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact
 from baselines.exact.cells import Cells, Rows
-from baselines.exact.interior_point import begun, converged, descended, near
+from baselines.exact.interior_point import Iterate, begun, converged, descended, near
 from baselines.exact.jerk_cells import Cells as JerkCells
 from baselines.exact.jerk_cells import Rows as JerkRows
 from baselines.exact.jerk_cells import Start
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.planners.planner import passing_once
@@ -44,6 +46,13 @@ MAX_START_DILATION = 2.0
 RELAXED_DILATION = 1.1
 RELAXED_GAP = 1e-2  # relative to the duration of the optimum without jerk limits
 ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
+# After so many steps a point close to an optimum is an answer: its gap, relative to the duration,
+# what its links miss, and the dilations that meet them.
+LATE = 100
+CLOSE_GAP_RTOL = 1e-5
+CLOSE_LINKS = 1e-3
+CLOSE_DILATIONS = 1 + 10.0 ** np.arange(-9, -1)
+NOT_CONVERGED = "the best start comes close to an optimum, but does not converge"
 # Time of a start, proportional to segments times moving joints. It includes failing starts.
 SECONDS = 0.03
 SECONDS_PER_CELL = 2e-3
@@ -92,7 +101,12 @@ class ExactJerk(SeveralStarts):
         announce("exact-jerk", problem, self._seconds(problem))
         scaled = Reachable(problem)
         starts = _starts(scaled, MAX_STARTS_FACTOR * self.starts)
-        return self.best_of(scaled, partial(solve, scaled), starts)
+        solution = self.best_of(scaled, partial(solve, scaled), starts)
+        best = int(np.argmin(solution.stats["start_duration"]))
+        if solution.stats["start_status"][best] == "Close":
+            said = f"{solution.message}; " if solution.message else ""
+            return replace(solution, message=said + NOT_CONVERGED)
+        return solution
 
     def _seconds(self, problem: Problem) -> float:
         """About how long it will take."""
@@ -126,19 +140,48 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
 
 
 def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
-    """The local optimum near each start."""
+    """The local optimum near each start; where steps never end there, the best point on the way."""
     cells = JerkCells(scaled, kinds=2)
     columns = zip(*starts, strict=True)
+    best = [_optimum(np.inf * times, v, a, "Not_Converged") for times, v, a in starts]
+
+    def arrived(iterate: Iterate) -> Bools:
+        done = converged(iterate)
+        if iterate.steps >= LATE:
+            close = near(iterate, CLOSE_GAP_RTOL) & ~done
+            close &= iterate.state.linear.apart <= CLOSE_LINKS
+            for k in np.flatnonzero(close).tolist():
+                found = _within_reach(scaled, iterate, k)
+                best[k] = min(best[k], found, key=attrgetter("duration"))
+        return done
+
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
         start = cells.start(*map(np.array, columns))
-        iterate = descended(begun(JerkRows(cells, start)), converged)
+        iterate = descended(begun(JerkRows(cells, start)), arrived)
         accepted = converged(iterate, ACCEPTED)
+    for k in np.flatnonzero(accepted).tolist():
+        best[k] = _optimum(*_point(iterate, k), "Converged")
+    return best
+
+
+def _point(iterate: Iterate, k: int) -> Start:
+    """Segment times, waypoint velocities and accelerations of a start."""
     point = iterate.state.rows.point
-    optima = []
-    for k, good in enumerate(accepted.tolist()):
-        times = np.exp(point.log[k])
-        states = np.array([point.velocity[k], point.acceleration[k]])
-        status = "Converged" if good else "Not_Converged"
-        optima.append(Optimum(times.sum() if good else np.inf, times, states, status))
-    return optima
+    return np.exp(point.log[k]), point.velocity[k], point.acceleration[k]
+
+
+def _optimum(times: Array, velocity: Array, acceleration: Array, status: str) -> Optimum:
+    return Optimum(times.sum(), times, np.array([velocity, acceleration]), status)
+
+
+def _within_reach(scaled: Scaled, iterate: Iterate, k: int) -> Optimum:
+    """A start's point, slower until its links are met; endless if that takes too much."""
+    cells = JerkCells(scaled)
+    times, velocity, acceleration = _point(iterate, k)
+    for slower in CLOSE_DILATIONS:
+        point = (slower * times, velocity / slower, acceleration / slower**2)
+        rows = cells.rows(*(table[None] for table in point))
+        if (rows.values >= 0).all() and rows.profiles.reachable.all():
+            return _optimum(*point, "Close")
+    return _optimum(np.inf * times, velocity, acceleration, "Not_Converged")

@@ -160,7 +160,8 @@ class _Limits(NamedTuple):
         unit: of the motion's own times, s.
         times: of the segments, in `unit`; 1 where that is rounded to 0, `(segments, 1)`.
         fastest: velocity limits, low and high, `(2, joints)`.
-        r: inverse jerk limits, the slower of both sides, `(joints,)`.
+        r: inverse jerk limits, low and high, `(2, joints)`.
+        slow: the larger of both, `(joints,)`.
         jerky: which joints have jerk limits.
         gained: the acceleration that jerk allows in the time, at most its limit.
         ramp: the longest time with the same jerk, `(segments, joints)`.
@@ -173,6 +174,7 @@ class _Limits(NamedTuple):
     times: Array
     fastest: Array
     r: Array
+    slow: Array
     jerky: Bools
     gained: Array
     ramp: Array
@@ -186,10 +188,10 @@ class _Limits(NamedTuple):
         times = np.where(rounded > 0, rounded, 1.0)
         slowest = np.abs(scaled.v).min(axis=0)
         steepest = np.abs(scaled.a).min(axis=0)
-        r = scaled.r.max(axis=0)
-        gained = np.minimum(steepest, times / r)
+        slow = scaled.r.max(axis=0)
+        gained = np.minimum(steepest, times / slow)
         faster = np.minimum(slowest, steepest * times)
-        ramp = np.sqrt(np.minimum(faster * r, times**2))
+        ramp = np.sqrt(np.minimum(faster * slow, times**2))
         takes_time = rounded > 0
         weights = takes_time / (times * gained) ** 2
         return cls(
@@ -198,8 +200,9 @@ class _Limits(NamedTuple):
             scaled.unit,
             times,
             scaled.v,
-            r,
-            r > 0,
+            scaled.r,
+            slow,
+            slow > 0,
             gained,
             ramp,
             weights,
@@ -310,9 +313,9 @@ def _without_dips(limits: _Limits, states: Array) -> Array:
     after = np.append(limits.times, limits.times[-1:], axis=0)
     briefer = np.minimum(before, after)
     # a dip of velocity d takes the time sqrt(r d)
-    deepest = (DIP_RTOL * size * briefer / np.sqrt(limits.r)) ** (2 / 3)
+    deepest = (DIP_RTOL * size * briefer / np.sqrt(limits.slow)) ** (2 / 3)
     dip = np.abs(limit - velocity)
-    ramp = limits.r * acceleration**2 / 2
+    ramp = limits.slow * acceleration**2 / 2
     on_limit = limits.jerky & (np.maximum(dip, ramp) <= deepest)
     put = np.where(on_limit, limit, velocity)
     steady = np.where(on_limit, 0.0, acceleration)
@@ -329,9 +332,9 @@ def _spared(limits: _Limits, h: Array, acceleration: Array) -> tuple[Array, Arra
     mean = np.abs(h) / limits.times
     needed = ROUNDING_RTOL * mean / (limits.gained * limits.times)
     spare = np.minimum(needed, MAX_ROUNDING_SHARE)
-    most = (1 - spare) * limits.times / limits.r
+    down, up = (1 - spare) * limits.times / limits.r[:, None]
     steps = np.diff(acceleration, axis=0)
-    allowed = np.clip(steps, -most, most)
+    allowed = np.clip(steps, -down, up)
     beyond = (steps - allowed) / 2
     return spare, _agreed(beyond, -beyond, limits.weights)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from baselines.collocation.uniform import Collocation
+from baselines.exact import interior_point, jerk
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
@@ -276,3 +277,20 @@ def test_a_jerk_limit_on_one_side_only_is_unsupported() -> None:
 def test_no_start_is_refused(option: str) -> None:
     with pytest.raises(InvalidInput, match=f"{option} is 0: expected at least 1"):
         ExactJerk(**{option: 0})
+
+
+def test_a_point_on_the_way_is_an_answer_where_no_start_converges(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem = random_problem(3, jerk=True)
+    optimum = solved(problem).duration
+    monkeypatch.setattr(interior_point, "MAX_ITERATIONS", 12)
+    for name, value in (("LATE", 4), ("CLOSE_GAP_RTOL", 0.1), ("CLOSE_LINKS", 1.0)):
+        monkeypatch.setattr(jerk, name, value)
+    solution = ExactJerk().solve(problem)
+    assert "Close" in solution.stats["start_status"]
+    assert "does not converge" in solution.message
+    assert solution.trajectory is not None
+    certificate = verify(problem.without("position"), solution.trajectory)
+    assert certificate.dilation <= 1 + 1e-9
+    assert optimum * (1 - 1e-9) <= solution.trajectory.duration < 1.5 * optimum

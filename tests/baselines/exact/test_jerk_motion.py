@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baselines.exact.jerk import ExactJerk
+from experiments.known_optima import line
 from trajopt import Limits, Problem, verify
 from trajopt.benchmark.suites.catalogue import load
 
@@ -26,6 +27,15 @@ def test_the_motion_is_certified_as_claimed(name: str, rounding: float) -> None:
     assert solution.trajectory is not None
     assert verify(problem, solution.trajectory).dilation <= 1 + rounding
     assert solution.trajectory.duration <= min(solution.stats["start_duration"]) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("seed", [15, 294, 335])
+def test_jerk_limits_may_differ_up_and_down(seed: int) -> None:
+    """On straight lines most segments have one motion only, here with two jerk limits."""
+    problem = line(np.random.default_rng([26, seed]))
+    trajectory = ExactJerk().solve(problem).trajectory
+    assert trajectory is not None
+    assert verify(problem, trajectory).dilation <= 1 + 1e-9
 
 
 def test_a_turn_is_braked_with_one_jerk() -> None:
