@@ -602,6 +602,8 @@ def test_verify_confirms_folder_and_file(compared, trajopt):
         rows = parsed(trajopt("verify", path, "--json")[1])["trials"]
         assert all(row["holds"] for row in rows)
         assert len(rows) == 10
+        order = [(row["problem"], row["planner"], row["seed"]) for row in rows]
+        assert order == sorted(order)
 
 
 def edit(*path, factor):

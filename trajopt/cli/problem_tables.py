@@ -74,6 +74,7 @@ def _caption(lines: Sequence[Line], readings: str) -> str:
     if readings:
         sentences.append(f"Reading of the paper: {readings}.")
     sentences.append(
-        "Kept limits: share of runs that did as claimed; × the others' median dilation."
+        "Kept limits: share of runs within every limit as claimed; × the slow-down\n"
+        "that the others need, their median."
     )
     return "\n".join(sentences)

@@ -125,7 +125,8 @@ def verification(path: Path | str) -> Verification:
             folder is a trial that does not hold.
     """
     damaged: list[Damaged] = []
-    found = checked(list(recorded(Path(path), damaged.append)))
+    trials = recorded(Path(path), damaged.append)
+    found = checked(sorted(trials, key=lambda t: (t.problem.name, t.label, t.seed)))
     for error in damaged:
         found.append(CheckedTrial(error.path.stem, differences=(str(error),)))
     return Verification(tuple(found))
