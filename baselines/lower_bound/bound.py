@@ -50,7 +50,6 @@ class Bound:
         status: "proved" (within what was asked), "time limit", "stopped: no progress", or
             "infeasible" (no 3-5-3 spline keeps the position limits: the message says why, and both
             bounds are infinite).
-        solve_time: Wall time spent.
         trajectory: The fastest one known.
         message: The reason if the time limit left no time to begin.
         proof: Proof of the lower bound, checked without a solver; None for a closed form.
@@ -60,7 +59,6 @@ class Bound:
     upper_bound: float
     proved_within: float
     status: str
-    solve_time: float
     trajectory: Trajectory | None
     message: str = ""
     proof: Proof | RatioProof | None = None
@@ -103,7 +101,7 @@ def certify(
             trajectory.coefficients,
             trajectory.waypoint_times[index],
         )
-    return replace(bound, trajectory=trajectory, solve_time=time.perf_counter() - began)
+    return replace(bound, trajectory=trajectory)
 
 
 def _free(problem: Problem, within: float, began: float, time_limit: float) -> Bound:
@@ -137,7 +135,7 @@ def _spline353(problem: Problem, within: float, deadline: float) -> Bound:
         raise InvalidInput("problem", "exactly 4 waypoints", value=problem.segments + 1)
     reason = spline353.infeasible(problem)
     if reason is not None:
-        return Bound(np.inf, np.inf, 0.0, "infeasible", 0.0, None, reason)
+        return Bound(np.inf, np.inf, 0.0, "infeasible", None, reason)
     times, proof = ratio_boxes.prove(problem, within, deadline)
     best = kept(problem, spline353.trajectory(problem, times))
     if proof is None:
@@ -155,14 +153,13 @@ def _bound(
 ) -> Bound:
     """Return both bounds, with the status `otherwise` if the gap is larger than asked for."""
     if best is None:
-        return Bound(lower, np.inf, np.inf, otherwise, 0.0, None, proof=proof)
+        return Bound(lower, np.inf, np.inf, otherwise, None, proof=proof)
     proved = best.duration <= lower * (1 + within) * (1 + _ROUNDING_RTOL)
     return Bound(
         lower_bound=lower,
         upper_bound=best.duration,
         proved_within=best.duration / lower - 1,
         status="proved" if proved else otherwise,
-        solve_time=0.0,
         trajectory=best.trajectory,
         proof=proof,
     )
@@ -175,4 +172,4 @@ def _not_begun(problem: Problem, needed: float, time_limit: float) -> Bound:
         f"more than the limit of {time_limit:g} s: this is a bound in closed form"
     )
     lower = end_to_end_bound(problem)
-    return Bound(lower, np.inf, np.inf, "time limit", 0.0, None, message)
+    return Bound(lower, np.inf, np.inf, "time limit", None, message)
