@@ -20,6 +20,7 @@ from __future__ import annotations
 import dis
 import importlib
 import inspect
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass, make_dataclass, replace
@@ -360,3 +361,11 @@ def backend(name: str, extra: str = "") -> Any:
     except ImportError as error:
         package = name.partition(".")[0]
         raise MissingBackend(package, extra) from error
+
+
+def raised(error: Exception) -> str:
+    """Name an exception of a planner, and the last line outside of other packages."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = (frame for frame in reversed(frames) if "site-packages" not in frame.filename)
+    last = next(own, frames[-1])
+    return f"{type(error).__name__}: {error} ({last.filename}, line {last.lineno})"

@@ -20,7 +20,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 from trajopt.core import numerals
 from trajopt.core.exceptions import InvalidInput, MissingBackend, TrajoptError, UnknownName
-from trajopt.planners.planner import Planner, adapted, is_solve
+from trajopt.planners.planner import Planner, adapted, is_solve, raised
 
 GROUP = "trajopt.planners"
 
@@ -46,10 +46,12 @@ class Entry:
             yield
         except Exception as error:
             package = self.point.module.partition(".")[0]
-            absent = _missing_package(error)
-            if absent and absent != package:
-                raise MissingBackend(absent) from error
-            why = _shadow(package) or str(error)
+            if isinstance(error, ModuleNotFoundError):
+                absent = (error.name or package).partition(".")[0]
+                if absent != package:
+                    raise MissingBackend(absent) from error
+            says_where = isinstance(error, TrajoptError | SyntaxError)
+            why = _shadow(package) or (str(error) if says_where else raised(error))
             raise TrajoptError(f"planner {self.name!r} cannot be loaded: {why}") from error
 
     def missing(self) -> str | None:
@@ -65,21 +67,13 @@ class Entry:
         return str(MissingBackend(" ".join(absent), planner.extra))
 
 
-def _missing_package(error: Exception) -> str:
-    """The package that could not be found, if that is what went wrong."""
-    if not isinstance(error, ModuleNotFoundError):
-        return ""
-    module = error.name or ""
-    return module.partition(".")[0]
-
-
 def _shadow(package: str) -> str:
     """Name a folder that hides a package of ours, if one does: `baselines` is a frequent name."""
     ours = Path(__file__).resolve().parents[2] / package
-    found = importlib.util.find_spec(package)
-    if found is None or found.origin is None or not ours.is_dir():
+    origin = getattr(importlib.util.find_spec(package), "origin", None)
+    if origin is None or not ours.is_dir():
         return ""
-    hiding = Path(found.origin.removesuffix("/__init__.py")).resolve()
+    hiding = Path(origin.removesuffix("/__init__.py")).resolve()
     if hiding == ours:
         return ""
     return f"{hiding} hides our package {package}; rename it, or run elsewhere"

@@ -10,7 +10,6 @@ It prints what it checked, and raises where the contract is not kept.
 from __future__ import annotations
 
 import pickle
-import traceback
 from collections.abc import Iterable
 from dataclasses import fields
 from typing import Any
@@ -22,7 +21,7 @@ from trajopt.core.exceptions import InvalidInput, InvalidTrajectory, TrajoptErro
 from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.solution import Solution, Status
 from trajopt.judging.verification import verify
-from trajopt.planners.planner import Planner, Relation, adapted, check_visible
+from trajopt.planners.planner import Planner, Relation, adapted, check_visible, raised
 
 _SEEDS = (0, 7)
 _BEATEN_RTOL = 1e-6  # relative to the optimum: more than rounding
@@ -59,7 +58,7 @@ def check_planner(planner: object, problems: Iterable[Problem] | None = None) ->
         try:
             found = _check_on(own, problem)
         except Exception as error:
-            breach = str(error) if isinstance(error, ContractError) else _raised(error)
+            breach = str(error) if isinstance(error, ContractError) else raised(error)
             raise ContractError(f"on {problem.name!r}: {breach}") from error
         print(f"  {problem.name}: {found}")
     _check_never_beats(own)
@@ -165,14 +164,6 @@ def _check_solution(
     if not certificate.feasible:
         claimed = f"claimed {certificate.duration:.6g} s"
     return f"certified {certificate.certified_duration:.6g} s, {claimed}"
-
-
-def _raised(error: Exception) -> str:
-    """Name an exception of a planner, and the last line outside of other packages."""
-    frames = traceback.extract_tb(error.__traceback__)
-    own = (frame for frame in reversed(frames) if "site-packages" not in frame.filename)
-    last = next(own, frames[-1])
-    return f"{type(error).__name__}: {error} ({last.filename}, line {last.lineno})"
 
 
 def _check_never_beats(planner: Planner) -> None:
