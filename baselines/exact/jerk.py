@@ -143,7 +143,7 @@ def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     """The local optimum near each start; where steps never end there, the best point on the way."""
     cells = JerkCells(scaled, kinds=2)
     columns = zip(*starts, strict=True)
-    best = [_optimum(np.inf * times, v, a, "Not_Converged") for times, v, a in starts]
+    best = [_lost(*start) for start in starts]
 
     def arrived(iterate: Iterate) -> Bools:
         done = converged(iterate)
@@ -175,6 +175,11 @@ def _optimum(times: Array, velocity: Array, acceleration: Array, status: str) ->
     return Optimum(times.sum(), times, np.array([velocity, acceleration]), status)
 
 
+def _lost(times: Array, velocity: Array, acceleration: Array) -> Optimum:
+    """No optimum: endless, whatever its start is."""
+    return Optimum(np.inf, times, np.array([velocity, acceleration]), "Not_Converged")
+
+
 def _within_reach(scaled: Scaled, iterate: Iterate, k: int) -> Optimum:
     """A start's point, slower until its links are met; endless if that takes too much."""
     cells = JerkCells(scaled)
@@ -184,4 +189,4 @@ def _within_reach(scaled: Scaled, iterate: Iterate, k: int) -> Optimum:
         rows = cells.rows(*(table[None] for table in point))
         if (rows.values >= 0).all() and rows.profiles.reachable.all():
             return _optimum(*point, "Close")
-    return _optimum(np.inf * times, velocity, acceleration, "Not_Converged")
+    return _lost(times, velocity, acceleration)

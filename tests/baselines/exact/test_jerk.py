@@ -279,6 +279,17 @@ def test_no_start_is_refused(option: str) -> None:
         ExactJerk(**{option: 0})
 
 
+def test_a_start_that_is_no_number_is_lost() -> None:
+    """Between two waypoints the optimum without jerk limits, a start, may overflow."""
+    problem = random_problem(649, waypoints=2, jerk=True)
+    solution = ExactJerk().solve(problem)
+    assert solution.status is Status.SOLVED
+    ruckig = RuckigStop().solve(problem).trajectory
+    assert solution.trajectory is not None
+    assert ruckig is not None
+    assert solution.trajectory.duration == pytest.approx(ruckig.duration, rel=1e-9)
+
+
 def test_a_point_on_the_way_is_an_answer_where_no_start_converges(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
