@@ -366,14 +366,17 @@ def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
     placed = np.where(np.isnan(wanted), end, wanted)
     gaps = np.diff(np.concatenate([start[None], placed, end[None]]), axis=0)
     numbers = np.arange(len(wanted))[:, None]
-    early = numbers < gaps.argmax(axis=0)
+    widest = gaps.argmax(axis=0)
+    early = numbers < widest
+    most_early = widest.max()
+    fewest_early = widest.min()
     farthest = gaps.max(axis=0) / 4
     from_start = np.where(early, wanted, np.nan)
     from_end = np.where(early, np.nan, wanted)
     found = [
         start[None],
-        _apart(from_start, briefs, start, 1.0, farthest),
-        _apart(from_end[::-1], briefs[::-1], end, -1.0, farthest),
+        _apart(from_start[:most_early], briefs[:most_early], start, 1.0, farthest),
+        _apart(from_end[fewest_early:][::-1], briefs[fewest_early:][::-1], end, -1.0, farthest),
         end[None],
     ]
     breaks = np.sort(np.concatenate(found), axis=0)
