@@ -29,8 +29,6 @@ RIVALS = {
     "toppra, effort": "toppra",
     "copp, documented": "copp:tries=1",
     "copp, effort": "copp",
-    "drake-toppra, documented": "drake-toppra:tries=1",
-    "drake-toppra, effort": "drake-toppra",
     "drake-kto, documented": "drake-kto:tries=1",
     "drake-kto, effort": "drake-kto",
     "totg, documented": "totg:tries=1",

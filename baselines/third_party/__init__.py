@@ -7,7 +7,7 @@ the shortest certified duration. The first setting is that of the package's own 
 Each package is an extra (`pip install "mintime[rivals]"` for all). These planners run on request,
 and are judged as every other planner is.
 
-- `drake_toppra.py`, `totg.py`: the fastest timing of a path;
+- `totg.py`: the fastest timing of a path;
 - `copp.py`: the same under jerk limits;
 - `drake_kto.py`: the fastest B-spline;
 - `minsnap.py`: splines of least snap.

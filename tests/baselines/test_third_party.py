@@ -10,9 +10,8 @@ import pytest
 from baselines.third_party import TRIES, Rival
 from baselines.third_party.copp import Copp
 from baselines.third_party.drake_kto import DrakeKto
-from baselines.third_party.drake_toppra import DrakeToppra
 from baselines.third_party.minsnap import MinSnap, optimised, spline
-from baselines.topp_ra import Ends, Knots, ToppRa
+from baselines.topp_ra import ToppRa
 from trajopt import Limits, Problem, Solution, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.core.exceptions import InvalidInput
@@ -105,15 +104,6 @@ def test_minsnap_optimises_the_ratios_of_its_times() -> None:
         at,
     )
     assert durations[0] == pytest.approx(durations[1], rel=1e-2)
-
-
-@pytest.mark.parametrize("rule", [("limit", "natural"), ("chord", "clamped")])
-def test_two_implementations_of_toppra_agree(rule: tuple[Knots, Ends]) -> None:
-    installed("drake-toppra")
-    problem = load("asymmetric")
-    theirs = DrakeToppra().tried(problem, *rule)
-    ours = ToppRa(*rule).solve(problem)
-    assert duration(problem, theirs) == pytest.approx(duration(problem, ours), rel=2e-2)
 
 
 def test_copp_without_jerk_limits_is_toppra() -> None:
