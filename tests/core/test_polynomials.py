@@ -337,6 +337,21 @@ def test_cubic_roots_are_numpys(seed):
                 assert np.nanmin(np.abs(own - root)) < expected
 
 
+@reproducible
+@given(seeds)
+def test_a_root_at_zero_spoils_no_other(seed):
+    """A joint that rests in the first segment: there its acceleration's first control is 0."""
+    first, second = np.random.default_rng(seed).uniform(0.2, 1.5, (2, 300))
+    scale = 10 ** np.random.default_rng(seed).uniform(-3, 3, 300)
+    zero = np.zeros(300)
+    # (s - first) (s - second) s
+    table = scale * [1 + zero, -(first + second), first * second, zero]
+    found = np.sort(polynomials.cubic_roots(*table), axis=0)
+    expected = np.sort([zero, first, second], axis=0)
+    apart = np.abs(first - second) > 1e-3
+    np.testing.assert_allclose(found[:, apart], expected[:, apart], atol=1e-9)
+
+
 def test_batches_keep_their_shape():
     rng = np.random.default_rng(0)
     a, b, c, d = rng.normal(size=(4, 2, 5))

@@ -202,6 +202,9 @@ def quadratic_roots(
         return np.array([q / a, c / q])
 
 
+_NEAR_ZERO = 1e-3  # of `c`, for `a s²`: the largest root has at least a third of it
+
+
 def cubic_roots(
     a: Array,
     b: Array,
@@ -224,8 +227,10 @@ def cubic_roots(
         lone = _newton(lone, coefficients)
         # a s³ + b s² + c s + d = (s − lone) (a s² + linear s + constant), divided from that end of
         # the cubic where no terms cancel.
-        first_term = a * lone * lone * lone
-        far = np.abs(first_term) > np.abs(d)
+        squared = a * lone * lone
+        far = np.abs(squared * lone) > np.abs(d)
+        # a root near zero is no better known than zero: never divide by it
+        far &= np.abs(squared) > _NEAR_ZERO * np.abs(c)
         forwards = a * lone + b
         backwards = -d / lone
         linear = np.where(far, (backwards - c) / lone, forwards)
