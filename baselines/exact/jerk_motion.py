@@ -17,6 +17,7 @@ segment would have it, then by a smooth change of acceleration.
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -63,18 +64,17 @@ class Reachable(Scaled):
         """
         within = self.problem.without("position")
         enough = ENOUGH * self.unit * times.sum()
-        shortest = np.inf
+        tried = []
         for k in DILATIONS:
             powers = np.array([k, k**2])
             slower = states / powers[:, None, None]
             motion = self._motion(k * times, slower)
             certificate = verify(within, motion)
             certified = certificate.certified_duration or np.inf
-            if certified < shortest:
-                best = motion
-                shortest = certified
-            if shortest <= enough:
+            tried.append((certified, motion))
+            if certified <= enough:
                 break
+        _, best = min(tried, key=itemgetter(0))
         return best
 
     def _motion(self, times: Array, states: Array) -> Trajectory:
@@ -132,7 +132,8 @@ def _fitted(
 
         levels = profiles.accelerations(since, acceleration)
         straight = _straight(acceleration, passed)
-        levels += spare * (straight - levels) + _straight(turns, passed)
+        turned = _straight(turns, passed)
+        levels += spare * (straight - levels) + turned
         slow, short = _missing(lengths, levels, velocity, scaled.h)
         # a cell that misses nothing would have that much more velocity at its ends
         added = short / limits.times

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from baselines.exact import jerk_motion
 from baselines.exact.jerk import ExactJerk
 from experiments.known_optima import line
 from trajopt import Limits, Problem, verify
@@ -61,3 +64,11 @@ def test_breaks_of_a_segment_are_shared() -> None:
     trajectory = ExactJerk().solve(problem).trajectory
     assert trajectory is not None
     assert trajectory.lengths.min() > 1e-8
+
+
+def test_a_motion_that_is_never_certified_is_an_answer_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The judge says what is wrong with it, not an exception."""
+    uncertain = SimpleNamespace(certified_duration=None)
+    monkeypatch.setattr(jerk_motion, "verify", lambda problem, trajectory: uncertain)
+    problem = Problem([[0.0], [1.0], [0.0]], Limits([10.0], [100.0], [1.0]))
+    assert ExactJerk().solve(problem).trajectory is not None
