@@ -119,10 +119,10 @@ def _fitted(
         waypoints; position coefficients `(4, pieces, segments, joints)`.
     """
     limits = _Limits.of(scaled, passages)
-    states = _without_dips(limits, states)
+    states = _without_dips(scaled, limits, states)
     velocity, acceleration = states
     profiles = _Profiles.of(scaled, limits, times, states)
-    spare, turns = _spared(limits, scaled.h, acceleration)
+    spare, turns = _spared(scaled, limits, acceleration)
     needs_own = np.zeros_like(scaled.h, dtype=bool)
     while True:
         breaks = _breaks(profiles, limits, needs_own)
@@ -160,9 +160,7 @@ class _Limits(NamedTuple):
         end: likewise.
         unit: of the motion's own times, s.
         times: of the segments, in `unit`; 1 where that is rounded to 0, `(segments, 1)`.
-        fastest: velocity limits, low and high, `(2, joints)`.
-        r: inverse jerk limits, low and high, `(2, joints)`.
-        slow: the larger of both, `(joints,)`.
+        slow: inverse jerk limits, the larger of both sides, `(joints,)`.
         jerky: which joints have jerk limits.
         gained: the acceleration that jerk allows in the time, at most its limit.
         ramp: the longest time with the same jerk, `(segments, joints)`.
@@ -173,8 +171,6 @@ class _Limits(NamedTuple):
     end: Array
     unit: float
     times: Array
-    fastest: Array
-    r: Array
     slow: Array
     jerky: Bools
     gained: Array
@@ -200,8 +196,6 @@ class _Limits(NamedTuple):
             end,
             scaled.unit,
             times,
-            scaled.v,
-            scaled.r,
             slow,
             slow > 0,
             gained,
@@ -304,36 +298,41 @@ def _straight(at_waypoints: Array, passed: Array) -> Array:
     return at_waypoints[:-1] + passed * np.diff(at_waypoints, axis=0)
 
 
-def _without_dips(limits: _Limits, states: Array) -> Array:
+def _without_dips(scaled: Scaled, limits: _Limits, states: Array) -> Array:
     """The states, those that are at a velocity limit but for a brief ramp put on it."""
     velocity, acceleration = states
-    low, high = limits.fastest
+    low, high = scaled.v
     limit = np.where(velocity > 0, high, low)
     size = np.abs(limit)
     before = np.append(limits.times[:1], limits.times, axis=0)
     after = np.append(limits.times, limits.times[-1:], axis=0)
     briefer = np.minimum(before, after)
     # a dip of velocity d takes the time sqrt(r d)
-    deepest = (DIP_RTOL * size * briefer / np.sqrt(limits.slow)) ** (2 / 3)
+    lost = DIP_RTOL * size * briefer
+    deepest = (lost / np.sqrt(limits.slow)) ** (2 / 3)
     dip = np.abs(limit - velocity)
-    ramp = limits.slow * acceleration**2 / 2
-    on_limit = limits.jerky & (np.maximum(dip, ramp) <= deepest)
+    square = acceleration**2
+    ramp = limits.slow * square / 2
+    brief = np.maximum(dip, ramp) <= deepest
+    on_limit = limits.jerky & brief
     put = np.where(on_limit, limit, velocity)
     steady = np.where(on_limit, 0.0, acceleration)
     return np.array([put, steady])
 
 
-def _spared(limits: _Limits, h: Array, acceleration: Array) -> tuple[Array, Array]:
+def _spared(scaled: Scaled, limits: _Limits, acceleration: Array) -> tuple[Array, Array]:
     """The share of a cell's jerk that the rounding of velocities may take, and what it needs.
 
     Returns:
         By how much a cell's acceleration approaches a straight one, `(segments, joints)`, and by
         how much the waypoints' change, so that a straight one leaves that room.
     """
-    mean = np.abs(h) / limits.times
-    needed = ROUNDING_RTOL * mean / (limits.gained * limits.times)
+    mean = np.abs(scaled.h) / limits.times
+    by_jerk = limits.gained * limits.times
+    needed = ROUNDING_RTOL * mean / by_jerk
     spare = np.minimum(needed, MAX_ROUNDING_SHARE)
-    down, up = (1 - spare) * limits.times / limits.r[:, None]
+    usable = (1 - spare) * limits.times
+    down, up = usable / scaled.r[:, None]
     steps = np.diff(acceleration, axis=0)
     allowed = np.clip(steps, -down, up)
     beyond = (steps - allowed) / 2

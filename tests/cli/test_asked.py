@@ -19,6 +19,7 @@ from trajopt.cli import app as cli
 from trajopt.core.out_of_scope import out_of_scope
 
 DOCS = Path(__file__).parents[2] / "docs"
+RECORDS = DOCS.parent / "data" / "best_known"
 ROBOT = "--urdf robot.urdf --limits limits.yaml"
 URDF = """<?xml version="1.0"?><robot name="r"><joint name="one" type="revolute">
 <limit lower="-3" upper="3" velocity="1"/></joint></robot>"""
@@ -197,6 +198,18 @@ COMMANDS = {
     "export {} --to csv": (RESULTS, {"other.h5", "folder"}),
     "report {}": (RESULTS, {"other.h5", "folder"}),
 }
+
+
+@pytest.mark.parametrize("command", ["verify {}", "judge {} six-axis", "report {}"])
+def test_an_edited_trial_is_told_as_that(run, tmp_path, command):
+    """A record with one digit changed: its seal is broken, and it is no file of waypoints."""
+    record = next(RECORDS.glob("six-axis.*.json")).read_text(encoding="utf-8")
+    edited = tmp_path / "edited.json"
+    edited.write_text(record.replace("1.48", "1.47", 1), encoding="utf-8")
+    code, out, err = run(command.format(edited))
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "edited.json: damaged" in err
+    assert "its checksum differs" in err
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -19,6 +19,7 @@ _LOOKED_AT = 1 << 16  # bytes from the beginning
 # An expression that a file's beginning contains, and what that tells; the first one counts.
 _SIGNS = {
     r"\A\s*\Z": "an empty file",
+    r'\A\{\s*"schema": "trajopt-': "a trial's file",
     r"\A\x89HDF": "an HDF5 file",
     r"(?i)\A\s*<(!doctype )?html\b": "an HTML page",
     r"\A(\x89PNG|\xff\xd8\xff|GIF8|%PDF)|<svg\b": "a picture",
@@ -59,7 +60,7 @@ _WANTED = {
         "expected a problem file (.toml), which `trajopt new` writes, or a built-in name",
     ),
     "motion": (
-        ("a CSV of a motion", "a ROS message", "a motion of polynomials"),
+        ("a CSV of a motion", "a ROS message", "a motion of polynomials", "a trial's file"),
         "expected a motion: a CSV with a column of times, a ROS message, or polynomials (.json)",
     ),
     "--urdf": (("a URDF",), "expected a URDF behind --urdf"),
@@ -69,7 +70,7 @@ _WANTED = {
         "expected a joint_limits.yaml behind --limits, or the name of a robot or a problem",
     ),
     "results": (
-        ("an HDF5 file", "a folder"),
+        ("an HDF5 file", "a folder", "a trial's file"),
         "expected results: a folder that `trajopt compare` has filled, or its results.h5",
     ),
 }
