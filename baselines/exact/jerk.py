@@ -161,32 +161,31 @@ def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
         iterate = descended(begun(JerkRows(cells, start)), arrived)
         accepted = converged(iterate, ACCEPTED)
     for k in np.flatnonzero(accepted).tolist():
-        best[k] = _optimum(*_point(iterate, k), "Converged")
+        best[k] = _optimum(iterate.state.rows, k, "Converged")
     return best
 
 
-def _point(iterate: Iterate, k: int) -> Start:
-    """Segment times, waypoint velocities and accelerations of a start."""
-    point = iterate.state.rows.point
-    return np.exp(point.log[k]), point.velocity[k], point.acceleration[k]
-
-
-def _optimum(times: Array, velocity: Array, acceleration: Array, status: str) -> Optimum:
-    return Optimum(times.sum(), times, np.array([velocity, acceleration]), status)
+def _optimum(rows: JerkRows, k: int, status: str) -> Optimum:
+    """A start's point."""
+    one = rows.of(np.arange(len(rows.times)) == k)
+    (times,) = one.times
+    return Optimum(times.sum(), times, one.point, status)
 
 
 def _lost(times: Array, velocity: Array, acceleration: Array) -> Optimum:
     """No optimum: endless, whatever its start is."""
-    return Optimum(np.inf, times, np.array([velocity, acceleration]), "Not_Converged")
+    return Optimum(np.inf, times, None, "Not_Converged")
 
 
 def _within_reach(scaled: Scaled, iterate: Iterate, k: int) -> Optimum:
     """A start's point, slower until its links are met; endless if that takes too much."""
     cells = JerkCells(scaled)
-    times, velocity, acceleration = _point(iterate, k)
+    point = iterate.state.rows.point
+    times = np.exp(point.log[k])
     for slower in CLOSE_DILATIONS:
-        point = (slower * times, velocity / slower, acceleration / slower**2)
-        rows = cells.rows(*(table[None] for table in point))
+        state = (slower * times, point.velocity[k] / slower, point.acceleration[k] / slower**2)
+        with np.errstate(all="ignore"):
+            rows = JerkRows(cells, cells.linked(*(table[None] for table in state)))
         if (rows.values >= 0).all() and rows.profiles.reachable.all():
-            return _optimum(*point, "Close")
-    return _lost(times, velocity, acceleration)
+            return _optimum(rows, 0, "Close")
+    return _lost(times, point.velocity[k], point.acceleration[k])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from baselines.exact.by_ipopt import LONGEST, OPTIONS
-from baselines.exact.jerk_cells import Start
+from baselines.exact.jerk_cells import Cells, Start
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum
 from baselines.ipopt import Options, Program, flat, program, unflat
@@ -66,7 +66,8 @@ def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
         shares, *states = unflat(run.x, [times.shape, inner.shape, inner.shape])
         times = shares * scaled.stop
         duration = times.sum() if run.success else np.inf
-        optima.append(Optimum(duration, times, np.array(states), run.status))
+        one = (table[None] for table in (times, *states))
+        optima.append(Optimum(duration, times, Cells(scaled).linked(*one), run.status))
     return optima
 
 

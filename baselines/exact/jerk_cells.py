@@ -100,6 +100,7 @@ class Cells:
         def sides(upper: Array, lower: Array) -> Array:
             return np.array([upper, lower] * kinds)[:, None, None]
 
+        self.scaled = scaled
         self.beyond = kinds > 1
         self.signs = sides(one, -one)
         # signs of a cell's variables as each side sees them, in the order of `jerk_profiles`
@@ -134,7 +135,7 @@ class Cells:
         """
         slower = np.ones((len(times), 1, 1))
         for _ in range(_MAX_DILATIONS):
-            point = self._linked(slower[..., 0] * times, velocity / slower, acceleration)
+            point = self.linked(slower[..., 0] * times, velocity / slower, acceleration)
             short = self._short(point, _MIN_SLACK)
             if not short.any():
                 return point
@@ -147,12 +148,7 @@ class Cells:
                 break
         return point
 
-    def rows(self, times: Array, velocity: Array, acceleration: Array) -> Rows:
-        """The rows of these times and waypoint states, as `start` is given them."""
-        with np.errstate(all="ignore"):
-            return Rows(self, self._linked(times, velocity, acceleration))
-
-    def _linked(self, times: Array, velocity: Array, acceleration: Array) -> Point:
+    def linked(self, times: Array, velocity: Array, acceleration: Array) -> Point:
         """The point of these times and waypoint states, its links met."""
         t = times[..., None]
         ends = (at_ends(velocity) - self.h / t) / t

@@ -6,105 +6,97 @@ displacement. A trajectory stores its breaks as times since its start, after hal
 breaks and is straight between them: so it keeps the limits of jerk and acceleration wherever the
 breaks are.
 
-All joints of a segment share its breaks. Where two even ones serve, a joint needs no others; else
-it needs those at which its profiles change their jerk. The barrier leaves phases that take no time
-at the optimum. Such a phase shares a longer piece with the next one: of the velocity that may cost
-as little as jerk gains in 7e-6 of the longest ramp.
+The barrier leaves phases at the waypoints that take no time at the optimum. So waypoint states are
+settled first: an acceleration that is close to the level that it is to reach becomes that level.
 
-What the breaks cost is made up for: first by the velocities at the waypoints, each as its briefer
-segment would have it, then by a smooth change of acceleration.
+All joints of a segment share its breaks. Where two even ones serve, a joint needs no others; else
+it needs those at which its profiles change their jerk. What the breaks cost is made up for: first
+by the velocities at the waypoints, each as its briefer segment would have it, then by a smooth
+change of acceleration.
 """
 
 from __future__ import annotations
 
-from operator import itemgetter
 from typing import NamedTuple, Self
 
 import numpy as np
 
-from baselines.exact.acceleration_motion import covering
-from baselines.exact.jerk_cells import Cells
-from baselines.exact.rounded import NO_PIECES, assembled, clocks, integrated, later
+from baselines.exact.acceleration_motion import Task, pieces
+from baselines.exact.cells import at_ends
+from baselines.exact.chain import owners
+from baselines.exact.jerk_cells import Cells, Point, Rows
+from baselines.exact.jerk_profiles import CRUISE, HOLD, RAMP, RELEASE
+from baselines.exact.rounded import integrated, later
 from baselines.exact.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
-from trajopt.judging.verification import verify
 
 EVEN = 2  # evenly spaced inner breaks of a segment
 # Share of a limit. A joint that exceeds one by more needs breaks of its own.
 EXCESS_RTOL = 3e-11
-# An extreme profile with a smaller share is left out.
+# An extreme profile with a smaller share is left out; one with all but this share is active.
 MIN_SHARE = 1e-11
-# The longest phase that a longer piece may leave out, in units of the longest ramp.
-BRIEF_RTOL = 7e-6
-# A break is left out where the phase before it is this much briefer than what may move.
-NEGLIGIBLE = 0.025
-# Displacement that a dip below a velocity limit may cost, relative to that at the limit.
-DIP_RTOL = 1e-12
-# Room for the rounding of velocities, relative to them: it takes some of a brief segment's jerk.
-ROUNDING_RTOL = 1e-14
-MAX_ROUNDING_SHARE = 1e-3
+ACTIVE_SHARE = 1e-9
+SLACK_SHARE = 1e-3
+# A phase that may vanish when waypoints settle, and what that may cost of a ramp and of the reach.
+BRIEF_RTOL = 1e-2
+SETTLED_RTOL = 1e-11
+NEWTON_STEPS = 3
+TURNS = (1, 0, 1, 0)
+# The shortest piece in units of the longest ramp.
+LEAST_RTOL = 1e-5
+# Residuals that are rounding, relative to the numbers that they come from.
+ROUNDING_RTOL = 4e-15
 MENDINGS = 2  # the second one mends the rounding of the first
-# Dilations that are tried, which differ by how they are rounded, and a certified duration that is
-# short enough: relative to the optimum's.
-DILATIONS = 1 + 1e-10 * np.arange(20)
-ENOUGH = 1 + 1e-9
+DIP_RTOL = 1e-6
 TINY = 1e-300  # instead of dividing by 0
+
+
+# Numbers at a segment's end are seen backwards.
+FLIPS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
 
 
 class Reachable(Scaled):
     """A problem without units, and the motions through given waypoint states."""
 
-    def trajectory(self, times: Array, states: Array) -> Trajectory:
-        """The motion of an optimum: the one certified shortest of some that differ by rounding.
+    def trajectory(self, times: Array, states: Point) -> Trajectory:
+        """The motion of an optimum.
 
         Args:
             times: of the segments, `(segments,)`.
-            states: velocities and accelerations at inner waypoints, `(2, segments - 1, joints)`.
+            states: of one start.
         """
-        within = self.problem.without("position")
-        enough = ENOUGH * self.unit * times.sum()
-        tried = []
-        for k in DILATIONS:
-            powers = np.array([k, k**2])
-            slower = states / powers[:, None, None]
-            motion = self._motion(k * times, slower)
-            certificate = verify(within, motion)
-            certified = certificate.certified_duration or np.inf
-            tried.append((certified, motion))
-            if certified <= enough:
-                break
-        _, best = min(tried, key=itemgetter(0))
-        return best
-
-    def _motion(self, times: Array, states: Array) -> Trajectory:
         passages = np.append(0.0, np.cumsum(times * self.unit))
-        whole_states = np.pad(states, ((0, 0), (1, 1), (0, 0)))
         with np.errstate(all="ignore"):
-            breaks, velocity, cubics = _fitted(self, times, passages, whole_states)
+            breaks, velocity, levels = _fitted(self, times, passages, states)
+        lengths = np.diff(breaks, axis=0)
+        used = lengths.T > 0
+        _, a_unit, v_unit, q_unit = self.units
+        cubics, *_ = integrated(lengths[..., None], a_unit * levels, v_unit * velocity[:-1])
+        cubics[-1] += self.problem.waypoints[:-1, self.moving]
+        stored = np.append(breaks[:-1].T[used], passages[-1])
+        by_segment = cubics.swapaxes(1, 2)[:, used]
+        joints = [(stored, by_segment[..., i]) for i in range(len(a_unit))]
         jerky = self.r.any(axis=0)
-        segments = []
-        for k, clock in enumerate(clocks(passages, self.unit)):
-            own_breaks = breaks[:, k]
-            used = np.diff(own_breaks) > 0
-            stored = own_breaks[np.append(True, used)]
-            pieces = []
-            for i in range(len(jerky)):
-                own = (stored, cubics[:, used, k, i])
-                if clock.length <= 0:
-                    own = NO_PIECES
-                elif not jerky[i]:
-                    ends = velocity[k : k + 2, i]
-                    own = covering(self.h[k, i], ends, self.v[:, i], self.a[:, i], clock)
-                stored_own, part = own
-                units = self.units[-len(part) :, i, None]
-                pieces.append((stored_own, part * units))
-            segments.append(pieces)
-        return assembled(self.problem, passages, segments)
+        for i in np.flatnonzero(~jerky).tolist():
+            one = slice(i, i + 1)
+            task = Task(
+                self.h[:, one],
+                velocity[:-1, one],
+                velocity[1:, one],
+                self.v[:, one],
+                self.a[:, one],
+                self.unit,
+                self.units[1:, one],
+                self.problem.waypoints[:-1, self.moving][:, one],
+                np.array([[-np.inf], [np.inf]]),
+            )
+            joints[i], = pieces(task, passages)
+        return Trajectory.of_moving(self.problem.waypoints[0], self.moving, joints, passages)
 
 
 def _fitted(
-    scaled: Scaled, times: Array, passages: Array, states: Array
+    scaled: Scaled, times: Array, passages: Array, states: Point
 ) -> tuple[Array, Array, Array]:
     """The motion with the fewest breaks that serve.
 
@@ -112,44 +104,47 @@ def _fitted(
         scaled: the problem.
         times: of the segments, `(segments,)`.
         passages: when the waypoints are passed, as it is stored, s, `(segments + 1,)`.
-        states: velocities and accelerations there, `(2, segments + 1, joints)`.
+        states: at the waypoints.
 
     Returns:
         Breaks, s, `(breaks, segments)`, where the end of a segment repeats; velocities at the
-        waypoints; position coefficients `(4, pieces, segments, joints)`.
+        waypoints; accelerations at the breaks, `(breaks, segments, joints)`.
     """
     limits = _Limits.of(scaled, passages)
-    states = _without_dips(scaled, limits, states)
-    velocity, acceleration = states
-    profiles = _Profiles.of(scaled, limits, times, states)
-    spare, turns = _spared(scaled, limits, acceleration)
-    needs_own = np.zeros_like(scaled.h, dtype=bool)
-    while True:
-        breaks = _breaks(profiles, limits, needs_own)
-        since = limits.since(breaks)
-        lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
-        passed = since[0] / limits.times
+    rows = _settled(Cells(scaled), limits, states)
+    velocity = _velocities(rows)
+    acceleration = np.pad(rows.point.acceleration[0], ((1, 1), (0, 0)))
+    profiles = _Profiles.of(limits, rows)
+    # with even breaks alone
+    even = np.linspace(limits.start, limits.end, EVEN + 2)
+    since = limits.since(even)
+    lengths = np.diff(since[0], axis=0)
+    passed = since[0] / limits.times
+    gentle = profiles.accelerations(since, acceleration)
+    gentle = _mended(lengths, passed, gentle, velocity, scaled.h)
+    excess = _excess(scaled, lengths, gentle, velocity)
+    needs_own = limits.jerky & (excess > EXCESS_RTOL)
 
-        levels = profiles.accelerations(since, acceleration)
-        straight = _straight(acceleration, passed)
-        turned = _straight(turns, passed)
-        levels += spare * (straight - levels) + turned
-        slow, short = _missing(lengths, levels, velocity, scaled.h)
-        # a cell that misses nothing would have that much more velocity at its ends
-        added = short / limits.times
-        weights = needs_own * limits.weights
-        agreed = velocity + _agreed(added - slow, added, weights)
-        levels = _mended(lengths, passed, levels, agreed, scaled.h)
+    breaks = _breaks(profiles, limits, needs_own)
+    since = limits.since(breaks)
+    lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
+    passed = since[0] / limits.times
+    own = profiles.accelerations(since, acceleration)
+    levels = np.where(needs_own, own, _between(gentle, passed))
+    slow, short = _missing(lengths, levels, velocity, scaled.h)
+    # a cell that misses nothing would have that much more velocity at its ends
+    added = short / limits.times
+    agreed = velocity + _agreed(added - slow, added, limits.weights)
+    return breaks, agreed, _mended(lengths, passed, levels, agreed, scaled.h)
 
-        excess = _excess(scaled, lengths, levels, agreed)
-        excess[needs_own | ~limits.jerky] = 0.0
-        worst = excess.max(axis=1, keepdims=True)
-        is_worst = excess == worst
-        more = is_worst & (worst > EXCESS_RTOL)
-        if not more.any():
-            cubics, *_ = integrated(lengths, levels, agreed[:-1])
-            return breaks, agreed, cubics
-        needs_own |= more
+
+def _between(levels: Array, passed: Array) -> Array:
+    """Values between even breaks, where that share of the time has passed."""
+    place = passed * (EVEN + 1)
+    before = np.clip(place.astype(int), 0, EVEN)
+    left = np.take_along_axis(levels, before, axis=0)
+    right = np.take_along_axis(levels, before + 1, axis=0)
+    return left + (place - before) * (right - left)
 
 
 class _Limits(NamedTuple):
@@ -160,18 +155,16 @@ class _Limits(NamedTuple):
         end: likewise.
         unit: of the motion's own times, s.
         times: of the segments, in `unit`; 1 where that is rounded to 0, `(segments, 1)`.
-        slow: inverse jerk limits, the larger of both sides, `(joints,)`.
         jerky: which joints have jerk limits.
         gained: the acceleration that jerk allows in the time, at most its limit.
         ramp: the longest time with the same jerk, `(segments, joints)`.
-        weights: how much a waypoint's state matters to a cell, `(segments, joints)`.
+        weights: how much a waypoint's velocity matters to a cell, `(segments, joints)`.
     """
 
     start: Array
     end: Array
     unit: float
     times: Array
-    slow: Array
     jerky: Bools
     gained: Array
     ramp: Array
@@ -186,27 +179,111 @@ class _Limits(NamedTuple):
         slowest = np.abs(scaled.v).min(axis=0)
         steepest = np.abs(scaled.a).min(axis=0)
         slow = scaled.r.max(axis=0)
-        gained = np.minimum(steepest, times / slow)
+        gained = np.minimum(steepest, times / np.maximum(slow, TINY))
         faster = np.minimum(slowest, steepest * times)
         ramp = np.sqrt(np.minimum(faster * slow, times**2))
         takes_time = rounded > 0
         weights = takes_time / (times * gained) ** 2
-        return cls(
-            start,
-            end,
-            scaled.unit,
-            times,
-            slow,
-            slow > 0,
-            gained,
-            ramp,
-            weights,
-        )
+        return cls(start, end, scaled.unit, times, slow > 0, gained, ramp, weights)
 
     def since(self, breaks: Array) -> Array:
         """Breaks `(breaks, segments)` counted from both ends, `(2, breaks, segments, 1)`."""
         since = np.array([breaks - self.start, self.end - breaks])
         return since[..., None] / self.unit
+
+
+def _settled(cells: Cells, limits: _Limits, states: Point) -> Rows:
+    """The cells with states that leave no brief phase at the waypoints, where that costs no reach.
+
+    Neighbouring waypoints take turns, so that one that may not settle keeps no other from it.
+    """
+    rows = Rows(cells, states)
+    numbers = np.arange(states.velocity.shape[1])[:, None]
+    for turn in TURNS:
+        after = rows
+        for _ in range(NEWTON_STEPS):
+            after = Rows(cells, _settling(after, limits, numbers % 2 == turn))
+        least = np.minimum(rows.reach[:, 0], 0.0) - SETTLED_RTOL * limits.gained
+        # a ramp of negative length is out of reach
+        negative = after.phases[RAMP, ..., 0, :, :] < -SETTLED_RTOL * limits.ramp / rows.t[0]
+        spoilt = negative & (_shares(after) > MIN_SHARE)
+        kept = ((after.reach[:, 0] >= least) & ~spoilt.any(axis=0)).all(axis=0)
+        rows = Rows(cells, _chosen(kept[1:] & kept[:-1], after.point, rows.point))
+    return rows
+
+
+def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Point:
+    """The point after a step of Newton's method towards states that leave no brief phase."""
+    point = rows.point
+    cells = rows.cells
+    velocity = point.velocity[0]
+    acceleration = point.acceleration[0]
+    shares = _shares(rows)
+    phases = rows.phases[..., 0, :, :]
+    ramp = limits.ramp / rows.t[0]
+    is_active = (shares > 1 - ACTIVE_SHARE) & limits.jerky
+    brief = (phases < BRIEF_RTOL * ramp) & is_active
+    # a dip below the velocity limit
+    dips = brief[RAMP] & brief[RELEASE] & (phases[HOLD] <= 0) & (phases[CRUISE] > 0)
+    dips = _beside(dips)
+    # a change of the first acceleration changes the level by the share r1 of r1 + r2
+    rises = rows.profiles.rises[..., 0, :, :]
+    level = _beside(rises * cells.signs[:, 0] * FLIPS)
+    slower = np.vstack([cells.down[:2, 0] / (cells.up + cells.down)[:2, 0]] * 2)
+    settled = acceleration + (level - acceleration) / slower
+    settled = np.clip(settled, *cells.scaled.a)
+    settled = np.where(dips, 0.0, settled)
+    briefest = np.where(_beside(brief[RAMP]), _beside(phases[RAMP]), np.inf)
+    nearest = briefest.argmin(axis=0)[None]
+    settles = np.take_along_axis(briefest, nearest, axis=0)[0] < np.inf
+    to = np.take_along_axis(settled, nearest, axis=0)[0]
+    dip = np.take_along_axis(dips, nearest, axis=0)[0] & settles & chosen
+    is_slack = (shares.max(axis=0) < 1 - SLACK_SHARE) & limits.jerky
+    free = is_slack[1:] & is_slack[:-1]
+    to = np.where(settles, to, np.where(free, 0.0, acceleration))
+    low, high = cells.scaled.v
+    limit = np.where(velocity > 0, high, low)
+    faster = np.where(dip, limit, velocity)[None]
+    put = at_ends(dip[None] * 1.0) > 0
+    ends = (at_ends(faster) - rows.mean) / rows.t
+    return Point(
+        point.log,
+        np.where(put, ends, point.ends),
+        faster,
+        np.where(chosen, to, acceleration)[None],
+    )
+
+
+def _chosen(some: Bools, one: Point, other: Point) -> Point:
+    """The states of one point at some waypoints, and of another one at the rest."""
+    put = at_ends(some[None] * 1.0) > 0
+    return Point(
+        other.log,
+        np.where(put, one.ends, other.ends),
+        np.where(some, one.velocity, other.velocity),
+        np.where(some, one.acceleration, other.acceleration),
+    )
+
+
+def _beside(ends: Array) -> Array:
+    """A table `(2 ends, 2 sides, segments, joints)` beside inner waypoints, `(4, …)`."""
+    start, end = ends
+    return np.concatenate([end[:, :-1], start[:, 1:]])
+
+
+def _shares(rows: Rows) -> Array:
+    """The shares of both extreme profiles that cover the displacement, `(2, segments, joints)`."""
+    high, low = np.maximum(rows.reach[:, 0], 0.0)
+    share = low / np.maximum(high + low, TINY)
+    return np.array([share, 1 - share])
+
+
+def _velocities(rows: Rows) -> Array:
+    """Velocities at the waypoints as the briefer segment has them, `(segments + 1, joints)`."""
+    first, last = (rows.mean + rows.t * rows.point.ends)[:, 0]
+    _, is_last = owners(rows.times)[:, 0]
+    velocity = np.where(is_last[:-1], last[:-1], first[1:])
+    return np.pad(velocity, ((1, 1), (0, 0)))
 
 
 class _Profiles(NamedTuple):
@@ -225,40 +302,37 @@ class _Profiles(NamedTuple):
     ends: Array
 
     @classmethod
-    def of(cls, scaled: Scaled, limits: _Limits, times: Array, states: Array) -> Self:
-        """The profiles of these times between waypoint states `(2, segments + 1, joints)`.
+    def of(cls, limits: _Limits, rows: Rows) -> Self:
+        """The profiles of these cells.
 
         Where rounding changed a segment's time, each phase keeps its share, and no ramp of jerk
         gets briefer.
         """
-        rows = Cells(scaled).rows(times[None], *states[:, None, 1:-1])
+        signs = rows.cells.signs[:, 0]
         rises = rows.profiles.rises[:, :, 0]
-        at_ends = rows.profiles.acceleration[:, :, 0]
+        at_waypoints = rows.profiles.acceleration[:, :, 0]
         rise, fall = rises
         peak = np.clip(0.0, -fall, rise)
-        # the end is seen backwards, and the lower profile mirrored
-        flips = np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
-        levels = np.array(
-            [
-                flips * at_ends,
-                flips * rises,
-                [peak, peak],
-            ]
-        )
-        high, low = np.maximum(rows.reach[:, 0], 0.0)
-        share = low / np.maximum(high + low, TINY)
-        shares = np.array([share, 1 - share])
+        levels = np.array([FLIPS * at_waypoints, FLIPS * rises, [peak, peak]])
+        shares = _shares(rows)
         shares[shares < MIN_SHARE] = 0.0
         shares[shares > 1 - MIN_SHARE] = 1.0
+        phases = rows.phases[:, :, :, 0]
+        # a dip that has settled is rounding
+        ramp = limits.ramp / rows.t[0]
+        dips = (at_waypoints == 0) & (phases[CRUISE] > 0) & (phases[RELEASE] < DIP_RTOL * ramp)
+        phases = np.where(dips, 0.0, np.maximum(phases, 0.0))
         # the end is passed backwards
         origins = np.array([limits.start, -limits.end])
         places = [origins[:, None, :, None] + 0 * rises]
-        phases = np.maximum(rows.phases[:3, :, :, 0], 0.0)
-        for length in phases * limits.times * limits.unit:
+        for length in phases[:CRUISE] * limits.times * limits.unit:
             places.append(later(places[-1], length))
+        # without a cruise both meet, however they are rounded
+        from_start, from_end = places[-1]
+        places[-1] = np.array([from_start, np.minimum(from_end, -from_start)])
         lengths = np.diff(places, axis=0) / limits.unit
-        ends = flips * np.array(places[1:])
-        return cls(lengths, flips[:, 0] * levels, shares, ends)
+        ends = FLIPS * np.array(places[1:])
+        return cls(lengths, signs * levels, shares, ends)
 
     def breaks(self, limits: _Limits) -> Array:
         """The ends of phases within segments, s, or not a number, `(12, segments, joints)`."""
@@ -293,52 +367,6 @@ def _share(after: Array, length: Array) -> Array:
     return np.where(length > 0, share, after >= 0)
 
 
-def _straight(at_waypoints: Array, passed: Array) -> Array:
-    """The straight lines between values at the waypoints, `(breaks, segments, joints)`."""
-    return at_waypoints[:-1] + passed * np.diff(at_waypoints, axis=0)
-
-
-def _without_dips(scaled: Scaled, limits: _Limits, states: Array) -> Array:
-    """The states, those that are at a velocity limit but for a brief ramp put on it."""
-    velocity, acceleration = states
-    low, high = scaled.v
-    limit = np.where(velocity > 0, high, low)
-    size = np.abs(limit)
-    before = np.append(limits.times[:1], limits.times, axis=0)
-    after = np.append(limits.times, limits.times[-1:], axis=0)
-    briefer = np.minimum(before, after)
-    # a dip of velocity d takes the time sqrt(r d)
-    lost = DIP_RTOL * size * briefer
-    deepest = (lost / np.sqrt(limits.slow)) ** (2 / 3)
-    dip = np.abs(limit - velocity)
-    square = acceleration**2
-    ramp = limits.slow * square / 2
-    brief = np.maximum(dip, ramp) <= deepest
-    on_limit = limits.jerky & brief
-    put = np.where(on_limit, limit, velocity)
-    steady = np.where(on_limit, 0.0, acceleration)
-    return np.array([put, steady])
-
-
-def _spared(scaled: Scaled, limits: _Limits, acceleration: Array) -> tuple[Array, Array]:
-    """The share of a cell's jerk that the rounding of velocities may take, and what it needs.
-
-    Returns:
-        By how much a cell's acceleration approaches a straight one, `(segments, joints)`, and by
-        how much the waypoints' change, so that a straight one leaves that room.
-    """
-    mean = np.abs(scaled.h) / limits.times
-    by_jerk = limits.gained * limits.times
-    needed = ROUNDING_RTOL * mean / by_jerk
-    spare = np.minimum(needed, MAX_ROUNDING_SHARE)
-    usable = (1 - spare) * limits.times
-    down, up = usable / scaled.r[:, None]
-    steps = np.diff(acceleration, axis=0)
-    allowed = np.clip(steps, -down, up)
-    beyond = (steps - allowed) / 2
-    return spare, _agreed(beyond, -beyond, limits.weights)
-
-
 def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
     """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
     agreed = np.zeros((len(weights) + 1, weights.shape[1]))
@@ -353,35 +381,44 @@ def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
     start = limits.start
     end = limits.end
     own = np.where(needs_own, profiles.breaks(limits), np.nan)
-    longest = BRIEF_RTOL * limits.ramp * limits.unit
-    brief = np.broadcast_to(longest, own.shape)
+    of_joints = np.broadcast_to(LEAST_RTOL * limits.ramp * limits.unit, own.shape)
     even = np.linspace(start, end, EVEN + 2)[1:-1]
-    wanted = np.concatenate([even, _rows(own)])
-    briefs = np.concatenate([0 * even, _rows(brief)])
-    most = np.isfinite(wanted).sum(axis=0).max()
-    order = np.argsort(wanted, axis=0)[:most]
-    wanted = np.take_along_axis(wanted, order, axis=0)
-    briefs = np.take_along_axis(briefs, order, axis=0)
-    # breaks move away from the ends, at most a part of the widest gap
-    placed = np.where(np.isnan(wanted), end, wanted)
-    gaps = np.diff(np.concatenate([start[None], placed, end[None]]), axis=0)
-    numbers = np.arange(len(wanted))[:, None]
-    widest = gaps.argmax(axis=0)
-    early = numbers < widest
-    most_early = widest.max()
-    fewest_early = widest.min()
-    farthest = gaps.max(axis=0) / 4
-    from_start = np.where(early, wanted, np.nan)
-    from_end = np.where(early, np.nan, wanted)
-    found = [
-        start[None],
-        _apart(from_start[:most_early], briefs[:most_early], start, 1.0, farthest),
-        _apart(from_end[fewest_early:][::-1], briefs[fewest_early:][::-1], end, -1.0, farthest),
-        end[None],
-    ]
-    breaks = np.sort(np.concatenate(found), axis=0)
-    most = np.isfinite(breaks).sum(axis=0).max()
-    return np.where(np.isnan(breaks), end, breaks)[:most]
+    times = np.concatenate([even, _rows(own)])
+    least = np.concatenate([0 * even, _rows(of_joints)])
+    order = np.argsort(times, axis=0)
+    times = np.take_along_axis(times, order, axis=0)
+    least = np.take_along_axis(least, order, axis=0)
+    found = []
+    for first, last, wanted, shortest in zip(start, end, times.T, least.T, strict=True):
+        count = np.isfinite(wanted).sum()
+        found.append(_apart([first, *wanted[:count], last], [0.0, *shortest[:count], 0.0]))
+    most = max(map(len, found))
+    return np.array([own + [own[-1]] * (most - len(own)) for own in found]).T
+
+
+def _apart(times: list[float], least: list[float]) -> list[float]:
+    """Breaks in order, without pieces so short that a longer one costs next to nothing.
+
+    A break left out makes its joint faster by half its change of jerk times the times to the breaks
+    before and after. So one that is close to the break before may move away from it.
+
+    Args:
+        times: breaks, s; the first and the last stay.
+        least: the times whose square may be lost, s.
+    """
+    kept = times[:1]
+    for time, after, short in zip(times[1:-1], times[2:], least[1:-1], strict=True):
+        gap = time - kept[-1]
+        if gap * (after - time) > short**2:
+            kept.append(time if gap >= short else kept[-1] + short**2 / gap)
+    end = times[-1]
+    gap = end - kept[-1]
+    short = least[-2]
+    if len(kept) > 1 and gap < short:
+        last = kept.pop()
+        if gap * (last - kept[-1]) > short**2:
+            kept.append(end - short**2 / gap)
+    return [*kept, end]
 
 
 def _rows(table: Array) -> Array:
@@ -389,42 +426,15 @@ def _rows(table: Array) -> Array:
     return table.swapaxes(-1, -2).reshape(-1, table.shape[-2])
 
 
-def _apart(wanted: Array, briefs: Array, origin: Array, sign: float, farthest: Array) -> Array:
-    """Breaks without those of phases too brief for a piece of their own, `(breaks, segments)`.
-
-    A break a time `d` after the one before would cost the motion `½ J d x` of its velocity, if the
-    piece ended a time `x` after that instead: with `x = brief² / d` it moves that far.
-
-    Args:
-        wanted: breaks in the order of their distance from the origin, s; some not a number.
-        briefs: the longest phase of each that may be lost, s.
-        origin: the first break, s, `(segments,)`.
-        sign: 1 forwards in time, -1 backwards.
-        farthest: how far a break may move, s, `(segments,)`.
-    """
-    last = origin
-    following = np.full_like(origin, np.nan)
-    found = []
-    for time, brief in zip(wanted, briefs, strict=True):
-        reached = sign * (time - following) >= 0
-        found.append(np.where(reached, following, np.nan))
-        last = np.where(reached, following, last)
-        following[reached] = np.nan
-        ahead = sign * (time - last)
-        longer = brief**2 / ahead
-        length = np.maximum(ahead, np.minimum(longer, farthest))
-        moved = last + sign * length
-        chosen = np.where(longer > ahead, moved, time)
-        needed = ahead * farthest > NEGLIGIBLE * brief**2
-        nearer = needed & ~(sign * (chosen - following) >= 0)
-        following = np.where(nearer, chosen, following)
-    return np.array([*found, following])
-
-
 def _missing(lengths: Array, levels: Array, velocity: Array, h: Array) -> tuple[Array, Array]:
     """The velocity and the displacement that motions of these accelerations miss at their end."""
     _, reached, travelled = integrated(lengths, levels, velocity[:-1])
-    return velocity[1:] - reached, h - travelled
+    slow = velocity[1:] - reached
+    short = h - travelled
+    size = np.abs(velocity[1:]) + np.abs(velocity[:-1])
+    slow[np.abs(slow) <= ROUNDING_RTOL * size] = 0.0
+    short[np.abs(short) <= ROUNDING_RTOL * np.abs(h)] = 0.0
+    return slow, short
 
 
 def _mended(lengths: Array, passed: Array, levels: Array, velocity: Array, h: Array) -> Array:

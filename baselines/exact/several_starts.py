@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -25,13 +25,13 @@ class Optimum(NamedTuple):
     Attributes:
         duration: in the problem's own unit of time; infinite where that failed.
         times: of the segments, in that unit, `(segments,)`.
-        states: of the waypoints, without units.
+        states: of the waypoints, without units, as `Reaching.trajectory` takes them.
         status: `Converged`, or IPOPT's own word.
     """
 
     duration: float
     times: Array
-    states: Array
+    states: Any
     status: str
 
 
@@ -41,7 +41,7 @@ class Reaching(Protocol):
     problem: Problem
     unit: float  # of time, s
 
-    def trajectory(self, times: Array, states: Array, /) -> Trajectory:
+    def trajectory(self, times: Array, states: Any, /) -> Trajectory:
         """The motion of these segment times and waypoint states."""
 
 
