@@ -48,7 +48,7 @@ LEAST_RTOL = 1e-5
 # Residuals that are rounding, relative to the numbers that they come from.
 ROUNDING_RTOL = 4e-15
 MENDINGS = 2  # the second one mends the rounding of the first
-DIP_RTOL = 1e-6
+ANCHOR = 4e-12
 TINY = 1e-300  # instead of dividing by 0
 
 
@@ -66,6 +66,7 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: of one start.
         """
+        times, states = self._storable(times, states)
         passages = np.append(0.0, np.cumsum(times * self.unit))
         with np.errstate(all="ignore"):
             breaks, velocity, levels = _fitted(self, times, passages, states)
@@ -93,6 +94,34 @@ class Reachable(Scaled):
             )
             joints[i], = pieces(task, passages)
         return Trajectory.of_moving(self.problem.waypoints[0], self.moving, joints, passages)
+
+    def _storable(self, times: Array, states: Point) -> tuple[Array, Point]:
+        """The times and states of a motion that is slower by what rounding takes, 1e-10 or so.
+
+        Where a segment is brief its rounded time decides how fast it is passed. In between the
+        motion slows down evenly from one such segment to the next one.
+        """
+        passages = np.append(0.0, np.cumsum(times * self.unit))
+        spacing = np.spacing(passages[1:]) / self.unit
+        rounded = np.ceil(times / spacing) * spacing
+        (brief,) = np.nonzero(spacing > ANCHOR * times)
+        if not brief.size:
+            return times, states
+        slower = rounded[brief] / times[brief] - 1
+        at = np.array([passages[brief], passages[brief + 1]]).T.ravel()
+        by_waypoint = np.interp(passages, at, np.repeat(slower, 2))
+        first = by_waypoint[:-1]
+        last = by_waypoint[1:]
+        of_cells = (first + last) / 2
+        of_cells[brief] = slower
+        apart = np.array([first - of_cells, last - of_cells])[:, None, :, None]
+        velocity = at_ends(states.velocity)
+        t = times[:, None]
+        ends = states.ends / (1 + of_cells[:, None]) ** 2 - velocity * apart / t
+        inner = 1 + by_waypoint[1:-1, None]
+        log = states.log + np.log1p(of_cells)
+        slow = Point(log, ends, states.velocity / inner, states.acceleration / inner**2)
+        return times * (1 + of_cells), slow
 
 
 def _fitted(
@@ -313,15 +342,17 @@ class _Profiles(NamedTuple):
         at_waypoints = rows.profiles.acceleration[:, :, 0]
         rise, fall = rises
         peak = np.clip(0.0, -fall, rise)
-        levels = np.array([FLIPS * at_waypoints, FLIPS * rises, [peak, peak]])
         shares = _shares(rows)
         shares[shares < MIN_SHARE] = 0.0
         shares[shares > 1 - MIN_SHARE] = 1.0
         phases = rows.phases[:, :, :, 0]
-        # a dip that has settled is rounding
+        # at rest on the velocity limit a dip is rounding, and so is what is left of a settled phase
+        room = rows.profiles.limits.top - rows.profiles.velocity
+        on_limit = (room <= SETTLED_RTOL * rows.cells.highest / rows.t)[:, :, 0]
+        dips = on_limit & (at_waypoints == 0) & (phases[CRUISE] > 0)
         ramp = limits.ramp / rows.t[0]
-        dips = (at_waypoints == 0) & (phases[CRUISE] > 0) & (phases[RELEASE] < DIP_RTOL * ramp)
-        phases = np.where(dips, 0.0, np.maximum(phases, 0.0))
+        vanish = dips | (phases < SETTLED_RTOL * ramp)
+        phases = np.where(vanish, 0.0, phases)
         # the end is passed backwards
         origins = np.array([limits.start, -limits.end])
         places = [origins[:, None, :, None] + 0 * rises]
@@ -332,6 +363,10 @@ class _Profiles(NamedTuple):
         places[-1] = np.array([from_start, np.minimum(from_end, -from_start)])
         lengths = np.diff(places, axis=0) / limits.unit
         ends = FLIPS * np.array(places[1:])
+        peaks = np.array([peak, -peak])
+        allowed = peaks + lengths[RELEASE] / rows.cells.down[:, 0]
+        held = np.fmin(rises, allowed)
+        levels = np.array([FLIPS * at_waypoints, FLIPS * held, [peak, peak]])
         return cls(lengths, signs * levels, shares, ends)
 
     def breaks(self, limits: _Limits) -> Array:
