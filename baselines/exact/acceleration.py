@@ -103,20 +103,10 @@ class Passing(Scaled):
         passages = np.r_[0.0, np.cumsum(times * self.unit)]
         rounded = np.diff(passages) / self.unit
         ends = _with_rest(self._in_rounded_times(times, rounded, velocities))
-        waypoints = self.problem.waypoints
-        task = Task(
-            self.h,
-            ends[:-1],
-            ends[1:],
-            self.v,
-            self.a,
-            self.unit,
-            self.units[1:],
-            waypoints[:-1, self.moving],
-            self.problem.limits.position[self.moving].T,
-        )
+        every = np.arange(len(self.units[0]))
+        task = Task.of(self, ends, every)
         return Trajectory.of_moving(
-            waypoints[0],
+            self.problem.waypoints[0],
             self.moving,
             pieces(task, passages),
             passages,

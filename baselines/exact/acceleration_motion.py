@@ -10,13 +10,14 @@ peak follows from the rounded ones.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from baselines.exact.acceleration_profiles import Ramps, extremes, gentlest, straightest
-from baselines.exact.rounded import DISTINCT_RTOL, Clock, Pieces
-from trajopt.core.arrays import Array, Bools
+from baselines.exact.rounded import DISTINCT_RTOL, Pieces
+from baselines.exact.scaled import Scaled
+from trajopt.core.arrays import Array, Bools, Indices
 
 # Breaks no further apart than this share of a segment become one where limits allow it.
 _SLIVER = 1e-6
@@ -53,38 +54,28 @@ class Task(NamedTuple):
     q: Array
     positions: Array
 
+    @classmethod
+    def of(cls, scaled: Scaled, velocity: Array, joints: Indices) -> Self:
+        """What some of the moving joints do.
 
-def covering(
-    h: float,
-    ends: Array,
-    v: Array,
-    a: Array,
-    clock: Clock,
-) -> Pieces:
-    """One joint's stored breaks, s, and its displacement over one segment, in its units.
-
-    Args:
-        h: displacement.
-        ends: velocities at the segment's start and end.
-        v: velocity limits, low and high.
-        a: acceleration limits, likewise.
-        clock: of the segment.
-    """
-    u, w = ends
-    task = Task(
-        np.array([[h]]),
-        np.array([[u]]),
-        np.array([[w]]),
-        v[:, None],
-        a[:, None],
-        clock.unit,
-        units=np.ones((3, 1)),
-        q=np.zeros((1, 1)),
-        positions=np.array([[-np.inf], [np.inf]]),
-    )
-    passages = np.array([clock.start, clock.end])
-    (alone,) = pieces(task, passages)
-    return alone
+        Args:
+            scaled: the problem.
+            velocity: at the waypoints, of all that move, `(segments + 1, moving joints)`.
+            joints: which of these.
+        """
+        among_all = np.flatnonzero(scaled.moving)[joints]
+        own = velocity[:, joints]
+        return cls(
+            scaled.h[:, joints],
+            own[:-1],
+            own[1:],
+            scaled.v[:, joints],
+            scaled.a[:, joints],
+            scaled.unit,
+            scaled.units[1:, joints],
+            scaled.problem.waypoints[:-1, among_all],
+            scaled.problem.limits.position[among_all].T,
+        )
 
 
 class _Breaks(NamedTuple):

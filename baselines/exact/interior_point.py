@@ -17,7 +17,7 @@ import numpy as np
 
 from trajopt.core.arrays import Array, Bools
 
-MAX_ITERATIONS = 300
+MAX_ITERATIONS = 400
 # So many steps follow their rows to second order. Most programs have converged by then; the others
 # have segments so brief that second derivatives mislead.
 BENT_STEPS = 30

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -25,14 +24,13 @@ import numpy as np
 from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact
 from baselines.exact.cells import Cells, Rows
-from baselines.exact.interior_point import Iterate, begun, converged, descended, near
+from baselines.exact.interior_point import begun, converged, descended, near
 from baselines.exact.jerk_cells import Cells as JerkCells
 from baselines.exact.jerk_cells import Rows as JerkRows
 from baselines.exact.jerk_cells import Start
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
-from trajopt.core.arrays import Array, Bools
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
 from trajopt.planners.planner import passing_once
@@ -46,12 +44,11 @@ MAX_START_DILATION = 2.0
 RELAXED_DILATION = 1.1
 RELAXED_GAP = 1e-2  # relative to the duration of the optimum without jerk limits
 ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
-# After so many steps a point close to an optimum is an answer: its gap, relative to the duration,
-# what its links miss, and the dilations that meet them.
-LATE = 100
+# Steps that do not end may lead close to an optimum: the gap, relative to the duration, and what
+# links miss.
+CLOSE = "Close"
 CLOSE_GAP_RTOL = 1e-5
 CLOSE_LINKS = 1e-3
-CLOSE_DILATIONS = 1 + 10.0 ** np.arange(-9, -1)
 NOT_CONVERGED = "the best start comes close to an optimum, but does not converge"
 # Time of a start, proportional to segments times moving joints. It includes failing starts.
 SECONDS = 0.03
@@ -103,7 +100,7 @@ class ExactJerk(SeveralStarts):
         starts = _starts(scaled, MAX_STARTS_FACTOR * self.starts)
         solution = self.best_of(scaled, partial(solve, scaled), starts)
         best = int(np.argmin(solution.stats["start_duration"]))
-        if solution.stats["start_status"][best] == "Close":
+        if solution.stats["start_status"][best] == CLOSE:
             said = f"{solution.message}; " if solution.message else ""
             return replace(solution, message=said + NOT_CONVERGED)
         return solution
@@ -140,52 +137,20 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
 
 
 def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
-    """The local optimum near each start; where steps never end there, the best point on the way."""
+    """The local optimum near each start."""
     cells = JerkCells(scaled, kinds=2)
-    columns = zip(*starts, strict=True)
-    best = [_lost(*start) for start in starts]
-
-    def arrived(iterate: Iterate) -> Bools:
-        done = converged(iterate)
-        if iterate.steps >= LATE:
-            close = near(iterate, CLOSE_GAP_RTOL) & ~done
-            close &= iterate.state.linear.apart <= CLOSE_LINKS
-            for k in np.flatnonzero(close).tolist():
-                found = _within_reach(scaled, iterate, k)
-                best[k] = min(best[k], found, key=attrgetter("duration"))
-        return done
-
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
-        start = cells.start(*map(np.array, columns))
-        iterate = descended(begun(JerkRows(cells, start)), arrived)
-        accepted = converged(iterate, ACCEPTED)
-    for k in np.flatnonzero(accepted).tolist():
-        best[k] = _optimum(iterate.state.rows, k, "Converged")
-    return best
-
-
-def _optimum(rows: JerkRows, k: int, status: str) -> Optimum:
-    """A start's point."""
-    one = rows.of(np.arange(len(rows.times)) == k)
-    (times,) = one.times
-    return Optimum(times.sum(), times, one.point, status)
-
-
-def _lost(times: Array, velocity: Array, acceleration: Array) -> Optimum:
-    """No optimum: endless, whatever its start is."""
-    return Optimum(np.inf, times, None, "Not_Converged")
-
-
-def _within_reach(scaled: Scaled, iterate: Iterate, k: int) -> Optimum:
-    """A start's point, slower until its links are met; endless if that takes too much."""
-    cells = JerkCells(scaled)
-    point = iterate.state.rows.point
-    times = np.exp(point.log[k])
-    for slower in CLOSE_DILATIONS:
-        state = (slower * times, point.velocity[k] / slower, point.acceleration[k] / slower**2)
-        with np.errstate(all="ignore"):
-            rows = JerkRows(cells, cells.linked(*(table[None] for table in state)))
-        if (rows.values >= 0).all() and rows.profiles.reachable.all():
-            return _optimum(rows, 0, "Close")
-    return _lost(times, point.velocity[k], point.acceleration[k])
+        point = cells.start(*map(np.array, zip(*starts, strict=True)))
+        iterate = descended(begun(JerkRows(cells, point)), converged)
+        done = converged(iterate, ACCEPTED)
+        close = near(iterate, CLOSE_GAP_RTOL) & (iterate.state.linear.apart <= CLOSE_LINKS)
+    numbers = np.arange(len(starts))
+    statuses = np.select([done, close], ["Converged", CLOSE], "Not_Converged")
+    optima = []
+    for k, status in enumerate(statuses.tolist()):
+        rows = iterate.state.rows.of(numbers == k)
+        (times,) = rows.times
+        duration = times.sum() if done[k] or close[k] else np.inf
+        optima.append(Optimum(duration, times, rows.point, status))
+    return optima

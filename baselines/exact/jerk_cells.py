@@ -17,14 +17,7 @@ import numpy as np
 from baselines.exact.cells import at_ends
 from baselines.exact.chain import Chain, Links, owners
 from baselines.exact.interior_point import MIN_KEPT_SLACK, ROW_AXES
-from baselines.exact.jerk_profiles import (
-    ACCELERATIONS,
-    TIME,
-    VELOCITIES,
-    Limits,
-    Profiles,
-    Slopes,
-)
+from baselines.exact.jerk_profiles import ACCELERATIONS, TIME, VELOCITIES, Limits, Profiles, Slopes
 from baselines.exact.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
@@ -300,21 +293,13 @@ class Linear:
             matrix[v, TIME] += pull[v]
         links = Links(rows.steep - point.ends, rows.missing)
         own_states = self._own_states(rows, links)
-        at_waypoints = self._at_waypoints(
-            rows,
-            multipliers,
-            weights,
-        )
+        at_waypoints = self._at_waypoints(rows, multipliers, weights)
         cells = matrix.transpose(2, 3, 4, 0, 1)
         cells = cells + (own_states.swapaxes(-1, -2) @ at_waypoints @ own_states).sum(axis=3)
         self.rows = rows
         self.own_states = own_states
         self.at_waypoints = at_waypoints
-        self.chain = Chain(
-            rows.times,
-            links,
-            cells,
-        )
+        self.chain = Chain(rows.times, links, cells)
 
     @staticmethod
     def _own_states(rows: Rows, links: Links) -> Array:
@@ -326,13 +311,7 @@ class Linear:
         owned = owners(rows.times)
         own_time = owned * rows.t
         states = np.zeros((*rows.steep.shape, 2, 2, 5))
-        for end, (v, a) in enumerate(
-            zip(
-                VELOCITIES,
-                ACCELERATIONS,
-                strict=True,
-            )
-        ):
+        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
             states[..., end, 0, TIME] = -own_time[end] * links.slope[end]
             states[..., end, 0, v] = own_time[end]
             states[..., end, 1, a] = owned[end]
@@ -379,12 +358,7 @@ class Linear:
         faster = np.array([-velocity, velocity])
         change[2, ..., :-1, :] = np.array([-acceleration, acceleration])
         change[3, ..., :-1, :] = faster - rows.ramps * acceleration
-        step = Point(
-            log,
-            by_variable[list(VELOCITIES)],
-            velocity,
-            acceleration,
-        )
+        step = Point(log, by_variable[list(VELOCITIES)], velocity, acceleration)
         return step, change
 
     def bending(self, step: Point) -> Array:

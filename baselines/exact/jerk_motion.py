@@ -1,18 +1,18 @@
-"""The jerk-limited motion through given waypoint states (mathematics, section 4).
+"""The jerk-limited motion through the waypoint states of an optimum (mathematics, section 4).
 
 In a segment a joint may take any convex combination of its two extreme profiles that covers the
-displacement. A trajectory stores its breaks as times since its start, after half a minute to
-4e-15 s. So breaks are rounded first. The motion has the accelerations of that combination at the
-breaks and is straight between them: so it keeps the limits of jerk and acceleration wherever the
-breaks are.
+displacement. The motion has the accelerations of that combination at its breaks and is straight
+between them: so it keeps the limits of jerk and acceleration wherever the breaks are. What the
+breaks cost is made up for, first by the velocities at the waypoints, each as its briefer segment
+would have it, then by a smooth change of acceleration.
 
-The barrier leaves phases at the waypoints that take no time at the optimum. So waypoint states are
-settled first: an acceleration that is close to the level that it is to reach becomes that level.
+All joints of a segment share its breaks. A joint for which two even ones suffice needs no others.
+The rest need those at which their profiles change their jerk.
 
-All joints of a segment share its breaks. Where two even ones serve, a joint needs no others; else
-it needs those at which its profiles change their jerk. What the breaks cost is made up for: first
-by the velocities at the waypoints, each as its briefer segment would have it, then by a smooth
-change of acceleration.
+The barrier keeps off waypoint states at which a phase vanishes, and leaves brief phases there. So
+the states settle first: an acceleration that is close to the level that it is to reach becomes that
+level. And a trajectory stores its breaks as times since its start, after half a minute to 4e-15 s:
+times are rounded before anything else.
 """
 
 from __future__ import annotations
@@ -23,157 +23,125 @@ import numpy as np
 
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.cells import at_ends
-from baselines.exact.chain import owners
 from baselines.exact.jerk_cells import Cells, Point, Rows
 from baselines.exact.jerk_profiles import CRUISE, HOLD, RAMP, RELEASE
-from baselines.exact.rounded import integrated, later
+from baselines.exact.rounded import Pieces, integrated, later
 from baselines.exact.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
 
+# Segments whose times are rounded by more than this, relative, decide how fast they are passed.
+ROUNDED_RTOL = 4e-12
+# An extreme profile with a smaller share is left out. The other one is then alone.
+MIN_SHARE = 1e-10
+# Phases that may vanish when states settle, relative to the longest ramp, and what that may cost.
+BRIEF_RTOL = 1e-2
+SETTLED_RTOL = 1e-11
+NEWTON_STEPS = 2
 EVEN = 2  # evenly spaced inner breaks of a segment
 # Share of a limit. A joint that exceeds one by more needs breaks of its own.
 EXCESS_RTOL = 3e-11
-# An extreme profile with a smaller share is left out; one with all but this share is active.
-MIN_SHARE = 1e-11
-ACTIVE_SHARE = 1e-9
-SLACK_SHARE = 1e-3
-# A phase that may vanish when waypoints settle, and what that may cost of a ramp and of the reach.
-BRIEF_RTOL = 1e-2
-SETTLED_RTOL = 1e-11
-NEWTON_STEPS = 3
-TURNS = (1, 0, 1, 0)
-# The shortest piece in units of the longest ramp.
+# A break is left out if that costs as little velocity as jerk gains in this share of a ramp.
 LEAST_RTOL = 1e-5
 # Residuals that are rounding, relative to the numbers that they come from.
 ROUNDING_RTOL = 4e-15
 MENDINGS = 2  # the second one mends the rounding of the first
-ANCHOR = 4e-12
 TINY = 1e-300  # instead of dividing by 0
-
-
-# Numbers at a segment's end are seen backwards.
-FLIPS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1)
+# What is at the end of a segment is seen backwards.
+FLIPS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1, 1)
 
 
 class Reachable(Scaled):
-    """A problem without units, and the motions through given waypoint states."""
+    """A problem without units, and the motions of its optima."""
 
     def trajectory(self, times: Array, states: Point) -> Trajectory:
         """The motion of an optimum.
 
         Args:
             times: of the segments, `(segments,)`.
-            states: of one start.
+            states: the unknowns of one start.
         """
         times, states = self._storable(times, states)
         passages = np.append(0.0, np.cumsum(times * self.unit))
         with np.errstate(all="ignore"):
-            breaks, velocity, levels = _fitted(self, times, passages, states)
-        lengths = np.diff(breaks, axis=0)
-        used = lengths.T > 0
-        _, a_unit, v_unit, q_unit = self.units
-        cubics, *_ = integrated(lengths[..., None], a_unit * levels, v_unit * velocity[:-1])
-        cubics[-1] += self.problem.waypoints[:-1, self.moving]
-        stored = np.append(breaks[:-1].T[used], passages[-1])
-        by_segment = cubics.swapaxes(1, 2)[:, used]
-        joints = [(stored, by_segment[..., i]) for i in range(len(a_unit))]
-        jerky = self.r.any(axis=0)
-        for i in np.flatnonzero(~jerky).tolist():
-            one = slice(i, i + 1)
-            task = Task(
-                self.h[:, one],
-                velocity[:-1, one],
-                velocity[1:, one],
-                self.v[:, one],
-                self.a[:, one],
-                self.unit,
-                self.units[1:, one],
-                self.problem.waypoints[:-1, self.moving][:, one],
-                np.array([[-np.inf], [np.inf]]),
-            )
-            joints[i], = pieces(task, passages)
+            joints = self._joints(passages, states)
         return Trajectory.of_moving(self.problem.waypoints[0], self.moving, joints, passages)
 
     def _storable(self, times: Array, states: Point) -> tuple[Array, Point]:
-        """The times and states of a motion that is slower by what rounding takes, 1e-10 or so.
+        """The optimum, slower by what rounding its times takes, 1e-10 or so.
 
-        Where a segment is brief its rounded time decides how fast it is passed. In between the
-        motion slows down evenly from one such segment to the next one.
+        The rounded time of a brief segment decides how fast it is passed. From one such segment to
+        the next the motion slows down evenly.
         """
         passages = np.append(0.0, np.cumsum(times * self.unit))
         spacing = np.spacing(passages[1:]) / self.unit
-        rounded = np.ceil(times / spacing) * spacing
-        (brief,) = np.nonzero(spacing > ANCHOR * times)
+        (brief,) = np.nonzero(spacing > ROUNDED_RTOL * times)
         if not brief.size:
             return times, states
-        slower = rounded[brief] / times[brief] - 1
-        at = np.array([passages[brief], passages[brief + 1]]).T.ravel()
-        by_waypoint = np.interp(passages, at, np.repeat(slower, 2))
-        first = by_waypoint[:-1]
-        last = by_waypoint[1:]
-        of_cells = (first + last) / 2
-        of_cells[brief] = slower
-        apart = np.array([first - of_cells, last - of_cells])[:, None, :, None]
-        velocity = at_ends(states.velocity)
-        t = times[:, None]
-        ends = states.ends / (1 + of_cells[:, None]) ** 2 - velocity * apart / t
-        inner = 1 + by_waypoint[1:-1, None]
-        log = states.log + np.log1p(of_cells)
-        slow = Point(log, ends, states.velocity / inner, states.acceleration / inner**2)
-        return times * (1 + of_cells), slow
+        rounded = np.ceil(times[brief] / spacing[brief]) * spacing[brief]
+        slower = np.repeat(rounded / times[brief], 2)
+        places = passages[np.array([brief, brief + 1]).T.ravel()]
+        by_waypoint = np.interp(passages, places, slower)
+        by_cell = (by_waypoint[1:] + by_waypoint[:-1]) / 2
+        by_cell[brief] = slower[::2]
+        of_waypoints = by_waypoint[1:-1, None]
+        velocity = states.velocity / of_waypoints
+        wanted = at_ends(velocity) - at_ends(states.velocity) / by_cell[:, None]
+        log = states.log + np.log(by_cell)
+        ends = states.ends / by_cell[:, None] ** 2 + wanted / times[:, None]
+        return times * by_cell, Point(log, ends, velocity, states.acceleration / of_waypoints**2)
+
+    def _joints(self, passages: Array, states: Point) -> list[Pieces]:
+        """Each joint's breaks, s, and its position as coefficients, rad/s^power."""
+        breaks, levels, velocity = _fitted(self, passages, states)
+        lengths = np.diff(breaks, axis=0)
+        _, a_unit, v_unit, _ = self.units
+        cubics, *_ = integrated(lengths[..., None], a_unit * levels, v_unit * velocity[:-1])
+        cubics[-1] += self.problem.waypoints[:-1, self.moving]
+        used = lengths.T > 0
+        stored = np.append(breaks[:-1].T[used], passages[-1])
+        by_joint = cubics.transpose(3, 0, 2, 1)
+        joints = [(stored, table[:, used]) for table in by_joint]
+        (unlimited,) = np.nonzero(~self.r.any(axis=0))
+        if unlimited.size:
+            task = Task.of(self, velocity, unlimited)
+            for i, own in zip(unlimited.tolist(), pieces(task, passages), strict=True):
+                joints[i] = own
+        return joints
 
 
-def _fitted(
-    scaled: Scaled, times: Array, passages: Array, states: Point
-) -> tuple[Array, Array, Array]:
-    """The motion with the fewest breaks that serve.
+def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Array, Array]:
+    """The motion with the fewest breaks that suffice.
 
     Args:
         scaled: the problem.
-        times: of the segments, `(segments,)`.
         passages: when the waypoints are passed, as it is stored, s, `(segments + 1,)`.
-        states: at the waypoints.
+        states: the optimum.
 
     Returns:
-        Breaks, s, `(breaks, segments)`, where the end of a segment repeats; velocities at the
-        waypoints; accelerations at the breaks, `(breaks, segments, joints)`.
+        Breaks, s, `(breaks, segments)`, where the end of a segment repeats; accelerations there,
+        `(breaks, segments, joints)`; velocities at the waypoints, `(segments + 1, joints)`.
     """
     limits = _Limits.of(scaled, passages)
-    rows = _settled(Cells(scaled), limits, states)
-    velocity = _velocities(rows)
-    acceleration = np.pad(rows.point.acceleration[0], ((1, 1), (0, 0)))
-    profiles = _Profiles.of(limits, rows)
-    # with even breaks alone
-    even = np.linspace(limits.start, limits.end, EVEN + 2)
-    since = limits.since(even)
-    lengths = np.diff(since[0], axis=0)
-    passed = since[0] / limits.times
-    gentle = profiles.accelerations(since, acceleration)
-    gentle = _mended(lengths, passed, gentle, velocity, scaled.h)
-    excess = _excess(scaled, lengths, gentle, velocity)
+    rows = _settled(Rows(Cells(scaled), states), limits)
+    profiles = _Profiles.of(rows, limits)
+    ends = rows.mean + rows.t * rows.point.ends
+    velocity = _agreed(*ends[:, 0], limits.weights)
+
+    even = _Times.of(np.linspace(limits.start, limits.end, EVEN + 2), limits)
+    gentle = _mended(even, profiles.accelerations(even.since), velocity, scaled.h)
+    excess = _excess(scaled, even.lengths, gentle, velocity)
     needs_own = limits.jerky & (excess > EXCESS_RTOL)
 
     breaks = _breaks(profiles, limits, needs_own)
-    since = limits.since(breaks)
-    lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
-    passed = since[0] / limits.times
-    own = profiles.accelerations(since, acceleration)
-    levels = np.where(needs_own, own, _between(gentle, passed))
-    slow, short = _missing(lengths, levels, velocity, scaled.h)
+    times = _Times.of(breaks, limits)
+    own = profiles.accelerations(times.since)
+    levels = np.where(needs_own, own, _between(gentle, times.passed))
+    slow, short = _missing(times.lengths, levels, velocity, scaled.h)
     # a cell that misses nothing would have that much more velocity at its ends
     added = short / limits.times
-    agreed = velocity + _agreed(added - slow, added, limits.weights)
-    return breaks, agreed, _mended(lengths, passed, levels, agreed, scaled.h)
-
-
-def _between(levels: Array, passed: Array) -> Array:
-    """Values between even breaks, where that share of the time has passed."""
-    place = passed * (EVEN + 1)
-    before = np.clip(place.astype(int), 0, EVEN)
-    left = np.take_along_axis(levels, before, axis=0)
-    right = np.take_along_axis(levels, before + 1, axis=0)
-    return left + (place - before) * (right - left)
+    velocity = velocity + _agreed(added - slow, added, limits.weights)
+    return breaks, _mended(times, levels, velocity, scaled.h), velocity
 
 
 class _Limits(NamedTuple):
@@ -215,159 +183,158 @@ class _Limits(NamedTuple):
         weights = takes_time / (times * gained) ** 2
         return cls(start, end, scaled.unit, times, slow > 0, gained, ramp, weights)
 
-    def since(self, breaks: Array) -> Array:
-        """Breaks `(breaks, segments)` counted from both ends, `(2, breaks, segments, 1)`."""
-        since = np.array([breaks - self.start, self.end - breaks])
-        return since[..., None] / self.unit
 
+class _Times(NamedTuple):
+    """Breaks as the motion counts time, `(…, segments, 1)`.
 
-def _settled(cells: Cells, limits: _Limits, states: Point) -> Rows:
-    """The cells with states that leave no brief phase at the waypoints, where that costs no reach.
-
-    Neighbouring waypoints take turns, so that one that may not settle keeps no other from it.
+    Attributes:
+        since: from both ends of their segment, `(2 ends, breaks, segments, 1)`.
+        lengths: of the pieces.
+        passed: the share of the segment's time.
     """
-    rows = Rows(cells, states)
-    numbers = np.arange(states.velocity.shape[1])[:, None]
-    for turn in TURNS:
+
+    since: Array
+    lengths: Array
+    passed: Array
+
+    @classmethod
+    def of(cls, breaks: Array, limits: _Limits) -> Self:
+        since = np.array([breaks - limits.start, limits.end - breaks])[..., None] / limits.unit
+        lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
+        return cls(since, lengths, since[0] / limits.times)
+
+
+def _settled(rows: Rows, limits: _Limits) -> Rows:
+    """The cells with states that leave no brief phase at the waypoints, where none loses reach.
+
+    Of two neighbours one waypoint settles first: so each cell is spoilt by one at most.
+    """
+    point = rows.point
+    odd = np.arange(point.velocity.shape[1])[:, None] % 2 == 1
+    for chosen in (odd, ~odd):
         after = rows
         for _ in range(NEWTON_STEPS):
-            after = Rows(cells, _settling(after, limits, numbers % 2 == turn))
-        least = np.minimum(rows.reach[:, 0], 0.0) - SETTLED_RTOL * limits.gained
+            after = _settling(after, limits, chosen)
+        least = np.minimum(rows.reach, 0.0) - SETTLED_RTOL * limits.gained
         # a ramp of negative length is out of reach
-        negative = after.phases[RAMP, ..., 0, :, :] < -SETTLED_RTOL * limits.ramp / rows.t[0]
-        spoilt = negative & (_shares(after) > MIN_SHARE)
-        kept = ((after.reach[:, 0] >= least) & ~spoilt.any(axis=0)).all(axis=0)
-        rows = Rows(cells, _chosen(kept[1:] & kept[:-1], after.point, rows.point))
+        negative = after.phases[RAMP] < -SETTLED_RTOL * limits.ramp / rows.t
+        spoilt = (negative & (_shares(after) > MIN_SHARE)).any(axis=0)
+        fine = ((after.reach >= least) & ~spoilt).all(axis=0)
+        kept = fine[:, 1:] & fine[:, :-1]
+        before = rows.point
+        rows = _moved(
+            rows,
+            np.where(kept, after.point.velocity, before.velocity),
+            np.where(kept, after.point.acceleration, before.acceleration),
+        )
     return rows
 
 
-def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Point:
-    """The point after a step of Newton's method towards states that leave no brief phase."""
-    point = rows.point
+def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
+    """The cells after a step of Newton's method at some of the waypoints."""
     cells = rows.cells
-    velocity = point.velocity[0]
-    acceleration = point.acceleration[0]
-    shares = _shares(rows)
-    phases = rows.phases[..., 0, :, :]
-    ramp = limits.ramp / rows.t[0]
-    is_active = (shares > 1 - ACTIVE_SHARE) & limits.jerky
-    brief = (phases < BRIEF_RTOL * ramp) & is_active
+    profiles = rows.profiles
+    phases = rows.phases
+    is_alone = _shares(rows) > 1 - MIN_SHARE
+    brief = is_alone & limits.jerky & (phases < BRIEF_RTOL * limits.ramp / rows.t)
     # a dip below the velocity limit
-    dips = brief[RAMP] & brief[RELEASE] & (phases[HOLD] <= 0) & (phases[CRUISE] > 0)
-    dips = _beside(dips)
-    # a change of the first acceleration changes the level by the share r1 of r1 + r2
-    rises = rows.profiles.rises[..., 0, :, :]
-    level = _beside(rises * cells.signs[:, 0] * FLIPS)
-    slower = np.vstack([cells.down[:2, 0] / (cells.up + cells.down)[:2, 0]] * 2)
-    settled = acceleration + (level - acceleration) / slower
-    settled = np.clip(settled, *cells.scaled.a)
-    settled = np.where(dips, 0.0, settled)
-    briefest = np.where(_beside(brief[RAMP]), _beside(phases[RAMP]), np.inf)
-    nearest = briefest.argmin(axis=0)[None]
-    settles = np.take_along_axis(briefest, nearest, axis=0)[0] < np.inf
-    to = np.take_along_axis(settled, nearest, axis=0)[0]
-    dip = np.take_along_axis(dips, nearest, axis=0)[0] & settles & chosen
-    is_slack = (shares.max(axis=0) < 1 - SLACK_SHARE) & limits.jerky
-    free = is_slack[1:] & is_slack[:-1]
-    to = np.where(settles, to, np.where(free, 0.0, acceleration))
+    dips = _beside(brief[RAMP] & brief[RELEASE] & (phases[HOLD] <= 0) & (phases[CRUISE] > 0))
+    # the level of a change in acceleration changes by the share r1 of r1 + r2
+    ahead = (profiles.rises - profiles.acceleration) * (1 + cells.up / cells.down)
+    level = _beside(cells.signs * FLIPS * (profiles.acceleration + ahead))
+    levels = np.where(dips, 0.0, np.clip(level, *cells.scaled.a))
+    lengths = np.where(_beside(brief[RAMP]), _beside(phases[RAMP]), np.inf)
+    briefest = lengths.argmin(axis=0)[None]
+    found, level, dip = (
+        np.take_along_axis(table, briefest, axis=0)[0] for table in (lengths < np.inf, levels, dips)
+    )
+    is_slack = limits.jerky & ~is_alone.any(axis=0)
+    free = is_slack[:, 1:] & is_slack[:, :-1]
+    velocity = rows.point.velocity
+    acceleration = rows.point.acceleration
     low, high = cells.scaled.v
     limit = np.where(velocity > 0, high, low)
-    faster = np.where(dip, limit, velocity)[None]
-    put = at_ends(dip[None] * 1.0) > 0
-    ends = (at_ends(faster) - rows.mean) / rows.t
-    return Point(
-        point.log,
-        np.where(put, ends, point.ends),
-        faster,
-        np.where(chosen, to, acceleration)[None],
+    return _moved(
+        rows,
+        np.where(chosen & found & dip, limit, velocity),
+        np.select([~chosen, found, free], [acceleration, level, 0.0], acceleration),
     )
 
 
-def _chosen(some: Bools, one: Point, other: Point) -> Point:
-    """The states of one point at some waypoints, and of another one at the rest."""
-    put = at_ends(some[None] * 1.0) > 0
-    return Point(
-        other.log,
-        np.where(put, one.ends, other.ends),
-        np.where(some, one.velocity, other.velocity),
-        np.where(some, one.acceleration, other.acceleration),
-    )
+def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
+    """The cells between other states."""
+    point = rows.point
+    ends = point.ends + at_ends(velocity - point.velocity) / rows.t
+    return Rows(rows.cells, Point(point.log, ends, velocity, acceleration))
 
 
-def _beside(ends: Array) -> Array:
-    """A table `(2 ends, 2 sides, segments, joints)` beside inner waypoints, `(4, …)`."""
-    start, end = ends
-    return np.concatenate([end[:, :-1], start[:, 1:]])
+def _beside(cells: Array) -> Array:
+    """What is at the ends of cells, `(2 ends, 2 sides, 1, segments, joints)`, at the waypoints."""
+    start, end = cells
+    return np.concatenate([end[:, :, :-1], start[:, :, 1:]])
 
 
 def _shares(rows: Rows) -> Array:
-    """The shares of both extreme profiles that cover the displacement, `(2, segments, joints)`."""
-    high, low = np.maximum(rows.reach[:, 0], 0.0)
+    """Shares of both profiles that cover the displacement, `(2 sides, 1, segments, joints)`."""
+    high, low = np.maximum(rows.reach, 0.0)
     share = low / np.maximum(high + low, TINY)
     return np.array([share, 1 - share])
-
-
-def _velocities(rows: Rows) -> Array:
-    """Velocities at the waypoints as the briefer segment has them, `(segments + 1, joints)`."""
-    first, last = (rows.mean + rows.t * rows.point.ends)[:, 0]
-    _, is_last = owners(rows.times)[:, 0]
-    velocity = np.where(is_last[:-1], last[:-1], first[1:])
-    return np.pad(velocity, ((1, 1), (0, 0)))
 
 
 class _Profiles(NamedTuple):
     """The extreme profiles of every cell, from both ends to the peak between them.
 
     Attributes:
-        lengths: of ramp, hold and ramp, `(3, 2 ends, 2 sides, segments, joints)`.
+        lengths: of ramp, hold and release, `(3, 2 ends, 2 sides, 1, segments, joints)`.
         levels: accelerations at the end, at the hold and at the peak, of the same shape.
-        shares: of both profiles in the motion, `(2 sides, segments, joints)`.
+        shares: of both profiles in the motion, `(2 sides, 1, segments, joints)`.
         ends: of these phases, s since the motion's start, of the shape of the lengths.
+        waypoints: accelerations there, `(segments + 1, joints)`.
     """
 
     lengths: Array
     levels: Array
     shares: Array
     ends: Array
+    waypoints: Array
 
     @classmethod
-    def of(cls, limits: _Limits, rows: Rows) -> Self:
+    def of(cls, rows: Rows, limits: _Limits) -> Self:
         """The profiles of these cells.
 
         Where rounding changed a segment's time, each phase keeps its share, and no ramp of jerk
         gets briefer.
         """
-        signs = rows.cells.signs[:, 0]
-        rises = rows.profiles.rises[:, :, 0]
-        at_waypoints = rows.profiles.acceleration[:, :, 0]
-        rise, fall = rises
-        peak = np.clip(0.0, -fall, rise)
+        cells = rows.cells
+        profiles = rows.profiles
+        first = profiles.acceleration
         shares = _shares(rows)
         shares[shares < MIN_SHARE] = 0.0
         shares[shares > 1 - MIN_SHARE] = 1.0
-        phases = rows.phases[:, :, :, 0]
-        # at rest on the velocity limit a dip is rounding, and so is what is left of a settled phase
-        room = rows.profiles.limits.top - rows.profiles.velocity
-        on_limit = (room <= SETTLED_RTOL * rows.cells.highest / rows.t)[:, :, 0]
-        dips = on_limit & (at_waypoints == 0) & (phases[CRUISE] > 0)
-        ramp = limits.ramp / rows.t[0]
-        vanish = dips | (phases < SETTLED_RTOL * ramp)
-        phases = np.where(vanish, 0.0, phases)
+        # phases that have settled are rounding, and so is a dip of no acceleration at the limit
+        phases = rows.phases
+        room = profiles.limits.top - profiles.velocity
+        is_fast = room <= SETTLED_RTOL * cells.highest / rows.t
+        is_dip = is_fast & (first == 0) & (phases[CRUISE] > 0)
+        own = phases[:CRUISE]
+        is_gone = is_dip | (own < SETTLED_RTOL * limits.ramp / rows.t)
+        takes = np.where(is_gone, 0.0, own) * limits.times * limits.unit
         # the end is passed backwards
         origins = np.array([limits.start, -limits.end])
-        places = [origins[:, None, :, None] + 0 * rises]
-        for length in phases[:CRUISE] * limits.times * limits.unit:
+        places = [origins[:, None, None, :, None] + 0 * first]
+        for length in takes:
             places.append(later(places[-1], length))
-        # without a cruise both meet, however they are rounded
+        # without a cruise both meet, however they are rounded, and may reach less
         from_start, from_end = places[-1]
         places[-1] = np.array([from_start, np.minimum(from_end, -from_start)])
         lengths = np.diff(places, axis=0) / limits.unit
-        ends = FLIPS * np.array(places[1:])
+        rise, fall = profiles.rises
+        peak = np.clip(0.0, -fall, rise)
         peaks = np.array([peak, -peak])
-        allowed = peaks + lengths[RELEASE] / rows.cells.down[:, 0]
-        held = np.fmin(rises, allowed)
-        levels = np.array([FLIPS * at_waypoints, FLIPS * held, [peak, peak]])
-        return cls(lengths, signs * levels, shares, ends)
+        held = np.fmin(profiles.rises, peaks + lengths[RELEASE] / cells.down)
+        levels = cells.signs * FLIPS * np.array([first, held, peaks])
+        waypoints = np.pad(rows.point.acceleration[0], ((1, 1), (0, 0)))
+        return cls(lengths, levels, shares, FLIPS * np.array(places[1:]), waypoints)
 
     def breaks(self, limits: _Limits) -> Array:
         """The ends of phases within segments, s, or not a number, `(12, segments, joints)`."""
@@ -375,25 +342,25 @@ class _Profiles(NamedTuple):
         before_end = self.ends < limits.end[:, None]
         wanted = after_start & before_end & (self.shares > 0)
         breaks = np.where(wanted, self.ends, np.nan)
-        return breaks.reshape(-1, *self.shares.shape[1:])
+        return breaks.reshape(-1, *breaks.shape[-2:])
 
-    def accelerations(self, since: Array, at_ends: Array) -> Array:
+    def accelerations(self, since: Array) -> Array:
         """Accelerations at times since both ends, `(times, segments, joints)`.
 
         Args:
             since: `(2 ends, times, segments, 1)`.
-            at_ends: at the waypoints, `(segments + 1, joints)`.
         """
-        after = since[:, :, None]
-        ramp, hold, release = self.lengths[:, :, None]
-        first, held, peak = self.levels[:, :, None]
+        after = since[:, None]
+        ramp, hold, release = self.lengths
+        first, held, peak = self.levels
         halves = first - peak
         halves = halves + _share(after, ramp) * (held - first)
         halves += _share(after - ramp - hold, release) * (peak - held)
         profiles = peak[0] + halves.sum(axis=0)
-        inner = (self.shares * profiles).sum(axis=1)
-        inner = np.where(since[0] > 0, inner, at_ends[:-1])
-        return np.where(since[1] > 0, inner, at_ends[1:])
+        # without a jerk limit there is no such profile
+        inner = np.nan_to_num((self.shares * profiles).sum(axis=0))
+        inner = np.where(since[0] > 0, inner, self.waypoints[:-1])
+        return np.where(since[1] > 0, inner, self.waypoints[1:])
 
 
 def _share(after: Array, length: Array) -> Array:
@@ -402,63 +369,70 @@ def _share(after: Array, length: Array) -> Array:
     return np.where(length > 0, share, after >= 0)
 
 
+def _between(levels: Array, passed: Array) -> Array:
+    """Values between even breaks, where that share of the time has passed."""
+    place = passed * (EVEN + 1)
+    before = np.clip(place.astype(int), 0, EVEN)
+    left = np.take_along_axis(levels, before, axis=0)
+    right = np.take_along_axis(levels, before + 1, axis=0)
+    return left + (place - before) * (right - left)
+
+
 def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
     """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
-    agreed = np.zeros((len(weights) + 1, weights.shape[1]))
     wanted = weights[1:] * at_start[1:] + weights[:-1] * at_end[:-1]
     both = weights[1:] + weights[:-1]
-    agreed[1:-1] = wanted / np.maximum(both, TINY)
-    return agreed
+    return np.pad(wanted / np.maximum(both, TINY), ((1, 1), (0, 0)))
 
 
 def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
     """The breaks of all joints of a segment, s, `(breaks, segments)`, where its end repeats."""
     start = limits.start
     end = limits.end
-    own = np.where(needs_own, profiles.breaks(limits), np.nan)
-    of_joints = np.broadcast_to(LEAST_RTOL * limits.ramp * limits.unit, own.shape)
     even = np.linspace(start, end, EVEN + 2)[1:-1]
+    own = np.where(needs_own, profiles.breaks(limits), np.nan)
+    brief = np.broadcast_to(LEAST_RTOL * limits.ramp * limits.unit, own.shape)
     times = np.concatenate([even, _rows(own)])
-    least = np.concatenate([0 * even, _rows(of_joints)])
+    briefs = np.concatenate([0 * even, _rows(brief)])
     order = np.argsort(times, axis=0)
     times = np.take_along_axis(times, order, axis=0)
-    least = np.take_along_axis(least, order, axis=0)
+    briefs = np.take_along_axis(briefs, order, axis=0)
     found = []
-    for first, last, wanted, shortest in zip(start, end, times.T, least.T, strict=True):
+    for first, last, wanted, losses in zip(start, end, times.T, briefs.T, strict=True):
         count = np.isfinite(wanted).sum()
-        found.append(_apart([first, *wanted[:count], last], [0.0, *shortest[:count], 0.0]))
+        found.append(_apart([first, *wanted[:count], last], losses[:count].tolist()))
     most = max(map(len, found))
-    return np.array([own + [own[-1]] * (most - len(own)) for own in found]).T
-
-
-def _apart(times: list[float], least: list[float]) -> list[float]:
-    """Breaks in order, without pieces so short that a longer one costs next to nothing.
-
-    A break left out makes its joint faster by half its change of jerk times the times to the breaks
-    before and after. So one that is close to the break before may move away from it.
-
-    Args:
-        times: breaks, s; the first and the last stay.
-        least: the times whose square may be lost, s.
-    """
-    kept = times[:1]
-    for time, after, short in zip(times[1:-1], times[2:], least[1:-1], strict=True):
-        gap = time - kept[-1]
-        if gap * (after - time) > short**2:
-            kept.append(time if gap >= short else kept[-1] + short**2 / gap)
-    end = times[-1]
-    gap = end - kept[-1]
-    short = least[-2]
-    if len(kept) > 1 and gap < short:
-        last = kept.pop()
-        if gap * (last - kept[-1]) > short**2:
-            kept.append(end - short**2 / gap)
-    return [*kept, end]
+    return np.array([own + own[-1:] * (most - len(own)) for own in found]).T
 
 
 def _rows(table: Array) -> Array:
     """A table `(…, segments, joints)` as rows `(rows, segments)`."""
     return table.swapaxes(-1, -2).reshape(-1, table.shape[-2])
+
+
+def _apart(times: list[float], briefs: list[float]) -> list[float]:
+    """Breaks in order, without pieces so short that a longer one costs next to nothing.
+
+    Without a break its joint is faster by half its change of jerk times the times to the breaks
+    before and after. So one that follows another one closely may move away from it.
+
+    Args:
+        times: breaks, s; the first and the last stay.
+        briefs: the times whose squares the inner ones may cost, s.
+    """
+    kept = times[:1]
+    for time, after, brief in zip(times[1:], times[2:], briefs, strict=False):
+        gap = time - kept[-1]
+        if gap * (after - time) > brief**2:
+            kept.append(time if gap >= brief else kept[-1] + brief**2 / gap)
+    end = times[-1]
+    gap = end - kept[-1]
+    brief = briefs[-1]
+    if gap < brief and len(kept) > 1:
+        last = kept.pop()
+        if gap * (last - kept[-1]) > brief**2:
+            kept.append(end - brief**2 / gap)
+    return [*kept, end]
 
 
 def _missing(lengths: Array, levels: Array, velocity: Array, h: Array) -> tuple[Array, Array]:
@@ -472,21 +446,21 @@ def _missing(lengths: Array, levels: Array, velocity: Array, h: Array) -> tuple[
     return slow, short
 
 
-def _mended(lengths: Array, passed: Array, levels: Array, velocity: Array, h: Array) -> Array:
+def _mended(times: _Times, levels: Array, velocity: Array, h: Array) -> Array:
     """Accelerations with which nothing is missing, `(breaks, segments, joints)`.
 
     They change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`.
 
     Args:
-        lengths: of the pieces, `(pieces, segments, 1)`.
-        passed: the share `x` of the segment's time that has passed, `(breaks, segments, 1)`.
+        times: of the breaks; `x` is the share of the segment's time that has passed.
         levels: accelerations, `(breaks, segments, joints)`.
         velocity: at the waypoints.
         h: displacements.
     """
-    even = passed * (1 - passed)
-    odd = even * (1 - 2 * passed)
-    none = np.zeros_like(passed[0])
+    lengths = times.lengths
+    even = times.passed * (1 - times.passed)
+    odd = even * (1 - 2 * times.passed)
+    none = np.zeros_like(even[0])
     _, even_gain, even_way = integrated(lengths, even, none)
     _, odd_gain, odd_way = integrated(lengths, odd, none)
     # both equations by Cramer's rule
@@ -512,11 +486,7 @@ def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> A
     when[jerk == 0] = 0.0
     turning = before + when * (first + when * jerk / 2)
     signs = np.array([[-1.0], [1.0]])
-    kinds = [
-        (jerk, signs / scaled.r),
-        (levels, scaled.a),
-        (turning, scaled.v),
-    ]
+    kinds = [(jerk, signs / scaled.r), (levels, scaled.a), (turning, scaled.v)]
     shares = []
     for values, (low, high) in kinds:
         shares.append((values / low).max(axis=0))

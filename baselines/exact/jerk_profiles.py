@@ -101,11 +101,7 @@ class Profiles:
         some_c = np.where(jerky, c, 1.0)
         # Counted from a constant acceleration: in a brief segment jerk changes little of it.
         a, b = acceleration
-        common = np.where(
-            jerky,
-            (a - b) / 2,
-            0.0,
-        )
+        common = np.where(jerky, (a - b) / 2, 0.0)
         apart = np.array([common, -common])
         counted = acceleration - apart
         limit = steepest - apart
@@ -119,59 +115,30 @@ class Profiles:
         free = time / (2 * some_c) + tilt
         # one held: what the other one reaches, and the limit more
         climbed = limit * time - toward
-        root = np.sqrt(
-            np.maximum(
-                2 * climbed / some_c,
-                _TINY,
-            )
-        )
+        root = np.sqrt(np.maximum(2 * climbed / some_c, _TINY))
         over = jerky & (free > limit)
         alone = over & (root - limit <= opposite)
         alone[1] &= ~alone[0]
         none = jerky & ~over.any(axis=0)
         both = ~(none | alone.any(axis=0))
         held = alone | both
-        rises = np.where(
-            alone[::-1],
-            root[::-1] - opposite,
-            free,
-        )
-        rises = (
-            np.where(
-                held,
-                limit,
-                rises,
-            )
-            + apart
-        )
+        rises = np.where(alone[::-1], root[::-1] - opposite, free)
+        rises = np.where(held, limit, rises) + apart
         together = steepest.sum(axis=0)
         spare = time - c * together
         squares = limit**2
         excess = toward + c * (squares[::-1] - squares) / 2
         shared = (opposite * spare + excess) / together
         hold = np.where(both, shared, 0.0)
-        hold = np.where(
-            alone,
-            time - c * root,
-            hold,
-        )
+        hold = np.where(alone, time - c * root, hold)
         # a peak above the limit becomes a cruise at the limit
         bases = velocity - up * acceleration**2 / 2
         highest = bases[0] + rises[0] * (c * rises[0] / 2 + hold[0])
         gap = top - bases
-        full = np.sqrt(
-            np.maximum(
-                2 * gap / some_c,
-                (_LEAST_RISE * steepest) ** 2,
-            )
-        )
+        full = np.sqrt(np.maximum(2 * gap / some_c, (_LEAST_RISE * steepest) ** 2))
         kept = ~jerky | (full > steepest)
         limited = np.where(kept, steepest, full)
-        needed = np.where(
-            kept,
-            gap / steepest - c * steepest / 2,
-            0.0,
-        )
+        needed = np.where(kept, gap / steepest - c * steepest / 2, 0.0)
         # also where the cruise were a little negative: D is the lesser of both, each smooth
         ramped = up * (limited - acceleration) + needed + down * limited
         spent = ramped.sum(axis=0) - down * limited.sum(axis=0) / 2
@@ -189,11 +156,7 @@ class Profiles:
         last = down * reached
         until = first + hold
         whole = until + last
-        cruise = np.where(
-            cruises,
-            1 - whole.sum(axis=0),
-            0.0,
-        )
+        cruise = np.where(cruises, 1 - whole.sum(axis=0), 0.0)
         # x1 = t1 (u + t1 (2 a + A)/6), x2 = d (v1 + v2)/2, x3 = t3 (v2 + t3 A/3)
         before = start + first * (counted + reached) / 2
         after = before + reached * hold
@@ -219,10 +182,7 @@ class Profiles:
     @property
     def reachable(self) -> Bools:
         """Return whether all phases take time and both ends keep the velocity limit."""
-        briefest = np.minimum(
-            self.first,
-            self.hold,
-        ).min(axis=0)
+        briefest = np.minimum(self.first, self.hold).min(axis=0)
         return np.asarray((briefest >= -_ROUNDING) & self._slow_enough)
 
     def slopes(self) -> Slopes:
@@ -240,13 +200,7 @@ class Profiles:
         d_base[TIME] = up * acceleration**2 / 2
         d_time = np.zeros((_VARIABLES, *time.shape))
         d_time[TIME] = 1 - time
-        for end, (v, a) in enumerate(
-            zip(
-                VELOCITIES,
-                ACCELERATIONS,
-                strict=True,
-            )
-        ):
+        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
             d_base[v, end] = 1.0
             d_base[a, end] = -up * acceleration[end]
             d_time[a] = up
@@ -254,25 +208,14 @@ class Profiles:
 
         # the accelerations reached: free, beside one that is held, or below the velocity limit
         d_toward = np.empty(shape)
-        np.subtract(
-            d_base[:, 1],
-            d_base[:, 0],
-            out=d_toward[:, 0],
-        )
-        np.negative(
-            d_toward[:, 0],
-            out=d_toward[:, 1],
-        )
+        np.subtract(d_base[:, 1], d_base[:, 0], out=d_toward[:, 0])
+        np.negative(d_toward[:, 0], out=d_toward[:, 1])
         halves = time / (2 * some_c)
         d_free = d_time * (1 / (2 * some_c) - tilt / time) + d_toward / time
         d_free[TIME] += halves
         d_root = (steepest * d_time - d_toward) / (some_c * root)
         d_root[TIME] += root / 2
-        d_rises = np.where(
-            alone[::-1],
-            d_root[:, ::-1],
-            d_free,
-        )
+        d_rises = np.where(alone[::-1], d_root[:, ::-1], d_free)
         d_rises = np.where(held, 0.0, d_rises)
         # the holds
         together = steepest.sum(axis=0)
@@ -306,35 +249,15 @@ class Profiles:
 
         # the costate vanishes in the middle of the last ramp, or between both holds
         left = 1 - until.sum(axis=0)
-        middle = (
-            until
-            + np.where(
-                cruises,
-                last,
-                left,
-            )
-            / 2
-        )
+        middle = until + np.where(cruises, last, left) / 2
         d_left = -d_until.sum(axis=1)
-        d_middle = (
-            d_until
-            + np.where(
-                cruises,
-                d_last,
-                d_left[:, None],
-            )
-            / 2
-        )
+        d_middle = d_until + np.where(cruises, d_last, d_left[:, None]) / 2
         worth = first * (middle - first / 2)
         d_worth = d_middle * first + (middle - first) * d_first
 
         # over the time: velocities from the mean change with it, and so does every limit
         ends = self.velocity
-        highest = np.where(
-            cruises,
-            top,
-            after[0] + rises[0] * left / 2,
-        )
+        highest = np.where(cruises, top, after[0] + rises[0] * left / 2)
         rest = 1 - middle.sum(axis=0)
         by_ends = (middle * ends).sum(axis=0)
         by_time = by_ends + highest - 2 * self.value + steep * rest
@@ -342,11 +265,7 @@ class Profiles:
         ramp_by_time = d_first[TIME, 0] * (acceleration[0] + rises[0]) / 2
         held_by_time = rises[0] * (d_hold[TIME, 0] + d_left[TIME] / 2)
         longer = rise_by_time * (first[0] / 2 + self.hold[0] + left / 2)
-        highest_by_time = np.where(
-            cruises,
-            steep - top,
-            ramp_by_time + held_by_time + longer,
-        )
+        highest_by_time = np.where(cruises, steep - top, ramp_by_time + held_by_time + longer)
         moved = (d_middle[TIME] * (ends - steep)).sum(axis=0)
         twice = moved + highest_by_time - 2 * by_time - 2 * steep * rest
 
@@ -354,13 +273,7 @@ class Profiles:
         second = np.empty((_VARIABLES, *first_order.shape))
         first_order[TIME] = by_time
         second[TIME, TIME] = twice
-        for end, (v, a) in enumerate(
-            zip(
-                VELOCITIES,
-                ACCELERATIONS,
-                strict=True,
-            )
-        ):
+        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
             first_order[v] = middle[end]
             first_order[a] = worth[end]
             second[v] = d_middle[:, end]
