@@ -15,16 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.exact.cells import at_ends
-from baselines.exact.chain import Chain, Links, owners
+from baselines.exact.chain import Chain, Links
 from baselines.exact.interior_point import MIN_KEPT_SLACK, ROW_AXES
 from baselines.exact.jerk_profiles import ACCELERATIONS, TIME, VELOCITIES, Limits, Profiles, Slopes
 from baselines.exact.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 
-# Signs of the upper profile and of the lower one, which is seen mirrored.
-_SIGNS = np.array([1.0, -1.0])
+# Rows of the reach of a cell, where the extreme profiles are of both kinds.
+REACH = 4
 # The end is seen backwards, where acceleration changes its sign.
-_ENDS = _SIGNS.reshape(2, 1, 1, 1, 1)
+_ENDS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1, 1)
 # A residual of a link up to this, relative to its velocities, is rounding.
 _ROUNDING_RTOL = 4e-15
 # A start whose states are not reachable is dilated, and then its end velocities shrink.
@@ -160,12 +160,12 @@ class Rows:
     """Every inequality of the program at a point, and what the links miss.
 
     Attributes:
+        values: of all: the reach, what the limits of acceleration leave at a cell's end, and what
+            those of velocity leave after the ramp that ends this acceleration,
+            `(kinds, 2 sides, starts, segments, joints)`.
         reach: what the extreme displacements leave, in units of the cell's time squared,
-            `(2 sides, starts, segments, joints)`.
-        room: what limits leave at the waypoints: those of acceleration, and those of velocity
-            after the ramp that ends it, `(2 kinds, 2 sides, starts, segments - 1, joints)`.
+            `(sides, starts, segments, joints)`.
         t: the segment times, `(starts, segments, 1)`.
-        ramps: by how much acceleration lessens the room of velocity, as `room[1]` has it.
     """
 
     start_slack = 0.0
@@ -177,8 +177,6 @@ class Rows:
         t = times[..., None]
         mean = cells.h / t
         steep = mean / t
-        velocity = point.velocity
-        acceleration = point.acceleration
         limits = Limits(
             cells.steepest,
             cells.highest / t - cells.signs * steep,
@@ -187,15 +185,19 @@ class Rows:
             cells.signs * steep,
             cells.beyond,
         )
-        waypoints = at_ends(acceleration)
+        waypoints = at_ends(point.acceleration)
         profiles = Profiles(
             point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * _ENDS, limits
         )
-        # the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
-        ramps = cells.falling * acceleration
-        risen = ramps * acceleration / 2
-        onwards = np.array([acceleration, -acceleration])
-        faster = np.array([velocity, -velocity])
+        reach = profiles.value
+        kinds = len(reach) // 2
+        # after the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
+        _, acceleration = waypoints
+        faster = cells.signs[:2] * at_ends(point.velocity)[1] + cells.falling * acceleration**2 / 2
+        values = np.empty((kinds + 2, 2, *reach.shape[1:]))
+        values[:kinds] = reach.reshape(kinds, 2, *reach.shape[1:])
+        values[kinds] = cells.widest - cells.signs[:2] * acceleration
+        values[kinds + 1] = cells.fastest - faster
 
         self.cells = cells
         self.point = point
@@ -204,16 +206,9 @@ class Rows:
         self.mean = mean
         self.steep = steep
         self.profiles = profiles
-        reach = profiles.value
-        kinds = len(reach) // 2
-        values = np.ones((kinds + 2, 2, *reach.shape[1:]))
-        values[:kinds] = reach.reshape(kinds, 2, *reach.shape[1:])
-        values[kinds, ..., :-1, :] = cells.widest - onwards
-        values[kinds + 1, ..., :-1, :] = cells.fastest - faster - risen
         self.reach = reach
         self.values = values
         self.start_barrier = START_BARRIER_RTOL * times.sum(axis=1) / values[:, :, 0].size
-        self.ramps = ramps
 
     def linear(self, multipliers: Array, weights: Array) -> Linear:
         """The model of a Newton step; `weights` are multiplier over slack of each row."""
@@ -254,11 +249,23 @@ class Rows:
 
     @cached_property
     def slopes(self) -> Slopes:
-        """How `reach` changes with a cell's variables, both sides' in one sense."""
-        first, second = self.profiles.slopes()
-        second *= self.cells.seen[:, None]
-        second *= self.cells.seen
-        return Slopes(first * self.cells.seen, second)
+        """How all rows change with a cell's variables, and the first of these, the reach, twice."""
+        reach, second = self.profiles.slopes()
+        seen = self.cells.seen
+        second *= seen[:, None]
+        second *= seen
+        signs = self.cells.signs[:2]
+        own = self.t * signs
+        _, ends = self.point.ends
+        _, acceleration = at_ends(self.point.acceleration)
+        first = np.zeros((5, REACH + 4, *self.mean.shape))
+        first[:, :REACH] = reach * seen
+        first[ACCELERATIONS[1], REACH:-2] = -signs
+        # dv = T dx − (h/T − T x) ds
+        first[TIME, -2:] = own * (self.steep - ends)
+        first[VELOCITIES[1], -2:] = -own
+        first[ACCELERATIONS[1], -2:] = -self.cells.falling * acceleration
+        return Slopes(first, second)
 
     @cached_property
     def missing(self) -> Array:
@@ -281,55 +288,26 @@ class Linear:
 
     def __init__(self, rows: Rows, multipliers: Array, weights: Array) -> None:
         first, second = rows.slopes
-        point = rows.point
-        reach = _reach(multipliers)
-        weighted = _reach(weights) * first
-        matrix = (weighted[:, None] * first - reach * second).sum(axis=2)
-        pull = (reach * first).sum(axis=1)
+        cells = rows.cells
+        ends = rows.point.ends
+        z = _by_row(multipliers)
+        w = _by_row(weights)
+        matrix = np.einsum("ir...,jr...->ij...", w * first, first)
+        matrix -= (z[:REACH] * second).sum(axis=2)
+        matrix[ACCELERATIONS[1], ACCELERATIONS[1]] += (z[-2:] * cells.falling).sum(axis=0)
+        pull = (z[:REACH] * first[:, :REACH]).sum(axis=1)
         for end, v in enumerate(VELOCITIES):
             # the second derivative of the link h/T + T x = v
-            matrix[TIME, TIME] += pull[v] * (rows.steep + point.ends[end])
+            matrix[TIME, TIME] += pull[v] * (rows.steep + ends[end])
             matrix[TIME, v] += pull[v]
             matrix[v, TIME] += pull[v]
-        links = Links(rows.steep - point.ends, rows.missing)
-        own_states = self._own_states(rows, links)
-        at_waypoints = self._at_waypoints(rows, multipliers, weights)
-        cells = matrix.transpose(2, 3, 4, 0, 1)
-        cells = cells + (own_states.swapaxes(-1, -2) @ at_waypoints @ own_states).sum(axis=3)
+        links = Links(rows.steep - ends, rows.missing)
         self.rows = rows
-        self.own_states = own_states
-        self.at_waypoints = at_waypoints
-        self.chain = Chain(rows.times, links, cells)
-
-    @staticmethod
-    def _own_states(rows: Rows, links: Links) -> Array:
-        """Change of the waypoints' states with the variables of the cells that own them.
-
-        Velocity, `dv = T (dx − slope ds)`, and acceleration at both ends of a cell,
-        `(starts, segments, joints, 2 ends, 2, variables)`.
-        """
-        owned = owners(rows.times)
-        own_time = owned * rows.t
-        states = np.zeros((*rows.steep.shape, 2, 2, 5))
-        for end, (v, a) in enumerate(zip(VELOCITIES, ACCELERATIONS, strict=True)):
-            states[..., end, 0, TIME] = -own_time[end] * links.slope[end]
-            states[..., end, 0, v] = own_time[end]
-            states[..., end, 1, a] = owned[end]
-        return states
-
-    @staticmethod
-    def _at_waypoints(rows: Rows, multipliers: Array, weights: Array) -> Array:
-        """The rows at waypoints, quadratic in velocity and acceleration, at both ends of a cell."""
-        ramps = rows.ramps
-        of_acceleration, of_velocity = _room(weights)
-        _, multiplier = _room(multipliers)
-        pressed = of_velocity * ramps
-        vv = of_velocity.sum(axis=0)
-        va = pressed[0] - pressed[1]
-        aa = of_acceleration + pressed * ramps + multiplier * rows.cells.falling
-        entries = [at_ends(table) for table in (vv, va, va, aa.sum(axis=0))]
-        last = np.array(entries).transpose(2, 3, 4, 1, 0)
-        return last.reshape(*last.shape[:-1], 2, 2)
+        self.weights = w
+        # what the velocity rows miss, because links do
+        self.missed = np.zeros_like(w)
+        self.missed[-2:] = rows.t * cells.signs[:2] * rows.missing[1]
+        self.chain = Chain(rows.times, links, matrix.transpose(2, 3, 4, 0, 1))
 
     @property
     def apart(self) -> Array:
@@ -347,58 +325,32 @@ class Linear:
 
     def step(self, aim: Array) -> tuple[Point, Array]:
         """The Newton step to these multipliers, and by how much it changes every row."""
-        rows = self.rows
         log, cells, velocity = self.chain.step(self._gradient(aim))
         by_variable = cells.transpose(3, 0, 1, 2)
-        accelerations = by_variable[list(ACCELERATIONS)]
-        acceleration = accelerations[1, :, :-1]
-        change = np.zeros_like(aim)
-        reach = (rows.slopes.first * by_variable[:, None]).sum(axis=0)
-        change[:2] = reach.reshape(change[:2].shape)
-        faster = np.array([-velocity, velocity])
-        change[2, ..., :-1, :] = np.array([-acceleration, acceleration])
-        change[3, ..., :-1, :] = faster - rows.ramps * acceleration
+        change = (self.rows.slopes.first * by_variable[:, None]).sum(axis=0) + self.missed
+        acceleration = by_variable[ACCELERATIONS[1], :, :-1]
         step = Point(log, by_variable[list(VELOCITIES)], velocity, acceleration)
-        return step, change
+        return step, change.reshape(aim.shape)
 
     def bending(self, step: Point) -> Array:
         """By how much a step changes every row at second order."""
         rows = self.rows
-        acceleration = at_ends(step.acceleration)
-        changes = np.empty((5, *acceleration.shape[1:]))
-        changes[TIME] = step.log[..., None]
-        changes[list(VELOCITIES)] = step.ends
-        changes[list(ACCELERATIONS)] = acceleration
+        before, after = at_ends(step.acceleration)
+        log = np.broadcast_to(step.log[..., None], after.shape)
+        changes = np.array([log, step.ends[0], before, step.ends[1], after])
         bent = (rows.slopes.second * changes[:, None]).sum(axis=1)
-        table = np.zeros_like(rows.values)
-        table[:2] = ((bent * changes[:, None]).sum(axis=0) / 2).reshape(table[:2].shape)
-        table[3, ..., :-1, :] = -rows.cells.falling * step.acceleration**2 / 2
-        return table
+        table = np.zeros_like(self.weights)
+        table[:REACH] = (bent * changes[:, None]).sum(axis=0) / 2
+        table[-2:] = -rows.cells.falling * after**2 / 2
+        return table.reshape(rows.values.shape)
 
     def _gradient(self, multipliers: Array) -> Array:
         """The gradient of the rows over the cells' variables, with what the links miss."""
-        rows = self.rows
-        of_reach = (_reach(multipliers) * rows.slopes.first).sum(axis=1)
-        of_acceleration, of_velocity = _room(multipliers)
-        pressed = (of_velocity * rows.ramps).sum(axis=0)
-        states = np.array(
-            [
-                at_ends(of_velocity[1] - of_velocity[0]),
-                at_ends(of_acceleration[1] - of_acceleration[0] - pressed),
-            ]
-        )
-        by_state = states.transpose(2, 3, 4, 1, 0)
-        velocity = (rows.t * rows.missing).transpose(1, 2, 3, 0)
-        by_state = by_state + self.at_waypoints[..., 0] * velocity[..., None]
-        own = (by_state[..., None, :] @ self.own_states)[..., 0, :]
-        return np.asarray(of_reach.transpose(1, 2, 3, 0) + own.sum(axis=3))
+        pressed = _by_row(multipliers) - self.weights * self.missed
+        gradient = (pressed * self.rows.slopes.first).sum(axis=1)
+        return gradient.transpose(1, 2, 3, 0)
 
 
-def _reach(table: Array) -> Array:
-    """Return the part of a table of rows for the reach, `(4, starts, segments, joints)`."""
-    return table[:2].reshape(4, *table.shape[2:])
-
-
-def _room(table: Array) -> Array:
-    """Return the part of a table of rows for inner waypoints, `(2, 2, starts, …)`."""
-    return table[2:, :, :, :-1]
+def _by_row(table: Array) -> Array:
+    """A table `(kinds, 2 sides, …)` with its rows on one axis."""
+    return table.reshape(-1, *table.shape[2:])
