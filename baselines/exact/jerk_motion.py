@@ -27,6 +27,7 @@ from baselines.exact.jerk_cells import Cells, Point, Rows
 from baselines.exact.jerk_profiles import CRUISE, HOLD, RAMP, RELEASE
 from baselines.exact.rounded import Pieces, integrated, later
 from baselines.exact.scaled import Scaled
+from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
 
@@ -131,7 +132,7 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     even = _Times.of(np.linspace(limits.start, limits.end, EVEN + 2), limits)
     gentle = _mended(even, profiles.accelerations(even.since), velocity, scaled.h)
     excess = _excess(scaled, even.lengths, gentle, velocity)
-    needs_own = limits.jerky & (excess > EXCESS_RTOL)
+    needs_own = limits.jerky & ~(excess <= EXCESS_RTOL)
 
     breaks = _breaks(profiles, limits, needs_own)
     times = _Times.of(breaks, limits)
@@ -387,47 +388,37 @@ def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
 
 def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
     """The breaks of all joints of a segment, s, `(breaks, segments)`, where its end repeats."""
-    start = limits.start
-    end = limits.end
-    even = np.linspace(start, end, EVEN + 2)[1:-1]
-    own = np.where(needs_own, profiles.breaks(limits), np.nan)
-    brief = np.broadcast_to(LEAST_RTOL * limits.ramp * limits.unit, own.shape)
-    times = np.concatenate([even, _rows(own)])
-    briefs = np.concatenate([0 * even, _rows(brief)])
-    order = np.argsort(times, axis=0)
-    times = np.take_along_axis(times, order, axis=0)
-    briefs = np.take_along_axis(briefs, order, axis=0)
+    wanted = profiles.breaks(limits)
+    briefs = np.broadcast_to(LEAST_RTOL * limits.ramp * limits.unit, wanted.shape)
+    even = np.linspace(limits.start, limits.end, EVEN + 2).T.tolist()
     found = []
-    for first, last, wanted, losses in zip(start, end, times.T, briefs.T, strict=True):
-        count = np.isfinite(wanted).sum()
-        found.append(_apart([first, *wanted[:count], last], losses[:count].tolist()))
+    for k, (start, *inner, end) in enumerate(even):
+        own = needs_own[k] & np.isfinite(wanted[:, k])
+        pairs = zip(wanted[:, k][own].tolist(), briefs[:, k][own].tolist(), strict=True)
+        found.append(_apart(start, sorted([*pairs, *((time, 0.0) for time in inner)]), end))
     most = max(map(len, found))
-    return np.array([own + own[-1:] * (most - len(own)) for own in found]).T
+    return np.array([breaks + [breaks[-1]] * (most - len(breaks)) for breaks in found]).T
 
 
-def _rows(table: Array) -> Array:
-    """A table `(…, segments, joints)` as rows `(rows, segments)`."""
-    return table.swapaxes(-1, -2).reshape(-1, table.shape[-2])
-
-
-def _apart(times: list[float], briefs: list[float]) -> list[float]:
+def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[float]:
     """Breaks in order, without pieces so short that a longer one costs next to nothing.
 
     Without a break its joint is faster by half its change of jerk times the times to the breaks
     before and after. So one that follows another one closely may move away from it.
 
     Args:
-        times: breaks, s; the first and the last stay.
-        briefs: the times whose squares the inner ones may cost, s.
+        start: of the segment, s.
+        wanted: breaks, s, each with the time whose square it may cost, s, in order.
+        end: of the segment, s.
     """
-    kept = times[:1]
-    for time, after, brief in zip(times[1:], times[2:], briefs, strict=False):
+    kept = [start]
+    following = [time for time, _ in wanted[1:]]
+    for (time, brief), after in zip(wanted, [*following, end], strict=True):
         gap = time - kept[-1]
         if gap * (after - time) > brief**2:
-            kept.append(time if gap >= brief else kept[-1] + brief**2 / gap)
-    end = times[-1]
+            kept.append(max(time, kept[-1] + brief**2 / gap))
+    *_, (_, brief) = wanted
     gap = end - kept[-1]
-    brief = briefs[-1]
     if gap < brief and len(kept) > 1:
         last = kept.pop()
         if gap * (last - kept[-1]) > brief**2:
@@ -476,20 +467,13 @@ def _mended(times: _Times, levels: Array, velocity: Array, h: Array) -> Array:
 
 def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> Array:
     """The largest share by which a motion exceeds a limit, `(segments, joints)`."""
-    first = levels[:-1]
-    steps = np.diff(levels, axis=0)
-    jerk = np.where(lengths > 0, steps / lengths, 0.0)
-    gains = lengths * (first + steps / 2)
-    before = velocity[:-1] + np.cumsum(gains, axis=0) - gains
-    # velocity where acceleration vanishes in a piece; where it does not, at its nearer end
-    when = np.clip(-first / jerk, 0.0, lengths)
-    when[jerk == 0] = 0.0
-    turning = before + when * (first + when * jerk / 2)
-    signs = np.array([[-1.0], [1.0]])
-    kinds = [(jerk, signs / scaled.r), (levels, scaled.a), (turning, scaled.v)]
+    cubics, *_ = integrated(lengths, levels, velocity[:-1])
+    jerks = np.array([[-1.0], [1.0]]) / scaled.r
     shares = []
-    for values, (low, high) in kinds:
-        shares.append((values / low).max(axis=0))
-        shares.append((values / high).max(axis=0))
-    excess = np.max(shares, axis=0) - 1
-    return np.nan_to_num(excess, nan=np.inf)
+    for order, limits in enumerate([scaled.v, scaled.a, jerks], start=1):
+        unit = polynomials.stretched(polynomials.derivative(cubics, order), lengths)
+        pieces = unit.reshape(len(unit), -1)
+        values = polynomials.evaluate(pieces[:, None], polynomials.critical_points(pieces))
+        table = values.reshape(-1, *unit.shape[1:])
+        shares += [np.fmax.reduce(table / limit, axis=(0, 1)) for limit in limits]
+    return np.max(shares, axis=0) - 1
