@@ -62,14 +62,13 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
-        times, states = self._storable(times, states)
-        passages = np.append(0.0, np.cumsum(times * self.unit))
+        passages = np.append(0.0, np.cumsum(self._storable(times) * self.unit))
         with np.errstate(all="ignore"):
             joints = self._joints(passages, states)
         return Trajectory.of_moving(self.problem.waypoints[0], self.moving, joints, passages)
 
-    def _storable(self, times: Array, states: Point) -> tuple[Array, Point]:
-        """The optimum, slower by what rounding its times takes, 1e-10 or so.
+    def _storable(self, times: Array) -> Array:
+        """Times of the segments, slower by what rounding takes, 1e-10 or so.
 
         The rounded time of a brief segment decides how fast it is passed. From one such segment to
         the next the motion slows down evenly.
@@ -78,19 +77,10 @@ class Reachable(Scaled):
         spacing = np.spacing(passages[1:]) / self.unit
         (brief,) = np.nonzero(spacing > ROUNDED_RTOL * times)
         if not brief.size:
-            return times, states
-        rounded = np.ceil(times[brief] / spacing[brief]) * spacing[brief]
-        slower = np.repeat(rounded / times[brief], 2)
-        places = passages[np.array([brief, brief + 1]).T.ravel()]
-        by_waypoint = np.interp(passages, places, slower)
-        by_cell = (by_waypoint[1:] + by_waypoint[:-1]) / 2
-        by_cell[brief] = slower[::2]
-        of_waypoints = by_waypoint[1:-1, None]
-        velocity = states.velocity / of_waypoints
-        wanted = at_ends(velocity) - at_ends(states.velocity) / by_cell[:, None]
-        log = states.log + np.log(by_cell)
-        ends = states.ends / by_cell[:, None] ** 2 + wanted / times[:, None]
-        return times * by_cell, Point(log, ends, velocity, states.acceleration / of_waypoints**2)
+            return times
+        rounded = np.ceil(times / spacing) * spacing
+        middles = (passages[1:] + passages[:-1]) / 2
+        return times * np.interp(middles, middles[brief], rounded[brief] / times[brief])
 
     def _joints(self, passages: Array, states: Point) -> list[Pieces]:
         """Each joint's breaks, s, and its position as coefficients, rad/s^power."""
