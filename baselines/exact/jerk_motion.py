@@ -25,7 +25,7 @@ from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.cells import at_ends
 from baselines.exact.jerk_cells import Cells, Point, Rows
 from baselines.exact.jerk_profiles import CRUISE, HOLD, RAMP, RELEASE
-from baselines.exact.rounded import Pieces, integrated, later
+from baselines.exact.rounded import Pieces, integrated, later, mended, missing
 from baselines.exact.scaled import Scaled
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools
@@ -44,9 +44,6 @@ EVEN = 2  # evenly spaced inner breaks of a segment
 EXCESS_RTOL = 3e-11
 # A break is left out if that costs as little velocity as jerk gains in this share of a ramp.
 LEAST_RTOL = 1e-5
-# Residuals that are rounding, relative to the numbers that they come from.
-ROUNDING_RTOL = 4e-15
-MENDINGS = 2  # the second one mends the rounding of the first
 TINY = 1e-300  # instead of dividing by 0
 # What is at the end of a segment is seen backwards.
 FLIPS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1, 1)
@@ -120,7 +117,8 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     velocity = _agreed(*ends[:, 0], limits.weights)
 
     even = _Times.of(np.linspace(limits.start, limits.end, EVEN + 2), limits)
-    gentle = _mended(even, profiles.accelerations(even.since), velocity, scaled.h)
+    gentle = profiles.accelerations(even.since)
+    gentle = mended(even.lengths, gentle, velocity[:-1], velocity[1:], scaled.h)
     excess = _excess(scaled, even.lengths, gentle, velocity)
     needs_own = limits.jerky & ~(excess <= EXCESS_RTOL)
 
@@ -128,11 +126,12 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     times = _Times.of(breaks, limits)
     own = profiles.accelerations(times.since)
     levels = np.where(needs_own, own, _between(gentle, times.passed))
-    slow, short = _missing(times.lengths, levels, velocity, scaled.h)
+    slow, short = missing(times.lengths, levels, velocity[:-1], velocity[1:], scaled.h)
     # a cell that misses nothing would have that much more velocity at its ends
     added = short / limits.times
     velocity = velocity + _agreed(added - slow, added, limits.weights)
-    return breaks, _mended(times, levels, velocity, scaled.h), velocity
+    levels = mended(times.lengths, levels, velocity[:-1], velocity[1:], scaled.h)
+    return breaks, levels, velocity
 
 
 class _Limits(NamedTuple):
@@ -414,45 +413,6 @@ def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[
         if gap * (last - kept[-1]) > brief**2:
             kept.append(end - brief**2 / gap)
     return [*kept, end]
-
-
-def _missing(lengths: Array, levels: Array, velocity: Array, h: Array) -> tuple[Array, Array]:
-    """The velocity and the displacement that motions of these accelerations miss at their end."""
-    _, reached, travelled = integrated(lengths, levels, velocity[:-1])
-    slow = velocity[1:] - reached
-    short = h - travelled
-    size = np.abs(velocity[1:]) + np.abs(velocity[:-1])
-    slow[np.abs(slow) <= ROUNDING_RTOL * size] = 0.0
-    short[np.abs(short) <= ROUNDING_RTOL * np.abs(h)] = 0.0
-    return slow, short
-
-
-def _mended(times: _Times, levels: Array, velocity: Array, h: Array) -> Array:
-    """Accelerations with which nothing is missing, `(breaks, segments, joints)`.
-
-    They change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`.
-
-    Args:
-        times: of the breaks; `x` is the share of the segment's time that has passed.
-        levels: accelerations, `(breaks, segments, joints)`.
-        velocity: at the waypoints.
-        h: displacements.
-    """
-    lengths = times.lengths
-    even = times.passed * (1 - times.passed)
-    odd = even * (1 - 2 * times.passed)
-    none = np.zeros_like(even[0])
-    _, even_gain, even_way = integrated(lengths, even, none)
-    _, odd_gain, odd_way = integrated(lengths, odd, none)
-    # both equations by Cramer's rule
-    size = even_gain * odd_way - odd_gain * even_way
-    for _ in range(MENDINGS):
-        slow, short = _missing(lengths, levels, velocity, h)
-        evenly = slow * odd_way - odd_gain * short
-        oddly = even_gain * short - even_way * slow
-        change = evenly * even + oddly * odd
-        levels = levels + change / size
-    return levels
 
 
 def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> Array:

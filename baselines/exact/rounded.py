@@ -22,8 +22,7 @@ from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
 DISTINCT_RTOL = 2 * BREAK_RTOL
 
 _MENDINGS = 2  # the second one mends the rounding of the first
-_RANK_RTOL = 1e-28  # of squares: less of a change is rounding
-_TINY = 1e-300  # instead of dividing by 0
+_ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
 
 Pieces = tuple[Array, Array]  # breaks, and position coefficients (degree + 1, pieces)
 
@@ -194,71 +193,56 @@ def assembled(
     )
 
 
-def through(
+def missing(
     lengths: Array,
     acceleration: Array,
-    velocities: Array | tuple[float, float],
+    u: Array | float,
+    w: Array | float,
     h: Array | float,
-) -> Array:
-    """The motions of such accelerations at the breaks, mended to end with their velocity at `h`.
-
-    Knots that were left out or moved cost some velocity and displacement. The least change of the
-    inner accelerations makes up for both.
+) -> tuple[Array, Array]:
+    """The velocity and the displacement that motions miss at their end; 0 where that is rounding.
 
     Args:
         lengths: of the pieces, `(pieces, …)`.
         acceleration: at the breaks, straight in between, `(pieces + 1, …)`.
-        velocities: at the start and at the end, `(2, …)`.
-        h: displacements, `(…)`.
-
-    Returns:
-        Position coefficients `(4, pieces, …)`; not finite where a piece has no length.
+        u: velocities at the start, `(…)`.
+        w: and at the end.
+        h: displacements.
     """
-    u, w = velocities
-    t = lengths.sum(axis=0)
-    # 1 more at an inner break, in units of the segment: half of both lengths more velocity,
-    # as if all of it were gained at their centroid
-    at = _from(
-        np.zeros_like(t),
-        lengths / t,
-    )
-    gained = (at[2:] - at[:-2]) / 2
-    centroid = (at[:-2] + at[1:-1] + at[2:]) / 3
-    further = gained * (1 - centroid)
-    # the changes that cost displacement alone
-    squares = np.maximum(
-        (gained**2).sum(axis=0),
-        _TINY,
-    )
-    shared = (further * gained).sum(axis=0) / squares
-    alone = further - shared * gained
-    squares_alone = (alone**2).sum(axis=0)
-    independent = squares_alone > _RANK_RTOL * squares
-    mended = acceleration.copy()
+    _, reached, travelled = integrated(lengths, acceleration, u)
+    slow = w - reached
+    short = h - travelled
+    is_fast = np.abs(slow) > _ROUNDING_RTOL * (np.abs(u) + np.abs(w))
+    is_far = np.abs(short) > _ROUNDING_RTOL * np.abs(h)
+    return np.where(is_fast, slow, 0.0), np.where(is_far, short, 0.0)
+
+
+def mended(
+    lengths: Array,
+    acceleration: Array,
+    u: Array | float,
+    w: Array | float,
+    h: Array | float,
+) -> Array:
+    """Accelerations with which nothing is missing, of at least three pieces.
+
+    They change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`, where `x` is the
+    share of the time that has passed. The arguments are those of `missing`.
+    """
+    none = np.zeros_like(lengths[0])
+    passed = _from(none, lengths / lengths.sum(axis=0))
+    even = passed * (1 - passed)
+    odd = even * (1 - 2 * passed)
+    _, even_gain, even_way = integrated(lengths, even, none)
+    _, odd_gain, odd_way = integrated(lengths, odd, none)
+    # both equations by Cramer's rule
+    size = even_gain * odd_way - odd_gain * even_way
     for _ in range(_MENDINGS):
-        _, velocity, position = integrated(
-            lengths,
-            mended,
-            u,
-        )
-        slow = (w - velocity) / t
-        short = (h - position) / t**2 - shared * slow
-        by_displacement = np.where(
-            independent,
-            short
-            / np.maximum(
-                squares_alone,
-                _TINY,
-            ),
-            0.0,
-        )
-        mended[1:-1] += gained * (slow / squares) + alone * by_displacement
-    coefficients, _, _ = integrated(
-        lengths,
-        mended,
-        u,
-    )
-    return coefficients
+        slow, short = missing(lengths, acceleration, u, w, h)
+        evenly = slow * odd_way - odd_gain * short
+        oddly = even_gain * short - even_way * slow
+        acceleration = acceleration + (evenly * even + oddly * odd) / size
+    return acceleration
 
 
 def integrated(
