@@ -33,8 +33,8 @@ from trajopt.core.trajectory import Trajectory
 
 # Segments whose times are rounded by more than this, relative, decide how fast they are passed.
 ROUNDED_RTOL = 4e-12
-# An extreme profile with a smaller share is left out. The other one is then alone.
-MIN_SHARE = 1e-10
+# An extreme profile whose displacement is so close, relative to what limits allow, is alone.
+TIGHT_RTOL = 1e-12
 # Phases that may vanish when states settle, relative to the longest ramp, and what that may cost.
 BRIEF_RTOL = 1e-2
 SETTLED_RTOL = 1e-11
@@ -43,7 +43,7 @@ EVEN = 2  # evenly spaced inner breaks of a segment
 # Share of a limit. A joint that exceeds one by more needs breaks of its own.
 EXCESS_RTOL = 3e-11
 # A break is left out if that costs as little velocity as jerk gains in this share of a ramp.
-LEAST_RTOL = 1e-5
+LEAST_RTOL = 7e-6
 TINY = 1e-300  # instead of dividing by 0
 # What is at the end of a segment is seen backwards.
 FLIPS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1, 1)
@@ -208,7 +208,7 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
         least = np.minimum(rows.reach, 0.0) - SETTLED_RTOL * limits.gained
         # a ramp of negative length is out of reach
         negative = after.phases[RAMP] < -SETTLED_RTOL * limits.ramp / rows.t
-        spoilt = (negative & (_shares(after) > MIN_SHARE)).any(axis=0)
+        spoilt = (negative & (_shares(after, limits) > 0)).any(axis=0)
         fine = ((after.reach >= least) & ~spoilt).all(axis=0)
         kept = fine[:, 1:] & fine[:, :-1]
         before = rows.point
@@ -225,7 +225,7 @@ def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     cells = rows.cells
     profiles = rows.profiles
     phases = rows.phases
-    is_alone = _shares(rows) > 1 - MIN_SHARE
+    is_alone = _shares(rows, limits) == 1
     brief = is_alone & limits.jerky & (phases < BRIEF_RTOL * limits.ramp / rows.t)
     # a dip below the velocity limit
     dips = _beside(brief[RAMP] & brief[RELEASE] & (phases[HOLD] <= 0) & (phases[CRUISE] > 0))
@@ -264,9 +264,10 @@ def _beside(cells: Array) -> Array:
     return np.concatenate([end[:, :, :-1], start[:, :, 1:]])
 
 
-def _shares(rows: Rows) -> Array:
+def _shares(rows: Rows, limits: _Limits) -> Array:
     """Shares of both profiles that cover the displacement, `(2 sides, 1, segments, joints)`."""
-    high, low = np.maximum(rows.reach, 0.0)
+    is_tight = rows.reach <= TIGHT_RTOL * limits.gained
+    high, low = np.where(is_tight, 0.0, rows.reach)
     share = low / np.maximum(high + low, TINY)
     return np.array([share, 1 - share])
 
@@ -298,9 +299,7 @@ class _Profiles(NamedTuple):
         cells = rows.cells
         profiles = rows.profiles
         first = profiles.acceleration
-        shares = _shares(rows)
-        shares[shares < MIN_SHARE] = 0.0
-        shares[shares > 1 - MIN_SHARE] = 1.0
+        shares = _shares(rows, limits)
         # phases that have settled are rounding, and so is a dip of no acceleration at the limit
         phases = rows.phases
         room = profiles.limits.top - profiles.velocity

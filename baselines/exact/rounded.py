@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import BREAK_RTOL, Trajectory, nearest
@@ -272,12 +273,13 @@ def integrated(
     cubic = jerk / 6
     square = first / 2
     # as the verifier evaluates a piece's end: between its pieces the motion does not jump
-    gains = 3.0 * cubic * lengths**2 + 2.0 * square * lengths
+    derivative = np.array([3.0 * cubic, 2.0 * square, 0.0 * first])
+    gains = polynomials.stretched(derivative, lengths).sum(axis=0)
     velocity = _from(
         u,
         gains,
     )
-    ways = cubic * lengths**3 + square * lengths**2 + velocity[:-1] * lengths
+    ways = lengths * (velocity[:-1] + lengths * (square + cubic * lengths))
     position = _from(
         np.zeros_like(u),
         ways,

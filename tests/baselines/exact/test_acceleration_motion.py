@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from baselines.exact.acceleration import Exact
-from baselines.exact.acceleration_motion import covering
+from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes, gentlest, straightest
-from baselines.exact.rounded import Clock
 from trajopt import Limits, Problem, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
@@ -152,20 +151,29 @@ def test_a_motion_late_in_a_long_trajectory_covers_its_displacement(seed: int) -
     """Breaks after 1000 s are rounded to 1e-13 s, a percent of some of these segments' ramps."""
     rng = np.random.default_rng(seed)
     for length in 10.0 ** rng.uniform(-6, 0, 50):
-        clock = Clock(1000.0, 1000.0 + length, unit=0.3, resolution=0.0)
-        t = clock.length
+        passages = np.array([0.0, 1000.0, 1000.0 + length])
+        unit = 0.3
+        t = np.diff(passages)[1] / unit
         u = rng.uniform(*V)
         w = np.clip(u + rng.uniform(*A) * t, *V)
         _, upper, _, lower = extremes(u, w, t, V, A)
         h = rng.uniform(lower, upper)
-        stored, (half, velocity, position) = covering(
-            h,
-            np.array([u, w]),
-            V,
-            A,
-            clock,
+        rest = np.zeros((1, 1))
+        task = Task(
+            np.array([[0.0], [h]]),
+            np.vstack([rest, [[u]]]),
+            np.vstack([rest, [[w]]]),
+            V[:, None],
+            A[:, None],
+            unit,
+            units=np.ones((3, 1)),
+            q=np.zeros((2, 1)),
+            positions=np.array([[-np.inf], [np.inf]]),
         )
-        lengths = np.diff(stored) / clock.unit
+        ((stored, pieces_of_both),) = pieces(task, passages)
+        first = np.searchsorted(stored, 1000.0)
+        half, velocity, position = pieces_of_both[:, first:]
+        lengths = np.diff(stored[first:]) / unit
         end = position + lengths * (velocity + lengths * half)
         speed = velocity + 2 * lengths * half
         assert end[-1] == pytest.approx(h, abs=1e-12 * max(abs(u), abs(w)) * t)

@@ -290,18 +290,18 @@ def test_a_start_that_is_no_number_is_lost() -> None:
     assert solution.trajectory.duration == pytest.approx(ruckig.duration, rel=1e-9)
 
 
-def test_a_point_on_the_way_is_an_answer_where_no_start_converges(
+def test_the_last_point_is_an_answer_where_no_start_converges(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem = random_problem(3, jerk=True)
     optimum = solved(problem).duration
     monkeypatch.setattr(interior_point, "MAX_ITERATIONS", 12)
-    for name, value in (("LATE", 4), ("CLOSE_GAP_RTOL", 0.1), ("CLOSE_LINKS", 1.0)):
+    for name, value in (("CLOSE_GAP_RTOL", 0.1), ("CLOSE_LINKS", 1.0)):
         monkeypatch.setattr(jerk, name, value)
     solution = ExactJerk().solve(problem)
     assert "Close" in solution.stats["start_status"]
     assert "does not converge" in solution.message
     assert solution.trajectory is not None
     certificate = verify(problem.without("position"), solution.trajectory)
-    assert certificate.dilation <= 1 + 1e-9
-    assert optimum * (1 - 1e-9) <= solution.trajectory.duration < 1.5 * optimum
+    assert certificate.certified_duration is not None
+    assert optimum * (1 - 1e-9) <= certificate.certified_duration < 1.5 * optimum

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from baselines.exact.rounded import Clock, apart, assembled, clocks, later
+from baselines.exact.rounded import (
+    Clock,
+    apart,
+    assembled,
+    clocks,
+    integrated,
+    later,
+    mended,
+    missing,
+)
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.core.trajectory import BREAK_RTOL
 
@@ -78,3 +87,31 @@ def test_assembled_joints_start_from_their_waypoints_and_the_others_rest() -> No
 def test_knots_are_apart_from_each_other_and_from_both_ends() -> None:
     knots = np.array([-0.0, 0.05, 0.5, 0.55, 0.7, 0.95, 1.0])
     np.testing.assert_allclose(apart(knots, 1.0, 0.1), [0.0, 0.5, 0.7, 1.0])
+
+
+def test_mended_accelerations_end_with_their_velocity_where_they_should() -> None:
+    """Random accelerations at random breaks, some of them 1e-9 of the others."""
+    rng = np.random.default_rng(2)
+    lengths = 10 ** rng.uniform(-9, 0, (8, 50))
+    t = lengths.sum(axis=0)
+    u, w, h = rng.uniform(-1, 1, (3, 50))
+    acceleration = mended(lengths, rng.uniform(-1, 1, (9, 50)), u, w, h)
+    cubics, velocity, displacement = integrated(lengths, acceleration, u)
+    np.testing.assert_allclose(velocity, w, atol=1e-13)
+    np.testing.assert_allclose(displacement, h, atol=1e-13 * t.max())
+    # each piece's jerk, acceleration and velocity lead to those of the next
+    cubic, square, speed, _ = cubics
+    np.testing.assert_allclose(
+        2 * square[:-1] + 6 * cubic[:-1] * lengths[:-1], 2 * square[1:], atol=1e-9
+    )
+    after = speed + lengths * (2 * square + 3 * cubic * lengths)
+    np.testing.assert_allclose(after[:-1], speed[1:], atol=1e-12)
+
+
+def test_what_is_missing_is_not_rounding() -> None:
+    lengths = np.array([[0.25], [0.5], [0.25]])
+    none = np.zeros((4, 1))
+    slow, short = missing(lengths, none, np.array([1.0]), np.array([1.0 + 1e-15]), np.array([1.0]))
+    assert (slow, short) == (0, 0)
+    slow, short = missing(lengths, none, np.array([1.0]), np.array([1.5]), np.array([1.25]))
+    assert (slow, short) == (0.5, 0.25)
