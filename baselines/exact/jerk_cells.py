@@ -304,7 +304,7 @@ class Linear:
         links = Links(rows.steep - ends, rows.missing)
         self.rows = rows
         self.weights = w
-        # what the velocity rows miss, because links do
+        # the velocity rows miss what the links miss
         self.missed = np.zeros_like(w)
         self.missed[-2:] = rows.t * cells.signs[:2] * rows.missing[1]
         self.chain = Chain(rows.times, links, matrix.transpose(2, 3, 4, 0, 1))

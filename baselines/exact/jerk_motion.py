@@ -17,6 +17,7 @@ times are rounded before anything else.
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -45,8 +46,8 @@ EXCESS_RTOL = 3e-11
 # A break is left out if that costs as little velocity as jerk gains in this share of a ramp.
 LEAST_RTOL = 7e-6
 TINY = 1e-300  # instead of dividing by 0
-# What is at the end of a segment is seen backwards.
-FLIPS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1, 1)
+# A segment's end is seen backwards.
+FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
 
 
 class Reachable(Scaled):
@@ -59,7 +60,8 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
-        passages = np.append(0.0, np.cumsum(self._storable(times) * self.unit))
+        storable = self._storable(times)
+        passages = np.append(0.0, np.cumsum(storable * self.unit))
         with np.errstate(all="ignore"):
             joints = self._joints(passages, states)
         return Trajectory.of_moving(self.problem.waypoints[0], self.moving, joints, passages)
@@ -75,19 +77,22 @@ class Reachable(Scaled):
         (brief,) = np.nonzero(spacing > ROUNDED_RTOL * times)
         if not brief.size:
             return times
-        rounded = np.ceil(times / spacing) * spacing
-        middles = (passages[1:] + passages[:-1]) / 2
-        return times * np.interp(middles, middles[brief], rounded[brief] / times[brief])
+        slower = np.ceil(times / spacing) * spacing / times
+        starts = passages[:-1]
+        return times * np.interp(starts, starts[brief], slower[brief])
 
     def _joints(self, passages: Array, states: Point) -> list[Pieces]:
         """Each joint's breaks, s, and its position as coefficients, rad/s^power."""
         breaks, levels, velocity = _fitted(self, passages, states)
         lengths = np.diff(breaks, axis=0)
         _, a_unit, v_unit, _ = self.units
-        cubics, *_ = integrated(lengths[..., None], a_unit * levels, v_unit * velocity[:-1])
-        cubics[-1] += self.problem.waypoints[:-1, self.moving]
+        leaving = v_unit * velocity[:-1]
+        cubics, *_ = integrated(lengths[..., None], a_unit * levels, leaving)
+        first, _ = _both(self.problem.waypoints)
+        cubics[-1] += first[:, self.moving]
         used = lengths.T > 0
-        stored = np.append(breaks[:-1].T[used], passages[-1])
+        starts = breaks[:-1].T
+        stored = np.append(starts[used], passages[-1])
         by_joint = cubics.transpose(3, 0, 2, 1)
         joints = [(stored, table[:, used]) for table in by_joint]
         (unlimited,) = np.nonzero(~self.r.any(axis=0))
@@ -113,25 +118,32 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     limits = _Limits.of(scaled, passages)
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
-    ends = rows.mean + rows.t * rows.point.ends
-    velocity = _agreed(*ends[:, 0], limits.weights)
+    reached = rows.mean + rows.t * rows.point.ends
+    first, last = reached[:, 0]
+    velocity = _agreed(first, last, limits.weights)
 
-    even = _Times.of(np.linspace(limits.start, limits.end, EVEN + 2), limits)
+    even = _Times.of(limits.even, limits)
     gentle = profiles.accelerations(even.since)
-    gentle = mended(even.lengths, gentle, velocity[:-1], velocity[1:], scaled.h)
+    gentle = mended(even.lengths, gentle, *_both(velocity), scaled.h)
     excess = _excess(scaled, even.lengths, gentle, velocity)
     needs_own = limits.jerky & ~(excess <= EXCESS_RTOL)
 
     breaks = _breaks(profiles, limits, needs_own)
     times = _Times.of(breaks, limits)
     own = profiles.accelerations(times.since)
-    levels = np.where(needs_own, own, _between(gentle, times.passed))
-    slow, short = missing(times.lengths, levels, velocity[:-1], velocity[1:], scaled.h)
+    between = _between(gentle, times.passed)
+    levels = np.where(needs_own, own, between)
+    slow, short = missing(times.lengths, levels, *_both(velocity), scaled.h)
     # a cell that misses nothing would have that much more velocity at its ends
     added = short / limits.times
     velocity = velocity + _agreed(added - slow, added, limits.weights)
-    levels = mended(times.lengths, levels, velocity[:-1], velocity[1:], scaled.h)
+    levels = mended(times.lengths, levels, *_both(velocity), scaled.h)
     return breaks, levels, velocity
+
+
+def _both(waypoints: Array) -> tuple[Array, Array]:
+    """Values at the start and at the end of every segment."""
+    return waypoints[:-1], waypoints[1:]
 
 
 class _Limits(NamedTuple):
@@ -143,9 +155,11 @@ class _Limits(NamedTuple):
         unit: of the motion's own times, s.
         times: of the segments, in `unit`; 1 where that is rounded to 0, `(segments, 1)`.
         jerky: which joints have jerk limits.
-        gained: the acceleration that jerk allows in the time, at most its limit.
-        ramp: the longest time with the same jerk, `(segments, joints)`.
-        weights: how much a waypoint's velocity matters to a cell, `(segments, joints)`.
+        gained: the acceleration that jerk allows in the time, at most its limit,
+            `(segments, joints)`.
+        ramp: the longest time with the same jerk, as a share of the segment's, likewise.
+        weights: how much a waypoint's velocity matters to a cell, likewise.
+        even: evenly spaced breaks of the segments, s, `(breaks, segments)`.
     """
 
     start: Array
@@ -156,22 +170,35 @@ class _Limits(NamedTuple):
     gained: Array
     ramp: Array
     weights: Array
+    even: Array
 
     @classmethod
     def of(cls, scaled: Scaled, passages: Array) -> Self:
         start = passages[:-1]
         end = passages[1:]
-        rounded = (end - start)[:, None] / scaled.unit
-        times = np.where(rounded > 0, rounded, 1.0)
+        lengths = end - start
+        rounded = lengths[:, None] / scaled.unit
+        takes_time = rounded > 0
+        times = np.where(takes_time, rounded, 1.0)
         slowest = np.abs(scaled.v).min(axis=0)
         steepest = np.abs(scaled.a).min(axis=0)
         slow = scaled.r.max(axis=0)
-        gained = np.minimum(steepest, times / np.maximum(slow, TINY))
+        by_jerk = times / np.maximum(slow, TINY)
+        gained = np.minimum(steepest, by_jerk)
         faster = np.minimum(slowest, steepest * times)
-        ramp = np.sqrt(np.minimum(faster * slow, times**2))
-        takes_time = rounded > 0
+        ramp = np.sqrt(faster * slow) / times
         weights = takes_time / (times * gained) ** 2
-        return cls(start, end, scaled.unit, times, slow > 0, gained, ramp, weights)
+        return cls(
+            start,
+            end,
+            scaled.unit,
+            times,
+            slow > 0,
+            gained,
+            np.minimum(ramp, 1.0),
+            weights,
+            np.linspace(start, end, EVEN + 2),
+        )
 
 
 class _Times(NamedTuple):
@@ -189,7 +216,9 @@ class _Times(NamedTuple):
 
     @classmethod
     def of(cls, breaks: Array, limits: _Limits) -> Self:
-        since = np.array([breaks - limits.start, limits.end - breaks])[..., None] / limits.unit
+        since_start = breaks - limits.start
+        until_end = limits.end - breaks
+        since = np.array([since_start, until_end])[..., None] / limits.unit
         lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
         return cls(since, lengths, since[0] / limits.times)
 
@@ -199,18 +228,19 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
 
     Of two neighbours one waypoint settles first: so each cell is spoilt by one at most.
     """
-    point = rows.point
-    odd = np.arange(point.velocity.shape[1])[:, None] % 2 == 1
+    _, waypoints, _ = rows.point.velocity.shape
+    numbers = np.arange(waypoints)[:, None]
+    odd = numbers % 2 == 1
     for chosen in (odd, ~odd):
         after = rows
         for _ in range(NEWTON_STEPS):
             after = _settling(after, limits, chosen)
         least = np.minimum(rows.reach, 0.0) - SETTLED_RTOL * limits.gained
         # a ramp of negative length is out of reach
-        negative = after.phases[RAMP] < -SETTLED_RTOL * limits.ramp / rows.t
+        negative = after.phases[RAMP] < -SETTLED_RTOL * limits.ramp
         spoilt = (negative & (_shares(after, limits) > 0)).any(axis=0)
         fine = ((after.reach >= least) & ~spoilt).all(axis=0)
-        kept = fine[:, 1:] & fine[:, :-1]
+        kept = _of_both_cells(fine)
         before = rows.point
         rows = _moved(
             rows,
@@ -226,29 +256,32 @@ def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     profiles = rows.profiles
     phases = rows.phases
     is_alone = _shares(rows, limits) == 1
-    brief = is_alone & limits.jerky & (phases < BRIEF_RTOL * limits.ramp / rows.t)
+    active = is_alone & limits.jerky
+    brief = active & (phases < BRIEF_RTOL * limits.ramp)
+    ramps = _beside(brief[RAMP])
     # a dip below the velocity limit
-    dips = _beside(brief[RAMP] & brief[RELEASE] & (phases[HOLD] <= 0) & (phases[CRUISE] > 0))
+    cruises = (phases[HOLD] <= 0) & (phases[CRUISE] > 0)
+    dips = np.logical_and(ramps, _beside(brief[RELEASE] & cruises))
     # the level of a change in acceleration changes by the share r1 of r1 + r2
-    ahead = (profiles.rises - profiles.acceleration) * (1 + cells.up / cells.down)
-    level = _beside(cells.signs * FLIPS * (profiles.acceleration + ahead))
-    levels = np.where(dips, 0.0, np.clip(level, *cells.scaled.a))
-    lengths = np.where(_beside(brief[RAMP]), _beside(phases[RAMP]), np.inf)
+    first = profiles.acceleration
+    ahead = (profiles.rises - first) * (1 + cells.up / cells.down)
+    level = cells.signs * FLIPS * (first + ahead)
+    allowed = np.clip(_beside(level), *cells.scaled.a)
+    levels = np.where(dips, 0.0, allowed)
+    lengths = np.where(ramps, _beside(phases[RAMP]), np.inf)
     briefest = lengths.argmin(axis=0)[None]
-    found, level, dip = (
-        np.take_along_axis(table, briefest, axis=0)[0] for table in (lengths < np.inf, levels, dips)
-    )
+    tables = (ramps, levels, dips)
+    found, level, dip = (np.take_along_axis(table, briefest, axis=0)[0] for table in tables)
     is_slack = limits.jerky & ~is_alone.any(axis=0)
-    free = is_slack[:, 1:] & is_slack[:, :-1]
+    free = _of_both_cells(is_slack)
     velocity = rows.point.velocity
     acceleration = rows.point.acceleration
     low, high = cells.scaled.v
     limit = np.where(velocity > 0, high, low)
-    return _moved(
-        rows,
-        np.where(chosen & found & dip, limit, velocity),
-        np.select([~chosen, found, free], [acceleration, level, 0.0], acceleration),
-    )
+    faster = np.where(chosen & found & dip, limit, velocity)
+    cases = [~chosen, found, free]
+    settled = np.select(cases, [acceleration, level, 0.0], acceleration)
+    return _moved(rows, faster, settled)
 
 
 def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
@@ -259,9 +292,16 @@ def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
 
 
 def _beside(cells: Array) -> Array:
-    """What is at the ends of cells, `(2 ends, 2 sides, 1, segments, joints)`, at the waypoints."""
+    """Values at the ends of cells, `(2 ends, 2 sides, 1, segments, joints)`, by waypoint."""
     start, end = cells
-    return np.concatenate([end[:, :, :-1], start[:, :, 1:]])
+    before = end[:, :, :-1]
+    after = start[:, :, 1:]
+    return np.concatenate([before, after])
+
+
+def _of_both_cells(cells: Bools) -> Bools:
+    """At which inner waypoints this is true of both cells."""
+    return np.asarray(cells[:, 1:] & cells[:, :-1])
 
 
 def _shares(rows: Rows, limits: _Limits) -> Array:
@@ -304,32 +344,38 @@ class _Profiles(NamedTuple):
         phases = rows.phases
         room = profiles.limits.top - profiles.velocity
         is_fast = room <= SETTLED_RTOL * cells.highest / rows.t
-        is_dip = is_fast & (first == 0) & (phases[CRUISE] > 0)
+        cruises = phases[CRUISE] > 0
+        is_dip = is_fast & (first == 0) & cruises
         own = phases[:CRUISE]
-        is_gone = is_dip | (own < SETTLED_RTOL * limits.ramp / rows.t)
-        takes = np.where(is_gone, 0.0, own) * limits.times * limits.unit
+        is_gone = is_dip | (own < SETTLED_RTOL * limits.ramp)
+        shares_of_time = np.where(is_gone, 0.0, own)
         # the end is passed backwards
         origins = np.array([limits.start, -limits.end])
-        places = [origins[:, None, None, :, None] + 0 * first]
-        for length in takes:
+        origin = origins[:, None, None, :, None]
+        places = [origin + 0 * first]
+        for length in shares_of_time * limits.times * limits.unit:
             places.append(later(places[-1], length))
         # without a cruise both meet, however they are rounded, and may reach less
         from_start, from_end = places[-1]
-        places[-1] = np.array([from_start, np.minimum(from_end, -from_start)])
+        meeting = np.minimum(from_end, -from_start)
+        places[-1] = np.array([from_start, meeting])
         lengths = np.diff(places, axis=0) / limits.unit
         rise, fall = profiles.rises
         peak = np.clip(0.0, -fall, rise)
         peaks = np.array([peak, -peak])
-        held = np.fmin(profiles.rises, peaks + lengths[RELEASE] / cells.down)
-        levels = cells.signs * FLIPS * np.array([first, held, peaks])
-        waypoints = np.pad(rows.point.acceleration[0], ((1, 1), (0, 0)))
-        return cls(lengths, levels, shares, FLIPS * np.array(places[1:]), waypoints)
+        released = lengths[RELEASE] / cells.down
+        held = np.fmin(profiles.rises, peaks + released)
+        seen = np.array([first, held, peaks])
+        levels = cells.signs * FLIPS * seen
+        ends = FLIPS * np.array(places[1:])
+        return cls(lengths, levels, shares, ends, _with_rest(rows.point.acceleration[0]))
 
     def breaks(self, limits: _Limits) -> Array:
         """The ends of phases within segments, s, or not a number, `(12, segments, joints)`."""
         after_start = self.ends > limits.start[:, None]
         before_end = self.ends < limits.end[:, None]
-        wanted = after_start & before_end & (self.shares > 0)
+        is_used = self.shares > 0
+        wanted = after_start & before_end & is_used
         breaks = np.where(wanted, self.ends, np.nan)
         return breaks.reshape(-1, *breaks.shape[-2:])
 
@@ -348,8 +394,10 @@ class _Profiles(NamedTuple):
         profiles = peak[0] + halves.sum(axis=0)
         # without a jerk limit there is no such profile
         inner = np.nan_to_num((self.shares * profiles).sum(axis=0))
-        inner = np.where(since[0] > 0, inner, self.waypoints[:-1])
-        return np.where(since[1] > 0, inner, self.waypoints[1:])
+        first, last = _both(self.waypoints)
+        since_start, until_end = since
+        begun = np.where(since_start > 0, inner, first)
+        return np.where(until_end > 0, begun, last)
 
 
 def _share(after: Array, length: Array) -> Array:
@@ -369,23 +417,33 @@ def _between(levels: Array, passed: Array) -> Array:
 
 def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
     """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
-    wanted = weights[1:] * at_start[1:] + weights[:-1] * at_end[:-1]
-    both = weights[1:] + weights[:-1]
-    return np.pad(wanted / np.maximum(both, TINY), ((1, 1), (0, 0)))
+    before, after = _both(weights)
+    wanted = after * at_start[1:] + before * at_end[:-1]
+    both = before + after
+    return _with_rest(wanted / np.maximum(both, TINY))
+
+
+def _with_rest(inner: Array) -> Array:
+    """Values at inner waypoints, with zeros at both ends."""
+    return np.pad(inner, ((1, 1), (0, 0)))
 
 
 def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
     """The breaks of all joints of a segment, s, `(breaks, segments)`, where its end repeats."""
     wanted = profiles.breaks(limits)
-    briefs = np.broadcast_to(LEAST_RTOL * limits.ramp * limits.unit, wanted.shape)
-    even = np.linspace(limits.start, limits.end, EVEN + 2).T.tolist()
+    briefs = LEAST_RTOL * limits.ramp * limits.times * limits.unit
+    tables = np.broadcast_arrays(wanted, briefs)
     found = []
-    for k, (start, *inner, end) in enumerate(even):
+    for k, (start, *inner, end) in enumerate(limits.even.T.tolist()):
         own = needs_own[k] & np.isfinite(wanted[:, k])
-        pairs = zip(wanted[:, k][own].tolist(), briefs[:, k][own].tolist(), strict=True)
-        found.append(_apart(start, sorted([*pairs, *((time, 0.0) for time in inner)]), end))
-    most = max(map(len, found))
-    return np.array([breaks + [breaks[-1]] * (most - len(breaks)) for breaks in found]).T
+        times, losses = (table[:, k][own].tolist() for table in tables)
+        pairs = list(zip(times, losses, strict=True))
+        pairs += [(time, 0.0) for time in inner]
+        found.append(_apart(start, sorted(pairs), end))
+    # the end repeats
+    rows = itertools.zip_longest(*found)
+    table = np.array(list(rows), dtype=float)
+    return np.where(np.isnan(table), limits.end, table)
 
 
 def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[float]:
@@ -400,11 +458,14 @@ def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[
         end: of the segment, s.
     """
     kept = [start]
-    following = [time for time, _ in wanted[1:]]
-    for (time, brief), after in zip(wanted, [*following, end], strict=True):
-        gap = time - kept[-1]
-        if gap * (after - time) > brief**2:
-            kept.append(max(time, kept[-1] + brief**2 / gap))
+    inner = [time for time, _ in wanted]
+    after = [*inner[1:], end]
+    for (time, brief), following in zip(wanted, after, strict=True):
+        last = kept[-1]
+        gap = time - last
+        if gap * (following - time) > brief**2:
+            moved = last + brief**2 / gap
+            kept.append(max(time, moved))
     *_, (_, brief) = wanted
     gap = end - kept[-1]
     if gap < brief and len(kept) > 1:

@@ -98,7 +98,7 @@ class Profiles:
         steepest, top, up, down, *_ = limits
         c = up + down
         jerky = c > 0
-        some_c = np.where(jerky, c, 1.0)
+        half = 0.5 / np.where(jerky, c, 1.0)
         # Counted from a constant acceleration: in a brief segment jerk changes little of it.
         a, b = acceleration
         common = np.where(jerky, (a - b) / 2, 0.0)
@@ -112,37 +112,43 @@ class Profiles:
         toward = np.array([difference, -difference])
         # no hold: both together fill the time, the lower base has further to climb
         tilt = toward / time
-        free = time / (2 * some_c) + tilt
+        free = time * half + tilt
         # one held: what the other one reaches, and the limit more
         climbed = limit * time - toward
-        root = np.sqrt(np.maximum(2 * climbed / some_c, _TINY))
+        root = np.sqrt(np.maximum(4 * half * climbed, _TINY))
         over = jerky & (free > limit)
         alone = over & (root - limit <= opposite)
         alone[1] &= ~alone[0]
         none = jerky & ~over.any(axis=0)
         both = ~(none | alone.any(axis=0))
         held = alone | both
-        rises = np.where(alone[::-1], root[::-1] - opposite, free)
+        beside = root[::-1] - opposite
+        rises = np.where(alone[::-1], beside, free)
         rises = np.where(held, limit, rises) + apart
         together = steepest.sum(axis=0)
         spare = time - c * together
-        squares = limit**2
-        excess = toward + c * (squares[::-1] - squares) / 2
+        difference = opposite**2 - limit**2
+        excess = toward + c * difference / 2
         shared = (opposite * spare + excess) / together
         hold = np.where(both, shared, 0.0)
         hold = np.where(alone, time - c * root, hold)
         # a peak above the limit becomes a cruise at the limit
         bases = velocity - up * acceleration**2 / 2
-        highest = bases[0] + rises[0] * (c * rises[0] / 2 + hold[0])
+        rise, _ = rises
+        risen = rise * (c * rise / 2 + hold[0])
+        highest = bases[0] + risen
         gap = top - bases
-        full = np.sqrt(np.maximum(2 * gap / some_c, (_LEAST_RISE * steepest) ** 2))
+        least = _LEAST_RISE * steepest
+        full = np.sqrt(np.maximum(4 * half * gap, least**2))
         kept = ~jerky | (full > steepest)
         limited = np.where(kept, steepest, full)
-        needed = np.where(kept, gap / steepest - c * steepest / 2, 0.0)
+        held_for = gap / steepest - c * steepest / 2
+        needed = np.where(kept, held_for, 0.0)
         # also where the cruise were a little negative: D is the lesser of both, each smooth
-        ramped = up * (limited - acceleration) + needed + down * limited
-        spent = ramped.sum(axis=0) - down * limited.sum(axis=0) / 2
-        near = limits.beyond & (spent < 1) & (gap > 0).all(axis=0)
+        braking = down * limited / 2
+        spent = up * (limited - acceleration) + needed + braking
+        is_below = (gap > 0).all(axis=0)
+        near = limits.beyond & is_below & (spent.sum(axis=0) < 1)
         cruises = (rises >= 0).all(axis=0) & np.isfinite(top)
         cruises &= (highest > top) | near
         rises = np.where(cruises, limited, rises)
@@ -160,8 +166,10 @@ class Profiles:
         # x1 = t1 (u + t1 (2 a + A)/6), x2 = d (v1 + v2)/2, x3 = t3 (v2 + t3 A/3)
         before = start + first * (counted + reached) / 2
         after = before + reached * hold
-        ramped = first * (start + first * (2 * counted + reached) / 6)
-        kept_on = hold * (before + after) / 2
+        steeper = (2 * counted + reached) / 6
+        ramped = first * (start + first * steeper)
+        doubled = before + after
+        kept_on = hold * doubled / 2
         released = last * (after + last * reached / 3)
         ascended = ramped + kept_on + released
         peaks = after + reached * last / 2
@@ -174,10 +182,12 @@ class Profiles:
         self.hold = hold
         self.cruise = cruise
         self.value = ascended.sum(axis=0) + cruise * peaks[0]
-        self._slow_enough = ~cruises | (gap >= -_ROUNDING * np.abs(top)).all(axis=0)
-        self._choice = (jerky, some_c, alone, both, held, cruises, kept)
+        slow_enough = gap >= -_ROUNDING * np.abs(top)
+        self._slow_enough = ~cruises | slow_enough.all(axis=0)
+        self._choice = (alone, both, held, cruises, kept)
         tilts = tilt + np.array([common, -common])
-        self._numbers = (time, tilts, root, full, until, after - apart / 2 + apart * until)
+        speeds = after + apart * (until - 0.5)
+        self._numbers = (half, time, tilts, root, full, until, speeds)
 
     @property
     def reachable(self) -> Bools:
@@ -188,8 +198,8 @@ class Profiles:
     def slopes(self) -> Slopes:
         """The costates, and how they change."""
         steepest, top, up, down, steep, _ = self.limits
-        _, some_c, alone, both, held, cruises, kept = self._choice
-        time, tilt, root, full, until, after = self._numbers
+        alone, both, held, cruises, kept = self._choice
+        half, time, tilt, root, full, until, after = self._numbers
         acceleration = self.acceleration
         rises = self.rises
         first = self.first
@@ -207,23 +217,22 @@ class Profiles:
         d_time = d_time[:, None]
 
         # the accelerations reached: free, beside one that is held, or below the velocity limit
-        d_toward = np.empty(shape)
-        np.subtract(d_base[:, 1], d_base[:, 0], out=d_toward[:, 0])
-        np.negative(d_toward[:, 0], out=d_toward[:, 1])
-        halves = time / (2 * some_c)
-        d_free = d_time * (1 / (2 * some_c) - tilt / time) + d_toward / time
-        d_free[TIME] += halves
-        d_root = (steepest * d_time - d_toward) / (some_c * root)
+        d_difference = d_base[:, 1] - d_base[:, 0]
+        d_toward = np.stack([d_difference, -d_difference], axis=1)
+        d_free = d_time * (half - tilt / time) + d_toward / time
+        d_free[TIME] += half * time
+        d_climbed = steepest * d_time - d_toward
+        d_root = 2 * half * d_climbed / root
         d_root[TIME] += root / 2
-        d_rises = np.where(alone[::-1], d_root[:, ::-1], d_free)
+        beside = d_root[:, ::-1]
+        d_rises = np.where(alone[::-1], beside, d_free)
         d_rises = np.where(held, 0.0, d_rises)
         # the holds
         together = steepest.sum(axis=0)
-        squares = steepest**2
         opposite = steepest[::-1]
         d_both = (opposite * d_time + d_toward) / together
-        turned = c * (squares[::-1] - squares) / (2 * together)
-        d_both[TIME] += opposite * c - turned
+        # opposite − (opposite² − steepest²) / (2 together)
+        d_both[TIME] += c * together / 2
         d_alone = d_time - c * d_root
         d_alone[TIME] += c * root
         d_hold = np.where(both, d_both, 0.0)
@@ -231,7 +240,7 @@ class Profiles:
         if cruises.any():
             d_gap = -d_base
             d_gap[TIME] += steep - top
-            d_full = d_gap / (some_c * full)
+            d_full = 2 * half * d_gap / full
             d_full[TIME] += full / 2
             d_limited = np.where(kept, 0.0, d_full)
             d_needed = d_gap / steepest
@@ -249,25 +258,30 @@ class Profiles:
 
         # the costate vanishes in the middle of the last ramp, or between both holds
         left = 1 - until.sum(axis=0)
-        middle = until + np.where(cruises, last, left) / 2
+        rest = np.where(cruises, last, left)
+        middle = until + rest / 2
         d_left = -d_until.sum(axis=1)
-        d_middle = d_until + np.where(cruises, d_last, d_left[:, None]) / 2
+        d_rest = np.where(cruises, d_last, d_left[:, None])
+        d_middle = d_until + d_rest / 2
         worth = first * (middle - first / 2)
         d_worth = d_middle * first + (middle - first) * d_first
 
         # over the time: velocities from the mean change with it, and so does every limit
         ends = self.velocity
-        highest = np.where(cruises, top, after[0] + rises[0] * left / 2)
-        rest = 1 - middle.sum(axis=0)
+        rise, _ = rises
+        peak = after[0] + rise * left / 2
+        highest = np.where(cruises, top, peak)
+        between = steep * (1 - middle.sum(axis=0))
         by_ends = (middle * ends).sum(axis=0)
-        by_time = by_ends + highest - 2 * self.value + steep * rest
-        rise_by_time = d_rises[TIME, 0]
-        ramp_by_time = d_first[TIME, 0] * (acceleration[0] + rises[0]) / 2
-        held_by_time = rises[0] * (d_hold[TIME, 0] + d_left[TIME] / 2)
-        longer = rise_by_time * (first[0] / 2 + self.hold[0] + left / 2)
-        highest_by_time = np.where(cruises, steep - top, ramp_by_time + held_by_time + longer)
+        by_time = by_ends + highest - 2 * self.value + between
+        longer = first[0] / 2 + self.hold[0] + left / 2
+        mean = (acceleration[0] + rise) / 2
+        ramped = d_first[TIME, 0] * mean
+        kept_on = d_hold[TIME, 0] + d_left[TIME] / 2
+        peak_by_time = ramped + rise * kept_on + d_rises[TIME, 0] * longer
+        highest_by_time = np.where(cruises, steep - top, peak_by_time)
         moved = (d_middle[TIME] * (ends - steep)).sum(axis=0)
-        twice = moved + highest_by_time - 2 * by_time - 2 * steep * rest
+        twice = moved + highest_by_time - 2 * by_time - 2 * between
 
         first_order = np.empty((_VARIABLES, *time.shape))
         second = np.empty((_VARIABLES, *first_order.shape))

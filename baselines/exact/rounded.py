@@ -246,6 +246,19 @@ def mended(
     return acceleration
 
 
+def through(
+    lengths: Array,
+    acceleration: Array,
+    u: Array | float,
+    w: Array | float,
+    h: Array | float,
+) -> Array:
+    """Position coefficients of the motions of accelerations that are mended so."""
+    straight = mended(lengths, acceleration, u, w, h)
+    coefficients, _, _ = integrated(lengths, straight, u)
+    return coefficients
+
+
 def integrated(
     lengths: Array,
     acceleration: Array,

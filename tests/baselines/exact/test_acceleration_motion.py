@@ -151,29 +151,33 @@ def test_a_motion_late_in_a_long_trajectory_covers_its_displacement(seed: int) -
     """Breaks after 1000 s are rounded to 1e-13 s, a percent of some of these segments' ramps."""
     rng = np.random.default_rng(seed)
     for length in 10.0 ** rng.uniform(-6, 0, 50):
-        passages = np.array([0.0, 1000.0, 1000.0 + length])
         unit = 0.3
-        t = np.diff(passages)[1] / unit
+        end = 1000.0 + length
+        t = (end - 1000.0) / unit
         u = rng.uniform(*V)
         w = np.clip(u + rng.uniform(*A) * t, *V)
         _, upper, _, lower = extremes(u, w, t, V, A)
         h = rng.uniform(lower, upper)
-        rest = np.zeros((1, 1))
+        # at rest for 1000 s, then this segment
+        none = np.zeros((2, 1))
+        of_both = np.array([0.0, 1.0])[:, None]
         task = Task(
-            np.array([[0.0], [h]]),
-            np.vstack([rest, [[u]]]),
-            np.vstack([rest, [[w]]]),
+            h * of_both,
+            u * of_both,
+            w * of_both,
             V[:, None],
             A[:, None],
             unit,
             units=np.ones((3, 1)),
-            q=np.zeros((2, 1)),
+            q=none,
             positions=np.array([[-np.inf], [np.inf]]),
         )
-        ((stored, pieces_of_both),) = pieces(task, passages)
+        passages = np.array([0.0, 1000.0, end])
+        ((stored, coefficients),) = pieces(task, passages)
         first = np.searchsorted(stored, 1000.0)
-        half, velocity, position = pieces_of_both[:, first:]
-        lengths = np.diff(stored[first:]) / unit
+        half, velocity, position = coefficients[:, first:]
+        steps = np.diff(stored[first:])
+        lengths = steps / unit
         end = position + lengths * (velocity + lengths * half)
         speed = velocity + 2 * lengths * half
         assert end[-1] == pytest.approx(h, abs=1e-12 * max(abs(u), abs(w)) * t)

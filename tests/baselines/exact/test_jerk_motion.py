@@ -50,9 +50,13 @@ def test_a_turn_is_braked_with_one_jerk() -> None:
     way = 1 / 6 + s / 2 + s**2 / 2 - s**3 / 6
     half = (1 + s) / np.cbrt(way)
     assert trajectory.duration == pytest.approx(2 * half, rel=1e-9)
-    lengths = trajectory.lengths
-    jerk = np.abs(trajectory(trajectory.breaks[:-1] + lengths / 2, order=3)[:, 0])
-    np.testing.assert_allclose(jerk, 1.0, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(jerks(trajectory)), 1.0, rtol=1e-9)
+
+
+def jerks(trajectory: Trajectory) -> np.ndarray:
+    """Jerk of every piece, `(pieces, joints)`."""
+    middles = trajectory.breaks[:-1] + trajectory.lengths / 2
+    return trajectory(middles, order=3)
 
 
 def short(trajectory: Trajectory) -> int:
@@ -73,7 +77,7 @@ def short(trajectory: Trajectory) -> int:
     ],
 )
 def test_no_phase_of_the_barrier_is_left(name: str) -> None:
-    """Where no ramp is briefer than a hundredth of a second, no piece is below 1e-6 s."""
+    """No piece is below 1e-6 s if no ramp is briefer than a hundredth of a second."""
     trajectory = ExactJerk().solve(load(name)).trajectory
     assert trajectory is not None
     assert short(trajectory) == 0
@@ -89,8 +93,9 @@ def test_a_joint_with_time_to_spare_has_few_breaks() -> None:
     assert alone is not None
     assert both is not None
     assert len(both.lengths) == len(alone.lengths)
-    jumps = np.diff(both(both.breaks[:-1] + both.lengths / 2, order=3)[:, 1])
-    assert (np.abs(jumps) > 1e-6).sum() <= 3 * 3 - 1
+    jumps = np.diff(jerks(both)[:, 1])
+    changes = np.abs(jumps) > 1e-6
+    assert changes.sum() <= 3 * 3 - 1
 
 
 def test_velocities_do_not_jump_between_pieces() -> None:
@@ -99,8 +104,10 @@ def test_velocities_do_not_jump_between_pieces() -> None:
     trajectory = ExactJerk().solve(problem).trajectory
     assert trajectory is not None
     velocity = trajectory.pieces(order=1)
-    jumps = velocity[-1, 1:] - velocity[:, :-1].sum(axis=0)
-    apart = np.abs(trajectory.breaks[1:-1, None] - trajectory.waypoint_times)
+    reached = velocity.sum(axis=0)
+    jumps = velocity[-1, 1:] - reached[:-1]
+    inner = trajectory.breaks[1:-1, None]
+    apart = np.abs(inner - trajectory.waypoint_times)
     at_waypoint = apart.min(axis=1) < 1e-14
     assert (jumps[~at_waypoint] == 0).all()
     assert np.abs(jumps[at_waypoint]).max() > 0
@@ -127,16 +134,16 @@ def test_breaks_of_a_segment_are_shared() -> None:
 
 
 def test_a_break_is_left_out_or_moves_where_that_costs_next_to_nothing() -> None:
-    apart = jerk_motion._apart
-    # 1e-8 after another one: the next is 1e-5 later and serves, or it moves 1e-6²/1e-8
-    assert apart(0.0, [(1.0, 1e-6), (1.0 + 1e-8, 1e-6), (1.0 + 1e-5, 1e-6)], 2.0) == [
-        0.0,
-        1.0,
-        1.0 + 1e-5,
-        2.0,
-    ]
-    _, _, moved, _ = apart(0.0, [(1.0, 1e-6), (1.0 + 1e-8, 1e-6)], 2.0)
+    # 1e-8 after another one: the next is 1e-5 later and serves
+    assert apart(1.0, 1.0 + 1e-8, 1.0 + 1e-5) == [0.0, 1.0, 1.0 + 1e-5, 2.0]
+    # or it moves 1e-6²/1e-8, from the end too
+    _, _, moved, _ = apart(1.0, 1.0 + 1e-8)
     assert moved == pytest.approx(1.0 + 1e-4, abs=1e-9)
-    # and from the end
-    _, moved, _ = apart(0.0, [(2.0 - 1e-8, 1e-6)], 2.0)
+    _, moved, _ = apart(2.0 - 1e-8)
     assert moved == pytest.approx(2.0 - 1e-4, abs=1e-9)
+
+
+def apart(*times: float) -> list[float]:
+    """Breaks between 0 and 2 that may cost 1e-6 s each."""
+    wanted = [(time, 1e-6) for time in times]
+    return jerk_motion._apart(0.0, wanted, 2.0)
