@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from baselines.exact.interior_point import chosen, moved
 from trajopt.core.arrays import Array, Bools
 
 if TYPE_CHECKING:
@@ -63,24 +64,6 @@ class Point(NamedTuple):
     def peaks(self) -> Array:
         """Peaks of the upper and of the mirrored lower profile, in the units of `ends`."""
         return self.inner[1]
-
-    def moved(self, step: Point, length: Array) -> Point:
-        """The point so far along a step, `(starts,)`."""
-        of_times = length[:, None]
-        of_cells = of_times[:, None]
-        return Point(
-            self.log + of_times * step.log,
-            self.velocity + of_cells * step.velocity,
-            self.inner + of_cells * step.inner,
-        )
-
-    def of(self, some: Bools) -> Point:
-        """The point of some of the starts."""
-        return Point(
-            self.log[some],
-            self.velocity[some],
-            self.inner[:, :, some],
-        )
 
 
 def at_ends(velocity: Array) -> Array:
@@ -277,7 +260,7 @@ class Rows:
     def after(self, step: Point, length: Array) -> Rows:
         """The rows after such a length of a step, clipped."""
         cells = self.cells
-        return Rows(cells, cells.clipped(self.point.moved(step, length)))
+        return Rows(cells, cells.clipped(moved(self.point, step, length)))
 
     def follows(self, before: Rows) -> Bools:
         """Every point is allowed: clipping replaces a line search."""
@@ -285,7 +268,7 @@ class Rows:
 
     def of(self, some: Bools) -> Rows:
         """The rows of some of the starts."""
-        return Rows(self.cells.of(int(some.sum())), self.point.of(some))
+        return Rows(self.cells.of(int(some.sum())), chosen(self.point, some))
 
     def gradients(self, numbers: Array) -> Gradients:
         """The rows' gradients times a number each."""

@@ -49,6 +49,27 @@ MULTIPLIER_SPREAD = 1e10
 ROW_AXES = (0, 1, 3, 4)
 
 
+def moved(point: Any, step: Any, length: Array) -> Any:
+    """The point so far along a step, `(starts,)`.
+
+    Both are named tuples: logarithms of the times, `(starts, segments)`, then tables `(…, starts,
+    segments, joints)`.
+    """
+    of_times = length[:, None]
+    of_cells = of_times[:, None]
+    tables = []
+    for table, change in zip(point, step, strict=True):
+        along = of_times if table.ndim == of_times.ndim else of_cells
+        tables.append(table + along * change)
+    return point._make(tables)
+
+
+def chosen(point: Any, some: Bools) -> Any:
+    """The point of some of the starts."""
+    times, *cells = point
+    return point._make([times[some], *(table[..., some, :, :] for table in cells)])
+
+
 class Linear(Protocol):
     """A program near a point, for a Newton step."""
 
@@ -434,13 +455,15 @@ def _corrected(
 def _either(first: Bools, one: _Direction, other: _Direction) -> _Direction:
     """One step for some starts, another one for the rest."""
     share = first.astype(float)
-    difference = one.step.moved(
+    difference = moved(
+        one.step,
         other.step,
         -np.ones_like(share),
     )
     of_rows = first[:, None, None]
     return _Direction(
-        other.step.moved(
+        moved(
+            other.step,
             difference,
             share,
         ),

@@ -14,7 +14,7 @@ the profiles are then those of section 3.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -46,7 +46,6 @@ RELAXED_GAP = 1e-2  # relative to the duration of the optimum without jerk limit
 ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
 # Steps that do not end may lead close to an optimum: the gap, relative to the duration, and what
 # links miss.
-CLOSE = "Close"
 CLOSE_GAP_RTOL = 1e-5
 CLOSE_LINKS = 1e-3
 NOT_CONVERGED = "the best start comes close to an optimum, but does not converge"
@@ -91,19 +90,27 @@ class ExactJerk(SeveralStarts):
         # late: planners that are only listed need none of it
         from baselines.exact.jerk_motion import Reachable
 
-        solve = _minimised
-        if self.solver == "ipopt":
-            from baselines.exact.jerk_by_ipopt import minimised as solve
-
         announce("exact-jerk", problem, self._seconds(problem))
         scaled = Reachable(problem)
+        close: list[Optimum] = []
+        solve: Callable[[Sequence[Start]], list[Optimum]] = partial(_minimised, scaled, close)
+        if self.solver == "ipopt":
+            from baselines.exact.jerk_by_ipopt import minimised
+
+            solve = partial(minimised, scaled)
         starts = _starts(scaled, MAX_STARTS_FACTOR * self.starts)
-        solution = self.best_of(scaled, partial(solve, scaled), starts)
-        best = int(np.argmin(solution.stats["start_duration"]))
-        if solution.stats["start_status"][best] == CLOSE:
+        solution = self.best_of(scaled, solve, self._tried(starts, close), close)
+        if close and np.isinf(solution.stats["start_duration"]).all():
             said = f"{solution.message}; " if solution.message else ""
             return replace(solution, message=said + NOT_CONVERGED)
         return solution
+
+    def _tried(self, starts: Iterator[Start], close: Sequence[Optimum]) -> Iterator[Start]:
+        """More than `starts` only where none leads close to an optimum."""
+        for number, start in enumerate(starts):
+            if number >= self.starts and close:
+                return
+            yield start
 
     def _seconds(self, problem: Problem) -> float:
         """About how long it will take."""
@@ -136,21 +143,24 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
         yield slower * scaled.stop, at_rest, at_rest
 
 
-def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
-    """The local optimum near each start."""
+def _minimised(scaled: Scaled, close: list[Optimum], starts: Sequence[Start]) -> list[Optimum]:
+    """The local optimum near each start; points that are no more than close to one join a list."""
     cells = JerkCells(scaled, kinds=2)
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
         point = cells.start(*map(np.array, zip(*starts, strict=True)))
         iterate = descended(begun(JerkRows(cells, point)), converged)
         done = converged(iterate, ACCEPTED)
-        close = near(iterate, CLOSE_GAP_RTOL) & (iterate.state.linear.apart <= CLOSE_LINKS)
+        is_close = near(iterate, CLOSE_GAP_RTOL) & (iterate.state.linear.apart <= CLOSE_LINKS)
     numbers = np.arange(len(starts))
-    statuses = np.select([done, close], ["Converged", CLOSE], "Not_Converged")
     optima = []
-    for k, status in enumerate(statuses.tolist()):
+    for k in numbers:
         rows = iterate.state.rows.of(numbers == k)
         (times,) = rows.times
-        duration = times.sum() if done[k] or close[k] else np.inf
-        optima.append(Optimum(duration, times, rows.point, status))
+        optimum = Optimum(times.sum(), times, rows.point, "Converged")
+        if not done[k]:
+            if is_close[k]:
+                close.append(optimum)
+            optimum = optimum._replace(duration=np.inf, status="Not_Converged")
+        optima.append(optimum)
     return optima

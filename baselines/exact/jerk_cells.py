@@ -16,7 +16,7 @@ import numpy as np
 
 from baselines.exact.cells import at_ends
 from baselines.exact.chain import Chain, Links
-from baselines.exact.interior_point import MIN_KEPT_SLACK, ROW_AXES
+from baselines.exact.interior_point import MIN_KEPT_SLACK, ROW_AXES, chosen, moved
 from baselines.exact.jerk_profiles import ACCELERATIONS, TIME, VELOCITIES, Limits, Profiles, Slopes
 from baselines.exact.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
@@ -27,12 +27,10 @@ REACH = 4
 _ENDS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1, 1)
 # A residual of a link up to this, relative to its velocities, is rounding.
 _ROUNDING_RTOL = 4e-15
-# A start whose states are not reachable is dilated, and then its end velocities shrink.
-_DILATION = 1.1
-_MAX_DILATIONS = 15
+# The end velocities of a start shrink where its states are not reachable.
 _SHRINKING = 0.7
 _MAX_SHRINKINGS = 100
-# Least slack of a start, relative to what jerk and acceleration allow: as dilated, and as shrunk.
+# Least slack of a start, relative to what jerk and acceleration allow: as given, and as shrunk.
 _MIN_SLACK = 1e-3
 _MIN_SHRUNK_SLACK = 0.03
 # Barrier parameter of a start, times the number of rows, relative to the duration.
@@ -56,23 +54,6 @@ class Point(NamedTuple):
     ends: Array
     velocity: Array
     acceleration: Array
-
-    def moved(self, step: Point, length: Array) -> Point:
-        """The point so far along a step, `(starts,)`."""
-        of_times = length[:, None]
-        of_cells = of_times[:, None]
-        return Point(
-            self.log + of_times * step.log,
-            self.ends + of_cells * step.ends,
-            self.velocity + of_cells * step.velocity,
-            self.acceleration + of_cells * step.acceleration,
-        )
-
-    def of(self, some: Bools) -> Point:
-        """The point of some of the starts."""
-        return Point(
-            self.log[some], self.ends[:, some], self.velocity[some], self.acceleration[some]
-        )
 
 
 class Cells:
@@ -119,26 +100,20 @@ class Cells:
         self.slowest = np.where(slowest > 0, slowest, np.finfo(float).tiny)
 
     def start(self, times: Array, velocity: Array, acceleration: Array) -> Point:
-        """A point whose cells are within reach: slower, or where that is not enough off its links.
+        """A point whose cells are within reach, off its links where these are not.
 
         Args:
             times: of the segments, `(starts, segments)`.
             velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
             acceleration: likewise.
         """
-        slower = np.ones((len(times), 1, 1))
-        for _ in range(_MAX_DILATIONS):
-            point = self.linked(slower[..., 0] * times, velocity / slower, acceleration)
-            short = self._short(point, _MIN_SLACK)
-            if not short.any():
-                return point
-            some = np.asarray(short.any(axis=(1, 2)))[:, None, None]
-            slower = np.where(some, _DILATION * slower, slower)
+        point = self.linked(times, velocity, acceleration)
+        short = self._short(point, _MIN_SLACK)
         for _ in range(_MAX_SHRINKINGS):
-            point = point._replace(ends=np.where(short, _SHRINKING, 1.0) * point.ends)
-            short &= self._short(point, _MIN_SHRUNK_SLACK)
             if not short.any():
                 break
+            point = point._replace(ends=np.where(short, _SHRINKING, 1.0) * point.ends)
+            short &= self._short(point, _MIN_SHRUNK_SLACK)
         return point
 
     def linked(self, times: Array, velocity: Array, acceleration: Array) -> Point:
@@ -216,7 +191,7 @@ class Rows:
 
     def after(self, step: Point, length: Array) -> Rows:
         """The rows after such a length of a step, `(starts,)`."""
-        return Rows(self.cells, self.point.moved(step, length))
+        return Rows(self.cells, moved(self.point, step, length))
 
     def follows(self, before: Rows) -> Bools:
         """Return whether every row keeps its share and every state is reachable, `(starts,)`."""
@@ -226,7 +201,7 @@ class Rows:
 
     def of(self, some: Bools) -> Rows:
         """The rows of some of the starts."""
-        return Rows(self.cells, self.point.of(some))
+        return Rows(self.cells, chosen(self.point, some))
 
     @property
     def phases(self) -> Array:

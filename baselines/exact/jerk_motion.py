@@ -340,7 +340,7 @@ class _Profiles(NamedTuple):
         profiles = rows.profiles
         first = profiles.acceleration
         shares = _shares(rows, limits)
-        # phases that have settled are rounding, and so is a dip of no acceleration at the limit
+        # a phase that has settled is rounding, and so is a dip of no acceleration at the limit
         phases = rows.phases
         room = profiles.limits.top - profiles.velocity
         is_fast = room <= SETTLED_RTOL * cells.highest / rows.t
@@ -394,10 +394,10 @@ class _Profiles(NamedTuple):
         profiles = peak[0] + halves.sum(axis=0)
         # without a jerk limit there is no such profile
         inner = np.nan_to_num((self.shares * profiles).sum(axis=0))
-        first, last = _both(self.waypoints)
+        start, end = _both(self.waypoints)
         since_start, until_end = since
-        begun = np.where(since_start > 0, inner, first)
-        return np.where(until_end > 0, begun, last)
+        begun = np.where(since_start > 0, inner, start)
+        return np.where(until_end > 0, begun, end)
 
 
 def _share(after: Array, length: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -84,10 +85,17 @@ class SeveralStarts(Planner):
         scaled: Reaching,
         solve: Callable[[Sequence[Start]], list[Optimum]],
         starts: Iterator[Start],
+        spare: Sequence[Optimum] = (),
     ) -> Solution:
         """The shortest of the local optima, with what it says of the whole problem.
 
         `stats`: status and duration (s, infinite where it failed) of each start tried.
+
+        Args:
+            scaled: the problem.
+            solve: leads from starts to an optimum each.
+            starts: where to start from, in order.
+            spare: points to choose from where no start leads to an optimum.
         """
         local = optima_together(
             solve,
@@ -98,7 +106,8 @@ class SeveralStarts(Planner):
         durations = np.array([optimum.duration for optimum in local])
         statuses = [optimum.status for optimum in local]
         stats = {"start_status": statuses, "start_duration": scaled.unit * durations}
-        best = local[int(durations.argmin())]
+        candidates = local if np.isfinite(durations).any() else [*local, *spare]
+        best = min(candidates, key=attrgetter("duration"))
         if not np.isfinite(best.duration):
             message = no_start_succeeded(statuses)
             return Solution(

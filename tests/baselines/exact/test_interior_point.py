@@ -109,10 +109,11 @@ def test_a_step_changes_rows_as_differences_say(start, segments: int, joints: in
     with np.errstate(all="ignore"):
         step, change = rows.linear(multipliers, multipliers).step(multipliers)
         size = 1e-6 / max(1.0, np.abs(step.log).max())
-        ahead, behind = (
-            type(rows)(rows.cells, rows.point.moved(step, np.full(2, length))).values
-            for length in (size, -size)
-        )
+        values = []
+        for length in (size, -size):
+            point = interior_point.moved(rows.point, step, np.full(2, length))
+            values.append(type(rows)(rows.cells, point).values)
+        ahead, behind = values
     differences = (ahead - behind) / (2 * size)
     np.testing.assert_allclose(change, differences, atol=1e-5 * np.abs(change).max())
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from functools import cache
+from collections.abc import Sequence
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ import pytest
 from baselines.collocation.uniform import Collocation
 from baselines.exact import interior_point, jerk
 from baselines.exact.acceleration import Exact
-from baselines.exact.jerk import ExactJerk
+from baselines.exact.jerk import ExactJerk, _minimised, _starts
+from baselines.exact.jerk_motion import Reachable
+from baselines.exact.several_starts import Optimum
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
 from experiments.soaks import relations
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, Trajectory, verify
@@ -299,9 +302,32 @@ def test_the_last_point_is_an_answer_where_no_start_converges(
     for name, value in (("CLOSE_GAP_RTOL", 0.1), ("CLOSE_LINKS", 1.0)):
         monkeypatch.setattr(jerk, name, value)
     solution = ExactJerk().solve(problem)
-    assert "Close" in solution.stats["start_status"]
+    assert set(solution.stats["start_status"]) == {"Not_Converged"}
+    assert len(solution.stats["start_status"]) == 4
     assert "does not converge" in solution.message
     assert solution.trajectory is not None
     certificate = verify(problem.without("position"), solution.trajectory)
     assert certificate.certified_duration is not None
     assert optimum * (1 - 1e-9) <= certificate.certified_duration < 1.5 * optimum
+
+
+def test_a_point_close_to_an_optimum_is_no_answer_beside_one() -> None:
+    """Its links are not met, so its time may be too short, or a crawl through a tiny segment."""
+    problem = random_problem(3, jerk=True)
+    scaled = Reachable(problem)
+    found = _minimised(scaled, [], [next(_starts(scaled, 1))])
+    (optimum,) = found
+    nearby = optimum._replace(duration=optimum.duration / 2, times=optimum.times / 2)
+    none = optimum._replace(duration=np.inf)
+    answers = []
+    for local in (optimum, none):
+        solution = ExactJerk().best_of(scaled, partial(give, local), iter([None]), [nearby])
+        assert solution.trajectory is not None
+        answers.append(solution.trajectory.duration)
+    expected = scaled.unit * optimum.duration
+    np.testing.assert_allclose(answers, [expected, expected / 2])
+
+
+def give(optimum: Optimum, starts: Sequence[None]) -> list[Optimum]:
+    """The same optimum, wherever it is asked to start."""
+    return [optimum]
