@@ -56,7 +56,7 @@ class Task(NamedTuple):
 
     @classmethod
     def of(cls, scaled: Scaled, velocity: Array, joints: Indices) -> Self:
-        """What some of the moving joints do.
+        """The task of some of the moving joints.
 
         Args:
             scaled: the problem.

@@ -329,5 +329,5 @@ def test_a_point_close_to_an_optimum_is_no_answer_beside_one() -> None:
 
 
 def give(optimum: Optimum, starts: Sequence[None]) -> list[Optimum]:
-    """The same optimum, wherever it is asked to start."""
+    """Return this optimum, whatever the starts are."""
     return [optimum]
