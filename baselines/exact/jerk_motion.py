@@ -350,11 +350,12 @@ class _Profiles(NamedTuple):
         is_gone = is_dip | (own < SETTLED_RTOL * limits.ramp)
         shares_of_time = np.where(is_gone, 0.0, own)
         # the end is passed backwards
-        origins = np.array([limits.start, -limits.end])
-        origin = origins[:, None, None, :, None]
-        places = [origin + 0 * first]
+        nearest = np.reshape([limits.start, -limits.end], (2, 1, 1, -1, 1))
+        farthest = -nearest[::-1]
+        places = [nearest + 0 * first]
         for length in shares_of_time * limits.times * limits.unit:
-            places.append(later(places[-1], length))
+            place = later(places[-1], length)
+            places.append(np.minimum(place, farthest))
         # without a cruise both meet, however they are rounded, and may reach less
         from_start, from_end = places[-1]
         meeting = np.minimum(from_end, -from_start)
@@ -364,7 +365,8 @@ class _Profiles(NamedTuple):
         peak = np.clip(0.0, -fall, rise)
         peaks = np.array([peak, -peak])
         released = lengths[RELEASE] / cells.down
-        held = np.fmin(profiles.rises, peaks + released)
+        allowed = np.fmin(profiles.rises, peaks + released)
+        held = np.where(lengths[RAMP] > 0, allowed, first)
         seen = np.array([first, held, peaks])
         levels = cells.signs * FLIPS * seen
         ends = FLIPS * np.array(places[1:])

@@ -8,6 +8,7 @@ import pytest
 from baselines.exact import jerk_motion
 from baselines.exact.jerk import ExactJerk
 from experiments.known_optima import end_to_end, line, one_way
+from experiments.scaling import walk
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 
@@ -57,6 +58,14 @@ def jerks(trajectory: Trajectory) -> np.ndarray:
     """Jerk of every piece, `(pieces, joints)`."""
     middles = trajectory.breaks[:-1] + trajectory.lengths / 2
     return trajectory(middles, order=3)
+
+
+def test_phases_end_within_their_segment() -> None:
+    """Rounded upwards, three in a row once ended after it: 1e-9 of the jerk limit too much."""
+    problem = walk(200, jerk=True, position=False)
+    trajectory = ExactJerk().solve(problem).trajectory
+    assert trajectory is not None
+    assert verify(problem, trajectory).dilation <= 1 + 1e-10
 
 
 def short(trajectory: Trajectory) -> int:
