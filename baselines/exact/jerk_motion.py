@@ -91,8 +91,8 @@ class Reachable(Scaled):
         first, _ = _both(self.problem.waypoints)
         cubics[-1] += first[:, self.moving]
         used = lengths.T > 0
-        starts = breaks[:-1].T
-        stored = np.append(starts[used], passages[-1])
+        starts, _ = _both(breaks)
+        stored = np.append(starts.T[used], passages[-1])
         by_joint = cubics.transpose(3, 0, 2, 1)
         joints = [(stored, table[:, used]) for table in by_joint]
         (unlimited,) = np.nonzero(~self.r.any(axis=0))
@@ -239,7 +239,8 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
         # a ramp of negative length is out of reach
         negative = after.phases[RAMP] < -SETTLED_RTOL * limits.ramp
         spoilt = (negative & (_shares(after, limits) > 0)).any(axis=0)
-        fine = ((after.reach >= least) & ~spoilt).all(axis=0)
+        reaches = after.reach >= least
+        fine = (reaches & ~spoilt).all(axis=0)
         kept = _of_both_cells(fine)
         before = rows.point
         rows = _moved(
