@@ -275,8 +275,7 @@ def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     found, level, dip = (np.take_along_axis(table, briefest, axis=0)[0] for table in tables)
     is_slack = limits.jerky & ~is_alone.any(axis=0)
     free = _of_both_cells(is_slack)
-    velocity = rows.point.velocity
-    acceleration = rows.point.acceleration
+    _, _, velocity, acceleration = rows.point
     low, high = cells.scaled.v
     limit = np.where(velocity > 0, high, low)
     faster = np.where(chosen & found & dip, limit, velocity)
@@ -378,7 +377,8 @@ class _Profiles(NamedTuple):
         after_start = self.ends > limits.start[:, None]
         before_end = self.ends < limits.end[:, None]
         is_used = self.shares > 0
-        wanted = after_start & before_end & is_used
+        is_inside = after_start & before_end
+        wanted = is_inside & is_used
         breaks = np.where(wanted, self.ends, np.nan)
         return breaks.reshape(-1, *breaks.shape[-2:])
 
