@@ -393,7 +393,8 @@ class _Profiles(NamedTuple):
         first, held, peak = self.levels
         halves = first - peak
         halves = halves + _share(after, ramp) * (held - first)
-        halves += _share(after - ramp - hold, release) * (peak - held)
+        since_hold = after - ramp - hold
+        halves += _share(since_hold, release) * (peak - held)
         profiles = peak[0] + halves.sum(axis=0)
         # without a jerk limit there is no such profile
         inner = np.nan_to_num((self.shares * profiles).sum(axis=0))
