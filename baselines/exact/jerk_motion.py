@@ -118,8 +118,8 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     limits = _Limits.of(scaled, passages)
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
-    reached = rows.mean + rows.t * rows.point.ends
-    first, last = reached[:, 0]
+    # in the rounded times
+    first, last = scaled.h / limits.times + limits.times * rows.point.ends[:, 0]
     velocity = _agreed(first, last, limits.weights)
 
     even = _Times.of(limits.even, limits)
