@@ -119,7 +119,8 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
     # in the rounded times
-    first, last = scaled.h / limits.times + limits.times * rows.point.ends[:, 0]
+    mean = scaled.h / limits.times
+    first, last = mean + limits.times * rows.point.ends[:, 0]
     velocity = _agreed(first, last, limits.weights)
 
     even = _Times.of(limits.even, limits)
