@@ -120,7 +120,8 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     profiles = _Profiles.of(rows, limits)
     # in the rounded times
     mean = scaled.h / limits.times
-    first, last = mean + limits.times * rows.point.ends[:, 0]
+    apart = limits.times * rows.point.ends[:, 0]
+    first, last = mean + apart
     velocity = _agreed(first, last, limits.weights)
 
     even = _Times.of(limits.even, limits)
