@@ -26,7 +26,7 @@ import numpy as np
 import scipy  # its parts are imported when they are used: listing planners needs none
 from numpy.typing import NDArray
 
-from baselines.exact.rounded import Clock, assembled, clocks, through
+from baselines.exact.rounded import Clock, assembled, clocks, integrated, mended
 from baselines.linear_programs import LinearProgram
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
@@ -238,7 +238,8 @@ class Sections:
             if len(stored) > 3 and _stiff(levels, cubics, clock):
                 kept = nearest(breaks, clock.elapsed(stored))
                 lengths = clock.lengths(stored)
-                fitted = through(lengths, levels[kept], u[j], w[j], target[j])
+                straight = mended(lengths, levels[kept], u[j], w[j], target[j])
+                fitted, *_ = integrated(lengths, straight, u[j])
             highest = np.abs(cubics[0]).max() * (1 + _FITTED_JERK_RTOL)
             if fitted is None or not np.abs(fitted[0]).max() <= highest:
                 stored = clock.stored(breaks)

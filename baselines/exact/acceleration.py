@@ -22,7 +22,7 @@ import numpy as np
 
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes
-from baselines.exact.cells import Cells, Rows
+from baselines.exact.cells import Cells, Rows, with_rest
 from baselines.exact.crossover import minimised
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
@@ -102,7 +102,7 @@ class Passing(Scaled):
         """The explicit answer: each joint's motion of least acceleration through each segment."""
         passages = np.r_[0.0, np.cumsum(times * self.unit)]
         rounded = np.diff(passages) / self.unit
-        ends = _with_rest(self._in_rounded_times(times, rounded, velocities))
+        ends = with_rest(self._in_rounded_times(times, rounded, velocities))
         every = np.arange(len(self.units[0]))
         task = Task.of(self, ends, every)
         return Trajectory.of_moving(
@@ -128,7 +128,7 @@ class Passing(Scaled):
         longer = _ratio(rounded, times)[:, None]
         missed = np.abs(quicker - 1) * np.abs(self.h)
         is_hidden = missed <= self.rounding
-        ends = _with_rest(velocities)
+        ends = with_rest(velocities)
         mean = (ends[:-1] + ends[1:]) / 2
         mean *= np.where(is_hidden, 1.0, quicker)
         step = ends[1:] - ends[:-1]
@@ -160,14 +160,6 @@ def _ratio(times: Array, others: Array) -> Array:
     return np.where(is_close, ratio, 1.0)
 
 
-def _with_rest(velocities: Array) -> Array:
-    """Waypoint velocities with rest at both ends, `(segments + 1, joints)`."""
-    inner, joints = velocities.shape
-    ends = np.zeros((inner + 2, joints))  # in place of `np.pad`, 50 us slower
-    ends[1:-1] = velocities
-    return ends
-
-
 def reachable(
     times: Array,
     velocities: Array,
@@ -179,7 +171,7 @@ def reachable(
     Velocity limits are `k` times as wide, acceleration limits `k²` times. In the briefest segments
     velocities differ by less than their rounding. No dilation mends that, so it is allowed.
     """
-    ends = _with_rest(velocities)
+    ends = with_rest(velocities)
     u = ends[:-1]
     w = ends[1:]
     t = times[:, None]

@@ -78,6 +78,14 @@ def at_ends(velocity: Array) -> Array:
     return ends
 
 
+def with_rest(inner: Array) -> Array:
+    """Values at the inner waypoints, zeros at the motion's ends, `(segments + 1, joints)`."""
+    waypoints, joints = inner.shape
+    ends = np.zeros((waypoints + 2, joints))  # in place of `np.pad`, 50 us slower
+    ends[1:-1] = inner
+    return ends
+
+
 def _by_axes_of_two(limits: ArrayLike) -> Array:
     """Limits `(…, joints)`, for tables of so many axes of two."""
     tables = np.asarray(limits)

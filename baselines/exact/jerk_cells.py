@@ -23,8 +23,8 @@ from trajopt.core.arrays import Array, Bools
 
 # Rows of the reach of a cell, where the extreme profiles are of both kinds.
 REACH = 4
-# The end is seen backwards, where acceleration changes its sign.
-_ENDS = np.array([1.0, -1.0]).reshape(2, 1, 1, 1, 1)
+# A segment's end is seen backwards, where acceleration changes its sign.
+FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
 # A residual of a link up to this, relative to its velocities, is rounding.
 _ROUNDING_RTOL = 4e-15
 # The end velocities of a start shrink where its states are not reachable.
@@ -162,7 +162,7 @@ class Rows:
         )
         waypoints = at_ends(point.acceleration)
         profiles = Profiles(
-            point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * _ENDS, limits
+            point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * FLIPS, limits
         )
         reach = profiles.value
         kinds = len(reach) // 2
@@ -204,6 +204,13 @@ class Rows:
         return Rows(self.cells, chosen(self.point, some))
 
     @property
+    def peaks(self) -> Array:
+        """Accelerations at the peak, as both ends see them, `(2 ends, 2 sides, …)`."""
+        rise, fall = self.profiles.rises
+        peak = np.clip(0.0, -fall, rise)
+        return np.array([peak, -peak])
+
+    @property
     def phases(self) -> Array:
         """Ramp, hold and ramp to the peak from both ends, and the cruise, in the segment's time.
 
@@ -211,13 +218,11 @@ class Rows:
         """
         profiles = self.profiles
         rises = profiles.rises
-        rise, fall = rises
-        peak = np.clip(0.0, -fall, rise)
         return np.array(
             [
                 self.cells.up / self.t * (rises - profiles.acceleration),
                 profiles.hold,
-                self.cells.down / self.t * (rises - np.array([peak, -peak])),
+                self.cells.down / self.t * (rises - self.peaks),
                 np.broadcast_to(profiles.cruise, rises.shape),
             ]
         )

@@ -23,8 +23,8 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from baselines.exact.acceleration_motion import Task, pieces
-from baselines.exact.cells import at_ends
-from baselines.exact.jerk_cells import Cells, Point, Rows
+from baselines.exact.cells import at_ends, with_rest
+from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
 from baselines.exact.jerk_profiles import CRUISE, HOLD, RAMP, RELEASE
 from baselines.exact.rounded import Pieces, integrated, later, mended, missing
 from baselines.exact.scaled import Scaled
@@ -46,8 +46,6 @@ EXCESS_RTOL = 3e-11
 # A break is left out if that costs as little velocity as jerk gains in this share of a ramp.
 LEAST_RTOL = 7e-6
 TINY = 1e-300  # instead of dividing by 0
-# A segment's end is seen backwards.
-FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
 
 
 class Reachable(Scaled):
@@ -265,7 +263,7 @@ def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     # a dip below the velocity limit
     cruises = (phases[HOLD] <= 0) & (phases[CRUISE] > 0)
     dips = np.logical_and(ramps, _beside(brief[RELEASE] & cruises))
-    # the level of a change in acceleration changes by the share r1 of r1 + r2
+    # the level changes by the share up/(up + down) of a change in acceleration
     first = profiles.acceleration
     ahead = (profiles.rises - first) * (1 + cells.up / cells.down)
     level = cells.signs * FLIPS * (first + ahead)
@@ -363,16 +361,14 @@ class _Profiles(NamedTuple):
         meeting = np.minimum(from_end, -from_start)
         places[-1] = np.array([from_start, meeting])
         lengths = np.diff(places, axis=0) / limits.unit
-        rise, fall = profiles.rises
-        peak = np.clip(0.0, -fall, rise)
-        peaks = np.array([peak, -peak])
+        peaks = rows.peaks
         released = lengths[RELEASE] / cells.down
         allowed = np.fmin(profiles.rises, peaks + released)
         held = np.where(lengths[RAMP] > 0, allowed, first)
         seen = np.array([first, held, peaks])
         levels = cells.signs * FLIPS * seen
         ends = FLIPS * np.array(places[1:])
-        return cls(lengths, levels, shares, ends, _with_rest(rows.point.acceleration[0]))
+        return cls(lengths, levels, shares, ends, with_rest(rows.point.acceleration[0]))
 
     def breaks(self, limits: _Limits) -> Array:
         """The ends of phases within segments, s, or not a number, `(12, segments, joints)`."""
@@ -426,12 +422,7 @@ def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
     before, after = _both(weights)
     wanted = after * at_start[1:] + before * at_end[:-1]
     both = before + after
-    return _with_rest(wanted / np.maximum(both, TINY))
-
-
-def _with_rest(inner: Array) -> Array:
-    """Values at inner waypoints, with zeros at both ends."""
-    return np.pad(inner, ((1, 1), (0, 0)))
+    return with_rest(wanted / np.maximum(both, TINY))
 
 
 def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:

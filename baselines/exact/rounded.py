@@ -27,9 +27,6 @@ _ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
 
 Pieces = tuple[Array, Array]  # breaks, and position coefficients (degree + 1, pieces)
 
-NO_PIECES: Pieces = (np.zeros(1), np.zeros((1, 0)))
-"""What a joint does in a segment that is flown by in less time than can be stored."""
-
 
 @dataclass(frozen=True)
 class Clock:
@@ -162,7 +159,7 @@ def assembled(
         problem: whose waypoints the segments start from.
         passages: when the waypoints are passed, s.
         segments: of each joint that moves its stored breaks, s, and its displacement since the
-            segment's start as coefficients, rad/s^power; `NO_PIECES` where it takes no time.
+            segment's start as coefficients, rad/s^power; one break and none where it takes no time.
     """
     moving = problem.moving
     joints = []
@@ -244,19 +241,6 @@ def mended(
         oddly = even_gain * short - even_way * slow
         acceleration = acceleration + (evenly * even + oddly * odd) / size
     return acceleration
-
-
-def through(
-    lengths: Array,
-    acceleration: Array,
-    u: Array | float,
-    w: Array | float,
-    h: Array | float,
-) -> Array:
-    """Position coefficients of the motions of accelerations that are mended so."""
-    straight = mended(lengths, acceleration, u, w, h)
-    coefficients, _, _ = integrated(lengths, straight, u)
-    return coefficients
 
 
 def integrated(
