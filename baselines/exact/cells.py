@@ -223,6 +223,7 @@ class Rows:
 
     start_slack = 0.1
     min_gap_rtol = 1e-13
+    max_log_step = 1.0
 
     def __init__(self, cells: Cells, point: Point) -> None:
         peaks = point.peaks

@@ -34,6 +34,8 @@ from trajopt.core.arrays import Array, Bools, Indices
 START_CONVEXITY = 1e-2
 CONVEXITY_FACTOR = 8.0
 MAX_CONVEXITY = 1e14
+# The diagonal grows by this share of that: with brief segments rounding alone makes it indefinite.
+ROUNDING_RTOL = 1e-16
 
 
 class Links(NamedTuple):
@@ -287,6 +289,7 @@ class Chain:
             more = max(CONVEXITY_FACTOR * added, START_CONVEXITY)
             times += (more - added) * self.times[start]
             added = more
+            band[:, 0] *= 1 + ROUNDING_RTOL * added
         return np.full_like(band.T, np.nan)
 
 

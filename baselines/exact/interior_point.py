@@ -17,10 +17,7 @@ import numpy as np
 
 from trajopt.core.arrays import Array, Bools
 
-MAX_ITERATIONS = 400
-# So many steps follow their rows to second order. Most programs have converged by then; the others
-# have segments so brief that second derivatives mislead.
-BENT_STEPS = 30
+MAX_ITERATIONS = 2000
 # Converged: complementarity gap and change of the last step, relative to the duration, and
 # constraint violation.
 GAP_RTOL = 1e-12
@@ -30,6 +27,9 @@ START_LENGTH = 0.5
 # The gap falls by `(1 - length of the last step) ** FALL_POWER`, at most by the least share.
 FALL_POWER = 1.5
 MIN_LEFT = 0.02
+# After a step shorter than this the gap shall rise so many times: the point is near the boundary.
+STUCK = 0.02
+RAISED = 3.0
 # The barrier waits while the Lagrangian's gradient is larger than both.
 WAIT_PER_GAP = 10.0
 WAIT_RTOL = 1e-1
@@ -37,8 +37,6 @@ WAIT_RTOL = 1e-1
 TO_BOUNDARY = 0.99
 # A slack becomes its row's value where that is at least this share of the slack before.
 MIN_KEPT_SLACK = 0.005
-# Largest change of the logarithm of a segment time in one step.
-MAX_LOG_STEP = 1.0
 # A step is shortened by this factor, at most so many times.
 SHORTER = 0.6
 MAX_SHORTENED = 40
@@ -96,12 +94,14 @@ class Rows(Protocol):
         times: of the segments, `(starts, segments)`.
         start_slack: the least slack that a start has.
         min_gap_rtol: least complementarity gap that a step aims at, relative to the duration.
+        max_log_step: largest change of a time's logarithm in one step, to first order.
         start_barrier: product of slack and multiplier at the start, `(starts,)`.
     """
 
     point: Any
     start_slack: float
     min_gap_rtol: float
+    max_log_step: float
     start_barrier: Array
     values: Array
     times: Array
@@ -289,6 +289,7 @@ def _stepped(iterate: Iterate) -> Iterate:
             MIN_LEFT,
         ),
     )
+    left = np.where(iterate.length < STUCK, RAISED, left)
     gap = np.maximum(
         left**FALL_POWER * state.gap,
         state.rows.min_gap_rtol * state.duration,
@@ -296,43 +297,7 @@ def _stepped(iterate: Iterate) -> Iterate:
     barrier = (gap / slacks[:, :, 0].size)[:, None, None]
 
     aim = barrier / slacks
-    direction = _direction(
-        state,
-        aim,
-        state.miss,
-    )
-    bends = iterate.steps < BENT_STEPS
-    bending = state.linear.bending(direction.step) if bends else None
-    if bending is not None:
-        length = direction.forwards[:, None, None]
-        bent = _direction(
-            state,
-            aim,
-            state.miss + length * bending,
-        )
-        direction = _either(
-            bent.forwards >= SHORTER * direction.forwards,
-            bent,
-            direction,
-        )
-    rows = state.rows.after(
-        direction.step,
-        direction.forwards,
-    )
-    follows = rows.follows(state.rows) | iterate.lost
-    if bends and not follows.all():
-        rows, direction, follows = _corrected(
-            iterate,
-            aim,
-            direction,
-            rows,
-            follows,
-        )
-    if not follows.all():
-        rows, direction = _shortened(
-            iterate,
-            direction,
-        )
+    rows, direction = _followed(iterate, aim)
     forwards = direction.forwards
     multiplier_step = aim - multipliers - state.weights * direction.slacks
     upwards = _longest(
@@ -387,12 +352,9 @@ def _direction(state: State, aim: Array, miss: Array) -> _Direction:
     step, change = state.linear.step(aim - state.weights * miss)
     slack_step = change + miss
     farthest = np.abs(step.log).max(axis=1)
+    allowed = state.rows.max_log_step
     forwards = np.minimum(
-        MAX_LOG_STEP
-        / np.maximum(
-            farthest,
-            MAX_LOG_STEP,
-        ),
+        allowed / np.maximum(farthest, allowed),
         _longest(
             state.slacks,
             slack_step,
@@ -406,50 +368,46 @@ def _direction(state: State, aim: Array, miss: Array) -> _Direction:
     )
 
 
-def _corrected(
-    iterate: Iterate,
-    aim: Array,
-    tried: _Direction,
-    after: Rows,
-    follows: Bools,
-) -> tuple[Rows, _Direction, Bools]:
-    """The step with what the rows really miss at second order, where that leads further.
+def _followed(iterate: Iterate, aim: Array) -> tuple[Rows, _Direction]:
+    """The rows after a Newton step, and the step.
 
-    Args:
-        iterate: where the step begins.
-        aim: barrier over slack of each row.
-        tried: a Newton step.
-        after: the rows that it leads to.
-        follows: which starts may take it.
-
-    Returns:
-        The rows that it leads to, the step, and which starts may take it.
+    It bends with the rows, first as their second derivatives say, then as a step has shown. Where
+    the method cannot go on from there it is straight, and shortened.
     """
     state = iterate.state
     before = state.rows
+    straight = _direction(state, aim, state.miss)
+    direction = straight
+    bending = state.linear.bending(straight.step)
+    if bending is not None:
+        direction = _bent(state, aim, straight, bending)
+    rows = before.after(direction.step, direction.forwards)
+    follows = rows.follows(before) | iterate.lost
+    if follows.all():
+        return rows, direction
+    length = direction.forwards[:, None, None]
+    bending = (rows.values - before.values - length * direction.change) / length**2
+    bent = _bent(state, aim, direction, bending)
+    direction = _either(follows, direction, bent)
+    rows = before.after(direction.step, direction.forwards)
+    follows = rows.follows(before) | iterate.lost
+    if follows.all():
+        return rows, direction
+    return _shortened(iterate, _either(follows, direction, straight))
+
+
+def _bent(state: State, aim: Array, tried: _Direction, bending: Array) -> _Direction:
+    """The step that makes up for the rows' bending, unless it is much shorter than the one tried.
+
+    Args:
+        state: where it begins.
+        aim: barrier over slack of each row.
+        tried: another step.
+        bending: of the rows, after the whole of it.
+    """
     length = tried.forwards[:, None, None]
-    bending = (after.values - before.values - length * tried.change) / length
-    bent = _direction(
-        state,
-        aim,
-        state.miss + bending,
-    )
-    rows = before.after(
-        bent.step,
-        bent.forwards,
-    )
-    better = ~follows & rows.follows(before) & (bent.forwards >= SHORTER * tried.forwards)
-    if not better.all():
-        bent = _either(
-            better,
-            bent,
-            tried,
-        )
-        rows = before.after(
-            bent.step,
-            bent.forwards,
-        )
-    return rows, bent, follows | better
+    bent = _direction(state, aim, state.miss + length * bending)
+    return _either(bent.forwards >= SHORTER * tried.forwards, bent, tried)
 
 
 def _either(first: Bools, one: _Direction, other: _Direction) -> _Direction:

@@ -15,8 +15,9 @@ the profiles are then those of section 3.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -44,11 +45,6 @@ MAX_START_DILATION = 2.0
 RELAXED_DILATION = 1.1
 RELAXED_GAP = 1e-2  # relative to the duration of the optimum without jerk limits
 ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
-# Steps that do not end may lead close to an optimum: the gap, relative to the duration, and what
-# links miss.
-CLOSE_GAP_RTOL = 1e-5
-CLOSE_LINKS = 1e-3
-NOT_CONVERGED = "the best start comes close to an optimum, but does not converge"
 # Time of a start, proportional to segments times moving joints. It includes failing starts.
 SECONDS = 0.03
 SECONDS_PER_CELL = 2e-3
@@ -92,25 +88,13 @@ class ExactJerk(SeveralStarts):
 
         announce("exact-jerk", problem, self._seconds(problem))
         scaled = Reachable(problem)
-        close: list[Optimum] = []
-        solve: Callable[[Sequence[Start]], list[Optimum]] = partial(_minimised, scaled, close)
+        solve: Callable[[Sequence[Start]], list[Optimum]] = partial(_minimised, scaled)
         if self.solver == "ipopt":
             from baselines.exact.jerk_by_ipopt import minimised
 
             solve = partial(minimised, scaled)
-        starts = _starts(scaled, MAX_STARTS_FACTOR * self.starts)
-        solution = self.best_of(scaled, solve, self._tried(starts, close), close)
-        if close and np.isinf(solution.stats["start_duration"]).all():
-            said = f"{solution.message}; " if solution.message else ""
-            return replace(solution, message=said + NOT_CONVERGED)
-        return solution
-
-    def _tried(self, starts: Iterator[Start], close: Sequence[Optimum]) -> Iterator[Start]:
-        """More than `starts` only where none leads close to an optimum."""
-        for number, start in enumerate(starts):
-            if number >= self.starts and close:
-                return
-            yield start
+        starts = islice(_starts(scaled), MAX_STARTS_FACTOR * self.starts)
+        return self.best_of(scaled, solve, starts)
 
     def _seconds(self, problem: Problem) -> float:
         """About how long it will take."""
@@ -118,7 +102,7 @@ class ExactJerk(SeveralStarts):
         return expected_starts * (SECONDS + SECONDS_PER_CELL * cells(problem))
 
 
-def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
+def _starts(scaled: Scaled) -> Iterator[Start]:
     """Times and inner waypoint states to start from.
 
     Stopping everywhere first, then section 3's optimum, slower, then stopping everywhere in random
@@ -138,29 +122,26 @@ def _starts(scaled: Scaled, count: int) -> Iterator[Start]:
     velocity = np.clip(relaxed.point.velocity[0], *scaled.v)
     if np.isfinite(velocity).all():
         yield RELAXED_DILATION * relaxed.times[0], velocity / RELAXED_DILATION, at_rest
-    for _ in range(count):
+    while True:
         slower = rng.uniform(STOPPING_DILATION, MAX_START_DILATION, segments)
         yield slower * scaled.stop, at_rest, at_rest
 
 
-def _minimised(scaled: Scaled, close: list[Optimum], starts: Sequence[Start]) -> list[Optimum]:
-    """The local optimum near each start; points that are no more than close to one join a list."""
+def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
+    """The local optimum near each start."""
     cells = JerkCells(scaled, kinds=2)
     # a method that diverges overflows: it has not converged
     with np.errstate(all="ignore"):
         point = cells.start(*map(np.array, zip(*starts, strict=True)))
         iterate = descended(begun(JerkRows(cells, point)), converged)
         done = converged(iterate, ACCEPTED)
-        is_close = near(iterate, CLOSE_GAP_RTOL) & (iterate.state.linear.apart <= CLOSE_LINKS)
     numbers = np.arange(len(starts))
     optima = []
     for k in numbers:
         rows = iterate.state.rows.of(numbers == k)
         (times,) = rows.times
-        optimum = Optimum(times.sum(), times, rows.point, "Converged")
-        if not done[k]:
-            if is_close[k]:
-                close.append(optimum)
-            optimum = optimum._replace(duration=np.inf, status="Not_Converged")
-        optima.append(optimum)
+        duration, status = np.inf, "Not_Converged"
+        if done[k]:
+            duration, status = times.sum(), "Converged"
+        optima.append(Optimum(duration, times, rows.point, status))
     return optima

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.exact.cells import at_ends
-from baselines.exact.chain import Chain, Links
+from baselines.exact.chain import Chain, Links, beside_it, owners
 from baselines.exact.interior_point import MIN_KEPT_SLACK, ROW_AXES, chosen, moved
 from baselines.exact.jerk_profiles import ACCELERATIONS, TIME, VELOCITIES, Limits, Profiles, Slopes
 from baselines.exact.scaled import Scaled
@@ -146,6 +146,7 @@ class Rows:
     start_slack = 0.0
     # a smaller gap leaves the stored motion no slack for its rounding
     min_gap_rtol = 3e-13
+    max_log_step = 0.7
 
     def __init__(self, cells: Cells, point: Point) -> None:
         times = np.exp(point.log)
@@ -190,8 +191,10 @@ class Rows:
         return Linear(self, multipliers, weights)
 
     def after(self, step: Point, length: Array) -> Rows:
-        """The rows after such a length of a step, `(starts,)`."""
-        return Rows(self.cells, moved(self.point, step, length))
+        """The rows after such a length of a step, `(starts,)`: 1/T changes evenly."""
+        point = moved(self.point, step, length)
+        shorter = np.log1p(-length[:, None] * step.log)
+        return Rows(self.cells, point._replace(log=self.point.log - shorter))
 
     def follows(self, before: Rows) -> Bools:
         """Return whether every row keeps its share and every state is reachable, `(starts,)`."""
@@ -276,11 +279,17 @@ class Linear:
         matrix -= (z[:REACH] * second).sum(axis=2)
         matrix[ACCELERATIONS[1], ACCELERATIONS[1]] += (z[-2:] * cells.falling).sum(axis=0)
         pull = (z[:REACH] * first[:, :REACH]).sum(axis=1)
-        for end, v in enumerate(VELOCITIES):
-            # the second derivative of the link h/T + T x = v
-            matrix[TIME, TIME] += pull[v] * (rows.steep + ends[end])
-            matrix[TIME, v] += pull[v]
-            matrix[v, TIME] += pull[v]
+        # what presses on waypoint velocities, which follow 1/T and the briefer segments' ends
+        own = pull[list(VELOCITIES)] / rows.t
+        pressed = own.copy()
+        pressed[1] -= (z[-2:] * cells.signs[:2]).sum(axis=0)
+        whole = pressed + beside_it(pressed)
+        bent = rows.t * (own - np.where(owners(rows.times), whole, 0.0))
+        matrix[TIME, TIME] += (2 * bent * ends).sum(axis=0) - pull[TIME]
+        matrix[TIME, TIME] += rows.t / bent.shape[-1]
+        for v, twist in zip(VELOCITIES, bent, strict=True):
+            matrix[TIME, v] += twist
+            matrix[v, TIME] += twist
         links = Links(rows.steep - ends, rows.missing)
         self.rows = rows
         self.weights = w
@@ -321,6 +330,7 @@ class Linear:
         bent = (rows.slopes.second * changes[:, None]).sum(axis=1)
         table = np.zeros_like(self.weights)
         table[:REACH] = (bent * changes[:, None]).sum(axis=0) / 2
+        table[:REACH] += rows.slopes.first[TIME, :REACH] * log**2 / 2
         table[-2:] = -rows.cells.falling * after**2 / 2
         return table.reshape(rows.values.shape)
 

@@ -85,7 +85,6 @@ class SeveralStarts(Planner):
         scaled: Reaching,
         solve: Callable[[Sequence[Start]], list[Optimum]],
         starts: Iterator[Start],
-        spare: Sequence[Optimum] = (),
     ) -> Solution:
         """The shortest of the local optima, with what it says of the whole problem.
 
@@ -95,7 +94,6 @@ class SeveralStarts(Planner):
             scaled: the problem.
             solve: leads from starts to an optimum each.
             starts: where to start from, in order.
-            spare: points to choose from where no start leads to an optimum.
         """
         local = optima_together(
             solve,
@@ -106,8 +104,7 @@ class SeveralStarts(Planner):
         durations = np.array([optimum.duration for optimum in local])
         statuses = [optimum.status for optimum in local]
         stats = {"start_status": statuses, "start_duration": scaled.unit * durations}
-        candidates = local if np.isfinite(durations).any() else [*local, *spare]
-        best = min(candidates, key=attrgetter("duration"))
+        best = min(local, key=attrgetter("duration"))
         if not np.isfinite(best.duration):
             message = no_start_succeeded(statuses)
             return Solution(

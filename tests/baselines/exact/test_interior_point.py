@@ -133,6 +133,40 @@ def test_a_step_bends_rows_as_second_differences_say(segments: int) -> None:
     np.testing.assert_allclose(bending, differences, atol=1e-3 * np.abs(bending).max())
 
 
+@pytest.mark.parametrize("segments", [1, 2, 5])
+def test_the_matrix_is_how_the_lagrangian_bends(segments: int) -> None:
+    """Along lines in 1/T, accelerations and the briefer segments' ends, its unknowns."""
+    rng = np.random.default_rng(2)
+    scaled = Scaled(drawn(segments, 3))
+    times = scaled.stop * rng.uniform(1.5, 3.0, (1, segments))
+    states = rng.uniform(-0.1, 0.1, (2, 1, segments - 1, 3))
+    cells = JerkCells(scaled, kinds=2)
+    start = JerkRows(cells, cells.linked(times, *states))
+    multipliers = rng.uniform(0.1, 1.0, start.values.shape)
+    with np.errstate(all="ignore"):
+        (band,) = start.linear(multipliers, 0 * multipliers).chain.bands()
+    unknowns = rng.uniform(-1.0, 1.0, len(band))
+    last = np.append(unknowns, np.zeros(6)).reshape(segments, 7)
+    ends, accelerations = last[:-1, 1:].reshape(-1, 3, 2).transpose(2, 0, 1)
+
+    def lagrangian(length: float) -> float:
+        t = (times / (1 - length * last[:, 0]))[..., None]
+        before = (scaled.h / t + t * start.point.ends[1])[:, :-1] + length * t[:, :-1] * ends
+        after = (scaled.h / t + t * start.point.ends[0])[:, 1:] + length * t[:, 1:] * ends
+        velocity = np.where(times[:, :-1, None] < times[:, 1:, None], before, after)
+        point = cells.linked(t[..., 0], velocity, states[1] + length * accelerations)
+        rows = JerkRows(cells, point)
+        return float(rows.times.sum() - (multipliers * rows.values).sum())
+
+    size = 1e-4
+    difference = lagrangian(size) - 2 * lagrangian(0.0) + lagrangian(-size)
+    offsets = np.arange(band.shape[1])
+    padded = np.append(unknowns, np.zeros(len(offsets)))
+    products = band * padded[np.arange(len(band))[:, None] + offsets] * unknowns[:, None]
+    products[:, 1:] *= 2  # above the diagonal too
+    assert products.sum() == pytest.approx(difference / size**2, rel=1e-5)
+
+
 def test_families_of_extremes_converge() -> None:
     """Segments of 1e-9 rad to 15 000 rad and limits a million to one apart, most of them."""
     problems = []
