@@ -412,34 +412,16 @@ def _bent(state: State, aim: Array, tried: _Direction, bending: Array) -> _Direc
 
 def _either(first: Bools, one: _Direction, other: _Direction) -> _Direction:
     """One step for some starts, another one for the rest."""
+    if first.all():
+        return one
     share = first.astype(float)
-    difference = moved(
-        one.step,
-        other.step,
-        -np.ones_like(share),
-    )
+    difference = moved(one.step, other.step, -np.ones_like(share))
     of_rows = first[:, None, None]
     return _Direction(
-        moved(
-            other.step,
-            difference,
-            share,
-        ),
-        np.where(
-            of_rows,
-            one.change,
-            other.change,
-        ),
-        np.where(
-            of_rows,
-            one.slacks,
-            other.slacks,
-        ),
-        np.where(
-            first,
-            one.forwards,
-            other.forwards,
-        ),
+        moved(other.step, difference, share),
+        np.where(of_rows, one.change, other.change),
+        np.where(of_rows, one.slacks, other.slacks),
+        np.where(first, one.forwards, other.forwards),
     )
 
 

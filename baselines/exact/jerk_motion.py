@@ -242,6 +242,9 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
         reaches = after.reach >= least
         fine = (reaches & ~spoilt).all(axis=0)
         kept = _of_both_cells(fine)
+        if kept.all():
+            rows = after
+            continue
         before = rows.point
         rows = _moved(
             rows,
