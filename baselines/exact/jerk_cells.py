@@ -206,30 +206,6 @@ class Rows:
         """The rows of some of the starts."""
         return Rows(self.cells, chosen(self.point, some))
 
-    @property
-    def peaks(self) -> Array:
-        """Accelerations at the peak, as both ends see them, `(2 ends, 2 sides, …)`."""
-        rise, fall = self.profiles.rises
-        peak = np.clip(0.0, -fall, rise)
-        return np.array([peak, -peak])
-
-    @property
-    def phases(self) -> Array:
-        """Ramp, hold and ramp to the peak from both ends, and the cruise, in the segment's time.
-
-        `(4, 2 ends, 2 sides, starts, segments, joints)`; negative where states are out of reach.
-        """
-        profiles = self.profiles
-        rises = profiles.rises
-        return np.array(
-            [
-                self.cells.up / self.t * (rises - profiles.acceleration),
-                profiles.hold,
-                self.cells.down / self.t * (rises - self.peaks),
-                np.broadcast_to(profiles.cruise, rises.shape),
-            ]
-        )
-
     @cached_property
     def slopes(self) -> Slopes:
         """How all rows change with a cell's variables, and the first of these, the reach, twice."""

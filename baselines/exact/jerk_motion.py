@@ -25,7 +25,6 @@ import numpy as np
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
-from baselines.exact.jerk_profiles import CRUISE, HOLD, RAMP, RELEASE
 from baselines.exact.rounded import Pieces, integrated, later, mended, missing
 from baselines.exact.scaled import Scaled
 from trajopt.core import polynomials
@@ -35,10 +34,13 @@ from trajopt.core.trajectory import Trajectory
 # Segments whose times are rounded by more than this, relative, decide how fast they are passed.
 ROUNDED_RTOL = 4e-12
 # An extreme profile whose displacement is so close, relative to what limits allow, is alone.
-TIGHT_RTOL = 1e-12
+TIGHT_RTOL = 1e-11
 # Phases that may vanish when states settle, relative to the longest ramp, and what that may cost.
 BRIEF_RTOL = 1e-2
 SETTLED_RTOL = 1e-11
+# A velocity so close to its limit, relative, settles there.
+FAST_RTOL = 1e-4
+
 NEWTON_STEPS = 2
 EVEN = 2  # evenly spaced inner breaks of a segment
 # Share of a limit. A joint that exceeds one by more needs breaks of its own.
@@ -122,22 +124,22 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     first, last = mean + apart
     velocity = _agreed(first, last, limits.weights)
 
-    even = _Times.of(limits.even, limits)
-    gentle = profiles.accelerations(even.since)
-    gentle = mended(even.lengths, gentle, *_both(velocity), scaled.h)
-    excess = _excess(scaled, even.lengths, gentle, velocity)
+    since, lengths = _counted(limits.even, limits)
+    gentle = profiles.accelerations(since)
+    gentle = mended(lengths, gentle, *_both(velocity), scaled.h)
+    excess = _excess(scaled, lengths, gentle, velocity)
     needs_own = limits.jerky & ~(excess <= EXCESS_RTOL)
 
     breaks = _breaks(profiles, limits, needs_own)
-    times = _Times.of(breaks, limits)
-    own = profiles.accelerations(times.since)
-    between = _between(gentle, times.passed)
+    since, lengths = _counted(breaks, limits)
+    own = profiles.accelerations(since)
+    between = _between(gentle, since[0] / limits.times)
     levels = np.where(needs_own, own, between)
-    slow, short = missing(times.lengths, levels, *_both(velocity), scaled.h)
+    slow, short = missing(lengths, levels, *_both(velocity), scaled.h)
     # a cell that misses nothing would have that much more velocity at its ends
     added = short / limits.times
     velocity = velocity + _agreed(added - slow, added, limits.weights)
-    levels = mended(times.lengths, levels, *_both(velocity), scaled.h)
+    levels = mended(lengths, levels, *_both(velocity), scaled.h)
     return breaks, levels, velocity
 
 
@@ -201,26 +203,11 @@ class _Limits(NamedTuple):
         )
 
 
-class _Times(NamedTuple):
-    """Breaks as the motion counts time, `(…, segments, 1)`.
-
-    Attributes:
-        since: from both ends of their segment, `(2 ends, breaks, segments, 1)`.
-        lengths: of the pieces.
-        passed: the share of the segment's time.
-    """
-
-    since: Array
-    lengths: Array
-    passed: Array
-
-    @classmethod
-    def of(cls, breaks: Array, limits: _Limits) -> Self:
-        since_start = breaks - limits.start
-        until_end = limits.end - breaks
-        since = np.array([since_start, until_end])[..., None] / limits.unit
-        lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
-        return cls(since, lengths, since[0] / limits.times)
+def _counted(breaks: Array, limits: _Limits) -> tuple[Array, Array]:
+    """Times since both ends of their segments, and lengths of pieces, as the motion counts time."""
+    since = np.array([breaks - limits.start, limits.end - breaks])
+    lengths = np.diff(breaks, axis=0)
+    return since[..., None] / limits.unit, lengths[..., None] / limits.unit
 
 
 def _settled(rows: Rows, limits: _Limits) -> Rows:
@@ -229,62 +216,45 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
     Of two neighbours one waypoint settles first: so each cell is spoilt by one at most.
     """
     _, waypoints, _ = rows.point.velocity.shape
-    numbers = np.arange(waypoints)[:, None]
-    odd = numbers % 2 == 1
+    odd = np.arange(waypoints)[:, None] % 2 == 1
     for chosen in (odd, ~odd):
         after = rows
         for _ in range(NEWTON_STEPS):
             after = _settling(after, limits, chosen)
         least = np.minimum(rows.reach, 0.0) - SETTLED_RTOL * limits.gained
         # a ramp of negative length is out of reach
-        negative = after.phases[RAMP] < -SETTLED_RTOL * limits.ramp
+        negative = after.profiles.first < -SETTLED_RTOL * limits.ramp
         spoilt = (negative & (_shares(after, limits) > 0)).any(axis=0)
-        reaches = after.reach >= least
-        fine = (reaches & ~spoilt).all(axis=0)
+        fine = ((after.reach >= least) & ~spoilt).all(axis=0)
         kept = _of_both_cells(fine)
-        if kept.all():
-            rows = after
-            continue
-        before = rows.point
-        rows = _moved(
-            rows,
-            np.where(kept, after.point.velocity, before.velocity),
-            np.where(kept, after.point.acceleration, before.acceleration),
-        )
+        states = zip(rows.point[2:], after.point[2:], strict=True)
+        rows = _moved(rows, *(np.where(kept, new, old) for old, new in states))
     return rows
 
 
 def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     """The cells after a step of Newton's method at some of the waypoints."""
     cells = rows.cells
-    profiles = rows.profiles
-    phases = rows.phases
-    is_alone = _shares(rows, limits) == 1
-    active = is_alone & limits.jerky
-    brief = active & (phases < BRIEF_RTOL * limits.ramp)
-    ramps = _beside(brief[RAMP])
-    # a dip below the velocity limit
-    cruises = (phases[HOLD] <= 0) & (phases[CRUISE] > 0)
-    dips = np.logical_and(ramps, _beside(brief[RELEASE] & cruises))
-    # the level changes by the share up/(up + down) of a change in acceleration
-    first = profiles.acceleration
-    ahead = (profiles.rises - first) * (1 + cells.up / cells.down)
-    level = cells.signs * FLIPS * (first + ahead)
-    allowed = np.clip(_beside(level), *cells.scaled.a)
-    levels = np.where(dips, 0.0, allowed)
-    lengths = np.where(ramps, _beside(phases[RAMP]), np.inf)
-    briefest = lengths.argmin(axis=0)[None]
-    tables = (ramps, levels, dips)
-    found, level, dip = (np.take_along_axis(table, briefest, axis=0)[0] for table in tables)
-    is_slack = limits.jerky & ~is_alone.any(axis=0)
-    free = _of_both_cells(is_slack)
+    rises = rows.profiles.rises
+    first = rows.profiles.acceleration
     _, _, velocity, acceleration = rows.point
+    is_alone = _shares(rows, limits) == 1
+    is_brief = rows.profiles.first < BRIEF_RTOL * limits.ramp
+    # the level changes by the share up/(up + down) of a change in acceleration
+    ahead = (rises - first) * (1 + cells.up / cells.down)
+    levels = np.clip(cells.signs * FLIPS * (first + ahead), *cells.scaled.a)
+    changes = _beside(levels) - acceleration
+    wanted = np.where(_beside(is_alone & limits.jerky & is_brief), changes, np.inf)
+    least = np.abs(wanted).argmin(axis=0)[None]
+    (change,) = np.take_along_axis(wanted, least, axis=0)
+    free = _of_both_cells(limits.jerky & ~is_alone.any(axis=0))
+    # a brief ramp below the velocity limit would lead to a dip
     low, high = cells.scaled.v
     limit = np.where(velocity > 0, high, low)
-    faster = np.where(chosen & found & dip, limit, velocity)
-    cases = [~chosen, found, free]
-    settled = np.select(cases, [acceleration, level, 0.0], acceleration)
-    return _moved(rows, faster, settled)
+    fast = limits.jerky & (np.abs(limit - velocity) < FAST_RTOL * np.abs(limit))
+    cases = [~chosen, fast | free, np.isfinite(change)]
+    settled = np.select(cases, [acceleration, 0.0, acceleration + change], acceleration)
+    return _moved(rows, np.where(chosen & fast, limit, velocity), settled)
 
 
 def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
@@ -343,13 +313,15 @@ class _Profiles(NamedTuple):
         profiles = rows.profiles
         first = profiles.acceleration
         shares = _shares(rows, limits)
+        rise, fall = profiles.rises
+        peak = np.clip(0.0, -fall, rise)
+        peaks = np.array([peak, -peak])
+        release = profiles.limits.down * (profiles.rises - peaks)
+        own = np.array([profiles.first, profiles.hold, release])
         # a phase that has settled is rounding, and so is a dip of no acceleration at the limit
-        phases = rows.phases
         room = profiles.limits.top - profiles.velocity
         is_fast = room <= SETTLED_RTOL * cells.highest / rows.t
-        cruises = phases[CRUISE] > 0
-        is_dip = is_fast & (first == 0) & cruises
-        own = phases[:CRUISE]
+        is_dip = is_fast & (first == 0) & (profiles.cruise > 0)
         is_gone = is_dip | (own < SETTLED_RTOL * limits.ramp)
         shares_of_time = np.where(is_gone, 0.0, own)
         # the end is passed backwards
@@ -364,10 +336,9 @@ class _Profiles(NamedTuple):
         meeting = np.minimum(from_end, -from_start)
         places[-1] = np.array([from_start, meeting])
         lengths = np.diff(places, axis=0) / limits.unit
-        peaks = rows.peaks
-        released = lengths[RELEASE] / cells.down
-        allowed = np.fmin(profiles.rises, peaks + released)
-        held = np.where(lengths[RAMP] > 0, allowed, first)
+        ramp, _, release = lengths
+        allowed = np.fmin(profiles.rises, peaks + release / cells.down)
+        held = np.where(ramp > 0, allowed, first)
         seen = np.array([first, held, peaks])
         levels = cells.signs * FLIPS * seen
         ends = FLIPS * np.array(places[1:])

@@ -39,11 +39,6 @@ TIME = 0
 VELOCITIES = (1, 3)
 ACCELERATIONS = (2, 4)
 _VARIABLES = 5
-# Indices of a profile's phases, as `jerk_cells.Rows.phases` has them.
-RAMP = 0
-HOLD = 1
-RELEASE = 2
-CRUISE = 3
 
 
 class Limits(NamedTuple):
