@@ -27,7 +27,6 @@ from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
 from baselines.exact.rounded import Pieces, integrated, later, mended, missing
 from baselines.exact.scaled import Scaled
-from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
 
@@ -124,17 +123,16 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     first, last = mean + apart
     velocity = _agreed(first, last, limits.weights)
 
-    since, lengths = _counted(limits.even, limits)
-    gentle = profiles.accelerations(since)
-    gentle = mended(lengths, gentle, *_both(velocity), scaled.h)
+    even = np.linspace(limits.start, limits.end, EVEN + 2)
+    lengths = np.diff(even, axis=0)[..., None] / limits.unit
+    gentle = mended(lengths, profiles.accelerations(even), *_both(velocity), scaled.h)
     excess = _excess(scaled, lengths, gentle, velocity)
     needs_own = limits.jerky & ~(excess <= EXCESS_RTOL)
 
-    breaks = _breaks(profiles, limits, needs_own)
-    since, lengths = _counted(breaks, limits)
-    own = profiles.accelerations(since)
-    between = _between(gentle, since[0] / limits.times)
-    levels = np.where(needs_own, own, between)
+    breaks = _breaks(profiles, limits, even, needs_own)
+    lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
+    between = _between(breaks, np.broadcast_to(even[..., None], gentle.shape), gentle)
+    levels = np.where(needs_own, profiles.accelerations(breaks), between)
     slow, short = missing(lengths, levels, *_both(velocity), scaled.h)
     # a cell that misses nothing would have that much more velocity at its ends
     added = short / limits.times
@@ -161,7 +159,6 @@ class _Limits(NamedTuple):
             `(segments, joints)`.
         ramp: the longest time with the same jerk, as a share of the segment's, likewise.
         weights: how much a waypoint's velocity matters to a cell, likewise.
-        even: evenly spaced breaks of the segments, s, `(breaks, segments)`.
     """
 
     start: Array
@@ -172,7 +169,6 @@ class _Limits(NamedTuple):
     gained: Array
     ramp: Array
     weights: Array
-    even: Array
 
     @classmethod
     def of(cls, scaled: Scaled, passages: Array) -> Self:
@@ -188,26 +184,9 @@ class _Limits(NamedTuple):
         by_jerk = times / np.maximum(slow, TINY)
         gained = np.minimum(steepest, by_jerk)
         faster = np.minimum(slowest, steepest * times)
-        ramp = np.sqrt(faster * slow) / times
+        ramp = np.minimum(np.sqrt(faster * slow) / times, 1.0)
         weights = takes_time / (times * gained) ** 2
-        return cls(
-            start,
-            end,
-            scaled.unit,
-            times,
-            slow > 0,
-            gained,
-            np.minimum(ramp, 1.0),
-            weights,
-            np.linspace(start, end, EVEN + 2),
-        )
-
-
-def _counted(breaks: Array, limits: _Limits) -> tuple[Array, Array]:
-    """Times since both ends of their segments, and lengths of pieces, as the motion counts time."""
-    since = np.array([breaks - limits.start, limits.end - breaks])
-    lengths = np.diff(breaks, axis=0)
-    return since[..., None] / limits.unit, lengths[..., None] / limits.unit
+        return cls(start, end, scaled.unit, times, slow > 0, gained, ramp, weights)
 
 
 def _settled(rows: Rows, limits: _Limits) -> Rows:
@@ -289,18 +268,14 @@ class _Profiles(NamedTuple):
     """The extreme profiles of every cell, from both ends to the peak between them.
 
     Attributes:
-        lengths: of ramp, hold and release, `(3, 2 ends, 2 sides, 1, segments, joints)`.
-        levels: accelerations at the end, at the hold and at the peak, of the same shape.
-        shares: of both profiles in the motion, `(2 sides, 1, segments, joints)`.
-        ends: of these phases, s since the motion's start, of the shape of the lengths.
-        waypoints: accelerations there, `(segments + 1, joints)`.
+        knots: s since the motion's start, `(8, 2 sides, segments, joints)`.
+        levels: accelerations there, straight in between, of the same shape.
+        shares: of both profiles in the motion, `(2 sides, segments, joints)`.
     """
 
-    lengths: Array
+    knots: Array
     levels: Array
     shares: Array
-    ends: Array
-    waypoints: Array
 
     @classmethod
     def of(cls, rows: Rows, limits: _Limits) -> Self:
@@ -326,69 +301,47 @@ class _Profiles(NamedTuple):
         shares_of_time = np.where(is_gone, 0.0, own)
         # the end is passed backwards
         nearest = np.reshape([limits.start, -limits.end], (2, 1, 1, -1, 1))
-        farthest = -nearest[::-1]
         places = [nearest + 0 * first]
         for length in shares_of_time * limits.times * limits.unit:
             place = later(places[-1], length)
-            places.append(np.minimum(place, farthest))
+            places.append(np.minimum(place, -nearest[::-1]))
         # without a cruise both meet, however they are rounded, and may reach less
         from_start, from_end = places[-1]
-        meeting = np.minimum(from_end, -from_start)
-        places[-1] = np.array([from_start, meeting])
-        lengths = np.diff(places, axis=0) / limits.unit
-        ramp, _, release = lengths
+        places[-1] = np.array([from_start, np.minimum(from_end, -from_start)])
+        ramp, _, release = np.diff(places, axis=0) / limits.unit
         allowed = np.fmin(profiles.rises, peaks + release / cells.down)
         held = np.where(ramp > 0, allowed, first)
-        seen = np.array([first, held, peaks])
-        levels = cells.signs * FLIPS * seen
-        ends = FLIPS * np.array(places[1:])
-        return cls(lengths, levels, shares, ends, with_rest(rows.point.acceleration[0]))
+        tables = (places, cells.signs * np.array([first, held, held, peaks]))
+        knots, levels = (_in_order(FLIPS * np.array(table)) for table in tables)
+        return cls(knots, levels, shares[:, 0])
 
     def breaks(self, limits: _Limits) -> Array:
-        """The ends of phases within segments, s, or not a number, `(12, segments, joints)`."""
-        after_start = self.ends > limits.start[:, None]
-        before_end = self.ends < limits.end[:, None]
-        is_used = self.shares > 0
-        is_inside = after_start & before_end
-        wanted = is_inside & is_used
-        breaks = np.where(wanted, self.ends, np.nan)
-        return breaks.reshape(-1, *breaks.shape[-2:])
+        """The ends of phases within segments, s, or not a number, `(16, segments, joints)`."""
+        start, end = limits.start[:, None], limits.end[:, None]
+        is_inside = (self.knots > start) & (self.knots < end)
+        breaks = np.where(is_inside & (self.shares > 0), self.knots, np.nan)
+        return breaks.reshape(-1, *breaks.shape[2:])
 
-    def accelerations(self, since: Array) -> Array:
-        """Accelerations at times since both ends, `(times, segments, joints)`.
-
-        Args:
-            since: `(2 ends, times, segments, 1)`.
-        """
-        after = since[:, None]
-        ramp, hold, release = self.lengths
-        first, held, peak = self.levels
-        halves = first - peak
-        halves = halves + _share(after, ramp) * (held - first)
-        since_hold = after - ramp - hold
-        halves += _share(since_hold, release) * (peak - held)
-        profiles = peak[0] + halves.sum(axis=0)
+    def accelerations(self, times: Array) -> Array:
+        """Accelerations at times since the motion's start, s, `(times, segments, joints)`."""
+        sides = zip(self.shares, self.knots.swapaxes(0, 1), self.levels.swapaxes(0, 1), strict=True)
+        parts = [share * _between(times, knots, levels) for share, knots, levels in sides]
         # without a jerk limit there is no such profile
-        inner = np.nan_to_num((self.shares * profiles).sum(axis=0))
-        start, end = _both(self.waypoints)
-        since_start, until_end = since
-        begun = np.where(since_start > 0, inner, start)
-        return np.where(until_end > 0, begun, end)
+        return np.nan_to_num(np.where(self.shares[:, None] > 0, parts, 0.0)).sum(axis=0)
 
 
-def _share(after: Array, length: Array) -> Array:
-    """The share of a phase that is over, so long after its start."""
-    share = np.clip(after / length, 0.0, 1.0)
-    return np.where(length > 0, share, after >= 0)
+def _in_order(table: Array) -> Array:
+    """Values `(4, 2 ends, 2 sides, 1, segments, joints)`, from both ends inwards, on one axis."""
+    from_start, from_end = table[:, :, :, 0].swapaxes(0, 1)
+    return np.concatenate([from_start, from_end[::-1]])
 
 
-def _between(levels: Array, passed: Array) -> Array:
-    """Values between even breaks, where that share of the time has passed."""
-    place = passed * (EVEN + 1)
-    before = np.clip(place.astype(int), 0, EVEN)
-    left = np.take_along_axis(levels, before, axis=0)
-    right = np.take_along_axis(levels, before + 1, axis=0)
-    return left + (place - before) * (right - left)
+def _between(times: Array, knots: Array, levels: Array) -> Array:
+    """Values at times `(…, segments)`, straight between knots `(…, segments, joints)`."""
+    found = np.empty((len(times), *levels.shape[1:]))
+    for k, i in np.ndindex(levels.shape[1:]):
+        found[:, k, i] = np.interp(times[:, k], knots[:, k, i], levels[:, k, i])
+    return found
 
 
 def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
@@ -399,13 +352,13 @@ def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
     return with_rest(wanted / np.maximum(both, TINY))
 
 
-def _breaks(profiles: _Profiles, limits: _Limits, needs_own: Bools) -> Array:
+def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools) -> Array:
     """The breaks of all joints of a segment, s, `(breaks, segments)`, where its end repeats."""
     wanted = profiles.breaks(limits)
     briefs = LEAST_RTOL * limits.ramp * limits.times * limits.unit
     tables = np.broadcast_arrays(wanted, briefs)
     found = []
-    for k, (start, *inner, end) in enumerate(limits.even.T.tolist()):
+    for k, (start, *inner, end) in enumerate(even.T.tolist()):
         own = needs_own[k] & np.isfinite(wanted[:, k])
         times, losses = (table[:, k][own].tolist() for table in tables)
         pairs = list(zip(times, losses, strict=True))
@@ -435,26 +388,21 @@ def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[
         last = kept[-1]
         gap = time - last
         if gap * (following - time) > brief**2:
-            moved = last + brief**2 / gap
-            kept.append(max(time, moved))
-    *_, (_, brief) = wanted
-    gap = end - kept[-1]
-    if gap < brief and len(kept) > 1:
-        last = kept.pop()
-        if gap * (last - kept[-1]) > brief**2:
-            kept.append(end - brief**2 / gap)
+            earliest = last + brief**2 / gap
+            latest = end - brief**2 / (end - time)
+            kept.append(min(max(time, earliest), latest))
     return [*kept, end]
 
 
 def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> Array:
     """The largest share by which a motion exceeds a limit, `(segments, joints)`."""
     cubics, *_ = integrated(lengths, levels, velocity[:-1])
-    jerks = np.array([[-1.0], [1.0]]) / scaled.r
-    shares = []
-    for order, limits in enumerate([scaled.v, scaled.a, jerks], start=1):
-        unit = polynomials.stretched(polynomials.derivative(cubics, order), lengths)
-        pieces = unit.reshape(len(unit), -1)
-        values = polynomials.evaluate(pieces[:, None], polynomials.critical_points(pieces))
-        table = values.reshape(-1, *unit.shape[1:])
-        shares += [np.fmax.reduce(table / limit, axis=(0, 1)) for limit in limits]
+    first, last = _both(levels)
+    speeds = cubics[2]
+    # where acceleration passes 0
+    turns = speeds + np.where(first * last < 0, first**2 * lengths / (first - last) / 2, 0.0)
+    tables = [np.concatenate([speeds, turns]), levels, (last - first) / lengths]
+    limits = [scaled.v, scaled.a, np.array([[-1.0], [1.0]]) / scaled.r]
+    pairs = zip(tables, limits, strict=True)
+    shares = [np.fmax.reduce(table / side) for table, sides in pairs for side in sides]
     return np.max(shares, axis=0) - 1
