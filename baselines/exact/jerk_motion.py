@@ -136,7 +136,7 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     slow, short = missing(lengths, levels, *_both(velocity), scaled.h)
     # a cell that misses nothing would have that much more velocity at its ends
     added = short / limits.times
-    velocity = velocity + _agreed(added - slow, added, limits.weights)
+    velocity = velocity + _agreed(added, added - slow, limits.weights)
     levels = mended(lengths, levels, *_both(velocity), scaled.h)
     return breaks, levels, velocity
 

@@ -158,16 +158,14 @@ class Profiles:
         until = first + hold
         whole = until + last
         cruise = np.where(cruises, 1 - whole.sum(axis=0), 0.0)
-        # x1 = t1 (u + t1 (2 a + A)/6), x2 = d (v1 + v2)/2, x3 = t3 (v2 + t3 A/3)
-        before = start + first * (counted + reached) / 2
-        after = before + reached * hold
-        steeper = (2 * counted + reached) / 6
-        ramped = first * (start + first * steeper)
-        doubled = before + after
-        kept_on = hold * doubled / 2
-        released = last * (after + last * reached / 3)
-        ascended = ramped + kept_on + released
-        peaks = after + reached * last / 2
+        gained = first * (counted + reached) / 2
+        after = start + gained + reached * hold
+        peak = after[0] + reached[0] * last[0] / 2
+        # D = p − ∫ t a dt over rise and fall, t from their own end
+        ramped = first**2 * (counted + 2 * reached) / 6
+        kept_on = hold * (first + hold / 2)
+        released = last * (until + last / 3) / 2
+        moments = ramped + reached * (kept_on + released)
 
         self.limits = limits
         self.velocity = velocity
@@ -176,7 +174,7 @@ class Profiles:
         self.first = first
         self.hold = hold
         self.cruise = cruise
-        self.value = ascended.sum(axis=0) + cruise * peaks[0]
+        self.value = peak - moments.sum(axis=0)
         slow_enough = gap >= -_ROUNDING * np.abs(top)
         self._slow_enough = ~cruises | slow_enough.all(axis=0)
         self._choice = (alone, both, held, cruises, kept)
