@@ -12,6 +12,7 @@ repeated, and the axes of two come first: `(2 ends, 2 sides, starts, segments, j
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -278,6 +279,19 @@ class Rows:
     def of(self, some: Bools) -> Rows:
         """The rows of some of the starts."""
         return Rows(self.cells.of(int(some.sum())), chosen(self.point, some))
+
+    @cached_property
+    def missing(self) -> Array:
+        """What the links miss in units of the cells' ends, `(2, starts, segments, joints)`."""
+        mean, _ = self.cells.h / self.t
+        excess = at_ends(self.point.velocity) - mean
+        return excess / self.t - self.point.ends
+
+    @property
+    def apart(self) -> Array:
+        """The most that a link misses, in units of the highest velocity, `(starts,)`."""
+        missed = np.abs(self.missing * self.room_p)
+        return missed.max(axis=(0, 2, 3))
 
     def gradients(self, numbers: Array) -> Gradients:
         """The rows' gradients times a number each."""

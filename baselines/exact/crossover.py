@@ -127,7 +127,7 @@ def _crossed(iterate: Iterate) -> tuple[Rows, Bools]:
             0.0,
         )
         missed = np.abs(miss).max(axis=ROW_AXES)
-        met = np.maximum(missed, linear.apart) <= MISS_TOL
+        met = np.maximum(missed, rows.apart) <= MISS_TOL
         slope_tol = SLOPE_RTOL * rows.times.sum(axis=1)
         arrived = met & (linear.slope(multipliers) <= slope_tol)
         step, change = linear.step(multipliers - weights * miss)

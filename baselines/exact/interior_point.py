@@ -71,10 +71,6 @@ def chosen(point: Any, some: Bools) -> Any:
 class Linear(Protocol):
     """A program near a point, for a Newton step."""
 
-    @property
-    def apart(self) -> Array:
-        """The most that a link between cells misses, `(starts,)`."""
-
     def slope(self, multipliers: Array, /) -> Array:
         """The largest entry of the Lagrangian's gradient, `(starts,)`."""
 
@@ -105,6 +101,10 @@ class Rows(Protocol):
     start_barrier: Array
     values: Array
     times: Array
+
+    @property
+    def apart(self) -> Array:
+        """The most that a link between cells misses, `(starts,)`."""
 
     def linear(self, multipliers: Array, weights: Array, /) -> Linear:
         """The model of a Newton step; `weights` are multiplier over slack of each row."""
@@ -262,13 +262,7 @@ def converged(iterate: Iterate, times: float = 1.0) -> Bools:
         return closed
     state = iterate.state
     missed = np.abs(state.miss).max(axis=ROW_AXES)
-    closed &= (
-        np.maximum(
-            missed,
-            state.linear.apart,
-        )
-        <= times * MISS_TOL
-    )
+    closed &= np.maximum(missed, state.rows.apart) <= times * MISS_TOL
     return closed & (iterate.gain <= times * GAIN_RTOL * state.duration)
 
 

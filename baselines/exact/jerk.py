@@ -25,7 +25,7 @@ import numpy as np
 from baselines.exact import one_sided_jerk
 from baselines.exact.acceleration import Exact
 from baselines.exact.cells import Cells, Rows
-from baselines.exact.interior_point import begun, converged, descended, near
+from baselines.exact.interior_point import begun, chosen, converged, descended, near
 from baselines.exact.jerk_cells import Cells as JerkCells
 from baselines.exact.jerk_cells import Rows as JerkRows
 from baselines.exact.jerk_cells import Start
@@ -135,13 +135,12 @@ def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
         point = cells.start(*map(np.array, zip(*starts, strict=True)))
         iterate = descended(begun(JerkRows(cells, point)), converged)
         done = converged(iterate, ACCEPTED)
+    points = iterate.state.rows.point
     numbers = np.arange(len(starts))
     optima = []
-    for k in numbers:
-        rows = iterate.state.rows.of(numbers == k)
-        (times,) = rows.times
+    for k, times in enumerate(iterate.state.rows.times):
         duration, status = np.inf, "Not_Converged"
         if done[k]:
             duration, status = times.sum(), "Converged"
-        optima.append(Optimum(duration, times, rows.point, status))
+        optima.append(Optimum(duration, times, chosen(points, numbers == k), status))
     return optima

@@ -235,6 +235,11 @@ class Rows:
         is_rounding = np.abs(missing) <= _ROUNDING_RTOL * size
         return np.where(is_rounding, 0.0, missing / self.t)
 
+    @property
+    def apart(self) -> Array:
+        """The most that a link misses, `(starts,)`."""
+        return np.asarray(np.abs(self.missing).max(axis=(0, 2, 3)))
+
 
 class Linear:
     """The program near a point: rows linear, the Lagrangian quadratic.
@@ -273,11 +278,6 @@ class Linear:
         self.missed = np.zeros_like(w)
         self.missed[-2:] = rows.t * cells.signs[:2] * rows.missing[1]
         self.chain = Chain(rows.times, links, matrix.transpose(2, 3, 4, 0, 1))
-
-    @property
-    def apart(self) -> Array:
-        """The most that a link misses, `(starts,)`."""
-        return np.asarray(np.abs(self.rows.missing).max(axis=(0, 2, 3)))
 
     def slope(self, multipliers: Array) -> Array:
         """The largest right-hand side of a step over the times, `(starts,)`.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from baselines.exact.cells import Point, Rows, at_ends, both_sides
+from baselines.exact.cells import Point, Rows, both_sides
 from baselines.exact.chain import Chain, Links
 from trajopt.core.arrays import Array
 
@@ -76,9 +76,7 @@ class Linear:
             matrix[..., 0, 1 + end] = over_s
             matrix[..., 1 + end, 0] = over_s
             matrix[..., 1 + end, 1 + end] = xx[end].sum(axis=0)
-        ends = rows.point.ends
-        excess = at_ends(rows.point.velocity) - mean[0]
-        links = Links(steep[0] - ends, excess / t - ends)
+        links = Links(steep[0] - rows.point.ends, rows.missing)
         self.rows = rows
         self.pp = pp
         self.peak_x = peak_x
@@ -89,12 +87,6 @@ class Linear:
             links,
             matrix,
         )
-
-    @property
-    def apart(self) -> Array:
-        """The most that a link misses, in units of the highest velocity, `(starts,)`."""
-        missed = np.abs(self.links.missing * self.rows.room_p)
-        return missed.max(axis=(0, 2, 3))
 
     def slope(self, multipliers: Array) -> Array:
         """The largest entry of the Lagrangian's gradient, `(starts,)`."""
