@@ -40,9 +40,9 @@ BRIEF_RTOL = 1e-2
 SETTLED_RTOL = 1e-11
 # A velocity so close to its limit, relative, settles there.
 FAST_RTOL = 1e-4
-
 NEWTON_STEPS = 2
-# Jerk that cells with time to spare forgo, relative.
+# Where jerk changes velocities by less than this, relative, cells with time to spare forgo some.
+FAST_GAIN_RTOL = 1e-6
 EASED_RTOL = 1e-5
 EVEN = 2  # evenly spaced inner breaks of a segment
 # Share of a limit. A joint that exceeds one by more needs breaks of its own.
@@ -250,22 +250,24 @@ def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
 
 
 def _eased(rows: Rows, limits: _Limits) -> Rows:
-    """The cells, with a little less jerk where they have time to spare.
+    """The cells, with a little less jerk in fast segments where there is time to spare.
 
-    In a segment of 1e-6 s what rounding takes would exceed the whole jerk by as much.
+    There the velocity's own rounding exceeds a jerk that is at its limit.
     """
     cells = copy(rows.cells)
-    slack = (_shares(rows, limits) < 1).all(axis=0)
-    while True:
+    is_fast = limits.gained < FAST_GAIN_RTOL * np.abs(rows.steep)
+    slack = is_fast & (_shares(rows, limits) < 1).all(axis=0)
+    while slack.any():
         slower = np.where(slack, 1 + EASED_RTOL, 1.0)
         cells.up = slower * rows.cells.up
         cells.down = slower * rows.cells.down
         eased = Rows(cells, rows.point)
         reaches = (eased.reach > TIGHT_RTOL * limits.gained) & eased.profiles.reachable
-        kept = slack & reaches.all(axis=0)
-        if (kept == slack).all():
+        spoilt = slack & ~reaches.all(axis=0)
+        if not spoilt.any():
             return eased
-        slack = kept
+        slack &= ~spoilt
+    return rows
 
 
 def _beside(cells: Array) -> Array:
