@@ -169,7 +169,9 @@ class Rows:
         kinds = len(reach) // 2
         # after the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
         _, acceleration = waypoints
-        faster = cells.signs[:2] * at_ends(point.velocity)[1] + cells.falling * acceleration**2 / 2
+        _, velocity = at_ends(point.velocity)
+        gained = cells.falling * acceleration**2 / 2
+        faster = cells.signs[:2] * velocity + gained
         values = np.empty((kinds + 2, 2, *reach.shape[1:]))
         values[:kinds] = reach.reshape(kinds, 2, *reach.shape[1:])
         values[kinds] = cells.widest - cells.signs[:2] * acceleration
@@ -263,7 +265,8 @@ class Linear:
         # what presses on waypoint velocities, which follow 1/T and the briefer segments' ends
         own = pull[list(VELOCITIES)] / rows.t
         pressed = own.copy()
-        pressed[1] -= (z[-2:] * cells.signs[:2]).sum(axis=0)
+        by_limits = z[-2:] * cells.signs[:2]
+        pressed[1] -= by_limits.sum(axis=0)
         whole = pressed + beside_it(pressed)
         bent = rows.t * (own - np.where(owners(rows.times), whole, 0.0))
         matrix[TIME, TIME] += (2 * bent * ends).sum(axis=0) - pull[TIME]
@@ -305,8 +308,9 @@ class Linear:
         changes = np.array([log, step.ends[0], before, step.ends[1], after])
         bent = (rows.slopes.second * changes[:, None]).sum(axis=1)
         table = np.zeros_like(self.weights)
-        table[:REACH] = (bent * changes[:, None]).sum(axis=0) / 2
-        table[:REACH] += rows.slopes.first[TIME, :REACH] * log**2 / 2
+        by_times = rows.slopes.first[TIME, :REACH] * log**2
+        by_changes = (bent * changes[:, None]).sum(axis=0)
+        table[:REACH] = (by_times + by_changes) / 2
         table[-2:] = -rows.cells.falling * after**2 / 2
         return table.reshape(rows.values.shape)
 

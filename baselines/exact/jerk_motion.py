@@ -38,8 +38,8 @@ TIGHT_RTOL = 1e-11
 # Phases that may vanish when states settle, relative to the longest ramp, and what that may cost.
 BRIEF_RTOL = 1e-2
 SETTLED_RTOL = 1e-11
-# A velocity so close to its limit, relative, settles there.
-FAST_RTOL = 1e-4
+# What is so close to its limit, relative, settles there.
+NEAR_RTOL = 3e-5
 NEWTON_STEPS = 2
 # Where jerk changes velocities by less than this, relative, cells with time to spare forgo some.
 FAST_GAIN_RTOL = 1e-6
@@ -118,8 +118,8 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
         `(breaks, segments, joints)`; velocities at the waypoints, `(segments + 1, joints)`.
     """
     limits = _Limits.of(scaled, passages)
-    rows = _eased(_settled(Rows(Cells(scaled), states), limits), limits)
-    profiles = _Profiles.of(rows, limits)
+    rows = _settled(Rows(Cells(scaled), states), limits)
+    profiles = _Profiles.of(_eased(rows, limits), limits)
     # in the rounded times
     mean = scaled.h / limits.times
     apart = limits.times * rows.point.ends[:, 0]
@@ -128,18 +128,21 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
 
     even = np.linspace(limits.start, limits.end, EVEN + 2)
     lengths = np.diff(even, axis=0)[..., None] / limits.unit
-    gentle = mended(lengths, profiles.accelerations(even), *_both(velocity), scaled.h)
+    gentle = profiles.accelerations(even)
+    gentle = mended(lengths, gentle, *_both(velocity), scaled.h)
     excess = _excess(scaled, lengths, gentle, velocity)
     needs_own = limits.jerky & ~(excess <= EXCESS_RTOL)
 
     breaks = _breaks(profiles, limits, even, needs_own)
     lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
-    between = _between(breaks, np.broadcast_to(even[..., None], gentle.shape), gentle)
-    levels = np.where(needs_own, profiles.accelerations(breaks), between)
+    own = profiles.accelerations(breaks)
+    knots = np.broadcast_to(even[..., None], gentle.shape)
+    levels = np.where(needs_own, own, _between(breaks, knots, gentle))
     slow, short = missing(lengths, levels, *_both(velocity), scaled.h)
     # a cell that misses nothing would have that much more velocity at its ends
     added = short / limits.times
-    velocity = velocity + _agreed(added, added - slow, limits.weights)
+    wanted = velocity + _agreed(added, added - slow, limits.weights)
+    velocity = np.clip(wanted, *scaled.v)
     levels = mended(lengths, levels, *_both(velocity), scaled.h)
     return breaks, levels, velocity
 
@@ -187,9 +190,11 @@ class _Limits(NamedTuple):
         by_jerk = times / np.maximum(slow, TINY)
         gained = np.minimum(steepest, by_jerk)
         faster = np.minimum(slowest, steepest * times)
-        ramp = np.minimum(np.sqrt(faster * slow) / times, 1.0)
+        ramp = np.sqrt(faster * slow) / times
+        ramp = np.minimum(ramp, 1.0)
         weights = takes_time / (times * gained) ** 2
-        return cls(start, end, scaled.unit, times, slow > 0, gained, ramp, weights)
+        jerky = slow > 0
+        return cls(start, end, scaled.unit, times, jerky, gained, ramp, weights)
 
 
 def _settled(rows: Rows, limits: _Limits) -> Rows:
@@ -198,7 +203,8 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
     Of two neighbours one waypoint settles first: so each cell is spoilt by one at most.
     """
     _, waypoints, _ = rows.point.velocity.shape
-    odd = np.arange(waypoints)[:, None] % 2 == 1
+    numbers = np.arange(waypoints)[:, None]
+    odd = numbers % 2 == 1
     for chosen in (odd, ~odd):
         after = rows
         for _ in range(NEWTON_STEPS):
@@ -206,46 +212,63 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
         least = np.minimum(rows.reach, 0.0) - SETTLED_RTOL * limits.gained
         # a ramp of negative length is out of reach
         negative = after.profiles.first < -SETTLED_RTOL * limits.ramp
-        spoilt = (negative & (_shares(after, limits) > 0)).any(axis=0)
-        fine = ((after.reach >= least) & ~spoilt).all(axis=0)
+        spoilt = negative & (_shares(after, limits) > 0)
+        reaches = after.reach >= least
+        fine = (reaches & ~spoilt.any(axis=0)).all(axis=0)
         kept = _of_both_cells(fine)
         if kept.all():
             rows = after
             continue
-        states = zip(rows.point[2:], after.point[2:], strict=True)
-        rows = _moved(rows, *(np.where(kept, new, old) for old, new in states))
+        velocity, acceleration = (
+            np.where(kept, new, old)
+            for new, old in zip(after.point[2:], rows.point[2:], strict=True)
+        )
+        rows = _moved(rows, velocity, acceleration)
     return rows
 
 
 def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     """The cells after a step of Newton's method at some of the waypoints."""
     cells = rows.cells
-    rises = rows.profiles.rises
     first = rows.profiles.acceleration
     _, _, velocity, acceleration = rows.point
     is_alone = _shares(rows, limits) == 1
     is_brief = rows.profiles.first < BRIEF_RTOL * limits.ramp
     # the level changes by the share up/(up + down) of a change in acceleration
-    ahead = (rises - first) * (1 + cells.up / cells.down)
-    levels = np.clip(cells.signs * FLIPS * (first + ahead), *cells.scaled.a)
-    changes = _beside(levels) - acceleration
-    wanted = np.where(_beside(is_alone & limits.jerky & is_brief), changes, np.inf)
+    missing = rows.profiles.rises - first
+    ahead = missing * (1 + cells.up / cells.down)
+    level = cells.signs * FLIPS * (first + ahead)
+    allowed = np.clip(level, *cells.scaled.a)
+    changes = _beside(allowed) - acceleration
+    is_wanted = _beside(is_alone & limits.jerky & is_brief)
+    wanted = np.where(is_wanted, changes, np.inf)
     least = np.abs(wanted).argmin(axis=0)[None]
     (change,) = np.take_along_axis(wanted, least, axis=0)
     free = _of_both_cells(limits.jerky & ~is_alone.any(axis=0))
     # a brief ramp below the velocity limit would lead to a dip
-    low, high = cells.scaled.v
-    limit = np.where(velocity > 0, high, low)
-    fast = limits.jerky & (np.abs(limit - velocity) < FAST_RTOL * np.abs(limit))
-    cases = [~chosen, fast | free, np.isfinite(change)]
-    settled = np.select(cases, [acceleration, 0.0, acceleration + change], acceleration)
-    return _moved(rows, np.where(chosen & fast, limit, velocity), settled)
+    fastest, is_fast = _nearest(velocity, cells.scaled.v, limits)
+    steepest, is_steep = _nearest(acceleration, cells.scaled.a, limits)
+    cases = [~chosen, is_fast, is_steep, free, np.isfinite(change)]
+    values = [acceleration, 0.0, steepest, 0.0, acceleration + change]
+    settled = np.select(cases, values, acceleration)
+    faster = np.where(chosen & is_fast, fastest, velocity)
+    return _moved(rows, faster, settled)
+
+
+def _nearest(values: Array, sides: Array, limits: _Limits) -> tuple[Array, Bools]:
+    """The limit on each value's own side, and whether the value is close to it."""
+    low, high = sides
+    limit = np.where(values > 0, high, low)
+    room = np.abs(limit - values)
+    is_near = room < NEAR_RTOL * np.abs(limit)
+    return limit, limits.jerky & is_near
 
 
 def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
     """The cells between other states."""
     point = rows.point
-    ends = point.ends + at_ends(velocity - point.velocity) / rows.t
+    change = at_ends(velocity - point.velocity)
+    ends = point.ends + change / rows.t
     return Rows(rows.cells, Point(point.log, ends, velocity, acceleration))
 
 
@@ -256,13 +279,15 @@ def _eased(rows: Rows, limits: _Limits) -> Rows:
     """
     cells = copy(rows.cells)
     is_fast = limits.gained < FAST_GAIN_RTOL * np.abs(rows.steep)
-    slack = is_fast & (_shares(rows, limits) < 1).all(axis=0)
+    is_slack = _shares(rows, limits) < 1
+    slack = is_fast & is_slack.all(axis=0)
     while slack.any():
         slower = np.where(slack, 1 + EASED_RTOL, 1.0)
         cells.up = slower * rows.cells.up
         cells.down = slower * rows.cells.down
         eased = Rows(cells, rows.point)
-        reaches = (eased.reach > TIGHT_RTOL * limits.gained) & eased.profiles.reachable
+        has_room = eased.reach > TIGHT_RTOL * limits.gained
+        reaches = has_room & eased.profiles.reachable
         spoilt = slack & ~reaches.all(axis=0)
         if not spoilt.any():
             return eased
@@ -280,7 +305,9 @@ def _beside(cells: Array) -> Array:
 
 def _of_both_cells(cells: Bools) -> Bools:
     """At which inner waypoints this is true of both cells."""
-    return np.asarray(cells[:, 1:] & cells[:, :-1])
+    before = cells[:, :-1]
+    after = cells[:, 1:]
+    return np.asarray(before & after)
 
 
 def _shares(rows: Rows, limits: _Limits) -> Array:
@@ -313,53 +340,73 @@ class _Profiles(NamedTuple):
         """
         cells = rows.cells
         profiles = rows.profiles
+        rises = profiles.rises
         first = profiles.acceleration
-        shares = _shares(rows, limits)
-        rise, fall = profiles.rises
+        rise, fall = rises
         peak = np.clip(0.0, -fall, rise)
         peaks = np.array([peak, -peak])
-        release = profiles.limits.down * (profiles.rises - peaks)
-        own = np.array([profiles.first, profiles.hold, release])
+        last = profiles.limits.down * (rises - peaks)
+        own = np.array([profiles.first, profiles.hold, last])
         # a phase that has settled is rounding, and so is a dip of no acceleration at the limit
         room = profiles.limits.top - profiles.velocity
         is_fast = room <= SETTLED_RTOL * cells.highest / rows.t
-        is_dip = is_fast & (first == 0) & (profiles.cruise > 0)
+        cruises = profiles.cruise > 0
+        is_dip = is_fast & (first == 0) & cruises
         is_gone = is_dip | (own < SETTLED_RTOL * limits.ramp)
-        shares_of_time = np.where(is_gone, 0.0, own)
+        exact = np.where(is_gone, 0.0, own) * limits.times
         # the end is passed backwards
-        nearest = np.reshape([limits.start, -limits.end], (2, 1, 1, -1, 1))
+        ends = np.array([limits.start, -limits.end])
+        nearest = ends[:, None, None, :, None]
         places = [nearest + 0 * first]
-        for length in shares_of_time * limits.times * limits.unit:
+        for length in exact * limits.unit:
             place = later(places[-1], length)
             places.append(np.minimum(place, -nearest[::-1]))
         # without a cruise both meet, however they are rounded, and may reach less
         from_start, from_end = places[-1]
-        places[-1] = np.array([from_start, np.minimum(from_end, -from_start)])
-        ramp, _, release = np.diff(places, axis=0) / limits.unit
-        allowed = np.fmin(profiles.rises, peaks + release / cells.down)
-        held = np.where(ramp > 0, allowed, first)
-        tables = (places, cells.signs * np.array([first, held, held, peaks]))
-        knots, levels = (_in_order(FLIPS * np.array(table)) for table in tables)
-        return cls(knots, levels, shares[:, 0])
+        meeting = np.minimum(from_end, -from_start)
+        places[-1] = np.array([from_start, meeting])
+        ramp, hold, release = np.diff(places, axis=0) / limits.unit
+
+        # in a longer time less acceleration leads to the velocity limit, and from a waypoint to 0
+        exact_ramp, exact_hold, exact_release = exact
+        spent = 2 * hold + release
+        exact_spent = 2 * exact_hold + exact_release
+        gained = exact_ramp * (first + rises) + exact_spent * rises
+        shares = _shares(rows, limits)
+        is_at_once = (ramp == 0) & (shares > 0)
+        longer = np.where(is_at_once, 1 - exact_spent / spent, 0.0)
+        less = np.fmax(_beside(longer).max(axis=0), 0.0)
+        kept = 1 - at_ends(less)
+        first = first * kept[:, None]
+        level = (gained - ramp * first) / (ramp + spent)
+        allowed = np.fmin(rises, peaks + release / cells.down)
+        held = np.where(cruises, np.fmin(allowed, level), allowed)
+        held = np.where(ramp > 0, held, first)
+        levels = cells.signs * np.array([first, held, held, peaks])
+        return cls(_in_order(np.array(places)), _in_order(levels), shares[:, 0])
 
     def breaks(self, limits: _Limits) -> Array:
         """The ends of phases within segments, s, or not a number, `(16, segments, joints)`."""
-        start, end = limits.start[:, None], limits.end[:, None]
-        is_inside = (self.knots > start) & (self.knots < end)
-        breaks = np.where(is_inside & (self.shares > 0), self.knots, np.nan)
+        after_start = self.knots > limits.start[:, None]
+        before_end = self.knots < limits.end[:, None]
+        is_used = after_start & before_end & (self.shares > 0)
+        breaks = np.where(is_used, self.knots, np.nan)
         return breaks.reshape(-1, *breaks.shape[2:])
 
     def accelerations(self, times: Array) -> Array:
         """Accelerations at times since the motion's start, s, `(times, segments, joints)`."""
-        sides = zip(self.shares, self.knots.swapaxes(0, 1), self.levels.swapaxes(0, 1), strict=True)
-        parts = [share * _between(times, knots, levels) for share, knots, levels in sides]
+        total = np.zeros((len(times), *self.shares.shape[1:]))
+        for side, share in enumerate(self.shares):
+            values = _between(times, self.knots[:, side], self.levels[:, side])
+            total += np.where(share > 0, share * values, 0.0)
         # without a jerk limit there is no such profile
-        return np.nan_to_num(np.where(self.shares[:, None] > 0, parts, 0.0)).sum(axis=0)
+        return np.nan_to_num(total)
 
 
 def _in_order(table: Array) -> Array:
-    """Values `(4, 2 ends, 2 sides, 1, segments, joints)`, from both ends inwards, on one axis."""
-    from_start, from_end = table[:, :, :, 0].swapaxes(0, 1)
+    """Values from both ends inwards, `(4, 2 ends, 2 sides, 1, segments, joints)`, on one axis."""
+    from_start = table[:, 0, :, 0]
+    from_end = -table[:, 1, :, 0]
     return np.concatenate([from_start, from_end[::-1]])
 
 
@@ -367,7 +414,9 @@ def _between(times: Array, knots: Array, levels: Array) -> Array:
     """Values at times `(…, segments)`, straight between knots `(…, segments, joints)`."""
     found = np.empty((len(times), *levels.shape[1:]))
     for k, i in np.ndindex(levels.shape[1:]):
-        found[:, k, i] = np.interp(times[:, k], knots[:, k, i], levels[:, k, i])
+        own = knots[:, k, i]
+        values = levels[:, k, i]
+        found[:, k, i] = np.interp(times[:, k], own, values)
     return found
 
 
@@ -375,8 +424,8 @@ def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
     """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
     before, after = _both(weights)
     wanted = after * at_start[1:] + before * at_end[:-1]
-    both = before + after
-    return with_rest(wanted / np.maximum(both, TINY))
+    both = np.maximum(before + after, TINY)
+    return with_rest(wanted / both)
 
 
 def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools) -> Array:
@@ -386,7 +435,8 @@ def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools)
     tables = np.broadcast_arrays(wanted, briefs)
     found = []
     for k, (start, *inner, end) in enumerate(even.T.tolist()):
-        own = needs_own[k] & np.isfinite(wanted[:, k])
+        is_wanted = np.isfinite(wanted[:, k])
+        own = needs_own[k] & is_wanted
         times, losses = (table[:, k][own].tolist() for table in tables)
         pairs = list(zip(times, losses, strict=True))
         pairs += [(time, 0.0) for time in inner]
@@ -427,9 +477,13 @@ def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> A
     first, last = _both(levels)
     speeds = cubics[2]
     # where acceleration passes 0
-    turns = speeds + np.where(first * last < 0, first**2 * lengths / (first - last) / 2, 0.0)
-    tables = [np.concatenate([speeds, turns]), levels, (last - first) / lengths]
-    limits = [scaled.v, scaled.a, np.array([[-1.0], [1.0]]) / scaled.r]
-    pairs = zip(tables, limits, strict=True)
-    shares = [np.fmax.reduce(table / side) for table, sides in pairs for side in sides]
+    until = lengths * first / (first - last)
+    gained = np.where(first * last < 0, first * until / 2, 0.0)
+    velocities = np.concatenate([speeds, speeds + gained])
+    jerks = (last - first) / lengths
+    signs = np.array([[-1.0], [1.0]])
+    limits = [scaled.v, scaled.a, signs / scaled.r]
+    shares = []
+    for values, sides in zip([velocities, levels, jerks], limits, strict=True):
+        shares += [np.fmax.reduce(values / side) for side in sides]
     return np.max(shares, axis=0) - 1

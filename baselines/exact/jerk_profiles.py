@@ -110,7 +110,8 @@ class Profiles:
         free = time * half + tilt
         # one held: what the other one reaches, and the limit more
         climbed = limit * time - toward
-        root = np.sqrt(np.maximum(4 * half * climbed, _TINY))
+        square = np.maximum(4 * half * climbed, _TINY)
+        root = np.sqrt(square)
         over = jerky & (free > limit)
         alone = over & (root - limit <= opposite)
         alone[1] &= ~alone[0]
@@ -134,7 +135,8 @@ class Profiles:
         highest = bases[0] + risen
         gap = top - bases
         least = _LEAST_RISE * steepest
-        full = np.sqrt(np.maximum(4 * half * gap, least**2))
+        square = np.maximum(4 * half * gap, least**2)
+        full = np.sqrt(square)
         kept = ~jerky | (full > steepest)
         limited = np.where(kept, steepest, full)
         held_for = gap / steepest - c * steepest / 2
@@ -267,7 +269,7 @@ class Profiles:
         between = steep * (1 - middle.sum(axis=0))
         by_ends = (middle * ends).sum(axis=0)
         by_time = by_ends + highest - 2 * self.value + between
-        longer = first[0] / 2 + self.hold[0] + left / 2
+        longer = self.hold[0] + (first[0] + left) / 2
         mean = (acceleration[0] + rise) / 2
         ramped = d_first[TIME, 0] * mean
         kept_on = d_hold[TIME, 0] + d_left[TIME] / 2
