@@ -282,7 +282,7 @@ class Rows:
 
     @cached_property
     def missing(self) -> Array:
-        """What the links miss in units of the cells' ends, `(2, starts, segments, joints)`."""
+        """Residual of the links in units of the cells' ends, `(2, starts, segments, joints)`."""
         mean, _ = self.cells.h / self.t
         excess = at_ends(self.point.velocity) - mean
         return excess / self.t - self.point.ends

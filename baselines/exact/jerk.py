@@ -139,8 +139,8 @@ def _minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     numbers = np.arange(len(starts))
     optima = []
     for k, times in enumerate(iterate.state.rows.times):
-        duration, status = np.inf, "Not_Converged"
-        if done[k]:
-            duration, status = times.sum(), "Converged"
-        optima.append(Optimum(duration, times, chosen(points, numbers == k), status))
+        optimum = Optimum(times.sum(), times, chosen(points, numbers == k), "Converged")
+        if not done[k]:
+            optimum = optimum._replace(duration=np.inf, status="Not_Converged")
+        optima.append(optimum)
     return optima

@@ -262,7 +262,7 @@ class Linear:
         matrix -= (z[:REACH] * second).sum(axis=2)
         matrix[ACCELERATIONS[1], ACCELERATIONS[1]] += (z[-2:] * cells.falling).sum(axis=0)
         pull = (z[:REACH] * first[:, :REACH]).sum(axis=1)
-        # what presses on waypoint velocities, which follow 1/T and the briefer segments' ends
+        # waypoint velocities follow 1/T and the briefer segments' ends
         own = pull[list(VELOCITIES)] / rows.t
         pressed = own.copy()
         by_limits = z[-2:] * cells.signs[:2]

@@ -38,11 +38,12 @@ TIGHT_RTOL = 1e-11
 # Phases that may vanish when states settle, relative to the longest ramp, and what that may cost.
 BRIEF_RTOL = 1e-2
 SETTLED_RTOL = 1e-11
-# What is so close to its limit, relative, settles there.
+# A state so close to its limit, relative, settles there.
 NEAR_RTOL = 3e-5
 NEWTON_STEPS = 2
-# Where jerk changes velocities by less than this, relative, cells with time to spare forgo some.
+# Fast segments, whose velocity jerk changes by less than this, relative.
 FAST_GAIN_RTOL = 1e-6
+# Jerk that their cells forgo, relative, if they have time to spare.
 EASED_RTOL = 1e-5
 EVEN = 2  # evenly spaced inner breaks of a segment
 # Share of a limit. A joint that exceeds one by more needs breaks of its own.
@@ -62,11 +63,16 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
-        storable = self._storable(times)
-        passages = np.append(0.0, np.cumsum(storable * self.unit))
+        passages = self._passed(self._storable(times))
         with np.errstate(all="ignore"):
             joints = self._joints(passages, states)
-        return Trajectory.of_moving(self.problem.waypoints[0], self.moving, joints, passages)
+        first = self.problem.waypoints[0]
+        return Trajectory.of_moving(first, self.moving, joints, passages)
+
+    def _passed(self, times: Array) -> Array:
+        """When the waypoints are passed, s."""
+        ends = np.cumsum(times * self.unit)
+        return np.append(0.0, ends)
 
     def _storable(self, times: Array) -> Array:
         """Times of the segments, slower by what rounding takes, 1e-10 or so.
@@ -74,14 +80,15 @@ class Reachable(Scaled):
         The rounded time of a brief segment decides how fast it is passed. From one such segment to
         the next the motion slows down evenly.
         """
-        passages = np.append(0.0, np.cumsum(times * self.unit))
+        passages = self._passed(times)
         spacing = np.spacing(passages[1:]) / self.unit
         (brief,) = np.nonzero(spacing > ROUNDED_RTOL * times)
         if not brief.size:
             return times
         slower = np.ceil(times / spacing) * spacing / times
         starts = passages[:-1]
-        return times * np.interp(starts, starts[brief], slower[brief])
+        factors = np.interp(starts, starts[brief], slower[brief])
+        return times * factors
 
     def _joints(self, passages: Array, states: Point) -> list[Pieces]:
         """Each joint's breaks, s, and its position as coefficients, rad/s^power."""
@@ -89,7 +96,8 @@ class Reachable(Scaled):
         lengths = np.diff(breaks, axis=0)
         _, a_unit, v_unit, _ = self.units
         leaving = v_unit * velocity[:-1]
-        cubics, *_ = integrated(lengths[..., None], a_unit * levels, leaving)
+        accelerations = a_unit * levels
+        cubics, *_ = integrated(lengths[..., None], accelerations, leaving)
         first, _ = _both(self.problem.waypoints)
         cubics[-1] += first[:, self.moving]
         used = lengths.T > 0
@@ -127,14 +135,14 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     velocity = _agreed(first, last, limits.weights)
 
     even = np.linspace(limits.start, limits.end, EVEN + 2)
-    lengths = np.diff(even, axis=0)[..., None] / limits.unit
+    lengths = _lengths(even, limits)
     gentle = profiles.accelerations(even)
     gentle = mended(lengths, gentle, *_both(velocity), scaled.h)
     excess = _excess(scaled, lengths, gentle, velocity)
     needs_own = limits.jerky & ~(excess <= EXCESS_RTOL)
 
     breaks = _breaks(profiles, limits, even, needs_own)
-    lengths = np.diff(breaks, axis=0)[..., None] / limits.unit
+    lengths = _lengths(breaks, limits)
     own = profiles.accelerations(breaks)
     knots = np.broadcast_to(even[..., None], gentle.shape)
     levels = np.where(needs_own, own, _between(breaks, knots, gentle))
@@ -145,6 +153,12 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     velocity = np.clip(wanted, *scaled.v)
     levels = mended(lengths, levels, *_both(velocity), scaled.h)
     return breaks, levels, velocity
+
+
+def _lengths(breaks: Array, limits: _Limits) -> Array:
+    """The pieces between breaks, s, as the motion counts time, `(pieces, segments, 1)`."""
+    lengths = np.diff(breaks, axis=0)
+    return lengths[..., None] / limits.unit
 
 
 def _both(waypoints: Array) -> tuple[Array, Array]:
@@ -209,7 +223,8 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
         after = rows
         for _ in range(NEWTON_STEPS):
             after = _settling(after, limits, chosen)
-        least = np.minimum(rows.reach, 0.0) - SETTLED_RTOL * limits.gained
+        rounding = SETTLED_RTOL * limits.gained
+        least = np.minimum(rows.reach, 0.0) - rounding
         # a ramp of negative length is out of reach
         negative = after.profiles.first < -SETTLED_RTOL * limits.ramp
         spoilt = negative & (_shares(after, limits) > 0)
@@ -357,15 +372,17 @@ class _Profiles(NamedTuple):
         # the end is passed backwards
         ends = np.array([limits.start, -limits.end])
         nearest = ends[:, None, None, :, None]
+        farthest = -nearest[::-1]
         places = [nearest + 0 * first]
         for length in exact * limits.unit:
             place = later(places[-1], length)
-            places.append(np.minimum(place, -nearest[::-1]))
+            places.append(np.minimum(place, farthest))
         # without a cruise both meet, however they are rounded, and may reach less
         from_start, from_end = places[-1]
         meeting = np.minimum(from_end, -from_start)
         places[-1] = np.array([from_start, meeting])
-        ramp, hold, release = np.diff(places, axis=0) / limits.unit
+        lengths = np.diff(places, axis=0)
+        ramp, hold, release = lengths / limits.unit
 
         # in a longer time less acceleration leads to the velocity limit, and from a waypoint to 0
         exact_ramp, exact_hold, exact_release = exact
@@ -382,8 +399,10 @@ class _Profiles(NamedTuple):
         allowed = np.fmin(rises, peaks + release / cells.down)
         held = np.where(cruises, np.fmin(allowed, level), allowed)
         held = np.where(ramp > 0, held, first)
-        levels = cells.signs * np.array([first, held, held, peaks])
-        return cls(_in_order(np.array(places)), _in_order(levels), shares[:, 0])
+        seen = np.array([first, held, held, peaks])
+        knots = _in_order(np.array(places))
+        levels = _in_order(cells.signs * seen)
+        return cls(knots, levels, shares[:, 0])
 
     def breaks(self, limits: _Limits) -> Array:
         """The ends of phases within segments, s, or not a number, `(16, segments, joints)`."""
@@ -395,12 +414,15 @@ class _Profiles(NamedTuple):
 
     def accelerations(self, times: Array) -> Array:
         """Accelerations at times since the motion's start, s, `(times, segments, joints)`."""
-        total = np.zeros((len(times), *self.shares.shape[1:]))
+        parts = []
         for side, share in enumerate(self.shares):
-            values = _between(times, self.knots[:, side], self.levels[:, side])
-            total += np.where(share > 0, share * values, 0.0)
+            knots = self.knots[:, side]
+            levels = self.levels[:, side]
+            values = _between(times, knots, levels)
+            parts.append(np.where(share > 0, share * values, 0.0))
+        upper, lower = parts
         # without a jerk limit there is no such profile
-        return np.nan_to_num(total)
+        return np.nan_to_num(upper + lower)
 
 
 def _in_order(table: Array) -> Array:
@@ -412,8 +434,9 @@ def _in_order(table: Array) -> Array:
 
 def _between(times: Array, knots: Array, levels: Array) -> Array:
     """Values at times `(…, segments)`, straight between knots `(…, segments, joints)`."""
-    found = np.empty((len(times), *levels.shape[1:]))
-    for k, i in np.ndindex(levels.shape[1:]):
+    _, *cells = levels.shape
+    found = np.empty((len(times), *cells))
+    for k, i in np.ndindex(*cells):
         own = knots[:, k, i]
         values = levels[:, k, i]
         found[:, k, i] = np.interp(times[:, k], own, values)
@@ -423,9 +446,10 @@ def _between(times: Array, knots: Array, levels: Array) -> Array:
 def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
     """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
     before, after = _both(weights)
-    wanted = after * at_start[1:] + before * at_end[:-1]
+    starts = after * at_start[1:]
+    ends = before * at_end[:-1]
     both = np.maximum(before + after, TINY)
-    return with_rest(wanted / both)
+    return with_rest((starts + ends) / both)
 
 
 def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools) -> Array:
@@ -476,9 +500,10 @@ def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> A
     cubics, *_ = integrated(lengths, levels, velocity[:-1])
     first, last = _both(levels)
     speeds = cubics[2]
-    # where acceleration passes 0
+    # the fastest point of a piece, at no acceleration
     until = lengths * first / (first - last)
-    gained = np.where(first * last < 0, first * until / 2, 0.0)
+    passes = first * last < 0
+    gained = np.where(passes, first * until / 2, 0.0)
     velocities = np.concatenate([speeds, speeds + gained])
     jerks = (last - first) / lengths
     signs = np.array([[-1.0], [1.0]])

@@ -162,7 +162,8 @@ class Profiles:
         cruise = np.where(cruises, 1 - whole.sum(axis=0), 0.0)
         gained = first * (counted + reached) / 2
         after = start + gained + reached * hold
-        peak = after[0] + reached[0] * last[0] / 2
+        eased = reached * last / 2
+        peak = after[0] + eased[0]
         # D = p − ∫ t a dt over rise and fall, t from their own end
         ramped = first**2 * (counted + 2 * reached) / 6
         kept_on = hold * (first + hold / 2)
@@ -273,10 +274,12 @@ class Profiles:
         mean = (acceleration[0] + rise) / 2
         ramped = d_first[TIME, 0] * mean
         kept_on = d_hold[TIME, 0] + d_left[TIME] / 2
-        peak_by_time = ramped + rise * kept_on + d_rises[TIME, 0] * longer
+        lifted = d_rises[TIME, 0] * longer
+        peak_by_time = ramped + rise * kept_on + lifted
         highest_by_time = np.where(cruises, steep - top, peak_by_time)
         moved = (d_middle[TIME] * (ends - steep)).sum(axis=0)
-        twice = moved + highest_by_time - 2 * by_time - 2 * between
+        lost = 2 * (by_time + between)
+        twice = moved + highest_by_time - lost
 
         first_order = np.empty((_VARIABLES, *time.shape))
         second = np.empty((_VARIABLES, *first_order.shape))

@@ -11,6 +11,7 @@ from baselines.exact import interior_point
 from baselines.exact.acceleration import Exact, Passing, starting_points
 from baselines.exact.cells import Cells, Rows
 from baselines.exact.jerk_cells import Cells as JerkCells
+from baselines.exact.jerk_cells import Point
 from baselines.exact.jerk_cells import Rows as JerkRows
 from baselines.exact.scaled import Scaled
 from trajopt import Limits, Problem
@@ -135,36 +136,55 @@ def test_a_step_bends_rows_as_second_differences_say(segments: int) -> None:
 
 @pytest.mark.parametrize("segments", [1, 2, 5])
 def test_the_matrix_is_how_the_lagrangian_bends(segments: int) -> None:
-    """Along lines in 1/T, accelerations and the briefer segments' ends, its unknowns."""
+    """Along a line in its unknowns: 1/T, accelerations and the ends in briefer segments."""
     rng = np.random.default_rng(2)
     scaled = Scaled(drawn(segments, 3))
-    times = scaled.stop * rng.uniform(1.5, 3.0, (1, segments))
+    times = scaled.stop * rng.uniform(1.5, 3.0, segments)
     states = rng.uniform(-0.1, 0.1, (2, 1, segments - 1, 3))
     cells = JerkCells(scaled, kinds=2)
-    start = JerkRows(cells, cells.linked(times, *states))
+    start = JerkRows(cells, cells.linked(times[None], *states))
     multipliers = rng.uniform(0.1, 1.0, start.values.shape)
     with np.errstate(all="ignore"):
         (band,) = start.linear(multipliers, 0 * multipliers).chain.bands()
-    unknowns = rng.uniform(-1.0, 1.0, len(band))
-    last = np.append(unknowns, np.zeros(6)).reshape(segments, 7)
-    ends, accelerations = last[:-1, 1:].reshape(-1, 3, 2).transpose(2, 0, 1)
+    line = rng.uniform(-1.0, 1.0, len(band))
+    lagrangians = []
+    for length in (-1e-4, 0.0, 1e-4):
+        rows = JerkRows(cells, along(start.point, cells, length * line))
+        pressed = multipliers * rows.values
+        lagrangians.append(rows.times.sum() - pressed.sum())
+    before, here, after = lagrangians
+    difference = (before - 2 * here + after) / 1e-4**2
+    assert twice(band, line) == pytest.approx(difference, rel=1e-5)
 
-    def lagrangian(length: float) -> float:
-        t = (times / (1 - length * last[:, 0]))[..., None]
-        before = (scaled.h / t + t * start.point.ends[1])[:, :-1] + length * t[:, :-1] * ends
-        after = (scaled.h / t + t * start.point.ends[0])[:, 1:] + length * t[:, 1:] * ends
-        velocity = np.where(times[:, :-1, None] < times[:, 1:, None], before, after)
-        point = cells.linked(t[..., 0], velocity, states[1] + length * accelerations)
-        rows = JerkRows(cells, point)
-        return float(rows.times.sum() - (multipliers * rows.values).sum())
 
-    size = 1e-4
-    difference = lagrangian(size) - 2 * lagrangian(0.0) + lagrangian(-size)
-    offsets = np.arange(band.shape[1])
-    padded = np.append(unknowns, np.zeros(len(offsets)))
-    products = band * padded[np.arange(len(band))[:, None] + offsets] * unknowns[:, None]
-    products[:, 1:] *= 2  # above the diagonal too
-    assert products.sum() == pytest.approx(difference / size**2, rel=1e-5)
+def along(point: Point, cells: JerkCells, step: np.ndarray) -> Point:
+    """The point after a step of the unknowns, every link met."""
+    (log,) = point.log
+    (acceleration,) = point.acceleration
+    start, end = point.ends[:, 0]
+    last = np.append(step, np.zeros(6)).reshape(len(log), 7)
+    times = np.exp(log) / (1 - last[:, 0])
+    velocities = []
+    accelerations = []
+    for k, before in enumerate(acceleration):
+        of_velocity, of_acceleration = last[k, 1:].reshape(3, 2).T
+        brief = k if log[k] < log[k + 1] else k + 1
+        own = end[k] if brief == k else start[k + 1]
+        t = times[brief]
+        velocities.append(cells.h[brief] / t + t * (own + of_velocity))
+        accelerations.append(before + of_acceleration)
+    states = np.reshape([velocities, accelerations], (2, 1, -1, 3))
+    return cells.linked(times[None], *states)
+
+
+def twice(band: np.ndarray, line: np.ndarray) -> float:
+    """A quadratic form of a matrix whose lower band is given, a row per unknown."""
+    total = 0.0
+    for column, entries in enumerate(band):
+        below = line[column : column + len(entries)]
+        products = entries[: len(below)] * below * line[column]
+        total += 2 * products.sum() - products[0]
+    return total
 
 
 def test_families_of_extremes_converge() -> None:
