@@ -5,6 +5,10 @@ and acceleration at the inner waypoints, and each cell's own end velocities `x`,
 mean velocity in units of its time: `h/T + T x = v` links them to the waypoint's. What happens in a
 cell depends on its time, its end velocities and its waypoints' accelerations only. Several starts
 share every table: `(2 ends, 2 sides, starts, segments, joints)`.
+
+A Newton step is a line in 1/T, the accelerations, and of both `x` at a waypoint the one in the
+briefer segment. There the velocities are all but linear: in a segment of 1e-7 s they are not in
+the logarithm of its time.
 """
 
 from __future__ import annotations
@@ -262,7 +266,7 @@ class Linear:
         matrix -= (z[:REACH] * second).sum(axis=2)
         matrix[ACCELERATIONS[1], ACCELERATIONS[1]] += (z[-2:] * cells.falling).sum(axis=0)
         pull = (z[:REACH] * first[:, :REACH]).sum(axis=1)
-        # waypoint velocities follow 1/T and the briefer segments' ends
+        # v follows 1/T and the briefer segment's end: that end feels what presses on v elsewhere
         own = pull[list(VELOCITIES)] / rows.t
         pressed = own.copy()
         by_limits = z[-2:] * cells.signs[:2]
@@ -270,6 +274,7 @@ class Linear:
         whole = pressed + beside_it(pressed)
         bent = rows.t * (own - np.where(owners(rows.times), whole, 0.0))
         matrix[TIME, TIME] += (2 * bent * ends).sum(axis=0) - pull[TIME]
+        # along a line in 1/T the time bends by T: a share of each joint
         matrix[TIME, TIME] += rows.t / bent.shape[-1]
         for v, twist in zip(VELOCITIES, bent, strict=True):
             matrix[TIME, v] += twist
