@@ -35,7 +35,7 @@ START_CONVEXITY = 1e-2
 CONVEXITY_FACTOR = 8.0
 MAX_CONVEXITY = 1e14
 # The diagonal grows by this share of that: with brief segments rounding alone makes it indefinite.
-ROUNDING_RTOL = 1e-16
+ROUNDING_RTOL = 1e-18
 
 
 class Links(NamedTuple):

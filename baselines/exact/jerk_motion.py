@@ -18,7 +18,6 @@ times are rounded before anything else.
 from __future__ import annotations
 
 import itertools
-from copy import copy
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -41,10 +40,8 @@ SETTLED_RTOL = 1e-11
 # A state so close to its limit, relative, settles there.
 NEAR_RTOL = 3e-5
 NEWTON_STEPS = 2
-# Fast segments, whose velocity jerk changes by less than this, relative.
-FAST_GAIN_RTOL = 1e-6
-# Jerk that their cells forgo, relative, if they have time to spare.
-EASED_RTOL = 1e-5
+# Jerk changes the velocity of a fast cell by less than this, relative.
+FAST_RTOL = 1e-5
 EVEN = 2  # evenly spaced inner breaks of a segment
 # Share of a limit. A joint that exceeds one by more needs breaks of its own.
 EXCESS_RTOL = 3e-11
@@ -97,12 +94,14 @@ class Reachable(Scaled):
         _, a_unit, v_unit, _ = self.units
         leaving = v_unit * velocity[:-1]
         accelerations = a_unit * levels
-        cubics, *_ = integrated(lengths[..., None], accelerations, leaving)
+        long = lengths[..., None]
+        cubics, *_ = integrated(long, accelerations, leaving)
         first, _ = _both(self.problem.waypoints)
         cubics[-1] += first[:, self.moving]
         used = lengths.T > 0
         starts, _ = _both(breaks)
-        stored = np.append(starts.T[used], passages[-1])
+        begins = starts.T[used]
+        stored = np.append(begins, passages[-1])
         by_joint = cubics.transpose(3, 0, 2, 1)
         joints = [(stored, table[:, used]) for table in by_joint]
         (unlimited,) = np.nonzero(~self.r.any(axis=0))
@@ -127,32 +126,52 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     """
     limits = _Limits.of(scaled, passages)
     rows = _settled(Rows(Cells(scaled), states), limits)
-    profiles = _Profiles.of(_eased(rows, limits), limits)
+    profiles = _Profiles.of(rows, limits)
     # in the rounded times
     mean = scaled.h / limits.times
-    apart = limits.times * rows.point.ends[:, 0]
+    ends = rows.point.ends[:, 0]
+    apart = limits.times * ends
     first, last = mean + apart
     velocity = _agreed(first, last, limits.weights)
 
     even = np.linspace(limits.start, limits.end, EVEN + 2)
     lengths = _lengths(even, limits)
-    gentle = profiles.accelerations(even)
-    gentle = mended(lengths, gentle, *_both(velocity), scaled.h)
-    excess = _excess(scaled, lengths, gentle, velocity)
-    needs_own = limits.jerky & ~(excess <= EXCESS_RTOL)
+    given = profiles.accelerations(even)
+    gentle = mended(lengths, given, *_both(velocity), scaled.h)
+    needs_own = _exceeds(scaled, lengths, gentle, velocity)
+    # jerk does not make up for what a fast cell misses
+    steep = np.abs(scaled.h) / limits.times**2
+    is_fast = limits.gained < FAST_RTOL * steep
+    is_slack = profiles.shares > 0
+    fast = needs_own & is_fast & is_slack.all(axis=0)
+    if fast.any():
+        velocity = _refitted(scaled, limits, lengths, given, velocity, fast)
+        gentle = mended(lengths, given, *_both(velocity), scaled.h)
+        needs_own = _exceeds(scaled, lengths, gentle, velocity)
 
     breaks = _breaks(profiles, limits, even, needs_own)
     lengths = _lengths(breaks, limits)
     own = profiles.accelerations(breaks)
     knots = np.broadcast_to(even[..., None], gentle.shape)
     levels = np.where(needs_own, own, _between(breaks, knots, gentle))
-    slow, short = missing(lengths, levels, *_both(velocity), scaled.h)
-    # a cell that misses nothing would have that much more velocity at its ends
-    added = short / limits.times
-    wanted = velocity + _agreed(added, added - slow, limits.weights)
-    velocity = np.clip(wanted, *scaled.v)
+    every = np.ones_like(needs_own)
+    velocity = _refitted(scaled, limits, lengths, levels, velocity, every)
     levels = mended(lengths, levels, *_both(velocity), scaled.h)
     return breaks, levels, velocity
+
+
+def _refitted(
+    scaled: Scaled, limits: _Limits, lengths: Array, levels: Array, velocity: Array, cells: Bools
+) -> Array:
+    """Velocities at the waypoints with which these cells would miss next to nothing.
+
+    A cell that misses nothing has that much more velocity at its ends.
+    """
+    slow, short = missing(lengths, levels, *_both(velocity), scaled.h)
+    at_start = np.where(cells, short / limits.times, 0.0)
+    at_end = np.where(cells, at_start - slow, 0.0)
+    wanted = velocity + _agreed(at_start, at_end, limits.weights)
+    return np.clip(wanted, *scaled.v)
 
 
 def _lengths(breaks: Array, limits: _Limits) -> Array:
@@ -287,29 +306,6 @@ def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
     return Rows(rows.cells, Point(point.log, ends, velocity, acceleration))
 
 
-def _eased(rows: Rows, limits: _Limits) -> Rows:
-    """The cells, with a little less jerk in fast segments where there is time to spare.
-
-    There the velocity's own rounding exceeds a jerk that is at its limit.
-    """
-    cells = copy(rows.cells)
-    is_fast = limits.gained < FAST_GAIN_RTOL * np.abs(rows.steep)
-    is_slack = _shares(rows, limits) < 1
-    slack = is_fast & is_slack.all(axis=0)
-    while slack.any():
-        slower = np.where(slack, 1 + EASED_RTOL, 1.0)
-        cells.up = slower * rows.cells.up
-        cells.down = slower * rows.cells.down
-        eased = Rows(cells, rows.point)
-        has_room = eased.reach > TIGHT_RTOL * limits.gained
-        reaches = has_room & eased.profiles.reachable
-        spoilt = slack & ~reaches.all(axis=0)
-        if not spoilt.any():
-            return eased
-        slack &= ~spoilt
-    return rows
-
-
 def _beside(cells: Array) -> Array:
     """Values at the ends of cells, `(2 ends, 2 sides, 1, segments, joints)`, by waypoint."""
     start, end = cells
@@ -408,7 +404,8 @@ class _Profiles(NamedTuple):
         """The ends of phases within segments, s, or not a number, `(16, segments, joints)`."""
         after_start = self.knots > limits.start[:, None]
         before_end = self.knots < limits.end[:, None]
-        is_used = after_start & before_end & (self.shares > 0)
+        is_inside = after_start & before_end
+        is_used = is_inside & (self.shares > 0)
         breaks = np.where(is_used, self.knots, np.nan)
         return breaks.reshape(-1, *breaks.shape[2:])
 
@@ -461,8 +458,8 @@ def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools)
     for k, (start, *inner, end) in enumerate(even.T.tolist()):
         is_wanted = np.isfinite(wanted[:, k])
         own = needs_own[k] & is_wanted
-        times, losses = (table[:, k][own].tolist() for table in tables)
-        pairs = list(zip(times, losses, strict=True))
+        times, losses = (table[:, k][own] for table in tables)
+        pairs = list(zip(times.tolist(), losses.tolist(), strict=True))
         pairs += [(time, 0.0) for time in inner]
         found.append(_apart(start, sorted(pairs), end))
     # the end repeats
@@ -495,20 +492,23 @@ def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[
     return [*kept, end]
 
 
-def _excess(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> Array:
-    """The largest share by which a motion exceeds a limit, `(segments, joints)`."""
+def _exceeds(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> Bools:
+    """Which cells with jerk limits have a motion that exceeds a limit, `(segments, joints)`."""
     cubics, *_ = integrated(lengths, levels, velocity[:-1])
     first, last = _both(levels)
     speeds = cubics[2]
     # the fastest point of a piece, at no acceleration
     until = lengths * first / (first - last)
     passes = first * last < 0
-    gained = np.where(passes, first * until / 2, 0.0)
-    velocities = np.concatenate([speeds, speeds + gained])
+    gained = first * until / 2
+    fastest = speeds + np.where(passes, gained, 0.0)
+    velocities = np.concatenate([speeds, fastest])
     jerks = (last - first) / lengths
     signs = np.array([[-1.0], [1.0]])
     limits = [scaled.v, scaled.a, signs / scaled.r]
     shares = []
     for values, sides in zip([velocities, levels, jerks], limits, strict=True):
         shares += [np.fmax.reduce(values / side) for side in sides]
-    return np.max(shares, axis=0) - 1
+    keeps = np.max(shares, axis=0) <= 1 + EXCESS_RTOL
+    jerky = scaled.r.any(axis=0)
+    return np.asarray(jerky & ~keeps)
