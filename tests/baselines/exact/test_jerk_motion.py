@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -156,3 +158,19 @@ def apart(*times: float) -> list[float]:
     """Breaks between 0 and 2 that may cost 1e-6 s each."""
     wanted = [(time, 1e-6) for time in times]
     return jerk_motion._apart(0.0, wanted, 2.0)
+
+
+def test_waypoint_velocities_fit_the_cell_that_needs_them() -> None:
+    """In a brief segment 1 -> 2 rad/s² for 0.1 s gains 0.15 rad/s; the others do not matter."""
+    lengths = np.full((3, 3, 1), 0.1 / 3)
+    levels = np.linspace(1.0, 2.0, 4)[:, None, None] * np.ones((1, 3, 1))
+    velocity = np.array([[0.0], [0.3], [0.3], [0.0]])
+    scaled = SimpleNamespace(h=np.full((3, 1), 0.05), v=np.array([[-9.0], [9.0]]))
+    weights = np.array([[1.0], [1e12], [1.0]])
+    limits = SimpleNamespace(times=np.full((3, 1), 0.1), weights=weights)
+    every = np.ones((3, 1), dtype=bool)
+    fitted = jerk_motion._refitted(scaled, limits, lengths, levels, velocity, every)
+    start, end = fitted[1:3, 0]
+    assert end - start == pytest.approx(0.15, abs=1e-10)
+    # h = u t + a t²/2 + j t³/6
+    assert start * 0.1 + 1.0 * 0.1**2 / 2 + 10.0 * 0.1**3 / 6 == pytest.approx(0.05, abs=1e-10)
