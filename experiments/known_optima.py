@@ -41,7 +41,7 @@ KINDS = {
     "one way": (200, 1e-8),
 }
 PROOF_GAP = 5e-7  # relative
-PROOF_S = 10.0
+PROOF_S = 30.0
 
 Generator = np.random.Generator
 
