@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -169,14 +170,24 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     """The trajectory that has the certified duration.
 
     It is repaired where the given one missed or jumped within tolerance, and dilated where it then
-    breaks a limit. None where the given one has a flaw.
+    breaks a limit. In a segment of 1e-6 s the rounding of dilated times can cost more than the
+    limit's excess: then it is not dilated. None where the given one has a flaw.
     """
     _check_sizes(problem, trajectory)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         certificate, judged = _judged(problem, trajectory, Tolerance())
     if not certificate.valid:
         return None
-    return judged.dilated(max(1.0, certificate.dilation))
+    if certificate.dilation <= 1:
+        return judged
+    slower = judged.dilated(certificate.dilation)
+    return min(slower, judged, key=partial(_shortfall, problem))
+
+
+def _shortfall(problem: Problem, trajectory: Trajectory) -> float:
+    """By how much a motion must be slowed down, at least 1; infinite where that does not help."""
+    certificate = verify(problem, trajectory)
+    return max(1.0, certificate.dilation) if certificate.valid else np.inf
 
 
 def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
