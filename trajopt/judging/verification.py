@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ Measure = Callable[[Array, Array, Array, Array], Array]  # (values, rounding, lo
 
 PIECES_PER_CHUNK = 256  # roots are found for so many pieces at once, the largest bounds first
 BREAK_TIME_RTOL = 16 * EPS  # the rounding of a break's time, relative to the duration
+ROUNDED_DILATION = 1e-9  # cost of the rounding of a dilated motion's times, at most
 
 RATIO_KINDS = tuple(name for name, order in LIMIT_ORDERS.items() if order > 0)
 """The worst values that are ratios to a limit; dilation reduces them."""
@@ -181,13 +181,9 @@ def certified(problem: Problem, trajectory: Trajectory) -> Trajectory | None:
     if certificate.dilation <= 1:
         return judged
     slower = judged.dilated(certificate.dilation)
-    return min(slower, judged, key=partial(_shortfall, problem))
-
-
-def _shortfall(problem: Problem, trajectory: Trajectory) -> float:
-    """By how much a motion must be slowed down, at least 1; infinite where that does not help."""
-    certificate = verify(problem, trajectory)
-    return max(1.0, certificate.dilation) if certificate.valid else np.inf
+    again = verify(problem, slower)
+    is_kept = again.valid and again.dilation <= certificate.dilation + ROUNDED_DILATION
+    return slower if is_kept else judged
 
 
 def _check_sizes(problem: Problem, trajectory: Trajectory) -> None:
