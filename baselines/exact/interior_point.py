@@ -27,7 +27,7 @@ START_LENGTH = 0.5
 # The gap falls by `(1 - length of the last step) ** FALL_POWER`, at most by the least share.
 FALL_POWER = 1.5
 MIN_LEFT = 0.02
-# A step shorter than this ends at a boundary: the gap rises, as if so much of it were left.
+# After a step shorter than this the gap rises instead, by `RAISED ** FALL_POWER`.
 STUCK = 0.02
 RAISED = 3.0
 # The barrier waits while the Lagrangian's gradient is larger than both.

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 
 from baselines.exact.by_ipopt import LONGEST, OPTIONS
-from baselines.exact.jerk_cells import Cells, Start
+from baselines.exact.jerk_cells import Cells
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum
 from baselines.ipopt import Options, Program, flat, program, unflat
+from trajopt.core.arrays import Array
 from trajopt.planners.planner import backend
 
 # An acceptable point misses no constraint by more than an optimal one does.
@@ -32,7 +33,7 @@ _OPTIONS: Options = {
 _GUESS = [0.5, 0.0, -0.5, 0.125, 0.25, 0.125] * 2
 
 
-def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
+def minimised(scaled: Scaled, starts: Sequence[Array]) -> list[Optimum]:
     """The local optimum that IPOPT finds from each start; infinite where it finds none."""
     size = scaled.h.size
     stop = scaled.stop[:, None]
@@ -55,8 +56,9 @@ def minimised(scaled: Scaled, starts: Sequence[Start]) -> list[Optimum]:
     guess = np.repeat(_GUESS, size)
     solver = _solver(*scaled.h.shape)
     optima = []
-    for times, *states in starts:
-        start = flat(times / scaled.stop, *states, guess)
+    for times in starts:
+        # at rest at every waypoint
+        start = flat(times / scaled.stop, inner, inner, guess)
         run = solver(
             start=np.clip(start, low, high),
             parameters=parameters,

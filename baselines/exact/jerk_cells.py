@@ -31,17 +31,8 @@ REACH = 4
 FLIPS = np.reshape([1.0, -1.0], (2, 1, 1, 1, 1))
 # A residual of a link up to this, relative to its velocities, is rounding.
 _ROUNDING_RTOL = 4e-15
-# The end velocities of a start shrink where its states are not reachable.
-_SHRINKING = 0.7
-_MAX_SHRINKINGS = 100
-# Least slack of a start, relative to what jerk and acceleration allow: as given, and as shrunk.
-_MIN_SLACK = 1e-3
-_MIN_SHRUNK_SLACK = 0.03
 # Barrier parameter of a start, times the number of rows, relative to the duration.
 START_BARRIER_RTOL = 0.1
-
-
-Start = tuple[Array, Array, Array]  # segment times, inner waypoint velocities and accelerations
 
 
 class Point(NamedTuple):
@@ -98,41 +89,12 @@ class Cells:
         self.down = sides(r1, r2)
         self.falling = self.down[:2]
         self.widest = np.array([a2, a1])[:, None, None]
-        slowest = np.maximum(r1, r2)
-        # jerk and acceleration allow A in a time T, or J T where that is less
-        self.gentlest = np.minimum(a1, a2)
-        self.slowest = np.where(slowest > 0, slowest, np.finfo(float).tiny)
-
-    def start(self, times: Array, velocity: Array, acceleration: Array) -> Point:
-        """A point whose cells are within reach, off its links where these are not.
-
-        Args:
-            times: of the segments, `(starts, segments)`.
-            velocity: at the inner waypoints, `(starts, segments - 1, joints)`.
-            acceleration: likewise.
-        """
-        point = self.linked(times, velocity, acceleration)
-        short = self._short(point, _MIN_SLACK)
-        for _ in range(_MAX_SHRINKINGS):
-            if not short.any():
-                break
-            point = point._replace(ends=np.where(short, _SHRINKING, 1.0) * point.ends)
-            short &= self._short(point, _MIN_SHRUNK_SLACK)
-        return point
 
     def linked(self, times: Array, velocity: Array, acceleration: Array) -> Point:
-        """The point of these times and waypoint states, its links met."""
+        """The point of these segment times, `(starts, segments)`, and states, its links met."""
         t = times[..., None]
         ends = (at_ends(velocity) - self.h / t) / t
         return Point(np.log(times), ends, velocity, acceleration)
-
-    def _short(self, point: Point, least: float) -> Bools:
-        """Which cells leave less than this share of what jerk and acceleration allow."""
-        rows = Rows(self, point)
-        room = np.minimum(self.gentlest, rows.t / self.slowest)
-        short = rows.reach < least * room
-        short |= ~rows.profiles.reachable
-        return np.asarray(short.any(axis=0))
 
 
 class Rows:
@@ -140,8 +102,8 @@ class Rows:
 
     Attributes:
         values: of all: the reach, what the limits of acceleration leave at a cell's end, and what
-            those of velocity leave after the ramp that ends this acceleration,
-            `(kinds, 2 sides, starts, segments, joints)`.
+            those of velocity leave after the ramp that ends this acceleration, both sides of each,
+            `(rows, 1, starts, segments, joints)`.
         reach: what the extreme displacements leave, in units of the cell's time squared,
             `(sides, starts, segments, joints)`.
         t: the segment times, `(starts, segments, 1)`.
@@ -170,16 +132,13 @@ class Rows:
             point.ends[:, None] * cells.signs, waypoints[:, None] * cells.signs * FLIPS, limits
         )
         reach = profiles.value
-        kinds = len(reach) // 2
         # after the ramp that ends an acceleration, forwards or backwards: r1 a²/2 up to a peak
         _, acceleration = waypoints
         _, velocity = at_ends(point.velocity)
-        gained = cells.falling * acceleration**2 / 2
-        faster = cells.signs[:2] * velocity + gained
-        values = np.empty((kinds + 2, 2, *reach.shape[1:]))
-        values[:kinds] = reach.reshape(kinds, 2, *reach.shape[1:])
-        values[kinds] = cells.widest - cells.signs[:2] * acceleration
-        values[kinds + 1] = cells.fastest - faster
+        signs = cells.signs[:2]
+        slower = cells.widest - signs * acceleration
+        faster = signs * velocity + cells.falling * acceleration**2 / 2
+        values = np.concatenate([reach, slower, cells.fastest - faster])[:, None]
 
         self.cells = cells
         self.point = point
@@ -190,7 +149,7 @@ class Rows:
         self.profiles = profiles
         self.reach = reach
         self.values = values
-        self.start_barrier = START_BARRIER_RTOL * times.sum(axis=1) / values[:, :, 0].size
+        self.start_barrier = START_BARRIER_RTOL * times.sum(axis=1) / values[:, 0, 0].size
 
     def linear(self, multipliers: Array, weights: Array) -> Linear:
         """The model of a Newton step; `weights` are multiplier over slack of each row."""
@@ -260,11 +219,12 @@ class Linear:
         first, second = rows.slopes
         cells = rows.cells
         ends = rows.point.ends
-        z = _by_row(multipliers)
-        w = _by_row(weights)
+        z = multipliers[:, 0]
+        w = weights[:, 0]
         matrix = np.einsum("ir...,jr...->ij...", w * first, first)
         matrix -= (z[:REACH] * second).sum(axis=2)
-        matrix[ACCELERATIONS[1], ACCELERATIONS[1]] += (z[-2:] * cells.falling).sum(axis=0)
+        a = ACCELERATIONS[1]
+        matrix[a, a] += (z[-2:] * cells.falling).sum(axis=0)
         pull = (z[:REACH] * first[:, :REACH]).sum(axis=1)
         # v follows 1/T and the briefer segment's end: that end feels what presses on v elsewhere
         own = pull[list(VELOCITIES)] / rows.t
@@ -273,7 +233,8 @@ class Linear:
         pressed[1] -= by_limits.sum(axis=0)
         whole = pressed + beside_it(pressed)
         bent = rows.t * (own - np.where(owners(rows.times), whole, 0.0))
-        matrix[TIME, TIME] += (2 * bent * ends).sum(axis=0) - pull[TIME]
+        twice = 2 * bent * ends
+        matrix[TIME, TIME] += twice.sum(axis=0) - pull[TIME]
         # along a line in 1/T the time bends by T: a share of each joint
         matrix[TIME, TIME] += rows.t / bent.shape[-1]
         for v, twist in zip(VELOCITIES, bent, strict=True):
@@ -303,7 +264,7 @@ class Linear:
         change = (self.rows.slopes.first * by_variable[:, None]).sum(axis=0) + self.missed
         acceleration = by_variable[ACCELERATIONS[1], :, :-1]
         step = Point(log, by_variable[list(VELOCITIES)], velocity, acceleration)
-        return step, change.reshape(aim.shape)
+        return step, change[:, None]
 
     def bending(self, step: Point) -> Array:
         """By how much a step changes every row at second order."""
@@ -317,15 +278,10 @@ class Linear:
         by_changes = (bent * changes[:, None]).sum(axis=0)
         table[:REACH] = (by_times + by_changes) / 2
         table[-2:] = -rows.cells.falling * after**2 / 2
-        return table.reshape(rows.values.shape)
+        return table[:, None]
 
     def _gradient(self, multipliers: Array) -> Array:
         """The gradient of the rows over the cells' variables, with what the links miss."""
-        pressed = _by_row(multipliers) - self.weights * self.missed
+        pressed = multipliers[:, 0] - self.weights * self.missed
         gradient = (pressed * self.rows.slopes.first).sum(axis=1)
         return gradient.transpose(1, 2, 3, 0)
-
-
-def _by_row(table: Array) -> Array:
-    """A table `(kinds, 2 sides, …)` with its rows on one axis."""
-    return table.reshape(-1, *table.shape[2:])

@@ -38,7 +38,7 @@ TIGHT_RTOL = 1e-11
 BRIEF_RTOL = 1e-2
 SETTLED_RTOL = 1e-11
 # A state so close to its limit, relative, settles there.
-NEAR_RTOL = 3e-5
+NEAR_RTOL = 1e-4
 NEWTON_STEPS = 2
 # Jerk changes the velocity of a fast cell by less than this, relative.
 FAST_RTOL = 1e-5
@@ -60,48 +60,38 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
-        passages = self._passed(self._storable(times))
+        passages = self._passages(times)
         with np.errstate(all="ignore"):
             joints = self._joints(passages, states)
         first = self.problem.waypoints[0]
         return Trajectory.of_moving(first, self.moving, joints, passages)
 
-    def _passed(self, times: Array) -> Array:
-        """When the waypoints are passed, s."""
-        ends = np.cumsum(times * self.unit)
-        return np.append(0.0, ends)
-
-    def _storable(self, times: Array) -> Array:
-        """Times of the segments, slower by what rounding takes, 1e-10 or so.
+    def _passages(self, times: Array) -> Array:
+        """When the waypoints are passed, s, later by what rounding takes, 1e-10 or so.
 
         The rounded time of a brief segment decides how fast it is passed. From one such segment to
         the next the motion slows down evenly.
         """
-        passages = self._passed(times)
-        spacing = np.spacing(passages[1:]) / self.unit
+        exact = np.cumsum(times * self.unit)
+        spacing = np.spacing(exact) / self.unit
         (brief,) = np.nonzero(spacing > ROUNDED_RTOL * times)
-        if not brief.size:
-            return times
-        slower = np.ceil(times / spacing) * spacing / times
-        starts = passages[:-1]
-        factors = np.interp(starts, starts[brief], slower[brief])
-        return times * factors
+        if brief.size:
+            slower = np.ceil(times / spacing) * spacing / times
+            starts = exact - times * self.unit
+            times = times * np.interp(starts, starts[brief], slower[brief])
+        return np.append(0.0, np.cumsum(times * self.unit))
 
     def _joints(self, passages: Array, states: Point) -> list[Pieces]:
         """Each joint's breaks, s, and its position as coefficients, rad/s^power."""
         breaks, levels, velocity = _fitted(self, passages, states)
-        lengths = np.diff(breaks, axis=0)
+        lengths = np.diff(breaks, axis=0)[..., None]
         _, a_unit, v_unit, _ = self.units
         leaving = v_unit * velocity[:-1]
-        accelerations = a_unit * levels
-        long = lengths[..., None]
-        cubics, *_ = integrated(long, accelerations, leaving)
-        first, _ = _both(self.problem.waypoints)
-        cubics[-1] += first[:, self.moving]
-        used = lengths.T > 0
-        starts, _ = _both(breaks)
-        begins = starts.T[used]
-        stored = np.append(begins, passages[-1])
+        cubics, *_ = integrated(lengths, a_unit * levels, leaving)
+        cubics[-1] += self.problem.waypoints[:-1, self.moving]
+        used = lengths[..., 0].T > 0
+        starts = breaks[:-1].T[used]
+        stored = np.append(starts, passages[-1])
         by_joint = cubics.transpose(3, 0, 2, 1)
         joints = [(stored, table[:, used]) for table in by_joint]
         (unlimited,) = np.nonzero(~self.r.any(axis=0))
@@ -115,11 +105,6 @@ class Reachable(Scaled):
 def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Array, Array]:
     """The motion with the fewest breaks that suffice.
 
-    Args:
-        scaled: the problem.
-        passages: when the waypoints are passed, as it is stored, s, `(segments + 1,)`.
-        states: the optimum.
-
     Returns:
         Breaks, s, `(breaks, segments)`, where the end of a segment repeats; accelerations there,
         `(breaks, segments, joints)`; velocities at the waypoints, `(segments + 1, joints)`.
@@ -127,11 +112,9 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
     limits = _Limits.of(scaled, passages)
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
-    # in the rounded times
     mean = scaled.h / limits.times
     ends = rows.point.ends[:, 0]
-    apart = limits.times * ends
-    first, last = mean + apart
+    first, last = mean + limits.times * ends
     velocity = _agreed(first, last, limits.weights)
 
     even = np.linspace(limits.start, limits.end, EVEN + 2)
@@ -161,7 +144,12 @@ def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Arra
 
 
 def _refitted(
-    scaled: Scaled, limits: _Limits, lengths: Array, levels: Array, velocity: Array, cells: Bools
+    scaled: Scaled,
+    limits: _Limits,
+    lengths: Array,
+    levels: Array,
+    velocity: Array,
+    cells: Bools,
 ) -> Array:
     """Velocities at the waypoints with which these cells would miss next to nothing.
 
@@ -192,7 +180,7 @@ class _Limits(NamedTuple):
         start: s since the motion's start, `(segments,)`.
         end: likewise.
         unit: of the motion's own times, s.
-        times: of the segments, in `unit`; 1 where that is rounded to 0, `(segments, 1)`.
+        times: of the segments, in `unit`, `(segments, 1)`.
         jerky: which joints have jerk limits.
         gained: the acceleration that jerk allows in the time, at most its limit,
             `(segments, joints)`.
@@ -213,10 +201,7 @@ class _Limits(NamedTuple):
     def of(cls, scaled: Scaled, passages: Array) -> Self:
         start = passages[:-1]
         end = passages[1:]
-        lengths = end - start
-        rounded = lengths[:, None] / scaled.unit
-        takes_time = rounded > 0
-        times = np.where(takes_time, rounded, 1.0)
+        times = (end - start)[:, None] / scaled.unit
         slowest = np.abs(scaled.v).min(axis=0)
         steepest = np.abs(scaled.a).min(axis=0)
         slow = scaled.r.max(axis=0)
@@ -225,7 +210,7 @@ class _Limits(NamedTuple):
         faster = np.minimum(slowest, steepest * times)
         ramp = np.sqrt(faster * slow) / times
         ramp = np.minimum(ramp, 1.0)
-        weights = takes_time / (times * gained) ** 2
+        weights = 1 / (times * gained) ** 2
         jerky = slow > 0
         return cls(start, end, scaled.unit, times, jerky, gained, ramp, weights)
 
@@ -236,8 +221,7 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
     Of two neighbours one waypoint settles first: so each cell is spoilt by one at most.
     """
     _, waypoints, _ = rows.point.velocity.shape
-    numbers = np.arange(waypoints)[:, None]
-    odd = numbers % 2 == 1
+    odd = np.arange(waypoints)[:, None] % 2 == 1
     for chosen in (odd, ~odd):
         after = rows
         for _ in range(NEWTON_STEPS):
@@ -246,13 +230,10 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
         least = np.minimum(rows.reach, 0.0) - rounding
         # a ramp of negative length is out of reach
         negative = after.profiles.first < -SETTLED_RTOL * limits.ramp
-        spoilt = negative & (_shares(after, limits) > 0)
-        reaches = after.reach >= least
-        fine = (reaches & ~spoilt.any(axis=0)).all(axis=0)
-        kept = _of_both_cells(fine)
-        if kept.all():
-            rows = after
-            continue
+        is_used = _shares(after, limits) > 0
+        is_spoilt = is_used & negative.any(axis=0)
+        is_fine = (after.reach >= least) & ~is_spoilt
+        kept = _of_both_cells(is_fine.all(axis=0))
         velocity, acceleration = (
             np.where(kept, new, old)
             for new, old in zip(after.point[2:], rows.point[2:], strict=True)
@@ -373,10 +354,12 @@ class _Profiles(NamedTuple):
         for length in exact * limits.unit:
             place = later(places[-1], length)
             places.append(np.minimum(place, farthest))
-        # without a cruise both meet, however they are rounded, and may reach less
-        from_start, from_end = places[-1]
-        meeting = np.minimum(from_end, -from_start)
-        places[-1] = np.array([from_start, meeting])
+        # without a cruise both meet, however they are rounded: the briefer hold makes room
+        briefer = profiles.hold.argmin(axis=0)
+        makes_room = np.array([briefer == 0, briefer == 1])
+        reached = places[-1]
+        room = np.minimum(reached, -reached[::-1])
+        places[-1] = np.where(makes_room, room, reached)
         lengths = np.diff(places, axis=0)
         ramp, hold, release = lengths / limits.unit
 
@@ -395,10 +378,9 @@ class _Profiles(NamedTuple):
         allowed = np.fmin(rises, peaks + release / cells.down)
         held = np.where(cruises, np.fmin(allowed, level), allowed)
         held = np.where(ramp > 0, held, first)
-        seen = np.array([first, held, held, peaks])
-        knots = _in_order(np.array(places))
-        levels = _in_order(cells.signs * seen)
-        return cls(knots, levels, shares[:, 0])
+        levels = cells.signs * np.array([first, held, held, peaks])
+        knots = np.array(places)
+        return cls(_in_order(knots), _in_order(levels), shares[:, 0])
 
     def breaks(self, limits: _Limits) -> Array:
         """The ends of phases within segments, s, or not a number, `(16, segments, joints)`."""
@@ -411,15 +393,15 @@ class _Profiles(NamedTuple):
 
     def accelerations(self, times: Array) -> Array:
         """Accelerations at times since the motion's start, s, `(times, segments, joints)`."""
-        parts = []
+        _, *cells = self.shares.shape
+        total = np.zeros((len(times), *cells))
         for side, share in enumerate(self.shares):
             knots = self.knots[:, side]
             levels = self.levels[:, side]
             values = _between(times, knots, levels)
-            parts.append(np.where(share > 0, share * values, 0.0))
-        upper, lower = parts
-        # without a jerk limit there is no such profile
-        return np.nan_to_num(upper + lower)
+            # there may be no such profile
+            total += np.nan_to_num(share * values)
+        return total
 
 
 def _in_order(table: Array) -> Array:
@@ -440,7 +422,11 @@ def _between(times: Array, knots: Array, levels: Array) -> Array:
     return found
 
 
-def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
+def _agreed(
+    at_start: Array,
+    at_end: Array,
+    weights: Array,
+) -> Array:
     """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
     before, after = _both(weights)
     starts = after * at_start[1:]
@@ -451,33 +437,27 @@ def _agreed(at_start: Array, at_end: Array, weights: Array) -> Array:
 
 def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools) -> Array:
     """The breaks of all joints of a segment, s, `(breaks, segments)`, where its end repeats."""
-    wanted = profiles.breaks(limits)
+    wanted = np.where(needs_own, profiles.breaks(limits), np.nan)
     briefs = LEAST_RTOL * limits.ramp * limits.times * limits.unit
-    tables = np.broadcast_arrays(wanted, briefs)
     found = []
     for k, (start, *inner, end) in enumerate(even.T.tolist()):
-        is_wanted = np.isfinite(wanted[:, k])
-        own = needs_own[k] & is_wanted
-        times, losses = (table[:, k][own] for table in tables)
-        pairs = list(zip(times.tolist(), losses.tolist(), strict=True))
-        pairs += [(time, 0.0) for time in inner]
+        own = wanted[:, k]
+        phase, joint = np.nonzero(np.isfinite(own))
+        times = own[phase, joint]
+        pairs = [(time, 0.0) for time in inner]
+        pairs += zip(times, briefs[k, joint], strict=True)
         found.append(_apart(start, sorted(pairs), end))
-    # the end repeats
     rows = itertools.zip_longest(*found)
     table = np.array(list(rows), dtype=float)
     return np.where(np.isnan(table), limits.end, table)
 
 
 def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[float]:
-    """Breaks in order, without pieces so short that a longer one costs next to nothing.
+    """Breaks of a segment, s, without pieces so short that a longer one costs next to nothing.
 
     Without a break its joint is faster by half its change of jerk times the times to the breaks
-    before and after. So one that follows another one closely may move away from it.
-
-    Args:
-        start: of the segment, s.
-        wanted: breaks, s, each with the time whose square it may cost, s, in order.
-        end: of the segment, s.
+    before and after. So one that follows another one closely may move away from it. Each is
+    `wanted` with the time whose square it may cost.
     """
     kept = [start]
     inner = [time for time, _ in wanted]
@@ -492,23 +472,25 @@ def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[
     return [*kept, end]
 
 
-def _exceeds(scaled: Scaled, lengths: Array, levels: Array, velocity: Array) -> Bools:
+def _exceeds(
+    scaled: Scaled,
+    lengths: Array,
+    levels: Array,
+    velocity: Array,
+) -> Bools:
     """Which cells with jerk limits have a motion that exceeds a limit, `(segments, joints)`."""
     cubics, *_ = integrated(lengths, levels, velocity[:-1])
     first, last = _both(levels)
     speeds = cubics[2]
-    # the fastest point of a piece, at no acceleration
-    until = lengths * first / (first - last)
-    passes = first * last < 0
-    gained = first * until / 2
-    fastest = speeds + np.where(passes, gained, 0.0)
-    velocities = np.concatenate([speeds, fastest])
     jerks = (last - first) / lengths
+    # the fastest point of a piece, at no acceleration
+    passes = first * last < 0
+    lost = np.where(passes, first**2 / (2 * jerks), 0.0)
+    velocities = np.concatenate([speeds, speeds - lost])
     signs = np.array([[-1.0], [1.0]])
     limits = [scaled.v, scaled.a, signs / scaled.r]
     shares = []
     for values, sides in zip([velocities, levels, jerks], limits, strict=True):
         shares += [np.fmax.reduce(values / side) for side in sides]
-    keeps = np.max(shares, axis=0) <= 1 + EXCESS_RTOL
-    jerky = scaled.r.any(axis=0)
-    return np.asarray(jerky & ~keeps)
+    exceeds = np.max(shares, axis=0) > 1 + EXCESS_RTOL
+    return np.asarray(exceeds & scaled.r.any(axis=0))

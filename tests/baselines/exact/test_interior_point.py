@@ -96,7 +96,7 @@ def started_under_jerk(problem: Problem) -> JerkRows:
     states = rng.uniform(-0.1, 0.1, (2, 2, segments - 1, joints))
     times = np.stack([1.5 * scaled.stop, 2 * scaled.stop])
     cells = JerkCells(scaled, kinds=2)
-    return JerkRows(cells, cells.start(times, *states))
+    return JerkRows(cells, cells.linked(times, *states))
 
 
 @pytest.mark.parametrize("start", [started, started_under_jerk])

@@ -14,6 +14,7 @@ from baselines.exact import interior_point
 from baselines.exact.acceleration import Exact
 from baselines.exact.jerk import ExactJerk
 from baselines.ruckig_ import RuckigStop, RuckigVia, section
+from experiments.known_optima import one_way
 from experiments.soaks import relations
 from trajopt import InvalidInput, Limits, Problem, Relation, Status, Trajectory, verify
 from trajopt.benchmark.suites import families
@@ -281,8 +282,8 @@ def test_no_start_is_refused(option: str) -> None:
         ExactJerk(**{option: 0})
 
 
-def test_a_start_that_is_no_number_is_lost() -> None:
-    """Between two waypoints the optimum without jerk limits, a start, may overflow."""
+def test_the_optimum_between_two_waypoints_of_extreme_limits() -> None:
+    """The optimum without jerk limits, once a start, overflows here."""
     problem = random_problem(649, waypoints=2, jerk=True)
     solution = ExactJerk().solve(problem)
     assert solution.status is Status.SOLVED
@@ -297,6 +298,13 @@ def test_it_fails_where_no_start_converges(monkeypatch: pytest.MonkeyPatch) -> N
     solution = ExactJerk().solve(random_problem(3, jerk=True))
     assert (solution.status, solution.trajectory) == (Status.FAILED, None)
     assert set(solution.stats["start_status"]) == {"Not_Converged"}
+
+
+@pytest.mark.parametrize("seed", [7, 21, 78])
+def test_the_first_two_starts_converge(seed: int) -> None:
+    """Beside brief segments the second one once was far out of reach."""
+    solution = ExactJerk().solve(one_way(seed))
+    assert solution.stats["start_status"] == ["Converged"] * 2
 
 
 @pytest.mark.parametrize(("number", "starts"), [(4, 4), (17, 4), (16, 1)])

@@ -17,10 +17,10 @@ from trajopt.benchmark.suites.catalogue import load
 NAMES = {
     "random-huge-j8-w30-jerk-07": 1e-9,  # 16,839 s, dips of 5e-5 s at the velocity limit
     "random-collinear-j8-w50-jerk-06": 1e-9,  # one jerk throughout a segment
-    "random-huge-j12-w30-jerk-17": 3e-9,  # ramps of 5e-5 s after eight hours
+    "random-huge-j12-w30-jerk-17": 1e-9,  # ramps of 5e-5 s after eight hours
     "random-tiny-j7-w10-jerk-17": 1e-9,  # segments a thousandth of the others
     # Ramps of 3e-4 s after 25,000 s, where times are stored to 4e-12 s: 1e-8 of a ramp.
-    "random-unequal-j8-w50-jerk-11": 5e-8,
+    "random-unequal-j8-w50-jerk-11": 1e-9,
 }
 
 
