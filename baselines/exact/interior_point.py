@@ -43,7 +43,7 @@ MAX_SHORTENED = 40
 # Largest ratio between a multiplier and barrier over slack, either way.
 MULTIPLIER_SPREAD = 1e10
 
-# Inequalities are `(kinds, 2 sides, starts, segments, joints)`: all axes but the starts.
+# Inequalities are `(kinds, sides, starts, segments, joints)`: all axes but the starts.
 ROW_AXES = (0, 1, 3, 4)
 
 
@@ -86,7 +86,7 @@ class Rows(Protocol):
 
     Attributes:
         point: where the unknowns are.
-        values: positive inside, `(kinds, 2 sides, starts, segments, joints)`.
+        values: positive inside, `(kinds, sides, starts, segments, joints)`.
         times: of the segments, `(starts, segments)`.
         start_slack: the least slack that a start has.
         min_gap_rtol: least complementarity gap that a step aims at, relative to the duration.

@@ -38,7 +38,7 @@ MAX_STARTS_FACTOR = 3
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 1.5
 ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
-# Time of a start by cells (segments times moving joints); many joints cost their square each.
+# Time of a start, s: for each cell (a joint in a segment), and as much more as joints squared.
 SECONDS_PER_CELL = 3e-4
 SECONDS_PER_CELL_AND_PAIR = 2e-8
 

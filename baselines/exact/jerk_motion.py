@@ -456,8 +456,8 @@ def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[
     """Breaks of a segment, s, without pieces so short that a longer one costs next to nothing.
 
     Without a break its joint is faster by half its change of jerk times the times to the breaks
-    before and after. So one that follows another one closely may move away from it. Each is
-    `wanted` with the time whose square it may cost.
+    before and after. So one that follows another one closely may move away from it. `wanted` holds
+    the breaks in order, each with a time, s: leaving it out may cost that time's square.
     """
     kept = [start]
     inner = [time for time, _ in wanted]
