@@ -96,11 +96,8 @@ def certify(
         bound = _spline353(merged, within, began + time_limit)
     trajectory = bound.trajectory
     if trajectory is not None:
-        trajectory = Trajectory(
-            trajectory.breaks,
-            trajectory.coefficients,
-            trajectory.waypoint_times[index],
-        )
+        times = trajectory.waypoint_times[index]
+        trajectory = replace(trajectory, waypoint_times=times)
     return replace(bound, trajectory=trajectory)
 
 

@@ -24,11 +24,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from baselines.topp_ra import best_of, rules
-from trajopt.core import polynomials
 from trajopt.core.exceptions import InvalidInput
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
-from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, passing_once
 from trajopt.planners.rest_to_rest import stop_times
 
@@ -90,12 +88,8 @@ def in_own_units(tried: Tried) -> Tried:
         own = solution.trajectory
         if own is None:
             return solution
-        by_second = polynomials.stretched(own.coefficients, 1 / second)
-        trajectory = Trajectory(
-            breaks=own.breaks * second,
-            coefficients=by_second * length,
-            waypoint_times=own.waypoint_times * second,
-        )
+        slower = own.dilated(second)
+        trajectory = replace(slower, coefficients=length * slower.coefficients)
         return replace(solution, trajectory=trajectory)
 
     return measured

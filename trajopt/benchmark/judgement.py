@@ -215,7 +215,7 @@ def motion_of(
 def passing(problem: Problem, trajectory: Trajectory) -> Trajectory:
     """The motion with the times at which it passes the problem's waypoints."""
     times = waypoint_times(trajectory, problem.waypoints)
-    return Trajectory(trajectory.breaks, trajectory.coefficients, times)
+    return replace(trajectory, waypoint_times=times)
 
 
 def _check_joints(motion: Motion, joints: int) -> None:
@@ -291,7 +291,7 @@ def as_executed(
         right = "a motion; at its samples this one stays where it is"
         raise InvalidInput("motion", right, file=motion.name)
     times = trajectory.breaks[_own_waypoints(at_breaks, limits)]
-    own = Trajectory(trajectory.breaks, trajectory.coefficients, times)
+    own = replace(trajectory, waypoint_times=times)
     low, high = limits.position.T
     problem = Problem(
         np.clip(own(times), low, high),

@@ -98,12 +98,8 @@ class Motion:
             right = f"the joints {', '.join(joint_names)}; rename them"
             raise InvalidInput("joint_names", right, value=list(self.joint_names), file=self.name)
         order = [names.index(name) for name in joint_names]
-        trajectory = self.trajectory
-        own = Trajectory(
-            trajectory.breaks,
-            trajectory.coefficients[..., order],
-            trajectory.waypoint_times,
-        )
+        in_order = self.trajectory.coefficients[..., order]
+        own = replace(self.trajectory, coefficients=in_order)
         units = tuple(self.joint_units[joint] for joint in order if self.joint_units)
         return replace(self, trajectory=own, joint_names=tuple(joint_names), joint_units=units)
 

@@ -70,7 +70,7 @@ def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
     placed = np.array(coefficients)
     placed[-1] += layout.origins
     times = layout.breaks[layout.waypoint_breaks]
-    return Trajectory(layout.breaks, placed, waypoint_times=times)
+    return Trajectory(layout.breaks, placed, times, layout.trajectory.lengths)
 
 
 def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:

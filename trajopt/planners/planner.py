@@ -345,7 +345,7 @@ def expanded(solution: Solution, index: Indices) -> Solution:
     if solution.trajectory is None:
         return solution
     merged = solution.trajectory
-    original = Trajectory(merged.breaks, merged.coefficients, merged.waypoint_times[index])
+    original = replace(merged, waypoint_times=merged.waypoint_times[index])
     return replace(solution, trajectory=original)
 
 

@@ -187,7 +187,7 @@ def _equal(one: Solution, other: Solution) -> bool:
     b = other.trajectory
     if a is None or b is None:
         return one.status is other.status and a is b
-    parts = ("breaks", "coefficients", "waypoint_times")
+    parts = [part.name for part in fields(a)]
     return all(np.array_equal(getattr(a, part), getattr(b, part)) for part in parts)
 
 

@@ -133,8 +133,12 @@ def packed_solution(solution: Solution, *, brief: bool = False) -> dict[str, Any
 
 
 def trajectory_table(trajectory: Trajectory) -> dict[str, Any]:
-    """Return every number of a trajectory by its name."""
-    return {name: getattr(trajectory, name).tolist() for name in _TRAJECTORY}
+    """Return every number of a trajectory by its name, lengths where breaks do not say them."""
+    table = {name: getattr(trajectory, name).tolist() for name in _TRAJECTORY}
+    lengths = trajectory.lengths
+    if not np.array_equal(lengths, np.diff(trajectory.breaks)):
+        table["lengths"] = lengths.tolist()
+    return table
 
 
 def solution_of(table: Any) -> Solution:
@@ -159,9 +163,9 @@ def _trajectory(table: Any) -> Trajectory | None:
     if "joints" in table:
         check_table("trajectory", table, ("waypoint_times", "joints"))
         return own_breaks.trajectory(table)
-    check_table("trajectory", table, _TRAJECTORY)
-    arrays = [np.array(table[name], dtype=float) for name in _TRAJECTORY]
-    return Trajectory(*arrays)
+    check_table("trajectory", table, _TRAJECTORY, ("lengths",))
+    arrays = {name: np.array(numbers, dtype=float) for name, numbers in table.items()}
+    return Trajectory(**arrays)
 
 
 # --- problems ---
