@@ -2,17 +2,16 @@
 
 In a segment a joint may take any convex combination of its two extreme profiles that covers the
 displacement. The motion has the accelerations of that combination at its breaks and is straight
-between them: so it keeps the limits of jerk and acceleration wherever the breaks are. What the
-breaks cost is made up for, first by the velocities at the waypoints, each as its briefer segment
-would have it, then by a smooth change of acceleration.
+between them: so it keeps the limits of jerk and acceleration wherever the breaks are. A smooth
+change of acceleration makes up for what the breaks cost.
 
 All joints of a segment share its breaks. A joint for which two even ones suffice needs no others.
-The rest need those at which their profiles change their jerk.
+The rest need those at which their profiles change their jerk. A break close to another one is left
+out where the motion keeps its limits without it.
 
 The barrier keeps off waypoint states at which a phase vanishes, and leaves brief phases there. So
 the states settle first: an acceleration that is close to the level that it is to reach becomes that
-level. And a trajectory stores its breaks as times since its start, after half a minute to 4e-15 s:
-times are rounded before anything else.
+level.
 """
 
 from __future__ import annotations
@@ -22,31 +21,30 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
-from baselines.exact.rounded import Pieces, integrated, later, mended, missing
+from baselines.exact.mending import integrated, mended
 from baselines.exact.scaled import Scaled
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
 
-# Segments whose times are rounded by more than this, relative, decide how fast they are passed.
-ROUNDED_RTOL = 4e-12
+# Share of a limit by which a motion may exceed it.
+EXCESS_RTOL = 3e-10
 # An extreme profile whose displacement is so close, relative to what limits allow, is alone.
 TIGHT_RTOL = 1e-11
 # Phases that may vanish when states settle, relative to the longest ramp, and what that may cost.
 BRIEF_RTOL = 1e-2
 SETTLED_RTOL = 1e-11
+# Rounding of a phase, as a share of its segment's time.
+ROUNDING = 4e-15
 # A state so close to its limit, relative, settles there.
 NEAR_RTOL = 1e-4
 NEWTON_STEPS = 2
-# Jerk changes the velocity of a fast cell by less than this, relative.
-FAST_RTOL = 1e-5
 EVEN = 2  # evenly spaced inner breaks of a segment
-# Share of a limit. A joint that exceeds one by more needs breaks of its own.
-EXCESS_RTOL = 3e-11
 # A break is left out if that costs as little velocity as jerk gains in this share of a ramp.
 LEAST_RTOL = 7e-6
+# A break closer to another one, relative to the segment's briefest full ramp, may be left out.
+CLOSE_RTOL = 1e-3
 TINY = 1e-300  # instead of dividing by 0
 
 
@@ -60,148 +58,157 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
-        passages = self._passages(times)
-        with np.errstate(all="ignore"):
-            joints = self._joints(passages, states)
-        first = self.problem.waypoints[0]
-        return Trajectory.of_moving(first, self.moving, joints, passages)
-
-    def _passages(self, times: Array) -> Array:
-        """When the waypoints are passed, s, later by what rounding takes, 1e-10 or so.
-
-        The rounded time of a brief segment decides how fast it is passed. From one such segment to
-        the next the motion slows down evenly.
-        """
-        exact = np.cumsum(times * self.unit)
-        spacing = np.spacing(exact) / self.unit
-        (brief,) = np.nonzero(spacing > ROUNDED_RTOL * times)
-        if brief.size:
-            slower = np.ceil(times / spacing) * spacing / times
-            starts = exact - times * self.unit
-            times = times * np.interp(starts, starts[brief], slower[brief])
-        return np.append(0.0, np.cumsum(times * self.unit))
-
-    def _joints(self, passages: Array, states: Point) -> list[Pieces]:
-        """Each joint's breaks, s, and its position as coefficients, rad/s^power."""
-        breaks, levels, velocity = _fitted(self, passages, states)
-        lengths = np.diff(breaks, axis=0)[..., None]
         _, a_unit, v_unit, _ = self.units
-        leaving = v_unit * velocity[:-1]
-        cubics, *_ = integrated(lengths, a_unit * levels, leaving)
-        cubics[-1] += self.problem.waypoints[:-1, self.moving]
-        used = lengths[..., 0].T > 0
-        starts = breaks[:-1].T[used]
-        stored = np.append(starts, passages[-1])
-        by_joint = cubics.transpose(3, 0, 2, 1)
-        joints = [(stored, table[:, used]) for table in by_joint]
-        (unlimited,) = np.nonzero(~self.r.any(axis=0))
-        if unlimited.size:
-            task = Task.of(self, velocity, unlimited)
-            for i, own in zip(unlimited.tolist(), pieces(task, passages), strict=True):
-                joints[i] = own
-        return joints
+        with np.errstate(all="ignore"):
+            lengths, levels, velocity = _fitted(self, times, states)
+            seconds = self.unit * lengths
+            own, *_ = integrated(seconds[..., None], a_unit * levels, v_unit * velocity)
+        waypoints = self.problem.waypoints[:-1]
+        cubics = np.zeros((*own.shape[:-1], self.problem.joints))
+        cubics[..., self.moving] = own
+        cubics[-1] += waypoints
+        by_segment = np.moveaxis(cubics, 2, 0)
+        return Trajectory.of_segments(zip(seconds.T, by_segment, strict=True))
 
 
-def _fitted(scaled: Scaled, passages: Array, states: Point) -> tuple[Array, Array, Array]:
+def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Array, Array, Array]:
     """The motion with the fewest breaks that suffice.
 
     Returns:
-        Breaks, s, `(breaks, segments)`, where the end of a segment repeats; accelerations there,
-        `(breaks, segments, joints)`; velocities at the waypoints, `(segments + 1, joints)`.
+        Lengths of the pieces, `(pieces, segments)`, the last ones of a segment 0; accelerations
+        before and after their ends, `(2, pieces + 1, segments, joints)`; velocities at the
+        segments' starts, `(segments, joints)`.
     """
-    limits = _Limits.of(scaled, passages)
+    limits = _Limits.of(scaled, times)
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
-    mean = scaled.h / limits.times
-    ends = rows.point.ends[:, 0]
-    first, last = mean + limits.times * ends
-    velocity = _agreed(first, last, limits.weights)
-
-    even = np.linspace(limits.start, limits.end, EVEN + 2)
-    lengths = _lengths(even, limits)
-    given = profiles.accelerations(even)
-    gentle = mended(lengths, given, *_both(velocity), scaled.h)
-    needs_own = _exceeds(scaled, lengths, gentle, velocity)
-    # jerk does not make up for what a fast cell misses
-    steep = np.abs(scaled.h) / limits.times**2
-    is_fast = limits.gained < FAST_RTOL * steep
-    is_slack = profiles.shares > 0
-    fast = needs_own & is_fast & is_slack.all(axis=0)
-    if fast.any():
-        velocity = _refitted(scaled, limits, lengths, given, velocity, fast)
-        gentle = mended(lengths, given, *_both(velocity), scaled.h)
-        needs_own = _exceeds(scaled, lengths, gentle, velocity)
-
+    # of a waypoint's two segments the briefer one feels rounding of its velocity most
+    first, last = scaled.h / limits.times + limits.times * rows.point.ends[:, 0]
+    is_briefer = limits.times[:-1] < limits.times[1:]
+    velocity = with_rest(np.where(is_briefer, last[:-1], first[1:]))
+    task = _Task(scaled, limits, velocity)
+    even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
+    gentle = task.mended(even, profiles.accelerations(even, limits))
+    needs_own = task.use(even, gentle) > 1 + EXCESS_RTOL
     breaks = _breaks(profiles, limits, even, needs_own)
-    lengths = _lengths(breaks, limits)
-    own = profiles.accelerations(breaks)
-    knots = np.broadcast_to(even[..., None], gentle.shape)
-    levels = np.where(needs_own, own, _between(breaks, knots, gentle))
-    every = np.ones_like(needs_own)
-    velocity = _refitted(scaled, limits, lengths, levels, velocity, every)
-    levels = mended(lengths, levels, *_both(velocity), scaled.h)
-    return breaks, levels, velocity
+    own = profiles.accelerations(breaks, limits)
+    levels = np.where(needs_own, own, _refined(gentle, breaks))
+    breaks, levels = _thinned(task, breaks, levels)
+    return task.lengths(breaks)[..., 0], task.mended(breaks, levels), velocity[:-1]
 
 
-def _refitted(
-    scaled: Scaled,
-    limits: _Limits,
-    lengths: Array,
-    levels: Array,
-    velocity: Array,
-    cells: Bools,
-) -> Array:
-    """Velocities at the waypoints with which these cells would miss next to nothing.
+class _Task(NamedTuple):
+    """What the motion must do in every segment.
 
-    A cell that misses nothing has that much more velocity at its ends.
+    Breaks are shares of the segments' times, `(breaks, segments)`, the last ones of a segment 1;
+    accelerations are given before and after them, `(2, breaks, segments, joints)`.
     """
-    slow, short = missing(lengths, levels, *_both(velocity), scaled.h)
-    at_start = np.where(cells, short / limits.times, 0.0)
-    at_end = np.where(cells, at_start - slow, 0.0)
-    wanted = velocity + _agreed(at_start, at_end, limits.weights)
-    return np.clip(wanted, *scaled.v)
+
+    scaled: Scaled
+    limits: _Limits
+    velocity: Array
+
+    def lengths(self, breaks: Array) -> Array:
+        """The times between breaks, `(pieces, segments, 1)`."""
+        return np.diff(breaks, axis=0)[..., None] * self.limits.times
+
+    def mended(self, breaks: Array, levels: Array) -> Array:
+        """Accelerations that lead to the next waypoint and its velocity."""
+        ends = self.velocity[:-1], self.velocity[1:]
+        return mended(self.lengths(breaks), levels, *ends, self.scaled.h)
+
+    def use(self, breaks: Array, levels: Array) -> Array:
+        """The largest share of a limit that each cell's motion uses, `(segments, joints)`."""
+        scaled = self.scaled
+        lengths = self.lengths(breaks)
+        cubics, *_ = integrated(lengths, levels, self.velocity[:-1])
+        before, after = np.where(lengths > 0, [levels[0, 1:], levels[1, :-1]], 0.0)
+        jerks = 6 * cubics[0]
+        speeds = cubics[2]
+        # the fastest point of a piece, at no acceleration
+        passes = before * after < 0
+        lost = np.where(passes, after**2 / (2 * jerks), 0.0)
+        velocities = np.concatenate([speeds, speeds - lost])
+        accelerations = np.concatenate([before, after])
+        signs = np.array([[-1.0], [1.0]])
+        limits = [scaled.v, scaled.a, signs / scaled.r]
+        shares = []
+        for values, sides in zip([velocities, accelerations, jerks], limits, strict=True):
+            shares += [(values / side).max(axis=0) for side in sides]
+        return np.asarray(np.max(shares, axis=0))
 
 
-def _lengths(breaks: Array, limits: _Limits) -> Array:
-    """The pieces between breaks, s, as the motion counts time, `(pieces, segments, 1)`."""
-    lengths = np.diff(breaks, axis=0)
-    return lengths[..., None] / limits.unit
+def _refined(gentle: Array, breaks: Array) -> Array:
+    """Accelerations of a motion with even breaks, before and after other ones among them."""
+    pieces = EVEN + 1
+    middles = (breaks[:-1] + breaks[1:]) / 2
+    piece = np.minimum(pieces * middles, EVEN).astype(int)
+    segments = np.arange(breaks.shape[1])
+    first = gentle[1, piece, segments]
+    change = gentle[0, piece + 1, segments] - first
+    since = (pieces * breaks[:-1] - piece)[..., None]
+    until = (pieces * breaks[1:] - piece)[..., None]
+    after = first + since * change
+    before = first + until * change
+    return np.array([np.concatenate([after[:1], before]), np.concatenate([after, before[-1:]])])
 
 
-def _both(waypoints: Array) -> tuple[Array, Array]:
-    """Values at the start and at the end of every segment."""
-    return waypoints[:-1], waypoints[1:]
+def _thinned(task: _Task, breaks: Array, levels: Array) -> tuple[Array, Array]:
+    """Leave out breaks that are close to another one, where the motion keeps its limits.
+
+    In each segment the closest one is tried first, and again whenever another one has gone.
+    """
+    segments = np.arange(breaks.shape[1])
+    limits = task.limits
+    full = np.where(limits.jerky, limits.ramp, np.inf)
+    close = CLOSE_RTOL * full.min(axis=1)
+    use = task.use(breaks, task.mended(breaks, levels))
+    allowed = np.maximum(use, 1 + EXCESS_RTOL)
+    is_needed = np.zeros(breaks[1:-1].shape, dtype=bool)
+    while True:
+        gaps = np.diff(breaks, axis=0)
+        distance = np.minimum(gaps[:-1], gaps[1:])
+        distance[is_needed | (breaks[1:-1] == 1)] = np.inf
+        closest = distance.argmin(axis=0)
+        (tried,) = np.nonzero(distance[closest, segments] < close)
+        if not tried.size:
+            return breaks, levels
+        place = closest[tried]
+        keys = breaks.copy()
+        keys[place + 1, tried] = 2.0
+        order = np.argsort(keys, axis=0, kind="stable")
+        fewer = np.minimum(np.take_along_axis(keys, order, axis=0), 1.0)
+        given = np.take_along_axis(levels, order[None, ..., None], axis=1)
+        use = task.use(fewer, task.mended(fewer, given))
+        keeps = (use[tried] <= allowed[tried]).all(axis=1)
+        gone = tried[keeps]
+        breaks[:, gone] = fewer[:, gone]
+        levels[:, :, gone] = given[:, :, gone]
+        is_needed[:, gone] = False
+        is_needed[place[~keeps], tried[~keeps]] = True
 
 
 class _Limits(NamedTuple):
-    """The segments as they are stored, and the motion that limits allow in them.
+    """The motion that limits allow in the segments.
 
     Attributes:
-        start: s since the motion's start, `(segments,)`.
-        end: likewise.
-        unit: of the motion's own times, s.
-        times: of the segments, in `unit`, `(segments, 1)`.
+        times: of the segments, `(segments, 1)`.
         jerky: which joints have jerk limits.
         gained: the acceleration that jerk allows in the time, at most its limit,
             `(segments, joints)`.
         ramp: the longest time with the same jerk, as a share of the segment's, likewise.
-        weights: how much a waypoint's velocity matters to a cell, likewise.
+        vanished: a phase of a smaller share is rounding, likewise.
     """
 
-    start: Array
-    end: Array
-    unit: float
     times: Array
     jerky: Bools
     gained: Array
     ramp: Array
-    weights: Array
+    vanished: Array
 
     @classmethod
-    def of(cls, scaled: Scaled, passages: Array) -> Self:
-        start = passages[:-1]
-        end = passages[1:]
-        times = (end - start)[:, None] / scaled.unit
+    def of(cls, scaled: Scaled, segment_times: Array) -> Self:
+        times = segment_times[:, None]
         slowest = np.abs(scaled.v).min(axis=0)
         steepest = np.abs(scaled.a).min(axis=0)
         slow = scaled.r.max(axis=0)
@@ -210,9 +217,9 @@ class _Limits(NamedTuple):
         faster = np.minimum(slowest, steepest * times)
         ramp = np.sqrt(faster * slow) / times
         ramp = np.minimum(ramp, 1.0)
-        weights = 1 / (times * gained) ** 2
+        vanished = SETTLED_RTOL * ramp + ROUNDING
         jerky = slow > 0
-        return cls(start, end, scaled.unit, times, jerky, gained, ramp, weights)
+        return cls(times, jerky, gained, ramp, vanished)
 
 
 def _settled(rows: Rows, limits: _Limits) -> Rows:
@@ -229,7 +236,7 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
         rounding = SETTLED_RTOL * limits.gained
         least = np.minimum(rows.reach, 0.0) - rounding
         # a ramp of negative length is out of reach
-        negative = after.profiles.first < -SETTLED_RTOL * limits.ramp
+        negative = after.profiles.first < -limits.vanished
         is_used = _shares(after, limits) > 0
         is_spoilt = is_used & negative.any(axis=0)
         is_fine = (after.reach >= least) & ~is_spoilt
@@ -253,8 +260,13 @@ def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     missing = rows.profiles.rises - first
     ahead = missing * (1 + cells.up / cells.down)
     level = cells.signs * FLIPS * (first + ahead)
-    allowed = np.clip(level, *cells.scaled.a)
-    changes = _beside(allowed) - acceleration
+    # after the ramp that ends an acceleration the velocity is within its limit
+    left = (cells.fastest - cells.signs * velocity) / cells.falling
+    highest = np.sqrt(2 * np.maximum(left.min(axis=0), 0.0))
+    low, high = cells.scaled.a
+    sides = np.array([np.maximum(low, -highest), np.minimum(high, highest)])
+    wished = _beside(level)
+    changes = np.clip(wished, *sides) - acceleration
     is_wanted = _beside(is_alone & limits.jerky & is_brief)
     wanted = np.where(is_wanted, changes, np.inf)
     least = np.abs(wanted).argmin(axis=0)[None]
@@ -262,7 +274,7 @@ def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     free = _of_both_cells(limits.jerky & ~is_alone.any(axis=0))
     # a brief ramp below the velocity limit would lead to a dip
     fastest, is_fast = _nearest(velocity, cells.scaled.v, limits)
-    steepest, is_steep = _nearest(acceleration, cells.scaled.a, limits)
+    steepest, is_steep = _nearest(acceleration, sides, limits)
     cases = [~chosen, is_fast, is_steep, free, np.isfinite(change)]
     values = [acceleration, 0.0, steepest, 0.0, acceleration + change]
     settled = np.select(cases, values, acceleration)
@@ -314,7 +326,7 @@ class _Profiles(NamedTuple):
     """The extreme profiles of every cell, from both ends to the peak between them.
 
     Attributes:
-        knots: s since the motion's start, `(8, 2 sides, segments, joints)`.
+        knots: shares of the segment's time, `(8, 2 sides, segments, joints)`.
         levels: accelerations there, straight in between, of the same shape.
         shares: of both profiles in the motion, `(2 sides, segments, joints)`.
     """
@@ -325,11 +337,7 @@ class _Profiles(NamedTuple):
 
     @classmethod
     def of(cls, rows: Rows, limits: _Limits) -> Self:
-        """The profiles of these cells.
-
-        Where rounding changed a segment's time, each phase keeps its share, and no ramp of jerk
-        gets briefer.
-        """
+        """The profiles of these cells."""
         cells = rows.cells
         profiles = rows.profiles
         rises = profiles.rises
@@ -338,77 +346,54 @@ class _Profiles(NamedTuple):
         peak = np.clip(0.0, -fall, rise)
         peaks = np.array([peak, -peak])
         last = profiles.limits.down * (rises - peaks)
-        own = np.array([profiles.first, profiles.hold, last])
-        # a phase that has settled is rounding, and so is a dip of no acceleration at the limit
-        room = profiles.limits.top - profiles.velocity
-        is_fast = room <= SETTLED_RTOL * cells.highest / rows.t
-        cruises = profiles.cruise > 0
-        is_dip = is_fast & (first == 0) & cruises
-        is_gone = is_dip | (own < SETTLED_RTOL * limits.ramp)
-        exact = np.where(is_gone, 0.0, own) * limits.times
-        # the end is passed backwards
-        ends = np.array([limits.start, -limits.end])
-        nearest = ends[:, None, None, :, None]
-        farthest = -nearest[::-1]
-        places = [nearest + 0 * first]
-        for length in exact * limits.unit:
-            place = later(places[-1], length)
-            places.append(np.minimum(place, farthest))
-        # without a cruise both meet, however they are rounded: the briefer hold makes room
-        briefer = profiles.hold.argmin(axis=0)
-        makes_room = np.array([briefer == 0, briefer == 1])
-        reached = places[-1]
-        room = np.minimum(reached, -reached[::-1])
-        places[-1] = np.where(makes_room, room, reached)
-        lengths = np.diff(places, axis=0)
-        ramp, hold, release = lengths / limits.unit
-
-        # in a longer time less acceleration leads to the velocity limit, and from a waypoint to 0
-        exact_ramp, exact_hold, exact_release = exact
-        spent = 2 * hold + release
-        exact_spent = 2 * exact_hold + exact_release
-        gained = exact_ramp * (first + rises) + exact_spent * rises
-        shares = _shares(rows, limits)
-        is_at_once = (ramp == 0) & (shares > 0)
-        longer = np.where(is_at_once, 1 - exact_spent / spent, 0.0)
-        less = np.fmax(_beside(longer).max(axis=0), 0.0)
-        kept = 1 - at_ends(less)
-        first = first * kept[:, None]
-        level = (gained - ramp * first) / (ramp + spent)
-        allowed = np.fmin(rises, peaks + release / cells.down)
-        held = np.where(cruises, np.fmin(allowed, level), allowed)
-        held = np.where(ramp > 0, held, first)
+        own = np.array([0 * first, profiles.first, profiles.hold, last])
+        # a phase that has settled is rounding
+        phases = np.where(own < limits.vanished, 0.0, own)
+        places = np.cumsum(phases, axis=0)
+        # both meet, however they are rounded
+        places[-1] = np.minimum(places[-1], 1 - places[-1, ::-1])
+        is_held = limits.jerky & (places[1] == 0)
+        held = np.where(is_held, first, rises)
         levels = cells.signs * np.array([first, held, held, peaks])
-        knots = np.array(places)
-        return cls(_in_order(knots), _in_order(levels), shares[:, 0])
+        shares = _shares(rows, limits)[:, 0]
+        return cls(_in_order(places, 1 - places), _in_order(levels, -levels), shares)
 
-    def breaks(self, limits: _Limits) -> Array:
-        """The ends of phases within segments, s, or not a number, `(16, segments, joints)`."""
-        after_start = self.knots > limits.start[:, None]
-        before_end = self.knots < limits.end[:, None]
-        is_inside = after_start & before_end
+    def breaks(self) -> Array:
+        """The ends of phases within segments, or not a number, `(16, segments, joints)`."""
+        is_inside = (self.knots > 0) & (self.knots < 1)
         is_used = is_inside & (self.shares > 0)
         breaks = np.where(is_used, self.knots, np.nan)
         return breaks.reshape(-1, *breaks.shape[2:])
 
-    def accelerations(self, times: Array) -> Array:
-        """Accelerations at times since the motion's start, s, `(times, segments, joints)`."""
+    def accelerations(self, breaks: Array, limits: _Limits) -> Array:
+        """Accelerations before and after breaks, `(2, breaks, segments, joints)`.
+
+        Without a jerk limit they jump: each piece has that in its middle.
+        """
+        at_breaks = self._at(breaks)
+        if limits.jerky.all():
+            return np.array([at_breaks, at_breaks])
+        middles = self._at((breaks[:-1] + breaks[1:]) / 2)
+        before = np.concatenate([middles[:1], middles])
+        after = np.concatenate([middles, middles[-1:]])
+        return np.where(limits.jerky, at_breaks, [before, after])
+
+    def _at(self, times: Array) -> Array:
+        """Accelerations at shares of the segments' times, `(times, segments, joints)`."""
         _, *cells = self.shares.shape
         total = np.zeros((len(times), *cells))
         for side, share in enumerate(self.shares):
-            knots = self.knots[:, side]
-            levels = self.levels[:, side]
-            values = _between(times, knots, levels)
+            values = _between(times, self.knots[:, side], self.levels[:, side])
             # there may be no such profile
             total += np.nan_to_num(share * values)
         return total
 
 
-def _in_order(table: Array) -> Array:
+def _in_order(from_start: Array, from_end: Array) -> Array:
     """Values from both ends inwards, `(4, 2 ends, 2 sides, 1, segments, joints)`, on one axis."""
-    from_start = table[:, 0, :, 0]
-    from_end = -table[:, 1, :, 0]
-    return np.concatenate([from_start, from_end[::-1]])
+    start = from_start[:, 0, :, 0]
+    end = from_end[:, 1, :, 0]
+    return np.concatenate([start, end[::-1]])
 
 
 def _between(times: Array, knots: Array, levels: Array) -> Array:
@@ -422,42 +407,31 @@ def _between(times: Array, knots: Array, levels: Array) -> Array:
     return found
 
 
-def _agreed(
-    at_start: Array,
-    at_end: Array,
-    weights: Array,
-) -> Array:
-    """The weighted means of what the two cells at each waypoint want, `(segments + 1, joints)`."""
-    before, after = _both(weights)
-    starts = after * at_start[1:]
-    ends = before * at_end[:-1]
-    both = np.maximum(before + after, TINY)
-    return with_rest((starts + ends) / both)
-
-
 def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools) -> Array:
-    """The breaks of all joints of a segment, s, `(breaks, segments)`, where its end repeats."""
-    wanted = np.where(needs_own, profiles.breaks(limits), np.nan)
-    briefs = LEAST_RTOL * limits.ramp * limits.times * limits.unit
+    """The breaks of all joints of a segment, shares of its time, `(breaks, segments)`.
+
+    They end with ones, where a segment has fewer than others.
+    """
+    wanted = np.where(needs_own, profiles.breaks(), np.nan)
+    briefs = LEAST_RTOL * limits.ramp
     found = []
-    for k, (start, *inner, end) in enumerate(even.T.tolist()):
+    for k, inner in enumerate(even[1:-1].T.tolist()):
         own = wanted[:, k]
         phase, joint = np.nonzero(np.isfinite(own))
         times = own[phase, joint]
         pairs = [(time, 0.0) for time in inner]
         pairs += zip(times, briefs[k, joint], strict=True)
-        found.append(_apart(start, sorted(pairs), end))
-    rows = itertools.zip_longest(*found)
-    table = np.array(list(rows), dtype=float)
-    return np.where(np.isnan(table), limits.end, table)
+        found.append(_apart(0.0, sorted(pairs), 1.0))
+    rows = itertools.zip_longest(*found, fillvalue=1.0)
+    return np.array(list(rows))
 
 
 def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[float]:
-    """Breaks of a segment, s, without pieces so short that a longer one costs next to nothing.
+    """Breaks of a segment without pieces so short that a longer one costs next to nothing.
 
     Without a break its joint is faster by half its change of jerk times the times to the breaks
     before and after. So one that follows another one closely may move away from it. `wanted` holds
-    the breaks in order, each with a time, s: leaving it out may cost that time's square.
+    the breaks in order, each with a time: leaving it out may cost that time's square.
     """
     kept = [start]
     inner = [time for time, _ in wanted]
@@ -470,27 +444,3 @@ def _apart(start: float, wanted: list[tuple[float, float]], end: float) -> list[
             latest = end - brief**2 / (end - time)
             kept.append(min(max(time, earliest), latest))
     return [*kept, end]
-
-
-def _exceeds(
-    scaled: Scaled,
-    lengths: Array,
-    levels: Array,
-    velocity: Array,
-) -> Bools:
-    """Which cells with jerk limits have a motion that exceeds a limit, `(segments, joints)`."""
-    cubics, *_ = integrated(lengths, levels, velocity[:-1])
-    first, last = _both(levels)
-    speeds = cubics[2]
-    jerks = (last - first) / lengths
-    # the fastest point of a piece, at no acceleration
-    passes = first * last < 0
-    lost = np.where(passes, first**2 / (2 * jerks), 0.0)
-    velocities = np.concatenate([speeds, speeds - lost])
-    signs = np.array([[-1.0], [1.0]])
-    limits = [scaled.v, scaled.a, signs / scaled.r]
-    shares = []
-    for values, sides in zip([velocities, levels, jerks], limits, strict=True):
-        shares += [np.fmax.reduce(values / side) for side in sides]
-    exceeds = np.max(shares, axis=0) > 1 + EXCESS_RTOL
-    return np.asarray(exceeds & scaled.r.any(axis=0))

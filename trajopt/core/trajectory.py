@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
@@ -158,6 +158,27 @@ class Trajectory:
         following = np.append(offset[1:], 0.0)
         end = np.where(following > 0, following, self.lengths[piece])
         return Trajectory(breaks, coefficients, self.waypoint_times, end - offset)
+
+    @classmethod
+    def of_segments(cls, segments: Iterable[tuple[Array, Array]]) -> Trajectory:
+        """Put the segments between waypoints one after another.
+
+        Args:
+            segments: the lengths of each one's pieces, s, `(pieces,)`, and their coefficients, as a
+                trajectory has them, of one degree. Lengths stay as they are. A piece that is too
+                short to change the time since the start is left out.
+        """
+        all_lengths, all_coefficients = zip(*segments, strict=True)
+        lengths = np.concatenate(all_lengths)
+        coefficients = np.concatenate(all_coefficients, axis=1)
+        passed = np.cumsum(lengths)
+        before = np.append(0.0, passed[:-1])
+        used = passed > before
+        breaks = np.append(0.0, passed[used])
+        counts = [len(own) for own in all_lengths]
+        ends = np.cumsum(counts) - 1
+        passages = np.append(0.0, passed[ends])
+        return cls(breaks, coefficients[:, used], passages, lengths[used])
 
     @classmethod
     def joined(cls, joints: Sequence[tuple[Array, Array]], waypoint_times: ArrayLike) -> Trajectory:
