@@ -26,14 +26,13 @@ import numpy as np
 import scipy  # its parts are imported when they are used: listing planners needs none
 from numpy.typing import NDArray
 
-from baselines.exact.rounded import Clock, assembled, clocks, integrated, mended
 from baselines.linear_programs import LinearProgram
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 from trajopt.core.exceptions import InvalidInput, TrajoptError
 from trajopt.core.problem import LIMIT_NAMES, Limits, Problem
 from trajopt.core.solution import Solution, Status
-from trajopt.core.trajectory import EPS, nearest
+from trajopt.core.trajectory import Trajectory
 from trajopt.planners.planner import Planner, backend, passing_once
 from trajopt.planners.rest_to_rest import stop_times
 
@@ -64,10 +63,6 @@ _GAIN_RTOL = 1e-7
 _ROW_TOLERANCE = 1e-7
 # Factors of the states at both ends: exactly opposite states at one place crash Ruckig 0.19.
 _END_FACTORS = np.array([1.0, 1 - 1e-14])[:, None, None]
-# The judge takes smaller jumps of acceleration for rounding, relative to the highest acceleration.
-_ROUNDING_JUMP_RTOL = 1e-11
-# Jerk that fitting to rounded breaks may add, relative; a third of it is added to the duration.
-_FITTED_JERK_RTOL = 1e-8
 # Rounding of a position beyond its limit, relative to the largest coordinate.
 _POSITION_RTOL = 1e-12
 
@@ -202,51 +197,20 @@ class Sections:
             )
         ]
 
-    def profiles(self, states: Array) -> Iterator[tuple[float, list[Part]]]:
-        """Yield each segment's duration, s, and every joint's `(breaks, cubics)` in its units."""
+    def motions(self, states: Array) -> Iterator[Trajectory]:
+        """Yield the motion of each segment."""
         for k, solved in self._calculated(*_every_segment(states)):
             if not solved:
                 raise ArithmeticError(f"Ruckig gave up on segment {k + 1}")
-            yield self._time(k), [self._cubics(joint) for joint in range(len(self.moving))]
-
-    def fitted(
-        self,
-        k: int,
-        profiles: list[Part],
-        ends: Array,
-        clock: Clock,
-    ) -> list[Part]:
-        """Fit the profiles of segment `k` to the breaks that a trajectory stores.
-
-        A phase of a stiff jerk limit is so short that the rounding of its length counts. Such a
-        joint's acceleration is made straight between the rounded breaks, so that the waypoint is
-        met. The profile stays as it is if that would break the jerk limit.
-
-        Returns:
-            Every joint's stored breaks, s, and its displacement since the segment's start, rad.
-        """
-        time = self.unit_times[k]
-        unit_lengths = self._unit_lengths[k]
-        u, w = ends[:, 0] * time / unit_lengths
-        b = ends[1, 1] * time / unit_lengths * time
-        target = self._inputs[k].target_position
-        parts = []
-        for j, stored in enumerate(clock.shared([breaks for breaks, _ in profiles])):
-            breaks, cubics = profiles[j]
-            levels = np.append(2 * cubics[1], b[j])
-            fitted = None
-            if len(stored) > 3 and _stiff(levels, cubics, clock):
-                kept = nearest(breaks, clock.elapsed(stored))
-                lengths = clock.lengths(stored)
-                straight = mended(lengths, levels[kept], u[j], w[j], target[j])
-                fitted, *_ = integrated(lengths, straight, u[j])
-            highest = np.abs(cubics[0]).max() * (1 + _FITTED_JERK_RTOL)
-            if fitted is None or not np.abs(fitted[0]).max() <= highest:
-                stored = clock.stored(breaks)
-                fitted = cubics
-            coefficients = polynomials.stretched(fitted, 1 / time) * unit_lengths[j]
-            parts.append((stored, coefficients))
-        return parts
+            parts = []
+            for joint, start in enumerate(self.waypoints[k]):
+                breaks, cubics = self._cubics(joint)
+                time = self.unit_times[k]
+                coefficients = polynomials.stretched(cubics, 1 / time)
+                coefficients *= self._unit_lengths[k, joint]
+                coefficients[-1] += start
+                parts.append((time * breaks, coefficients))
+            yield Trajectory.joined(parts, [0.0, self._time(k)])
 
     def _time(self, k: int) -> float:
         """Return the time of segment `k`, just computed, s."""
@@ -595,32 +559,16 @@ def _solution(
     history: History,
 ) -> Solution:
     try:
-        durations, profiles = zip(*sections.profiles(states), strict=True)
+        motions = [*sections.motions(states)]
     except ArithmeticError as error:
         return Solution(Status.FAILED, message=str(error))
-    passages = np.append(0.0, np.cumsum(durations))
-    by_waypoint = states.swapaxes(0, 1)
-    segments = [
-        sections.fitted(
-            k,
-            profiles[k],
-            by_waypoint[k : k + 2],
-            clock,
-        )
-        for k, clock in enumerate(clocks(passages, sections.unit_times))
-    ]
+    moving = Trajectory.of_segments((own.lengths, own.coefficients) for own in motions)
+    trajectory = moving.beside(problem.waypoints[0], problem.moving)
     low, high = problem.limits.jerk.T
     return Solution(
         Status.SOLVED,
-        assembled(problem, passages, segments),
+        trajectory,
         _LOPSIDED if (-low != high).any() else "",
         evaluations=sections.evaluations,
         history=np.array(history) if history else None,
     )
-
-
-def _stiff(acceleration: Array, cubics: Array, clock: Clock) -> bool:
-    """Return whether rounding a motion's breaks changes its acceleration by more than rounding."""
-    rounding = EPS * clock.end / clock.unit
-    jump = 6 * np.abs(cubics[0]).sum() * rounding
-    return bool(jump > _ROUNDING_JUMP_RTOL * np.abs(acceleration).max())

@@ -25,7 +25,7 @@ from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
 from baselines.exact.mending import integrated, mended
 from baselines.exact.scaled import Scaled
-from trajopt.core.arrays import Array, Bools
+from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.trajectory import Trajectory
 
 # Share of a limit by which a motion may exceed it.
@@ -44,7 +44,7 @@ EVEN = 2  # evenly spaced inner breaks of a segment
 # A break is left out if that costs as little velocity as jerk gains in this share of a ramp.
 LEAST_RTOL = 7e-6
 # A break closer to another one, relative to the segment's briefest full ramp, may be left out.
-CLOSE_RTOL = 1e-3
+CLOSE_RTOL = 1e-2
 TINY = 1e-300  # instead of dividing by 0
 
 
@@ -62,13 +62,12 @@ class Reachable(Scaled):
         with np.errstate(all="ignore"):
             lengths, levels, velocity = _fitted(self, times, states)
             seconds = self.unit * lengths
-            own, *_ = integrated(seconds[..., None], a_unit * levels, v_unit * velocity)
-        waypoints = self.problem.waypoints[:-1]
-        cubics = np.zeros((*own.shape[:-1], self.problem.joints))
-        cubics[..., self.moving] = own
-        cubics[-1] += waypoints
-        by_segment = np.moveaxis(cubics, 2, 0)
-        return Trajectory.of_segments(zip(seconds.T, by_segment, strict=True))
+            cubics, *_ = integrated(seconds[..., None], a_unit * levels, v_unit * velocity)
+        waypoints = self.problem.waypoints
+        cubics[-1] += waypoints[:-1, self.moving]
+        by_segment = cubics.transpose(2, 0, 1, 3)
+        motion = Trajectory.of_segments(zip(seconds.T, by_segment, strict=True))
+        return motion.beside(waypoints[0], self.moving)
 
 
 def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Array, Array, Array]:
@@ -86,54 +85,66 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Array, Array, 
     first, last = scaled.h / limits.times + limits.times * rows.point.ends[:, 0]
     is_briefer = limits.times[:-1] < limits.times[1:]
     velocity = with_rest(np.where(is_briefer, last[:-1], first[1:]))
-    task = _Task(scaled, limits, velocity)
+    signs = np.array([[-1.0], [1.0]])
+    sides = scaled.v, scaled.a, signs / scaled.r
+    task = _Task(limits.times, scaled.h, velocity[:-1], velocity[1:], sides)
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
     gentle = task.mended(even, profiles.accelerations(even, limits))
     needs_own = task.use(even, gentle) > 1 + EXCESS_RTOL
     breaks = _breaks(profiles, limits, even, needs_own)
     own = profiles.accelerations(breaks, limits)
     levels = np.where(needs_own, own, _refined(gentle, breaks))
-    breaks, levels = _thinned(task, breaks, levels)
+    breaks, levels = _thinned(task, limits, breaks, levels)
     return task.lengths(breaks)[..., 0], task.mended(breaks, levels), velocity[:-1]
 
 
 class _Task(NamedTuple):
-    """What the motion must do in every segment.
+    """What the motion must do in segments.
 
     Breaks are shares of the segments' times, `(breaks, segments)`, the last ones of a segment 1;
     accelerations are given before and after them, `(2, breaks, segments, joints)`.
+
+    Attributes:
+        times: of the segments, `(segments, 1)`.
+        h: displacements, `(segments, joints)`.
+        u: velocities at the start, likewise.
+        w: velocities at the end, likewise.
+        limits: of velocity, acceleration and jerk, `(2, joints)` each, low first.
     """
 
-    scaled: Scaled
-    limits: _Limits
-    velocity: Array
+    times: Array
+    h: Array
+    u: Array
+    w: Array
+    limits: tuple[Array, Array, Array]
+
+    def of(self, segments: Indices) -> Self:
+        """The task in some of the segments."""
+        *tables, limits = self
+        return type(self)(*(table[segments] for table in tables), limits)
 
     def lengths(self, breaks: Array) -> Array:
         """The times between breaks, `(pieces, segments, 1)`."""
-        return np.diff(breaks, axis=0)[..., None] * self.limits.times
+        return np.diff(breaks, axis=0)[..., None] * self.times
 
     def mended(self, breaks: Array, levels: Array) -> Array:
         """Accelerations that lead to the next waypoint and its velocity."""
-        ends = self.velocity[:-1], self.velocity[1:]
-        return mended(self.lengths(breaks), levels, *ends, self.scaled.h)
+        return mended(self.lengths(breaks), levels, self.u, self.w, self.h)
 
     def use(self, breaks: Array, levels: Array) -> Array:
         """The largest share of a limit that each cell's motion uses, `(segments, joints)`."""
-        scaled = self.scaled
         lengths = self.lengths(breaks)
-        cubics, *_ = integrated(lengths, levels, self.velocity[:-1])
-        before, after = np.where(lengths > 0, [levels[0, 1:], levels[1, :-1]], 0.0)
+        cubics, *_ = integrated(lengths, levels, self.u)
+        last, first = np.where(lengths > 0, [levels[0, 1:], levels[1, :-1]], 0.0)
         jerks = 6 * cubics[0]
         speeds = cubics[2]
         # the fastest point of a piece, at no acceleration
-        passes = before * after < 0
-        lost = np.where(passes, after**2 / (2 * jerks), 0.0)
+        passes = first * last < 0
+        lost = np.where(passes, first**2 / (2 * jerks), 0.0)
         velocities = np.concatenate([speeds, speeds - lost])
-        accelerations = np.concatenate([before, after])
-        signs = np.array([[-1.0], [1.0]])
-        limits = [scaled.v, scaled.a, signs / scaled.r]
+        accelerations = np.concatenate([first, last])
         shares = []
-        for values, sides in zip([velocities, accelerations, jerks], limits, strict=True):
+        for values, sides in zip([velocities, accelerations, jerks], self.limits, strict=True):
             shares += [(values / side).max(axis=0) for side in sides]
         return np.asarray(np.max(shares, axis=0))
 
@@ -153,13 +164,17 @@ def _refined(gentle: Array, breaks: Array) -> Array:
     return np.array([np.concatenate([after[:1], before]), np.concatenate([after, before[-1:]])])
 
 
-def _thinned(task: _Task, breaks: Array, levels: Array) -> tuple[Array, Array]:
+def _thinned(
+    task: _Task,
+    limits: _Limits,
+    breaks: Array,
+    levels: Array,
+) -> tuple[Array, Array]:
     """Leave out breaks that are close to another one, where the motion keeps its limits.
 
     In each segment the closest one is tried first, and again whenever another one has gone.
     """
     segments = np.arange(breaks.shape[1])
-    limits = task.limits
     full = np.where(limits.jerky, limits.ramp, np.inf)
     close = CLOSE_RTOL * full.min(axis=1)
     use = task.use(breaks, task.mended(breaks, levels))
@@ -174,16 +189,18 @@ def _thinned(task: _Task, breaks: Array, levels: Array) -> tuple[Array, Array]:
         if not tried.size:
             return breaks, levels
         place = closest[tried]
-        keys = breaks.copy()
-        keys[place + 1, tried] = 2.0
+        few = np.arange(len(tried))
+        keys = breaks[:, tried]
+        keys[place + 1, few] = 2.0  # behind the others
         order = np.argsort(keys, axis=0, kind="stable")
-        fewer = np.minimum(np.take_along_axis(keys, order, axis=0), 1.0)
-        given = np.take_along_axis(levels, order[None, ..., None], axis=1)
-        use = task.use(fewer, task.mended(fewer, given))
-        keeps = (use[tried] <= allowed[tried]).all(axis=1)
+        fewer = np.minimum(keys[order, few], 1.0)
+        given = levels[:, order, tried]
+        own = task.of(tried)
+        use = own.use(fewer, own.mended(fewer, given))
+        keeps = (use <= allowed[tried]).all(axis=1)
         gone = tried[keeps]
-        breaks[:, gone] = fewer[:, gone]
-        levels[:, :, gone] = given[:, :, gone]
+        breaks[:, gone] = fewer[:, keeps]
+        levels[:, :, gone] = given[:, :, keeps]
         is_needed[:, gone] = False
         is_needed[place[~keeps], tried[~keeps]] = True
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -203,6 +203,19 @@ class Trajectory:
             first_row = rows - len(coefficients)
             own_pieces[first_row:, :, joint] = coefficients[:, piece]
         return cls(breaks, polynomials.shifted(own_pieces, offsets), times)
+
+    def beside(self, start: Array, moving: Bools) -> Trajectory:
+        """The motion of the joints that move, beside joints that stay where they start.
+
+        Args:
+            start: where each joint starts, `(joints,)`, rad.
+            moving: which joints move, `(joints,)`.
+        """
+        rows, pieces, _ = self.coefficients.shape
+        coefficients = np.zeros((rows, pieces, len(start)))
+        coefficients[-1] = start
+        coefficients[..., moving] = self.coefficients
+        return replace(self, coefficients=coefficients)
 
     @classmethod
     def of_moving(
