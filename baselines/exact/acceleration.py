@@ -24,6 +24,7 @@ from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes
 from baselines.exact.cells import Cells, Rows, with_rest
 from baselines.exact.crossover import minimised
+from baselines.exact.mending import integrated
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
@@ -42,8 +43,6 @@ MAX_DILATION = 2.0
 DILATION_TOL = 1e-15
 # A velocity this close to its limit is put on the limit: the duration changes by the square.
 _LIMIT_RTOL = 1e-9
-# Velocities follow the rounding of a segment's time up to this relative change.
-_ROUNDED_TIME_RTOL = 1e-9
 # Time of a start: proportional to cells (segments times moving joints), measured up to 7000.
 # With many joints it also grows with their square, measured up to 250.
 SECONDS_PER_CELL = 2e-4
@@ -86,59 +85,36 @@ class Exact(SeveralStarts):
 
 
 class Passing(Scaled):
-    """A problem without units, and the motions through given waypoint velocities.
-
-    Attributes:
-        rounding: of the waypoints, at the larger of a segment's two, `(segments, joints)`.
-    """
+    """A problem without units, and the motions through given waypoint velocities."""
 
     def __init__(self, problem: Problem) -> None:
         super().__init__(problem, jerk=False)
-        positions = np.abs(problem.waypoints[:, self.moving])
-        larger = np.maximum(positions[:-1], positions[1:])
-        self.rounding = np.spacing(larger) / self.units[-1]
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: each joint's motion of least acceleration through each segment."""
-        passages = np.r_[0.0, np.cumsum(times * self.unit)]
-        rounded = np.diff(passages) / self.unit
-        ends = with_rest(self._in_rounded_times(times, rounded, velocities))
-        every = np.arange(len(self.units[0]))
-        task = Task.of(self, ends, every)
-        return Trajectory.of_moving(
-            self.problem.waypoints[0],
-            self.moving,
-            pieces(task, passages),
-            passages,
-        )
-
-    def _in_rounded_times(
-        self,
-        times: Array,
-        rounded: Array,
-        velocities: Array,
-    ) -> Array:
-        """Waypoint velocities that brief segments are passed with in their rounded times.
-
-        Of two segments the briefer one feels its rounding most. Its mean velocity becomes what its
-        displacement asks for (where rounding of the waypoints does not hide the difference), the
-        step over it what acceleration gains.
-        """
-        quicker = _ratio(times, rounded)[:, None]
-        longer = _ratio(rounded, times)[:, None]
-        missed = np.abs(quicker - 1) * np.abs(self.h)
-        is_hidden = missed <= self.rounding
+        _, a_unit, v_unit, q_unit = self.units
+        waypoints = self.problem.waypoints
         ends = with_rest(velocities)
-        mean = (ends[:-1] + ends[1:]) / 2
-        mean *= np.where(is_hidden, 1.0, quicker)
-        step = ends[1:] - ends[:-1]
-        step *= longer
-        half = step / 2
-        before = mean + half
-        after = mean - half
-        briefer = times[:-1] < times[1:]
-        rounded_velocities = np.where(briefer[:, None], before[:-1], after[1:])
-        return self.within(rounded_velocities)
+        starts = waypoints[:-1, self.moving]
+        walls = self.problem.limits.position[self.moving].T
+        task = Task(
+            times[:, None],
+            self.h,
+            ends[:-1],
+            ends[1:],
+            self.v,
+            self.a,
+            starts / q_unit,
+            walls / q_unit,
+        )
+        lengths, acceleration = pieces(task)
+        seconds = self.unit * lengths
+        acceleration = a_unit * acceleration
+        cubics, *_ = integrated(seconds[..., None], acceleration, acceleration, v_unit * task.u)
+        cubics[-1] += starts
+        by_segment = cubics[1:].transpose(2, 0, 1, 3)
+        motion = Trajectory.of_segments(zip(seconds.T, by_segment, strict=True))
+        return motion.beside(waypoints[0], self.moving)
 
     def within(self, velocities: Array) -> Array:
         """Velocities within their limits; one that hardly misses its limit is at it."""
@@ -146,18 +122,6 @@ class Passing(Scaled):
         slowest, fastest = self.v * (1 - _LIMIT_RTOL)
         within = np.where(velocities > fastest, highest, velocities)
         return np.where(within < slowest, lowest, within)
-
-
-def _ratio(times: Array, others: Array) -> Array:
-    """Return the ratio of two times of each segment, 1 where they differ by more than 1e-9."""
-    ratio = np.divide(
-        times,
-        others,
-        out=np.ones_like(times),
-        where=others > 0,
-    )
-    is_close = np.abs(ratio - 1) <= _ROUNDED_TIME_RTOL
-    return np.where(is_close, ratio, 1.0)
 
 
 def reachable(

@@ -4,20 +4,17 @@ In each segment each joint takes the profile of least acceleration, at most two 
 Those joints that need all of their limits decide when a segment's breaks are; the others have time
 to spare, so that a break of theirs a millionth of the segment beside another joint's, or beside a
 waypoint, moves there, and where the profile leaves the joint's position limits it is the one that
-strays least. What is stored are times since the motion's start, rounded, and each joint's
-peak follows from the rounded ones.
+strays least. Each joint's peak follows from its breaks and its displacement.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
 from baselines.exact.acceleration_profiles import Ramps, extremes, gentlest, straightest
-from baselines.exact.rounded import DISTINCT_RTOL, Pieces
-from baselines.exact.scaled import Scaled
-from trajopt.core.arrays import Array, Bools, Indices
+from trajopt.core.arrays import Array, Bools
 
 # Breaks no further apart than this share of a segment become one where limits allow it.
 _SLIVER = 1e-6
@@ -27,61 +24,40 @@ _KEPT_SHARE = 1e-3
 _LEAST_SPARE = 1e-6
 # Rounding, relative to a limit or to the way that a joint travels.
 _EXCESS_RTOL = 1e-12
+# Breaks of a segment that only rounding keeps apart, relative to its time, are one.
+_ROUNDING_RTOL = 4e-15
+
+
+Sides = Array | tuple[Array, Array]  # low first
 
 
 class Task(NamedTuple):
     """The motion required of every joint in every segment, in the joint's own units.
 
     Attributes:
+        times: of the segments, `(segments, 1)`.
         h: displacements, `(segments, joints)`.
         u: velocities at the segments' starts, likewise.
         w: velocities at their ends, likewise.
         v: velocity limits, `(2, joints)`, low first.
         a: acceleration limits, likewise.
-        unit: the unit of time, s.
-        units: the units of acceleration, velocity and position, rad/s^power, `(3, joints)`.
-        q: where the segments start, rad, `(segments, joints)`.
-        positions: position limits, rad, `(2, joints)`, low first.
+        q: where the segments start, `(segments, joints)`.
+        positions: position limits, `(2, joints)`, low first.
     """
 
+    times: Array
     h: Array
     u: Array
     w: Array
     v: Array
     a: Array
-    unit: float
-    units: Array
     q: Array
     positions: Array
 
-    @classmethod
-    def of(cls, scaled: Scaled, velocity: Array, joints: Indices) -> Self:
-        """The task of some of the moving joints.
-
-        Args:
-            scaled: the problem.
-            velocity: at the waypoints, of all that move, `(segments + 1, moving joints)`.
-            joints: which of these.
-        """
-        among_all = np.flatnonzero(scaled.moving)[joints]
-        own = velocity[:, joints]
-        return cls(
-            scaled.h[:, joints],
-            own[:-1],
-            own[1:],
-            scaled.v[:, joints],
-            scaled.a[:, joints],
-            scaled.unit,
-            scaled.units[1:, joints],
-            scaled.problem.waypoints[:-1, among_all],
-            scaled.problem.limits.position[among_all].T,
-        )
-
 
 class _Breaks(NamedTuple):
-    """Stored times of every segment and joint, s since the motion's start, `(segments, joints)`."""
+    """Times since the segment's start, `(segments, joints)`; the end is `(segments, 1)`."""
 
-    start: Array
     first: Array  # end of the first ramp
     last: Array  # start of the last ramp
     end: Array
@@ -106,7 +82,7 @@ class _Breaks(NamedTuple):
         That is the break of highest `priority` `(segments, joints)`, or the segment's start or end.
         """
         inner = np.concatenate([self.first, self.last], axis=1)
-        if not self._crowded(inner, closest):
+        if not self._crowded(closest):
             return self
         priorities = np.hstack([priority, priority])
         order = np.argsort(inner, axis=1)
@@ -139,26 +115,20 @@ class _Breaks(NamedTuple):
             shared.reshape(inner.shape),
             axis=1,
         )
-        start = self.start[:, :1]
-        end = self.end[:, :1]
-        moved = np.where(
-            end - moved <= closest,
-            end,
-            moved,
-        )
-        moved = np.where(
-            moved - start <= closest,
-            start,
-            moved,
-        )
+        moved = np.where(self.end - moved <= closest, self.end, moved)
+        moved = np.where(moved <= closest, 0.0, moved)
         first, last = np.hsplit(moved, 2)
         return self._replace(first=first, last=last)
 
-    def _crowded(self, inner: Array, closest: Array) -> bool:
-        """Return whether two distinct breaks are that close, or one is that close to an end."""
-        ends = (self.start[:, :1], self.end[:, :1])
-        times = np.concatenate([*ends, inner], axis=1)
+    def sorted(self) -> Array:
+        """All breaks of each segment in order, its ends among them, `(segments, breaks)`."""
+        times = np.hstack([np.zeros_like(self.end), self.first, self.last, self.end])
         times.sort(axis=1)
+        return times
+
+    def _crowded(self, closest: Array) -> bool:
+        """Return whether two distinct breaks are that close, or one is that close to an end."""
+        times = self.sorted()
         steps = np.diff(times, axis=1)
         crowded = (steps > 0) & (steps <= closest)
         return bool(crowded.any())
@@ -167,7 +137,7 @@ class _Breaks(NamedTuple):
 class _Profiles(NamedTuple):
     """Velocity profiles over breaks, three pieces each."""
 
-    lengths: Array  # in units of time, `(3, segments, joints)`
+    lengths: Array  # `(3, segments, joints)`
     velocity: Array  # at the breaks, `(4, segments, joints)`
     acceleration: Array
 
@@ -187,77 +157,44 @@ class _Profiles(NamedTuple):
         return displacement
 
 
-def pieces(task: Task, passages: Array) -> list[Pieces]:
-    """Each joint's breaks, s, and its position as coefficients, rad/s^power.
+def pieces(task: Task) -> tuple[Array, Array]:
+    """The motion of all joints, on breaks that they share.
 
-    Args:
-        task: what the joints do.
-        passages: when the waypoints are passed, s, `(segments + 1,)`.
+    Returns:
+        Lengths of the pieces, `(pieces, segments)`, some of them 0, and the accelerations,
+        `(pieces, segments, joints)`.
     """
-    duration = passages[-1]
-    whole = np.diff(passages)[:, None]
-    between = (task.u, task.w, whole / task.unit)
-    limits = (task.v, task.a)
-    # in the segment's rounded time the limits may allow a little less than all of it
+    between = task.u, task.w, task.times
+    limits = task.v, task.a
+    # rounding may ask for a little more than limits allow
     reach = extremes(*between, *limits)
-    covered = np.clip(
-        task.h,
-        reach.d_lo,
-        reach.d_up,
-    )
-    task = task._replace(h=covered)
-    ramps = gentlest(*between, covered, *limits)
+    task = task._replace(h=np.clip(task.h, reach.d_lo, reach.d_up))
+    ramps = gentlest(*between, task.h, *limits)
     if np.isfinite(task.positions).any():
-        ramps = _within_positions(
-            ramps,
-            task,
-            whole / task.unit,
-        )
-    breaks = _apart(
-        ramps,
-        task,
-        passages,
-    )
-    # a trajectory stores breaks as one that only rounding separates
-    resolution = np.full_like(whole, DISTINCT_RTOL * duration)
-    breaks = breaks.moved(ramps.share, resolution)
+        ramps = _within_positions(ramps, task)
+    breaks = _apart(ramps, task)
     profiles = _covering(breaks, task)
-    allowed = _allowed(profiles, task)
-    if not allowed.all():
-        read = _read(
-            breaks,
-            ramps,
-            task,
-        )
-        velocity = np.where(
-            allowed,
-            profiles.velocity,
-            read,
-        )
-        profiles = _profiles(profiles.lengths, velocity)
-    return _by_joint(
-        breaks,
-        profiles,
-        task,
-        duration,
-    )
+    # over a brief piece, rounding of the velocities shows
+    braking, cruising, speeding = np.clip(profiles.acceleration, *task.a)
+    own = breaks.sorted().T
+    middles = (own[:-1] + own[1:])[..., None] / 2
+    is_first = middles < breaks.first
+    is_last = middles > breaks.last
+    acceleration = np.where(is_first, braking, np.where(is_last, speeding, cruising))
+    return np.diff(own, axis=0), acceleration
 
 
-def _within_positions(ramps: Ramps, task: Task, t: Array) -> Ramps:
+def _within_positions(ramps: Ramps, task: Task) -> Ramps:
     """Ramps that stray least, where these ones leave the position limits."""
     spare = np.maximum(1 - ramps.share, 0.0)
     # joints that decide the segment's time have no choice
     has_choice = spare > _LEAST_SPARE
-    leaves = has_choice & _leaves_positions(
-        ramps,
-        task,
-        t,
-    )
+    leaves = has_choice & _leaves_positions(ramps, task)
     taken = 1 - _KEPT_SHARE * spare
     cruise, first, last = straightest(
         task.u,
         task.w,
-        t,
+        task.times,
         task.h,
         taken * task.a[:, None],
     )
@@ -281,10 +218,10 @@ def _within_positions(ramps: Ramps, task: Task, t: Array) -> Ramps:
     )
 
 
-def _leaves_positions(ramps: Ramps, task: Task, t: Array) -> Bools:
+def _leaves_positions(ramps: Ramps, task: Task) -> Bools:
     """Which joints leave their position limits, in which segments: waypoints are within them."""
     peak = ramps.peak
-    cruise = t - ramps.first - ramps.last
+    cruise = task.times - ramps.first - ramps.last
     lengths = np.array([ramps.first, cruise, ramps.last])
     velocity = np.array([task.u, peak, peak, task.w])
     profiles = _profiles(lengths, velocity)
@@ -299,55 +236,19 @@ def _leaves_positions(ramps: Ramps, task: Task, t: Array) -> Bools:
         where=turns,
     )
     turning = profiles.starts + before * elapsed / 2
-    positions = task.q + task.units[-1] * turning
-    return _beyond(positions, task.positions)
+    return _beyond(task.q + turning, task.positions)
 
 
-def _apart(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
+def _apart(ramps: Ramps, task: Task) -> _Breaks:
     """The breaks of these ramps, none too close to others where limits allow that."""
-    own = _stored(
-        ramps,
-        task,
-        passages,
-    )
-    whole = own.end - own.start
-    closest = np.maximum(_SLIVER * whole, DISTINCT_RTOL * passages[-1])
+    end = task.times
+    first = np.minimum(ramps.first, end)
+    last = np.maximum(first, end - ramps.last)
+    own = _Breaks(first, last, end)
     # the place of a waypoint, or of another joint's break
-    shared = own.moved(ramps.share, closest[:, :1])
+    shared = own.moved(ramps.share, _SLIVER * end)
     allowed = _allowed(_covering(shared, task), task)
-    return own.where(allowed, shared)
-
-
-def _stored(ramps: Ramps, task: Task, passages: Array) -> _Breaks:
-    """When ramps end and begin, rounded so that none gets briefer."""
-    shape = task.h.shape
-    start = np.broadcast_to(passages[:-1, None], shape)
-    end = np.broadcast_to(passages[1:, None], shape)
-    unit = task.unit
-    first = start + ramps.first * unit
-    later = np.nextafter(first, np.inf)
-    is_brief = (first - start) / unit < ramps.first
-    first = np.where(
-        is_brief,
-        later,
-        first,
-    )
-    first = np.minimum(first, end)
-    last = end - ramps.last * unit
-    earlier = np.nextafter(last, -np.inf)
-    is_brief = (end - last) / unit < ramps.last
-    last = np.where(
-        is_brief,
-        earlier,
-        last,
-    )
-    last = np.maximum(first, last)
-    return _Breaks(
-        start,
-        first,
-        last,
-        end,
-    )
+    return own.where(allowed, shared).moved(ramps.share, _ROUNDING_RTOL * end)
 
 
 def _covering(breaks: _Breaks, task: Task) -> _Profiles:
@@ -358,8 +259,10 @@ def _covering(breaks: _Breaks, task: Task) -> _Profiles:
     """
     u = task.u
     w = task.w
-    lengths = _lengths(breaks, task)
-    first, middle, last = lengths
+    first = breaks.first
+    middle = breaks.last - first
+    last = breaks.end - breaks.last
+    lengths = np.array([first, middle, last])
     has_first = first > 0
     has_last = last > 0
     speeds_up = has_first & (middle + last > 0)
@@ -418,41 +321,6 @@ def _covering(breaks: _Breaks, task: Task) -> _Profiles:
     return _profiles(lengths, velocity)
 
 
-def _read(breaks: _Breaks, ramps: Ramps, task: Task) -> Array:
-    """The velocities that these ramps have at rounded breaks: no steeper than they are."""
-    peak = ramps.peak
-    from_start = task.u - peak
-    from_end = task.w - peak
-    velocity = [task.u]
-    for time in (breaks.first, breaks.last):
-        elapsed = (time - breaks.start) / task.unit
-        remaining = (breaks.end - time) / task.unit
-        rising = from_start * _left(elapsed, ramps.first)
-        falling = from_end * _left(remaining, ramps.last)
-        velocity.append(peak + rising + falling)
-    velocity.append(task.w)
-    return np.array(velocity)
-
-
-def _left(elapsed: Array, ramp: Array) -> Array:
-    """Return the remaining share of a ramp."""
-    gone = np.divide(
-        elapsed,
-        ramp,
-        out=np.ones_like(ramp),
-        where=ramp > 0,
-    )
-    return np.maximum(1 - gone, 0.0)
-
-
-def _lengths(breaks: _Breaks, task: Task) -> Array:
-    """Return the lengths of the three pieces, in units of time, `(3, segments, joints)`."""
-    times = np.array(breaks)
-    lengths = times[1:] - times[:-1]
-    lengths /= task.unit
-    return lengths
-
-
 def _profiles(lengths: Array, velocity: Array) -> _Profiles:
     steps = velocity[1:] - velocity[:-1]
     acceleration = np.divide(
@@ -471,43 +339,23 @@ def _profiles(lengths: Array, velocity: Array) -> _Profiles:
 def _allowed(profiles: _Profiles, task: Task) -> Bools:
     """Which joints keep their limits, and cover their displacement, in which segments."""
     wider = 1 + _EXCESS_RTOL
-    steep = _beyond(profiles.acceleration, wider * task.a)
+    # in a brief segment rounding of the velocities at its ends is much of what it gains
+    rounding = _ROUNDING_RTOL * (np.abs(task.u) + np.abs(task.w)) / task.times
+    braking, speeding = wider * task.a
+    steep = _beyond(profiles.acceleration, (braking - rounding, speeding + rounding))
     fast = _beyond(profiles.velocity[1:3], wider * task.v)
     travelled = profiles.travelled.sum(axis=0)
     missed = np.abs(travelled - task.h)
     speeds = np.abs(profiles.velocity)
     fastest = np.maximum(speeds[:-1], speeds[1:])
     paths = profiles.lengths * fastest
-    covered = missed <= _EXCESS_RTOL * paths.sum(axis=0)
+    # nothing is missed that the rounding of the waypoint hides
+    covered = missed <= np.maximum(_EXCESS_RTOL * paths.sum(axis=0), np.spacing(np.abs(task.q)))
     return covered & ~steep & ~fast
 
 
-def _beyond(values: Array, limits: Array) -> Bools:
+def _beyond(values: Array, limits: Sides) -> Bools:
     """Return where one of the values along the first axis lies beyond its limits."""
     low, high = limits
     outside = (values < low) | (values > high)
     return outside.any(axis=0)
-
-
-def _by_joint(
-    breaks: _Breaks,
-    profiles: _Profiles,
-    task: Task,
-    duration: float,
-) -> list[Pieces]:
-    """Every joint's pieces that take time, one segment after another."""
-    # over a brief piece, rounding of the velocities shows
-    acceleration = np.clip(profiles.acceleration, *task.a)
-    before = profiles.velocity[:-1]
-    by_power = np.array([acceleration / 2, before, profiles.starts])
-    by_power *= task.units[:, None, None]
-    by_power[-1] += task.q
-    starts = np.array(breaks[:-1])
-    joints = []
-    for i in range(task.h.shape[1]):
-        takes_time = profiles.lengths[..., i].T > 0
-        own = starts[..., i].T[takes_time]
-        coefficients = by_power[..., i].swapaxes(1, 2)
-        stored = np.append(own, duration)
-        joints.append((stored, coefficients[:, takes_time]))
-    return joints

@@ -62,7 +62,9 @@ class Reachable(Scaled):
         with np.errstate(all="ignore"):
             lengths, levels, velocity = _fitted(self, times, states)
             seconds = self.unit * lengths
-            cubics, *_ = integrated(seconds[..., None], a_unit * levels, v_unit * velocity)
+            before, after = a_unit * levels
+            own = seconds[..., None]
+            cubics, *_ = integrated(own, after[:-1], before[1:], v_unit * velocity)
         waypoints = self.problem.waypoints
         cubics[-1] += waypoints[:-1, self.moving]
         by_segment = cubics.transpose(2, 0, 1, 3)
@@ -134,8 +136,9 @@ class _Task(NamedTuple):
     def use(self, breaks: Array, levels: Array) -> Array:
         """The largest share of a limit that each cell's motion uses, `(segments, joints)`."""
         lengths = self.lengths(breaks)
-        cubics, *_ = integrated(lengths, levels, self.u)
-        last, first = np.where(lengths > 0, [levels[0, 1:], levels[1, :-1]], 0.0)
+        before, after = levels
+        first, last = np.where(lengths > 0, [after[:-1], before[1:]], 0.0)
+        cubics, *_ = integrated(lengths, first, last, self.u)
         jerks = 6 * cubics[0]
         speeds = cubics[2]
         # the fastest point of a piece, at no acceleration

@@ -28,7 +28,8 @@ def missing(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) -
     Returns:
         Both, `(2, …)`.
     """
-    _, reached, travelled = integrated(lengths, acceleration, u)
+    before, after = acceleration
+    _, reached, travelled = integrated(lengths, after[:-1], before[1:], u)
     missed = np.array([w - reached, h - travelled])
     sizes = np.array([np.abs(u) + np.abs(w), np.abs(h)])
     return np.where(np.abs(missed) > _ROUNDING_RTOL * sizes, missed, 0.0)
@@ -44,8 +45,8 @@ def mended(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) ->
     passed = _from(none, lengths / lengths.sum(axis=0))
     even = passed * (1 - passed)
     odd = even * (1 - 2 * passed)
-    _, even_gain, even_way = integrated(lengths, np.array([even, even]), none)
-    _, odd_gain, odd_way = integrated(lengths, np.array([odd, odd]), none)
+    _, even_gain, even_way = integrated(lengths, even[:-1], even[1:], none)
+    _, odd_gain, odd_way = integrated(lengths, odd[:-1], odd[1:], none)
     # both equations by Cramer's rule
     size = even_gain * odd_way - odd_gain * even_way
     for _ in range(_MENDINGS):
@@ -56,17 +57,18 @@ def mended(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) ->
     return acceleration
 
 
-def integrated(lengths: Array, acceleration: Array, u: Array) -> tuple[Array, Array, Array]:
+def integrated(lengths: Array, first: Array, last: Array, u: Array) -> tuple[Array, Array, Array]:
     """The motions of piecewise linear acceleration, and their velocities and displacements.
 
-    The arguments are those of `missing`.
+    Args:
+        lengths: of the pieces, `(pieces, …)`.
+        first: acceleration at the start of each piece, likewise.
+        last: and at its end.
+        u: velocities at the start, `(…)`.
 
     Returns:
         Position coefficients `(4, pieces, …)`, velocity and displacement at the end, `(…)`.
     """
-    before, after = acceleration
-    first = after[:-1]
-    last = before[1:]
     # a piece of no length, as after the last break of a table, changes nothing
     jerk = np.divide(last - first, lengths, out=np.zeros_like(first), where=lengths > 0)
     cubic = jerk / 6

@@ -1,4 +1,4 @@
-"""Motions of least acceleration: closed forms, rounded breaks, and no slivers."""
+"""Motions of least acceleration: closed forms, shared breaks, and no slivers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 from baselines.exact.acceleration import Exact
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes, gentlest, straightest
-from trajopt import Limits, Problem, verify
+from baselines.exact.mending import integrated
+from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
 
@@ -147,44 +148,31 @@ def test_the_limit_of_a_velocity_step_follows_from_the_interval() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_motion_late_in_a_long_trajectory_covers_its_displacement(seed: int) -> None:
+def test_a_motion_late_in_a_long_trajectory_is_the_same(seed: int) -> None:
     """Breaks after 1000 s are rounded to 1e-13 s, a percent of some of these segments' ramps."""
     rng = np.random.default_rng(seed)
     for length in 10.0 ** rng.uniform(-6, 0, 50):
-        unit = 0.3
-        end = 1000.0 + length
-        t = (end - 1000.0) / unit
         u = rng.uniform(*V)
-        w = np.clip(u + rng.uniform(*A) * t, *V)
-        _, upper, _, lower = extremes(u, w, t, V, A)
+        w = np.clip(u + rng.uniform(*A) * length, *V)
+        _, upper, _, lower = extremes(u, w, length, V, A)
         h = rng.uniform(lower, upper)
         # at rest for 1000 s, then this segment
-        none = np.zeros((2, 1))
-        of_both = np.array([0.0, 1.0])[:, None]
-        task = Task(
-            h * of_both,
-            u * of_both,
-            w * of_both,
-            V[:, None],
-            A[:, None],
-            unit,
-            units=np.ones((3, 1)),
-            q=none,
-            positions=np.array([[-np.inf], [np.inf]]),
+        both = np.array([[0.0], [1.0]])
+        far = np.array([[-np.inf], [np.inf]])
+        times = np.array([[1000.0], [length]])
+        task = Task(times, h * both, u * both, w * both, V[:, None], A[:, None], 0 * both, far)
+        lengths, acceleration = pieces(task)
+        assert (acceleration >= A[0]).all()
+        assert (acceleration <= A[1]).all()
+        cubics, velocity, travelled = integrated(
+            lengths[..., None], acceleration, acceleration, task.u
         )
-        passages = np.array([0.0, 1000.0, end])
-        ((stored, coefficients),) = pieces(task, passages)
-        first = np.searchsorted(stored, 1000.0)
-        half, velocity, position = coefficients[:, first:]
-        steps = np.diff(stored[first:])
-        lengths = steps / unit
-        end = position + lengths * (velocity + lengths * half)
-        speed = velocity + 2 * lengths * half
-        assert end[-1] == pytest.approx(h, abs=1e-12 * max(abs(u), abs(w)) * t)
-        np.testing.assert_allclose(speed[:-1], velocity[1:], atol=1e-12)
-        assert speed[-1] == pytest.approx(w, abs=1e-12)
-        assert (A[0] / 2 <= half).all()
-        assert (half <= A[1] / 2).all()
+        assert travelled[1] == pytest.approx(h, abs=1e-12 * max(abs(u), abs(w)) * length)
+        assert velocity[1] == pytest.approx(w, abs=1e-14)
+        by_segment = cubics.transpose(2, 0, 1, 3)
+        motion = Trajectory.of_segments(zip(lengths.T, by_segment, strict=True))
+        own = motion.lengths[motion.breaks[:-1] >= 1000.0]
+        np.testing.assert_array_equal(own, lengths[:, 1][lengths[:, 1] > 0])
 
 
 def shortest_piece(problem: Problem) -> float:
