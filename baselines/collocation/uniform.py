@@ -308,12 +308,8 @@ class Grid:
         parts *= self.scale / self.unit**powers
         parts[3] += self.origin
         joints = [(breaks[:, i], parts[:, :, i]) for i in range(len(self.scale))]
-        return Trajectory.of_moving(
-            self.problem.waypoints[0],
-            self.moving,
-            joints,
-            at,
-        )
+        moving = Trajectory.joined(joints, at)
+        return moving.beside(self.problem.waypoints[0], self.moving)
 
 
 def _from_zero(lengths: Array) -> Array:

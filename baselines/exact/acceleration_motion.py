@@ -350,7 +350,9 @@ def _allowed(profiles: _Profiles, task: Task) -> Bools:
     fastest = np.maximum(speeds[:-1], speeds[1:])
     paths = profiles.lengths * fastest
     # nothing is missed that the rounding of the waypoint hides
-    covered = missed <= np.maximum(_EXCESS_RTOL * paths.sum(axis=0), np.spacing(np.abs(task.q)))
+    hidden = np.spacing(np.abs(task.q))
+    excess = _EXCESS_RTOL * paths.sum(axis=0)
+    covered = missed <= np.maximum(excess, hidden)
     return covered & ~steep & ~fast
 
 
@@ -358,4 +360,4 @@ def _beyond(values: Array, limits: Sides) -> Bools:
     """Return where one of the values along the first axis lies beyond its limits."""
     low, high = limits
     outside = (values < low) | (values > high)
-    return outside.any(axis=0)
+    return np.asarray(outside.any(axis=0))

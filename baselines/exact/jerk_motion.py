@@ -45,6 +45,7 @@ EVEN = 2  # evenly spaced inner breaks of a segment
 LEAST_RTOL = 7e-6
 # A break closer to another one, relative to the segment's briefest full ramp, may be left out.
 CLOSE_RTOL = 1e-2
+MENDINGS = 2
 TINY = 1e-300  # instead of dividing by 0
 
 
@@ -62,9 +63,9 @@ class Reachable(Scaled):
         with np.errstate(all="ignore"):
             lengths, levels, velocity = _fitted(self, times, states)
             seconds = self.unit * lengths
-            before, after = a_unit * levels
+            first, last = a_unit * levels
             own = seconds[..., None]
-            cubics, *_ = integrated(own, after[:-1], before[1:], v_unit * velocity)
+            cubics, *_ = integrated(own, first, last, v_unit * velocity)
         waypoints = self.problem.waypoints
         cubics[-1] += waypoints[:-1, self.moving]
         by_segment = cubics.transpose(2, 0, 1, 3)
@@ -76,35 +77,46 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Array, Array, 
     """The motion with the fewest breaks that suffice.
 
     Returns:
-        Lengths of the pieces, `(pieces, segments)`, the last ones of a segment 0; accelerations
-        before and after their ends, `(2, pieces + 1, segments, joints)`; velocities at the
-        segments' starts, `(segments, joints)`.
+        Lengths of the pieces, `(pieces, segments)`, the last ones of a segment 0; accelerations at
+        their starts and ends, `(2, pieces, segments, joints)`; velocities at the segments' starts,
+        `(segments, joints)`.
     """
     limits = _Limits.of(scaled, times)
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
     # of a waypoint's two segments the briefer one feels rounding of its velocity most
-    first, last = scaled.h / limits.times + limits.times * rows.point.ends[:, 0]
+    mean = scaled.h / limits.times
+    first, last = mean + limits.times * rows.point.ends[:, 0]
     is_briefer = limits.times[:-1] < limits.times[1:]
-    velocity = with_rest(np.where(is_briefer, last[:-1], first[1:]))
+    inner = np.where(is_briefer, last[:-1], first[1:])
+    velocity = with_rest(inner)
+    starts = velocity[:-1]
     signs = np.array([[-1.0], [1.0]])
     sides = scaled.v, scaled.a, signs / scaled.r
-    task = _Task(limits.times, scaled.h, velocity[:-1], velocity[1:], sides)
+    task = _Task(limits.times, scaled.h, starts, velocity[1:], sides)
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
     gentle = task.mended(even, profiles.accelerations(even, limits))
-    needs_own = task.use(even, gentle) > 1 + EXCESS_RTOL
+    suffices = task.use(even, gentle) <= 1 + EXCESS_RTOL
+    needs_own = ~(suffices & limits.jerky)
     breaks = _breaks(profiles, limits, even, needs_own)
     own = profiles.accelerations(breaks, limits)
-    levels = np.where(needs_own, own, _refined(gentle, breaks))
+    knots = np.broadcast_to(even[..., None], gentle[0].shape)
+    levels = np.where(needs_own, own, _between(breaks, knots, gentle[0]))
     breaks, levels = _thinned(task, limits, breaks, levels)
-    return task.lengths(breaks)[..., 0], task.mended(breaks, levels), velocity[:-1]
+    # the second time mends the rounding of the first
+    for _ in range(MENDINGS):
+        levels = task.mended(breaks, levels)
+    lengths = task.lengths(breaks)[..., 0]
+    before, after = levels
+    return lengths, np.array([after[:-1], before[1:]]), starts
 
 
 class _Task(NamedTuple):
-    """What the motion must do in segments.
+    """The waypoints and limits of some segments.
 
-    Breaks are shares of the segments' times, `(breaks, segments)`, the last ones of a segment 1;
-    accelerations are given before and after them, `(2, breaks, segments, joints)`.
+    A motion is given by its breaks, shares of the segments' times, `(breaks, segments)`, the last
+    ones of a segment 1, and by the accelerations before and after them, `(2, breaks, segments,
+    joints)`.
 
     Attributes:
         times: of the segments, `(segments, 1)`.
@@ -122,49 +134,43 @@ class _Task(NamedTuple):
 
     def of(self, segments: Indices) -> Self:
         """The task in some of the segments."""
-        *tables, limits = self
-        return type(self)(*(table[segments] for table in tables), limits)
+        return self._replace(
+            times=self.times[segments],
+            h=self.h[segments],
+            u=self.u[segments],
+            w=self.w[segments],
+        )
 
     def lengths(self, breaks: Array) -> Array:
         """The times between breaks, `(pieces, segments, 1)`."""
-        return np.diff(breaks, axis=0)[..., None] * self.times
+        shares = np.diff(breaks, axis=0)
+        return shares[..., None] * self.times
 
     def mended(self, breaks: Array, levels: Array) -> Array:
         """Accelerations that lead to the next waypoint and its velocity."""
-        return mended(self.lengths(breaks), levels, self.u, self.w, self.h)
+        lengths = self.lengths(breaks)
+        return mended(lengths, levels, self.u, self.w, self.h)
 
     def use(self, breaks: Array, levels: Array) -> Array:
         """The largest share of a limit that each cell's motion uses, `(segments, joints)`."""
         lengths = self.lengths(breaks)
         before, after = levels
-        first, last = np.where(lengths > 0, [after[:-1], before[1:]], 0.0)
+        ends = np.array([after[:-1], before[1:]])
+        first, last = np.where(lengths > 0, ends, 0.0)
         cubics, *_ = integrated(lengths, first, last, self.u)
         jerks = 6 * cubics[0]
         speeds = cubics[2]
         # the fastest point of a piece, at no acceleration
         passes = first * last < 0
-        lost = np.where(passes, first**2 / (2 * jerks), 0.0)
+        until = first**2 / (2 * jerks)
+        lost = np.where(passes, until, 0.0)
         velocities = np.concatenate([speeds, speeds - lost])
         accelerations = np.concatenate([first, last])
+        tables = [velocities, accelerations, jerks]
         shares = []
-        for values, sides in zip([velocities, accelerations, jerks], self.limits, strict=True):
+        for values, sides in zip(tables, self.limits, strict=True):
             shares += [(values / side).max(axis=0) for side in sides]
         return np.asarray(np.max(shares, axis=0))
-
-
-def _refined(gentle: Array, breaks: Array) -> Array:
-    """Accelerations of a motion with even breaks, before and after other ones among them."""
-    pieces = EVEN + 1
-    middles = (breaks[:-1] + breaks[1:]) / 2
-    piece = np.minimum(pieces * middles, EVEN).astype(int)
-    segments = np.arange(breaks.shape[1])
-    first = gentle[1, piece, segments]
-    change = gentle[0, piece + 1, segments] - first
-    since = (pieces * breaks[:-1] - piece)[..., None]
-    until = (pieces * breaks[1:] - piece)[..., None]
-    after = first + since * change
-    before = first + until * change
-    return np.array([np.concatenate([after[:1], before]), np.concatenate([after, before[-1:]])])
 
 
 def _thinned(
@@ -180,26 +186,31 @@ def _thinned(
     segments = np.arange(breaks.shape[1])
     full = np.where(limits.jerky, limits.ramp, np.inf)
     close = CLOSE_RTOL * full.min(axis=1)
-    use = task.use(breaks, task.mended(breaks, levels))
+    given = task.mended(breaks, levels)
+    use = task.use(breaks, given)
     allowed = np.maximum(use, 1 + EXCESS_RTOL)
-    is_needed = np.zeros(breaks[1:-1].shape, dtype=bool)
+    inner = breaks[1:-1]
+    is_needed = np.zeros(inner.shape, dtype=bool)
     while True:
         gaps = np.diff(breaks, axis=0)
         distance = np.minimum(gaps[:-1], gaps[1:])
-        distance[is_needed | (breaks[1:-1] == 1)] = np.inf
+        is_end = inner == 1
+        distance[is_needed | is_end] = np.inf
         closest = distance.argmin(axis=0)
-        (tried,) = np.nonzero(distance[closest, segments] < close)
+        least = distance[closest, segments]
+        (tried,) = np.nonzero(least < close)
         if not tried.size:
             return breaks, levels
         place = closest[tried]
-        few = np.arange(len(tried))
-        keys = breaks[:, tried]
-        keys[place + 1, few] = 2.0  # behind the others
-        order = np.argsort(keys, axis=0, kind="stable")
-        fewer = np.minimum(keys[order, few], 1.0)
+        columns = np.arange(len(tried))
+        fewer = breaks[:, tried]
+        fewer[place + 1, columns] = np.inf
+        order = np.argsort(fewer, axis=0, kind="stable")
+        fewer = np.minimum(fewer[order, columns], 1.0)
         given = levels[:, order, tried]
         own = task.of(tried)
-        use = own.use(fewer, own.mended(fewer, given))
+        fitted = own.mended(fewer, given)
+        use = own.use(fewer, fitted)
         keeps = (use <= allowed[tried]).all(axis=1)
         gone = tried[keeps]
         breaks[:, gone] = fewer[:, keeps]
@@ -393,9 +404,10 @@ class _Profiles(NamedTuple):
         at_breaks = self._at(breaks)
         if limits.jerky.all():
             return np.array([at_breaks, at_breaks])
-        middles = self._at((breaks[:-1] + breaks[1:]) / 2)
-        before = np.concatenate([middles[:1], middles])
-        after = np.concatenate([middles, middles[-1:]])
+        middles = (breaks[:-1] + breaks[1:]) / 2
+        level = self._at(middles)
+        before = np.concatenate([level[:1], level])
+        after = np.concatenate([level, level[-1:]])
         return np.where(limits.jerky, at_breaks, [before, after])
 
     def _at(self, times: Array) -> Array:

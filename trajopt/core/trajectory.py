@@ -218,29 +218,6 @@ class Trajectory:
         return replace(self, coefficients=coefficients)
 
     @classmethod
-    def of_moving(
-        cls,
-        start: Array,
-        moving: Bools,
-        parts: Sequence[tuple[Array, Array]],
-        waypoint_times: ArrayLike,
-    ) -> Trajectory:
-        """Joints that move, joined, beside those that stay where they start.
-
-        Args:
-            start: Where each joint starts, `(joints,)`, rad.
-            moving: Which joints move, `(joints,)`.
-            parts: `(breaks, coefficients)` of each joint that moves, as for `joined`.
-            waypoint_times: When each waypoint is passed, s.
-        """
-        times = np.asarray(waypoint_times, dtype=float)
-        whole = times[[0, -1]]
-        joints = [(whole, np.array([[q]])) for q in start]
-        for joint, part in zip(np.flatnonzero(moving), parts, strict=True):
-            joints[joint] = part
-        return cls.joined(joints, times)
-
-    @classmethod
     def from_samples(
         cls,
         times: ArrayLike,

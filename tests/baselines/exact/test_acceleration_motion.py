@@ -158,21 +158,29 @@ def test_a_motion_late_in_a_long_trajectory_is_the_same(seed: int) -> None:
         h = rng.uniform(lower, upper)
         # at rest for 1000 s, then this segment
         both = np.array([[0.0], [1.0]])
-        far = np.array([[-np.inf], [np.inf]])
-        times = np.array([[1000.0], [length]])
-        task = Task(times, h * both, u * both, w * both, V[:, None], A[:, None], 0 * both, far)
+        task = Task(
+            times=np.array([[1000.0], [length]]),
+            h=h * both,
+            u=u * both,
+            w=w * both,
+            v=V[:, None],
+            a=A[:, None],
+            q=0 * both,
+            positions=np.array([[-np.inf], [np.inf]]),
+        )
         lengths, acceleration = pieces(task)
         assert (acceleration >= A[0]).all()
         assert (acceleration <= A[1]).all()
-        cubics, velocity, travelled = integrated(
-            lengths[..., None], acceleration, acceleration, task.u
-        )
-        assert travelled[1] == pytest.approx(h, abs=1e-12 * max(abs(u), abs(w)) * length)
+        each = lengths[..., None]
+        cubics, velocity, travelled = integrated(each, acceleration, acceleration, task.u)
+        fastest = max(abs(u), abs(w))
+        assert travelled[1] == pytest.approx(h, abs=1e-12 * fastest * length)
         assert velocity[1] == pytest.approx(w, abs=1e-14)
         by_segment = cubics.transpose(2, 0, 1, 3)
         motion = Trajectory.of_segments(zip(lengths.T, by_segment, strict=True))
-        own = motion.lengths[motion.breaks[:-1] >= 1000.0]
-        np.testing.assert_array_equal(own, lengths[:, 1][lengths[:, 1] > 0])
+        late = motion.breaks[:-1] >= 1000.0
+        _, own = lengths.T
+        np.testing.assert_array_equal(motion.lengths[late], own[own > 0])
 
 
 def shortest_piece(problem: Problem) -> float:

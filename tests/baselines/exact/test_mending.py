@@ -13,33 +13,44 @@ def test_mended_accelerations_end_with_their_velocity_where_they_should() -> Non
     lengths = 10 ** rng.uniform(-9, 0, (8, 50))
     t = lengths.sum(axis=0)
     u, w, h = rng.uniform(-1, 1, (3, 50))
-    before, after = mended(lengths, rng.uniform(-1, 1, (2, 9, 50)), u, w, h)
-    cubics, velocity, displacement = integrated(lengths, after[:-1], before[1:], u)
+    given = rng.uniform(-1, 1, (2, 9, 50))
+    once = mended(lengths, given, u, w, h)
+    before, after = mended(lengths, once, u, w, h)
+    first = after[:-1]
+    last = before[1:]
+    cubics, velocity, displacement = integrated(lengths, first, last, u)
     np.testing.assert_allclose(velocity, w, atol=1e-13)
     np.testing.assert_allclose(displacement, h, atol=1e-13 * t.max())
     # each piece's jerk and acceleration lead to its end, and its velocity to the next piece
     cubic, square, speed, _ = cubics
     sizes = np.abs(before).max(axis=0)
     ends = 2 * square + 6 * cubic * lengths
-    np.testing.assert_allclose(ends / sizes, before[1:] / sizes, atol=1e-12)
-    reached = speed + lengths * (2 * square + 3 * cubic * lengths)
-    np.testing.assert_allclose(reached[:-1], speed[1:], atol=1e-12)
+    np.testing.assert_allclose(ends / sizes, last / sizes, atol=1e-12)
+    mean = square + 1.5 * cubic * lengths
+    reached = speed + 2 * mean * lengths
+    following = speed[1:]
+    np.testing.assert_allclose(reached[:-1], following, atol=1e-12)
 
 
 def test_pieces_of_no_length_change_nothing() -> None:
     rng = np.random.default_rng(3)
     lengths = np.array([0.3, 0.0, 0.7, 0.0])
     first, last = rng.uniform(-1, 1, (2, 4))
-    whole = integrated(lengths, first, last, np.array(0.5))
+    u = np.array(0.5)
+    _, *whole = integrated(lengths, first, last, u)
     used = lengths > 0
-    fewer = integrated(lengths[used], first[used], last[used], np.array(0.5))
-    np.testing.assert_allclose(whole[1:], fewer[1:], rtol=1e-15)
+    _, *fewer = integrated(lengths[used], first[used], last[used], u)
+    np.testing.assert_allclose(whole, fewer, rtol=1e-15)
 
 
 def test_what_is_missing_is_not_rounding() -> None:
     lengths = np.array([[0.25], [0.5], [0.25]])
     none = np.zeros((2, 4, 1))
-    slow, short = missing(lengths, none, np.array([1.0]), np.array([1.0 + 1e-15]), np.array([1.0]))
-    assert (slow, short) == (0, 0)
-    slow, short = missing(lengths, none, np.array([1.0]), np.array([1.5]), np.array([1.25]))
+    one = np.ones(1)
+    rounded = one + 1e-15
+    missed = missing(lengths, none, one, rounded, one)
+    np.testing.assert_array_equal(missed, 0)
+    faster = 1.5 * one
+    farther = 1.25 * one
+    slow, short = missing(lengths, none, one, faster, farther)
     assert (slow, short) == (0.5, 0.25)
