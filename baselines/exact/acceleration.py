@@ -110,7 +110,7 @@ class Passing(Scaled):
         lengths, acceleration = pieces(task)
         seconds = self.unit * lengths
         acceleration = a_unit * acceleration
-        cubics, *_ = integrated(seconds[..., None], acceleration, acceleration, v_unit * task.u)
+        cubics = integrated(seconds[..., None], acceleration, acceleration, v_unit * task.u)
         cubics[-1] += starts
         by_segment = cubics[1:].transpose(2, 0, 1, 3)
         motion = Trajectory.of_segments(zip(seconds.T, by_segment, strict=True))

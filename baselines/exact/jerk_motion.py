@@ -65,7 +65,7 @@ class Reachable(Scaled):
             seconds = self.unit * lengths
             first, last = a_unit * levels
             own = seconds[..., None]
-            cubics, *_ = integrated(own, first, last, v_unit * velocity)
+            cubics = integrated(own, first, last, v_unit * velocity)
         waypoints = self.problem.waypoints
         cubics[-1] += waypoints[:-1, self.moving]
         by_segment = cubics.transpose(2, 0, 1, 3)
@@ -84,7 +84,7 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Array, Array, 
     limits = _Limits.of(scaled, times)
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
-    # of a waypoint's two segments the briefer one feels rounding of its velocity most
+    # rounding of a waypoint's velocity matters most to the briefer of its two segments
     mean = scaled.h / limits.times
     first, last = mean + limits.times * rows.point.ends[:, 0]
     is_briefer = limits.times[:-1] < limits.times[1:]
@@ -157,7 +157,7 @@ class _Task(NamedTuple):
         before, after = levels
         ends = np.array([after[:-1], before[1:]])
         first, last = np.where(lengths > 0, ends, 0.0)
-        cubics, *_ = integrated(lengths, first, last, self.u)
+        cubics = integrated(lengths, first, last, self.u)
         jerks = 6 * cubics[0]
         speeds = cubics[2]
         # the fastest point of a piece, at no acceleration

@@ -1,17 +1,45 @@
-"""Motions of piecewise linear acceleration, and what makes them meet their end.
-
-Accelerations are tables `(2, pieces + 1, …)`: before and after each break. They differ where
-acceleration jumps, which it may without a jerk limit.
-"""
+"""Motions of piecewise linear acceleration, and what makes them meet their end."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from trajopt.core import polynomials
 from trajopt.core.arrays import Array
 
 _ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
+
+
+def integrated(lengths: Array, first: Array, last: Array, u: Array) -> Array:
+    """Position coefficients of motions from position 0, `(4, pieces, …)`.
+
+    Args:
+        lengths: of the pieces, `(pieces, …)`.
+        first: acceleration at the start of each piece, likewise.
+        last: and at its end.
+        u: velocities at the start of the motion, `(…)`.
+    """
+    velocity, position = passed(lengths, first, last, u)
+    # a piece of no length, as after the last break of a table, changes nothing
+    jerk = np.divide(
+        last - first,
+        lengths,
+        out=np.zeros_like(first),
+        where=lengths > 0,
+    )
+    cubic = jerk / 6
+    square = first / 2
+    return np.array([cubic, square, velocity[:-1], position[:-1]])
+
+
+def passed(lengths: Array, first: Array, last: Array, u: Array) -> tuple[Array, Array]:
+    """Velocities and positions at the breaks of the same motions, `(pieces + 1, …)`."""
+    mean = (first + last) / 2
+    velocity = _from(u, lengths * mean)
+    early = (2 * first + last) / 6
+    speed = velocity[:-1] + lengths * early
+    none = np.zeros_like(u)
+    position = _from(none, lengths * speed)
+    return velocity, position
 
 
 def missing(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) -> Array:
@@ -19,7 +47,8 @@ def missing(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) -
 
     Args:
         lengths: of the pieces, `(pieces, …)`.
-        acceleration: before and after the breaks, straight in between, `(2, pieces + 1, …)`.
+        acceleration: before and after the breaks, `(2, pieces + 1, …)`. Both differ where it jumps,
+            which it may without a jerk limit.
         u: velocities at the start, `(…)`.
         w: and at the end.
         h: displacements.
@@ -30,12 +59,13 @@ def missing(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) -
     before, after = acceleration
     first = after[:-1]
     last = before[1:]
-    _, reached, travelled = integrated(lengths, first, last, u)
-    slow = w - reached
+    gained, travelled = _at_end(lengths, first, last, u)
+    slow = w - gained
     short = h - travelled
-    is_fast = np.abs(slow) > _ROUNDING_RTOL * (np.abs(u) + np.abs(w))
-    is_far = np.abs(short) > _ROUNDING_RTOL * np.abs(h)
-    return np.where([is_fast, is_far], [slow, short], 0.0)
+    speeds = np.abs(u) + np.abs(w)
+    is_slow = np.abs(slow) > _ROUNDING_RTOL * speeds
+    is_short = np.abs(short) > _ROUNDING_RTOL * np.abs(h)
+    return np.where([is_slow, is_short], [slow, short], 0.0)
 
 
 def mended(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) -> Array:
@@ -46,64 +76,25 @@ def mended(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) ->
     of `missing`.
     """
     shares = lengths / lengths.sum(axis=0)
-    passed = _from(np.zeros_like(shares[0]), shares)
-    even = passed * (1 - passed)
-    odd = even * (1 - 2 * passed)
-    even_gain, even_way = _gained(lengths, even)
-    odd_gain, odd_way = _gained(lengths, odd)
+    none = np.zeros_like(shares[0])
+    x = _from(none, shares)
+    even = x * (1 - x)
+    odd = even * (1 - 2 * x)
+    even_gain, even_way = _at_end(lengths, even[:-1], even[1:], none)
+    odd_gain, odd_way = _at_end(lengths, odd[:-1], odd[1:], none)
+    slow, short = missing(lengths, acceleration, u, w, h)
     # both equations by Cramer's rule
     size = even_gain * odd_way - odd_gain * even_way
-    slow, short = missing(lengths, acceleration, u, w, h)
     evenly = slow * odd_way - odd_gain * short
     oddly = even_gain * short - even_way * slow
     change = evenly * even + oddly * odd
     return acceleration + change / size
 
 
-def integrated(lengths: Array, first: Array, last: Array, u: Array) -> tuple[Array, Array, Array]:
-    """The motions of piecewise linear acceleration, and their velocities and displacements.
-
-    Args:
-        lengths: of the pieces, `(pieces, …)`.
-        first: acceleration at the start of each piece, likewise.
-        last: and at its end.
-        u: velocities at the start, `(…)`.
-
-    Returns:
-        Position coefficients `(4, pieces, …)`, velocity and displacement at the end, `(…)`.
-    """
-    # a piece of no length, as after the last break of a table, changes nothing
-    jerk = np.divide(
-        last - first,
-        lengths,
-        out=np.zeros_like(first),
-        where=lengths > 0,
-    )
-    cubic = jerk / 6
-    square = first / 2
-    # as the verifier evaluates a piece's end: between its pieces the motion does not jump
-    derivative = np.array([3.0 * cubic, 2.0 * square, 0.0 * first])
-    gains = polynomials.stretched(derivative, lengths).sum(axis=0)
-    velocity = _from(u, gains)
-    speeds = velocity[:-1]
-    bends = square + cubic * lengths
-    ways = lengths * (speeds + lengths * bends)
-    position = _from(np.zeros_like(u), ways)
-    coefficients = np.array([cubic, square, speeds, position[:-1]])
-    return coefficients, velocity[-1], position[-1]
-
-
-def _gained(lengths: Array, acceleration: Array) -> tuple[Array, Array]:
-    """Velocity and displacement, from rest, at the end of accelerations without a jump."""
-    first = acceleration[:-1]
-    last = acceleration[1:]
-    mean = (first + last) / 2
-    gains = lengths * mean
-    velocity = np.cumsum(gains, axis=0)
-    before = velocity - gains
-    early = (2 * first + last) / 6
-    ways = lengths * (before + lengths * early)
-    return velocity[-1], ways.sum(axis=0)
+def _at_end(lengths: Array, first: Array, last: Array, u: Array) -> tuple[Array, Array]:
+    """Velocity and position at the end, `(…)`."""
+    velocity, position = passed(lengths, first, last, u)
+    return velocity[-1], position[-1]
 
 
 def _from(start: Array, steps: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -327,3 +328,75 @@ def test_pieces_on_the_unit_interval():
     ]
     assert ramp().pieces(1).tolist() == [[[1.0], [2.0]]]
     assert ramp().pieces(2).tolist() == [[[0.0], [0.0]]]
+
+
+LATE = Trajectory(
+    breaks=[0.0, 1000.0, 1000.0 + 1e-9, 1000.5],
+    coefficients=np.arange(1.0, 7.0).reshape(2, 3, 1),
+    waypoint_times=[0.0, 1000.0, 1000.5],
+    lengths=[1000.0, 1.00001e-9, 0.5 - 1.00001e-9],
+)
+
+
+def test_lengths_are_exact_where_breaks_round_them():
+    """After 1000 s breaks are 1.1e-13 s apart: 1e-9 s is known to a ten-thousandth."""
+    first, brief, last = LATE.lengths
+    assert brief == 1.00001e-9
+    unit = LATE.pieces()
+    np.testing.assert_array_equal(unit[0, :, 0], [1.0 * first, 2.0 * brief, 3.0 * last])
+    by_breaks = Trajectory(LATE.breaks, LATE.coefficients, LATE.waypoint_times)
+    np.testing.assert_array_equal(by_breaks.lengths, np.diff(LATE.breaks))
+    assert by_breaks.lengths[1] != brief
+
+
+def test_lengths_stay_exact_in_whatever_is_made_of_a_trajectory():
+    _, brief, _ = LATE.lengths
+    assert LATE.dilated(3.0).lengths[1] == 3.0 * brief
+    assert pickle.loads(pickle.dumps(LATE)).lengths[1] == brief
+    # cut the first piece and the last one
+    refined = LATE.refined([500.0, 1000.25])
+    np.testing.assert_array_equal(refined.lengths[:3], [500.0, 500.0, brief])
+    assert refined.lengths.sum() == pytest.approx(1000.5, rel=1e-15)
+    beside = LATE.beside(np.array([7.0, 8.0]), np.array([False, True]))
+    assert beside.lengths[1] == brief
+    np.testing.assert_array_equal(beside(1000.3)[0], 7.0)
+    np.testing.assert_array_equal(beside(1000.3)[1], LATE(1000.3)[0])
+
+
+@pytest.mark.parametrize(
+    ("lengths", "message"),
+    [
+        ([1.0], "2 times"),
+        ([0.5, -0.5], "2 times above 0"),
+        ([0.5, np.nan], "lengths"),
+        # what breaks do not show would be a way that takes no time
+        ([0.5 + 1e-14, 0.5], "but for rounding"),
+        ([0.5, 0.6], "but for rounding"),
+    ],
+)
+def test_lengths_that_breaks_do_not_show(lengths, message):
+    with pytest.raises(InvalidTrajectory, match=message):
+        Trajectory([0.0, 0.5, 1.0], np.zeros((1, 2, 1)), [0.0, 1.0], lengths)
+
+
+def test_rounding_of_many_lengths_adds_up_to_no_more_than_the_ends():
+    """A thousand lengths, each longer than its breaks by a rounding unit of the duration."""
+    breaks = np.arange(1001) / 1000
+    lengths = np.diff(breaks) + 3e-15
+    with pytest.raises(InvalidTrajectory, match="but for rounding"):
+        Trajectory(breaks, np.zeros((1, 1000, 1)), [0.0, 1.0], lengths)
+
+
+def test_segments_follow_one_another_and_keep_their_lengths():
+    late = [1e-9, 2e-9]
+    segments = [
+        (np.array([1000.0]), np.array([[[1e-3]], [[0.0]]])),
+        (np.array(late), np.array([[[2.0], [3.0]], [[1.0], [1.0 + 2e-9]]])),
+        # too short to change the time: left out
+        (np.array([1e-20, 1.0]), np.array([[[9.0], [0.0]], [[9.0], [4.0]]])),
+    ]
+    motion = Trajectory.of_segments(segments)
+    np.testing.assert_array_equal(motion.lengths, [1000.0, *late, 1.0])
+    np.testing.assert_allclose(motion.waypoint_times, [0, 1000, 1000, 1001], rtol=1e-11)
+    assert set(motion.waypoint_times) <= set(motion.breaks)
+    np.testing.assert_array_equal(motion.coefficients[0, :, 0], [1e-3, 2.0, 3.0, 0.0])

@@ -122,6 +122,19 @@ def test_polynomials_are_read_as_they_are(tmp_path):
         read.for_joints(["c", "d"])
 
 
+def test_polynomials_may_say_the_lengths_that_breaks_round(tmp_path):
+    breaks = [0.0, 1000.0, 1000.0 + 1e-9]
+    table = {"breaks": breaks, "coefficients": [[[1.0], [1.0]], [[0.0], [1000.0]]]}
+    plain = motion(file(tmp_path, json.dumps(table), "plain.json"))
+    exact = table | {"lengths": [1000.0, 1.00001e-9]}
+    read = motion(file(tmp_path, json.dumps(exact), "exact.json"))
+    assert read.trajectory.lengths[1] == 1.00001e-9
+    assert read.digest() != plain.digest()
+    wrong = table | {"lengths": [1000.0, 1e-6]}
+    with pytest.raises(InvalidInput, match="lengths"):
+        motion(file(tmp_path, json.dumps(wrong), "wrong.json"))
+
+
 @pytest.mark.parametrize(
     ("table", "said"),
     [

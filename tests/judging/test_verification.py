@@ -16,9 +16,11 @@ from hypothesis import strategies as st
 
 from baselines.exact.jerk import ExactJerk
 from experiments.known_optima import one_way
+from trajopt.core import polynomials
 from trajopt.core.exceptions import InvalidTrajectory
 from trajopt.core.problem import Limits, Problem
 from trajopt.core.trajectory import Trajectory
+from trajopt.judging import repair
 from trajopt.judging.verification import Tolerance, certified, verify
 from trajopt.planners import spline353
 
@@ -772,12 +774,59 @@ def test_what_goes_into_json():
 
 
 @pytest.mark.parametrize("seed", [112, 165])
-def test_a_certified_motion_is_certified_when_judged_again(seed: int) -> None:
+@pytest.mark.parametrize("dilation", [1.0, 1 + 1e-7])
+def test_a_certified_motion_is_certified_when_judged_again(seed: int, dilation: float) -> None:
     """A segment of 1.6e-6 s: dilated by 1e-10, its rounded times once cost 0.6 %."""
     problem = one_way(seed)
     trajectory = ExactJerk().solve(problem).trajectory
     assert trajectory is not None
-    first = verify(problem, trajectory).certified_duration
-    motion = certified(problem, trajectory)
+    faster = trajectory.dilated(1 / dilation)
+    first = verify(problem, faster).certified_duration
+    motion = certified(problem, faster)
     assert motion is not None
-    assert verify(problem, motion).certified_duration == pytest.approx(first, rel=1e-8)
+    assert motion.duration == pytest.approx(first, rel=1e-15)
+    assert verify(problem, motion).certified_duration == pytest.approx(first, rel=1e-11)
+
+
+def test_jumps_late_in_a_long_motion_are_repaired_in_exact_time() -> None:
+    """A segment takes 2e-12 s after 1000 s: its breaks are known to a tenth of it.
+
+    The velocity jumps there. The repaired motion must not, and must still pass the waypoints.
+    """
+    brief = 1.05e-12
+    speed = 1e-3
+    jump = 1e-7 * speed
+    lengths = np.array([1000.0, brief, brief, 1000.0])
+    velocity = np.array([speed, speed + jump, speed, speed])
+    passed = np.append(0.0, np.cumsum(speed * lengths))
+    breaks = np.append(0.0, np.cumsum(lengths))
+    columns = np.array([velocity, passed[:-1]])
+    trajectory = Trajectory(breaks, columns[..., None], breaks[[0, 1, 3, 4]], lengths)
+    problem = Problem(passed[[0, 1, 3, 4], None], Limits([1.0], [1.0]))
+    repaired = repair.repaired(problem, trajectory)
+    assert repaired is not None
+    unit = repaired.pieces(1)[..., 0]
+    ends = unit.sum(axis=0)
+    np.testing.assert_allclose(ends[:-1], unit[-1, 1:], atol=1e-11 * jump)
+    np.testing.assert_allclose([ends[0], ends[2]], speed, rtol=1e-2)
+
+
+def test_cancelling_terms_hide_no_jump() -> None:
+    """Terms that cancel may round a velocity by more than it jumps: it is repaired all the same.
+
+    Chebyshev's polynomial of degree 13 on [0, 1] has values up to 1, coefficients up to 1e9, and
+    the same slope at both ends.
+    """
+    steps = 20
+    step = 1e-7
+    basis = np.polynomial.Chebyshev.basis(13, [0.0, 1.0])
+    shape = basis.convert(kind=np.polynomial.Polynomial).coef[::-1]
+    columns = np.repeat(1e-3 * shape[:, None, None], steps, axis=1)
+    columns[-2, :, 0] += 1.0 + step * np.arange(steps)
+    breaks = np.arange(steps + 1.0)
+    motion = Trajectory(breaks, columns, breaks[[0, -1]])
+    assert polynomials.evaluation_rounding(motion.pieces(1)).min() > step
+    layout = repair._layout(Problem([[0.0], [1.0]], Limits([9.0], [9.0])), motion)
+    assert layout is not None
+    jumps = repair._jumps(layout, 1)
+    np.testing.assert_allclose(jumps[1:-1], step, rtol=0.5)

@@ -394,8 +394,10 @@ def _check(trajectory: Trajectory) -> None:
     if lengths.shape != (pieces,) or not (lengths > 0).all():
         raise InvalidTrajectory(f"lengths must be {pieces} times above 0")
     summed = np.cumsum(lengths)
-    if np.abs(summed - breaks[1:]).max() > rounding:
-        raise InvalidTrajectory("lengths must add up to the breaks")
+    is_far = np.abs(summed - breaks[1:]) > rounding
+    differs = np.abs(lengths - np.diff(breaks)) > BREAK_RTOL * breaks[-1]
+    if is_far.any() or differs.any():
+        raise InvalidTrajectory("lengths must be the differences of the breaks, but for rounding")
     waypoint_times = trajectory.waypoint_times
     if waypoint_times.ndim != 1 or waypoint_times.size < 2:
         raise InvalidTrajectory("waypoint_times must be two or more times")

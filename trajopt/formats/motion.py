@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 ENDINGS = (".csv", ".txt", ".json", ".yaml", ".yml")
 TABLES = (".csv", ".txt")
 _RIGHT = "breaks (s) and coefficients (degree + 1, pieces, joints) that fit together, all finite"
-_POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names")
+_POLYNOMIAL_KEYS = ("breaks", "coefficients", "joint_names", "lengths")
 # Further keys of files that `plan` writes.
 _TRIAL_KEYS = (
     "certificate",
@@ -78,7 +78,8 @@ class Motion:
     def digest(self) -> str:
         """SHA-256 of the executed polynomials: 20 hexadecimal digits."""
         whole = hashlib.sha256()
-        for array in (self.trajectory.breaks, self.trajectory.coefficients):
+        own = self.trajectory
+        for array in (own.breaks, own.coefficients, own.lengths):
             whole.update(repr(array.shape).encode())
             whole.update(array.astype("<f8").tobytes())
         return whole.hexdigest()[:20]
@@ -211,7 +212,9 @@ def _stated(table: Mapping[str, Any]) -> tuple[Trajectory, Sequence[str]] | None
         shapes = f"{breaks.shape} and {coefficients.shape}"
         raise InvalidInput("breaks and coefficients", _RIGHT, value=shapes)
     check_work(*coefficients.shape)
-    return Trajectory(breaks, coefficients, breaks[[0, -1]]), files.names_at(table, "joint_names")
+    lengths = _array("lengths", table) if "lengths" in table else np.zeros(0)
+    trajectory = Trajectory(breaks, coefficients, breaks[[0, -1]], lengths)
+    return trajectory, files.names_at(table, "joint_names")
 
 
 def _array(key: str, table: Mapping[str, Any]) -> Array:

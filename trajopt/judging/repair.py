@@ -17,7 +17,7 @@ where `r` is the highest derivative that may not jump: 1, or 2 where jerk is lim
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,11 +25,12 @@ import numpy as np
 from trajopt.core import polynomials
 from trajopt.core.arrays import Array, Indices
 from trajopt.core.problem import LIMIT_ORDERS, Problem
-from trajopt.core.trajectory import Trajectory, nearest
+from trajopt.core.trajectory import EPS, Trajectory, nearest
 
 # Share of every limit. A correction that uses less is left out; all of them together change the
 # certified duration by no more than this.
 NEGLIGIBLE_USE = 1e-12
+JUMP_RTOL = 2 * EPS  # rounding of a derivative, relative to its values on both sides of a break
 MAX_PASSES = 2  # the second pass repairs the rounding of large corrections
 
 
@@ -69,8 +70,9 @@ def _placed(layout: _Layout, coefficients: Array) -> Trajectory:
     """The motion with these coefficients, positions relative to the segment's first waypoint."""
     placed = np.array(coefficients)
     placed[-1] += layout.origins
-    times = layout.breaks[layout.waypoint_breaks]
-    return Trajectory(layout.breaks, placed, times, layout.trajectory.lengths)
+    motion = layout.trajectory
+    times = motion.breaks[layout.waypoint_breaks]
+    return replace(motion, coefficients=placed, waypoint_times=times)
 
 
 def _corrected(problem: Problem, layout: _Layout, coefficients: Array) -> Array:
@@ -123,26 +125,30 @@ class _Layout:
     after: Indices
     waypoints: Array
 
-    @property
-    def breaks(self) -> Array:
-        """Breaks, s, `(pieces + 1,)`."""
-        return self.trajectory.breaks
-
     @cached_property
-    def start(self) -> Array:
-        """Start of each piece's segment, s, `(pieces,)`."""
-        return self.of_pieces(self.breaks[self.first])
+    def since_start(self) -> Array:
+        """Time from the start of its segment to the end of each piece, s, `(pieces,)`.
 
-    @cached_property
-    def end(self) -> Array:
-        """End of each piece's segment, s, `(pieces,)`."""
-        return self.of_pieces(self.breaks[self.after])
+        Breaks round it: they count from the start of the motion.
+        """
+        lengths = self.trajectory.lengths
+        segments = zip(self.first, self.after, strict=True)
+        return np.concatenate([np.cumsum(lengths[first:after]) for first, after in segments])
 
     @property
     def lengths(self) -> Array:
         """Duration of each segment, s, `(segments, 1)`."""
-        length = self.breaks[self.after] - self.breaks[self.first]
-        return length[:, None]
+        return self.since_start[self.after - 1, None]
+
+    @cached_property
+    def of_segment(self) -> Array:
+        """Duration of each piece's segment, s, `(pieces,)`."""
+        return self.of_pieces(self.lengths[:, 0])
+
+    @cached_property
+    def until_end(self) -> Array:
+        """Time from the start of each piece to the end of its segment, s, `(pieces,)`."""
+        return self.of_segment - self.since_start + self.trajectory.lengths
 
     @property
     def displacements(self) -> Array:
@@ -277,10 +283,9 @@ def _bent(
 
 def _in_time(layout: _Layout, growing: Array, dying: Array, lowest_power: int) -> Array:
     """Powers of `σ` and `1 − σ`, as powers of the time since each piece's start."""
-    begins = layout.breaks[:-1]
-    length = layout.end - layout.start
-    elapsed = (begins - layout.start) / length  # σ at the piece's start
-    left = (layout.end - begins) / length  # 1 − σ there
+    length = layout.of_segment
+    left = layout.until_end / length  # 1 − σ at the piece's start
+    elapsed = 1 - left  # σ there
     rate = 1 / length
     of_elapsed = _rows(growing, lowest_power)
     grown = polynomials.shifted(of_elapsed, elapsed[:, None])
@@ -314,16 +319,13 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
     `jumps` has those of velocity, and of acceleration if it may not jump, `(breaks, joints)` each.
     """
     order = len(jumps)
-    breaks = layout.breaks
     # The time on both sides of each break, within its segment; none before and after the motion.
-    since_start = breaks[1:] - layout.start
-    until_end = layout.end - breaks[:-1]
-    time_before = np.insert(since_start, 0, -1.0)
-    time_after = np.append(until_end, -1.0)
+    time_before = np.insert(layout.since_start, 0, -1.0)
+    time_after = np.append(layout.until_end, -1.0)
     dies = time_after > time_before
     time = np.where(dies, time_after, time_before)
     # That time as a share of the segment.
-    length = layout.end - layout.start
+    length = layout.of_segment
     length_after = np.append(length, np.inf)
     length_before = np.insert(length, 0, np.inf)
     segment_length = np.where(dies, length_after, length_before)
@@ -359,9 +361,10 @@ def _jump_corrections(layout: _Layout, jumps: list[Array]) -> tuple[Array, Array
 
 
 def _jumps(layout: _Layout, order: int) -> Array:
-    """Jumps of a derivative at every break, `(breaks, joints)`.
+    """Jumps of a derivative at every break, `(breaks, joints)`, but for rounding.
 
-    Before and after the motion the robot rests.
+    Before and after the motion the robot rests. A last place of the value is no jump: in a segment
+    of 1e-6 s its correction would take 1e-4 of a jerk limit.
     """
     unit = layout.trajectory.pieces(order)
     starts = unit[-1]
@@ -369,7 +372,9 @@ def _jumps(layout: _Layout, order: int) -> Array:
     rest = np.zeros_like(starts[:1])
     after = np.concatenate([starts, rest])
     before = np.concatenate([rest, stops])
-    return after - before
+    jumps = after - before
+    sizes = np.abs(before) + np.abs(after)
+    return np.where(np.abs(jumps) > JUMP_RTOL * sizes, jumps, 0.0)
 
 
 # From 0 to 1 with as many derivatives zero at both ends: 3x² − 2x³, 10x³ − 15x⁴ + 6x⁵.

@@ -94,6 +94,16 @@ def test_no_phase_of_the_barrier_is_left(name: str) -> None:
     assert short(trajectory) == 0
 
 
+@pytest.mark.parametrize("seed", [15, 75, 115, 241, 305, 461, 486])
+def test_no_break_is_left_that_no_limit_needs(seed: int) -> None:
+    """On a line, where two joints' breaks or a dip at a limit once left pieces of 3e-7 s."""
+    problem = line(np.random.default_rng([26, seed]))
+    trajectory = ExactJerk().solve(problem).trajectory
+    assert trajectory is not None
+    assert short(trajectory) == 0
+    assert verify(problem, trajectory).dilation <= 1 + 3e-10
+
+
 def test_a_joint_with_time_to_spare_has_few_breaks() -> None:
     """Of two joints the second has a thousand times the limits that it needs: three pieces."""
     one = Problem([[0.0], [1.0], [1.5], [0.0]], Limits([2.0], [3.0], [40.0]))
@@ -107,21 +117,6 @@ def test_a_joint_with_time_to_spare_has_few_breaks() -> None:
     jumps = np.diff(jerks(both)[:, 1])
     changes = np.abs(jumps) > 1e-6
     assert changes.sum() <= 3 * 3 - 1
-
-
-def test_velocities_do_not_jump_between_pieces() -> None:
-    """Not by a rounding unit: over a segment of 1e-6 s the repair of one takes much jerk."""
-    problem = load("random-tiny-j7-w10-jerk-17")
-    trajectory = ExactJerk().solve(problem).trajectory
-    assert trajectory is not None
-    velocity = trajectory.pieces(order=1)
-    reached = velocity.sum(axis=0)
-    jumps = velocity[-1, 1:] - reached[:-1]
-    inner = trajectory.breaks[1:-1, None]
-    apart = np.abs(inner - trajectory.waypoint_times)
-    at_waypoint = apart.min(axis=1) < 1e-14
-    assert (jumps[~at_waypoint] == 0).all()
-    assert np.abs(jumps[at_waypoint]).max() > 0
 
 
 @pytest.mark.parametrize("seed", [35, 53, 78, 112, 128, 185, 195])

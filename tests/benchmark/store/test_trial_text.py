@@ -324,6 +324,19 @@ def test_a_trajectory_stated_joint_by_joint_comes_back(trial):
     assert_same(back.solution.trajectory, trial.solution.trajectory)
 
 
+@pytest.mark.parametrize("brief", [False, True])
+def test_lengths_that_breaks_round_come_back(trial, brief):
+    own = trial.solution.trajectory
+    exact = own.lengths * (1 + 1e-15)
+    trajectory = replace(own, lengths=exact)
+    changed = replace(trial, solution=replace(trial.solution, trajectory=trajectory))
+    text = trial_text.write(changed, brief=brief)
+    assert b'"lengths":' in text
+    back = trial_text.read(text)
+    np.testing.assert_array_equal(back.solution.trajectory.lengths, exact)
+    assert b'"lengths":' not in trial_text.write(trial, brief=brief)
+
+
 def test_every_flipped_bit_is_found(trial):
     text = trial_text.write(trial)
     rng = np.random.default_rng(0)

@@ -121,13 +121,15 @@ def _unpacked_array(value: Mapping[str, Any]) -> NDArray[Any]:
 def packed_solution(solution: Solution, *, brief: bool = False) -> dict[str, Any]:
     """Return a planner's answer in JSON's terms; raises `TypeError` as `pack` does.
 
-    Brief: its trajectory is stated joint by joint (`own_breaks`).
+    Brief: its trajectory is stated joint by joint (`own_breaks`), if its breaks say its lengths.
     """
     table = {name: pack(getattr(solution, name)) for name in _SOLUTION}
     table["trajectory"] = None
-    if solution.trajectory is not None:
-        as_table = own_breaks.table if brief else trajectory_table
-        table["trajectory"] = as_table(solution.trajectory)
+    trajectory = solution.trajectory
+    if trajectory is not None:
+        is_brief = brief and _says_lengths(trajectory)
+        as_table = own_breaks.table if is_brief else trajectory_table
+        table["trajectory"] = as_table(trajectory)
     table["history"] = pack(solution.history)
     return table
 
@@ -135,10 +137,14 @@ def packed_solution(solution: Solution, *, brief: bool = False) -> dict[str, Any
 def trajectory_table(trajectory: Trajectory) -> dict[str, Any]:
     """Return every number of a trajectory by its name, lengths where breaks do not say them."""
     table = {name: getattr(trajectory, name).tolist() for name in _TRAJECTORY}
-    lengths = trajectory.lengths
-    if not np.array_equal(lengths, np.diff(trajectory.breaks)):
-        table["lengths"] = lengths.tolist()
+    if not _says_lengths(trajectory):
+        table["lengths"] = trajectory.lengths.tolist()
     return table
+
+
+def _says_lengths(trajectory: Trajectory) -> bool:
+    """Return whether the differences of the breaks are the lengths of the pieces."""
+    return np.array_equal(trajectory.lengths, np.diff(trajectory.breaks))
 
 
 def solution_of(table: Any) -> Solution:

@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from trajopt.benchmark.store import atomic
+from trajopt.benchmark.store.document import trajectory_table
 from trajopt.benchmark.store.folder import save
 from trajopt.benchmark.trial import Trial
 from trajopt.core.exceptions import InvalidInput, StoreError, WrongType, shown
@@ -163,11 +164,7 @@ def _certified(trial: Trial) -> Trajectory:
 def _exact(trial: Trial) -> str:
     """The exact piecewise polynomial, and the verdict, as JSON."""
     trajectory = _certified(trial)
-    exact = {
-        "joint_names": list(trial.problem.joint_names),
-        "breaks": trajectory.breaks.tolist(),
-        "coefficients": trajectory.coefficients.tolist(),
-    }
+    exact = {"joint_names": list(trial.problem.joint_names)} | trajectory_table(trajectory)
     return json.dumps(trial.as_dict() | exact, indent=1, default=str)
 
 
