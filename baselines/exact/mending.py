@@ -78,8 +78,9 @@ def mended(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) ->
     shares = lengths / lengths.sum(axis=0)
     none = np.zeros_like(shares[0])
     x = _from(none, shares)
-    even = x * (1 - x)
-    odd = even * (1 - 2 * x)
+    left = 1 - x
+    even = x * left
+    odd = even * (left - x)
     even_gain, even_way = _at_end(lengths, even[:-1], even[1:], none)
     odd_gain, odd_way = _at_end(lengths, odd[:-1], odd[1:], none)
     slow, short = missing(lengths, acceleration, u, w, h)
