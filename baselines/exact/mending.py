@@ -88,7 +88,8 @@ def mended(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) ->
     size = even_gain * odd_way - odd_gain * even_way
     evenly = slow * odd_way - odd_gain * short
     oddly = even_gain * short - even_way * slow
-    change = evenly * even + oddly * odd
+    change = evenly * even
+    change += oddly * odd
     return acceleration + change / size
 
 

@@ -24,12 +24,30 @@ def test_the_quick_look_finds_nothing_beyond_tolerance(tmp_path, capsys):
     known_optima.main(0.004, tmp_path)
     assert "two waypoints" in capsys.readouterr().out
     rows = known_optima.counted(known_optima.pd.read_csv(tmp_path / "problems.csv"))
-    assert rows["problems"].tolist() == [2, 2, 4, 1]
-    assert rows["beyond tolerance"].tolist() == [0, 0, 0, 0]
+    assert rows["problems"].tolist() == [2, 2, 4, 1, 1]
+    assert rows["beyond tolerance"].tolist() == [0, 0, 0, 0, 0]
+    assert rows["latest"].max() < 1e-9
+    assert rows["brief"].sum() == 0
 
 
 def test_a_problem_without_an_answer_is_beyond_tolerance():
-    rows = known_optima.pd.DataFrame(
-        {"kind": ["straight"], "seed": [0], "claimed": [np.nan], "certified": [np.nan]}
-    )
+    columns = ["claimed", "certified", "late", "pieces", "brief"]
+    unknown = {column: [np.nan] for column in columns}
+    rows = known_optima.pd.DataFrame({"kind": ["straight"], "seed": [0], **unknown})
     assert known_optima.counted(rows)["beyond tolerance"].tolist() == [1]
+
+
+def test_every_suite_problem_with_jerk_limits_is_asked():
+    asked = known_optima.suites()
+    number, _ = known_optima.KINDS["suites"]
+    assert len(asked) == number
+    assert all(known_optima.record(problem).duration > 0 for problem in asked)
+
+
+def test_brief_pieces_are_counted_where_the_segment_is_not_brief():
+    lengths = np.array([1.0, 5e-7, 1e-6, 1e-6, 1e-6 - 1e-9, 0.5, 9e-7])
+    breaks = np.append(0.0, np.cumsum(lengths))
+    at = breaks[[0, 2, 5, 7]]
+    motion = known_optima.Trajectory(breaks, np.zeros((1, 7, 1)), at, lengths)
+    # 5e-7 and 9e-7, not the thirds of 3e-6
+    assert known_optima.brief_pieces(motion) == 2
