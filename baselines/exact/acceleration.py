@@ -24,7 +24,7 @@ from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes
 from baselines.exact.cells import Cells, Rows, with_rest
 from baselines.exact.crossover import minimised
-from baselines.exact.mending import integrated
+from baselines.exact.mending import Pieces
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from baselines.sizes import announce, cells
@@ -109,8 +109,9 @@ class Passing(Scaled):
         )
         lengths, acceleration = pieces(task)
         seconds = self.unit * lengths
-        acceleration = a_unit * acceleration
-        cubics = integrated(seconds[..., None], acceleration, acceleration, v_unit * task.u)
+        level = a_unit * acceleration
+        own = Pieces(seconds[..., None], level, np.zeros_like(level))
+        cubics = own.integrated(v_unit * task.u)
         cubics[-1] += starts
         by_segment = cubics[1:].transpose(2, 0, 1, 3)
         motion = Trajectory.of_segments(zip(seconds.T, by_segment, strict=True))

@@ -23,7 +23,7 @@ import numpy as np
 
 from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
-from baselines.exact.mending import integrated, mended
+from baselines.exact.mending import Pieces, straight
 from baselines.exact.scaled import Scaled
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.trajectory import Trajectory
@@ -59,27 +59,26 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
-        _, a_unit, v_unit, _ = self.units
+        j_unit, a_unit, v_unit, _ = self.units
         with np.errstate(all="ignore"):
-            lengths, levels, velocity = _fitted(self, times, states)
-            seconds = self.unit * lengths
-            first, last = a_unit * levels
-            own = seconds[..., None]
-            cubics = integrated(own, first, last, v_unit * velocity)
+            fitted, velocity = _fitted(self, times, states)
+            lengths = self.unit * fitted.lengths
+            own = Pieces(lengths, a_unit * fitted.start, j_unit * fitted.jerk)
+            cubics = own.integrated(v_unit * velocity)
         waypoints = self.problem.waypoints
         cubics[-1] += waypoints[:-1, self.moving]
         by_segment = cubics.transpose(2, 0, 1, 3)
-        motion = Trajectory.of_segments(zip(seconds.T, by_segment, strict=True))
+        seconds = lengths[..., 0].T
+        motion = Trajectory.of_segments(zip(seconds, by_segment, strict=True))
         return motion.beside(waypoints[0], self.moving)
 
 
-def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Array, Array, Array]:
+def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]:
     """The motion with the fewest breaks that suffice.
 
     Returns:
-        Lengths of the pieces, `(pieces, segments)`, the last ones of a segment 0; accelerations at
-        their starts and ends, `(2, pieces, segments, joints)`; velocities at the segments' starts,
-        `(segments, joints)`.
+        The pieces of every segment, `(pieces, segments, joints)`, the last ones of no length, and
+        the velocities at the segments' starts, `(segments, joints)`.
     """
     limits = _Limits.of(scaled, times)
     rows = _settled(Rows(Cells(scaled), states), limits)
@@ -93,73 +92,57 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Array, Array, 
     starts = velocity[:-1]
     signs = np.array([[-1.0], [1.0]])
     sides = scaled.v, scaled.a, signs / scaled.r
-    task = _Task(limits.times, scaled.h, starts, velocity[1:], sides)
+    task = _Task(starts, velocity[1:], scaled.h, sides)
+
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
-    gentle = task.mended(even, profiles.accelerations(even, limits))
-    suffices = task.use(even, gentle) <= 1 + EXCESS_RTOL
+    gentle = task.mended(profiles.pieces(even, limits))
+    suffices = task.use(gentle) <= 1 + EXCESS_RTOL
     needs_own = ~(suffices & limits.jerky)
     breaks = _breaks(profiles, limits, even, needs_own)
-    own = profiles.accelerations(breaks, limits)
-    knots = np.broadcast_to(even[..., None], gentle[0].shape)
-    levels = np.where(needs_own, own, _between(breaks, knots, gentle[0]))
-    breaks, levels = _thinned(task, limits, breaks, levels)
+    own = profiles.pieces(breaks, limits)
+    others = _cut(gentle, breaks, limits)
+    pieces = own._replace(
+        start=np.where(needs_own, own.start, others.start),
+        jerk=np.where(needs_own, own.jerk, others.jerk),
+    )
+    pieces = _thinned(task, limits, pieces)
     # the second time mends the rounding of the first
     for _ in range(MENDINGS):
-        levels = task.mended(breaks, levels)
-    lengths = task.lengths(breaks)[..., 0]
-    before, after = levels
-    return lengths, np.array([after[:-1], before[1:]]), starts
+        pieces = task.mended(pieces)
+    return pieces, starts
 
 
 class _Task(NamedTuple):
     """The waypoints and limits of some segments.
 
-    A motion is given by its breaks, shares of the segments' times, `(breaks, segments)`, the last
-    ones of a segment 1, and by the accelerations before and after them, `(2, breaks, segments,
-    joints)`.
-
     Attributes:
-        times: of the segments, `(segments, 1)`.
-        h: displacements, `(segments, joints)`.
-        u: velocities at the start, likewise.
+        u: velocities at the start, `(segments, joints)`.
         w: velocities at the end, likewise.
+        h: displacements, likewise.
         limits: of velocity, acceleration and jerk, `(2, joints)` each, low first.
     """
 
-    times: Array
-    h: Array
     u: Array
     w: Array
+    h: Array
     limits: tuple[Array, Array, Array]
 
     def of(self, segments: Indices) -> Self:
         """The task in some of the segments."""
-        return self._replace(
-            times=self.times[segments],
-            h=self.h[segments],
-            u=self.u[segments],
-            w=self.w[segments],
-        )
+        return self._replace(u=self.u[segments], w=self.w[segments], h=self.h[segments])
 
-    def lengths(self, breaks: Array) -> Array:
-        """The times between breaks, `(pieces, segments, 1)`."""
-        shares = np.diff(breaks, axis=0)
-        return shares[..., None] * self.times
+    def mended(self, pieces: Pieces) -> Pieces:
+        """Pieces that lead to the next waypoint and its velocity."""
+        return pieces.mended(self.u, self.w, self.h)
 
-    def mended(self, breaks: Array, levels: Array) -> Array:
-        """Accelerations that lead to the next waypoint and its velocity."""
-        lengths = self.lengths(breaks)
-        return mended(lengths, levels, self.u, self.w, self.h)
-
-    def use(self, breaks: Array, levels: Array) -> Array:
+    def use(self, pieces: Pieces) -> Array:
         """The largest share of a limit that each cell's motion uses, `(segments, joints)`."""
-        lengths = self.lengths(breaks)
-        before, after = levels
-        ends = np.array([after[:-1], before[1:]])
-        first, last = np.where(lengths > 0, ends, 0.0)
-        cubics = integrated(lengths, first, last, self.u)
-        jerks = 6 * cubics[0]
-        speeds = cubics[2]
+        takes_time = pieces.lengths > 0
+        first = np.where(takes_time, pieces.start, 0.0)
+        last = np.where(takes_time, pieces.end, 0.0)
+        jerks = np.where(takes_time, pieces.jerk, 0.0)
+        velocity, _ = pieces.passed(self.u)
+        speeds = velocity[:-1]
         # the fastest point of a piece, at no acceleration
         passes = first * last < 0
         until = first**2 / (2 * jerks)
@@ -173,48 +156,57 @@ class _Task(NamedTuple):
         return np.asarray(np.max(shares, axis=0))
 
 
-def _thinned(
-    task: _Task,
-    limits: _Limits,
-    breaks: Array,
-    levels: Array,
-) -> tuple[Array, Array]:
+def _lengths(breaks: Array, limits: _Limits) -> Array:
+    """The times between breaks, `(pieces, segments, 1)`."""
+    shares = np.diff(breaks, axis=0)
+    return shares[..., None] * limits.times
+
+
+def _cut(gentle: Pieces, breaks: Array, limits: _Limits) -> Pieces:
+    """Even pieces, cut at other breaks among theirs."""
+    count = EVEN + 1
+    middles = (breaks[:-1] + breaks[1:]) / 2
+    which = np.minimum(count * middles, EVEN).astype(int)
+    segments = np.arange(breaks.shape[1])
+    since = breaks[:-1] - which / count
+    jerk = gentle.jerk[which, segments]
+    change = jerk * since[..., None] * limits.times
+    start = gentle.start[which, segments] + change
+    return Pieces(_lengths(breaks, limits), start, jerk)
+
+
+def _thinned(task: _Task, limits: _Limits, pieces: Pieces) -> Pieces:
     """Leave out breaks that are close to another one, where the motion keeps its limits.
 
     In each segment the closest one is tried first, and again whenever another one has gone.
     """
-    segments = np.arange(breaks.shape[1])
-    full = np.where(limits.jerky, limits.ramp, np.inf)
-    close = CLOSE_RTOL * full.min(axis=1)
-    given = task.mended(breaks, levels)
-    use = task.use(breaks, given)
+    ramps = np.where(limits.jerky, limits.ramp, np.inf)
+    briefest = ramps.min(axis=1) * limits.times[:, 0]
+    close = CLOSE_RTOL * briefest
+    segments = np.arange(len(close))
+    use = task.use(task.mended(pieces))
     allowed = np.maximum(use, 1 + EXCESS_RTOL)
-    inner = breaks[1:-1]
-    is_needed = np.zeros(inner.shape, dtype=bool)
+    lengths = pieces.lengths[..., 0]
+    before = lengths[:-1]
+    after = lengths[1:]
+    is_needed = np.zeros(before.shape, dtype=bool)
     while True:
-        gaps = np.diff(breaks, axis=0)
-        distance = np.minimum(gaps[:-1], gaps[1:])
-        is_end = inner == 1
+        distance = np.minimum(before, after)
+        is_end = after == 0
         distance[is_needed | is_end] = np.inf
         closest = distance.argmin(axis=0)
         least = distance[closest, segments]
         (tried,) = np.nonzero(least < close)
         if not tried.size:
-            return breaks, levels
+            return pieces
         place = closest[tried]
-        columns = np.arange(len(tried))
-        fewer = breaks[:, tried]
-        fewer[place + 1, columns] = np.inf
-        order = np.argsort(fewer, axis=0, kind="stable")
-        fewer = np.minimum(fewer[order, columns], 1.0)
-        given = levels[:, order, tried]
+        fewer = pieces.of(tried).joined(place, limits.jerky)
         own = task.of(tried)
-        fitted = own.mended(fewer, given)
-        use = own.use(fewer, fitted)
+        use = own.use(own.mended(fewer))
         keeps = (use <= allowed[tried]).all(axis=1)
         gone = tried[keeps]
-        breaks[:, gone] = fewer[:, keeps]
-        levels[:, :, gone] = given[:, :, keeps]
+        for table, changed in zip(pieces, fewer, strict=True):
+            table[:, gone] = changed[:, keeps]
         is_needed[:, gone] = False
         is_needed[place[~keeps], tried[~keeps]] = True
 
@@ -272,10 +264,11 @@ def _settled(rows: Rows, limits: _Limits) -> Rows:
         is_spoilt = is_used & negative.any(axis=0)
         is_fine = (after.reach >= least) & ~is_spoilt
         kept = _of_both_cells(is_fine.all(axis=0))
-        velocity, acceleration = (
-            np.where(kept, new, old)
-            for new, old in zip(after.point[2:], rows.point[2:], strict=True)
-        )
+        if (kept | ~chosen).all():
+            rows = after
+            continue
+        velocity = np.where(kept, after.point.velocity, rows.point.velocity)
+        acceleration = np.where(kept, after.point.acceleration, rows.point.acceleration)
         rows = _moved(rows, velocity, acceleration)
     return rows
 
@@ -359,11 +352,13 @@ class _Profiles(NamedTuple):
     Attributes:
         knots: shares of the segment's time, `(8, 2 sides, segments, joints)`.
         levels: accelerations there, straight in between, of the same shape.
+        jerks: between the knots, `(7, 2 sides, segments, joints)`.
         shares: of both profiles in the motion, `(2 sides, segments, joints)`.
     """
 
     knots: Array
     levels: Array
+    jerks: Array
     shares: Array
 
     @classmethod
@@ -386,8 +381,13 @@ class _Profiles(NamedTuple):
         is_held = limits.jerky & (places[1] == 0)
         held = np.where(is_held, first, rises)
         levels = cells.signs * np.array([first, held, held, peaks])
+        up = cells.signs / cells.up
+        down = -cells.signs / cells.down
+        none = 0 * cells.signs
+        jerks = np.broadcast_arrays(up, none, down, none, down, none, up, first[0])
         shares = _shares(rows, limits)[:, 0]
-        return cls(_in_order(places, 1 - places), _in_order(levels, -levels), shares)
+        knots = _in_order(places, 1 - places)
+        return cls(knots, _in_order(levels, -levels), np.array(jerks[:-1])[:, :, 0], shares)
 
     def breaks(self) -> Array:
         """The ends of phases within segments, or not a number, `(16, segments, joints)`."""
@@ -396,29 +396,52 @@ class _Profiles(NamedTuple):
         breaks = np.where(is_used, self.knots, np.nan)
         return breaks.reshape(-1, *breaks.shape[2:])
 
-    def accelerations(self, breaks: Array, limits: _Limits) -> Array:
-        """Accelerations before and after breaks, `(2, breaks, segments, joints)`.
+    def pieces(self, breaks: Array, limits: _Limits) -> Pieces:
+        """The motion with the accelerations of these profiles at breaks, `(breaks, segments)`.
 
         Without a jerk limit they jump: each piece has that in its middle.
         """
-        at_breaks = self._at(breaks)
-        if limits.jerky.all():
-            return np.array([at_breaks, at_breaks])
         middles = (breaks[:-1] + breaks[1:]) / 2
-        level = self._at(middles)
-        before = np.concatenate([level[:1], level])
-        after = np.concatenate([level, level[-1:]])
-        return np.where(limits.jerky, at_breaks, [before, after])
+        lengths = _lengths(breaks, limits)
+        at_breaks = self._levels(breaks)
+        first = at_breaks[:-1]
+        last = at_breaks[1:]
+        jerks = np.take_along_axis(self.jerks, self._phase(middles), axis=0)
+        slope = self._combined(jerks)
+        if not limits.jerky.all():
+            level = self._levels(middles)
+            first = np.where(limits.jerky, first, level)
+            last = np.where(limits.jerky, last, level)
+        return Pieces(lengths, first, straight(first, last, slope, lengths))
 
-    def _at(self, times: Array) -> Array:
+    def _phase(self, times: Array) -> Indices:
+        """Which phase of each profile it is, `(times, 2 sides, segments, joints)`."""
+        inner = self.knots[1:-1]
+        passed = inner <= times[:, None, None, :, None]
+        return np.asarray(passed.sum(axis=1))
+
+    def _levels(self, times: Array) -> Array:
         """Accelerations at shares of the segments' times, `(times, segments, joints)`."""
-        _, *cells = self.shares.shape
-        total = np.zeros((len(times), *cells))
-        for side, share in enumerate(self.shares):
-            values = _between(times, self.knots[:, side], self.levels[:, side])
-            # there may be no such profile
-            total += np.nan_to_num(share * values)
-        return total
+        phase = self._phase(times)
+        start = np.take_along_axis(self.knots, phase, axis=0)
+        end = np.take_along_axis(self.knots, phase + 1, axis=0)
+        low = np.take_along_axis(self.levels, phase, axis=0)
+        high = np.take_along_axis(self.levels, phase + 1, axis=0)
+        since = times[:, None, :, None] - start
+        length = end - start
+        share = np.divide(
+            since,
+            length,
+            out=np.zeros_like(since),
+            where=length > 0,
+        )
+        change = share * (high - low)
+        return self._combined(low + change)
+
+    def _combined(self, of_sides: Array) -> Array:
+        """Values of the motion, from those of both profiles `(…, 2 sides, segments, joints)`."""
+        # there may be no such profile
+        return np.nan_to_num(self.shares * of_sides).sum(axis=1)
 
 
 def _in_order(from_start: Array, from_end: Array) -> Array:
@@ -426,17 +449,6 @@ def _in_order(from_start: Array, from_end: Array) -> Array:
     start = from_start[:, 0, :, 0]
     end = from_end[:, 1, :, 0]
     return np.concatenate([start, end[::-1]])
-
-
-def _between(times: Array, knots: Array, levels: Array) -> Array:
-    """Values at times `(…, segments)`, straight between knots `(…, segments, joints)`."""
-    _, *cells = levels.shape
-    found = np.empty((len(times), *cells))
-    for k, i in np.ndindex(*cells):
-        own = knots[:, k, i]
-        values = levels[:, k, i]
-        found[:, k, i] = np.interp(times[:, k], own, values)
-    return found
 
 
 def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools) -> Array:

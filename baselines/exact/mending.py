@@ -2,105 +2,157 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from trajopt.core.arrays import Array
+from trajopt.core.arrays import Array, Bools, Indices
 
 _ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
+_LAST_PLACE = 4e-16  # of an acceleration, relative
 
 
-def integrated(lengths: Array, first: Array, last: Array, u: Array) -> Array:
-    """Position coefficients of motions from position 0, `(4, pieces, …)`.
+class Pieces(NamedTuple):
+    """A motion of linear acceleration on each piece. A piece of no length changes nothing.
 
-    Args:
+    Attributes:
         lengths: of the pieces, `(pieces, …)`.
-        first: acceleration at the start of each piece, likewise.
-        last: and at its end.
-        u: velocities at the start of the motion, `(…)`.
+        start: accelerations at their starts, likewise.
+        jerk: slopes of the accelerations, likewise.
     """
-    velocity, position = passed(lengths, first, last, u)
-    # a piece of no length, as after the last break of a table, changes nothing
-    jerk = np.divide(
-        last - first,
+
+    lengths: Array
+    start: Array
+    jerk: Array
+
+    def of(self, segments: Indices) -> Pieces:
+        """The pieces of some of the segments, in tables `(pieces, segments, …)`."""
+        return Pieces(*(table[:, segments] for table in self))
+
+    @property
+    def end(self) -> Array:
+        """Accelerations at the ends of the pieces."""
+        return self.start + self.jerk * self.lengths
+
+    def passed(self, u: Array) -> tuple[Array, Array]:
+        """Velocities and positions at the breaks, from velocity `u` and 0, `(pieces + 1, …)`."""
+        lengths = self.lengths
+        bend = self.jerk * lengths
+        mean = self.start + bend / 2
+        velocity = _from(u, lengths * mean)
+        early = self.start / 2 + bend / 6
+        speed = velocity[:-1] + lengths * early
+        position = _from(0.0, lengths * speed)
+        return velocity, position
+
+    def integrated(self, u: Array) -> Array:
+        """Position coefficients of the motion from velocity `u` and position 0, `(4, pieces, …)`."""
+        velocity, position = self.passed(u)
+        cubic = self.jerk / 6
+        square = self.start / 2
+        return np.array([cubic, square, velocity[:-1], position[:-1]])
+
+    def missing(self, u: Array, w: Array, h: Array) -> Array:
+        """Velocity and displacement that are missing at the end, `(2, …)`; 0 if that is rounding.
+
+        Args:
+            u: velocities at the start, `(…)`.
+            w: and at the end.
+            h: displacements.
+        """
+        velocity, position = self.passed(u)
+        slow = w - velocity[-1]
+        short = h - position[-1]
+        speeds = np.abs(u) + np.abs(w)
+        is_slow = np.abs(slow) > _ROUNDING_RTOL * speeds
+        is_short = np.abs(short) > _ROUNDING_RTOL * np.abs(h)
+        return np.where([is_slow, is_short], [slow, short], 0.0)
+
+    def mended(self, u: Array, w: Array, h: Array) -> Pieces:
+        """Pieces of which nothing is missing, at least three.
+
+        Their accelerations change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`,
+        where `x` is the share of the time that has passed: a large change leaves some rounding.
+        """
+        shares = self.lengths / self.lengths.sum(axis=0)
+        x = _from(0.0, shares)
+        left = 1 - x
+        even = x * left
+        odd = even * (left - x)
+        even_gain, even_way = self._gained(even)
+        odd_gain, odd_way = self._gained(odd)
+        slow, short = self.missing(u, w, h)
+        # both equations by Cramer's rule
+        size = even_gain * odd_way - odd_gain * even_way
+        evenly = slow * odd_way - odd_gain * short
+        oddly = even_gain * short - even_way * slow
+        change = evenly * even
+        change += oddly * odd
+        more = self._straight(change / size)
+        start = self.start + more.start
+        return self._replace(start=start, jerk=self.jerk + more.jerk)
+
+    def joined(self, place: Indices, jerky: Bools) -> Pieces:
+        """One piece in place of two: that at these places, `(segments,)`, and the following one.
+
+        Without a jerk limit, `(joints,)`, acceleration is that of the longer one.
+        """
+        segments = np.arange(len(place))
+        one = Pieces(*(table[place, segments] for table in self))
+        other = Pieces(*(table[place + 1, segments] for table in self))
+        is_longer = other.lengths > one.lengths
+        slope = np.where(is_longer, other.jerk, one.jerk)
+        lengths = one.lengths + other.lengths
+        jerk = straight(one.start, other.end, slope, lengths)
+        start = np.where(is_longer & ~jerky, other.start, one.start)
+        both = Pieces(lengths, start, np.where(jerky, jerk, 0.0))
+        pieces = np.arange(len(self.start))[:, None, None]
+        is_behind = pieces > place[:, None]
+        tables = []
+        for table, own in zip(self, both, strict=True):
+            following = np.roll(table, -1, axis=0)
+            following[-1] = 0.0
+            fewer = np.where(is_behind, following, table)
+            fewer[place, segments] = own
+            tables.append(fewer)
+        return Pieces(*tables)
+
+    def _gained(self, acceleration: Array) -> tuple[Array, Array]:
+        """Velocity and displacement, from rest, of accelerations at the breaks."""
+        velocity, position = self._straight(acceleration).passed(0 * acceleration[0])
+        return velocity[-1], position[-1]
+
+    def _straight(self, acceleration: Array) -> Pieces:
+        """Pieces between these accelerations at the breaks, `(pieces + 1, …)`."""
+        first = acceleration[:-1]
+        last = acceleration[1:]
+        jerk = straight(first, last, np.zeros_like(first), self.lengths)
+        return self._replace(start=first, jerk=jerk)
+
+
+def straight(first: Array, last: Array, slope: Array, lengths: Array) -> Array:
+    """The slope from one value to the other: the given one, if it leads there.
+
+    The difference of two values a moment apart is mostly rounding.
+    """
+    change = last - first
+    missed = np.abs(change - slope * lengths)
+    sizes = np.abs(first) + np.abs(last)
+    does = missed <= _LAST_PLACE * sizes
+    chord = np.divide(
+        change,
         lengths,
-        out=np.zeros_like(first),
+        out=np.zeros_like(change),
         where=lengths > 0,
     )
-    cubic = jerk / 6
-    square = first / 2
-    return np.array([cubic, square, velocity[:-1], position[:-1]])
+    return np.where(does, slope, chord)
 
 
-def passed(lengths: Array, first: Array, last: Array, u: Array) -> tuple[Array, Array]:
-    """Velocities and positions at the breaks of the same motions, `(pieces + 1, …)`."""
-    mean = (first + last) / 2
-    velocity = _from(u, lengths * mean)
-    early = (2 * first + last) / 6
-    speed = velocity[:-1] + lengths * early
-    none = np.zeros_like(u)
-    position = _from(none, lengths * speed)
-    return velocity, position
-
-
-def missing(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) -> Array:
-    """The velocity and the displacement that motions miss at their end; 0 where that is rounding.
-
-    Args:
-        lengths: of the pieces, `(pieces, …)`.
-        acceleration: before and after the breaks, `(2, pieces + 1, …)`. Both differ where it jumps,
-            which it may without a jerk limit.
-        u: velocities at the start, `(…)`.
-        w: and at the end.
-        h: displacements.
-
-    Returns:
-        Both, `(2, …)`.
-    """
-    before, after = acceleration
-    first = after[:-1]
-    last = before[1:]
-    gained, travelled = _at_end(lengths, first, last, u)
-    slow = w - gained
-    short = h - travelled
-    speeds = np.abs(u) + np.abs(w)
-    is_slow = np.abs(slow) > _ROUNDING_RTOL * speeds
-    is_short = np.abs(short) > _ROUNDING_RTOL * np.abs(h)
-    return np.where([is_slow, is_short], [slow, short], 0.0)
-
-
-def mended(lengths: Array, acceleration: Array, u: Array, w: Array, h: Array) -> Array:
-    """Accelerations with which nothing is missing, of at least three pieces.
-
-    They change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`, where `x` is the
-    share of the time that has passed: a large change leaves some rounding. The arguments are those
-    of `missing`.
-    """
-    shares = lengths / lengths.sum(axis=0)
-    none = np.zeros_like(shares[0])
-    x = _from(none, shares)
-    left = 1 - x
-    even = x * left
-    odd = even * (left - x)
-    even_gain, even_way = _at_end(lengths, even[:-1], even[1:], none)
-    odd_gain, odd_way = _at_end(lengths, odd[:-1], odd[1:], none)
-    slow, short = missing(lengths, acceleration, u, w, h)
-    # both equations by Cramer's rule
-    size = even_gain * odd_way - odd_gain * even_way
-    evenly = slow * odd_way - odd_gain * short
-    oddly = even_gain * short - even_way * slow
-    change = evenly * even
-    change += oddly * odd
-    return acceleration + change / size
-
-
-def _at_end(lengths: Array, first: Array, last: Array, u: Array) -> tuple[Array, Array]:
-    """Velocity and position at the end, `(…)`."""
-    velocity, position = passed(lengths, first, last, u)
-    return velocity[-1], position[-1]
-
-
-def _from(start: Array, steps: Array) -> Array:
+def _from(start: Array | float, steps: Array) -> Array:
     """The value before the first step and after each, along the first axis."""
-    first = np.broadcast_to(start, steps[:1].shape)
-    parts = np.concatenate([first, steps])
-    return np.cumsum(parts, axis=0)
+    pieces, *others = steps.shape
+    values = np.empty((pieces + 1, *others))
+    values[0] = start
+    np.cumsum(steps, axis=0, out=values[1:])
+    values[1:] += start
+    return values

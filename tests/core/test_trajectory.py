@@ -369,7 +369,7 @@ def test_lengths_stay_exact_in_whatever_is_made_of_a_trajectory():
         ([1.0], "2 times"),
         ([0.5, -0.5], "2 times above 0"),
         ([0.5, np.nan], "lengths"),
-        # what breaks do not show would be a way that takes no time
+        # a piece would take time that the duration does not show
         ([0.5 + 1e-14, 0.5], "but for rounding"),
         ([0.5, 0.6], "but for rounding"),
     ],

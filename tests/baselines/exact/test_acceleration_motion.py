@@ -10,7 +10,7 @@ import pytest
 from baselines.exact.acceleration import Exact
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes, gentlest, straightest
-from baselines.exact.mending import integrated, passed
+from baselines.exact.mending import Pieces
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
@@ -171,13 +171,12 @@ def test_a_motion_late_in_a_long_trajectory_is_the_same(seed: int) -> None:
         lengths, acceleration = pieces(task)
         assert (acceleration >= A[0]).all()
         assert (acceleration <= A[1]).all()
-        each = lengths[..., None]
-        velocity, position = passed(each, acceleration, acceleration, task.u)
+        own = Pieces(lengths[..., None], acceleration, 0 * acceleration)
+        velocity, position = own.passed(task.u)
         fastest = max(abs(u), abs(w))
         assert position[-1, 1] == pytest.approx(h, abs=1e-12 * fastest * length)
         assert velocity[-1, 1] == pytest.approx(w, abs=1e-14)
-        cubics = integrated(each, acceleration, acceleration, task.u)
-        by_segment = cubics.transpose(2, 0, 1, 3)
+        by_segment = own.integrated(task.u).transpose(2, 0, 1, 3)
         motion = Trajectory.of_segments(zip(lengths.T, by_segment, strict=True))
         late = motion.breaks[:-1] >= 1000.0
         _, own = lengths.T

@@ -11,6 +11,7 @@ from experiments.known_optima import end_to_end, line, one_way
 from experiments.scaling import walk
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
+from trajopt.benchmark.suites.random import random_problem
 
 NAMES = {
     "random-huge-j8-w30-jerk-07": 1e-9,  # 16,839 s, dips of 5e-5 s at the velocity limit
@@ -102,6 +103,20 @@ def test_no_break_is_left_that_no_limit_needs(seed: int) -> None:
     assert trajectory is not None
     assert short(trajectory) == 0
     assert verify(problem, trajectory).dilation <= 1 + 3e-10
+
+
+@pytest.mark.parametrize("seed", [7066, 7084, 7088, 7102, 7119])
+def test_joints_without_a_jerk_limit_share_the_breaks(seed: int) -> None:
+    """Two joints' breaks 1e-14 of a segment apart once made jerk out of rounding: 54 times J."""
+    problem = random_problem(seed, jerk=True)
+    rng = np.random.default_rng(seed)
+    jerk = np.array(problem.limits.jerk)
+    jerk[rng.uniform(size=len(jerk)) < 0.4] = [-np.inf, np.inf]
+    own = problem.limits
+    mixed = Problem(problem.waypoints, Limits(own.velocity, own.acceleration, jerk))
+    trajectory = ExactJerk().solve(mixed).trajectory
+    assert trajectory is not None
+    assert verify(mixed, trajectory).dilation <= 1 + 1e-9
 
 
 def test_a_joint_with_time_to_spare_has_few_breaks() -> None:

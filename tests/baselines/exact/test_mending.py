@@ -3,52 +3,105 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from baselines.exact.mending import integrated, mended, missing, passed
+from baselines.exact.mending import Pieces, straight
 from trajopt.core import polynomials
 
 
-def test_mended_accelerations_end_with_their_velocity_where_they_should() -> None:
-    """Random accelerations at random breaks, some of them 1e-9 of the others, with jumps."""
-    rng = np.random.default_rng(2)
+def drawn(seed: int) -> tuple[Pieces, np.ndarray]:
+    """Random pieces, some 1e-9 of the others, and two velocities and a displacement to meet."""
+    rng = np.random.default_rng(seed)
     lengths = 10 ** rng.uniform(-9, 0, (8, 50))
-    t = lengths.sum(axis=0)
-    u, w, h = rng.uniform(-1, 1, (3, 50))
-    given = rng.uniform(-1, 1, (2, 9, 50))
-    once = mended(lengths, given, u, w, h)
-    before, after = mended(lengths, once, u, w, h)
-    first = after[:-1]
-    last = before[1:]
-    velocity, position = passed(lengths, first, last, u)
+    start = rng.uniform(-1, 1, lengths.shape)
+    bend = rng.uniform(-1, 1, lengths.shape)
+    pieces = Pieces(lengths, start, bend / lengths)
+    return pieces, rng.uniform(-1, 1, (3, 50))
+
+
+def test_mended_pieces_end_with_their_velocity_where_they_should() -> None:
+    given, (u, w, h) = drawn(2)
+    pieces = given.mended(u, w, h).mended(u, w, h)
+    velocity, position = pieces.passed(u)
     np.testing.assert_allclose(velocity[-1], w, atol=1e-13)
-    np.testing.assert_allclose(position[-1], h, atol=1e-13 * t.max())
-    # each piece leads to the next one
-    cubics = integrated(lengths, first, last, u)
-    unit = polynomials.stretched(cubics, lengths)
-    np.testing.assert_allclose(unit.sum(axis=0), position[1:], atol=1e-12)
-    slopes = polynomials.derivative(unit).sum(axis=0)
-    np.testing.assert_allclose(slopes, velocity[1:] * lengths, atol=1e-12)
+    np.testing.assert_allclose(position[-1], h, atol=1e-12)
+
+
+def test_coefficients_lead_from_each_break_to_the_next() -> None:
+    pieces, (u, _, _) = drawn(3)
+    velocity, position = pieces.passed(u)
+    lengths = pieces.lengths
+    coefficients = pieces.integrated(u)
+    unit = polynomials.stretched(coefficients, lengths)
+    expected = [
+        position[1:],
+        velocity[1:] * lengths,
+        pieces.end * lengths**2,
+    ]
+    for order, values in enumerate(expected):
+        ends = polynomials.derivative(unit, order).sum(axis=0)
+        np.testing.assert_allclose(ends, values, atol=1e-13)
 
 
 def test_pieces_of_no_length_change_nothing() -> None:
-    rng = np.random.default_rng(3)
-    lengths = np.array([0.3, 0.0, 0.7, 0.0])
-    first, last = rng.uniform(-1, 1, (2, 4))
-    u = np.array(0.5)
-    whole = integrated(lengths, first, last, u)
-    used = lengths > 0
-    fewer = integrated(lengths[used], first[used], last[used], u)
-    np.testing.assert_allclose(whole[:, used], fewer, rtol=1e-14)
+    pieces, (u, w, h) = drawn(4)
+    padded = Pieces(*(np.pad(table, [(0, 1), (0, 0)]) for table in pieces))
+    mended = pieces.mended(u, w, h)
+    of_padded = padded.mended(u, w, h)
+    np.testing.assert_allclose(of_padded.start[:-1], mended.start, rtol=1e-9)
+    for table in padded.passed(u):
+        *_, before, last = table
+        np.testing.assert_array_equal(before, last)
 
 
 def test_what_is_missing_is_not_rounding() -> None:
+    none = np.zeros((3, 1))
     lengths = np.array([[0.25], [0.5], [0.25]])
-    none = np.zeros((2, 4, 1))
+    pieces = Pieces(lengths, none, none)
     one = np.ones(1)
     rounded = one + 1e-15
-    missed = missing(lengths, none, one, rounded, one)
+    missed = pieces.missing(one, rounded, one)
     np.testing.assert_array_equal(missed, 0)
     faster = 1.5 * one
     farther = 1.25 * one
-    slow, short = missing(lengths, none, one, faster, farther)
+    slow, short = pieces.missing(one, faster, farther)
     assert (slow, short) == (0.5, 0.25)
+
+
+def test_the_slope_of_a_brief_piece_is_the_given_one() -> None:
+    """0.1 + 1e-12 is stored to 1e-17: over 1e-12 that is a slope of 1 to 1e-5."""
+    first = np.full(2, 0.1)
+    lengths = np.full(2, 1e-12)
+    last = first + lengths * [1.0, 2.0]
+    assert abs((last[0] - first[0]) / 1e-12 - 1) > 1e-6
+    exact, chord = straight(first, last, np.ones(2), lengths)
+    assert exact == 1.0
+    assert chord == pytest.approx(2.0, rel=1e-4)
+
+
+def test_two_pieces_become_one() -> None:
+    """Lengths 1, 3, 2 become 4, 2; the second joint's acceleration may jump."""
+    lengths = [
+        [[1.0]],
+        [[3.0]],
+        [[2.0]],
+    ]
+    start = [
+        [[0.0, 5.0]],
+        [[1.0, 7.0]],
+        [[7.0, 9.0]],
+    ]
+    jerk = [
+        [[1.0, 0.0]],
+        [[2.0, 0.0]],
+        [[0.0, 0.0]],
+    ]
+    pieces = Pieces(*map(np.array, (lengths, start, jerk)))
+    jerky = np.array([True, False])
+    joined = pieces.joined(np.array([0]), jerky)
+    np.testing.assert_array_equal(joined.lengths[:, 0, 0], [4, 2, 0])
+    # the first joint's goes from 0 to 7 in 4, the second's is the longer piece's
+    first, second, _ = joined.start[:, 0]
+    np.testing.assert_array_equal(first, [0, 7])
+    np.testing.assert_array_equal(second, [7, 9])
+    np.testing.assert_allclose(joined.jerk[0, 0], [7 / 4, 0])
