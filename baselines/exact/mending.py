@@ -46,7 +46,7 @@ class Pieces(NamedTuple):
         return velocity, position
 
     def integrated(self, u: Array) -> Array:
-        """Position coefficients of the motion from velocity `u` and position 0, `(4, pieces, …)`."""
+        """Position coefficients from velocity `u` and position 0, `(4, pieces, …)`."""
         velocity, position = self.passed(u)
         cubic = self.jerk / 6
         square = self.start / 2
