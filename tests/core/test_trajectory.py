@@ -369,6 +369,8 @@ def test_lengths_stay_exact_in_whatever_is_made_of_a_trajectory():
         ([1.0], "2 times"),
         ([0.5, -0.5], "2 times above 0"),
         ([0.5, np.nan], "lengths"),
+        (None, "lengths"),
+        (0.5, "2 times"),
         # a piece would take time that the duration does not show
         ([0.5 + 1e-14, 0.5], "but for rounding"),
         ([0.5, 0.6], "but for rounding"),
@@ -377,6 +379,17 @@ def test_lengths_stay_exact_in_whatever_is_made_of_a_trajectory():
 def test_lengths_that_breaks_do_not_show(lengths, message):
     with pytest.raises(InvalidTrajectory, match=message):
         Trajectory([0.0, 0.5, 1.0], np.zeros((1, 2, 1)), [0.0, 1.0], lengths)
+
+
+@pytest.mark.parametrize("shorter", [0.0, 7.9])
+def test_a_piece_that_is_cut_close_to_its_end_has_two_parts(shorter):
+    """Its length is less than its breaks say by as much as they may round."""
+    eps = np.finfo(float).eps
+    lengths = [0.5 - shorter * eps, 0.5]
+    motion = Trajectory([0.0, 0.5, 1.0], np.ones((1, 2, 1)), [0.0, 1.0], lengths)
+    parts = motion.refined([0.5 - 17 * eps]).lengths
+    assert len(parts) == 3
+    assert (parts > 0).all()
 
 
 def test_rounding_of_many_lengths_adds_up_to_no_more_than_the_ends():

@@ -25,6 +25,9 @@ EPS = float(np.finfo(float).eps)
 # Relative to the duration. Closer breaks are one break: sums of durations in different orders
 # differ by rounding. Dropping a longer piece, which moves, would make a jump.
 BREAK_RTOL = 16 * EPS
+# Relative to the duration: rounding between a length and the difference of its breaks. Less than
+# the distance of two breaks, so that a piece that is cut has two parts.
+LENGTH_RTOL = 8 * EPS
 # Relative to the duration: rounding of the first and last waypoint times.
 END_RTOL = 1e-12
 # Relative to the duration. A nearer crossing of a path's break is at the break of s(t) itself.
@@ -56,7 +59,7 @@ class Trajectory:
     lengths: Array = field(default_factory=partial(np.zeros, 0))
 
     def __post_init__(self) -> None:
-        if not len(self.lengths):
+        if not np.size(self.lengths):
             object.__setattr__(self, "lengths", np.diff(np.ravel(self.breaks)))
         for own in fields(self):
             array = np.array(getattr(self, own.name), dtype=float)
@@ -395,7 +398,7 @@ def _check(trajectory: Trajectory) -> None:
         raise InvalidTrajectory(f"lengths must be {pieces} times above 0")
     summed = np.cumsum(lengths)
     is_far = np.abs(summed - breaks[1:]) > rounding
-    differs = np.abs(lengths - np.diff(breaks)) > BREAK_RTOL * breaks[-1]
+    differs = np.abs(lengths - np.diff(breaks)) > LENGTH_RTOL * breaks[-1]
     if is_far.any() or differs.any():
         raise InvalidTrajectory("lengths must be the differences of the breaks, but for rounding")
     waypoint_times = trajectory.waypoint_times
