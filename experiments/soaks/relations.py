@@ -220,12 +220,8 @@ def free(
 
 def retimed(problem: Problem, trajectory: Trajectory) -> float:
     """TOPP-RA's duration along the path of a trajectory, limits relaxed, s; NaN without one."""
-    limits = Limits(
-        problem.limits.velocity * (1 + RELAXED),
-        problem.limits.acceleration * (1 + RELAXED),
-    )
-    relaxed = Problem(problem.waypoints, limits)
-    found = along(relaxed, trajectory).trajectory
+    wider = replace(problem, limits=relaxed(problem.limits, RELAXED))
+    found = along(wider, trajectory).trajectory
     return np.nan if found is None else found.duration
 
 
@@ -253,21 +249,32 @@ def jerky(problem: Problem, seed: int) -> Checks:
 def by_segments(problem: Problem, trajectory: Trajectory) -> float:
     """Largest difference from Ruckig's segment times, relative to the whole duration.
 
-    From states divided by `1 + 1e-6`; from nearer ones where that leaves what a tiny segment can
-    reach.
+    Under limits wider by 1e-6, or by 1e-9: in a segment of 1e-6 s rounding of the states exceeds
+    them, and Ruckig then goes a long way round.
     """
     times = trajectory.waypoint_times
+    velocities = trajectory(times, 1)
+    accelerations = np.zeros_like(velocities)
+    if problem.has("jerk"):
+        accelerations = trajectory(times, 2)
+    states = [*zip(problem.waypoints, velocities, accelerations, strict=True)]
     apart = []
-    for shift in (RELAXED, 1e-9):
-        velocities = trajectory(times, 1) / (1 + shift)
-        accelerations = np.zeros_like(velocities)
-        if problem.has("jerk"):
-            accelerations = trajectory(times, 2) / (1 + shift)
-        states = zip(problem.waypoints, velocities, accelerations, strict=True)
-        ruckig = _section_times(problem.limits, states)
+    for wider in (RELAXED, 1e-9):
+        ruckig = _section_times(relaxed(problem.limits, wider), states)
         apart.append(np.abs(ruckig - np.diff(times)))
     nearest = np.min(apart, axis=0)
     return float(nearest.max() / times[-1])
+
+
+def relaxed(limits: Limits, wider: float) -> Limits:
+    """Limits of velocity, acceleration and jerk that are wider by this share."""
+    factor = 1 + wider
+    return replace(
+        limits,
+        velocity=factor * limits.velocity,
+        acceleration=factor * limits.acceleration,
+        jerk=factor * limits.jerk,
+    )
 
 
 def _section_times(limits: Limits, states: Iterable[State]) -> Array:
