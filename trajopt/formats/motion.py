@@ -2,7 +2,8 @@
 
 - `.csv`, `.txt`: samples, with a header of names and units (`trajopt.formats.samples_csv`);
 - `.json`, `.yaml`: a `trajectory_msgs/JointTrajectory` (`trajopt.formats.joint_trajectory`);
-- `.json` with `breaks` and `coefficients`: polynomials, as `plan --out motion.json` writes them;
+- `.json` with `breaks` and `coefficients`: polynomials, as `plan --out motion.json` writes them,
+  with the `lengths` of pieces where the breaks round them;
 - in Python also a `Trajectory`, `Samples`, and SciPy's `PPoly` and `BSpline`.
 """
 
