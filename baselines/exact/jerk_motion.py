@@ -25,6 +25,7 @@ from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
 from baselines.exact.mending import Pieces, straight
 from baselines.exact.scaled import Scaled
+from baselines.exact.segments import Segments
 from trajopt.core.arrays import Array, Bools, Indices
 from trajopt.core.trajectory import Trajectory
 
@@ -46,6 +47,8 @@ LEAST_RTOL = 7e-6
 # A break closer to another one, relative to the segment's briefest full ramp, may be left out.
 CLOSE_RTOL = 1e-2
 MENDINGS = 2
+# A briefer piece is left out wherever limits allow that, s.
+BRIEF_PIECE_S = 1e-6
 TINY = 1e-300  # instead of dividing by 0
 
 
@@ -92,68 +95,23 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]
     starts = velocity[:-1]
     signs = np.array([[-1.0], [1.0]])
     sides = scaled.v, scaled.a, signs / scaled.r
-    task = _Task(starts, velocity[1:], scaled.h, sides)
+    segments = Segments(starts, velocity[1:], scaled.h, sides)
 
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
-    gentle = task.mended(profiles.pieces(even, limits))
-    suffices = task.use(gentle) <= 1 + EXCESS_RTOL
+    gentle = segments.mended(profiles.pieces(even, limits))
+    suffices = segments.use(gentle) <= 1 + EXCESS_RTOL
     needs_own = ~(suffices & limits.jerky)
     breaks = _breaks(profiles, limits, even, needs_own)
     own = profiles.pieces(breaks, limits)
     others = _cut(gentle, breaks, limits)
-    pieces = own._replace(
-        start=np.where(needs_own, own.start, others.start),
-        jerk=np.where(needs_own, own.jerk, others.jerk),
-    )
-    pieces = _thinned(task, limits, pieces)
+    start = np.where(needs_own, own.start, others.start)
+    jerk = np.where(needs_own, own.jerk, others.jerk)
+    pieces = Pieces(own.lengths, start, jerk)
+    pieces = _thinned(segments, limits, pieces)
     # the second time mends the rounding of the first
     for _ in range(MENDINGS):
-        pieces = task.mended(pieces)
+        pieces = segments.mended(pieces)
     return pieces, starts
-
-
-class _Task(NamedTuple):
-    """The waypoints and limits of some segments.
-
-    Attributes:
-        u: velocities at the start, `(segments, joints)`.
-        w: velocities at the end, likewise.
-        h: displacements, likewise.
-        limits: of velocity, acceleration and jerk, `(2, joints)` each, low first.
-    """
-
-    u: Array
-    w: Array
-    h: Array
-    limits: tuple[Array, Array, Array]
-
-    def of(self, segments: Indices) -> Self:
-        """The task in some of the segments."""
-        return self._replace(u=self.u[segments], w=self.w[segments], h=self.h[segments])
-
-    def mended(self, pieces: Pieces) -> Pieces:
-        """Pieces that lead to the next waypoint and its velocity."""
-        return pieces.mended(self.u, self.w, self.h)
-
-    def use(self, pieces: Pieces) -> Array:
-        """The largest share of a limit that each cell's motion uses, `(segments, joints)`."""
-        takes_time = pieces.lengths > 0
-        first = np.where(takes_time, pieces.start, 0.0)
-        last = np.where(takes_time, pieces.end, 0.0)
-        jerks = np.where(takes_time, pieces.jerk, 0.0)
-        velocity, _ = pieces.passed(self.u)
-        speeds = velocity[:-1]
-        # the fastest point of a piece, at no acceleration
-        passes = first * last < 0
-        until = first**2 / (2 * jerks)
-        lost = np.where(passes, until, 0.0)
-        velocities = np.concatenate([speeds, speeds - lost])
-        accelerations = np.concatenate([first, last])
-        tables = [velocities, accelerations, jerks]
-        shares = []
-        for values, sides in zip(tables, self.limits, strict=True):
-            shares += [(values / side).max(axis=0) for side in sides]
-        return np.asarray(np.max(shares, axis=0))
 
 
 def _lengths(breaks: Array, limits: _Limits) -> Array:
@@ -167,15 +125,15 @@ def _cut(gentle: Pieces, breaks: Array, limits: _Limits) -> Pieces:
     count = EVEN + 1
     middles = (breaks[:-1] + breaks[1:]) / 2
     which = np.minimum(count * middles, EVEN).astype(int)
-    segments = np.arange(breaks.shape[1])
+    every = np.arange(breaks.shape[1])
     since = breaks[:-1] - which / count
-    jerk = gentle.jerk[which, segments]
+    jerk = gentle.jerk[which, every]
     change = jerk * since[..., None] * limits.times
-    start = gentle.start[which, segments] + change
+    start = gentle.start[which, every] + change
     return Pieces(_lengths(breaks, limits), start, jerk)
 
 
-def _thinned(task: _Task, limits: _Limits, pieces: Pieces) -> Pieces:
+def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
     """Leave out breaks that are close to another one, where the motion keeps its limits.
 
     In each segment the closest one is tried first, and again whenever another one has gone.
@@ -183,8 +141,9 @@ def _thinned(task: _Task, limits: _Limits, pieces: Pieces) -> Pieces:
     ramps = np.where(limits.jerky, limits.ramp, np.inf)
     briefest = ramps.min(axis=1) * limits.times[:, 0]
     close = CLOSE_RTOL * briefest
-    segments = np.arange(len(close))
-    use = task.use(task.mended(pieces))
+    every = np.arange(len(close))
+    mended = segments.mended(pieces)
+    use = segments.use(mended)
     allowed = np.maximum(use, 1 + EXCESS_RTOL)
     lengths = pieces.lengths[..., 0]
     before = lengths[:-1]
@@ -195,20 +154,35 @@ def _thinned(task: _Task, limits: _Limits, pieces: Pieces) -> Pieces:
         is_end = after == 0
         distance[is_needed | is_end] = np.inf
         closest = distance.argmin(axis=0)
-        least = distance[closest, segments]
+        least = distance[closest, every]
         (tried,) = np.nonzero(least < close)
         if not tried.size:
             return pieces
         place = closest[tried]
         fewer = pieces.of(tried).joined(place, limits.jerky)
-        own = task.of(tried)
-        use = own.use(own.mended(fewer))
-        keeps = (use <= allowed[tried]).all(axis=1)
+        keeps = _keeps(segments.of(tried), fewer, allowed[tried])
+        # a piece that takes next to no time stays only if no motion can do without it
+        is_brief = least[tried] < limits.brief
+        for i in np.flatnonzero(is_brief & ~keeps):
+            one = np.array([i])
+            own = segments.of(tried[one])
+            squeezed = own.squeezed(fewer.of(one))
+            keeps[one] = _keeps(own, squeezed, allowed[tried[one]])
+            fewer.start[:, one] = squeezed.start
+            fewer.jerk[:, one] = squeezed.jerk
         gone = tried[keeps]
         for table, changed in zip(pieces, fewer, strict=True):
             table[:, gone] = changed[:, keeps]
         is_needed[:, gone] = False
         is_needed[place[~keeps], tried[~keeps]] = True
+
+
+def _keeps(segments: Segments, pieces: Pieces, allowed: Array) -> Bools:
+    """Return in which segments the mended pieces use no more of a limit than is allowed."""
+    mended = segments.mended(pieces)
+    use = segments.use(mended)
+    keeps = use <= allowed
+    return np.asarray(keeps.all(axis=1))
 
 
 class _Limits(NamedTuple):
@@ -221,6 +195,7 @@ class _Limits(NamedTuple):
             `(segments, joints)`.
         ramp: the longest time with the same jerk, as a share of the segment's, likewise.
         vanished: a phase of a smaller share is rounding, likewise.
+        brief: the time of a brief piece.
     """
 
     times: Array
@@ -228,6 +203,7 @@ class _Limits(NamedTuple):
     gained: Array
     ramp: Array
     vanished: Array
+    brief: float
 
     @classmethod
     def of(cls, scaled: Scaled, segment_times: Array) -> Self:
@@ -242,7 +218,7 @@ class _Limits(NamedTuple):
         ramp = np.minimum(ramp, 1.0)
         vanished = SETTLED_RTOL * ramp + ROUNDING
         jerky = slow > 0
-        return cls(times, jerky, gained, ramp, vanished)
+        return cls(times, jerky, gained, ramp, vanished, BRIEF_PIECE_S / scaled.unit)
 
 
 def _settled(rows: Rows, limits: _Limits) -> Rows:
@@ -384,10 +360,11 @@ class _Profiles(NamedTuple):
         up = cells.signs / cells.up
         down = -cells.signs / cells.down
         none = 0 * cells.signs
-        jerks = np.broadcast_arrays(up, none, down, none, down, none, up, first[0])
+        phase_jerks = np.broadcast_arrays(up, none, down, none, down, none, up, first[0])
+        jerks = np.array(phase_jerks[:-1])[:, :, 0]
         shares = _shares(rows, limits)[:, 0]
         knots = _in_order(places, 1 - places)
-        return cls(knots, _in_order(levels, -levels), np.array(jerks[:-1])[:, :, 0], shares)
+        return cls(knots, _in_order(levels, -levels), jerks, shares)
 
     def breaks(self) -> Array:
         """The ends of phases within segments, or not a number, `(16, segments, joints)`."""
@@ -441,7 +418,8 @@ class _Profiles(NamedTuple):
     def _combined(self, of_sides: Array) -> Array:
         """Values of the motion, from those of both profiles `(…, 2 sides, segments, joints)`."""
         # there may be no such profile
-        return np.nan_to_num(self.shares * of_sides).sum(axis=1)
+        parts = np.nan_to_num(self.shares * of_sides)
+        return np.asarray(parts.sum(axis=1))
 
 
 def _in_order(from_start: Array, from_end: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from trajopt.core.arrays import Array, Bools, Indices
 
 _ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
-_LAST_PLACE = 4e-16  # of an acceleration, relative
+_LAST_PLACE = 4e-16  # rounding of an acceleration, relative
 
 
 class Pieces(NamedTuple):

@@ -105,6 +105,16 @@ def test_no_break_is_left_that_no_limit_needs(seed: int) -> None:
     assert verify(problem, trajectory).dilation <= 1 + 3e-10
 
 
+@pytest.mark.parametrize("name", ["random-tiny-j9-w6-jerk-01", "random-huge-j2-w6-jerk-01"])
+def test_a_brief_piece_stays_only_where_no_motion_does_without_it(name: str) -> None:
+    """A linear program says which one does: a smooth change of acceleration exceeds limits."""
+    problem = load(name)
+    trajectory = ExactJerk().solve(problem).trajectory
+    assert trajectory is not None
+    assert short(trajectory) == 0
+    assert verify(problem, trajectory).dilation <= 1 + 1e-9
+
+
 @pytest.mark.parametrize("seed", [7066, 7084, 7088, 7102, 7119])
 def test_joints_without_a_jerk_limit_share_the_breaks(seed: int) -> None:
     """Two joints' breaks 1e-14 of a segment apart once made jerk out of rounding: 54 times J."""
