@@ -72,7 +72,8 @@ class ExactJerk(SeveralStarts):
         Where no joint that moves has a jerk limit, section 3's program is the same problem.
         """
         if not problem.limits.jerk_limited[problem.moving].any():
-            return Exact(self.starts, self.agreeing, self.solver).solve(problem)
+            jerkless = problem.without("jerk")
+            return Exact(self.starts, self.agreeing, self.solver).solve(jerkless)
         # late: planners that are only listed need none of it
         from baselines.exact.jerk_motion import Reachable
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
-from baselines.exact.mending import Pieces, straight
+from baselines.exact.mending import Pieces, straight, summed
 from baselines.exact.scaled import Scaled
 from baselines.exact.segments import Segments
 from trajopt.core.arrays import Array, Bools, Indices
@@ -140,7 +140,7 @@ def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
     """
     ramps = np.where(limits.jerky, limits.ramp, np.inf)
     briefest = ramps.min(axis=1) * limits.times[:, 0]
-    close = CLOSE_RTOL * briefest
+    close = np.maximum(CLOSE_RTOL * briefest, limits.brief)
     every = np.arange(len(close))
     mended = segments.mended(pieces)
     use = segments.use(mended)
@@ -155,7 +155,10 @@ def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
         distance[is_needed | is_end] = np.inf
         closest = distance.argmin(axis=0)
         least = distance[closest, every]
-        (tried,) = np.nonzero(least < close)
+        # three meet any end
+        is_spare = (lengths > 0).sum(axis=0) > EVEN + 1
+        is_close = least < close
+        (tried,) = np.nonzero(is_spare & is_close)
         if not tried.size:
             return pieces
         place = closest[tried]
@@ -288,7 +291,7 @@ def _nearest(values: Array, sides: Array, limits: _Limits) -> tuple[Array, Bools
     limit = np.where(values > 0, high, low)
     room = np.abs(limit - values)
     is_near = room < NEAR_RTOL * np.abs(limit)
-    return limit, limits.jerky & is_near
+    return limit, is_near
 
 
 def _moved(rows: Rows, velocity: Array, acceleration: Array) -> Rows:
@@ -348,22 +351,22 @@ class _Profiles(NamedTuple):
         peak = np.clip(0.0, -fall, rise)
         peaks = np.array([peak, -peak])
         last = profiles.limits.down * (rises - peaks)
-        own = np.array([0 * first, profiles.first, profiles.hold, last])
+        own = np.array([profiles.first, profiles.hold, last])
         # a phase that has settled is rounding
         phases = np.where(own < limits.vanished, 0.0, own)
-        places = np.cumsum(phases, axis=0)
-        # both meet, however they are rounded
-        places[-1] = np.minimum(places[-1], 1 - places[-1, ::-1])
-        is_held = limits.jerky & (places[1] == 0)
+        moving = _in_order(phases, phases)
+        cruise = profiles.cruise[:, 0]
+        knots = _knots(np.insert(moving, len(phases), cruise, axis=0))
+        is_held = limits.jerky & (phases[0] == 0)
         held = np.where(is_held, first, rises)
         levels = cells.signs * np.array([first, held, held, peaks])
         up = cells.signs / cells.up
         down = -cells.signs / cells.down
         none = 0 * cells.signs
-        phase_jerks = np.broadcast_arrays(up, none, down, none, down, none, up, first[0])
-        jerks = np.array(phase_jerks[:-1])[:, :, 0]
+        by_phase = [up, none, down, none, down, none, up]
+        *every, _ = np.broadcast_arrays(*by_phase, first[0])
+        jerks = np.array(every)[:, :, 0]
         shares = _shares(rows, limits)[:, 0]
-        knots = _in_order(places, 1 - places)
         return cls(knots, _in_order(levels, -levels), jerks, shares)
 
     def breaks(self) -> Array:
@@ -423,10 +426,20 @@ class _Profiles(NamedTuple):
 
 
 def _in_order(from_start: Array, from_end: Array) -> Array:
-    """Values from both ends inwards, `(4, 2 ends, 2 sides, 1, segments, joints)`, on one axis."""
+    """Values from both ends inwards, `(…, 2 ends, 2 sides, 1, segments, joints)`, on one axis."""
     start = from_start[:, 0, :, 0]
     end = from_end[:, 1, :, 0]
     return np.concatenate([start, end[::-1]])
+
+
+def _knots(phases: Array) -> Array:
+    """The ends of phases, and 0: the longest phase takes what the others leave of the time 1."""
+    from_start = summed(0.0, phases)
+    from_end = 1 - summed(0.0, phases[::-1])[::-1]
+    numbers = np.arange(len(from_start))
+    longest = phases.argmax(axis=0)
+    is_before = numbers[:, None, None, None] <= longest
+    return np.where(is_before, from_start, from_end)
 
 
 def _breaks(profiles: _Profiles, limits: _Limits, even: Array, needs_own: Bools) -> Array:

@@ -39,10 +39,10 @@ class Pieces(NamedTuple):
         lengths = self.lengths
         bend = self.jerk * lengths
         mean = self.start + bend / 2
-        velocity = _from(u, lengths * mean)
+        velocity = summed(u, lengths * mean)
         early = self.start / 2 + bend / 6
         speed = velocity[:-1] + lengths * early
-        position = _from(0.0, lengths * speed)
+        position = summed(0.0, lengths * speed)
         return velocity, position
 
     def integrated(self, u: Array) -> Array:
@@ -75,7 +75,7 @@ class Pieces(NamedTuple):
         where `x` is the share of the time that has passed: a large change leaves some rounding.
         """
         shares = self.lengths / self.lengths.sum(axis=0)
-        x = _from(0.0, shares)
+        x = summed(0.0, shares)
         left = 1 - x
         even = x * left
         odd = even * (left - x)
@@ -148,7 +148,7 @@ def straight(first: Array, last: Array, slope: Array, lengths: Array) -> Array:
     return np.where(does, slope, chord)
 
 
-def _from(start: Array | float, steps: Array) -> Array:
+def summed(start: Array | float, steps: Array) -> Array:
     """The value before the first step and after each, along the first axis."""
     pieces, *others = steps.shape
     values = np.empty((pieces + 1, *others))

@@ -316,3 +316,14 @@ def test_every_start_converges_where_segments_are_brief(number: int, starts: int
     assert solution.trajectory is not None
     certificate = verify(problems[number], solution.trajectory)
     assert certificate.certified_duration == pytest.approx(solution.trajectory.duration, rel=1e-6)
+
+
+def test_a_jerk_limit_of_a_resting_joint_is_none() -> None:
+    """The others have no jerk limit: the answer keeps every limit, and says so."""
+    limits = Limits([1.0, 1.0], [2.0, 2.0], [[-np.inf, np.inf], [-3.0, 3.0]])
+    problem = Problem([[0.0, 0.0], [1.0, 0.0]], limits)
+    solution = ExactJerk().solve(problem)
+    assert solution.status is Status.SOLVED
+    assert solution.trajectory is not None
+    # to the velocity limit and back: 1/1 + 1/2 s
+    assert solution.trajectory.duration == pytest.approx(1.5, rel=1e-12)

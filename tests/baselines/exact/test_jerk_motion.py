@@ -115,18 +115,44 @@ def test_a_brief_piece_stays_only_where_no_motion_does_without_it(name: str) -> 
     assert verify(problem, trajectory).dilation <= 1 + 1e-9
 
 
-@pytest.mark.parametrize("seed", [7066, 7084, 7088, 7102, 7119])
-def test_joints_without_a_jerk_limit_share_the_breaks(seed: int) -> None:
-    """Two joints' breaks 1e-14 of a segment apart once made jerk out of rounding: 54 times J."""
+def some_without_jerk(seed: int) -> Problem:
+    """A random problem in which some joints have no jerk limit."""
     problem = random_problem(seed, jerk=True)
     rng = np.random.default_rng(seed)
     jerk = np.array(problem.limits.jerk)
     jerk[rng.uniform(size=len(jerk)) < 0.4] = [-np.inf, np.inf]
     own = problem.limits
-    mixed = Problem(problem.waypoints, Limits(own.velocity, own.acceleration, jerk))
-    trajectory = ExactJerk().solve(mixed).trajectory
+    return Problem(problem.waypoints, Limits(own.velocity, own.acceleration, jerk))
+
+
+@pytest.mark.parametrize("seed", [7066, 7084, 7088, 7102, 7119])
+def test_joints_without_a_jerk_limit_share_the_breaks(seed: int) -> None:
+    """Two joints' breaks 1e-14 of a segment apart once made jerk out of rounding: 54 times J."""
+    problem = some_without_jerk(seed)
+    trajectory = ExactJerk().solve(problem).trajectory
     assert trajectory is not None
-    assert verify(mixed, trajectory).dilation <= 1 + 1e-9
+    assert verify(problem, trajectory).dilation <= 1 + 1e-9
+
+
+@pytest.mark.parametrize("seed", [7006, 7026, 7031, 7034, 7037, 7038])
+def test_a_joint_without_a_jerk_limit_reaches_its_velocity_limit(seed: int) -> None:
+    """The barrier keeps it 1e-8 below, and left two pieces of 5e-8 s at each waypoint."""
+    problem = some_without_jerk(seed)
+    trajectory = ExactJerk().solve(problem).trajectory
+    assert trajectory is not None
+    assert short(trajectory) == 0
+    assert verify(problem, trajectory).dilation <= 1 + 1e-9
+
+
+def test_a_brief_ramp_keeps_its_length() -> None:
+    """A ramp of 2e-5 s starts a segment of which 3e-12 s are too many: the longest phase has them.
+
+    The ramp once had them, and a jerk 1.4e-7 above its limit.
+    """
+    problem = random_problem(6017, jerk=True)
+    trajectory = ExactJerk().solve(problem).trajectory
+    assert trajectory is not None
+    assert verify(problem, trajectory).dilation <= 1 + 1e-9
 
 
 def test_a_joint_with_time_to_spare_has_few_breaks() -> None:
