@@ -11,8 +11,8 @@ six to ten waypoints, some segments a millionth of the others. It passes them wi
 so the optimum is Ruckig's from the first waypoint to the last. Suites: their problems with jerk
 limits and without position limits, against the best known answers.
 
-Late is a certified duration over the claimed one. Brief are pieces below 1e-6 s, but for those of
-segments below 3e-6 s, where a joint has three pieces or more.
+Late is a certified duration over the claimed one. Brief are pieces below 1e-6 s, and needless those
+of them without which a motion between the same waypoint states keeps the limits.
 
 Rows go to `problems.csv` in `--output` as soon as they are known; running again does only what is
 missing. The table `kinds` counts them.
@@ -30,9 +30,10 @@ import pandas as pd
 from baselines.exact.jerk import ExactJerk
 from baselines.lower_bound.bound import certify
 from baselines.ruckig_ import RuckigStop
+from experiments.common.brief_pieces import brief, needless
 from experiments.common.kept import Rows, kept
 from experiments.common.output import save_table
-from trajopt import Limits, Problem, Trajectory, verify
+from trajopt import Limits, Problem, verify
 from trajopt.benchmark.best_known.records import Record, find
 from trajopt.benchmark.suites.catalogue import every_problem
 from trajopt.benchmark.suites.random import random_problem
@@ -50,8 +51,6 @@ KINDS = {
 }
 PROOF_GAP = 5e-7  # relative
 PROOF_S = 30.0
-BRIEF_PIECE_S = 1e-6
-BRIEF_SEGMENT_S = 3e-6
 
 Generator = np.random.Generator
 
@@ -204,7 +203,8 @@ def row(kind: str, seed: int) -> Rows:
         return []
     trajectory = ExactJerk().solve(problem).trajectory
     if trajectory is None:
-        return [{"claimed": np.inf, "certified": np.inf, "late": np.inf, "pieces": 0, "brief": 0}]
+        durations = dict.fromkeys(["claimed", "certified", "late"], np.inf)
+        return [durations | dict.fromkeys(["pieces", "brief", "needless"], 0)]
     claimed = trajectory.duration
     certified = verify(problem, trajectory).certified_duration or np.inf
     return [
@@ -213,19 +213,10 @@ def row(kind: str, seed: int) -> Rows:
             "certified": certified / known - 1,
             "late": certified / claimed - 1,
             "pieces": len(trajectory.lengths),
-            "brief": brief_pieces(trajectory),
+            "brief": len(brief(trajectory)),
+            "needless": needless(problem, trajectory),
         }
     ]
-
-
-def brief_pieces(trajectory: Trajectory) -> int:
-    """Number of brief pieces in segments that are not."""
-    times = trajectory.waypoint_times
-    middles = trajectory.breaks[:-1] + trajectory.lengths / 2
-    segment = np.searchsorted(times[1:-1], middles)
-    is_long = np.diff(times)[segment] >= BRIEF_SEGMENT_S
-    is_brief = trajectory.lengths < BRIEF_PIECE_S
-    return int((is_brief & is_long).sum())
 
 
 def counted(rows: pd.DataFrame) -> pd.DataFrame:
@@ -244,6 +235,7 @@ def counted(rows: pd.DataFrame) -> pd.DataFrame:
         "latest": groups["late"].max(),
         "pieces": groups["pieces"].sum(),
         "brief": groups["brief"].sum(),
+        "needless": groups["needless"].sum(),
     }
     return pd.DataFrame(columns)
 

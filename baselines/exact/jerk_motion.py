@@ -23,14 +23,12 @@ import numpy as np
 
 from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
-from baselines.exact.mending import Pieces, straight, summed
+from baselines.exact.mending import Pieces, summed
 from baselines.exact.scaled import Scaled
-from baselines.exact.segments import Segments
-from trajopt.core.arrays import Array, Bools, Indices
+from baselines.exact.segments import MOST, Segments
+from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
 
-# Share of a limit by which a motion may exceed it.
-EXCESS_RTOL = 3e-10
 # An extreme profile whose displacement is so close, relative to what limits allow, is alone.
 TIGHT_RTOL = 1e-11
 # Phases that may vanish when states settle, relative to the longest ramp, and what that may cost.
@@ -46,7 +44,6 @@ EVEN = 2  # evenly spaced inner breaks of a segment
 LEAST_RTOL = 7e-6
 # A break closer to another one, relative to the segment's briefest full ramp, may be left out.
 CLOSE_RTOL = 1e-2
-MENDINGS = 2
 # A briefer piece is left out wherever limits allow that, s.
 BRIEF_PIECE_S = 1e-6
 TINY = 1e-300  # instead of dividing by 0
@@ -99,7 +96,7 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]
 
     even = np.linspace(0.0, np.ones_like(times), EVEN + 2)
     gentle = segments.mended(profiles.pieces(even, limits))
-    suffices = segments.use(gentle) <= 1 + EXCESS_RTOL
+    suffices = segments.use(gentle) <= MOST
     needs_own = ~(suffices & limits.jerky)
     breaks = _breaks(profiles, limits, even, needs_own)
     own = profiles.pieces(breaks, limits)
@@ -108,10 +105,7 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]
     jerk = np.where(needs_own, own.jerk, others.jerk)
     pieces = Pieces(own.lengths, start, jerk)
     pieces = _thinned(segments, limits, pieces)
-    # the second time mends the rounding of the first
-    for _ in range(MENDINGS):
-        pieces = segments.mended(pieces)
-    return pieces, starts
+    return segments.mended(pieces), starts
 
 
 def _lengths(breaks: Array, limits: _Limits) -> Array:
@@ -123,14 +117,12 @@ def _lengths(breaks: Array, limits: _Limits) -> Array:
 def _cut(gentle: Pieces, breaks: Array, limits: _Limits) -> Pieces:
     """Even pieces, cut at other breaks among theirs."""
     count = EVEN + 1
-    middles = (breaks[:-1] + breaks[1:]) / 2
-    which = np.minimum(count * middles, EVEN).astype(int)
+    which = np.minimum(count * breaks, EVEN).astype(int)
     every = np.arange(breaks.shape[1])
-    since = breaks[:-1] - which / count
-    jerk = gentle.jerk[which, every]
-    change = jerk * since[..., None] * limits.times
-    start = gentle.start[which, every] + change
-    return Pieces(_lengths(breaks, limits), start, jerk)
+    since = breaks - which / count
+    change = gentle.jerk[which, every] * since[..., None] * limits.times
+    levels = gentle.start[which, every] + change
+    return Pieces.straight(_lengths(breaks, limits), levels[:-1], levels[1:])
 
 
 def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
@@ -142,9 +134,7 @@ def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
     briefest = ramps.min(axis=1) * limits.times[:, 0]
     close = np.maximum(CLOSE_RTOL * briefest, limits.brief)
     every = np.arange(len(close))
-    mended = segments.mended(pieces)
-    use = segments.use(mended)
-    allowed = np.maximum(use, 1 + EXCESS_RTOL)
+    pieces, _ = segments.kept(pieces, every)
     lengths = pieces.lengths[..., 0]
     before = lengths[:-1]
     after = lengths[1:]
@@ -162,30 +152,15 @@ def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
         if not tried.size:
             return pieces
         place = closest[tried]
-        fewer = pieces.of(tried).joined(place, limits.jerky)
-        keeps = _keeps(segments.of(tried), fewer, allowed[tried])
+        joined = pieces.of(tried).joined(place, limits.jerky)
         # a piece that takes next to no time stays only if no motion can do without it
-        is_brief = least[tried] < limits.brief
-        for i in np.flatnonzero(is_brief & ~keeps):
-            one = np.array([i])
-            own = segments.of(tried[one])
-            squeezed = own.squeezed(fewer.of(one))
-            keeps[one] = _keeps(own, squeezed, allowed[tried[one]])
-            fewer.start[:, one] = squeezed.start
-            fewer.jerk[:, one] = squeezed.jerk
+        brief = np.flatnonzero(least[tried] < limits.brief)
+        fewer, keeps = segments.of(tried).kept(joined, brief)
         gone = tried[keeps]
         for table, changed in zip(pieces, fewer, strict=True):
             table[:, gone] = changed[:, keeps]
         is_needed[:, gone] = False
         is_needed[place[~keeps], tried[~keeps]] = True
-
-
-def _keeps(segments: Segments, pieces: Pieces, allowed: Array) -> Bools:
-    """Return in which segments the mended pieces use no more of a limit than is allowed."""
-    mended = segments.mended(pieces)
-    use = segments.use(mended)
-    keeps = use <= allowed
-    return np.asarray(keeps.all(axis=1))
 
 
 class _Limits(NamedTuple):
@@ -263,11 +238,7 @@ def _settling(rows: Rows, limits: _Limits, chosen: Bools) -> Rows:
     missing = rows.profiles.rises - first
     ahead = missing * (1 + cells.up / cells.down)
     level = cells.signs * FLIPS * (first + ahead)
-    # after the ramp that ends an acceleration the velocity is within its limit
-    left = (cells.fastest - cells.signs * velocity) / cells.falling
-    highest = np.sqrt(2 * np.maximum(left.min(axis=0), 0.0))
-    low, high = cells.scaled.a
-    sides = np.array([np.maximum(low, -highest), np.minimum(high, highest)])
+    sides = cells.scaled.a
     wished = _beside(level)
     changes = np.clip(wished, *sides) - acceleration
     is_wanted = _beside(is_alone & limits.jerky & is_brief)
@@ -331,13 +302,11 @@ class _Profiles(NamedTuple):
     Attributes:
         knots: shares of the segment's time, `(8, 2 sides, segments, joints)`.
         levels: accelerations there, straight in between, of the same shape.
-        jerks: between the knots, `(7, 2 sides, segments, joints)`.
         shares: of both profiles in the motion, `(2 sides, segments, joints)`.
     """
 
     knots: Array
     levels: Array
-    jerks: Array
     shares: Array
 
     @classmethod
@@ -360,14 +329,8 @@ class _Profiles(NamedTuple):
         is_held = limits.jerky & (phases[0] == 0)
         held = np.where(is_held, first, rises)
         levels = cells.signs * np.array([first, held, held, peaks])
-        up = cells.signs / cells.up
-        down = -cells.signs / cells.down
-        none = 0 * cells.signs
-        by_phase = [up, none, down, none, down, none, up]
-        *every, _ = np.broadcast_arrays(*by_phase, first[0])
-        jerks = np.array(every)[:, :, 0]
         shares = _shares(rows, limits)[:, 0]
-        return cls(knots, _in_order(levels, -levels), jerks, shares)
+        return cls(knots, _in_order(levels, -levels), shares)
 
     def breaks(self) -> Array:
         """The ends of phases within segments, or not a number, `(16, segments, joints)`."""
@@ -386,23 +349,17 @@ class _Profiles(NamedTuple):
         at_breaks = self._levels(breaks)
         first = at_breaks[:-1]
         last = at_breaks[1:]
-        jerks = np.take_along_axis(self.jerks, self._phase(middles), axis=0)
-        slope = self._combined(jerks)
         if not limits.jerky.all():
             level = self._levels(middles)
             first = np.where(limits.jerky, first, level)
             last = np.where(limits.jerky, last, level)
-        return Pieces(lengths, first, straight(first, last, slope, lengths))
-
-    def _phase(self, times: Array) -> Indices:
-        """Which phase of each profile it is, `(times, 2 sides, segments, joints)`."""
-        inner = self.knots[1:-1]
-        passed = inner <= times[:, None, None, :, None]
-        return np.asarray(passed.sum(axis=1))
+        return Pieces.straight(lengths, first, last)
 
     def _levels(self, times: Array) -> Array:
         """Accelerations at shares of the segments' times, `(times, segments, joints)`."""
-        phase = self._phase(times)
+        # which phase of each profile it is
+        passed = self.knots[1:-1] <= times[:, None, None, :, None]
+        phase = passed.sum(axis=1)
         start = np.take_along_axis(self.knots, phase, axis=0)
         end = np.take_along_axis(self.knots, phase + 1, axis=0)
         low = np.take_along_axis(self.levels, phase, axis=0)
@@ -416,12 +373,8 @@ class _Profiles(NamedTuple):
             where=length > 0,
         )
         change = share * (high - low)
-        return self._combined(low + change)
-
-    def _combined(self, of_sides: Array) -> Array:
-        """Values of the motion, from those of both profiles `(…, 2 sides, segments, joints)`."""
         # there may be no such profile
-        parts = np.nan_to_num(self.shares * of_sides)
+        parts = np.nan_to_num(self.shares * (low + change))
         return np.asarray(parts.sum(axis=1))
 
 
@@ -435,7 +388,8 @@ def _in_order(from_start: Array, from_end: Array) -> Array:
 def _knots(phases: Array) -> Array:
     """The ends of phases, and 0: the longest phase takes what the others leave of the time 1."""
     from_start = summed(0.0, phases)
-    from_end = 1 - summed(0.0, phases[::-1])[::-1]
+    left = summed(0.0, phases[::-1])
+    from_end = 1 - left[::-1]
     numbers = np.arange(len(from_start))
     longest = phases.argmax(axis=0)
     is_before = numbers[:, None, None, None] <= longest

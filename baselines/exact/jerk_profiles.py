@@ -30,7 +30,7 @@ from trajopt.core.arrays import Array, Bools
 
 _TINY = 1e-300  # instead of dividing by 0
 # Least acceleration of a rise to the velocity limit, relative to the acceleration limit.
-_LEAST_RISE = 1e-7
+_LEAST_RISE = 1e-12
 # Rounding of a phase, relative to the segment's time.
 _ROUNDING = 1e-12
 

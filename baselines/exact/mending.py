@@ -9,7 +9,6 @@ import numpy as np
 from trajopt.core.arrays import Array, Bools, Indices
 
 _ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
-_LAST_PLACE = 4e-16  # rounding of an acceleration, relative
 
 
 class Pieces(NamedTuple):
@@ -24,6 +23,18 @@ class Pieces(NamedTuple):
     lengths: Array
     start: Array
     jerk: Array
+
+    @classmethod
+    def straight(cls, lengths: Array, first: Array, last: Array) -> Pieces:
+        """Pieces of these lengths from the first accelerations to the last ones."""
+        change = last - first
+        jerk = np.divide(
+            change,
+            lengths,
+            out=np.zeros_like(change),
+            where=lengths > 0,
+        )
+        return cls(lengths, first, jerk)
 
     def of(self, segments: Indices) -> Pieces:
         """The pieces of some of the segments, in tables `(pieces, segments, …)`."""
@@ -88,7 +99,7 @@ class Pieces(NamedTuple):
         oddly = even_gain * short - even_way * slow
         change = evenly * even
         change += oddly * odd
-        more = self._straight(change / size)
+        more = self._between(change / size)
         start = self.start + more.start
         return self._replace(start=start, jerk=self.jerk + more.jerk)
 
@@ -101,11 +112,10 @@ class Pieces(NamedTuple):
         one = Pieces(*(table[place, segments] for table in self))
         other = Pieces(*(table[place + 1, segments] for table in self))
         is_longer = other.lengths > one.lengths
-        slope = np.where(is_longer, other.jerk, one.jerk)
-        lengths = one.lengths + other.lengths
-        jerk = straight(one.start, other.end, slope, lengths)
-        start = np.where(is_longer & ~jerky, other.start, one.start)
-        both = Pieces(lengths, start, np.where(jerky, jerk, 0.0))
+        longer = np.where(is_longer, other.start, one.start)
+        first = np.where(jerky, one.start, longer)
+        last = np.where(jerky, other.end, longer)
+        both = Pieces.straight(one.lengths + other.lengths, first, last)
         pieces = np.arange(len(self.start))[:, None, None]
         is_behind = pieces > place[:, None]
         tables = []
@@ -119,33 +129,12 @@ class Pieces(NamedTuple):
 
     def _gained(self, acceleration: Array) -> tuple[Array, Array]:
         """Velocity and displacement, from rest, of accelerations at the breaks."""
-        velocity, position = self._straight(acceleration).passed(0 * acceleration[0])
+        velocity, position = self._between(acceleration).passed(0 * acceleration[0])
         return velocity[-1], position[-1]
 
-    def _straight(self, acceleration: Array) -> Pieces:
+    def _between(self, acceleration: Array) -> Pieces:
         """Pieces between these accelerations at the breaks, `(pieces + 1, …)`."""
-        first = acceleration[:-1]
-        last = acceleration[1:]
-        jerk = straight(first, last, np.zeros_like(first), self.lengths)
-        return self._replace(start=first, jerk=jerk)
-
-
-def straight(first: Array, last: Array, slope: Array, lengths: Array) -> Array:
-    """The slope from one value to the other: the given one, if it leads there.
-
-    The difference of two values a moment apart is mostly rounding.
-    """
-    change = last - first
-    missed = np.abs(change - slope * lengths)
-    sizes = np.abs(first) + np.abs(last)
-    does = missed <= _LAST_PLACE * sizes
-    chord = np.divide(
-        change,
-        lengths,
-        out=np.zeros_like(change),
-        where=lengths > 0,
-    )
-    return np.where(does, slope, chord)
+        return Pieces.straight(self.lengths, acceleration[:-1], acceleration[1:])
 
 
 def summed(start: Array | float, steps: Array) -> Array:

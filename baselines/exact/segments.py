@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
 
 from baselines.exact.mending import Pieces
-from trajopt.core.arrays import Array, Indices
+from trajopt.core.arrays import Array, Bools, Indices
 
+MOST = 1 + 3e-10  # share of a limit that a motion may use
 _TOLERANCE = 1e-10  # feasibility relative to the limits, HiGHS's least
 
 
@@ -39,62 +41,88 @@ class Segments(NamedTuple):
         """The largest share of a limit that each joint uses, `(segments, joints)`."""
         takes_time = pieces.lengths > 0
         first = np.where(takes_time, pieces.start, 0.0)
-        last = np.where(takes_time, pieces.end, 0.0)
-        jerks = np.where(takes_time, pieces.jerk, 0.0)
-        velocity, _ = pieces.passed(self.u)
+        jerk = np.where(takes_time, pieces.jerk, 0.0)
+        own = Pieces(pieces.lengths, first, jerk)
+        velocity, _ = own.passed(self.u)
         speeds = velocity[:-1]
         # the fastest point of a piece, at no acceleration
         lost = np.divide(
             first**2,
-            2 * jerks,
+            2 * jerk,
             out=np.zeros_like(first),
-            where=first * last < 0,
+            where=first * own.end < 0,
         )
         velocities = np.concatenate([speeds, speeds - lost])
-        accelerations = np.concatenate([first, last])
-        tables = [velocities, accelerations, jerks]
-        shares = []
-        for values, sides in zip(tables, self.limits, strict=True):
-            shares += [(values / side).max(axis=0) for side in sides]
-        return np.asarray(np.max(shares, axis=0))
+        shares = _shares(own, velocities, self.limits)
+        return np.asarray(shares.max(axis=0))
 
-    def squeezed(self, pieces: Pieces) -> Pieces:
-        """Pieces of one segment that use the least share of their limits.
+    def kept(self, pieces: Pieces, some: Indices) -> tuple[Pieces, Bools]:
+        """The pieces, and in which segments they keep the limits when they are mended.
 
-        The accelerations at inner breaks change, by a linear program for each joint. Velocities
-        within pieces are left to `use`.
+        In some segments a linear program changes them where they do not, if that helps.
+        """
+        mended = self.mended(pieces)
+        use = self.use(mended)
+        exceeds = ~(use <= MOST)
+        keeps = np.asarray(~exceeds.any(axis=1))
+        start = pieces.start.copy()
+        jerk = pieces.jerk.copy()
+        for i in some[~keeps[some]]:
+            one = np.array([i])
+            own = self.of(one)
+            joints = np.flatnonzero(exceeds[i])
+            squeezed = own.squeezed(mended.of(one), joints)
+            after = own.use(own.mended(squeezed)).max()
+            if after < use[i].max():
+                start[:, one] = squeezed.start
+                jerk[:, one] = squeezed.jerk
+                keeps[i] = after <= MOST
+        return pieces._replace(start=start, jerk=jerk), keeps
+
+    def squeezed(self, pieces: Pieces, joints: Indices) -> Pieces:
+        """Pieces of one segment whose joints use the least share of their limits.
+
+        The accelerations at inner breaks change, by a linear program for each of these joints.
+        Without a jerk limit those at both ends of each piece do. Velocities within pieces are left
+        to `use`.
         """
         used = pieces.lengths[:, 0, 0] > 0
         lengths = pieces.lengths[used, 0]
-        # one acceleration is 1 at each inner break, and straight to 0 at its neighbours
-        at_breaks = np.eye(len(lengths) + 1)[:, 1:-1]
-        slopes = np.diff(at_breaks, axis=0) / lengths
-        change = Pieces(lengths, at_breaks[:-1], slopes)
-        velocity, position = change.passed(np.zeros(at_breaks.shape[1]))
-        changes = [velocity, at_breaks, slopes]
-        ends = np.array([velocity[-1], position[-1]])
+        count = len(lengths)
         start = pieces.start.copy()
         jerk = pieces.jerk.copy()
-        for joint, speed in enumerate(self.u[0]):
+        for joint in joints:
             own = Pieces(lengths[:, 0], start[used, 0, joint], jerk[used, 0, joint])
-            speeds, _ = own.passed(speed)
-            levels = np.append(own.start, own.end[-1])
-            matrix = []
-            slack = []
-            for table, values, sides in zip(
-                changes,
-                [speeds, levels, own.jerk],
-                self.limits,
-                strict=True,
-            ):
-                for side in sides[:, joint]:
-                    matrix.append(table / side)
-                    slack.append(1 - values / side)
-            missed = own.missing(speed, self.w[0, joint], self.h[0, joint])
-            found = _least(np.vstack(matrix), np.hstack(slack), ends, missed)
+            limits = [sides[:, joint] for sides in self.limits]
+            if np.isfinite(limits[-1]).any():
+                at_breaks = np.eye(count + 1)[:, 1:-1]
+                first = at_breaks[:-1]
+                last = at_breaks[1:]
+            else:
+                first, last = np.eye(2 * count).reshape(2, count, -1)
+            change = Pieces.straight(lengths, first, last)
+            gained, position = change.passed(np.zeros(first.shape[1]))
+            u = self.u[0, joint]
+            velocity, _ = own.passed(u)
+            found = _least(
+                _shares(change, gained, limits),
+                1 - _shares(own, velocity, limits),
+                np.array([gained[-1], position[-1]]),
+                own.missing(u, self.w[0, joint], self.h[0, joint]),
+            )
             start[used, 0, joint] += change.start @ found
             jerk[used, 0, joint] += change.jerk @ found
         return Pieces(pieces.lengths, start, jerk)
+
+
+def _shares(pieces: Pieces, velocity: Array, limits: Sequence[Array]) -> Array:
+    """Velocities, accelerations at the ends of pieces and jerks, relative to either limit."""
+    accelerations = np.concatenate([pieces.start, pieces.end])
+    tables = [velocity, accelerations, pieces.jerk]
+    shares = []
+    for table, sides in zip(tables, limits, strict=True):
+        shares += [table / side for side in sides]
+    return np.concatenate(shares)
 
 
 def _least(matrix: Array, slack: Array, ends: Array, missed: Array) -> Array:
@@ -104,12 +132,15 @@ def _least(matrix: Array, slack: Array, ends: Array, missed: Array) -> Array:
     rows, changes = matrix.shape
     if not np.isfinite(slack).all():
         return np.zeros(changes)
-    sizes = np.abs(ends).max(axis=1, keepdims=True)
+    # HiGHS's tolerance is absolute: a change of 1 takes the whole of a limit
+    unit = 1 / np.abs(matrix).max(axis=0)
+    gains = ends * unit
+    sizes = np.abs(gains).max(axis=1, keepdims=True)
     found = linprog(
         np.append(np.zeros(changes), 1.0),
-        A_ub=np.hstack([matrix, -np.ones((rows, 1))]),
+        A_ub=np.hstack([matrix * unit, -np.ones((rows, 1))]),
         b_ub=slack,
-        A_eq=np.hstack([ends / sizes, np.zeros((2, 1))]),
+        A_eq=np.hstack([gains / sizes, np.zeros((2, 1))]),
         b_eq=missed / sizes[:, 0],
         bounds=[(None, None)] * changes + [(0.0, None)],
         options={
@@ -117,4 +148,4 @@ def _least(matrix: Array, slack: Array, ends: Array, missed: Array) -> Array:
             "dual_feasibility_tolerance": _TOLERANCE,
         },
     )
-    return np.zeros(changes) if found.x is None else np.asarray(found.x[:-1])
+    return np.zeros(changes) if found.x is None else unit * found.x[:-1]

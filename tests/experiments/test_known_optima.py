@@ -31,7 +31,7 @@ def test_the_quick_look_finds_nothing_beyond_tolerance(tmp_path, capsys):
 
 
 def test_a_problem_without_an_answer_is_beyond_tolerance():
-    columns = ["claimed", "certified", "late", "pieces", "brief"]
+    columns = ["claimed", "certified", "late", "pieces", "brief", "needless"]
     unknown = {column: [np.nan] for column in columns}
     rows = known_optima.pd.DataFrame({"kind": ["straight"], "seed": [0], **unknown})
     assert known_optima.counted(rows)["beyond tolerance"].tolist() == [1]
@@ -42,12 +42,3 @@ def test_every_suite_problem_with_jerk_limits_is_asked():
     number, _ = known_optima.KINDS["suites"]
     assert len(asked) == number
     assert all(known_optima.record(problem).duration > 0 for problem in asked)
-
-
-def test_brief_pieces_are_counted_where_the_segment_is_not_brief():
-    lengths = np.array([1.0, 5e-7, 1e-6, 1e-6, 1e-6 - 1e-9, 0.5, 9e-7])
-    breaks = np.append(0.0, np.cumsum(lengths))
-    at = breaks[[0, 2, 5, 7]]
-    motion = known_optima.Trajectory(breaks, np.zeros((1, 7, 1)), at, lengths)
-    # 5e-7 and 9e-7, not the thirds of 3e-6
-    assert known_optima.brief_pieces(motion) == 2

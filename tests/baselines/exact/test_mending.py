@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from baselines.exact.mending import Pieces, straight
+from baselines.exact.mending import Pieces
 from trajopt.core import polynomials
 
 
@@ -66,17 +65,6 @@ def test_what_is_missing_is_not_rounding() -> None:
     farther = 1.25 * one
     slow, short = pieces.missing(one, faster, farther)
     assert (slow, short) == (0.5, 0.25)
-
-
-def test_the_slope_of_a_brief_piece_is_the_given_one() -> None:
-    """0.1 + 1e-12 is stored to 1e-17: over 1e-12 that is a slope of 1 to 1e-5."""
-    first = np.full(2, 0.1)
-    lengths = np.full(2, 1e-12)
-    last = first + lengths * [1.0, 2.0]
-    assert abs((last[0] - first[0]) / 1e-12 - 1) > 1e-6
-    exact, chord = straight(first, last, np.ones(2), lengths)
-    assert exact == 1.0
-    assert chord == pytest.approx(2.0, rel=1e-4)
 
 
 def test_two_pieces_become_one() -> None:

@@ -52,34 +52,59 @@ def test_pieces_of_no_length_use_nothing() -> None:
     assert ending(pieces, 1.0, jerk=24.0).use(pieces) == pytest.approx(6 / 9)
 
 
+ONLY = np.array([0])
+
+
 @pytest.mark.parametrize("seed", range(5))
-def test_squeezed_pieces_keep_limits_that_some_pieces_keep(seed: int) -> None:
+def test_a_linear_program_keeps_limits_that_some_pieces_keep(seed: int) -> None:
     """A motion at full jerk in most pieces, changed at random: no smooth change leads back."""
     rng = np.random.default_rng(seed)
     lengths = rng.uniform(0.2, 1.0, 8)
     jerk = rng.choice([-1.0, 1.0, 0.3], 8)
     steps = lengths * jerk
     levels = np.append(0.0, np.cumsum(steps))
-    kept = one_joint(lengths, levels[:-1], jerk)
-    segments = ending(kept, 0.5, jerk=1.0)
-    assert segments.use(kept) == pytest.approx(1.0)
+    optimal = one_joint(lengths, levels[:-1], jerk)
+    segments = ending(optimal, 0.5, jerk=1.0)
+    assert segments.use(optimal) == pytest.approx(1.0)
     levels[1:-1] += rng.uniform(-0.1, 0.1, 7)
     slopes = np.diff(levels) / lengths
     given = one_joint(lengths, levels[:-1], slopes)
+    check(segments, given)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_without_a_jerk_limit_acceleration_may_jump(seed: int) -> None:
+    """A motion at full acceleration in each piece, changed at random."""
+    rng = np.random.default_rng(seed)
+    lengths = rng.uniform(0.05, 0.2, 6)
+    levels = rng.choice([-9.0, 9.0], 6)
+    optimal = one_joint(lengths, levels, np.zeros(6))
+    segments = ending(optimal, 0.5, jerk=np.inf)
+    assert segments.use(optimal) == pytest.approx(1.0)
+    levels += rng.uniform(-1.0, 1.0, 6)
+    check(segments, one_joint(lengths, levels, np.zeros(6)))
+
+
+def check(segments: Segments, given: Pieces) -> None:
+    """Mended smoothly these pieces exceed limits; a linear program makes them keep them."""
     smooth = segments.mended(given)
     assert segments.use(smooth) > 1.01
-    squeezed = segments.squeezed(given)
-    assert segments.use(squeezed) <= 1 + 1e-8
+    _, keeps = segments.kept(given, ONLY[:0])
+    assert not keeps.any()
+    changed, keeps = segments.kept(given, ONLY)
+    assert keeps.all()
+    mended = segments.mended(changed)
+    assert segments.use(mended) <= 1 + 3e-10
     *ends, _ = segments
-    missed = squeezed.missing(*ends)
-    np.testing.assert_allclose(missed, 0.0, atol=1e-8)
+    missed = mended.missing(*ends)
+    np.testing.assert_allclose(missed, 0.0, atol=1e-14)
 
 
-def test_what_no_pieces_can_do_is_left_as_it_is() -> None:
-    """Two accelerations cannot meet a velocity and a displacement far away."""
-    none = [0.0, 0.0]
-    pieces = one_joint([1.0, 1.0], none, none)
+def test_what_no_pieces_can_do_is_not_kept() -> None:
+    """Nine times the displacement that limits allow."""
+    none = np.zeros(4)
+    pieces = one_joint(np.ones(4), none, none)
     near = ending(pieces, 0.0, jerk=9.0)
-    far = near._replace(w=near.w + 1, h=near.h + 9)
-    squeezed = far.squeezed(pieces)
-    np.testing.assert_array_equal(squeezed.start, pieces.start)
+    far = near._replace(h=near.h + 9 * 36)
+    _, keeps = far.kept(pieces, ONLY)
+    assert not keeps.any()
