@@ -50,7 +50,7 @@ KINDS = {
     "suites": (69, 1e-6),
 }
 PROOF_GAP = 5e-7  # relative
-PROOF_S = 30.0
+PROOF_S = 120.0
 
 Generator = np.random.Generator
 

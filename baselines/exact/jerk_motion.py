@@ -3,7 +3,7 @@
 In a segment a joint may take any convex combination of its two extreme profiles that covers the
 displacement. The motion has the accelerations of that combination at its breaks and is straight
 between them: so it keeps the limits of jerk and acceleration wherever the breaks are. A smooth
-change of acceleration makes up for what the breaks cost.
+change of acceleration makes up for what the breaks cost, or else what a linear program finds.
 
 All joints of a segment share its breaks. A joint for which two even ones suffice needs no others.
 The rest need those at which their profiles change their jerk. A break close to another one is left
@@ -11,7 +11,7 @@ out where the motion keeps its limits without it.
 
 The barrier keeps off waypoint states at which a phase vanishes, and leaves brief phases there. So
 the states settle first: an acceleration that is close to the level that it is to reach becomes that
-level.
+level, and what is close to its limit becomes the limit.
 """
 
 from __future__ import annotations
