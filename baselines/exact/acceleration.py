@@ -92,10 +92,9 @@ class Passing(Scaled):
 
     def trajectory(self, times: Array, velocities: Array) -> Trajectory:
         """The explicit answer: each joint's motion of least acceleration through each segment."""
-        _, a_unit, v_unit, q_unit = self.units
-        waypoints = self.problem.waypoints
+        *_, q_unit = self.units
         ends = with_rest(velocities)
-        starts = waypoints[:-1, self.moving]
+        starts = self.problem.waypoints[:-1, self.moving]
         walls = self.problem.limits.position[self.moving].T
         task = Task(
             times[:, None],
@@ -108,14 +107,8 @@ class Passing(Scaled):
             walls / q_unit,
         )
         lengths, acceleration = pieces(task)
-        seconds = self.unit * lengths
-        level = a_unit * acceleration
-        own = Pieces(seconds[..., None], level, np.zeros_like(level))
-        cubics = own.integrated(v_unit * task.u)
-        cubics[-1] += starts
-        by_segment = cubics[1:].transpose(2, 0, 1, 3)
-        motion = Trajectory.of_segments(zip(seconds.T, by_segment, strict=True))
-        return motion.beside(waypoints[0], self.moving)
+        constant = Pieces(lengths[..., None], acceleration, 0 * acceleration)
+        return self.motion(constant, task.u)
 
     def within(self, velocities: Array) -> Array:
         """Velocities within their limits; one that hardly misses its limit is at it."""

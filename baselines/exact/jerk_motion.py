@@ -59,18 +59,9 @@ class Reachable(Scaled):
             times: of the segments, `(segments,)`.
             states: the unknowns of one start.
         """
-        j_unit, a_unit, v_unit, _ = self.units
         with np.errstate(all="ignore"):
-            fitted, velocity = _fitted(self, times, states)
-            lengths = self.unit * fitted.lengths
-            own = Pieces(lengths, a_unit * fitted.start, j_unit * fitted.jerk)
-            cubics = own.integrated(v_unit * velocity)
-        waypoints = self.problem.waypoints
-        cubics[-1] += waypoints[:-1, self.moving]
-        by_segment = cubics.transpose(2, 0, 1, 3)
-        seconds = lengths[..., 0].T
-        motion = Trajectory.of_segments(zip(seconds, by_segment, strict=True))
-        return motion.beside(waypoints[0], self.moving)
+            pieces, velocity = _fitted(self, times, states)
+        return self.motion(pieces, velocity)
 
 
 def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]:

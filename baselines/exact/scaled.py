@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from baselines.exact.mending import Pieces
+from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
+from trajopt.core.trajectory import Trajectory
 from trajopt.planners.rest_to_rest import stop_times
 
 
@@ -52,3 +55,22 @@ class Scaled:
         self.h = problem.displacements[:, moving] / q_unit
         # T >= h / V2 forwards, T >= h / (-V1) backwards
         self.shortest = (self.h / self.v[:, None]).max(axis=(0, 2))
+
+    def motion(self, pieces: Pieces, velocity: Array) -> Trajectory:
+        """The motion of these pieces, of degree 2 where none has a jerk.
+
+        Args:
+            pieces: of every segment, `(pieces, segments, joints)`; some may have no length.
+            velocity: at the segments' starts, `(segments, joints)`.
+        """
+        j_unit, a_unit, v_unit, _ = self.units
+        lengths = self.unit * pieces.lengths
+        own = Pieces(lengths, a_unit * pieces.start, j_unit * pieces.jerk)
+        cubics = own.integrated(v_unit * velocity)
+        waypoints = self.problem.waypoints
+        cubics[-1] += waypoints[:-1, self.moving]
+        coefficients = cubics if pieces.jerk.any() else cubics[1:]
+        by_segment = coefficients.transpose(2, 0, 1, 3)
+        seconds = lengths[..., 0].T
+        motion = Trajectory.of_segments(zip(seconds, by_segment, strict=True))
+        return motion.beside(waypoints[0], self.moving)
