@@ -27,7 +27,6 @@ from baselines.exact.crossover import minimised
 from baselines.exact.mending import Pieces
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
-from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
@@ -43,10 +42,6 @@ MAX_DILATION = 2.0
 DILATION_TOL = 1e-15
 # A velocity this close to its limit is put on the limit: the duration changes by the square.
 _LIMIT_RTOL = 1e-9
-# Time of a start: proportional to cells (segments times moving joints), measured up to 7000.
-# With many joints it also grows with their square, measured up to 250.
-SECONDS_PER_CELL = 2e-4
-SECONDS_PER_CELL_AND_PAIR = 3e-9
 
 
 @dataclass(frozen=True)
@@ -66,7 +61,7 @@ class Exact(SeveralStarts):
 
         `stats`: status and duration (s, infinite where it failed) of each start tried.
         """
-        announce("exact", problem, self._seconds(problem))
+        self.announce("exact", problem)
         scaled = Passing(problem)
         minimised = _minimised_by_ipopt if self.solver == "ipopt" else _minimised
 
@@ -75,13 +70,6 @@ class Exact(SeveralStarts):
 
         starts = starting_points(scaled, MAX_STARTS_FACTOR * self.starts)
         return self.best_of(scaled, solve_from, starts)
-
-    def _seconds(self, problem: Problem) -> float:
-        """About how long it will take."""
-        joints = int(problem.moving.sum())
-        a_start = SECONDS_PER_CELL + SECONDS_PER_CELL_AND_PAIR * joints**2
-        expected_starts = min(self.starts, self.agreeing)
-        return a_start * expected_starts * cells(problem)
 
 
 class Passing(Scaled):

@@ -26,7 +26,6 @@ from baselines.exact.interior_point import begun, chosen, converged, descended
 from baselines.exact.jerk_cells import Cells, Rows
 from baselines.exact.scaled import Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
-from baselines.sizes import announce, cells
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.solution import Solution
@@ -38,9 +37,6 @@ MAX_STARTS_FACTOR = 3
 STOPPING_DILATION = 1.05
 MAX_START_DILATION = 1.5
 ACCEPTED = 100.0  # times the tolerances, if rounding stops the method
-# Time of a start, s: for each cell (a joint in a segment), and as much more as joints squared.
-SECONDS_PER_CELL = 3e-4
-SECONDS_PER_CELL_AND_PAIR = 2e-8
 
 
 @dataclass(frozen=True)
@@ -61,6 +57,7 @@ class ExactJerk(SeveralStarts):
     solver: Literal["interior-point", "ipopt"] = "interior-point"
 
     knows = ("velocity", "acceleration", "jerk")
+    seconds = (3e-4, 2e-8)
 
     def unsupported(self, problem: Problem) -> str | None:
         return one_sided_jerk.unsupported(problem)
@@ -77,7 +74,7 @@ class ExactJerk(SeveralStarts):
         # late: planners that are only listed need none of it
         from baselines.exact.jerk_motion import Reachable
 
-        announce("exact-jerk", problem, self._seconds(problem))
+        self.announce("exact-jerk", problem)
         scaled = Reachable(problem)
         solve: Callable[[Sequence[Array]], list[Optimum]] = partial(_minimised, scaled)
         if self.solver == "ipopt":
@@ -86,11 +83,6 @@ class ExactJerk(SeveralStarts):
             solve = partial(minimised, scaled)
         starts = islice(_starts(scaled), MAX_STARTS_FACTOR * self.starts)
         return self.best_of(scaled, solve, starts)
-
-    def _seconds(self, problem: Problem) -> float:
-        """About how long it will take."""
-        a_cell = SECONDS_PER_CELL + SECONDS_PER_CELL_AND_PAIR * problem.moving.sum() ** 2
-        return float(a_cell * min(self.starts, self.agreeing) * cells(problem))
 
 
 def _starts(scaled: Scaled) -> Iterator[Array]:
