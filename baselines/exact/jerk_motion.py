@@ -125,7 +125,7 @@ def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
     briefest = ramps.min(axis=1) * limits.times[:, 0]
     close = np.maximum(CLOSE_RTOL * briefest, limits.brief)
     every = np.arange(len(close))
-    pieces, _ = segments.kept(pieces, every)
+    pieces, _ = segments.kept(pieces, np.full(len(close), True))
     lengths = pieces.lengths[..., 0]
     before = lengths[:-1]
     after = lengths[1:]
@@ -145,7 +145,7 @@ def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
         place = closest[tried]
         joined = pieces.of(tried).joined(place, limits.jerky)
         # a piece that takes next to no time stays only if no motion can do without it
-        brief = np.flatnonzero(least[tried] < limits.brief)
+        brief = least[tried] < limits.brief
         fewer, keeps = segments.of(tried).kept(joined, brief)
         gone = tried[keeps]
         for table, changed in zip(pieces, fewer, strict=True):

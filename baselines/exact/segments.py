@@ -56,63 +56,56 @@ class Segments(NamedTuple):
         shares = _shares(own, velocities, self.limits)
         return np.asarray(shares.max(axis=0))
 
-    def kept(self, pieces: Pieces, some: Indices) -> tuple[Pieces, Bools]:
+    def kept(self, pieces: Pieces, some: Bools) -> tuple[Pieces, Bools]:
         """The pieces, and in which segments they keep the limits when they are mended.
 
-        In some segments a linear program changes them where they do not, if that helps.
+        In some segments a linear program changes those of joints that do not, where that helps.
         """
         mended = self.mended(pieces)
         use = self.use(mended)
-        exceeds = ~(use <= MOST)
-        keeps = np.asarray(~exceeds.any(axis=1))
-        start = pieces.start.copy()
-        jerk = pieces.jerk.copy()
-        for i in some[~keeps[some]]:
-            one = np.array([i])
-            own = self.of(one)
-            joints = np.flatnonzero(exceeds[i])
-            squeezed = own.squeezed(mended.of(one), joints)
-            after = own.use(own.mended(squeezed)).max()
-            if after < use[i].max():
-                start[:, one] = squeezed.start
-                jerk[:, one] = squeezed.jerk
-                keeps[i] = after <= MOST
-        return pieces._replace(start=start, jerk=jerk), keeps
+        exceeds = ~(use <= MOST) & some[:, None]
+        if exceeds.any():
+            squeezed = mended._replace(start=mended.start.copy(), jerk=mended.jerk.copy())
+            for segment, joint in np.argwhere(exceeds):
+                self._squeeze(squeezed, segment, joint)
+            after = self.use(self.mended(squeezed))
+            helps = exceeds & (after < use)
+            use = np.where(helps, after, use)
+            start = np.where(helps, squeezed.start, pieces.start)
+            jerk = np.where(helps, squeezed.jerk, pieces.jerk)
+            pieces = pieces._replace(start=start, jerk=jerk)
+        return pieces, np.asarray((use <= MOST).all(axis=1))
 
-    def squeezed(self, pieces: Pieces, joints: Indices) -> Pieces:
-        """Pieces of one segment whose joints use the least share of their limits.
+    def _squeeze(self, pieces: Pieces, segment: int, joint: int) -> None:
+        """Let a joint use the least share of its limits in a segment.
 
-        The accelerations at inner breaks change, by a linear program for each of these joints.
-        Without a jerk limit those at both ends of each piece do. Velocities within pieces are left
-        to `use`.
+        The accelerations at inner breaks change, by a linear program. Without a jerk limit those at
+        both ends of each piece do. Velocities within pieces are left to `use`.
         """
-        used = pieces.lengths[:, 0, 0] > 0
-        lengths = pieces.lengths[used, 0]
+        used = pieces.lengths[:, segment, 0] > 0
+        lengths = pieces.lengths[used, segment]
+        start = pieces.start[used, segment, joint]
+        own = Pieces(lengths[:, 0], start, pieces.jerk[used, segment, joint])
+        limits = [sides[:, joint] for sides in self.limits]
         count = len(lengths)
-        start = pieces.start.copy()
-        jerk = pieces.jerk.copy()
-        for joint in joints:
-            own = Pieces(lengths[:, 0], start[used, 0, joint], jerk[used, 0, joint])
-            limits = [sides[:, joint] for sides in self.limits]
-            if np.isfinite(limits[-1]).any():
-                at_breaks = np.eye(count + 1)[:, 1:-1]
-                first = at_breaks[:-1]
-                last = at_breaks[1:]
-            else:
-                first, last = np.eye(2 * count).reshape(2, count, -1)
-            change = Pieces.straight(lengths, first, last)
-            gained, position = change.passed(np.zeros(first.shape[1]))
-            u = self.u[0, joint]
-            velocity, _ = own.passed(u)
-            found = _least(
-                _shares(change, gained, limits),
-                1 - _shares(own, velocity, limits),
-                np.array([gained[-1], position[-1]]),
-                own.missing(u, self.w[0, joint], self.h[0, joint]),
-            )
-            start[used, 0, joint] += change.start @ found
-            jerk[used, 0, joint] += change.jerk @ found
-        return Pieces(pieces.lengths, start, jerk)
+        if np.isfinite(limits[-1]).any():
+            at_breaks = np.eye(count + 1)[:, 1:-1]
+            first = at_breaks[:-1]
+            last = at_breaks[1:]
+        else:
+            first, last = np.eye(2 * count).reshape(2, count, -1)
+        change = Pieces.straight(lengths, first, last)
+        gained, position = change.passed(np.zeros(first.shape[1]))
+        u, w, h = (table[segment, joint] for table in (self.u, self.w, self.h))
+        velocity, _ = own.passed(u)
+        found = _least(
+            _shares(change, gained, limits),
+            1 - _shares(own, velocity, limits),
+            np.array([gained[-1], position[-1]]),
+            own.missing(u, w, h),
+        )
+        pieces.start[used, segment, joint] += change.start @ found
+        pieces.jerk[used, segment, joint] += change.jerk @ found
 
 
 def _shares(pieces: Pieces, velocity: Array, limits: Sequence[Array]) -> Array:
