@@ -136,7 +136,7 @@ def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
         distance[is_needed | is_end] = np.inf
         closest = distance.argmin(axis=0)
         least = distance[closest, every]
-        # three meet any end
+        # three pieces can meet any end
         is_spare = (lengths > 0).sum(axis=0) > EVEN + 1
         is_close = least < close
         (tried,) = np.nonzero(is_spare & is_close)

@@ -177,3 +177,11 @@ def test_constant_jerk_through_a_brief_segment_is_within_reach(t: float) -> None
         assert (found.value > 0).all()
         assert (found.value < t).all()
     assert np.abs(mean).max() > 0.9
+
+
+def test_a_joint_at_its_velocity_limit_cruises() -> None:
+    """A rise of 1e-7 of the acceleration limit once made six more phases."""
+    profile = highest((TOP, 0.0), (TOP, 0.0), 2.0, 1.0)
+    assert np.abs(profile.rises).max() <= 1e-11
+    assert np.abs(profile.first).max() <= 1e-11
+    assert profile.cruise == pytest.approx(1.0, abs=1e-11)
