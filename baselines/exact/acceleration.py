@@ -24,8 +24,7 @@ from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes
 from baselines.exact.cells import Cells, Rows, with_rest
 from baselines.exact.crossover import minimised
-from baselines.exact.mending import Pieces
-from baselines.exact.scaled import Scaled
+from baselines.exact.scaled import BRIEF_PIECE_S, Scaled
 from baselines.exact.several_starts import Optimum, SeveralStarts
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
@@ -42,6 +41,8 @@ MAX_DILATION = 2.0
 DILATION_TOL = 1e-15
 # A velocity this close to its limit is put on the limit: the duration changes by the square.
 _LIMIT_RTOL = 1e-9
+# A joint whose mean acceleration in a segment is so close to its limit, relative, is at the limit.
+_FULL_RTOL = 1e-7
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,8 @@ class Passing(Scaled):
             starts / q_unit,
             walls / q_unit,
         )
-        lengths, acceleration = pieces(task)
-        constant = Pieces(lengths[..., None], acceleration, 0 * acceleration)
+        with np.errstate(all="ignore"):
+            constant = pieces(task, BRIEF_PIECE_S / self.unit)
         return self.motion(constant, task.u)
 
     def within(self, velocities: Array) -> Array:
@@ -207,8 +208,14 @@ def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
         point = rows.point
         times = rows.times[start]
         t = times[:, None]
+        ends = point.ends[:, start]
+        # a joint at its limit throughout a segment: ∓A T/2 from its mean velocity
+        gain = ends[1] - ends[0]
+        limit = np.where(gain > 0, scaled.a[1], scaled.a[0])
+        is_full = np.abs(gain / limit - 1) < _FULL_RTOL
+        ends = np.where(is_full, [-limit / 2, limit / 2], ends)
         # the briefer of the two segments at a waypoint has the more accurate velocity
-        after, before = scaled.h / t + t * point.ends[:, start]
+        after, before = scaled.h / t + t * ends
         briefer = times[:-1] < times[1:]
         velocities = np.where(briefer[:, None], before[:-1], after[1:])
         return _reached(scaled, times, scaled.within(velocities), "Converged", largest_dilation)

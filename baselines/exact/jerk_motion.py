@@ -23,8 +23,8 @@ import numpy as np
 
 from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
-from baselines.exact.mending import Pieces, summed
-from baselines.exact.scaled import Scaled
+from baselines.exact.pieces import Pieces, summed
+from baselines.exact.scaled import BRIEF_PIECE_S, Scaled
 from baselines.exact.segments import MOST, Segments
 from trajopt.core.arrays import Array, Bools
 from trajopt.core.trajectory import Trajectory
@@ -44,8 +44,6 @@ EVEN = 2  # evenly spaced inner breaks of a segment
 LEAST_RTOL = 7e-6
 # A break closer to another one, relative to the segment's briefest full ramp, may be left out.
 CLOSE_RTOL = 1e-2
-# A briefer piece is left out wherever limits allow that, s.
-BRIEF_PIECE_S = 1e-6
 TINY = 1e-300  # instead of dividing by 0
 
 
@@ -95,8 +93,11 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]
     start = np.where(needs_own, own.start, others.start)
     jerk = np.where(needs_own, own.jerk, others.jerk)
     pieces = Pieces(own.lengths, start, jerk)
-    pieces = _thinned(segments, limits, pieces)
-    return segments.mended(pieces), starts
+    ramps = np.where(limits.jerky, limits.ramp, np.inf)
+    briefest = ramps.min(axis=1) * times
+    brief = BRIEF_PIECE_S / scaled.unit
+    close = np.maximum(CLOSE_RTOL * briefest, brief)
+    return segments.thinned(pieces, close, brief), starts
 
 
 def _lengths(breaks: Array, limits: _Limits) -> Array:
@@ -116,44 +117,6 @@ def _cut(gentle: Pieces, breaks: Array, limits: _Limits) -> Pieces:
     return Pieces.straight(_lengths(breaks, limits), levels[:-1], levels[1:])
 
 
-def _thinned(segments: Segments, limits: _Limits, pieces: Pieces) -> Pieces:
-    """Leave out breaks that are close to another one, where the motion keeps its limits.
-
-    In each segment the closest one is tried first, and again whenever another one has gone.
-    """
-    ramps = np.where(limits.jerky, limits.ramp, np.inf)
-    briefest = ramps.min(axis=1) * limits.times[:, 0]
-    close = np.maximum(CLOSE_RTOL * briefest, limits.brief)
-    every = np.arange(len(close))
-    pieces, _ = segments.kept(pieces, np.full(len(close), True))
-    lengths = pieces.lengths[..., 0]
-    before = lengths[:-1]
-    after = lengths[1:]
-    is_needed = np.zeros(before.shape, dtype=bool)
-    while True:
-        distance = np.minimum(before, after)
-        is_end = after == 0
-        distance[is_needed | is_end] = np.inf
-        closest = distance.argmin(axis=0)
-        least = distance[closest, every]
-        # three pieces can meet any end
-        is_spare = (lengths > 0).sum(axis=0) > EVEN + 1
-        is_close = least < close
-        (tried,) = np.nonzero(is_spare & is_close)
-        if not tried.size:
-            return pieces
-        place = closest[tried]
-        joined = pieces.of(tried).joined(place, limits.jerky)
-        # a piece that takes next to no time stays only if no motion can do without it
-        brief = least[tried] < limits.brief
-        fewer, keeps = segments.of(tried).kept(joined, brief)
-        gone = tried[keeps]
-        for table, changed in zip(pieces, fewer, strict=True):
-            table[:, gone] = changed[:, keeps]
-        is_needed[:, gone] = False
-        is_needed[place[~keeps], tried[~keeps]] = True
-
-
 class _Limits(NamedTuple):
     """The motion that limits allow in the segments.
 
@@ -164,7 +127,6 @@ class _Limits(NamedTuple):
             `(segments, joints)`.
         ramp: the longest time with the same jerk, as a share of the segment's, likewise.
         vanished: a phase of a smaller share is rounding, likewise.
-        brief: the time of a brief piece.
     """
 
     times: Array
@@ -172,7 +134,6 @@ class _Limits(NamedTuple):
     gained: Array
     ramp: Array
     vanished: Array
-    brief: float
 
     @classmethod
     def of(cls, scaled: Scaled, segment_times: Array) -> Self:
@@ -187,7 +148,7 @@ class _Limits(NamedTuple):
         ramp = np.minimum(ramp, 1.0)
         vanished = SETTLED_RTOL * ramp + ROUNDING
         jerky = slow > 0
-        return cls(times, jerky, gained, ramp, vanished, BRIEF_PIECE_S / scaled.unit)
+        return cls(times, jerky, gained, ramp, vanished)
 
 
 def _settled(rows: Rows, limits: _Limits) -> Rows:
@@ -336,15 +297,8 @@ class _Profiles(NamedTuple):
         Without a jerk limit they jump: each piece has that in its middle.
         """
         middles = (breaks[:-1] + breaks[1:]) / 2
-        lengths = _lengths(breaks, limits)
-        at_breaks = self._levels(breaks)
-        first = at_breaks[:-1]
-        last = at_breaks[1:]
-        if not limits.jerky.all():
-            level = self._levels(middles)
-            first = np.where(limits.jerky, first, level)
-            last = np.where(limits.jerky, last, level)
-        return Pieces.straight(lengths, first, last)
+        tables = self._levels(breaks), self._levels(middles)
+        return Pieces.between(_lengths(breaks, limits), *tables, limits.jerky)
 
     def _levels(self, times: Array) -> Array:
         """Accelerations at shares of the segments' times, `(times, segments, joints)`."""

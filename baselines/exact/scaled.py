@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from baselines.exact.mending import Pieces
+from baselines.exact.pieces import Pieces
 from trajopt.core.arrays import Array
 from trajopt.core.problem import Problem
 from trajopt.core.trajectory import Trajectory
 from trajopt.planners.rest_to_rest import stop_times
+
+# A briefer piece is left out wherever limits allow that, s.
+BRIEF_PIECE_S = 1e-6
 
 
 class Scaled:

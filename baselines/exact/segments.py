@@ -7,11 +7,13 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from baselines.exact.mending import Pieces
+from baselines.exact.pieces import Pieces, summed
 from trajopt.core.arrays import Array, Bools, Indices
 
 MOST = 1 + 3e-10  # share of a limit that a motion may use
 _TOLERANCE = 1e-10  # feasibility relative to the limits, HiGHS's least
+_ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
+_MISSED_RTOL = 1e-12  # a motion that misses more, relative to them, does not meet its end
 
 
 class Segments(NamedTuple):
@@ -29,16 +31,61 @@ class Segments(NamedTuple):
     h: Array
     limits: tuple[Array, Array, Array]
 
+    @property
+    def jerky(self) -> Bools:
+        """Which joints have jerk limits."""
+        return np.asarray(np.isfinite(self.limits[-1]).any(axis=0))
+
     def of(self, some: Indices) -> Self:
         """Some of the segments."""
         return self._replace(u=self.u[some], w=self.w[some], h=self.h[some])
 
+    def missing(self, pieces: Pieces, rtol: float = _ROUNDING_RTOL) -> Array:
+        """Velocity and displacement that are missing at the end, `(2, segments, joints)`.
+
+        Less than `rtol` of the largest velocity, or of its way in this time, is not missing.
+        """
+        velocity, position = pieces.passed(self.u)
+        slow = self.w - velocity[-1]
+        short = self.h - position[-1]
+        speeds = np.abs(velocity).max(axis=0)
+        ways = speeds * pieces.lengths.sum(axis=0)
+        is_slow = np.abs(slow) > rtol * speeds
+        is_short = np.abs(short) > rtol * ways
+        return np.where([is_slow, is_short], [slow, short], 0.0)
+
     def mended(self, pieces: Pieces) -> Pieces:
-        """Pieces that lead to the next waypoint and its velocity."""
-        return pieces.mended(self.u, self.w, self.h)
+        """Pieces that lead to the next waypoint and its velocity.
+
+        Their accelerations change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`,
+        where `x` is the share of the time that has passed: a large change leaves some rounding.
+        That takes three pieces, or two that are constant. One leads to its velocity.
+        """
+        shares = pieces.lengths / pieces.lengths.sum(axis=0)
+        x = summed(0.0, shares)
+        middle = (x[:-1] + x[1:]) / 2
+        even = Pieces.between(pieces.lengths, _even(x), _even(middle), self.jerky)
+        odd = Pieces.between(pieces.lengths, _odd(x), _odd(middle), self.jerky)
+        even_gain, even_way = even.gained
+        odd_gain, odd_way = odd.gained
+        slow, short = self.missing(pieces)
+        # both equations by Cramer's rule
+        size = even_gain * odd_way - odd_gain * even_way
+        is_one = size == 0
+        evenly = np.where(is_one, slow, slow * odd_way - odd_gain * short)
+        oddly = np.where(is_one, 0.0, even_gain * short - even_way * slow)
+        size = np.where(is_one, even_gain, size)
+        evenly /= size
+        oddly /= size
+        start = pieces.start + evenly * even.start + oddly * odd.start
+        jerk = pieces.jerk + evenly * even.jerk + oddly * odd.jerk
+        return pieces._replace(start=start, jerk=jerk)
 
     def use(self, pieces: Pieces) -> Array:
-        """The largest share of a limit that each joint uses, `(segments, joints)`."""
+        """The largest share of a limit that each joint uses, `(segments, joints)`.
+
+        It is infinite where the pieces miss their end.
+        """
         takes_time = pieces.lengths > 0
         first = np.where(takes_time, pieces.start, 0.0)
         jerk = np.where(takes_time, pieces.jerk, 0.0)
@@ -54,10 +101,11 @@ class Segments(NamedTuple):
         )
         velocities = np.concatenate([speeds, speeds - lost])
         shares = _shares(own, velocities, self.limits)
-        return np.asarray(shares.max(axis=0))
+        misses = self.missing(own, _MISSED_RTOL).any(axis=0)
+        return np.where(misses, np.inf, shares.max(axis=0))
 
     def kept(self, pieces: Pieces, some: Bools) -> tuple[Pieces, Bools]:
-        """The pieces, and in which segments they keep the limits when they are mended.
+        """The pieces mended, and in which segments they keep the limits.
 
         In some segments a linear program changes those of joints that do not, where that helps.
         """
@@ -65,22 +113,62 @@ class Segments(NamedTuple):
         use = self.use(mended)
         exceeds = ~(use <= MOST) & some[:, None]
         if exceeds.any():
-            squeezed = mended._replace(start=mended.start.copy(), jerk=mended.jerk.copy())
+            squeezed = Pieces(*(table.copy() for table in mended))
             for segment, joint in np.argwhere(exceeds):
                 self._squeeze(squeezed, segment, joint)
-            after = self.use(self.mended(squeezed))
-            helps = exceeds & (after < use)
+            squeezed = self.mended(squeezed)
+            after = self.use(squeezed)
+            helps = after < use
             use = np.where(helps, after, use)
-            start = np.where(helps, squeezed.start, pieces.start)
-            jerk = np.where(helps, squeezed.jerk, pieces.jerk)
-            pieces = pieces._replace(start=start, jerk=jerk)
-        return pieces, np.asarray((use <= MOST).all(axis=1))
+            start = np.where(helps, squeezed.start, mended.start)
+            jerk = np.where(helps, squeezed.jerk, mended.jerk)
+            mended = mended._replace(start=start, jerk=jerk)
+        return mended, np.asarray((use <= MOST).all(axis=1))
+
+    def thinned(self, pieces: Pieces, close: Array, brief: float) -> Pieces:
+        """Leave out breaks that are close to another one, where the motion keeps its limits.
+
+        In each segment the closest one is tried first, and again whenever another one has gone.
+
+        Args:
+            pieces: need not be mended; what is returned is.
+            close: the time that parts breaks that are close, `(segments,)`.
+            brief: a piece that takes less stays only if no motion can do without it.
+        """
+        every = np.arange(len(close))
+        pieces, _ = self.kept(pieces, np.full(len(close), True))
+        pieces = pieces._replace(lengths=pieces.lengths.copy())
+        lengths = pieces.lengths[..., 0]
+        before = lengths[:-1]
+        after = lengths[1:]
+        # three can meet any end; one that is constant, the end that it meets already
+        fewest = 3 if self.jerky.any() else 1
+        is_needed = np.zeros(before.shape, dtype=bool)
+        while True:
+            distance = np.minimum(before, after)
+            is_end = after == 0
+            distance[is_needed | is_end] = np.inf
+            closest = distance.argmin(axis=0)
+            least = distance[closest, every]
+            is_spare = (lengths > 0).sum(axis=0) > fewest
+            is_close = least < close
+            (tried,) = np.nonzero(is_spare & is_close)
+            if not tried.size:
+                return pieces
+            place = closest[tried]
+            joined = pieces.of(tried).joined(place, self.jerky)
+            fewer, keeps = self.of(tried).kept(joined, least[tried] < brief)
+            gone = tried[keeps]
+            for table, changed in zip(pieces, fewer, strict=True):
+                table[:, gone] = changed[:, keeps]
+            is_needed[:, gone] = False
+            is_needed[place[~keeps], tried[~keeps]] = True
 
     def _squeeze(self, pieces: Pieces, segment: int, joint: int) -> None:
-        """Let a joint use the least share of its limits in a segment.
+        """Let a joint use the least share of its limits in a segment, and end where it does.
 
-        The accelerations at inner breaks change, by a linear program. Without a jerk limit those at
-        both ends of each piece do. Velocities within pieces are left to `use`.
+        The accelerations at inner breaks change, by a linear program; without a jerk limit that of
+        each piece. Velocities within pieces are left to `use`.
         """
         used = pieces.lengths[:, segment, 0] > 0
         lengths = pieces.lengths[used, segment]
@@ -88,24 +176,28 @@ class Segments(NamedTuple):
         own = Pieces(lengths[:, 0], start, pieces.jerk[used, segment, joint])
         limits = [sides[:, joint] for sides in self.limits]
         count = len(lengths)
-        if np.isfinite(limits[-1]).any():
+        change = Pieces(lengths, np.eye(count), np.zeros((count, count)))
+        if self.jerky[joint]:
             at_breaks = np.eye(count + 1)[:, 1:-1]
-            first = at_breaks[:-1]
-            last = at_breaks[1:]
-        else:
-            first, last = np.eye(2 * count).reshape(2, count, -1)
-        change = Pieces.straight(lengths, first, last)
-        gained, position = change.passed(np.zeros(first.shape[1]))
-        u, w, h = (table[segment, joint] for table in (self.u, self.w, self.h))
-        velocity, _ = own.passed(u)
+            change = Pieces.straight(lengths, at_breaks[:-1], at_breaks[1:])
+        gained, _ = change.passed(0 * change.start[0])
+        velocity, _ = own.passed(self.u[segment, joint])
         found = _least(
             _shares(change, gained, limits),
             1 - _shares(own, velocity, limits),
-            np.array([gained[-1], position[-1]]),
-            own.missing(u, w, h),
+            np.array(change.gained),
         )
         pieces.start[used, segment, joint] += change.start @ found
         pieces.jerk[used, segment, joint] += change.jerk @ found
+
+
+def _even(x: Array) -> Array:
+    return x * (1 - x)
+
+
+def _odd(x: Array) -> Array:
+    left = 1 - x
+    return x * left * (left - x)
 
 
 def _shares(pieces: Pieces, velocity: Array, limits: Sequence[Array]) -> Array:
@@ -118,8 +210,8 @@ def _shares(pieces: Pieces, velocity: Array, limits: Sequence[Array]) -> Array:
     return np.concatenate(shares)
 
 
-def _least(matrix: Array, slack: Array, ends: Array, missed: Array) -> Array:
-    """The `x` of least `e ≥ 0` with `matrix x ≤ slack + e` and `ends x = missed`, or zeros."""
+def _least(matrix: Array, slack: Array, ends: Array) -> Array:
+    """The `x` of least `e ≥ 0` with `matrix x ≤ slack + e` and `ends x = 0`, or zeros."""
     from scipy.optimize import linprog  # late: few motions need it
 
     rows, changes = matrix.shape
@@ -134,7 +226,7 @@ def _least(matrix: Array, slack: Array, ends: Array, missed: Array) -> Array:
         A_ub=np.hstack([matrix * unit, -np.ones((rows, 1))]),
         b_ub=slack,
         A_eq=np.hstack([gains / sizes, np.zeros((2, 1))]),
-        b_eq=missed / sizes[:, 0],
+        b_eq=np.zeros(2),
         bounds=[(None, None)] * changes + [(0.0, None)],
         options={
             "primal_feasibility_tolerance": _TOLERANCE,

@@ -10,7 +10,7 @@ import pytest
 from baselines.exact.acceleration import Exact
 from baselines.exact.acceleration_motion import Task, pieces
 from baselines.exact.acceleration_profiles import extremes, gentlest, straightest
-from baselines.exact.mending import Pieces
+from experiments.common.brief_pieces import needless
 from trajopt import Limits, Problem, Trajectory, verify
 from trajopt.benchmark.suites.catalogue import load
 from trajopt.benchmark.suites.random import random_problem
@@ -168,19 +168,19 @@ def test_a_motion_late_in_a_long_trajectory_is_the_same(seed: int) -> None:
             q=0 * both,
             positions=np.array([[-np.inf], [np.inf]]),
         )
-        lengths, acceleration = pieces(task)
-        assert (acceleration >= A[0]).all()
-        assert (acceleration <= A[1]).all()
-        own = Pieces(lengths[..., None], acceleration, 0 * acceleration)
+        own = pieces(task, brief=0.0)
+        assert (own.start >= A[0]).all()
+        assert (own.start <= A[1]).all()
         velocity, position = own.passed(task.u)
         fastest = max(abs(u), abs(w))
         assert position[-1, 1] == pytest.approx(h, abs=1e-12 * fastest * length)
         assert velocity[-1, 1] == pytest.approx(w, abs=1e-14)
         by_segment = own.integrated(task.u).transpose(2, 0, 1, 3)
-        motion = Trajectory.of_segments(zip(lengths.T, by_segment, strict=True))
+        lengths = own.lengths[..., 0].T
+        motion = Trajectory.of_segments(zip(lengths, by_segment, strict=True))
         late = motion.breaks[:-1] >= 1000.0
-        _, own = lengths.T
-        np.testing.assert_array_equal(motion.lengths[late], own[own > 0])
+        _, moving = lengths
+        np.testing.assert_array_equal(motion.lengths[late], moving[moving > 0])
 
 
 def shortest_piece(problem: Problem) -> float:
@@ -202,6 +202,16 @@ def test_no_piece_is_a_sliver(name: str | Path) -> None:
 @pytest.mark.parametrize("seed", [1, 2, 3, 5, 8, 13, 21, 34])
 def test_no_piece_of_random_ones_is_a_sliver(seed: int) -> None:
     assert shortest_piece(random_problem(seed, jerk=False)) > 1e-6
+
+
+@pytest.mark.parametrize("seed", [17, 28, 72, 99, 105, 113, 203, 204, 217, 251, 266, 272])
+def test_a_brief_piece_stays_only_where_no_motion_does_without_it(seed: int) -> None:
+    """Such pieces of 2e-15 to 2e-7 s once stayed where joints had time to spare."""
+    problem = random_problem(seed)
+    trajectory = Exact().solve(problem).trajectory
+    assert trajectory is not None
+    assert needless(problem, trajectory) == 0
+    assert verify(problem, trajectory).dilation <= 1 + 1e-9
 
 
 def test_a_ramp_that_the_optimum_needs_remains() -> None:

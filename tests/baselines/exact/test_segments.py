@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from baselines.exact.mending import Pieces
+from baselines.exact.pieces import Pieces
 from baselines.exact.segments import Segments
 
 
@@ -33,6 +33,82 @@ def ending(
     wide = sides(9.0)
     limits = wide, wide, sides(jerk)
     return Segments(at_start, w, h, limits)
+
+
+def several(seed: int, jerk: float) -> tuple[Pieces, Segments]:
+    """Random pieces of 50 joints, some 1e-9 of the others, and ends that they miss."""
+    rng = np.random.default_rng(seed)
+    lengths = 10 ** rng.uniform(-9, 0, (8, 1, 1))
+    start = rng.uniform(-1, 1, (8, 1, 50))
+    bend = rng.uniform(-1, 1, start.shape)
+    pieces = Pieces(lengths, start, bend / lengths)
+    ends = rng.uniform(-1, 1, (3, 1, 50))
+    wide = np.full((2, 50), 9.0)
+    steep = np.full((2, 50), jerk)
+    limits = wide, wide, steep
+    return pieces, Segments(*ends, limits)
+
+
+@pytest.mark.parametrize("jerk", [9.0, np.inf])
+def test_mended_pieces_end_with_their_velocity_where_they_should(jerk: float) -> None:
+    given, segments = several(2, jerk)
+    mended = segments.mended(segments.mended(given))
+    velocity, position = mended.passed(segments.u)
+    np.testing.assert_allclose(velocity[-1], segments.w, atol=1e-13)
+    np.testing.assert_allclose(position[-1], segments.h, atol=1e-12)
+
+
+def test_pieces_of_no_length_are_not_mended() -> None:
+    pieces, segments = several(4, 9.0)
+    padded = Pieces(*(np.pad(table, [(0, 1), (0, 0), (0, 0)]) for table in pieces))
+    mended = segments.mended(padded)
+    expected = segments.mended(pieces)
+    np.testing.assert_allclose(mended.start[:-1], expected.start, rtol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_without_a_jerk_limit_accelerations_stay_constant(count: int) -> None:
+    """Two constant ones lead to any end, one to its velocity: it passes the mean of both."""
+    none = np.zeros(count)
+    pieces = one_joint(np.ones(count), none, none)
+    segments = ending(pieces, 0.5, jerk=np.inf)._replace(w=np.array([[1.5]]))
+    mended = segments.mended(pieces)
+    np.testing.assert_array_equal(mended.jerk, 0)
+    velocity, position = mended.passed(segments.u)
+    assert velocity[-1] == pytest.approx(1.5)
+    expected = 1.0 if count == 1 else count * 0.5
+    assert position[-1] == pytest.approx(expected)
+    assert np.isinf(segments.use(mended)) == (count == 1)
+
+
+def test_what_is_missing_is_not_rounding() -> None:
+    none = np.zeros(3)
+    pieces = one_joint([0.25, 0.5, 0.25], none, none)
+    met = ending(pieces, 1.0, jerk=9.0)
+    rounded = met._replace(w=met.w + 1e-15, h=met.h - 1e-15)
+    np.testing.assert_array_equal(rounded.missing(pieces), 0)
+    slow, short = met._replace(w=1.5 * met.w, h=1.25 * met.h).missing(pieces)
+    assert (slow, short) == (0.5, 0.25)
+
+
+def test_a_break_goes_where_another_joint_can_do_without_it() -> None:
+    """The first joint needs its break; that of the second, with time to spare, is 1e-8 later."""
+    lengths = np.array([1.0, 1e-8, 1.0 - 1e-8])
+    first = [1.0, -1.0, -1.0]
+    second = [0.5, 0.5, -0.5]
+    start = np.transpose([first, second])[:, None]
+    pieces = Pieces(lengths[:, None, None], start, np.zeros_like(start))
+    one = np.array([[-1.0, -1.0], [1.0, 1.0]])
+    rest = np.zeros((1, 2))
+    velocity, position = pieces.passed(rest)
+    *_, w = velocity
+    *_, h = position
+    limits = 2 * one, one, np.inf * one
+    segments = Segments(rest, w, h, limits)
+    close = np.array([1e-6])
+    fewer = segments.thinned(pieces, close, brief=0.0)
+    np.testing.assert_array_equal(fewer.lengths[:, 0, 0], [1, 1, 0])
+    assert segments.use(fewer).max() == pytest.approx(1, abs=1e-15)
 
 
 def test_use_is_the_largest_share_of_all_limits() -> None:
@@ -91,13 +167,10 @@ def check(segments: Segments, given: Pieces) -> None:
     assert segments.use(smooth) > 1.01
     _, keeps = segments.kept(given, ~ONLY)
     assert not keeps.any()
-    changed, keeps = segments.kept(given, ONLY)
+    mended, keeps = segments.kept(given, ONLY)
     assert keeps.all()
-    mended = segments.mended(changed)
     assert segments.use(mended) <= 1 + 3e-10
-    *ends, _ = segments
-    missed = mended.missing(*ends)
-    np.testing.assert_allclose(missed, 0.0, atol=1e-14)
+    np.testing.assert_allclose(segments.missing(mended), 0.0, atol=1e-14)
 
 
 def test_what_no_pieces_can_do_is_not_kept() -> None:

@@ -1,33 +1,25 @@
-"""Motions of piecewise linear acceleration meet their end, and what is rounding is left alone."""
+"""Motions of piecewise linear acceleration."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from baselines.exact.mending import Pieces
+from baselines.exact.pieces import Pieces
 from trajopt.core import polynomials
 
 
 def drawn(seed: int) -> tuple[Pieces, np.ndarray]:
-    """Random pieces, some 1e-9 of the others, and two velocities and a displacement to meet."""
+    """Random pieces, some 1e-9 of the others, and velocities to start from."""
     rng = np.random.default_rng(seed)
     lengths = 10 ** rng.uniform(-9, 0, (8, 50))
     start = rng.uniform(-1, 1, lengths.shape)
     bend = rng.uniform(-1, 1, lengths.shape)
     pieces = Pieces(lengths, start, bend / lengths)
-    return pieces, rng.uniform(-1, 1, (3, 50))
-
-
-def test_mended_pieces_end_with_their_velocity_where_they_should() -> None:
-    given, (u, w, h) = drawn(2)
-    pieces = given.mended(u, w, h).mended(u, w, h)
-    velocity, position = pieces.passed(u)
-    np.testing.assert_allclose(velocity[-1], w, atol=1e-13)
-    np.testing.assert_allclose(position[-1], h, atol=1e-12)
+    return pieces, rng.uniform(-1, 1, 50)
 
 
 def test_coefficients_lead_from_each_break_to_the_next() -> None:
-    pieces, (u, _, _) = drawn(3)
+    pieces, u = drawn(3)
     velocity, position = pieces.passed(u)
     lengths = pieces.lengths
     coefficients = pieces.integrated(u)
@@ -43,28 +35,11 @@ def test_coefficients_lead_from_each_break_to_the_next() -> None:
 
 
 def test_pieces_of_no_length_change_nothing() -> None:
-    pieces, (u, w, h) = drawn(4)
+    pieces, u = drawn(4)
     padded = Pieces(*(np.pad(table, [(0, 1), (0, 0)]) for table in pieces))
-    mended = pieces.mended(u, w, h)
-    of_padded = padded.mended(u, w, h)
-    np.testing.assert_allclose(of_padded.start[:-1], mended.start, rtol=1e-9)
     for table in padded.passed(u):
         *_, before, last = table
         np.testing.assert_array_equal(before, last)
-
-
-def test_what_is_missing_is_not_rounding() -> None:
-    none = np.zeros((3, 1))
-    lengths = np.array([[0.25], [0.5], [0.25]])
-    pieces = Pieces(lengths, none, none)
-    one = np.ones(1)
-    rounded = one + 1e-15
-    missed = pieces.missing(one, rounded, one)
-    np.testing.assert_array_equal(missed, 0)
-    faster = 1.5 * one
-    farther = 1.25 * one
-    slow, short = pieces.missing(one, faster, farther)
-    assert (slow, short) == (0.5, 0.25)
 
 
 def test_two_pieces_become_one() -> None:

@@ -1,4 +1,4 @@
-"""Motions of piecewise linear acceleration, and what makes them meet their end."""
+"""Motions of piecewise linear acceleration."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from typing import NamedTuple
 import numpy as np
 
 from trajopt.core.arrays import Array, Bools, Indices
-
-_ROUNDING_RTOL = 4e-15  # relative to the numbers that a residual comes from
 
 
 class Pieces(NamedTuple):
@@ -36,6 +34,16 @@ class Pieces(NamedTuple):
         )
         return cls(lengths, first, jerk)
 
+    @classmethod
+    def between(cls, lengths: Array, breaks: Array, middles: Array, jerky: Bools) -> Pieces:
+        """Pieces of these lengths that have given accelerations, `(…, joints)`.
+
+        They have them at their breaks; without a jerk limit, in the middle, and are constant.
+        """
+        first = np.where(jerky, breaks[:-1], middles)
+        last = np.where(jerky, breaks[1:], middles)
+        return cls.straight(lengths, first, last)
+
     def of(self, segments: Indices) -> Pieces:
         """The pieces of some of the segments, in tables `(pieces, segments, …)`."""
         return Pieces(*(table[:, segments] for table in self))
@@ -44,6 +52,12 @@ class Pieces(NamedTuple):
     def end(self) -> Array:
         """Accelerations at the ends of the pieces."""
         return self.start + self.jerk * self.lengths
+
+    @property
+    def gained(self) -> tuple[Array, Array]:
+        """Velocity and displacement at the end, from rest."""
+        velocity, position = self.passed(np.zeros_like(self.start[0]))
+        return velocity[-1], position[-1]
 
     def passed(self, u: Array) -> tuple[Array, Array]:
         """Velocities and positions at the breaks, from velocity `u` and 0, `(pieces + 1, …)`."""
@@ -62,46 +76,6 @@ class Pieces(NamedTuple):
         cubic = self.jerk / 6
         square = self.start / 2
         return np.array([cubic, square, velocity[:-1], position[:-1]])
-
-    def missing(self, u: Array, w: Array, h: Array) -> Array:
-        """Velocity and displacement that are missing at the end, `(2, …)`; 0 if that is rounding.
-
-        Args:
-            u: velocities at the start, `(…)`.
-            w: and at the end.
-            h: displacements.
-        """
-        velocity, position = self.passed(u)
-        slow = w - velocity[-1]
-        short = h - position[-1]
-        speeds = np.abs(u) + np.abs(w)
-        is_slow = np.abs(slow) > _ROUNDING_RTOL * speeds
-        is_short = np.abs(short) > _ROUNDING_RTOL * np.abs(h)
-        return np.where([is_slow, is_short], [slow, short], 0.0)
-
-    def mended(self, u: Array, w: Array, h: Array) -> Pieces:
-        """Pieces of which nothing is missing, at least three.
-
-        Their accelerations change by a multiple of `x (1 - x)` and one of `x (1 - x) (1 - 2 x)`,
-        where `x` is the share of the time that has passed: a large change leaves some rounding.
-        """
-        shares = self.lengths / self.lengths.sum(axis=0)
-        x = summed(0.0, shares)
-        left = 1 - x
-        even = x * left
-        odd = even * (left - x)
-        even_gain, even_way = self._gained(even)
-        odd_gain, odd_way = self._gained(odd)
-        slow, short = self.missing(u, w, h)
-        # both equations by Cramer's rule
-        size = even_gain * odd_way - odd_gain * even_way
-        evenly = slow * odd_way - odd_gain * short
-        oddly = even_gain * short - even_way * slow
-        change = evenly * even
-        change += oddly * odd
-        more = self._between(change / size)
-        start = self.start + more.start
-        return self._replace(start=start, jerk=self.jerk + more.jerk)
 
     def joined(self, place: Indices, jerky: Bools) -> Pieces:
         """One piece in place of two: that at these places, `(segments,)`, and the following one.
@@ -126,15 +100,6 @@ class Pieces(NamedTuple):
             fewer[place, segments] = own
             tables.append(fewer)
         return Pieces(*tables)
-
-    def _gained(self, acceleration: Array) -> tuple[Array, Array]:
-        """Velocity and displacement, from rest, of accelerations at the breaks."""
-        velocity, position = self._between(acceleration).passed(0 * acceleration[0])
-        return velocity[-1], position[-1]
-
-    def _between(self, acceleration: Array) -> Pieces:
-        """Pieces between these accelerations at the breaks, `(pieces + 1, …)`."""
-        return Pieces.straight(self.lengths, acceleration[:-1], acceleration[1:])
 
 
 def summed(start: Array | float, steps: Array) -> Array:
