@@ -57,7 +57,7 @@ class SeveralStarts(Planner):
     starts: int = 8
     agreeing: int = 2
 
-    requires = ("scipy.linalg",)
+    requires = ("scipy.linalg", "scipy.optimize")
     # Seconds of a start for each cell (a joint in a segment): alone, and times joints squared.
     seconds = (2e-4, 3e-9)
 
