@@ -205,20 +205,15 @@ def _minimised(scaled: Passing, starts: Sequence[Start]) -> list[Optimum]:
     """The local optimum near each start, dilated until it is exactly reachable."""
 
     def reached(rows: Rows, start: int, largest_dilation: float) -> Optimum | None:
-        point = rows.point
         times = rows.times[start]
-        t = times[:, None]
-        ends = point.ends[:, start]
+        ends = rows.point.ends[:, start]
         # a joint at its limit throughout a segment: ∓A T/2 from its mean velocity
         gain = ends[1] - ends[0]
         limit = np.where(gain > 0, scaled.a[1], scaled.a[0])
         is_full = np.abs(gain / limit - 1) < _FULL_RTOL
         ends = np.where(is_full, [-limit / 2, limit / 2], ends)
-        # the briefer of the two segments at a waypoint has the more accurate velocity
-        after, before = scaled.h / t + t * ends
-        briefer = times[:-1] < times[1:]
-        velocities = np.where(briefer[:, None], before[:-1], after[1:])
-        return _reached(scaled, times, scaled.within(velocities), "Converged", largest_dilation)
+        velocities = scaled.within(scaled.velocities(times, ends))
+        return _reached(scaled, times, velocities, "Converged", largest_dilation)
 
     cells = Cells(scaled, len(starts))
     times, velocities = (np.array(column) for column in zip(*starts, strict=True))

@@ -72,12 +72,7 @@ def _fitted(scaled: Scaled, times: Array, states: Point) -> tuple[Pieces, Array]
     limits = _Limits.of(scaled, times)
     rows = _settled(Rows(Cells(scaled), states), limits)
     profiles = _Profiles.of(rows, limits)
-    # rounding of a waypoint's velocity matters most to the briefer of its two segments
-    mean = scaled.h / limits.times
-    first, last = mean + limits.times * rows.point.ends[:, 0]
-    is_briefer = limits.times[:-1] < limits.times[1:]
-    inner = np.where(is_briefer, last[:-1], first[1:])
-    velocity = with_rest(inner)
+    velocity = with_rest(scaled.velocities(times, rows.point.ends[:, 0]))
     starts = velocity[:-1]
     signs = np.array([[-1.0], [1.0]])
     sides = scaled.v, scaled.a, signs / scaled.r

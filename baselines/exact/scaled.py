@@ -59,6 +59,21 @@ class Scaled:
         # T >= h / V2 forwards, T >= h / (-V1) backwards
         self.shortest = (self.h / self.v[:, None]).max(axis=(0, 2))
 
+    def velocities(self, times: Array, ends: Array) -> Array:
+        """Velocities at the inner waypoints, `(segments - 1, joints)`.
+
+        Of a waypoint's two segments the briefer one says them: rounding matters most to it.
+
+        Args:
+            times: of the segments, `(segments,)`.
+            ends: velocities at the segments' ends, `(2 ends, segments, joints)`, from the mean
+                velocity of the segment, over its time.
+        """
+        t = times[:, None]
+        first, last = self.h / t + t * ends
+        is_briefer = t[:-1] < t[1:]
+        return np.where(is_briefer, last[:-1], first[1:])
+
     def motion(self, pieces: Pieces, velocity: Array) -> Trajectory:
         """The motion of these pieces, of degree 2 where none has a jerk.
 
