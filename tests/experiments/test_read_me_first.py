@@ -17,7 +17,7 @@ STORED = Path(__file__).parents[2] / "experiments" / "stored"
 
 def test_every_module_asks_one_question():
     asked = questions()
-    assert asked["experiments.known_optima"].startswith("Is `exact-jerk` right")
+    assert asked["experiments.known_optima"].startswith("Are `exact-jerk` and `exact` right")
     assert asked["experiments.soaks.tricks"].startswith("Can the judge be cheated?")
 
 
