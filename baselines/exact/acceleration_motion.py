@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baselines.exact.acceleration_profiles import Ramps, extremes, gentlest, straightest
-from baselines.exact.pieces import Pieces
+from baselines.exact.pieces import Pieces, quotient
 from baselines.exact.segments import Segments
 from trajopt.core.arrays import Array, Bools
 
@@ -66,26 +66,27 @@ def pieces(task: Task, brief: float) -> Pieces:
         ramps = _within_positions(ramps, task)
 
     own = _own(ramps, task)
-    breaks = _breaks(own, task.times)
-    close = np.maximum(_CLOSE_RTOL * task.times[:, 0], brief)
-    breaks = breaks[..., None]
     first, cruise, _ = own.lengths
+    breaks = _breaks(own, task.times)
     middles = (breaks[:-1] + breaks[1:]) / 2
     at_first, _, at_last = own.start
-    parts = [middles < first, middles > first + cruise]
+    last = first + cruise
+    parts = [middles < first, middles > last]
     acceleration = np.select(parts, [at_first, at_last], 0.0)
     shared = Pieces(np.diff(breaks, axis=0), acceleration, 0 * acceleration)
     unlimited = np.array([[-np.inf], [np.inf]]) + 0 * task.a
     segments = Segments(task.u, task.w, task.h, (*limits, unlimited))
+    close = np.maximum(_CLOSE_RTOL * task.times[:, 0], brief)
     return segments.thinned(shared, close, brief)
 
 
 def _breaks(own: Pieces, end: Array) -> Array:
-    """The breaks of all joints in order, each once and then the end, `(breaks, segments)`."""
+    """The breaks of all joints in order, each once, then the end, `(breaks, segments, 1)`."""
     first, cruise, _ = own.lengths
     times = np.sort(np.hstack([0 * end, first, first + cruise, end]), axis=1)
     is_new = np.diff(times, axis=1, prepend=-1.0) > 0
-    return np.sort(np.where(is_new, times, end), axis=1).T
+    once = np.where(is_new, times, end)
+    return np.sort(once, axis=1).T[..., None]
 
 
 def _own(ramps: Ramps, task: Task) -> Pieces:
@@ -94,12 +95,7 @@ def _own(ramps: Ramps, task: Task) -> Pieces:
     lengths = np.array([ramps.first, cruise, ramps.last])
     none = np.zeros_like(cruise)
     steps = np.array([ramps.peak - task.u, none, task.w - ramps.peak])
-    acceleration = np.divide(
-        steps,
-        lengths,
-        out=np.zeros_like(steps),
-        where=lengths > 0,
-    )
+    acceleration = quotient(steps, lengths, lengths > 0)
     # over a brief ramp, rounding of the velocities shows
     within = np.clip(acceleration, *task.a)
     return Pieces(lengths, within, 0 * within)
@@ -122,12 +118,8 @@ def _leaves_positions(ramps: Ramps, task: Task) -> Bools:
     own = _own(ramps, task)
     velocity, position = own.passed(task.u)
     before = velocity[:-1]
-    turned = np.divide(
-        before**2,
-        2 * own.start,
-        out=np.zeros_like(before),
-        where=before * velocity[1:] < 0,
-    )
+    turns = before * velocity[1:] < 0
+    turned = quotient(before**2, 2 * own.start, turns)
     turning = task.q + position[:-1] - turned
     low, high = task.positions
     outside = (turning < low) | (turning > high)

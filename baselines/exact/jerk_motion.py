@@ -23,7 +23,7 @@ import numpy as np
 
 from baselines.exact.cells import at_ends, with_rest
 from baselines.exact.jerk_cells import FLIPS, Cells, Point, Rows
-from baselines.exact.pieces import Pieces, summed
+from baselines.exact.pieces import Pieces, quotient, summed
 from baselines.exact.scaled import BRIEF_PIECE_S, Scaled
 from baselines.exact.segments import MOST, Segments
 from trajopt.core.arrays import Array, Bools
@@ -306,12 +306,7 @@ class _Profiles(NamedTuple):
         high = np.take_along_axis(self.levels, phase + 1, axis=0)
         since = times[:, None, :, None] - start
         length = end - start
-        share = np.divide(
-            since,
-            length,
-            out=np.zeros_like(since),
-            where=length > 0,
-        )
+        share = quotient(since, length, length > 0)
         change = share * (high - low)
         # there may be no such profile
         parts = np.nan_to_num(self.shares * (low + change))

@@ -25,14 +25,7 @@ class Pieces(NamedTuple):
     @classmethod
     def straight(cls, lengths: Array, first: Array, last: Array) -> Pieces:
         """Pieces of these lengths from the first accelerations to the last ones."""
-        change = last - first
-        jerk = np.divide(
-            change,
-            lengths,
-            out=np.zeros_like(change),
-            where=lengths > 0,
-        )
-        return cls(lengths, first, jerk)
+        return cls(lengths, first, quotient(last - first, lengths, lengths > 0))
 
     @classmethod
     def between(cls, lengths: Array, breaks: Array, middles: Array, jerky: Bools) -> Pieces:
@@ -100,6 +93,11 @@ class Pieces(NamedTuple):
             fewer[place, segments] = own
             tables.append(fewer)
         return Pieces(*tables)
+
+
+def quotient(whole: Array, parts: Array, where: Bools) -> Array:
+    """The quotient in some places, of the shape of `whole`, and 0 elsewhere."""
+    return np.divide(whole, parts, out=np.zeros_like(whole), where=where)
 
 
 def summed(start: Array | float, steps: Array) -> Array:

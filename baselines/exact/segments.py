@@ -7,7 +7,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from baselines.exact.pieces import Pieces, summed
+from baselines.exact.pieces import Pieces, quotient, summed
 from trajopt.core.arrays import Array, Bools, Indices
 
 MOST = 1 + 3e-10  # share of a limit that a motion may use
@@ -49,7 +49,8 @@ class Segments(NamedTuple):
         slow = self.w - velocity[-1]
         short = self.h - position[-1]
         speeds = np.abs(velocity).max(axis=0)
-        ways = speeds * pieces.lengths.sum(axis=0)
+        times = pieces.lengths.sum(axis=0)
+        ways = speeds * times
         is_slow = np.abs(slow) > rtol * speeds
         is_short = np.abs(short) > rtol * ways
         return np.where([is_slow, is_short], [slow, short], 0.0)
@@ -69,17 +70,18 @@ class Segments(NamedTuple):
         even_gain, even_way = even.gained
         odd_gain, odd_way = odd.gained
         slow, short = self.missing(pieces)
-        # both equations by Cramer's rule
-        size = even_gain * odd_way - odd_gain * even_way
-        is_one = size == 0
-        evenly = np.where(is_one, slow, slow * odd_way - odd_gain * short)
-        oddly = np.where(is_one, 0.0, even_gain * short - even_way * slow)
-        size = np.where(is_one, even_gain, size)
-        evenly /= size
-        oddly /= size
-        start = pieces.start + evenly * even.start + oddly * odd.start
-        jerk = pieces.jerk + evenly * even.jerk + oddly * odd.jerk
-        return pieces._replace(start=start, jerk=jerk)
+        # the velocity by the even one, and the displacement by an odd one without velocity
+        ratio = odd_gain / even_gain
+        evenly = slow / even_gain
+        short = short - evenly * even_way
+        way = odd_way - ratio * even_way
+        oddly = quotient(short, way, way != 0)
+        evenly -= oddly * ratio
+        start = evenly * even.start
+        start += oddly * odd.start
+        jerk = evenly * even.jerk
+        jerk += oddly * odd.jerk
+        return pieces._replace(start=pieces.start + start, jerk=pieces.jerk + jerk)
 
     def use(self, pieces: Pieces) -> Array:
         """The largest share of a limit that each joint uses, `(segments, joints)`.
@@ -93,12 +95,8 @@ class Segments(NamedTuple):
         velocity, _ = own.passed(self.u)
         speeds = velocity[:-1]
         # the fastest point of a piece, at no acceleration
-        lost = np.divide(
-            first**2,
-            2 * jerk,
-            out=np.zeros_like(first),
-            where=first * own.end < 0,
-        )
+        is_inside = first * own.end < 0
+        lost = quotient(first**2, 2 * jerk, is_inside)
         velocities = np.concatenate([speeds, speeds - lost])
         shares = _shares(own, velocities, self.limits)
         misses = self.missing(own, _MISSED_RTOL).any(axis=0)
@@ -196,8 +194,7 @@ def _even(x: Array) -> Array:
 
 
 def _odd(x: Array) -> Array:
-    left = 1 - x
-    return x * left * (left - x)
+    return _even(x) * (1 - 2 * x)
 
 
 def _shares(pieces: Pieces, velocity: Array, limits: Sequence[Array]) -> Array:

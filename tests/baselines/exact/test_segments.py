@@ -58,7 +58,7 @@ def test_mended_pieces_end_with_their_velocity_where_they_should(jerk: float) ->
     np.testing.assert_allclose(position[-1], segments.h, atol=1e-12)
 
 
-def test_pieces_of_no_length_are_not_mended() -> None:
+def test_pieces_of_no_length_change_nothing_in_how_others_are_mended() -> None:
     pieces, segments = several(4, 9.0)
     padded = Pieces(*(np.pad(table, [(0, 1), (0, 0), (0, 0)]) for table in pieces))
     mended = segments.mended(padded)
