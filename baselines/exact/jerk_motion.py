@@ -292,8 +292,9 @@ class _Profiles(NamedTuple):
         Without a jerk limit they jump: each piece has that in its middle.
         """
         middles = (breaks[:-1] + breaks[1:]) / 2
-        tables = self._levels(breaks), self._levels(middles)
-        return Pieces.between(_lengths(breaks, limits), *tables, limits.jerky)
+        both = self._levels(np.concatenate([breaks, middles]))
+        at_breaks, within = np.split(both, [len(breaks)])
+        return Pieces.between(_lengths(breaks, limits), at_breaks, within, limits.jerky)
 
     def _levels(self, times: Array) -> Array:
         """Accelerations at shares of the segments' times, `(times, segments, joints)`."""

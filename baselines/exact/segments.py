@@ -40,16 +40,19 @@ class Segments(NamedTuple):
         """Some of the segments."""
         return self._replace(u=self.u[some], w=self.w[some], h=self.h[some])
 
-    def missing(self, pieces: Pieces, rtol: float = _ROUNDING_RTOL) -> Array:
+    def missing(self, lengths: Array, passed: tuple[Array, Array], rtol: float) -> Array:
         """Velocity and displacement that are missing at the end, `(2, segments, joints)`.
 
-        Less than `rtol` of the largest velocity, or of its way in this time, is not missing.
+        Args:
+            lengths: of the pieces.
+            passed: their velocities and positions at the breaks.
+            rtol: less than this share of the largest velocity, or of its way, is not missing.
         """
-        velocity, position = pieces.passed(self.u)
+        velocity, position = passed
         slow = self.w - velocity[-1]
         short = self.h - position[-1]
         speeds = np.abs(velocity).max(axis=0)
-        times = pieces.lengths.sum(axis=0)
+        times = lengths.sum(axis=0)
         ways = speeds * times
         is_slow = np.abs(slow) > rtol * speeds
         is_short = np.abs(short) > rtol * ways
@@ -69,7 +72,8 @@ class Segments(NamedTuple):
         odd = Pieces.between(pieces.lengths, _odd(x), _odd(middle), self.jerky)
         even_gain, even_way = even.gained
         odd_gain, odd_way = odd.gained
-        slow, short = self.missing(pieces)
+        passed = pieces.passed(self.u)
+        slow, short = self.missing(pieces.lengths, passed, _ROUNDING_RTOL)
         # the velocity by the even one, and the displacement by an odd one without velocity
         ratio = odd_gain / even_gain
         evenly = slow / even_gain
@@ -92,14 +96,15 @@ class Segments(NamedTuple):
         first = np.where(takes_time, pieces.start, 0.0)
         jerk = np.where(takes_time, pieces.jerk, 0.0)
         own = Pieces(pieces.lengths, first, jerk)
-        velocity, _ = own.passed(self.u)
+        passed = own.passed(self.u)
+        velocity, _ = passed
         speeds = velocity[:-1]
         # the fastest point of a piece, at no acceleration
         is_inside = first * own.end < 0
         lost = quotient(first**2, 2 * jerk, is_inside)
         velocities = np.concatenate([speeds, speeds - lost])
         shares = _shares(own, velocities, self.limits)
-        misses = self.missing(own, _MISSED_RTOL).any(axis=0)
+        misses = self.missing(own.lengths, passed, _MISSED_RTOL).any(axis=0)
         return np.where(misses, np.inf, shares.max(axis=0))
 
     def kept(self, pieces: Pieces, some: Bools) -> tuple[Pieces, Bools]:
