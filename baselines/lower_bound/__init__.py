@@ -6,7 +6,7 @@
 
 In reading order:
 
-- `planner.py`: the registered planner `certify`;
+- `certify.py`: the registered planner `certify`;
 - `bound.py`: the function `certify`, for both questions;
 - `incumbent.py`: the best trajectory of the references.
 

@@ -2,7 +2,7 @@
 
 Reading order:
 
-- `runner`: the report of every soak.
+- `soak_report`: the report of every soak.
 - `tricks`: motions that claim too little.
 - `forgeries`: proofs that claim too much.
 - `relations`: inequalities and symmetries between planners, on random problems.

@@ -3,8 +3,8 @@
 - `app`: the commands, exit codes and errors in one line;
 - `console`: prints text, tables and progress;
 - `parameters`, `asked`: flags that several commands share;
-- `plan` with `best`, `explain`, `judge`, `verify`, `certify`: one problem or motion;
-- `compare` with `problem_tables`, `overview`, `against`: many trials and their tables;
+- `plan`, `explain`, `judge`, `verify`, `certify`: one problem or motion;
+- `compare` with `problem_tables`, `suite_table`, `against`: many trials and their tables;
 - `listing`, `suite`, `new`, `claims`, `best_known`: problems and what is known of them;
 - `export`, `report`: files made of stored trials.
 """

@@ -1,5 +1,8 @@
 """The best known answer of every problem of the suites: a motion that anyone can check.
 
-In reading order: `records` (a record, its file, and its check), `proposal` (better answers than the
-recorded ones), `surveyed` (records beside what the references find).
+In reading order:
+
+- `records`: a record, its file, and its check;
+- `proposal`: better answers than the recorded ones;
+- `surveyed`: records beside what the references find.
 """

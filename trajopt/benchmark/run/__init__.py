@@ -1,6 +1,6 @@
 """Run planners in processes of their own, and judge them in others. In reading order:
 
-- `plan`: which tasks there are, and what a trial may use;
+- `tasks`: which tasks there are, and what a trial may use;
 - `runner`: runs tasks in this process, under judges, or on an executor's workers;
 - `server`: a small process from which judges are forked;
 - `judge`: a process that asks for answers, verifies them and stores trials;

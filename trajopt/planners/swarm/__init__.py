@@ -1,6 +1,9 @@
 """Swarms: box-constrained minimisers, free of robots, batched over independent runs.
 
-Read `optimiser` (the loop that all share) first, then `pso`, `ssa`, `issa`.
+In reading order:
+
+- `optimiser`: the loop that all share;
+- `pso`, `ssa`, `issa`: one algorithm each.
 """
 
 from trajopt.planners.swarm.issa import ISSA

@@ -1,6 +1,6 @@
-"""Trials and motions for other tools, in reading order.
+"""Trials and motions for other tools. In reading order:
 
-tables: CSV and Parquet.
-latex: tables for a paper.
-motion_file: one certified trajectory for a controller, or as a picture.
+- `tables`: CSV and Parquet.
+- `latex`: tables for a paper.
+- `motion_file`: one certified trajectory for a controller, or as a picture.
 """
